@@ -173,8 +173,8 @@ def law_function(function, inlined=True):
 def for_law(kernel, place, active):
     """`kernel` for callers that call it only where the law at argument `place` is active.
 
-    Where the law's class returns False from its method `active`, the call is left out when the caller is compiled: an
-    absent law then takes no time to compile either. The method must not depend on the law's values.
+    Where the law's method `active` returns False whatever the law's values, the call is left out when the caller is
+    compiled: an absent law then takes no time to compile either.
     """
 
     def called(*arguments):
@@ -182,11 +182,19 @@ def for_law(kernel, place, active):
 
     @overload(called, strict=False)
     def specialise(*arguments):
-        if getattr(arguments[place].instance_class, active)(None):
-            return lambda *arguments: kernel(*arguments)
-        return lambda *arguments: None
+        if _is_never(active, arguments[place].instance_class):
+            return lambda *arguments: None
+        return lambda *arguments: kernel(*arguments)
 
     return called
+
+
+def _is_never(active, law):
+    """Whether the method `active` of the class `law` returns False without any values of a law."""
+    try:
+        return not getattr(law, active)(None)
+    except (AttributeError, TypeError):  # it depends on them
+        return False
 
 
 def of_precision(function, arguments):

@@ -78,6 +78,7 @@ def test_sand_lies_on_its_bed_and_is_reported_on_cells_as_large_as_its_depth(tmp
     coarse = dropped(tmp_path / "coarse", 1.0)
     err = capsys.readouterr().err
     assert coarse["volume"]["hanging_share"] < 0.02
+    assert coarse["balances"]["energy_returned"] > 0.0  # the ground yields by up to 0.2 cells and comes back
     assert coarse["resolution"]["coarse"] and "too coarse, a 3D run needs 3" in err
     frames = map(str, (tmp_path / "coarse" / "results").glob("*.h5"))
     assert main(["report", *frames, "-q", "-o", str(tmp_path / "r")]) == 0

@@ -19,6 +19,7 @@ from mpmgis.kernels.contact_shares import (
     part_before,
     pressure_share,
     pushed_mass,
+    row_shares,
     shares_on_slope,
     spline_at,
 )
@@ -117,6 +118,22 @@ def test_a_filled_space_on_a_slope_gets_nearly_its_shares(foot, rise):
     masses = masses_of(foot, rise)
     shares = contact_shares(foot, rise, *masses)
     np.testing.assert_allclose(shares, exact, atol=0.04)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(-0.5, 0.5), st.tuples(*[st.floats(0.0, 1.0)] * 5).filter(any))
+def test_shares_at_a_face_end_at_the_three_nodes_that_it_owns(foot, masses):
+    masses = np.array(masses) / max(masses)
+    shares = np.array(row_shares(foot, *masses))
+    assert shares.min() >= 0.0 and shares[0] == shares[4] == 0.0
+    assert shares.sum() <= 1.0 + 1e-12
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(-0.5, 0.5))
+def test_a_filled_space_before_a_face_gets_its_exact_shares(foot):
+    shares = row_shares(foot, *(mass_share(foot - k) for k in LEVELS))
+    np.testing.assert_allclose(shares, [pressure_share(foot - k) for k in LEVELS], atol=1e-9)
 
 
 def test_a_light_node_is_not_pushed_beyond_its_share():
