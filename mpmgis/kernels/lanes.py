@@ -3,8 +3,12 @@
 A numba type whose data model is LLVM's <4 x double> or <4 x float>, as in the array that they are loaded from.
 LLVM splits it where the processor has narrower registers. The compiler finds this form by itself only now and then;
 written down, it halves the transfer loops (measured 2026-11-21).
+
+With NUMBA_DISABLE_JIT=1, four numbers are a NumPy array, and a product and a sum are rounded one after the other.
 """
 
+import numba
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -29,6 +33,24 @@ class _LanesModel(models.PrimitiveModel):
         super().__init__(manager, kind, kind.vector)
 
 
+def _meaning(plain):
+    """Decorator of instructions for the compiler; kernels that run as plain Python call `plain` instead."""
+    return (lambda instructions: plain) if numba.config.DISABLE_JIT else intrinsic
+
+
+def _four_of(array, index):
+    """Four numbers of the flat `array`; NaN for those behind its end, which no result may depend on."""
+    four = np.full(4, np.nan, array.dtype)
+    found = array.reshape(-1)[index : index + 4]
+    four[: found.size] = found
+    return four
+
+
+def _set(array, place, value):
+    """Set an entry or a slice of the flat `array`."""
+    array.reshape(-1)[place] = value
+
+
 def _lanes_of(array):
     """The Lanes that a contiguous array of floats is loaded as; None of any other."""
     return Lanes(array.dtype) if isinstance(array, types.Array) and array.dtype in _SCALARS else None
@@ -48,7 +70,7 @@ def _multiply_add(builder, kind, factor, vector, total):
     return builder.call(fused, [factor, vector, total])
 
 
-@intrinsic
+@_meaning(lambda a, b, c, d: np.array((a, b, c, d)))
 def lanes(typingctx, a, b, c, d):
     """Lanes(a, b, c, d) of four floats: of float32 if all of them are."""
     kind = Lanes(types.float32 if {a, b, c, d} == {types.float32} else types.float64)
@@ -62,7 +84,7 @@ def lanes(typingctx, a, b, c, d):
     return kind(*[kind.dtype] * 4), codegen
 
 
-@intrinsic
+@_meaning(lambda value, index: value[index])
 def lane(typingctx, value, index):
     """The float in lane `index`, a literal 0 to 3."""
     if not isinstance(index, types.IntegerLiteral):
@@ -75,7 +97,7 @@ def lane(typingctx, value, index):
     return value.dtype(value, index), codegen
 
 
-@intrinsic
+@_meaning(lambda factor, value, total: factor * value + total)
 def multiply_add(typingctx, factor, value, total):
     """factor * value + total, for a float and two Lanes of one precision, which is that of the product too."""
 
@@ -85,7 +107,7 @@ def multiply_add(typingctx, factor, value, total):
     return value(value.dtype, value, value), codegen
 
 
-@intrinsic
+@_meaning(lambda a, b, factor, total: factor * a * b + total)
 def multiply_lanes(typingctx, a, b, factor, total):
     """factor * a * b + total, lane by lane, for three Lanes and a float of one precision."""
 
@@ -99,7 +121,7 @@ def multiply_lanes(typingctx, a, b, factor, total):
     return a(a, a, a.dtype, a), codegen
 
 
-@intrinsic
+@_meaning(lambda value: np.append(value[:3], value.dtype.type(0.0)))
 def without_last(typingctx, value):
     """The Lanes with a zero in place of the fourth."""
 
@@ -122,7 +144,7 @@ def _pointer(context, builder, kind, array, index):
     return builder.bitcast(place, _lanes_of(kind).vector.as_pointer())
 
 
-@intrinsic
+@_meaning(_four_of)
 def load(typingctx, array, index):
     """Lanes at flat position `index` of a C-contiguous array of floats; without bounds checks."""
     kind = _lanes_of(array)
@@ -145,7 +167,7 @@ def _place(context, builder, kind, array, line, index, step=1):
     return builder.gep(start, [index], inbounds=True)
 
 
-@intrinsic
+@_meaning(lambda array, line, index: array.reshape(-1)[line + index])
 def get(typingctx, array, line, index):
     """array.flat[line + index] of a C-contiguous array; without bounds checks."""
 
@@ -155,7 +177,7 @@ def get(typingctx, array, line, index):
     return array.dtype(array, types.intp, types.intp), codegen
 
 
-@intrinsic
+@_meaning(lambda array, line, index, entry: array.reshape(-1)[line + 4 * index + entry])
 def get_of_four(typingctx, array, line, index, entry):
     """array.flat[line + 4 index + entry] of a C-contiguous array, `entry` a literal 0 to 3; unchecked."""
     if not isinstance(entry, types.IntegerLiteral):
@@ -170,7 +192,7 @@ def get_of_four(typingctx, array, line, index, entry):
     return array.dtype(array, types.intp, types.intp, entry), codegen
 
 
-@intrinsic
+@_meaning(lambda array, line, index, value: _set(array, line + index, value))
 def put(typingctx, array, line, index, value):
     """array.flat[line + index] = value, for a C-contiguous array; without bounds checks."""
 
@@ -182,7 +204,7 @@ def put(typingctx, array, line, index, value):
     return types.void(array, types.intp, types.intp, array.dtype), codegen
 
 
-@intrinsic
+@_meaning(lambda array, line, index, *values: _set(array, slice(line + 4 * index, line + 4 * index + 4), values))
 def put_four(typingctx, array, line, index, a, b, c, d):
     """array.flat[line + 4 index : line + 4 index + 4] = a, b, c, d, for a C-contiguous array; unchecked."""
 
@@ -196,7 +218,7 @@ def put_four(typingctx, array, line, index, a, b, c, d):
     return types.void(array, types.intp, types.intp, *[array.dtype] * 4), codegen
 
 
-@intrinsic
+@_meaning(lambda *values: tuple(np.stack(values, 1)))
 def transposed(typingctx, a, b, c, d):
     """Four Lanes as a tuple of four others: the first of each, the second of each..."""
 
@@ -220,7 +242,7 @@ def transposed(typingctx, a, b, c, d):
     return types.UniTuple(a, 4)(a, a, a, a), codegen
 
 
-@intrinsic
+@_meaning(lambda array, index, value: _set(array, slice(index, index + 4), value))
 def store(typingctx, array, index, value):
     """array.flat[index : index + 4] = value, for a C-contiguous array of floats; without bounds checks."""
 
@@ -232,7 +254,7 @@ def store(typingctx, array, index, value):
     return types.void(array, types.intp, _lanes_of(array)), codegen
 
 
-@intrinsic
+@_meaning(lambda array, index: None)
 def prefetch(typingctx, array, index):
     """Prefetch the cache line of array.flat[index] of a C-contiguous array."""
 

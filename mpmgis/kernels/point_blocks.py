@@ -18,7 +18,7 @@ WEST, SOUTH, EAST, NORTH, TALL, WINDOW = range(6)
 @jit_inline
 def packed(row, column, level):
     """One number of a block's row, column and level above the ground's lowest block there."""
-    return (row << 42) | (column << 21) | level
+    return (np.int64(row) << 42) | (np.int64(column) << 21) | np.int64(level)
 
 
 @jit_inline

@@ -19,9 +19,13 @@ COMPARED = (
 
 
 def results_of(script, *parts):
-    """Name of case -> result, of the cases of a `script` beside this file whose names contain one of `parts`."""
+    """Name of case -> result, of the cases of a `script` beside this file whose names contain one of `parts`.
+
+    The CPU's kernels run there as plain Python, because steps of a few particles take less time than compiling them;
+    `solvers/test_plain_kernels.py` compares plain and compiled kernels.
+    """
     path = Path(__file__).with_name(script)
-    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"}
+    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1", "NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(
         [sys.executable, str(path), *parts], capture_output=True, text=True, env=environment, timeout=1800
     )

@@ -3,21 +3,13 @@
 The simulator is chosen before numba is imported: the cases run in a process of their own (`simulated_columns.py`).
 """
 
-import importlib.util
-import json
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 from column_slots import SCENES
+from device_cases import LACK, results_of
 
 from mpmgis.kernels import column_clock, column_forest, point_clock
 
-LACK = "" if importlib.util.find_spec("numba_cuda") else "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
-CASES = Path(__file__).with_name("simulated_columns.py")
 TOLERANCE = 1e-12  # of the largest value of each: sums of the same numbers in another order, over a few steps
 NO_SUMS = {"inexact", "facts", "reason"}
 REPEATS = [
@@ -29,15 +21,8 @@ REPEATS = [
 
 @pytest.fixture(scope="module")
 def found():
-    """Results of all cases, by name; a process for each eight: kernels of the processor need much memory."""
-    names, results = ["reasons", *SCENES, *REPEATS], {}
-    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"}
-    for first in range(0, len(names), 8):
-        command = [sys.executable, str(CASES), *names[first : first + 8]]
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=1800)
-        assert done.returncode == 0, f"{done.returncode} {done.stderr[-3000:]}"
-        results |= dict(json.loads(line) for line in done.stdout.splitlines())
-    return results
+    """Results of all cases, by name."""
+    return results_of("simulated_columns.py")
 
 
 @pytest.mark.parametrize("scene", SCENES)
