@@ -25,9 +25,10 @@ from ..kernels.point_clock import STEP
 from ..kernels.point_faces import COLUMNS, FACE_BARRIER, LINE_ENTRIES, book_face, settle_face, weigh_column, weigh_rows
 from ..kernels.point_ground import Ground
 from ..kernels.point_nodes import hold_column
-from ..kernels.point_rows import BLOCK, BlockWindow, NodeBlocks
+from ..kernels.point_rows import BLOCK, NodeBlocks
 from .compiled import REGISTERS, Kernel, capped
 from .launch import DEPTH, DT, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
+from .point_nodes import window_now
 
 
 @Kernel
@@ -50,7 +51,7 @@ def weigh_face_rows(
     if run[STATUS] != 0:
         return
     grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
-    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    window = window_now(run, slots, lowest)
     for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
         if faces[f, FACE_BARRIER] > 0.0:
             weigh_rows(f, grid, window, ground, faces, lines, face_yields, counts[STEP] + 1, stage[DT], settings)
@@ -64,7 +65,7 @@ def weigh_face_columns(
     if run[STATUS] != 0:
         return
     grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
-    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    window = window_now(run, slots, lowest)
     for e in range(cuda.grid(1), COLUMNS * faces.shape[0], cuda.gridsize(1)):
         f, n = e // COLUMNS, e % COLUMNS
         if faces[f, FACE_BARRIER] > 0.0:
@@ -80,7 +81,7 @@ def settle_faces(
     if run[STATUS] != 0:
         return
     grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
-    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    window = window_now(run, slots, lowest)
     for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
         if faces[f, FACE_BARRIER] > 0.0:
             settle_face(
@@ -97,7 +98,7 @@ def book_faces(
     if run[STATUS] != 0:
         return
     grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
-    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    window = window_now(run, slots, lowest)
     for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
         if faces[f, FACE_BARRIER] > 0.0:
             for k in range(POINT_BARRIER_SUMS):

@@ -46,6 +46,12 @@ NODES = BLOCK * BLOCK * BLOCK
 COLUMNS = BLOCK * BLOCK
 
 
+@Part
+def window_now(run, slots, lowest):
+    """The window of blocks of this step."""
+    return BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+
+
 @Kernel
 def gather_nodes(run, tiles, sources, nodes):
     """Sum the up to eight tiles that overlap a node, always in the same order."""
@@ -166,7 +172,7 @@ def couple_layers(
         return
     grid = NodeBlocks(nodes, touched, run[TOUCHED])
     ground = Ground(ground_nodes, folds, exact)
-    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    window = window_now(run, slots, lowest)
     c = cuda.grid(1)
     if c >= layers.shape[0]:
         return
@@ -187,7 +193,7 @@ def press_on_ground(
         return
     grid = NodeBlocks(nodes, touched, run[TOUCHED])
     ground = Ground(ground_nodes, folds, exact)
-    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+    window = window_now(run, slots, lowest)
     for e in range(int32(cuda.grid(1)), int32(COLUMNS * run[TOUCHED]), int32(cuda.gridsize(1))):
         t = e // COLUMNS
         if free[t] == 0:
@@ -247,7 +253,7 @@ def note_peaks(run, stage, nodes, touched, slots, lowest, ground_nodes, peaks, s
     if run[STATUS] != 0:
         return
     depth, nx, ny = run[DEPTH], settings.cells_x, settings.cells_y
-    window = BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], depth, lowest)
+    window = window_now(run, slots, lowest)
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
         t, own = e // COLUMNS, e % COLUMNS
         row, column = touched[t, 0], touched[t, 1]

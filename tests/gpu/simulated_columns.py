@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 from column_slots import SCENES, made
+from launch_order import shuffled
 
 from mpmgis.gpu import columns
 from mpmgis.gpu.columns import CHANGING_FIELDS, ColumnArrays, DeviceColumns
@@ -108,27 +109,10 @@ def bits(solver):
 
 def permuted(make, steps):
     """Whether `steps` with thread blocks and threads begun in another order give the same bits."""
-    from numba.cuda.simulator import kernel
-
     one, other = make(), make()
     advanced(one, steps)
-    numpy, rng = kernel.np, np.random.default_rng(3)
-
-    class Shuffled:
-        def __getattr__(self, name):
-            return getattr(numpy, name)
-
-        @staticmethod
-        def ndindex(*shape):
-            places = list(numpy.ndindex(*shape))
-            rng.shuffle(places)
-            return [tuple(place) for place in places]
-
-    kernel.np = Shuffled()
-    try:
+    with shuffled():
         advanced(other, steps)
-    finally:
-        kernel.np = numpy
     return {"same": bits(one) == bits(other)}
 
 

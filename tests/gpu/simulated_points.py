@@ -12,6 +12,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from column_scenes import terrain_of
+from launch_order import shuffled
 from point_scenes import block_of, plane, points_on
 
 from mpmgis.effects.contact import CoulombContact, VoellmyContact
@@ -187,27 +188,10 @@ def bits(solver):
 
 def permuted(make, precision, steps):
     """Whether `steps` with thread blocks and threads begun in another order give the same bits."""
-    from numba.cuda.simulator import kernel
-
     one, other = make(precision), make(precision)
     advanced(one, steps)
-    numpy, rng = kernel.np, np.random.default_rng(3)
-
-    class Shuffled:
-        def __getattr__(self, name):
-            return getattr(numpy, name)
-
-        @staticmethod
-        def ndindex(*shape):
-            places = list(numpy.ndindex(*shape))
-            rng.shuffle(places)
-            return [tuple(place) for place in places]
-
-    kernel.np = Shuffled()
-    try:
+    with shuffled():
         advanced(other, steps)
-    finally:
-        kernel.np = numpy
     return {"same": bits(one) == bits(other)}
 
 

@@ -6,6 +6,7 @@ Run as `simulated_points.py`.
 from functools import partial
 
 import numpy as np
+from numba import cuda
 from simulated_barriers import BARRIERS
 from simulated_points import (
     BOTH,
@@ -22,6 +23,7 @@ from simulated_points import (
     slab,
 )
 
+from mpmgis.gpu.compiled import Kernel
 from mpmgis.kernels import point_clock as entry
 from mpmgis.kernels import point_rows as row
 
@@ -133,9 +135,41 @@ def shared_arrays():
     return {"same": len(got) == 2 and got[0] is got[1]}
 
 
+def turns():
+    """What threads of a block see that wait for each other, and for what a kernel fails that does so in one thread."""
+
+    @Kernel
+    def rotate(values, seen):
+        shared = cuda.shared.array(4, np.int64)
+        t = cuda.threadIdx.x
+        shared[t] = values[t]
+        cuda.syncthreads()
+        seen[cuda.blockIdx.x, t] = shared[(t + 1) % 4]
+
+    @Kernel
+    def number(seen):
+        seen[cuda.grid(1)] = cuda.grid(1)
+
+    @Kernel
+    def fail(values):
+        if cuda.threadIdx.x == 2:
+            raise ValueError("the third")
+        cuda.syncthreads()
+        values[cuda.threadIdx.x] = -1
+
+    values, seen, numbers, errors = np.arange(4), np.zeros((3, 4), int), np.zeros(6, int), []
+    rotate.of(np.float64)[3, 4](values, seen)
+    number.of(np.float64)[2, 3](numbers)
+    try:
+        fail.of(np.float64)[1, 4](values)
+    except ValueError as error:
+        errors.append(str(error))
+    return {"seen": seen.tolist(), "numbers": numbers.tolist(), "errors": errors, "values": values.tolist()}
+
+
 def cases():
     """Name -> what answers the results of each case."""
-    here = {"shared arrays": shared_arrays}
+    here = {"shared arrays": shared_arrays, "shared turns": turns}
     for p in BOTH:
         ends = {
             "nan": partial(not_finite, np.nan, row.PX, "outflow"),

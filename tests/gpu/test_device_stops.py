@@ -56,6 +56,13 @@ def test_threads_of_a_simulated_block_share_their_arrays(found):
     assert found("float64")["shared arrays"]["same"]
 
 
+def test_threads_of_a_simulated_block_wait_for_each_other(found):
+    here = found("float64")["shared turns"]
+    assert here["seen"] == [[1, 2, 3, 0]] * 3 and here["numbers"] == [0, 1, 2, 3, 4, 5]
+    (error,) = here["errors"]
+    assert "the third" in error and here["values"] == [0, 1, 2, 3]
+
+
 @pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())
 @each_precision
 def test_walls_keep_what_is_not_a_number(precision):
