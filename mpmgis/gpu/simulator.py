@@ -75,9 +75,7 @@ def run_in_turn(manager, block, *arguments):
     for place in places:
         x, y, z = (*place, 0, 0)[:3]
         number = x + width * (y + height * z)
-        _now.thread = SimpleNamespace(
-            threadIdx=kernel.Dim3(*place), blockIdx=kernel.Dim3(*block), thread_id=number, place=place
-        )
+        _now.thread = SimpleNamespace(threadIdx=kernel.Dim3(*place), blockIdx=kernel.Dim3(*block), thread_id=number)
         try:
             manager._f(*arguments)
         finally:

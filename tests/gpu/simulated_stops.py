@@ -136,7 +136,7 @@ def shared_arrays():
 
 
 def turns():
-    """What threads of a block see that wait for each other, and for what a kernel fails that does so in one thread."""
+    """What threads read after they waited for each other, and the error of a kernel that fails in one thread."""
 
     @Kernel
     def rotate(values, seen):
