@@ -101,9 +101,13 @@ def jit(function):
 
 
 def jit_inline(function):
-    """Compile a small function that kernels call; inlined by the compiler."""
-    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "inline": "always"}
-    return _kept(numba.njit(**options)(function))
+    """Compile a function as `jit_borrowing` does, which LLVM inlines wherever kernels call it.
+
+    Its types are inferred once. With numba's own inlining, which copies its source into every caller and infers the
+    types there again, `update_nodes` of columns took 9 s to compile instead of 3 (measured 2026-11-25).
+    """
+    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "_nrt": False}
+    return _kept(numba.njit(forceinline=True, **options)(function))
 
 
 def jit_borrowing(function):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[2]
 LACK = "" if importlib.util.find_spec("numba_cuda") else "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
 # of places [cells] and of momentum, affine momentum, state, peaks, yields, outflow, impulses, losses and loads over the
 # largest of each: sums of the same numbers in another order, over a few steps
@@ -18,19 +19,24 @@ COMPARED = (
 )
 
 
+def in_simulator(*command, **environment):
+    """What a Python `command`, run from ROOT in the simulator with the `environment`, prints."""
+    done = subprocess.run(
+        [sys.executable, *map(str, command)], cwd=ROOT, capture_output=True, text=True, timeout=1800,
+        env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"} | environment,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done.stdout
+
+
 def results_of(script, *parts):
     """Name of case -> result, of the cases of a `script` beside this file whose names contain one of `parts`.
 
     The CPU's kernels run there as plain Python, because steps of a few particles take less time than compiling them;
     `solvers/test_plain_kernels.py` compares plain and compiled kernels.
     """
-    path = Path(__file__).with_name(script)
-    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1", "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run(
-        [sys.executable, str(path), *parts], capture_output=True, text=True, env=environment, timeout=1800
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
-    return dict(json.loads(line) for line in done.stdout.splitlines())
+    said = in_simulator(Path(__file__).with_name(script), *parts, NUMBA_DISABLE_JIT="1")
+    return dict(json.loads(line) for line in said.splitlines())
 
 
 def require_agreement(here, precision, slack=1.0):

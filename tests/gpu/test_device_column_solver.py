@@ -1,27 +1,12 @@
 """The depth-averaged solver on a device gives what that on the processor gives: in the simulator of CUDA."""
 
-import importlib.util
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
+from device_cases import LACK, in_simulator
 
-ROOT = Path(__file__).resolve().parents[2]
-LACK = "" if importlib.util.find_spec("numba_cuda") else "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 ROUNDING = 1e-10
-
-
-def in_simulator(*command, **environment):
-    done = subprocess.run(
-        [sys.executable, *command], cwd=ROOT, capture_output=True, text=True, timeout=1200,
-        env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_NUM_THREADS": "1"} | environment,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 def test_runs_on_a_device_are_those_on_the_processor():

@@ -1,31 +1,15 @@
 """The 3D solver on a device gives what that on the processor gives: in the simulator of CUDA, which needs no device."""
 
-import importlib.util
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from device_cases import LACK, ROOT, in_simulator
 
-ROOT = Path(__file__).resolve().parents[2]
-pytestmark = [
-    pytest.mark.thorough,
-    pytest.mark.skipif(
-        importlib.util.find_spec("numba_cuda") is None, reason="numba-cuda is not installed (pip install 'mpmgis[gpu]')"
-    ),
-]
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 ROUNDING = 1e-10
-
-
-def in_simulator(*command):
-    done = subprocess.run(
-        [sys.executable, *command], cwd=ROOT, capture_output=True, text=True, timeout=1200,
-        env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 def test_runs_on_a_device_are_those_on_the_processor():
