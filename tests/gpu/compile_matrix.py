@@ -9,7 +9,7 @@ import sys
 from typing import NamedTuple
 
 import numpy as np
-from law_kernels import CAPABILITIES, PRECISIONS, assembler, register, without_driver
+from law_kernels import CAPABILITIES, PRECISIONS, assembler, texts_of
 
 LIMIT = 96  # registers of a kernel: 20 warps of 32 threads on a multiprocessor, of its 65536 registers
 # kernels that need more, by what their name begins with, for float32 points (or columns) and for float64 points
@@ -56,19 +56,8 @@ def kernels(precision):
 def needs(kernel, arguments, precision, folder):
     """Needs of a kernel for each of CAPABILITIES; types are inferred once."""
     function = kernel.python(PRECISIONS.get(precision, np.float64))
-    found = texts(function, arguments)
+    found = texts_of(function, arguments)
     return [assembled(text, capability, folder, kernel.registers) for capability, text in found.items()]
-
-
-def texts(function, arguments):
-    """Capability -> assembly of the kernel `function`."""
-    from numba.cuda.compiler import _compile_pyfunc_with_fixup
-
-    register()
-    first = next(iter(CAPABILITIES.values()))
-    with without_driver(first):
-        library, _ = _compile_pyfunc_with_fixup(function, tuple(arguments), device=False, abi="numba", cc=first)
-        return {name: library.get_asm_str(cc=capability) for name, capability in CAPABILITIES.items()}
 
 
 def assembled(text, capability, folder, most=None):

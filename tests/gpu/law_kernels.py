@@ -84,15 +84,17 @@ def argument_type(name, real):
     return {"values": types.Array(number, 3, "C"), "j": types.int64, "i": types.int64}.get(name, number)
 
 
-def kernel_of(kind, method, real):
-    """(kernel that stores all results of the law's `method`, types of its arguments)."""
-    names = list(inspect.signature(getattr(kind, method)).parameters)[1:]
-    source = f"def kernel(law, out, {', '.join(names)}):\n    store(out, law.{method}({', '.join(names)}))\n"
+def kernel_of(kind, wanted, real):
+    """(kernel that stores all results of the law's methods `wanted`, types of its arguments)."""
+    calls, given = [], {}
+    for number, method in enumerate(wanted):
+        names = list(inspect.signature(getattr(kind, method)).parameters)[1:]
+        given |= {f"given_{name}": argument_type(name, real) for name in names}
+        calls.append(f"    store(out[{number}], law.{method}({', '.join(f'given_{name}' for name in names)}))\n")
     namespace = {"store": store}
-    exec(source, namespace)
+    exec(f"def kernel(law, out, {', '.join(given)}):\n{''.join(calls)}", namespace)
     number = numba.from_dtype(np.dtype(real))
-    given = (law_type(kind, real), types.Array(number, 1, "C"), *(argument_type(name, real) for name in names))
-    return namespace["kernel"], given
+    return namespace["kernel"], (law_type(kind, real), types.Array(number, 2, "C"), *given.values())
 
 
 def store(out, result):
@@ -130,10 +132,12 @@ def without_driver(capability):
         dispatcher.get_current_device = asked
 
 
-def ptx_of(kernel, given, capability):
-    """Assembly of a kernel for a device of `capability`, as text."""
-    from numba import cuda
+def texts_of(function, arguments):
+    """Capability -> assembly of the kernel `function`, whose types are inferred once."""
+    from numba.cuda.compiler import _compile_pyfunc_with_fixup
 
     register()
-    with without_driver(capability):
-        return cuda.compile_ptx(kernel, given, cc=capability)[0]
+    first = next(iter(CAPABILITIES.values()))
+    with without_driver(first):
+        library, _ = _compile_pyfunc_with_fixup(function, tuple(arguments), device=False, abi="numba", cc=first)
+        return {name: library.get_asm_str(cc=capability) for name, capability in CAPABILITIES.items()}

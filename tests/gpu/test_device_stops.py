@@ -4,7 +4,7 @@ from functools import cache, partial
 
 import pytest
 from device_cases import LACK, require_agreement, results_of
-from law_kernels import PRECISIONS, compiler_lack, ptx_of
+from law_kernels import PRECISIONS, compiler_lack, texts_of
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 ENDS = {
@@ -71,5 +71,5 @@ def test_walls_keep_what_is_not_a_number(precision):
     from numba import from_dtype, types
 
     number = from_dtype(PRECISIONS[precision])
-    text = ptx_of(within.python(PRECISIONS[precision]), (types.Array(number, 1, "C"),), (9, 0))
+    text = texts_of(within.python(PRECISIONS[precision]), (types.Array(number, 1, "C"),))["sm_90"]
     assert "setp" in text and "min.f" not in text and "max.f" not in text

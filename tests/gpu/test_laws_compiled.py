@@ -4,7 +4,7 @@ kernels of single precision."""
 import subprocess
 
 import pytest
-from law_kernels import CAPABILITIES, PRECISIONS, assembler, compiler_lack, kernel_of, laws, methods, ptx_of
+from law_kernels import PRECISIONS, assembler, compiler_lack, kernel_of, laws, methods, texts_of
 
 from mpmgis.effects.friction import Bingham
 from mpmgis.effects.internal_stress import InPlaneViscosity
@@ -28,31 +28,24 @@ class Mine(NamedTuple):
 """
 
 each_precision = pytest.mark.parametrize("precision", PRECISIONS)
-each_capability = pytest.mark.parametrize("capability", CAPABILITIES)
 
 
 @each_precision
-@each_capability
 @pytest.mark.parametrize("law", laws(), ids=lambda kind: kind.__name__)
-def test_methods_of_laws_compile_for_the_device(law, capability, precision, tmp_path):
-    for method in methods(law):
-        kernel, given = kernel_of(law, method, PRECISIONS[precision])
-        text = ptx_of(kernel, given, CAPABILITIES[capability])
+def test_methods_of_laws_compile_for_the_device(law, precision, tmp_path):
+    for capability, text in texts_of(*kernel_of(law, methods(law), PRECISIONS[precision])).items():
         assert f".target {capability}" in text and ".visible .entry" in text
-        assert precision == "float64" or law in WITH_SINE or ".f64" not in text, f"{law.__name__}.{method}"
+        assert precision == "float64" or law in WITH_SINE or ".f64" not in text
         assemble(text, capability, tmp_path)
 
 
 @each_precision
-@each_capability
-def test_own_laws_compile_for_the_device(capability, precision, tmp_path):
+def test_own_laws_compile_for_the_device(precision, tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(OWN)
     ((law, _),) = load_laws(path).laws.values()
-    for method in methods(law):
-        kernel, given = kernel_of(law, method, PRECISIONS[precision])
-        text = ptx_of(kernel, given, CAPABILITIES[capability])
-        assert precision == "float64" or ".f64" not in text, method
+    for capability, text in texts_of(*kernel_of(law, methods(law), PRECISIONS[precision])).items():
+        assert precision == "float64" or ".f64" not in text
         assemble(text, capability, tmp_path)
 
 
@@ -62,8 +55,8 @@ def test_all_laws_and_methods_are_known():
 
 @pytest.mark.skipif(not LACK and assembler() is None, reason="no ptxas (pip install nvidia-cuda-nvcc)")
 def test_kernels_are_assembled_too(tmp_path):
-    kernel, given = kernel_of(InPlaneViscosity, "viscosity_active", PRECISIONS["float64"])
-    assemble(ptx_of(kernel, given, (9, 0)), "sm_90", tmp_path)
+    texts = texts_of(*kernel_of(InPlaneViscosity, ["viscosity_active"], PRECISIONS["float64"]))
+    assemble(texts["sm_90"], "sm_90", tmp_path)
     assert (tmp_path / "kernel.cubin").stat().st_size
 
 

@@ -5,12 +5,12 @@ import pytest
 from chain import frames, record, scene_module
 
 lecco = scene_module("lecco")
-SMALL = lecco.Size(per_cell=16, points=1.5)
+SMALL = lecco.Size(per_cell=16, points=2.0)
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """The scene with 3600 columns and cells of 1.5 m, 3D for 5 s."""
+    """The scene with 3600 columns and cells of 2 m, 3D for 5 s."""
     folder = tmp_path_factory.mktemp("lecco") / "small"
     lecco.make(folder, SMALL, end_time=35)
     return folder

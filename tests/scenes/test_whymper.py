@@ -57,7 +57,7 @@ def test_the_scene_has_either_law_and_is_otherwise_the_same(tmp_path):
     assert (growing.output.frame_interval, growing.output.end_time) == (1.0, 26.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_that_grows_slows_what_is_fast(tmp_path):
     """Cells of 4 m, 8 s: with CohesiveMuI the fastest hundredth of the ice is slower, the rest hardly."""
     means, fast = [], []
