@@ -24,11 +24,11 @@ from mpmgis.io.frames import read_frame
 SCENES = Path(__file__).parent
 
 
-def scene_module(name):
-    """The module `make` of the scene `name`; all are called make.py."""
-    key = f"scene_{name}"
+def scene_module(name, program="make"):
+    """The module of a `program` of the scene `name`; scenes have programs of the same names."""
+    key = f"scene_{name}_{program}"
     if key not in sys.modules:
-        spec = importlib.util.spec_from_file_location(key, SCENES / name / "make.py")
+        spec = importlib.util.spec_from_file_location(key, SCENES / name / f"{program}.py")
         sys.modules[key] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(sys.modules[key])
     return sys.modules[key]
