@@ -222,7 +222,7 @@ def percentile_profiles(folder, step, cell):
 
 
 def percentile_findings(profiles_found, step):
-    """What section S3 tells of figure S2: how much of h and t is left at 20 %, where the flow flies and where not."""
+    """What section S3 states about figure S2: how much of h and t is left at 20 %, where the flow flies and where not."""
     x, h, t = profiles_found[100]
     _, low_h, low_t = profiles_found[20]
     places, bands = along(step.path, "detached", "n")
@@ -232,7 +232,7 @@ def percentile_findings(profiles_found, step):
         part = part & (t > 1.0) & (count >= 5)
         for letter, whole, low in (("h", h, low_h), ("t", t, low_t)):
             kept[f"{letter} at 20 % over {letter}, {name}"] = float(np.median(low[part] / whole[part]))
-    few = (count > 0) & (count <= 4)
+    few = (count > 0) & (count <= 4) & (h > 0.0)
     return kept | {"h at 20 % over h, cells of 4 points at most": float(np.median(low_h[few] / h[few]))}
 
 
