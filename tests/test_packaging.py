@@ -29,7 +29,7 @@ NO_BACKEND = ("Could not find a version", "No matching distribution", "Connectio
 IN_THE_WHEEL = (
     *("py.typed", "__init__.pyi", "ARCHITECTURE.md", "docs/limits.md", "docs/tutorial.md", "docs/formats.md"),
     *("docs/theory.md", "docs/index.md", "docs/api/index.md", "docs/guide/run-2d.md", "docs/reference/index.md"),
-    "io/guidelines.toml",
+    "reports/guidelines.toml",
     *("qgis_plugin/mpmgis_qgis/metadata.txt", "qgis_plugin/mpmgis_qgis/icon.svg", "qgis_plugin/mpmgis_qgis/LICENSE"),
     *("sample_data/lava_falls/scene.toml", "sample_data/lava_falls/lava_falls_release.shp"),
     "sample_data/lava_falls/lava_falls_dem_utm12n_10m.tif",
