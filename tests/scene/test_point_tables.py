@@ -171,7 +171,7 @@ def test_cohesive_mu_i_has_its_cone_softening_and_rate():
 
 
 def test_drag_on_the_bed_is_left_out_where_it_is_not_felt():
-    """As of columns, with which a scene shares the table: (U / U_t)^2 against its threshold, mu alone where it is less."""
+    """As of columns, with which a scene shares the table: (U / U_t)^2 against its threshold, mu alone elsewhere."""
     voellmy = {"law": "Voellmy", "mu": 0.2, "xi": 1000}
     effects, decisions = decided(scene(friction=voellmy))
     assert effects.contact == VoellmyContact(0.2, 1000.0)

@@ -28,6 +28,7 @@ from mpmgis.particles import Frame, Particles
 MUD = Fluid(1000.0 * 100.0**2, 2000.0, 0.0)
 LEVELS = np.arange(-2, 3)
 PATCH = 2.5  # [cells]
+MASS = st.just(0.0) | st.floats(1e-100, 1.0)  # of a node; squares of smaller ones are no numbers
 
 
 def spline(r):
@@ -65,7 +66,7 @@ def masses_of(foot, rise, thickness=np.inf):
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.floats(-0.5, 0.5), st.floats(0.0, 8.0), st.tuples(*[st.floats(0.0, 1.0)] * 5).filter(any))
+@given(st.floats(-0.5, 0.5), st.floats(0.0, 8.0), st.tuples(*[MASS] * 5).filter(any))
 def test_shares_are_positive_with_the_sum_one_and_none_beyond_its_mass(foot, rise, masses):
     """Whatever the masses and the slope: a push is neither lost nor multiplied, nor reversed at a node."""
     masses = np.array(masses) / max(masses)
@@ -122,7 +123,7 @@ def test_a_filled_space_on_a_slope_gets_nearly_its_shares(foot, rise):
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.floats(-0.5, 0.5), st.tuples(*[st.floats(0.0, 1.0)] * 5).filter(any))
+@given(st.floats(-0.5, 0.5), st.tuples(*[MASS] * 5).filter(any))
 def test_shares_at_a_face_end_at_the_three_nodes_that_it_owns(foot, masses):
     masses = np.array(masses) / max(masses)
     shares = np.array(row_shares(foot, *masses))

@@ -222,7 +222,7 @@ def percentile_profiles(folder, step, cell):
 
 
 def percentile_findings(profiles_found, step):
-    """What section S3 states about figure S2: the share of h and t that is left at 20 %, in the air and on the ground."""
+    """What section S3 states about figure S2: the share of h and t at 20 %, in the air and on the ground."""
     x, h, t = profiles_found[100]
     _, low_h, low_t = profiles_found[20]
     places, bands = along(step.path, "detached", "n")
