@@ -152,7 +152,7 @@ def plane_strain():
 @pytest.mark.slow
 @pytest.mark.parametrize(("aspect", "found"), [(0.5, 0.600), (1.0, 1.430), (2.0, 3.159), (4.0, 6.056)])
 def test_the_second_program_converges(plane_strain, aspect, found):
-    """From 16 to 32 cells its runout changes by at most 4 %, and with the Courant number by less than that of APIC."""
+    """From 16 to 32 cells its runout changes by at most 4 %."""
     coarse, fine = (plane_strain.runout(sand.Column(aspect, cells), 4.0) for cells in (16, 32))
     assert fine == pytest.approx(found, rel=0.01) and fine == pytest.approx(coarse, rel=0.04)
 

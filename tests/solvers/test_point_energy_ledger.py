@@ -12,7 +12,6 @@ from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 
 CLOSES = 2.5  # [s-1] share of the energy put in that no taker explains, over the step: the swing of an elastic body
-TWICE = 1e-5  # share of the energy at the start, by which the ground of the plain loop may differ: see `closed`
 MATERIALS = {
     "elastic": Elastic(6.7e6, 4e6),
     "frictional": drucker_prager(6.7e6, 4e6, 30.0, 500.0),
@@ -58,12 +57,10 @@ def closed(solver, plain):
     now = sorted_points(solver)
     assert len(now) == len(plain.mass) and b["mass_lifted_onto_ground"] == 0.0
     np.testing.assert_allclose(now.position, plain.place + solver._corner_from((0.0, 0.0, 0.0)), rtol=0, atol=1e-10)
-    # A node far below the ground, under a sunk column, has two impulses P and H in a step. The solver books the work of
-    # each; the plain loop, which sees their sum, books P H / m of the ground's work as loss to the length of the step.
-    assert b["energy_lost_to_ground"] == pytest.approx(plain.lost["ground"], abs=TWICE * scale)
+    # A node far below the ground, under a sunk column, has two impulses in a step: the solver books the work of each.
+    assert b["energy_lost_to_ground"] == pytest.approx(plain.lost["ground"], abs=1e-7 * scale)
     assert b["energy_out"] == pytest.approx(plain.out, abs=1e-12 * scale)
-    assert min(b["energy_lost_to_ground"], plain.lost["transfers"], plain.lost["steps"]) >= -1e-12 * scale
-    assert plain.lost["ground"] >= -TWICE * scale
+    assert min(plain.lost["ground"], plain.lost["transfers"], plain.lost["steps"]) >= -1e-12 * scale
     measured = plain.lost["transfers"] + plain.lost["steps"] + plain.affine_energy()
     mixed = b["energy_lost_to_mixing"] + b["energy_lost_to_affine_limit"]
     assert mixed == pytest.approx(measured, abs=CLOSES * plain.step * scale)

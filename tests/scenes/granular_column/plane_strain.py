@@ -37,13 +37,13 @@ def stencil(place):
 
 
 @numba.njit
-def spread(place, velocity, affine, stress, volume, density, push, before, after):
+def spread(place, velocity, affine, stress, density, push, before, after):
     """Momentum and mass of the points at the nodes, into `before`; the impulse of their stress is added to `after`.
 
-    `before`, `after` float64[columns, levels, 3]; `volume` of a point [cells]; `push` is 4 dt / (dx density).
+    `before`, `after` float64[columns, levels, 3]; `push` is 4 dt / (dx density).
     """
     before[:] = 0.0
-    mass = density * volume
+    mass = density * SHARE
     for p in range(len(place)):
         i0, fx, wx = stencil(place[p, 0])
         k0, fz, wz = stencil(place[p, 1])
@@ -119,20 +119,20 @@ def gather(place, velocity, affine, state, stress, before, after, dt, dx, kept, 
 
 @numba.njit
 def collapse(place, shape, end, dx, density, gravity, sound, courant, fade, material, softening):
-    """Places [cells] after `end` [s] of points that start at rest at `place` float64[n, 2]; and the number of steps."""
+    """Places [cells] after `end` [s] of points that start at rest at `place` float64[n, 2]."""
     n = len(place)
     velocity, affine = np.zeros((n, 2)), np.zeros((n, 4))
     state, stress = np.zeros((n, 8)), np.zeros((n, 6))
     before, after = np.zeros((*shape, 3)), np.zeros((*shape, 3))
-    time, fastest, steps = 0.0, 0.0, 0
+    time = fastest = 0.0
     while time < end:
         dt = courant * dx / (sound + fastest)
         after[:] = 0.0
-        spread(place, velocity, affine, stress, SHARE, density, dt * 4.0 / (dx * density), before, after)
+        spread(place, velocity, affine, stress, density, dt * 4.0 / (dx * density), before, after)
         fastest = move_nodes(before, after, dt * gravity)
         gather(place, velocity, affine, state, stress, before, after, dt, dx, np.exp(-fade * dt), material, softening)
-        time, steps = time + dt, steps + 1
-    return place, steps
+        time += dt
+    return place
 
 
 def runout(column, rate, courant=0.6, stiff=sand.STIFF):
@@ -146,7 +146,7 @@ def runout(column, rate, courant=0.6, stiff=sand.STIFF):
     fall = np.sqrt(column.height / sand.GRAVITY)
     fade = rate / fall * column.height / column.cell if np.isfinite(rate) else 1e300
     shape = int(2.5 * column.measured * sand.LENGTH / column.cell) + counts[0] + 20, counts[1] + 20
-    place, _ = collapse(
+    place = collapse(
         place, shape, 5.0 * fall, column.cell, sand.DENSITY, sand.GRAVITY, sound, courant, fade, material, NoSoftening()
     )
     return float(np.quantile(place[:, 0] - MARGIN, 0.99)) * column.cell / sand.LENGTH - 1.0
