@@ -106,17 +106,16 @@ def jit_inline(function):
     Its types are inferred once. With numba's own inlining, which copies its source into every caller and infers the
     types there again, `update_nodes` of columns took 9 s to compile instead of 3 (measured 2026-11-25).
     """
-    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "_nrt": False}
-    return _kept(numba.njit(forceinline=True, **options)(function))
+    return jit_borrowing(function, forceinline=True)
 
 
-def jit_borrowing(function):
+def jit_borrowing(function, **more):
     """Compile a serial function that works on its array arguments only: it neither creates nor returns arrays.
 
     References to arrays are not counted in it. A count costs as much as twenty additions, and the compiler leaves some
-    of them in loops: they took half of the 3D step (measured 2026-11-21).
+    of them in loops: they took half of the 3D step (measured 2026-11-21). `more` are further options of numba.
     """
-    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "_nrt": False}
+    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "_nrt": False, **more}
     return _kept(numba.njit(**options)(function))
 
 
