@@ -20,6 +20,7 @@ from mpmgis.particles import Frame, Particles
 LENGTH, GRAVITY, DENSITY = 0.1, 9.81, 1500.0  # L0 [m], half of what collapses to both sides, or the radius
 WIDE, PER_CELL = 3, 2  # cells across a strip, points along a cell's side
 STIFF = 7.0  # speed of pressure waves over sqrt(g H), about: compression by 2 % under the column's own weight
+FALLS = 5  # length of a run, in sqrt(H / g)
 EDGE = LENGTH / 30.0  # [m], thickness below which a deposit has ended: one grain
 DRUCKER_PRAGER = "friction_angle = 30\ncohesion = 0\nmatch = "
 
@@ -41,6 +42,11 @@ class Column(NamedTuple):
         return LENGTH * min(self.aspect, 1.0) / self.cells
 
     @property
+    def fall(self):
+        """sqrt(H / g) [s]."""
+        return np.sqrt(self.height / GRAVITY)
+
+    @property
     def measured(self):
         """Runout [L0] of Lube et al. (2005) between walls, of Lube et al. (2004) of a round column."""
         return lube_round(self.aspect) if self.round else lube_plane(self.aspect)
@@ -59,6 +65,12 @@ def lube_plane(a):
 def lube_round(a):
     """1.24 a up to 1.7, 1.6 a^(1/2) from there."""
     return 1.24 * a if a < 1.7 else 1.6 * np.sqrt(a)
+
+
+def moduli(column, stiff=STIFF):
+    """Bulk and shear modulus [Pa] of sand of Poisson's ratio 0.3 whose waves have about `stiff` times sqrt(g H)."""
+    young = 0.8 * DENSITY * stiff**2 * GRAVITY * column.height
+    return young / 1.2, young / 2.6
 
 
 def write_inputs(folder, column):
@@ -83,11 +95,10 @@ def make(folder, column):
     """The run in `folder`; answers its record."""
     folder = chain.fresh(folder)
     write_inputs(folder, column)
-    young = 0.8 * DENSITY * STIFF**2 * GRAVITY * column.height
-    fall = np.sqrt(column.height / GRAVITY)
+    bulk, shear = moduli(column)
     path = chain.write_scene(
-        "granular_column", folder, cell_size=column.cell, bulk_modulus=f"{young / 1.2:.6g}",
-        shear_modulus=f"{young / 2.6:.6g}", end_time=f"{5 * fall:.6g}", frame_interval=f"{fall:.6g}",
+        "granular_column", folder, cell_size=column.cell, bulk_modulus=f"{bulk:.6g}", shear_modulus=f"{shear:.6g}",
+        end_time=f"{FALLS * column.fall:.6g}", frame_interval=f"{column.fall:.6g}",
     )  # fmt: skip
     if column.law == "DruckerPrager":
         _without_rate(path, "triaxial" if column.round else "plane_strain")

@@ -9,6 +9,7 @@ the contact (rough ground, smooth wall) are its own. It separates what the law g
 
 import argparse
 import sys
+import tomllib
 from pathlib import Path
 
 import numba
@@ -22,6 +23,7 @@ from mpmgis.effects.softening import NoSoftening
 from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
 
 sand = chain.scene_module("granular_column")
+LAW = tomllib.loads(Path(__file__).with_name("scene.toml").read_text())["material"]
 APIC = np.inf  # rate at which all of the residual is dropped in a step
 MARGIN = 4  # nodes below the ground and behind the wall
 STEPPED = 14  # of the law's answer: state and stress
@@ -137,18 +139,17 @@ def collapse(place, shape, end, dx, density, gravity, sound, courant, fade, mate
 
 def runout(column, rate, courant=0.6, stiff=sand.STIFF):
     """Runout [L0] within which 99 % of the mass lie at the end, of a plane Column; `rate` r, or APIC."""
-    young = 0.8 * sand.DENSITY * stiff**2 * sand.GRAVITY * column.height
-    material = MuI(young / 1.2, young / 2.6, 0.38, 0.64, 0.279, 0.00333, 2500.0, 0.0)
+    material = MuI(*sand.moduli(column, stiff), *(float(LAW[key]) for key in MuI._fields[2:]))
     sound = np.sqrt((material.bulk_modulus + 4.0 / 3.0 * material.shear_modulus) / sand.DENSITY)
     counts = [round(side / column.cell * sand.PER_CELL) for side in (sand.LENGTH, column.height)]
     axes = [(np.arange(count) + 0.5) / sand.PER_CELL + MARGIN for count in counts]
     place = np.column_stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")])
-    fall = np.sqrt(column.height / sand.GRAVITY)
-    fade = rate / fall * column.height / column.cell if np.isfinite(rate) else 1e300
+    fade = rate / column.fall * column.height / column.cell if np.isfinite(rate) else 1e300
     shape = int(2.5 * column.measured * sand.LENGTH / column.cell) + counts[0] + 20, counts[1] + 20
     place = collapse(
-        place, shape, 5.0 * fall, column.cell, sand.DENSITY, sand.GRAVITY, sound, courant, fade, material, NoSoftening()
-    )
+        place, shape, sand.FALLS * column.fall, column.cell, sand.DENSITY, sand.GRAVITY, sound, courant, fade, material,
+        NoSoftening(),
+    )  # fmt: skip
     return float(np.quantile(place[:, 0] - MARGIN, 0.99)) * column.cell / sand.LENGTH - 1.0
 
 
