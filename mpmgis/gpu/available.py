@@ -13,6 +13,11 @@ INSTALL = "pip install 'mpmgis[gpu]'"
 TESTED = ((0, 30, 4), (0, 31))  # versions of numba-cuda: from the first, before the second, as in pyproject.toml
 LEAST_CAPABILITY = (7, 5)  # what CUDA 13 compiles for
 CPU_INSTEAD = "take device = 'cpu'"
+# how a run of a solver needs less memory
+SMALLER = {
+    "points": "use larger cells, precision = 'float32' or fewer points_per_cell",
+    "columns": "use larger cells or fewer particles_per_cell",
+}
 
 
 class Device(NamedTuple):
@@ -71,8 +76,8 @@ def found_device() -> Found:
     return Found(device)
 
 
-def require_device(needed: float = 0.0) -> Device:
-    """The device of this machine, with `needed` bytes free.
+def require_device(needed: float = 0.0, solver: str = "points") -> Device:
+    """The device of this machine, with `needed` [bytes] of free memory for a run of `solver`, a key of SMALLER.
 
     Raises
     ------
@@ -84,8 +89,8 @@ def require_device(needed: float = 0.0) -> Device:
         raise SceneError(f"device = 'cuda': {lack}; or {CPU_INSTEAD}")
     if needed > device.free and not device.simulated:
         raise SceneError(
-            f"device = 'cuda': the run needs {needed / 1e9:.3g} GB on the device ({device.line()}); use larger cells, "
-            f"precision = 'float32' or fewer points_per_cell, or {CPU_INSTEAD}"
+            f"device = 'cuda': the run needs {needed / 1e9:.3g} GB on the device ({device.line()}); "
+            f"{SMALLER[solver]}, or {CPU_INSTEAD}"
         )
     return device
 
@@ -98,7 +103,7 @@ def _version_lack() -> str:
     try:
         installed = version("numba-cuda")
     except PackageNotFoundError:
-        return f"the installation of numba-cuda is not whole; {INSTALL} installs it"
+        return f"numba-cuda is installed without its metadata; {INSTALL} repairs it"
     number = tuple(int(part) for part in installed.split(".")[:3] if part.isdigit())
     low, high = TESTED
     if low <= number < high:

@@ -126,7 +126,7 @@ class DeviceColumns:
     watched : uint8[block rows, block columns], optional
         Blocks before which `advance` stops, as in `kernels.columns.advance`.
     launch : Launch, optional
-        Sizes of launches; by default those for a card, in the simulator small ones.
+        Sizes of launches; by default those for a GPU, in the simulator small ones.
     """
 
     def __init__(self, state, settings, fields, effects, watched=None, launch=None):

@@ -94,7 +94,7 @@ def book_faces(
     run, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, yields, face_yields, booked,
     reports, settings,
 ):  # fmt: skip
-    """Book what smooth faces took up, each in its own row of `booked`, and how far they yielded; a thread per face."""
+    """Loads on smooth faces, each in its own row of `booked`, and how far they yielded; a thread per face."""
     if run[STATUS] != 0:
         return
     grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)

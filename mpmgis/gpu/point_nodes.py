@@ -1,7 +1,7 @@
 """The grid on the device between the two transfers: sums, gravity, ground, walls, layers, peaks.
 
 What happens to a node, a node column or a block of nodes is the code of the CPU's kernels, compiled for the device;
-here stand the loops over them. Each thread has a report of its own, that of `kernels.point_nodes`.
+this module has the loops over them. Each thread has a report of its own, that of `kernels.point_nodes`.
 """
 
 from numba import cuda, float64, int32

@@ -19,7 +19,7 @@ from .compiled import Part, real
 # numbers of a step in the precision of the points: cells per speed, (cells per speed and radius) for a velocity and its
 # square, momentum per stress, length [s], and mass [kg] and squared speed of `kernels.point_edges.limit_thin`
 SHIFT, GRADIENT, TURN2, PUSH, STEP, DENSE, STILL2, SCALES = range(8)
-# ground of a node column: height and height below which a point is checked [cells from the first ghost], slopes
+# ground of a node column: height, slopes, height below which a point is checked; heights in cells from the first ghost
 PLANE, SLOPE_X, SLOPE_Y, DEEP, PLANE_ENTRIES = range(5)
 # float entries of a thread's report of common points: largest squares, the largest of one that stays, plastic work
 SHEAR, SPEED2, STAY2, PLASTIC, MARKS = range(5)

@@ -99,7 +99,7 @@ class DevicePoints:
     effects : PointEffects
         Material and softening in the precision of the rows.
     launch : Launch, optional
-        Sizes of launches; by default those for a card, in the simulator small ones.
+        Sizes of launches; by default those for a GPU, in the simulator small ones.
     """
 
     def __init__(self, state, places, settings, effects, launch=None):

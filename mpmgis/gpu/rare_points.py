@@ -160,7 +160,7 @@ def move_rare_points(
 def _move(
     p, tile, block, scales, rows, keys, ground, lowest, inside, mine, domain, settings, material, softening, transfer,
 ):  # fmt: skip
-    """The step of point `p`; answers the way out (EDGES: none, -1: not finite), the new x and y [m], the mass."""
+    """The step of point `p`; returns the edge over which it leaves (EDGES: none, -1: not finite), x, y [m], mass."""
     dx, column, row, longer = settings.dx, block[0], block[1], rows.shape[1] > S4
     u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, rows[p, X], rows[p, Y], rows[p, Z])
     s4 = s5 = s6 = s7 = real(0.0)

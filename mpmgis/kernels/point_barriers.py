@@ -1,4 +1,4 @@
-"""Rigid barriers in the 3D solver: what moves into one is held and slowed, what it takes up is booked (note 4.8)."""
+"""Rigid barriers in the 3D solver: they stop flow that moves into them, and their loads are summed."""
 
 from math import floor, sqrt
 
@@ -17,11 +17,12 @@ from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
     WALL_X, WALL_Y, CREST, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE,
     ROWED, ROW_TOP, POINT_BARRIER_ENTRIES,
 ) = range(16)  # fmt: skip
-# of a node column, what passes an opening is judged by: mass [kg], momentum east and north [kg m s-1]
+# flow in a node column, which determines the discharge of an opening: mass [kg], momentum east and north [kg m s-1]
 FLOW_MASS, FLOW_X, FLOW_Y, COLUMN_FLOW = range(4)
 BLOCK_FLOW = BLOCK * BLOCK * COLUMN_FLOW  # numbers of a block
 LOOK = 64  # [cells] how far an opening looks for the flow before it
-# what is booked for each barrier [N s], [N m s], [kg]; the last is the largest normal force of a single step [N]
+# sums of each barrier: impulses [N s], moments [N m s], mass above its crest [kg]; the last of a run is the largest
+# normal force of a single step [N]
 (
     NORMAL, IMPULSE_X, IMPULSE_Y, IMPULSE_Z, MOMENT_X, MOMENT_Y, MOMENT_Z, OVER, POINT_BARRIER_SUMS,
 ) = range(9)  # fmt: skip
@@ -97,11 +98,13 @@ def _flow_before(flow, ground, barriers, j, i, side, per_metre):
 
 @jit_inline
 def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
-    """Velocity of a node at height `z` [m] in the node column `place` of a barrier, and its share of what is booked.
+    """Velocity (u, v, w) [m s-1] of a node of `mass` [kg] at height `z` [m] after its contact with a barrier.
 
-    The nearest face holds: a side, or the top if that is nearer. What moves into it loses that speed, and mu times as
-    much of the speed along it; what moves away is free. A node that is partly open keeps the share `passing` of its
-    speed through the opening. Nodes around smooth faces have been dealt with (`point_faces`).
+    `place` are the entries of the barrier at the node column. The loads over `dt` [s] are added to `booked`
+    float64[barriers, POINT_BARRIER_SUMS]. The nearest side of the barrier acts, or its top if that is nearer. Flow that
+    moves into it loses that speed, and mu times as much of the speed along it; flow that moves away is free. A node
+    that is partly open keeps the share `passing` of its speed through the opening. Nodes around smooth faces are those
+    of `point_faces`.
     """
     if place[ROWED] > 0.0 and z <= place[ROW_TOP]:
         return u, v, w

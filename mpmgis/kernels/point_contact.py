@@ -105,7 +105,7 @@ def _at_foot(nodes, below, own, above, first, column, level, foot, rise, heavies
 def _push(nodes, below, own, above, first, column, level, shares, heaviest, impulse, normal, mine):
     """Give the `impulse` (x, y, z) [N s] at the ground, of unit `normal` (x, y, z), to the nodes around it.
 
-    It is booked with its work, and with the work of its part along the ground.
+    The impulse, its work and the work of friction are added to the report `mine`.
     """
     jx, jy, jz = impulse
     nx, ny, nz = normal
@@ -131,11 +131,11 @@ def _push(nodes, below, own, above, first, column, level, shares, heaviest, impu
 
 @jit_inline
 def yielding_impulse(into, give, yielded, impedance, back, most, dt):
-    """(normal impulse [N s], yield [m] after it) of ground that yields under a flow which moves `into` [m s-1] it.
+    """(normal impulse [N s], yield [m] after it) of yielding ground under a flow with the speed `into` [m s-1] into it.
 
     The ground is an elastic layer on rigid rock: it pushes with `impedance` [kg s-1] times (speed + yield / `back`
-    [s]), at most `most` [m] deep, and comes back by itself where nothing touches it. What is reflected by rigid ground
-    are waves of separation, which carry a slab over its bed with less friction than Coulomb's (Adams, 1995, J. Appl.
+    [s]), at most `most` [m] deep, and comes back by itself where nothing touches it. Rigid ground
+    reflects waves of separation, with which a slab slides under less friction than Coulomb's (Adams, 1995, J. Appl.
     Mech. 62); this impedance, that of the flow itself, absorbs them (Lysmer & Kuhlemeyer, 1969, J. Eng. Mech. 95).
     """
     normal = max(dt * impedance * (into + yielded / back) / (1.0 + dt * impedance * give), 0.0)
@@ -339,12 +339,15 @@ def press_on_ground(
     grid : NodeBlocks
     window : BlockWindow
     barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
-        What they and the wall around the domain take themselves comes later; the ground beside them bears as if they
-        held at the same time (see `between_faces`).
+        Barriers and walls of the domain act later; the contact of the ground beside them already assumes that they act
+        (see `between_faces`).
     yields : float64[2, rows, columns, YIELD_ENTRIES]
         Of the last step and of this one, by turns.
     step : int
         Number of this step, from 1.
+    report : float64[CHUNKS, NODE_REPORT]
+        Impulses and work are added to it.
+    dt : float [s]
     """
     n_touched = grid.count
     for c in prange(CHUNKS):

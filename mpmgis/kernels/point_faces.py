@@ -48,7 +48,7 @@ from .point_rows import GHOSTS, NODE_X, NODE_Y, NODE_Z
 ) = range(14)  # fmt: skip
 SPAN_FIRST, SPAN_LAST = range(2)  # of the last line of a face: level of its lowest and of its highest row in contact
 UPWARDS = (0, 0, 1)
-FACE_LAYER = 5.0  # [cells] thickness of the layer of a face that yields; a thicker one bears later
+FACE_LAYER = 5.0  # [cells] thickness of the elastic layer of a face; a thicker one takes up load later
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
 SWEEPS = 40  # over the contacts of a face, at most
 SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end
@@ -310,7 +310,7 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
 
 @jit_borrowing
 def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
-    """Book what a row gave to its face, and its work."""
+    """Add the load of a row on its face, and its work, to `booked` and to the report `mine`."""
     node, along = _row_of(face, k)
     part, u, v, w = _taken(nodes, slots, span, lowest, node, along, line)
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
@@ -325,7 +325,7 @@ def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
 
 @jit_borrowing
 def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
-    """Book what node column `n` of a face took from the ground, and its work."""
+    """Add the impulse of the ground on node column `n` of a face, and its work, to the report `mine`."""
     j, i, height, nx, ny, nz, _ = _ground_under(ground, face, n, dx)
     level, _ = foot_of(height, dx)
     part, u, v, w = _taken(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
@@ -390,7 +390,7 @@ def settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings
 
 @jit_borrowing
 def book_face(f, grid, window, ground, faces, lines, yields, face_yields, step, mine, booked, settings):
-    """Book what face `f` and the ground beside it took up, and how far they yielded."""
+    """Add the loads on face `f` and on the ground beside it to the reports, and store how far they yielded."""
     face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
     nodes, slots, lowest, dx = grid.nodes, window.slots, window.lowest, settings.dx
     window_span = (window.west, window.south, window.width, window.height, window.depth)

@@ -240,9 +240,9 @@ def _held_before_ground(j, i, nx, ny, ground):
 
 @jit_borrowing
 def _stop_at_walls(block, row, column, nx, ny, ground, at_last, mine):
-    """Take the outward velocity from the nodes on and beyond the domain's edges, and book what the walls take up.
+    """Remove the outward velocity of the nodes on and beyond the domain's edges, and add the impulses to the report.
 
-    Not `at_last` but before the ground: only where the ground's contact does not count with the wall.
+    With `at_last` false, before the contact with the ground, only at walls that this contact does not include.
     """
     for j in range(BLOCK):
         for i in range(BLOCK):
@@ -364,12 +364,12 @@ def hold_nodes(
     grid, free, ground, zone_values, barriers, column_mass, flow, report, barrier_report, dt, settings, contact, zones,
     barrier,
 ):  # fmt: skip
-    """Contact node by node, in the blocks that are not `free`: ground on folds and deep under it, barriers, walls.
+    """Contact of single nodes in blocks that are not `free`: ground on folds or far below the surface, barriers, walls.
 
-    On folds a node touches the ground up to `settings.clearance` [m] above it, elsewhere from BENEATH cells under it;
-    what moves into it keeps what is tangential, slowed by Coulomb's law on the impulse: v <- v_t max(0, 1 - mu |v_n| /
-    |v_t|). Barriers come after it. On walls the velocity outwards is taken away. `flow` are mass and momentum of the
-    node columns, which limit what passes openings.
+    On folds a node touches the ground up to `settings.clearance` [m] above it, elsewhere from BENEATH cells under it.
+    A node that moves into the ground keeps its tangential velocity, slowed by Coulomb's law on the impulse:
+    v <- v_t max(0, 1 - mu |v_n| / |v_t|). Barriers follow, then walls, which remove the outward velocity. `flow` are
+    mass and momentum of the node columns, which limit the discharge of openings.
     """
     nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
     wall, nx, ny = settings.wall, settings.cells_x, settings.cells_y

@@ -67,7 +67,8 @@ class DeviceColumnSolver(ColumnSolver):
         from ..gpu.columns import ColumnArrays, DeviceColumns
 
         at_nodes = sum(array.nbytes for array in (*self.fields, self._wet, self._peaks, self._left))
-        require_device(device_memory_of_columns(len(self._rows), self.fields.bed.size, at_nodes, self.effects))
+        needed = device_memory_of_columns(len(self._rows), self.fields.bed.size, at_nodes, self.effects)
+        require_device(needed, "columns")
         state = ColumnArrays(
             self._rows, self._ids, self._keys, self._wet, self._clock, self._counts, self._ledger, self._peaks,
             self._barrier_sums, self._left,

@@ -303,9 +303,16 @@ class PointSolver(PointBalances):
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
         rows, n = state["rows"], len(ids)
         if rows.dtype != self._real or rows.shape != (n, self._rows.shape[1]) or n > len(self._rows):
-            raise FormatError(f"the frame at {at} is of another scene; start with --overwrite")
-        if any(state[name].shape != array.shape for name, array in self._changing().items()):
-            raise FormatError(f"the frame at {at} is of another version of mpmgis; start with --overwrite")
+            raise FormatError(
+                f"the frame at {at} is of another scene: its rows are {rows.dtype}{list(rows.shape)}, expected "
+                f"{np.dtype(self._real)}[at most {len(self._rows)}, {self._rows.shape[1]}]; start with --overwrite"
+            )
+        for name, array in self._changing().items():
+            if state[name].shape != array.shape:
+                raise FormatError(
+                    f"the frame at {at} is of another version of mpmgis: '{name}' has the shape "
+                    f"{list(state[name].shape)}, expected {list(array.shape)}; start with --overwrite"
+                )
         if not known:
             require_point_state(frame, self, self._changing(), self._rows)
         self._rows[:n], self._ids[:n], self._keys[:n] = rows, ids, state["keys"]

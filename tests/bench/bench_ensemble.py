@@ -22,7 +22,7 @@ from mpmgis.workflows.demo import sample_folder
 from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
 
 MEMBERS, END_TIME = 10, 60
-EFFICIENCY = 0.85  # that issue 6 asks of two workers
+EFFICIENCY = 0.85  # required of two workers
 FEW, MANY, SIDE = 50, 400, 600  # members of the statistics, cells along a side
 DIFFERENT = 50  # rasters that stand for all members
 

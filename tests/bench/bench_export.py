@@ -28,7 +28,7 @@ from mpmgis.terrain.grid import Grid
 
 FRAMES, COUNT, REPEATS = 40, 500_000, 15
 BUDGET, STARTUP = 250.0, 1.5  # ns per particle and frame; s
-# The job of Vicari et al. (2025): points, frames, cells [m], and what issue 4 allows for it on two cores
+# The job of Vicari et al. (2025): points, frames, cells [m], and the time allowed for it on two cores
 POINTS, JOB_FRAMES, CELLS, SECONDS, MEGABYTES = 900_000, 750, 1.0, 180.0, 2000.0
 SIDE = 1.25  # 16 columns a DTM cell of 5 m
 ORIGIN = np.array([600000.0, 5167000.0, 0.0])

@@ -95,4 +95,4 @@ def rows():
     yield "memory floor of a step", floor, "ns/particle/step", f"{BYTES} bytes at this machine's copy rate", None
     solver = scene(1000)
     used = sum(a.nbytes for a in (solver._rows, solver._ids, solver._keys, solver._order)) + 1e6 * 8 * (STRIP + 2)
-    yield "solver memory, grid apart", used / 1e6, "bytes/particle", "300 bytes (issue 3)", used / 1e6 / 300
+    yield "solver memory, grid apart", used / 1e6, "bytes/particle", "300 bytes required", used / 1e6 / 300

@@ -1,4 +1,4 @@
-"""Eroded depth in frames and as rasters of an export (issue 17, point 10)."""
+"""Eroded depth in frames and as rasters of an export."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Completion of the command in shells (issue 17, point 8)."""
+"""Completion of the command in shells."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""`-o -` and `--json` of answers that are tables; labelled sizes of `info` (issue 17, point 8)."""
+"""`-o -` and `--json` of answers that are tables; labelled sizes of `info`."""
 
 import csv
 import io

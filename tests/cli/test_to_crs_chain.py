@@ -1,4 +1,4 @@
-"""A DTM in degrees through seed, run and export: `--to-crs`, and what the outputs say about it (issue 17, point 7)."""
+"""A DTM in degrees through seed, run and export: `--to-crs`, and what the outputs say about it."""
 
 import json
 

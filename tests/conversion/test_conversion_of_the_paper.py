@@ -25,7 +25,7 @@ def paper_columns(spacing):
 
 @pytest.mark.parametrize("spacing", LONG)
 def test_mass_and_momentum_at_every_spacing(spacing):
-    """Design note 2.3 (a), in closed form: up to 8.6e12 points, which nobody has ever stored."""
+    """In closed form: up to 8.6e12 points, which nobody has ever stored."""
     thickness, side = paper_columns(spacing)
     mass = DENSITY * side**2 * thickness
     before = mass.sum()
@@ -61,7 +61,7 @@ def test_closed_form_is_what_stored_points_sum_to(vertical):
 
 
 def test_quadrature_against_the_exact_volume():
-    """Design note 2.3 (b): midpoint columns are of second order, 2.9e-7 to 2.1e-9."""
+    """Midpoint columns are of second order, 2.9e-7 to 2.1e-9."""
     errors = []
     for spacing in SPACINGS_X[:5]:
         thickness, side = paper_columns(spacing)
@@ -114,7 +114,7 @@ def test_second_moment_of_a_column(placement, ratio, count):
 
 
 def test_energies():
-    """Design note 2.3 (d): the centre of mass stays, potential energy too; tangent motion adds its own energy only."""
+    """The centre of mass stays, potential energy too; tangent motion adds its own energy only."""
     ground = terrain_of(hills)
     frame = columns_on(ground, lambda x, y: 2 + np.sin(x / 5), lambda x, y: (5 + 0.1 * x, 0.05 * y))
     for options in (PointOptions(spacing=0.2), PointOptions(spacing=0.2, placement="paper", counting="paper")):

@@ -36,7 +36,7 @@ def moving(ground, **more):
     ids=str,
 )
 def test_there_and_back(options):
-    """Design note 2.4: mass, centre, momentum to 1e-12; thickness and area too, because nothing was relevelled."""
+    """Mass, centre, momentum to 1e-12; thickness and area too, because nothing was relevelled."""
     ground = terrain_of(hills)
     frame = moving(ground)
     points = columns_to_points(frame, ground, options)

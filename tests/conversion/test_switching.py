@@ -89,7 +89,7 @@ def test_particles_off_the_next_grid_have_left_the_terrain():
 
 @pytest.mark.parametrize("cell", [0.625, 1.25, 2.5])
 def test_there_and_back_keeps_mass_momentum_and_thickness(cell):
-    """Design note 2.4: to 1e-12, and the thickness to 2 % where columns fill their cells."""
+    """To 1e-12, and the thickness to 2 % where columns fill their cells."""
     columns = columns_on(TERRAIN, velocity=(5.0, 1.0), spacing=1.25)
     columns.particles.velocity[:, 2] = columns.particles.velocity[:, :2] @ np.array([-0.5, 0.2])
     points = switch_to_points(columns, TERRAIN, replace(OPTIONS, relevel=False), everywhere)

@@ -63,6 +63,18 @@ def test_a_run_that_is_too_large_for_the_device_is_refused(monkeypatch):
         require_device(90e9)
 
 
+@pytest.mark.parametrize(
+    ("solver", "key", "not_its_own"),
+    [("points", "points_per_cell", "particles_per_cell"), ("columns", "particles_per_cell", "points_per_cell")],
+)
+def test_the_advice_on_memory_is_that_of_the_solver(monkeypatch, solver, key, not_its_own):
+    monkeypatch.setattr(available, "found_device", lambda: Found(H100))
+    with pytest.raises(SceneError) as caught:
+        require_device(90e9, solver)
+    assert key in str(caught.value) and not_its_own not in str(caught.value)
+    assert ("float32" in str(caught.value)) == (solver == "points")
+
+
 def test_the_range_of_versions_is_that_of_the_extra():
     extra = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     (wanted,) = extra["gpu"]

@@ -1,4 +1,4 @@
-"""The JSON Schema of scenes says what the program says (issue 17, point 8)."""
+"""The JSON Schema of scenes says what the program says."""
 
 import copy
 import json

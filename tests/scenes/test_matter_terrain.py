@@ -1,4 +1,4 @@
-"""Another 3D code's slide, run by ours from its own particles (V of issue 4: the third-party run and ours)."""
+"""Another 3D code's slide, run by ours from its own particles."""
 
 import pytest
 from chain import scene_module

@@ -1,4 +1,4 @@
-"""Seeded volumes, areas and masses against exact integrals (issue 2: 2e-4 on planes)."""
+"""Seeded volumes, areas and masses against exact integrals (2e-4 on planes)."""
 
 import numpy as np
 import pytest

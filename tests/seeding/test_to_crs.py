@@ -1,4 +1,4 @@
-"""`--to-crs`: a DTM in degrees or feet, and rasters in another CRS, brought to metres (issue 17, point 7)."""
+"""`--to-crs`: a DTM in degrees or feet, and rasters in another CRS, brought to metres."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Cliffs and kinks in 3D: distance and direction of the nearest ground, and what a plane there would do (note 4.7)."""
+"""Cliffs and kinks in 3D: distance and direction of the nearest ground, and what a plane there would do."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""One scene in cells of a millimetre to a hundred metres at any place of the map (issue 14, point 10)."""
+"""One scene in cells of a millimetre to a hundred metres at any place of the map."""
 
 from functools import lru_cache
 

@@ -43,7 +43,7 @@ def _lack_here(particles, prepared):
     found = found_device()
     if found.device is None:
         return found.lack
-    needed = _memory(prepared)
+    needed = _memory(prepared)[0]
     if needed > found.device.free and not found.device.simulated:
         return f"the run needs {needed / 1e9:.3g} GB on the device ({found.line()})"
     return ""
@@ -61,12 +61,13 @@ def require_devices(prepared):
         return CPU
     from ...gpu.available import require_device
 
-    return f"{CUDA}: {require_device(_memory(prepared)).line()}"
+    return f"{CUDA}: {require_device(*_memory(prepared)).line()}"
 
 
 def _memory(prepared):
-    """Memory [bytes] that the largest stage needs on a device."""
-    return max(_memory_of(prepared.particles_of(number), stage) for number, stage in enumerate(prepared.stages))
+    """(memory [bytes] on a device, solver) of the stage that needs most of it."""
+    stages = enumerate(prepared.stages)
+    return max((_memory_of(prepared.particles_of(number), stage), stage.scene.solver) for number, stage in stages)
 
 
 def _memory_of(particles, stage):
