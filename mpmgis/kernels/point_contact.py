@@ -189,6 +189,16 @@ def carried_yield(before, step, j, i, east, north, weighed):
 
 
 @jit_inline
+def weighed_yield(mass, heaviest, nz, settings):
+    """Yield [m] under a node column of `mass` [kg] at rest, whose heaviest node at the ground has `heaviest` [kg].
+
+    Of a flow many cells deep it is LAYER dx g h nz^2 / c^2 (h: thickness, nz: upward part of the ground's normal).
+    """
+    cells = mass / heaviest
+    return LAYER * settings.dx * settings.dx * settings.gravity * cells * nz * nz / settings.signal_speed**2
+
+
+@jit_inline
 def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law):
     """Impulse [N s] of the ground, of unit normal (nx, ny, nz), on a flow of velocity (u, v, w) at it.
 
@@ -265,7 +275,7 @@ def press_column(
     """`press_on_ground` for node `column` (0 to 15) of touched block `t`; `mine` is the report of its chunk."""
     nodes, touched = grid.nodes, grid.touched
     slots, width, depth, lowest = window.slots, window.width, window.depth, window.lowest
-    dx, density, signal_speed, gravity = settings.dx, settings.density, settings.signal_speed, settings.gravity
+    dx, signal_speed = settings.dx, settings.signal_speed
     wall, cells_x, cells_y = settings.wall, settings.cells_x, settings.cells_y
     row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
     first = block_level * BLOCK
@@ -305,8 +315,8 @@ def press_column(
         u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
     if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
         back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
-        thickness = _mass_above(nodes, slots, place, up, depth, column) / (density * dx * dx)
-        weighed = min(LAYER * dx * gravity * thickness * nz * nz / (signal_speed * signal_speed), most)
+        mass = _mass_above(nodes, slots, place, up, depth, column)
+        weighed = min(weighed_yield(mass, heaviest, nz, settings), most)
         yielded = carried_yield(yields[(step - 1) % 2], step, jj, ii, u * dt / dx, v * dt / dx, weighed)
         impedance = signal_speed * heaviest / (dx * nz)
         normal, yielded = yielding_impulse(into, push_give, yielded, impedance, back, most, dt)

@@ -16,6 +16,7 @@ from .point_contact import (
     between_faces,
     carried_yield,
     contact_impulse,
+    weighed_yield,
     yielding_impulse,
 )
 from .point_ground import plane_at
@@ -252,7 +253,7 @@ def _press_column(nodes, slots, span, lowest, face, n, ground, zone_values, line
 @jit_borrowing
 def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, step, dt, settings):
     """Weigh node column `n` of a face at the ground and find how far the ground yielded before this step."""
-    dx, signal_speed = settings.dx, settings.signal_speed
+    dx = settings.dx
     j, i, height, _, _, nz, rise = _ground_under(ground, face, n, dx)
     level, foot = foot_of(height, dx)
     _weigh_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
@@ -267,8 +268,7 @@ def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, ste
             break
         mass += here
         k += 1
-    thickness = mass / (settings.density * dx * dx)
-    weighed = LAYER * dx * settings.gravity * thickness * nz * nz / (signal_speed * signal_speed)
+    weighed = weighed_yield(mass, line[LINE_HEAVIEST], nz, settings)
     u, v, _ = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
     line[LINE_YIELD] = carried_yield(before, step, j, i, u * dt / dx, v * dt / dx, min(weighed, MOST_YIELD * dx))
 

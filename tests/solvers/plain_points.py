@@ -209,8 +209,8 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
             into = -(v @ normal)
             pressed = max(into, 0.0) / give
             if 1.0 - mu < 1.0:  # as in the kernel: a smaller friction is none in floating point
-                back, thickness = LAYER * dx / sound, nodes[:, j, i, 3].sum() / (density * dx * dx)
-                weighed = min(back * gravity * thickness / (steep * steep * sound), MOST_YIELD * dx)
+                back, cells = LAYER * dx / sound, nodes[:, j, i, 3].sum() / heaviest
+                weighed = min(back * gravity * cells * dx / (steep * steep * sound), MOST_YIELD * dx)
                 yielded = carried(before, j, i, v[0] * dt / dx, v[1] * dt / dx, weighed)
                 impedance = sound * heaviest * steep / dx
                 pressed, yields[j, i] = yielding(into, give, yielded, impedance, back, MOST_YIELD * dx, dt)
