@@ -248,7 +248,7 @@ def _require_standing(walls, nodes, grid, frame):
             log.info(f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it has no effect")
         if (under == number).any():
             raise InputError(
-                f"barrier '{wall.name}' is on the release ({int((under == number).sum())} columns start inside it, "
+                f"barrier '{wall.name}' is on the release ({int((under == number).sum())} particles start inside it, "
                 f"including one cell on each side); move it, or take a smaller [numerics] cell_size"
             )
         thin, least = 2.0 * half_thickness(wall.footprint), 2.0 * (FACE_CELLS + CORE_CELLS) * grid.cell_size

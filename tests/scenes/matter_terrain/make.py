@@ -1,6 +1,6 @@
 """A slide that another 3D code ran, run by ours from the same particles, and both exported and compared.
 
-python tests/scenes/matter_terrain/make.py FOLDER [--cell 1.56827] [--clearance 0] [--png FOLDER]
+python tests/scenes/matter_terrain/make.py FOLDER [--cell 1.56827] [--split 1] [--png FOLDER]
 """
 
 import argparse
@@ -22,6 +22,7 @@ from mpmgis.interop.declarations import Declarations
 from mpmgis.interop.frame_list import list_frames
 from mpmgis.io.dtm import read_terrain
 from mpmgis.io.frames import read_frame, write_frame
+from mpmgis.particles import Particles
 
 DATA = Path(__file__).resolve().parents[3] / "../shared/data/matter_terrain"
 CRS, ORIGIN, AXES, DENSITY = "EPSG:32632", (600000.0, 5170000.0, 0.0), ("e", "u", "-n"), 1500.0
@@ -30,20 +31,33 @@ TIMES, INTERVAL, CELL = (0.0, 9.0, 18.0, 30.0), 3.0, 2.0  # [s] of Matter's fram
 SAME = ("--cs-e", CELL, "--extent", "dtm", "--standoff", "auto", "--products", "t_vol", "--overwrite")
 
 
-def write_inputs(folder):
-    """The DTM as GeoTIFF and Matter's particles at time 0 as a frame."""
+def divided(particles, split):
+    """Particles of cubes whose edges are cut into `split` parts; all start at rest."""
+    place = (np.arange(split) + 0.5) / split - 0.5
+    offsets = np.stack(np.meshgrid(place, place, place, indexing="ij"), axis=-1).reshape(-1, 3)
+    edge = np.cbrt(particles.volume)[:, None, None]
+    position = (particles.position[:, None] + edge * offsets).reshape(-1, 3)
+    mass, volume = (np.repeat(part / split**3, split**3) for part in (particles.mass, particles.volume))
+    return Particles(position, np.zeros_like(position), mass, volume)
+
+
+def write_inputs(folder, split=1):
+    """The DTM as GeoTIFF and Matter's particles at time 0, `split` to an edge of each, as a frame."""
     ground = read_terrain(DATA / "terrain_epsg32632.asc", CRS)
     west, _, _, north = ground.grid.bounds
     chain.write_raster(folder / "dtm.tif", ground.elevation, west, north, ground.grid.cell_size, CRS)
     terms = Declarations(crs=ground.grid.crs, origin=ORIGIN, axes=AXES, density=DENSITY)
     (entry,) = list_frames([DATA / "particles_f0.ply"], terms)
-    write_frame(folder / "start.h5", replace(entry.read(), dem="dtm.tif"))
+    start = replace(entry.read(), dem="dtm.tif")
+    if split > 1:
+        start = replace(start, particles=divided(start.particles, split))
+    write_frame(folder / "start.h5", start)
 
 
-def make(folder, **changed):
+def make(folder, split=1, **changed):
     """Inputs, our run with `changed` keys of the scene, and both exports in `folder`; answers our run's record."""
     folder = chain.fresh(folder)
-    write_inputs(folder)
+    write_inputs(folder, split)
     chain.write_scene("matter_terrain", folder, **changed)
     record, _ = chain.run_scene(folder)
     matters = (DATA / f"particles_f{time:g}.ply" for time in TIMES)
@@ -139,13 +153,13 @@ def cli():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cell", dest="cell_size", type=float, help="of our grid [m] (default: Matter's own)")
-    parser.add_argument("--clearance", type=float, help="of our contact [cells] (default: 0, as Matter's)")
+    parser.add_argument("--split", type=int, default=1, help="parts of an edge of each particle (default: 1)")
     parser.add_argument("--png", type=Path, help="folder for the figure (default: FOLDER)")
     asked = parser.parse_args()
     if not DATA.is_dir():
         raise SystemExit(f"{DATA} is not there: the scene starts from Matter's own particles")
-    changed = {key: vars(asked)[key] for key in ("cell_size", "clearance") if vars(asked)[key] is not None}
-    record = make(asked.folder, **changed)
+    changed = {} if asked.cell_size is None else {"cell_size": asked.cell_size}
+    record = make(asked.folder, asked.split, **changed)
     print(chain.table(compared(asked.folder), ("", "ours", "Matter", "difference")))
     print({k: record["balances"][k] for k in ("mass_error_relative", "momentum_error_relative", "mach_max")})
     figure(asked.folder, (asked.png or asked.folder) / "matter_and_ours.png")
