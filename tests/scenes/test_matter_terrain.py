@@ -9,8 +9,10 @@ matter = scene_module("matter_terrain")
 @pytest.mark.slow
 @pytest.mark.skipif(not matter.DATA.is_dir(), reason="no third-party data: ../shared/data/matter_terrain")
 def test_our_run_ends_where_matters_does(tmp_path):
-    """Measured: IoU 0.804 of all times and 0.683 of the deposits, centres of mass within 1.3 m after 370 m of travel; the
-    bed of Matter lets points sink by up to a cell, and its flow spreads further."""
+    """Measured: IoU 0.804 of all times and 0.683 of the deposits, centres of mass within 1.3 m after 370 m of travel.
+
+    The bed of Matter lets points sink by up to a cell, and its flow spreads further.
+    """
     record = matter.make(tmp_path / "ms")
     found = {what: (ours, theirs) for what, ours, theirs, _ in matter.compared(tmp_path / "ms")}
     assert record["state"] == "finished" and record["balances"]["mass_error_relative"] == 0.0
