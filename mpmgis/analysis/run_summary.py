@@ -60,9 +60,9 @@ def stood_still(stages: list[dict]) -> str:
             return ""
         fastest = max(fastest, speed)
     return (
-        f"nothing ever moved: the mean speed of the mass was at most {fastest:.2g} m/s; the release is in equilibrium or "
-        "the resistance exceeds the driving force; if this is not intended, check [friction], [material] and the slope "
-        "under the release"
+        f"nothing ever moved: the mean speed of the mass was at most {fastest:.2g} m/s; the release is in equilibrium "
+        "or the resistance exceeds the driving force; if this is not intended, check [friction], [material] and the "
+        "slope under the release"
     )
 
 

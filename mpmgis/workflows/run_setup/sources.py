@@ -362,8 +362,8 @@ def _points_of(path, terrain, cell_size, density, window):
     stress, affine = frame.particle_state("vertical_stress"), frame.particle_state("affine", 3, 3)
     if stress is None:
         log.info(
-            f"{path} contains no stress from the weight of its points (state/vertical_stress): they start without stress "
-            "and settle elastically"
+            f"{path} contains no stress from the weight of its points (state/vertical_stress): they start without "
+            "stress and settle elastically"
         )
     x, y = frame.map_xy()
     above = frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y)
