@@ -39,7 +39,7 @@ PARTICLE = _table(
     ("volume", "m3", "current volume"),
     ("thickness", "m", "vertical thickness of the column"),
     ("area", "m2", "plan area of the column"),
-    ("id", "1", "identity of the particle, kept through sorting", "uint64"),
+    ("id", "1", "identity of the particle; the order of the particles changes from frame to frame", "uint64"),
     ("parent", "1", "identity of the column that a point came from", "uint64"),
 )
 
