@@ -255,7 +255,7 @@ def limited(own, variance, mass_near, above, dx, density, signal_speed):
 
 def plain_step(
     place, velocity, affine, mass, state, stress, nodes, ground, yields, dx, dt, density, gravity, mu, material, soft,
-    sound, xi=0.0,
+    sound, xi=0.0, pressed=None,
 ):  # fmt: skip
     """Advance by `dt` [s]; all arrays are changed in place.
 
@@ -277,6 +277,8 @@ def plain_step(
         Speed of pressure waves.
     xi : float [m s-2], optional
         Of Voellmy's drag on the ground; 0: none.
+    pressed : float64[layers, rows, columns, 4], optional
+        Out: `nodes` after the contact of node columns, before that of single nodes.
 
     Returns
     -------
@@ -313,6 +315,8 @@ def plain_step(
     if xi > 0.0:
         couple(nodes, ground, dx, dt, density, gravity, mu, xi, 0.0 if hasattr(material, "shear_modulus") else 1.0)
     press(nodes, ground, yields, dx, dt, density, gravity, sound, mu)
+    if pressed is not None:
+        pressed[:] = nodes
     hold(nodes, ground, dx, mu)
     for p in range(len(mass)):
         i0, fx, wx = stencil(place[p, 0], dx)

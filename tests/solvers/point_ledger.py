@@ -59,34 +59,39 @@ class PlainRun:
         volume = self.mass / numerics.density
         pushed = -4.0 * dt / dx**2 * volume[:, None, None] * self._tensor()
         impulse = np.einsum("nk,nab,nkb->nka", shares[1], pushed, away)
-        before, stress = self.energy(), self.stress.copy()
+        before, stress, pressed = self.energy(), self.stress.copy(), np.empty_like(nodes)
         plain_step(
             self.place, self.velocity, self.affine, self.mass, self.state, self.stress, nodes, ground,
             self.yields, dx, dt,
             numerics.density, numerics.gravity, self.solver.effects.contact.mu, self.material, NoSoftening(),
-            self.material.wave_speed(numerics.density), getattr(self.solver.effects.contact, "xi", 0.0),
+            self.material.wave_speed(numerics.density), getattr(self.solver.effects.contact, "xi", 0.0), pressed,
         )  # fmt: skip
-        self._book(nodes.reshape(-1, 4), shares, free, impulse, before)
+        self._book(nodes.reshape(-1, 4), pressed.reshape(-1, 4), shares, free, impulse, before)
         if isinstance(self.material, Elastic):
             gained = 0.5 * dt * (volume * ((self.stress - stress) * self._strain_rate()).sum(axis=1)).sum()
             self.lost["material"] += gained
             self.lost["steps"] -= gained
         self._let_out()
 
-    def _book(self, nodes, shares, free, impulse, before):
-        """Add the losses of the step that made `nodes` velocities of momenta `free` [kg m s-1] without forces."""
+    def _book(self, nodes, pressed, shares, free, impulse, before):
+        """Add the losses of the step that made `nodes` velocities of momenta `free` [kg m s-1] without forces.
+
+        Node columns are `pressed` before single nodes far below the ground are held: each impulse does its own work.
+        """
         mass = nodes[:, 3]
         wet = mass > 0.0
-        mass, after = mass[wet], nodes[wet, :3]
+        mass, after, between = mass[wet], nodes[wet, :3], pressed[wet, :3]
         stressed = np.zeros((nodes.shape[0], 3))
         np.add.at(stressed, shares[0], impulse)
         free, stressed = free[wet] / mass[:, None], stressed[wet] / mass[:, None]
         weight = np.array([0.0, 0.0, -self.step * self.numerics.gravity])
         contact = after - free - stressed - weight
         at_nodes = [0.5 * (mass * (v**2).sum(axis=1)).sum() for v in (free, after)]
-        self.lost["ground"] -= (mass * (contact * after).sum(axis=1)).sum()
+        first = contact - (after - between)
+        earlier = (mass * (first * (between - after)).sum(axis=1)).sum()
+        self.lost["ground"] -= (mass * (contact * after).sum(axis=1)).sum() + earlier
         self.lost["material"] -= (mass * (stressed * after).sum(axis=1)).sum()
-        self.lost["steps"] += 0.5 * (mass * ((after - free) ** 2).sum(axis=1)).sum()
+        self.lost["steps"] += 0.5 * (mass * ((after - free) ** 2).sum(axis=1)).sum() + earlier
         self.lost["transfers"] += before - at_nodes[0] + at_nodes[1] - self.energy()
 
     def energy(self):

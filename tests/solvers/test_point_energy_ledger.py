@@ -13,7 +13,6 @@ from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 
 # [s-1] share of the energy put in that no taker explains, over the step: of an elastic body, and of others
 CLOSES_ELASTIC, CLOSES = 0.25, 2.5
-TWICE = 1e-5  # share of the energy at the start: impulses of the same node in the same step, P H / m
 MATERIALS = {
     "elastic": Elastic(6.7e6, 4e6),
     "frictional": drucker_prager(6.7e6, 4e6, 30.0, 500.0),
@@ -59,11 +58,10 @@ def closed(solver, plain):
     now = sorted_points(solver)
     assert len(now) == len(plain.mass) and b["mass_lifted_onto_ground"] == 0.0
     np.testing.assert_allclose(now.position, plain.place + solver._corner_from((0.0, 0.0, 0.0)), rtol=0, atol=1e-10)
-    # A node far below the ground, under a sunk column, has two impulses P and H in a step. The solver books the work of
-    # each; the plain loop sees their sum, and books P H / m of the work as a loss to the length of the step.
-    assert b["energy_lost_to_ground"] == pytest.approx(plain.lost["ground"], abs=TWICE * scale)
+    assert b["energy_lost_to_ground"] == pytest.approx(plain.lost["ground"], abs=1e-7 * scale)
     assert b["energy_out"] == pytest.approx(plain.out, abs=1e-12 * scale)
-    assert min(b["energy_lost_to_ground"], plain.lost["transfers"]) >= -1e-12 * scale
+    assert min(plain.lost["ground"], plain.lost["transfers"]) >= -1e-12 * scale
+    assert plain.lost["steps"] >= -1e-12 * scale or isinstance(plain.material, Elastic)  # which may gain by them
     measured = plain.lost["transfers"] + plain.lost["steps"] + plain.affine_energy()
     mixed = b["energy_lost_to_mixing"] + b["energy_lost_to_affine_limit"]
     closes = CLOSES_ELASTIC if isinstance(plain.material, Elastic) else CLOSES
