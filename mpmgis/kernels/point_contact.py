@@ -134,9 +134,9 @@ def yielding_impulse(into, give, yielded, impedance, back, most, dt):
     """(normal impulse [N s], yield [m] after it) of yielding ground under a flow with the speed `into` [m s-1] into it.
 
     The ground is an elastic layer on rigid rock: it pushes with `impedance` [kg s-1] times (speed + yield / `back`
-    [s]), at most `most` [m] deep, and comes back by itself where nothing touches it. Rigid ground
-    reflects waves of separation, with which a slab slides under less friction than Coulomb's (Adams, 1995, J. Appl.
-    Mech. 62); this impedance, that of the flow itself, absorbs them (Lysmer & Kuhlemeyer, 1969, J. Eng. Mech. 95).
+    [s]), at most `most` [m] deep, and comes back by itself where nothing touches it. Rigid ground reflects waves of
+    separation, with which a slab slides under less friction than Coulomb's (Adams, 1995, J. Appl. Mech. 62); this
+    impedance, that of the flow itself, absorbs them (Lysmer & Kuhlemeyer, 1969, J. Eng. Mech. 95).
     """
     normal = max(dt * impedance * (into + yielded / back) / (1.0 + dt * impedance * give), 0.0)
     if yielded + dt * (into - normal * give) > most:
@@ -192,10 +192,11 @@ def carried_yield(before, step, j, i, east, north, weighed):
 def weighed_yield(mass, heaviest, nz, settings):
     """Yield [m] under a node column of `mass` [kg] at rest, whose heaviest node at the ground has `heaviest` [kg].
 
-    Of a flow many cells deep it is LAYER dx g h nz^2 / c^2 (h: thickness, nz: upward part of the ground's normal).
+    Of a flow many cells deep it is LAYER dx g h nz^2 / c^2 (h: thickness, nz: upward part of the ground's normal); at
+    most MOST_YIELD cells.
     """
-    cells = mass / heaviest
-    return LAYER * settings.dx * settings.dx * settings.gravity * cells * nz * nz / settings.signal_speed**2
+    dx, cells = settings.dx, mass / heaviest
+    return min(LAYER * dx * dx * settings.gravity * cells * nz * nz / settings.signal_speed**2, MOST_YIELD * dx)
 
 
 @jit_inline
@@ -316,7 +317,7 @@ def press_column(
     if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
         back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
         mass = _mass_above(nodes, slots, place, up, depth, column)
-        weighed = min(weighed_yield(mass, heaviest, nz, settings), most)
+        weighed = weighed_yield(mass, heaviest, nz, settings)
         yielded = carried_yield(yields[(step - 1) % 2], step, jj, ii, u * dt / dx, v * dt / dx, weighed)
         impedance = signal_speed * heaviest / (dx * nz)
         normal, yielded = yielding_impulse(into, push_give, yielded, impedance, back, most, dt)

@@ -270,7 +270,7 @@ def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, ste
         k += 1
     weighed = weighed_yield(mass, line[LINE_HEAVIEST], nz, settings)
     u, v, _ = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
-    line[LINE_YIELD] = carried_yield(before, step, j, i, u * dt / dx, v * dt / dx, min(weighed, MOST_YIELD * dx))
+    line[LINE_YIELD] = carried_yield(before, step, j, i, u * dt / dx, v * dt / dx, weighed)
 
 
 @jit_borrowing
