@@ -108,7 +108,7 @@ def collect_held(run, stage, report, sums, lost):
         lost[b] = collect_barrier(report, sums, b, stage[KICK], 0.0)
 
 
-@capped(REGISTERS)
+@capped(double=REGISTERS)
 def update_nodes(
     run, stage, nodes, touched, fields, wet, lowered, reports, settings, friction, zones, cohesion, metric, curvature,
     entrainment, forest,

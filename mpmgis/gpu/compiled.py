@@ -1,8 +1,8 @@
 """Plain functions compiled for the device in the precision of a run, those of `mpmgis.kernels` among them.
 
-numba compiles `0.5 * x` of a float32 x in double precision; functions of this package are therefore compiled from a
-copy whose constants have the precision of the points. What the kernels of the CPU call (`plane_at`, `edge_at`) is
-compiled from its Python source as it is: the work on nodes is done in double precision there too.
+numba compiles `0.5 * x` of a float32 x in double precision; functions are therefore compiled from a copy whose
+constants have the precision of the points, and in which `float` gives a number of that precision. This includes what
+the kernels of the CPU call (`press_column`, `plane_at`), except in kernels of the clock and of sums (`in_double`).
 """
 
 from types import FunctionType, ModuleType
@@ -17,6 +17,7 @@ if SIMULATED:
 
     repair()
 KERNELS = "mpmgis.kernels."
+SMALL = np.float32(1e-30)  # for smaller constants, which keep divisors off 0: its inverse is finite in float32
 REGISTERS = 96  # of a thread, with which 20 warps of 32 threads fit on a multiprocessor
 
 _functions = {}  # (function, precision) -> what a kernel calls
@@ -41,55 +42,67 @@ class Part:
         self.function = function
         self.__doc__ = function.__doc__
 
-    def of(self, precision):
-        """What a kernel of `precision` (np.float32 or np.float64) calls."""
-        return _device_function(self.function, precision, precision is np.float32)
+    def of(self, precision, double):
+        """What a kernel of `precision` (np.float32 or np.float64) calls; `double` as of the kernel."""
+        return _device_function(self.function, precision, precision is np.float32, double)
 
 
 class Kernel:
-    """A kernel, compiled for each precision when it is needed; laws and arrays specialise it further."""
+    """A kernel, compiled for each precision when it is needed; laws and arrays specialise it further.
 
-    def __init__(self, function, registers=None):
-        self.function, self.registers = function, registers
+    `registers` are those that the assembler may use in a precision, where that is limited. With `double`, functions of
+    `mpmgis.kernels` that it calls are compiled in double precision.
+    """
+
+    def __init__(self, function, registers=None, double=False):
+        self.function, self.registers, self.double = function, registers or {}, double
         self.__doc__ = function.__doc__
         self._compiled = {}
 
     def python(self, precision):
         """The function that is compiled for `precision`; `cuda.compile_ptx` takes it without a driver."""
-        return _of_precision(self.function, precision, precision is np.float32)
+        return _of_precision(self.function, precision, precision is np.float32, self.double)
 
     def of(self, precision):
         """The kernel for points of `precision`, to be called as kernel[blocks, threads](...)."""
         if precision not in self._compiled:
-            options = {} if SIMULATED or self.registers is None else {"max_registers": self.registers}
+            most = self.registers.get(precision)
+            options = {} if SIMULATED or most is None else {"max_registers": most}
             self._compiled[precision] = cuda.jit(**options)(self.python(precision))
         return self._compiled[precision]
 
 
-def capped(registers):
-    """Decorator: a Kernel for which the assembler may use that many `registers`.
+def capped(single=REGISTERS, double=None):
+    """Decorator: a Kernel for which the assembler may use that many registers in `single` and in `double` precision.
 
     For kernels that fit without spills, for which it would use more by itself, to load ahead. The tests' compile
     matrix finds spills.
     """
-    return lambda function: Kernel(function, registers)
+    return lambda function: Kernel(function, {np.float32: single, np.float64: double})
 
 
-def _device_function(function, precision, single):
+def in_double(function):
+    """Decorator: a Kernel that calls functions of `mpmgis.kernels` in double precision."""
+    return Kernel(function, double=True)
+
+
+def _device_function(function, precision, single, double):
     """`function` for calls on the device; in the simulator a plain function."""
-    known = function, precision
+    known = function, precision, double
     if known not in _functions:
-        plain = _of_precision(function, precision, single)
+        plain = _of_precision(function, precision, single, double)
         _functions[known] = plain if SIMULATED else cuda.jit(device=True)(plain)
     return _functions[known]
 
 
-def _of_precision(function, precision, single):
+def _of_precision(function, precision, single, double):
     """A copy of `function` whose functions are those of the device, with constants of single precision if `single`."""
     names, known = {}, function.__globals__ | _stand_ins.get(function.__module__, {})
+    if single and not double:
+        known = known | {"float": precision}
     for name in _names(function.__code__):
         if name in known:
-            names[name] = _on_device(known[name], precision, single)
+            names[name] = _on_device(known[name], precision, single, double)
     code = _with_constants(function.__code__) if single else function.__code__
     return FunctionType(
         code, function.__globals__ | names, function.__name__, function.__defaults__, function.__closure__
@@ -104,15 +117,15 @@ def _names(code):
             yield from _names(constant)
 
 
-def _on_device(value, precision, single):
+def _on_device(value, precision, single, double):
     """What stands for the global `value` on the device."""
     if isinstance(value, Part):
-        return value.of(precision)
+        return value.of(precision, double)
     if value is real:
         return precision
     plain = getattr(value, "py_func", value)
     if isinstance(plain, FunctionType) and (plain is not value or plain.__module__.startswith(KERNELS)):
-        return _device_function(plain, precision, False)
+        return _device_function(plain, precision, precision is np.float32 and not double, double)
     if single and not isinstance(value, (ModuleType, type)):
         return _single(value)
     return value
@@ -124,7 +137,9 @@ def _with_constants(code):
 
 
 def _single(value):
-    """The float, or the floats in the tuple, `value` as float32; anything else as it is."""
+    """The float, or the floats in the tuple, `value` as float32, SMALL if it is too small; anything else as it is."""
     if type(value) is tuple:
         return tuple(map(_single, value))
-    return np.float32(value) if type(value) is float else value
+    if type(value) is not float:
+        return value
+    return SMALL if 0.0 < value < SMALL else np.float32(value)

@@ -10,8 +10,10 @@ from typing import NamedTuple
     ROOM_PLACES, ROOM_ACTIVE, ROOM_TOUCHED, ROOM_DEPTH, RUN_ENTRIES,
 ) = range(16)  # fmt: skip
 NEEDS_ROOM = 100  # status in addition to the kernel's reasons: the host enlarges arrays and repeats the step
-# float64 entries: length of this step and time at its end [s]; time of the request and the one after it [s]
+# float64 entries: length of this step and time at its end [s]; time of the request and the one after it [s]. Kernels of
+# nodes read the first two in the precision of the points, from an array `now` of NOW_ENTRIES
 DT, END, UNTIL, AFTER, STAGE_ENTRIES = range(5)
+NOW_ENTRIES = 2
 
 
 class Launch(NamedTuple):

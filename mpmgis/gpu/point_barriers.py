@@ -6,7 +6,7 @@ that the loads, sums of these rows, always have one order.
 """
 
 import numpy as np
-from numba import cuda, int32
+from numba import cuda, float64, int32
 
 from ..kernels import point_barriers as entry
 from ..kernels.block_order import CHUNKS
@@ -22,11 +22,23 @@ from ..kernels.point_barriers import (
     column_flow,
 )
 from ..kernels.point_clock import STEP
-from ..kernels.point_faces import COLUMNS, FACE_BARRIER, LINE_ENTRIES, book_face, settle_face, weigh_column, weigh_rows
+from ..kernels.point_faces import (
+    COLUMNS,
+    FACE_BARRIER,
+    FACE_FIRST,
+    FACE_LOWEST,
+    LINE_ENTRIES,
+    book_face,
+    settle_face,
+    share_row,
+    top_of,
+    weigh_column,
+    weigh_rows,
+)
 from ..kernels.point_ground import Ground
 from ..kernels.point_nodes import hold_column
 from ..kernels.point_rows import BLOCK, NodeBlocks
-from .compiled import REGISTERS, Kernel, capped
+from .compiled import REGISTERS, Kernel, capped, in_double
 from .launch import DEPTH, DT, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 from .point_nodes import window_now
 
@@ -44,22 +56,36 @@ def weigh_flow(run, nodes, flows):
 
 
 @Kernel
+def share_face_rows(run, nodes, touched, slots, lowest, faces, lines, settings):
+    """Weigh and share the rows of smooth faces (see `kernels.point_faces`); a thread per row."""
+    if run[STATUS] != 0:
+        return
+    grid, window = NodeBlocks(nodes, touched, run[TOUCHED]), window_now(run, slots, lowest)
+    levels = lines.shape[1] - COLUMNS - 1
+    for e in range(cuda.grid(1), levels * faces.shape[0], cuda.gridsize(1)):
+        f = e // levels
+        k = e % levels + int(faces[f, FACE_FIRST])
+        if faces[f, FACE_BARRIER] > 0.0 and k >= int(faces[f, FACE_LOWEST]) and k <= top_of(faces[f], settings.dx):
+            share_row(f, k, grid, window, faces, lines)
+
+
+@Kernel
 def weigh_face_rows(
-    run, stage, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, face_yields, settings
+    run, now, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, face_yields, settings
 ):
-    """Weigh the rows of smooth faces (see `kernels.point_faces`); a thread per face."""
+    """Find the rows in contact with smooth faces (see `kernels.point_faces`); a thread per face."""
     if run[STATUS] != 0:
         return
     grid, ground = NodeBlocks(nodes, touched, run[TOUCHED]), Ground(ground_nodes, folds, exact)
     window = window_now(run, slots, lowest)
     for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
         if faces[f, FACE_BARRIER] > 0.0:
-            weigh_rows(f, grid, window, ground, faces, lines, face_yields, counts[STEP] + 1, stage[DT], settings)
+            weigh_rows(f, grid, window, ground, faces, lines, face_yields, counts[STEP] + 1, now[DT], settings)
 
 
 @Kernel
 def weigh_face_columns(
-    run, stage, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, yields, settings
+    run, now, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, yields, settings
 ):
     """Weigh the node columns of smooth faces at the ground (see `kernels.point_faces`); a thread per node column."""
     if run[STATUS] != 0:
@@ -69,12 +95,12 @@ def weigh_face_columns(
     for e in range(cuda.grid(1), COLUMNS * faces.shape[0], cuda.gridsize(1)):
         f, n = e // COLUMNS, e % COLUMNS
         if faces[f, FACE_BARRIER] > 0.0:
-            weigh_column(f, n, grid, window, ground, faces, lines, yields, counts[STEP] + 1, stage[DT], settings)
+            weigh_column(f, n, grid, window, ground, faces, lines, yields, counts[STEP] + 1, now[DT], settings)
 
 
 @Kernel
 def settle_faces(
-    run, stage, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, faces, lines, settings, contact,
+    run, now, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, faces, lines, settings, contact,
     zones, barrier,
 ):  # fmt: skip
     """Contact with smooth faces, and with the ground beside them (see `kernels.point_faces`); a thread per face."""
@@ -84,9 +110,7 @@ def settle_faces(
     window = window_now(run, slots, lowest)
     for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
         if faces[f, FACE_BARRIER] > 0.0:
-            settle_face(
-                f, grid, window, ground, zone_values, faces, lines, stage[DT], settings, contact, zones, barrier
-            )
+            settle_face(f, grid, window, ground, zone_values, faces, lines, now[DT], settings, contact, zones, barrier)
 
 
 @Kernel
@@ -109,9 +133,9 @@ def book_faces(
             )  # fmt: skip
 
 
-@capped(REGISTERS)
+@capped(double=REGISTERS)
 def hold_at_barriers(
-    run, stage, columns, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass,
+    run, now, columns, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass,
     flow, booked, reports, settings, contact, zones, barrier,
 ):  # fmt: skip
     """Contact node by node in the node `columns` int32[n, 2] that barriers stand on, from the lowest block upwards."""
@@ -132,11 +156,11 @@ def hold_at_barriers(
             if t >= 0:
                 hold_column(
                     t, columns[e, 0] % BLOCK, columns[e, 1] % BLOCK, grid, ground, zone_values, barriers, column_mass,
-                    flow, reports[cuda.grid(1)], booked, stage[DT], settings, contact, zones, barrier,
+                    flow, reports[cuda.grid(1)], booked, now[DT], settings, contact, zones, barrier,
                 )  # fmt: skip
 
 
-@Kernel
+@in_double
 def sum_booked(run, booked, start, sums):
     """Sum the rows of each barrier, `start` int64[barriers + 1] of `booked`, into `sums` float64[CHUNKS, barriers, .].
 
@@ -148,13 +172,13 @@ def sum_booked(run, booked, start, sums):
     for e in range(cuda.grid(1), CHUNKS * barriers * entries, cuda.gridsize(1)):
         c, b, k = e // (barriers * entries), e // entries % barriers, e % entries
         first, count = start[b], start[b + 1] - start[b]
-        total = 0.0
+        total = float64(0.0)
         for r in range(first + c * count // CHUNKS, first + (c + 1) * count // CHUNKS):
             total += booked[r, k]
         sums[c, b, k] = total
 
 
-@Kernel
+@in_double
 def collect_barriers(run, stage, report, sums):
     """Add the loads of a step to those of the run; one thread per barrier."""
     if run[STATUS] != 0:
@@ -172,20 +196,24 @@ class DeviceBarriers:
     faces : float64[n, FACE_ENTRIES]
     sums : float64[barriers, POINT_BARRIER_SUMS + 1]
     face_yields : float64[2, n + 2, levels + 2, YIELD_ENTRIES]
+    real : type
+        Precision of the points, in which all but sums are kept.
     """
 
-    def __init__(self, barriers, faces, sums, face_yields):
+    def __init__(self, barriers, faces, sums, face_yields, real):
         if not len(sums):
             barriers = np.zeros((1, 1, POINT_BARRIER_ENTRIES))
         columns, barriers, faces, start = own_rows(barriers, faces, len(sums))
         self.opens = bool((barriers[..., SHARE] > 0.0).any())  # is any node column partly open?
-        self.columns, self.values, self.faces, self.start = map(cuda.to_device, (columns, barriers, faces, start))
-        self.lines = cuda.device_array((len(faces), COLUMNS + face_yields.shape[2] - 1, LINE_ENTRIES), np.float64)
-        self.booked = cuda.to_device(np.zeros((int(start[-1]), POINT_BARRIER_SUMS)))
+        self.columns, self.start = cuda.to_device(columns), cuda.to_device(start)
+        self.values, self.faces = cuda.to_device(barriers.astype(real)), cuda.to_device(faces.astype(real))
+        self.lines = cuda.device_array((len(faces), COLUMNS + face_yields.shape[2] - 1, LINE_ENTRIES), real)
+        self.booked = cuda.to_device(np.zeros((int(start[-1]), POINT_BARRIER_SUMS), real))
         self.report = cuda.device_array((CHUNKS, len(sums), POINT_BARRIER_SUMS), np.float64)
-        self.sums, self.face_yields = (cuda.to_device(np.ascontiguousarray(values)) for values in (sums, face_yields))
+        self.sums = cuda.to_device(np.ascontiguousarray(sums))
+        self.face_yields = cuda.to_device(np.ascontiguousarray(face_yields, real))
         rows, width = barriers.shape[:2] if self.opens else (1, 1)
-        self.flow = cuda.to_device(np.zeros((rows, width, COLUMN_FLOW)))
+        self.flow = cuda.to_device(np.zeros((rows, width, COLUMN_FLOW), real))
 
 
 def own_rows(barriers, faces, count):

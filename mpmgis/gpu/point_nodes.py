@@ -4,7 +4,7 @@ What happens to a node, a node column or a block of nodes is the code of the CPU
 this module has the loops over them. Each thread has a report of its own, that of `kernels.point_nodes`.
 """
 
-from numba import cuda, float64, int32
+from numba import cuda, int32
 
 from ..kernels.point_barriers import BARRIER
 from ..kernels.point_clock import STEP
@@ -104,7 +104,7 @@ def spread_contact(run, masses, touched, slots, lowest, columns):
         if not _is_lowest(slots, place, touched[t, 2] - lowest[row, block_column, 0]):
             continue
         for entry in range(entries):
-            total = 0.0
+            total = real(0.0)
             for up in range(depth):
                 if slots[place + up] >= 0:
                     total += masses[slots[place + up], column * entries + entry]
@@ -125,11 +125,11 @@ def clear_contact(run, touched, columns):
 
 
 @Kernel
-def move_nodes(run, stage, nodes, settings):
+def move_nodes(run, now, nodes, settings):
     """Velocities at all nodes after gravity."""
     if run[STATUS] != 0:
         return
-    fall = stage[DT] * settings.gravity
+    fall = now[DT] * settings.gravity
     for e in range(cuda.grid(1), NODES * run[TOUCHED], cuda.gridsize(1)):
         t, n = e // NODES, 4 * (e % NODES)
         mass = nodes[t, n + NODE_MASS]
@@ -164,7 +164,7 @@ def find_contacts(run, nodes, touched, free, ground_nodes, folds, exact, barrier
 
 @Kernel
 def couple_layers(
-    run, stage, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass, layers,
+    run, now, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass, layers,
     reports, settings, contact, zones, barrier,
 ):  # fmt: skip
     """Voellmy's drag and links between layers; `layers` float64[threads, levels, LAYER_ENTRIES] are work arrays."""
@@ -179,13 +179,13 @@ def couple_layers(
     for e in range(c, COLUMNS * run[TOUCHED], min(layers.shape[0], cuda.gridsize(1))):
         couple_column(
             e // COLUMNS, e % COLUMNS, grid, window, ground, zone_values, barriers, column_mass, layers[c], reports[c],
-            stage[DT], settings, contact, zones, barrier,
+            now[DT], settings, contact, zones, barrier,
         )  # fmt: skip
 
 
-@capped(120)
+@capped(double=120)
 def press_on_ground(
-    run, stage, counts, nodes, touched, slots, lowest, free, ground_nodes, folds, exact, zone_values, barriers, yields,
+    run, now, counts, nodes, touched, slots, lowest, free, ground_nodes, folds, exact, zone_values, barriers, yields,
     reports, settings, contact, zones, barrier,
 ):  # fmt: skip
     """Contact with smooth ground, one multiplier for each node column (see `kernels.point_contact`)."""
@@ -199,7 +199,7 @@ def press_on_ground(
         if free[t] == 0:
             press_column(
                 t, e % COLUMNS, grid, window, ground, zone_values, barriers, yields, counts[STEP] + 1,
-                reports[cuda.grid(1)], stage[DT], settings, contact, zones, barrier,
+                reports[cuda.grid(1)], now[DT], settings, contact, zones, barrier,
             )  # fmt: skip
 
 
@@ -210,9 +210,9 @@ def _stands_on(barriers, touched, t, column):
     return barriers[min(j, barriers.shape[0] - 1), min(i, barriers.shape[1] - 1), BARRIER] > 0.0
 
 
-@capped(REGISTERS)
+@capped(double=REGISTERS)
 def hold_nodes(
-    run, stage, nodes, touched, free, ground_nodes, folds, exact, zone_values, barriers, column_mass, flow, booked,
+    run, now, nodes, touched, free, ground_nodes, folds, exact, zone_values, barriers, column_mass, flow, booked,
     reports, settings, contact, zones, barrier,
 ):  # fmt: skip
     """Contact node by node on folds and deep under the ground, in each column of blocks that are not `free`.
@@ -228,7 +228,7 @@ def hold_nodes(
         if free[t] == 0 and not (barrier.barrier_active() and _stands_on(barriers, touched, t, column)):
             hold_column(
                 t, column // BLOCK, column % BLOCK, grid, ground, zone_values, barriers, column_mass, flow,
-                reports[cuda.grid(1)], booked, stage[DT], settings, contact, zones, barrier,
+                reports[cuda.grid(1)], booked, now[DT], settings, contact, zones, barrier,
             )  # fmt: skip
 
 
@@ -248,7 +248,7 @@ def finish_nodes(run, nodes, touched, free, ground_nodes, folds, exact, reports,
 
 
 @Kernel
-def note_peaks(run, stage, nodes, touched, slots, lowest, ground_nodes, peaks, settings):
+def note_peaks(run, now, nodes, touched, slots, lowest, ground_nodes, peaks, settings):
     """Running peaks over the node columns (see `kernels.point_peaks`), a thread for each."""
     if run[STATUS] != 0:
         return
@@ -263,14 +263,14 @@ def note_peaks(run, stage, nodes, touched, slots, lowest, ground_nodes, peaks, s
             continue
         if not _is_lowest(slots, place, touched[t, 2] - lowest[row, column, 0]):
             continue
-        px = py = pz = mass = float64(0.0)
+        px = py = pz = mass = real(0.0)
         for up in range(depth):
             above = slots[place + up]
             if above >= 0:
                 for n in range(4 * own, BLOCK_SIZE, COLUMN_SUMS):
-                    here = float64(nodes[above, n + NODE_MASS])
+                    here = nodes[above, n + NODE_MASS]
                     px += here * nodes[above, n + NODE_X]
                     py += here * nodes[above, n + NODE_Y]
                     pz += here * nodes[above, n + NODE_Z]
                     mass += here
-        note_column_peaks(peaks, j, i, px, py, pz, mass, nodes, window, ground_nodes, stage[END], settings)
+        note_column_peaks(peaks, j, i, px, py, pz, mass, nodes, window, ground_nodes, now[END], settings)

@@ -30,7 +30,7 @@ from ..kernels.point_clock import STEP as STEPS
 from ..kernels.point_edges import STILL, THIN
 from ..kernels.point_nodes import FASTEST2
 from ..kernels.point_rows import BLOCK, GHOSTS, X, Y, Z
-from .compiled import Kernel, real
+from .compiled import in_double, real
 from .launch import AFTER, DT, END, STATUS, UNTIL
 from .point_steps import DENSE, GRADIENT, PUSH, SHIFT, STAY_POINT, STEP, STILL2, TURN2
 from .point_steps import STAY2_OF_ALL as STAY2
@@ -38,19 +38,19 @@ from .point_steps import STAY2_OF_ALL as STAY2
 GROUPS = 1024  # groups of threads whose reports are summed at the same time, before the CHUNKS of the CPU
 
 
-@Kernel
+@in_double
 def sum_node_reports(run, reports, sums):
     """Sum the node reports of a group of threads; one thread block per row of `sums`, one thread per entry."""
     if run[STATUS] != 0:
         return
     c, k, n, count = cuda.blockIdx.x, cuda.threadIdx.x, reports.shape[0], sums.shape[0]
-    total = 0.0
+    total = float64(0.0)
     for r in range(c * n // count, (c + 1) * n // count):
         total = max(total, reports[r, k]) if k == FASTEST2 else total + reports[r, k]
     sums[c, k] = total
 
 
-@Kernel
+@in_double
 def sum_point_reports(run, reports, sums):
     """As `sum_node_reports`, of points: sums, largest and smallest values, and places of what is largest."""
     if run[STATUS] != 0:
@@ -84,7 +84,7 @@ def sum_point_reports(run, reports, sums):
     sums[c, k] = total
 
 
-@Kernel
+@in_double
 def choose_step(run, stage, clock, counts, report, scales, settings):
     """Clock after the nodes moved, the length of the next step, and the numbers of this one; one thread."""
     if run[STATUS] != 0:
@@ -99,7 +99,7 @@ def choose_step(run, stage, clock, counts, report, scales, settings):
     scales[DENSE], scales[STILL2] = real(float64(THIN) * settings.density * dx * dx * dx), real(still * still)
 
 
-@Kernel
+@in_double
 def finish_step(run, stage, clock, counts, ledger, report, rows, keys, lowest, settings):
     """Clock, counts and ledger after the points moved, and reasons to stop; one thread."""
     if run[STATUS] != 0:

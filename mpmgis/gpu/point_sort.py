@@ -23,7 +23,7 @@ from ..kernels.point_clock import (
     WINDOW_FIRST,
 )
 from ..kernels.points import MOST_PLACES
-from .compiled import Kernel
+from .compiled import Kernel, in_double
 from .launch import (
     ACTIVE,
     DEPTH,
@@ -50,9 +50,9 @@ SCANNERS = 256  # threads of the scan over pieces
 STRIP = 8  # numbers of each row that are moved at a time when rows are put in order
 
 
-@Kernel
-def begin_step(run, stage, clock, counts):
-    """Reasons to stop before a step, the window of blocks and the length of the step; one thread."""
+@in_double
+def begin_step(run, stage, now, clock, counts):
+    """Reasons to stop before a step, the window of blocks, length and end of the step, also into `now`; one thread."""
     if run[STATUS] != 0:
         return
     if clock[TIME] >= stage[UNTIL]:
@@ -73,6 +73,7 @@ def begin_step(run, stage, clock, counts):
         run[STATUS] = NEEDS_ROOM
     stage[DT] = clock[STEP_NOW]
     stage[END] = stage[UNTIL] if clock[HITS] > 0.0 else clock[TIME] + clock[STEP_NOW]
+    now[DT], now[END] = stage[DT], stage[END]
 
 
 @Kernel

@@ -42,6 +42,7 @@ from .launch import (
     AFTER,
     DEPTH,
     NEEDS_ROOM,
+    NOW_ENTRIES,
     ROOM_ACTIVE,
     ROOM_DEPTH,
     ROOM_PLACES,
@@ -110,39 +111,51 @@ class DevicePoints:
         if self._launch.width > point_steps.MOST_THREADS:
             raise ValueError(f"Launch.width got {self._launch.width}; expected at most {point_steps.MOST_THREADS}")
         self._real = state.rows.dtype.type
-        transfer = type(effects.transfer)(*map(self._real, effects.transfer))
-        self.state, self._settings, self._effects = state, settings, effects._replace(transfer=transfer)
+        laws = {name: self._law(getattr(effects, name)) for name in ("transfer", "contact", "zones", "barrier")}
+        self.state, self._settings, self._effects = state, settings, effects._replace(**laws)
+        self._node_settings = self._law(settings)
         self._drags = effects.contact.drag_active()
         self._upload(places)
         self._make_reports()
         self._run = np.zeros(RUN_ENTRIES, np.int64)
         self._stage = np.zeros(STAGE_ENTRIES)
         self._d_run, self._d_stage = cuda.to_device(self._run), cuda.to_device(self._stage)
+        self._now = self._to_device(np.zeros(NOW_ENTRIES))
         self._grow()
+
+    def _law(self, values):
+        """`values`, a law or settings, with its floats in the precision of the points."""
+        return type(values)(*(self._real(value) if isinstance(value, float) else value for value in values))
+
+    def _to_device(self, values):
+        """An array of floats on the device, in the precision of the points."""
+        return cuda.to_device(np.ascontiguousarray(values, self._real))
 
     def _upload(self, places):
         """Copy state and map to the device."""
         state = self.state
-        for name in ("rows", "ids", "keys", "clock", "counts", "ledger", "peaks", "yields"):
+        for name in ("rows", "ids", "keys", "clock", "counts", "ledger"):
             setattr(self, f"_{name}", cuda.to_device(np.ascontiguousarray(getattr(state, name))))
+        self._peaks, self._yields = self._to_device(state.peaks), self._to_device(state.yields)
         n = len(state.rows)
         self._order, self._loose = cuda.device_array(n, np.int32), cuda.device_array(n, np.int32)
         self._strip = cuda.device_array((n, point_sort.STRIP), self._real)
         self._names = cuda.device_array((n, 2), np.int64)
         ground = places.ground
-        self._ground = tuple(map(cuda.to_device, map(np.ascontiguousarray, (ground.nodes, ground.folds, ground.exact))))
+        folds = cuda.to_device(np.ascontiguousarray(ground.folds))
+        self._ground = self._to_device(ground.nodes), folds, self._to_device(ground.exact)
         settings, nodes = self._settings, ground.nodes
         self._planes = cuda.to_device(point_steps.planes_of(nodes, settings.dx, self._real))
         self._domain = point_steps.Domain(settings.cells_x, settings.cells_y, settings.wall)
         self._rare, self._scales = cuda.device_array(n, np.uint8), cuda.device_array(point_steps.SCALES, self._real)
         self._lowest, self._inside = cuda.to_device(places.lowest), cuda.to_device(places.inside.astype(np.uint8))
-        self._zone_values = cuda.to_device(np.ascontiguousarray(places.zone_values))
+        self._zone_values = self._to_device(places.zone_values)
         watched = places.watched if places.watched.size else np.zeros((1, 1), np.uint8)
         self._watched = cuda.to_device(np.ascontiguousarray(watched.astype(np.uint8)))
         arrays = places.barriers, places.faces, state.barrier_sums, state.face_yields
-        self._barriers = point_barriers.DeviceBarriers(*arrays)
+        self._barriers = point_barriers.DeviceBarriers(*arrays, self._real)
         rows, columns = ground.nodes.shape[:2] if self._drags else (1, 1)
-        self._column_mass = cuda.to_device(np.zeros((rows, columns, COLUMN_MASSES)))
+        self._column_mass = self._to_device(np.zeros((rows, columns, COLUMN_MASSES)))
         self._units = left_units(
             state.left_cells, state.clock[entry.TOTAL_MASS], places.inside.shape, self._settings.dx
         )
@@ -153,7 +166,9 @@ class DevicePoints:
         """Reports of all threads, and the arrays in which they are summed."""
         threads = self._launch.workers * self._launch.width
         self._pieces = cuda.to_device(np.zeros((threads, 2), np.int64))
-        self._node_sums = [cuda.to_device(np.zeros((n, NODE_REPORT))) for n in self._summed(threads)]
+        threads, *fewer = self._summed(threads)
+        self._node_sums = [self._to_device(np.zeros((threads, NODE_REPORT)))]
+        self._node_sums += [cuda.to_device(np.zeros((n, NODE_REPORT))) for n in fewer]
         self._marks = cuda.device_array((threads, point_steps.MARKS), self._real)
         self._mark_counts = cuda.device_array((threads, point_steps.COUNTS), np.int32)
         nothing = np.zeros(point_steps.POINT_REPORT)
@@ -191,12 +206,12 @@ class DevicePoints:
                 cuda.device_array(size, np.uint8),
             )
             self._touched, self._sources = (cuda.device_array((size, k), np.int32) for k in (3, 8))
-            self._masses = cuda.device_array((size if self._drags else 1, BLOCK_COLUMNS), np.float64)
-            self._flows = cuda.device_array((size if self._barriers.opens else 1, BLOCK_FLOW), np.float64)
+            self._masses = cuda.device_array((size if self._drags else 1, BLOCK_COLUMNS), self._real)
+            self._flows = cuda.device_array((size if self._barriers.opens else 1, BLOCK_FLOW), self._real)
         if run[ROOM_DEPTH] != old[ROOM_DEPTH]:
             threads = min(self._launch.couplers, self._launch.workers * self._launch.width) if self._drags else 1
             levels = int(run[ROOM_DEPTH]) * BLOCK if self._drags else 1
-            self._layers = cuda.device_array((threads, levels, LAYER_ENTRIES), np.float64)
+            self._layers = cuda.device_array((threads, levels, LAYER_ENTRIES), self._real)
         run[STATUS] = 0
         self._d_run.copy_to_device(run)
 
@@ -257,7 +272,7 @@ class DevicePoints:
 
     def _sort(self):
         run, lowest, launch = self._d_run, self._lowest, self._launch
-        self._one(point_sort.begin_step, run, self._d_stage, self._clock, self._counts)
+        self._one(point_sort.begin_step, run, self._d_stage, self._now, self._clock, self._counts)
         self._all(point_sort.clear_window, run, self._histogram, self._flags)
         self._all(point_sort.count_points, run, self._counts, self._keys, self._histogram)
         self._all(point_sort.sum_pieces, run, self._histogram, self._pieces)
@@ -286,7 +301,7 @@ class DevicePoints:
         self._all(point_sort.note_order, run, self._counts, self._order)
 
     def _sum_to_nodes(self):
-        run, settings, launch = self._d_run, self._settings, self._launch
+        run, settings, launch = self._d_run, self._node_settings, self._launch
         points_to_grid.points_to_grid.of(self._real)[8 * launch.workers, launch.shares * points_to_grid.COLUMNS](
             run, self._rows, self._order, self._start, self._tiles
         )
@@ -297,7 +312,7 @@ class DevicePoints:
         if self._barriers.opens:
             self._all(point_barriers.weigh_flow, run, self._nodes, self._flows)
             self._spread(self._flows, self._barriers.flow)
-        self._all(point_nodes.move_nodes, run, self._d_stage, self._nodes, settings)
+        self._all(point_nodes.move_nodes, run, self._now, self._nodes, settings)
 
     def _spread(self, masses, columns):
         """Sum `masses` of blocks' node columns into `columns` of the ground."""
@@ -307,7 +322,7 @@ class DevicePoints:
 
     def _contact(self):
         """Ground, barriers, walls and layers; then peaks, and the length of the next step."""
-        run, stage, settings, ground = self._d_run, self._d_stage, self._settings, self._ground
+        run, now, settings, ground = self._d_run, self._now, self._node_settings, self._ground
         laws = settings, self._effects.contact, self._effects.zones, self._effects.barrier
         nodes, touched, slots, lowest = self._nodes, self._touched, self._slots, self._lowest
         reports, free, barred = self._node_sums[0], self._free, self._barriers
@@ -318,29 +333,30 @@ class DevicePoints:
         )  # fmt: skip
         if self._drags:
             self._all(
-                point_nodes.couple_layers, run, stage, nodes, touched, slots, lowest, *places, self._column_mass,
+                point_nodes.couple_layers, run, now, nodes, touched, slots, lowest, *places, self._column_mass,
                 self._layers, reports, *laws,
             )  # fmt: skip
         self._all(
-            point_nodes.press_on_ground, run, stage, self._counts, nodes, touched, slots, lowest, free, *places,
+            point_nodes.press_on_ground, run, now, self._counts, nodes, touched, slots, lowest, free, *places,
             self._yields, reports, *laws,
         )  # fmt: skip
         if self._barred and len(barred.faces):
             around, lines = (nodes, touched, slots, lowest, *ground), (barred.faces, barred.lines)
-            yields, now = (self._yields, barred.face_yields), (run, stage, self._counts)
-            self._all(point_barriers.weigh_face_rows, *now, *around, *lines, yields[1], settings)
-            self._all(point_barriers.weigh_face_columns, *now, *around, *lines, yields[0], settings)
-            self._all(point_barriers.settle_faces, run, stage, *around, self._zone_values, *lines, *laws)
+            yields, step = (self._yields, barred.face_yields), (run, now, self._counts)
+            self._all(point_barriers.share_face_rows, run, nodes, touched, slots, lowest, *lines, settings)
+            self._all(point_barriers.weigh_face_rows, *step, *around, *lines, yields[1], settings)
+            self._all(point_barriers.weigh_face_columns, *step, *around, *lines, yields[0], settings)
+            self._all(point_barriers.settle_faces, run, now, *around, self._zone_values, *lines, *laws)
             self._all(
                 point_barriers.book_faces, run, self._counts, *around, *lines, *yields, barred.booked, reports, settings
             )
         self._all(
-            point_nodes.hold_nodes, run, stage, nodes, touched, free, *places, self._column_mass, barred.flow,
+            point_nodes.hold_nodes, run, now, nodes, touched, free, *places, self._column_mass, barred.flow,
             barred.booked, reports, *laws,
         )  # fmt: skip
         if self._barred:
             self._all(
-                point_barriers.hold_at_barriers, run, stage, barred.columns, nodes, touched, slots, lowest, *places,
+                point_barriers.hold_at_barriers, run, now, barred.columns, nodes, touched, slots, lowest, *places,
                 self._column_mass, barred.flow, barred.booked, reports, *laws,
             )  # fmt: skip
         self._all(point_nodes.finish_nodes, run, nodes, touched, free, *ground, reports, settings)
@@ -349,16 +365,14 @@ class DevicePoints:
         if barred.opens:
             self._all(point_nodes.clear_contact, run, touched, barred.flow)
         if settings.keep_peaks:
-            self._all(
-                point_nodes.note_peaks, run, stage, nodes, touched, slots, lowest, ground[0], self._peaks, settings
-            )
+            self._all(point_nodes.note_peaks, run, now, nodes, touched, slots, lowest, ground[0], self._peaks, settings)
         self._add_up(point_reports.sum_node_reports, self._node_sums)
         if self._barred:
             self._all(point_barriers.sum_booked, run, barred.booked, barred.start, barred.report)
-            self._all(point_barriers.collect_barriers, run, stage, barred.report, barred.sums)
+            self._all(point_barriers.collect_barriers, run, self._d_stage, barred.report, barred.sums)
         self._one(
-            point_reports.choose_step, run, stage, self._clock, self._counts, self._node_sums[-1], self._scales,
-            settings,
+            point_reports.choose_step, run, self._d_stage, self._clock, self._counts, self._node_sums[-1],
+            self._scales, self._settings,
         )  # fmt: skip
 
     def _move_points(self):

@@ -26,7 +26,7 @@ from ..kernels.point_edges import (
 from ..kernels.point_ground import GROUND_DEEP
 from ..kernels.point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from . import point_steps as step
-from .compiled import Kernel, Part, real
+from .compiled import Part, capped, real
 from .launch import ACTIVE, STATUS
 from .point_places import lifted, way_out
 from .point_steps import (
@@ -85,18 +85,17 @@ def _variance(tile, x, y, z, u, v, w):
                 du, dv, dw = tile[uint32(at)] - u, tile[uint32(at + 1)] - v, tile[uint32(at + 2)] - w
                 du2, dv2, dw2 = du2 + wx[e] * du * du, dv2 + wx[e] * dv * dv, dw2 + wx[e] * dw * dw
             east, north, up = east + share * du2, north + share * dv2, up + share * dw2
-    return float64(east) + float64(north) + float64(up)
+    return east + north + up
 
 
 @Part
 def _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
     """Whether the affine velocity of a point is kept as it is (see `kernels.point_edges.limit_thin`)."""
-    dx, dense = settings.dx, scales[step.DENSE]
+    dx, dense = real(settings.dx), scales[step.DENSE]
     if not (near < dense and affine2 > scales[step.STILL2]):
         return True
-    x, y = float64(x), float64(y)
     west, south, east, north = edges
-    above, inside = _above_ground(x, y, float64(z), block, ground, dx), float64(FAR)
+    above, inside = _above_ground(x, y, z, block, ground, dx), real(FAR)
     if settings.wall:
         inside = min(min(x - west, y - south), min(east - x, north - y))
     if above < GRIPPED and inside > JET:
@@ -107,7 +106,7 @@ def _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
     return not near < dense * filled
 
 
-@Kernel
+@capped(single=112)
 def move_rare_points(
     run, scales, rows, keys, order, start, blocks, targets, nodes, ground, lowest, inside, left, units, rare,
     rare_blocks, marks, counts, reports, domain, settings, material, softening, transfer,
@@ -197,7 +196,7 @@ def _move(
     mine[entry.SPEED2_MAX] = max(mine[entry.SPEED2_MAX], float64(speed2))
     carried = 4.0 * mass
     if not _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
-        carried = carried * _limited(float64(affine2) / _variance(tile, x, y, z, u, v, w), affine2, mass, mine)
+        carried = carried * _limited(affine2 / _variance(tile, x, y, z, u, v, w), affine2, mass, mine)
     keep_affine(
         rows, p, carried, scales[step.PUSH] * mass, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz
     )

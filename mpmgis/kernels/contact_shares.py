@@ -20,9 +20,9 @@ LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
 @jit_inline
 def foot_of(height, dx):
     """(node level nearest to the ground at `height` [m], the ground's place above it in cells, -0.5 to 0.5)."""
-    place = height / dx + GHOSTS
+    place = height / dx + float(GHOSTS)
     level = int(place + 0.5)
-    return level, place - level
+    return level, place - float(level)
 
 
 @jit_inline
@@ -30,7 +30,8 @@ def spline_at(foot, offset):
     """Weight of the node `offset` (-1, 0 or 1) levels above the nearest one, at the ground's place `foot` [cells]."""
     if offset == 0:
         return 0.75 - foot * foot
-    return 0.5 * (0.5 + offset * foot) ** 2
+    half = 0.5 + float(offset) * foot
+    return 0.5 * (half * half)
 
 
 @jit_inline

@@ -69,6 +69,12 @@ def passing_share(flow, ground, barriers, j, i, per_metre, gravity, barrier):
 
 
 @jit_inline
+def _along(index, steps, step):
+    """Index of the node that is `steps` times `step` [cells] from the node `index`."""
+    return int(floor(float(index) + float(steps) * step + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
+
+
+@jit_inline
 def _flow_before(flow, ground, barriers, j, i, side, per_metre):
     """(thickness that the flow beside an opening would have here [m], its speed towards the opening [m s-1]).
 
@@ -76,9 +82,9 @@ def _flow_before(flow, ground, barriers, j, i, side, per_metre):
     """
     step_x, step_y = side * barriers[j, i, WALL_X], side * barriers[j, i, WALL_Y]
     thickness, speed = 0.0, 0.0
-    for k in range(1, LOOK):  # floor gives a float on CUDA devices
-        near_j, near_i = int(floor(j + k * step_y + 0.5)), int(floor(i + k * step_x + 0.5))  # noqa: RUF046
-        far_j, far_i = int(floor(j + (k + 1) * step_y + 0.5)), int(floor(i + (k + 1) * step_x + 0.5))  # noqa: RUF046
+    for k in range(1, LOOK):
+        near_j, near_i = _along(j, k, step_y), _along(i, k, step_x)
+        far_j, far_i = _along(j, k + 1, step_y), _along(i, k + 1, step_x)
         if min(near_j, near_i, far_j, far_i) < 0:
             break
         if max(near_j, far_j) >= flow.shape[0] or max(near_i, far_i) >= flow.shape[1]:
@@ -88,7 +94,7 @@ def _flow_before(flow, ground, barriers, j, i, side, per_metre):
         mass = flow[near_j, near_i, FLOW_MASS]
         if mass > 0.0:
             thickness = mass / per_metre
-            deeper = k * (thickness - flow[far_j, far_i, FLOW_MASS] / per_metre)
+            deeper = float(k) * (thickness - flow[far_j, far_i, FLOW_MASS] / per_metre)
             lower = ground[near_j, near_i, GROUND_HEIGHT] - ground[j, i, GROUND_HEIGHT]
             thickness += max(min(deeper, lower), 0.0)
             speed = -(flow[near_j, near_i, FLOW_X] * step_x + flow[near_j, near_i, FLOW_Y] * step_y) / mass

@@ -11,6 +11,7 @@ from .point_ground import fold_at, plane_at
 from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, RETURNED_WORK, edge_at, leaning_edge
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
+NO_MASS = 1e-300  # [kg] of a column's heaviest node, up to which there is no flow
 LEAST_SHARE = 0.35  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
 LAYER = 20.0  # [cells] thickness of the layer of ground, as stiff as the flow, that yields under it
 MOST_YIELD = 0.2  # [cells] by which the ground yields at most
@@ -67,9 +68,9 @@ def _mass_near(nodes, below, own, above, first, column, level):
     for offset in range(-2, 3):
         mass = _node_of(nodes, below, own, above, level + offset, first, column)[2]
         total += mass
-        moment += offset * mass
+        moment += float(offset) * mass
         heaviest = max(heaviest, mass)
-    return heaviest, moment / max(total, 1e-300)
+    return heaviest, moment / max(total, NO_MASS)
 
 
 @jit_borrowing
@@ -170,20 +171,21 @@ def carried_yield(before, step, j, i, east, north, weighed):
     yield no larger than `weighed` [m], that under the column's weight: ground pressed by a deep flow would throw up
     the thin front that it moves to.
     """
-    if before[j, i, YIELD_STEP] != step:
+    now = float(step)
+    if before[j, i, YIELD_STEP] != now:
         total = count = 0.0
         for jj, ii in ((j, i - 1), (j, i + 1), (j - 1, i), (j + 1, i)):
-            if before[jj, ii, YIELD_STEP] == step:
+            if before[jj, ii, YIELD_STEP] == now:
                 total += before[jj, ii, YIELD]
                 count += 1.0
         return min(total / max(count, 1.0), weighed)
     own = before[j, i, YIELD]
     behind = i - 1 if east > 0.0 else i + 1
     carried = own
-    if before[j, behind, YIELD_STEP] == step:
+    if before[j, behind, YIELD_STEP] == now:
         carried += abs(east) * (before[j, behind, YIELD] - own)
     behind = j - 1 if north > 0.0 else j + 1
-    if before[behind, i, YIELD_STEP] == step:
+    if before[behind, i, YIELD_STEP] == now:
         carried += abs(north) * (before[behind, i, YIELD] - own)
     return max(min(carried, max(own, weighed)), 0.0)
 
@@ -195,8 +197,9 @@ def weighed_yield(mass, heaviest, nz, settings):
     Of a flow many cells deep it is LAYER dx g h nz^2 / c^2 (h: thickness, nz: upward part of the ground's normal); at
     most MOST_YIELD cells.
     """
-    dx, cells = settings.dx, mass / heaviest
-    return min(LAYER * dx * dx * settings.gravity * cells * nz * nz / settings.signal_speed**2, MOST_YIELD * dx)
+    dx, cells, signal_speed = settings.dx, mass / heaviest, settings.signal_speed
+    yielded = LAYER * dx * dx * settings.gravity * cells * nz * nz / (signal_speed * signal_speed)
+    return min(yielded, MOST_YIELD * dx)
 
 
 @jit_inline
@@ -296,11 +299,11 @@ def press_column(
     if barrier.barrier_active() and barriers[jj, ii, ROWED] > 0.0:
         return
     heaviest, centre = _mass_near(nodes, below, t, above, first, column, level)
-    if heaviest <= 0.0:
+    if heaviest <= NO_MASS:
         return
     if centre < foot:  # sunk: the ground acts where the mass is
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
-        level, foot = level + lower, centre - lower
+        level, foot = level + lower, centre - float(lower)
     u, v, w, give, here, shares = _at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
     if here < LEAST_SHARE * heaviest or give <= 0.0:
         return

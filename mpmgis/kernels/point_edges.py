@@ -58,9 +58,9 @@ def _above_ground(x, y, z, block, ground, dx):
     """Distance [cells] of a place in a block from the plane of the ground at the nearest node."""
     i, j = int(x + 0.5) + block[0] * BLOCK, int(y + 0.5) + block[1] * BLOCK
     slope_x, slope_y = ground[j, i, GROUND_SLOPE_X], ground[j, i, GROUND_SLOPE_Y]
-    surface = ground[j, i, GROUND_HEIGHT] / dx + slope_x * (x + block[0] * BLOCK - i)
-    surface += slope_y * (y + block[1] * BLOCK - j)
-    return (z + block[2] * BLOCK - GHOSTS - surface) / sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+    surface = ground[j, i, GROUND_HEIGHT] / dx + slope_x * (x + float(block[0] * BLOCK - i))
+    surface += slope_y * (y + float(block[1] * BLOCK - j))
+    return (z + float(block[2] * BLOCK - GHOSTS) - surface) / sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
 
 
 @kernel_part

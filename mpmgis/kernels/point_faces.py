@@ -11,6 +11,7 @@ from .point_contact import (
     LAYER,
     LEAST_SHARE,
     MOST_YIELD,
+    NO_MASS,
     YIELD,
     YIELD_STEP,
     between_faces,
@@ -64,7 +65,7 @@ def _ground_under(ground, face, n, dx):
     j = int(face[FACE_J]) + (n - 1) * int(face[FACE_NORTH])
     i = int(face[FACE_I]) + (n - 1) * int(face[FACE_EAST])
     height, nx, ny, nz = plane_at(ground.nodes, j, i)
-    centre, spread = part_before((n - 1 - face[FACE_FOOT]) * face[FACE_OUT])
+    centre, spread = part_before((float(n - 1) - face[FACE_FOOT]) * face[FACE_OUT])
     height -= (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * face[FACE_OUT] * centre * dx
     spread_x, spread_y = (spread, 1.0) if face[FACE_EAST] == 1.0 else (1.0, spread)
     return j, i, height, nx, ny, nz, sqrt(spread_x * nx * nx + spread_y * ny * ny) / nz
@@ -110,7 +111,7 @@ def _weigh_line(nodes, slots, span, lowest, node, along, line):
 @jit_inline
 def _relative_masses(line):
     """Masses of the nodes of a line over that of the heaviest one [1], where there is one."""
-    whole = 1.0 / max(line[LINE_HEAVIEST], 1e-300)
+    whole = 1.0 / max(line[LINE_HEAVIEST], NO_MASS)
     return (
         whole * line[LINE_SHARES], whole * line[LINE_SHARES + 1], whole * line[LINE_SHARES + 2],
         whole * line[LINE_SHARES + 3], whole * line[LINE_SHARES + 4],
@@ -129,7 +130,7 @@ def _share_line(line, foot, shares):
             if abs(o) < 2:
                 here += spline_at(foot, o) * mass
     line[LINE_GIVE] = give
-    line[LINE_ON] = 1.0 if here >= LEAST_SHARE * heaviest and give > 0.0 else 0.0
+    line[LINE_ON] = 1.0 if heaviest > NO_MASS and here >= LEAST_SHARE * heaviest and give > 0.0 else 0.0
 
 
 @jit_borrowing
@@ -273,26 +274,38 @@ def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, ste
     line[LINE_YIELD] = carried_yield(before, step, j, i, u * dt / dx, v * dt / dx, weighed)
 
 
+@jit_inline
+def top_of(face, dx):
+    """Level of the highest row of a face."""
+    return int(face[FACE_TOP] / dx + float(GHOSTS))
+
+
+@jit_borrowing
+def share_row(f, k, grid, window, faces, lines):
+    """Weigh the row at level `k` of face `f`, and share it as contact across it."""
+    face = faces[f]
+    span = (window.west, window.south, window.width, window.height, window.depth)
+    line = lines[f, COLUMNS + k - int(face[FACE_FIRST])]
+    node, along = _row_of(face, k)
+    _weigh_line(grid.nodes, window.slots, span, window.lowest, node, along, line)
+    m0, m1, m2, m3, m4 = _relative_masses(line)
+    foot = face[FACE_FOOT] * face[FACE_OUT]
+    _share_line(line, foot, row_shares(foot, m0, m1, m2, m3, m4))
+
+
 @jit_borrowing
 def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step, dt, settings):
-    """Weigh all rows of a face, from its top down, and find how far it yielded at them; returns (lowest, highest).
+    """Find the rows in contact of a face, from its top down, and how far it yielded at them; returns (lowest, highest).
 
-    At and under the ground rows are in contact with those above them: their masses tell how the ground lies. Shares of
-    a row are those of a face across it.
+    At and under the ground rows are in contact with those above them: their masses tell how the ground lies.
     """
     dx, density, signal_speed = settings.dx, settings.density, settings.signal_speed
-    foot = face[FACE_FOOT] * face[FACE_OUT]
-    bottom, base = int(face[FACE_LOWEST]), int(face[FACE_FIRST])
-    top = int(face[FACE_TOP] / dx + GHOSTS)
+    bottom, base, top = int(face[FACE_LOWEST]), int(face[FACE_FIRST]), top_of(face, dx)
     stretch, first, last, above = FACE_LAYER * dx * settings.gravity / (signal_speed * signal_speed), top + 1, top, 0.0
-    deep = _ground_at(ground, face, dx) / dx + GHOSTS + 0.5
+    deep = _ground_at(ground, face, dx) / dx + float(GHOSTS) + 0.5
     for k in range(top, bottom - 1, -1):
         line = lines[COLUMNS + k - base]
-        node, along = _row_of(face, k)
-        _weigh_line(nodes, slots, span, lowest, node, along, line)
-        m0, m1, m2, m3, m4 = _relative_masses(line)
-        _share_line(line, foot, row_shares(foot, m0, m1, m2, m3, m4))
-        if k <= deep and first == k + 1 and first <= last and line[LINE_GIVE] > 0.0:
+        if float(k) <= deep and first == k + 1 and first <= last and line[LINE_GIVE] > 0.0:
             line[LINE_ON] = 1.0
         if line[LINE_ON] == 0.0:
             if first > last:
@@ -301,6 +314,7 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
         first = k
         above += line[LINE_HEAVIEST] / (density * dx * dx)
         if face[FACE_MU] > 0.0:
+            node, along = _row_of(face, k)
             u, v, w = _velocity_at(nodes, slots, span, lowest, node, along, line)
             sideways = v if face[FACE_EAST] == 1.0 else u
             weighed = min(stretch * above, MOST_YIELD * dx)
@@ -316,7 +330,7 @@ def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
     book_impulse(
         booked[int(face[FACE_BARRIER]) - 1], -part * jx, -part * jy, -part * jz,
-        part * (jx * face[FACE_X] + jy * face[FACE_Y]), face, FACE_ARM_X, (k - GHOSTS) * dx,
+        part * (jx * face[FACE_X] + jy * face[FACE_Y]), face, FACE_ARM_X, float(k - GHOSTS) * dx,
     )  # fmt: skip
     mine[BARRIER_WORK] -= jx * u + jy * v + jz * w
     nx, ny = face[FACE_X], face[FACE_Y]
@@ -341,7 +355,7 @@ def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
 
 @jit_borrowing
 def weigh_rows(f, grid, window, ground, faces, lines, face_yields, step, dt, settings):
-    """Weigh the rows of face `f`, find how far it yielded at them, and set SPAN_FIRST and SPAN_LAST."""
+    """Find the rows in contact of face `f`, after `share_row`, and how far it yielded; set SPAN_FIRST and SPAN_LAST."""
     nodes, slots, lowest, own = grid.nodes, window.slots, window.lowest, lines[f]
     window_span = (window.west, window.south, window.width, window.height, window.depth)
     before, span = face_yields[(step - 1) % 2], own[own.shape[0] - 1]
@@ -435,6 +449,8 @@ def press_on_faces(
         for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
             if faces[f, FACE_BARRIER] == 0.0:
                 continue
+            for k in range(int(faces[f, FACE_LOWEST]), top_of(faces[f], settings.dx) + 1):
+                share_row(f, k, grid, window, faces, lines)
             weigh_rows(f, grid, window, ground, faces, lines, face_yields, step, dt, settings)
             for n in range(COLUMNS):
                 weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, settings)

@@ -52,7 +52,7 @@ def _take(nodes, slots, place, depth, lowest, column, level, foot, full, top, la
         if count > 0 and k > level + 1 and before < HOLLOW * full and mass > before:
             break
         layers[count, SLOT], layers[count, PLACE], layers[count, LAYER_MASS] = slot, entry, mass
-        layers[count, HEIGHT] = k - level - foot
+        layers[count, HEIGHT] = float(k - level) - foot
         layers[count, AT_BED] = spline_at(foot, k - level) if k - level <= 1 else 0.0
         before, count = mass, count + 1
     return count

@@ -35,7 +35,7 @@ def column_contact(block, touched, t, j, i, ground, dx, clearance):
     touching = whole = 0.0
     for k in range(BLOCK):
         mass = block[((k * BLOCK + j) * BLOCK + i) * 4 + NODE_MASS]
-        away = ((k_first + k - GHOSTS) * dx - height) * flat
+        away = (float(k_first + k - GHOSTS) * dx - height) * flat
         if levels > 0:
             away = exact_at(ground.exact, first, lowest, levels, k_first + k)[0]
         touching += mass if away <= clearance else 0.0
@@ -155,7 +155,7 @@ def _is_near_ground(first, row, column, ground, dx):
     for j in range(BLOCK):
         for i in range(BLOCK):
             jj, ii = min(row * BLOCK + j, ground.nodes.shape[0] - 1), min(column * BLOCK + i, ground.nodes.shape[1] - 1)
-            if (first - GHOSTS - REACHED) * dx <= ground.nodes[jj, ii, GROUND_HEIGHT]:
+            if (float(first - GHOSTS) - REACHED) * dx <= ground.nodes[jj, ii, GROUND_HEIGHT]:
                 return True
             _, lowest, levels = fold_at(ground.folds, jj, ii)
             if levels > 0 and first < lowest + levels:
@@ -335,7 +335,7 @@ def hold_column(
         if levels > 0:
             away, nx, ny, nz = exact_at(ground.exact, first, lowest, levels, k_first + k)
         else:
-            away = ((k_first + k - GHOSTS) * dx - height) * nz
+            away = (float(k_first + k - GHOSTS) * dx - height) * nz
         if away <= touching:
             u1, v1, w1 = _on_ground(u, v, w, nx, ny, nz, law, drag)
             jx, jy, jz = mass * (u1 - u), mass * (v1 - v), mass * (w1 - w)
@@ -348,7 +348,7 @@ def hold_column(
             mine[FRICTION_WORK] -= work - into
             u, v, w = u1, v1, w1
         if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
-            height_here = (k_first + k - GHOSTS) * dx
+            height_here = float(k_first + k - GHOSTS) * dx
             u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], passing, booked, barrier)
             mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
             u, v, w = u1, v1, w1

@@ -15,19 +15,18 @@ LIMIT = 96  # registers of a kernel: 20 warps of 32 threads on a multiprocessor,
 # kernels that need more, by what their name begins with, for float32 points (or columns) and for float64 points
 MORE = {
     "grid_to_points": (LIMIT, 160),
-    "move_rare_points": (120, 176),
+    "move_rare_points": (112, 176),
     "points_to_grid": (LIMIT, 120),
-    "press_on_ground": (120, 120),
-    "weigh_face": (136, 136),
-    "settle_faces": (136, 136),
+    "press_on_ground": (LIMIT, 120),
+    "weigh_face": (LIMIT, 136),
+    "settle_faces": (LIMIT, 136),
     "columns_to_grid all": (LIMIT, 128),
     "grid_to_columns": (LIMIT, 160),
 }
-# kernels for float32 points that compute in double precision on purpose: nodes, ground, clock, sums, rare points
+# kernels for float32 points that compute in double precision on purpose: the clock, sums of a run, rare points
 IN_DOUBLE = (
-    *("begin_step", "weigh_contact", "spread_contact", "move_nodes", "find_contacts", "finish_nodes", "note_peaks"),
-    *("couple_layers", "press_on", "hold_", "weigh_f", "settle_faces", "book_faces", "sum_booked", "collect_barriers"),
-    *("sum_node_reports", "sum_point_reports", "choose_step", "finish_step", "move_rare_points"),
+    *("begin_step", "choose_step", "finish_step", "sum_node_reports", "sum_point_reports"),
+    *("sum_booked", "collect_barriers", "move_rare_points"),
 )
 
 
@@ -56,8 +55,8 @@ def kernels(precision):
 def needs(kernel, arguments, precision, folder):
     """Needs of a kernel for each of CAPABILITIES; types are inferred once."""
     function = kernel.python(PRECISIONS.get(precision, np.float64))
-    found = texts_of(function, arguments)
-    return [assembled(text, capability, folder, kernel.registers) for capability, text in found.items()]
+    found, most = texts_of(function, arguments), kernel.registers.get(PRECISIONS.get(precision, np.float64))
+    return [assembled(text, capability, folder, most) for capability, text in found.items()]
 
 
 def assembled(text, capability, folder, most=None):

@@ -11,8 +11,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LACK = "" if importlib.util.find_spec("numba_cuda") else "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
 # of places [cells] and of momentum, affine momentum, state, peaks, yields, outflow, impulses, losses and loads over the
 # largest of each: sums of the same numbers in another order, over a few steps
-TOLERANCE = {"float64": 1e-12, "float32": 1e-4}
-PLACES = {"float64": 1e-12, "float32": 2e-6}
+TOLERANCE = {"float64": 1e-12, "float32": 2e-4}
+PLACES = {"float64": 1e-12, "float32": 1e-5}  # the ground of the device is in the precision of the points
 COMPARED = (
     *("momentum", "affine", "state", "peaks", "yields", "ledger", "left", "impulse", "losses", "time"),
     *("barrier_sums", "face_yields"),

@@ -51,27 +51,24 @@ def array(kind, dimensions):
 
 def in_precision(law, real):
     """Type of `law` with parameters of `real`."""
-    return numba.typeof(type(law)(*map(real, law)))
+    return numba.typeof(type(law)(*(real(value) if isinstance(value, float) else value for value in law)))
 
 
 def signatures(real):
     """(name, kernel, types of its arguments) of all kernels for points of `real`."""
     number = numba.from_dtype(np.dtype(real))
     i4, i8, f8, byte = types.int32, types.int64, types.float64, types.uint8
-    run, stage, clock, counts = array(i8, 1), array(f8, 1), array(f8, 1), array(i8, 1)
+    run, stage, now, clock, counts = array(i8, 1), array(f8, 1), array(number, 1), array(f8, 1), array(i8, 1)
     rows, keys, order, start = array(number, 2), array(i8, 1), array(i4, 1), array(i8, 1)
     window, pieces, lowest, ids = array(i4, 1), array(i8, 2), array(i4, 3), array(types.uint64, 1)
     touched, sources, nodes, tiles = array(i4, 2), array(i4, 2), array(number, 2), array(number, 2)
-    ground, free, columns, reports = (
-        (array(f8, 3), array(i4, 3), array(f8, 2)),
-        array(byte, 1),
-        array(f8, 3),
-        array(f8, 2),
-    )
-    settings, places = numba.typeof(SETTINGS), (*ground, array(f8, 3), array(f8, 3))
-    zones, barrier = numba.typeof(NoZones()), numba.typeof(NoBarrier())
+    ground, free = (array(number, 3), array(i4, 3), array(number, 2)), array(byte, 1)
+    columns, reports, sums, yields = array(number, 3), array(number, 2), array(f8, 2), array(number, 4)
+    settings, of_nodes = numba.typeof(SETTINGS), in_precision(SETTINGS, real)
+    places = (*ground, array(number, 3), array(number, 3))
+    zones, barrier = in_precision(NoZones(), real), in_precision(NoBarrier(), real)
     for name, *arguments in (
-        ("begin_step", run, stage, clock, counts),
+        ("begin_step", run, stage, now, clock, counts),
         ("clear_window", run, window, window),
         ("count_points", run, counts, keys, window),
         ("sum_pieces", run, window, pieces),
@@ -91,49 +88,51 @@ def signatures(real):
     yield "points_to_grid", points_to_grid.points_to_grid, (run, rows, order, start, tiles)
     for name, *arguments in (
         ("gather_nodes", run, tiles, sources, nodes),
-        ("weigh_contact", run, nodes, touched, *ground, reports, settings),
+        ("weigh_contact", run, nodes, touched, *ground, reports, of_nodes),
         ("spread_contact", run, reports, touched, window, lowest, columns),
         ("clear_contact", run, touched, columns),
-        ("move_nodes", run, stage, nodes, settings),
-        ("find_contacts", run, nodes, touched, free, *ground, columns, reports, settings, barrier),
-        ("finish_nodes", run, nodes, touched, free, *ground, reports, settings),
-        ("note_peaks", run, stage, nodes, touched, window, lowest, ground[0], columns, settings),
+        ("move_nodes", run, now, nodes, of_nodes),
+        ("find_contacts", run, nodes, touched, free, *ground, columns, reports, of_nodes, barrier),
+        ("finish_nodes", run, nodes, touched, free, *ground, reports, of_nodes),
+        ("note_peaks", run, now, nodes, touched, window, lowest, ground[0], columns, of_nodes),
     ):
         yield name, getattr(point_nodes, name), arguments
-    walled = numba.typeof(Barrier())
+    walled = in_precision(Barrier(), real)
     yield "find_contacts_barred", point_nodes.find_contacts, (
-        run, nodes, touched, free, *ground, columns, reports, settings, walled,
+        run, nodes, touched, free, *ground, columns, reports, of_nodes, walled,
     )  # fmt: skip
     for label, barrier_type in (("", barrier), ("_barred", walled)):
         for name, law in CONTACTS.items():
-            laws = settings, numba.typeof(law), zones, barrier_type
+            laws = of_nodes, in_precision(law, real), zones, barrier_type
             given = nodes, touched, window, lowest
-            layers = "couple_layers", run, stage, *given, *places, columns, columns, reports, *laws
-            press = "press_on_ground", run, stage, counts, *given, free, *places, array(f8, 4), reports, *laws
-            hold = "hold_nodes", run, stage, nodes, touched, free, *places, columns, columns, reports, reports, *laws
+            layers = "couple_layers", run, now, *given, *places, columns, columns, reports, *laws
+            press = "press_on_ground", run, now, counts, *given, free, *places, yields, reports, *laws
+            hold = "hold_nodes", run, now, nodes, touched, free, *places, columns, columns, reports, reports, *laws
             for kernel, *arguments in (layers, press, hold):
                 yield f"{kernel}_{name}{label}", getattr(point_nodes, kernel), arguments
     for name, law in CONTACTS.items():
-        laws = settings, numba.typeof(law), zones, walled
+        laws = of_nodes, in_precision(law, real), zones, walled
         given = nodes, touched, window, lowest
-        settle = "settle_faces", run, stage, *given, *ground, array(f8, 3), reports, columns, *laws
-        hold = "hold_at_barriers", run, stage, touched, *given, *places, columns, columns, reports, reports, *laws
+        settle = "settle_faces", run, now, *given, *ground, columns, reports, columns, *laws
+        hold = "hold_at_barriers", run, now, touched, *given, *places, columns, columns, reports, reports, *laws
         for kernel, *arguments in (settle, hold):
             yield f"{kernel}_{name}", getattr(point_barriers, kernel), arguments
     around, lines = (nodes, touched, window, lowest, *ground), (reports, columns)
     for name, *arguments in (
-        ("weigh_face_rows", run, stage, counts, *around, *lines, array(f8, 4), settings),
-        ("weigh_face_columns", run, stage, counts, *around, *lines, array(f8, 4), settings),
-        ("book_faces", run, counts, *around, *lines, array(f8, 4), array(f8, 4), reports, reports, settings),
+        ("share_face_rows", run, nodes, touched, window, lowest, *lines, of_nodes),
+        ("weigh_face_rows", run, now, counts, *around, *lines, yields, of_nodes),
+        ("weigh_face_columns", run, now, counts, *around, *lines, yields, of_nodes),
+        ("book_faces", run, counts, *around, *lines, yields, yields, reports, reports, of_nodes),
         ("weigh_flow", run, nodes, reports),
-        ("sum_booked", run, reports, start, columns),
-        ("collect_barriers", run, stage, columns, reports),
+        ("sum_booked", run, reports, start, array(f8, 3)),
+        ("collect_barriers", run, stage, array(f8, 3), sums),
     ):
         yield name, getattr(point_barriers, name), arguments
-    yield "sum_node_reports", point_reports.sum_node_reports, (run, reports, reports)
-    yield "sum_point_reports", point_reports.sum_point_reports, (run, reports, reports)
-    yield "choose_step", point_reports.choose_step, (run, stage, clock, counts, reports, array(number, 1), settings)
-    finish = run, stage, clock, counts, reports, reports, rows, keys, lowest, settings
+    yield "sum_node_reports", point_reports.sum_node_reports, (run, reports, sums)
+    yield "sum_node_reports_again", point_reports.sum_node_reports, (run, sums, sums)
+    yield "sum_point_reports", point_reports.sum_point_reports, (run, sums, sums)
+    yield "choose_step", point_reports.choose_step, (run, stage, clock, counts, sums, array(number, 1), settings)
+    finish = run, stage, clock, counts, sums, sums, rows, keys, lowest, settings
     yield "finish_step", point_reports.finish_step, finish
     for label, (material, soft) in MATERIALS.items():
         laws = in_precision(material, real), in_precision(soft, real), in_precision(WholeGradient(), real)
@@ -142,5 +141,5 @@ def signatures(real):
         map_, domain = (lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
         arguments = *given, array(number, 3), *map_, *marks, domain, *laws
         yield f"grid_to_points_{label}", grid_to_points.grid_to_points, arguments
-        arguments = *given, ground[0], *map_, array(i8, 4), array(f8, 1), *marks, reports, domain, settings, *laws
+        arguments = *given, ground[0], *map_, array(i8, 4), array(f8, 1), *marks, sums, domain, settings, *laws
         yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments

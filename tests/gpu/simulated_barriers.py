@@ -96,7 +96,8 @@ BARRIERS = {
     "turned on a slope": lambda p: at_barrier(p, TURNED, degrees=30.0, x=58.6, speed=1.5),
 }
 KERNELS = {
-    "weigh_face_rows", "weigh_face_columns", "settle_faces", "book_faces", "hold_at_barriers", "sum_booked",
+    "share_face_rows", "weigh_face_rows", "weigh_face_columns", "settle_faces", "book_faces", "hold_at_barriers",
+    "sum_booked",
     "collect_barriers", "weigh_flow",
 }  # fmt: skip
 
