@@ -19,6 +19,7 @@ import numpy as np
 from numba import cuda
 
 from ..effects.barrier import NoBarrier
+from ..errors import SceneError
 from ..kernels import point_clock as entry
 from ..kernels.block_order import CHUNKS, LEFT_MASS
 from ..kernels.point_barriers import BLOCK_FLOW
@@ -57,6 +58,7 @@ from .launch import (
     Launch,
 )  # fmt: skip
 
+LAST_STEP = 1 << 24  # numbers of steps, kept with the yield of the ground, are exact in float32 up to here
 EXACT = 2.0**52  # whole numbers below it are exact in float64: sums of outflow pass between host and device unchanged
 COLUMNS = point_nodes.COLUMNS
 
@@ -219,6 +221,11 @@ class DevicePoints:
         """Advance to time `until` [s] or by `max_steps`; returns the reason to stop, as `kernels.points.advance`.
 
         `clock` and `counts` of the host state are current afterwards; the other arrays after `download`.
+
+        Raises
+        ------
+        SceneError
+            More than LAST_STEP steps of float32 points.
         """
         state, first = self.state, int(self.state.counts[entry.STEP])
         self._clock.copy_to_device(state.clock)
@@ -228,6 +235,7 @@ class DevicePoints:
         self._run[STATUS] = 0
         self._d_run.copy_to_device(self._run)
         while state.counts[entry.STEP] - first < max_steps:
+            self._require_exact_steps()
             for _ in range(min(self._launch.batch, int(max_steps - (state.counts[entry.STEP] - first)))):
                 self._step()
             self._d_run.copy_to_host(self._run)
@@ -240,6 +248,14 @@ class DevicePoints:
         if self._run[STATUS] != 0:
             return int(self._run[STATUS])
         return entry.REACHED_TIME if state.clock[entry.TIME] >= until else entry.RUNNING
+
+    def _require_exact_steps(self):
+        """Raise SceneError if the numbers of the next steps are not exact in the precision of the points."""
+        if self._real is np.float32 and self.state.counts[entry.STEP] + self._launch.batch >= LAST_STEP:
+            raise SceneError(
+                f"device = 'cuda' with precision = 'float32' takes at most {LAST_STEP} steps, which are reached at "
+                f"t = {self.state.clock[entry.TIME]:g} s; continue with --resume --device cpu"
+            )
 
     def download(self):
         """Copy all that changes into the arrays of the host state.

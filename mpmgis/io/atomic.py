@@ -43,6 +43,15 @@ def refuse_existing(path, overwrite):
     raise OutputError(f"{path} exists already; give another -o, or --overwrite to replace it")
 
 
+def refuse_other(path, what):
+    """Raise OutputError if `path` exists (a folder: and is not empty); it does not contain `what`, as "an ensemble"."""
+    path = Path(path)
+    refuse_link(path)
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return
+    raise OutputError(f"{path} exists and is not the folder of {what}, --overwrite will not remove it; give another -o")
+
+
 @contextmanager
 def whole_file(path):
     """Yield a temporary path next to `path`; it is renamed to `path` when the block succeeds.

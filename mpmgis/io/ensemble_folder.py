@@ -16,7 +16,7 @@ import rasterio
 from ..errors import FormatError, OutputError, one_line
 from ..scene.text import toml_value
 from ..terrain.grid import Grid
-from .atomic import output_error, refuse_existing, whole_file
+from .atomic import output_error, refuse_other, whole_file
 from .input_files import require_file, require_undisguised
 from .lock import LOCK_FILE, one_of, refuse_links, remove, sole_writer, within
 from .raster import band_values, grid_of, open_raster
@@ -157,7 +157,7 @@ class EnsembleFolder:
     def _refuse_filled(self):
         if self.path.is_dir() and all(entry.name == LOCK_FILE for entry in self.path.iterdir()):
             return
-        refuse_existing(self.path, overwrite=False)
+        refuse_other(self.path, "an ensemble")
 
     @property
     def members(self):

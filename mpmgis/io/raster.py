@@ -21,6 +21,7 @@ from .input_files import require_undisguised
 
 _SMALLEST_PIXEL, _FARTHEST = 1e-9, 1e14  # [m, or the map's unit]: side, and coordinate times number of pixels
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
+ONE_BAND = "extract one: rio stack {path} --bidx N -o one.tif"  # where no option chooses a band
 _VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
 
@@ -35,7 +36,7 @@ def read_raster(path, band=None, may_be_empty=False):
     """
     path = Path(path)
     with open_raster(path) as source:
-        band = band_number(source, path, band, option="a file with one band")
+        band = band_number(source, path, band, option=ONE_BAND)
         return band_values(source, path, band, may_be_empty), grid_of(source, path)
 
 
@@ -134,11 +135,11 @@ def _reason(error, path):
     return one_line(error).replace(str(path), path.name)[:120]
 
 
-def band_number(source, path, band, option="--dem-band N"):
+def band_number(source, path, band, option="choose the band of the elevation with --dem-band N"):
     """Number of the band to read (from 1); refuses palettes, other types than numbers, and an ambiguous choice."""
     if band is None:
         if source.count > 1:
-            raise InputError(f"{path} has {source.count} bands; choose the band of the values with {option}")
+            raise InputError(f"{path} has {source.count} bands; {option.format(path=path)}")
         band = 1
     if not 1 <= band <= source.count:
         raise InputError(f"{path}: got band {band}, but it has {source.count} (counted from 1)")

@@ -16,7 +16,7 @@ import shapely
 from ..errors import FormatError, InputError, OutputError, one_line
 from ..fields import BAND, MEMBER_BANDS, NODATA, Quantity
 from ..messages import log, muted
-from .atomic import output_error, refuse_existing, whole_file
+from .atomic import output_error, refuse_other, whole_file
 from .libraries import GEOPACKAGE, pyogrio
 from .lock import LOCK_FILE, one_of, refuse_links, sole_writer, within
 from .raster_output import BLOCK, LAYOUT, NAMESPACE, band_metadata, dataset_metadata, tag
@@ -256,7 +256,7 @@ class RegionFolder:
             return
         if not (self.path / RECORD_FILE).is_file():
             if not self.path.is_dir() or any(entry.name != LOCK_FILE for entry in self.path.iterdir()):
-                refuse_existing(self.path, overwrite=False)
+                refuse_other(self.path, "a region")
         elif self._recorded() != digest and not overwrite:
             raise OutputError(
                 f"{self.path} holds a region of another scene, DTM or other areas; give another -o, or --overwrite "

@@ -139,6 +139,8 @@ def _feature_thickness(table, names, path, wanted):
     if wanted.raster is not None:
         return [math.nan] * len(names)
     if wanted.number is not None:
+        if found := _usual_column(table):
+            log.info(f"{path}: a thickness of {wanted.number:g} m is used, column {found!r} is not")
         return [wanted.number] * len(names)
     column = _thickness_column(table, path, wanted.column)
     values = table.columns[column]
@@ -146,6 +148,12 @@ def _feature_thickness(table, names, path, wanted):
         raise InputError(f"{path}: column {column!r} contains {_kind(values)}, expected numbers (thickness in metres)")
     values = values.astype(float).tolist()
     return [require_thickness(v, f"{path}: '{name}', column {column!r}") for name, v in zip(names, values, strict=True)]
+
+
+def _usual_column(table):
+    """The first of USUAL_COLUMNS that the table has; None without one."""
+    lower = {c.lower(): c for c in reversed(list(table.columns))}
+    return next((lower[name] for name in USUAL_COLUMNS if name in lower), None)
 
 
 def _kind(values):
@@ -156,8 +164,7 @@ def _thickness_column(table, path, asked):
     """The thickness column: `asked`, or the first of USUAL_COLUMNS with a message."""
     columns = list(table.columns)
     if asked is None:
-        lower = {c.lower(): c for c in reversed(columns)}
-        found = next((lower[name] for name in USUAL_COLUMNS if name in lower), None)
+        found = _usual_column(table)
         if found is None:
             raise InputError(
                 f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness, "

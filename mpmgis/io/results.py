@@ -243,7 +243,8 @@ def _named_bands(path, ending=""):
                 bands[quantity.name] = BandSource(path, number, quantity)
         if not bands and source.count > 1:
             raise InputError(
-                f"{path} has {source.count} bands without names; extract one: rio stack {path} --bidx N -o one.tif"
+                f"{path} has {source.count} bands without names; if mpmgis wrote it, it is damaged: export it again; "
+                f"otherwise extract one: rio stack {path} --bidx N -o one.tif"
             )
     return bands
 

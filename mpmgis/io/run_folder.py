@@ -11,7 +11,7 @@ import rasterio
 
 from .. import __version__, system
 from ..errors import FormatError, OutputError, one_line
-from .atomic import is_left_over, output_error, refuse_existing, whole_file
+from .atomic import MARK, is_left_over, output_error, refuse_existing, whole_file
 from .frame_contents import require_restartable, result_after, stored
 from .frames import content_digest, drop_state, read_frame, set_digest, write_frame
 from .lock import LOCK_FILE, new_token, one_of, refuse_links, remove, require_free, sole_writer, status
@@ -79,11 +79,18 @@ class RunFolder:
         refuse_links(self.path, (LOCK_FILE, *FILES, *LEFT_OVER))
 
     def _refuse_other_content(self):
-        """Refuse to replace files with these names that were not written by a run."""
-        if self.path.is_dir() and next(self._entries(*FILES), None) and not _is_of_a_run(self.path / RECORD_FILE):
+        """Refuse to replace files with these names that were not written by a run, and to write into other results."""
+        if self.path.is_dir() and status(self.path / MARK) is not None and not _is_of_a_run(self.path / RECORD_FILE):
             raise OutputError(
-                f"{self.path} contains {next(self._entries(*FILES)).name} but no {RECORD_FILE} of a run, --overwrite "
-                "will not remove it; give another -o"
+                f"{self.path} contains other results of mpmgis (an export, for example), which a run would mix with "
+                "its own; give another -o"
+            )
+        if self.path.is_dir() and next(self._entries(*FILES), None) and not _is_of_a_run(self.path / RECORD_FILE):
+            record = self.path / RECORD_FILE
+            found = f"{record.name} is not the record of a run" if record.is_file() else f"there is no {record.name}"
+            raise OutputError(
+                f"{self.path} contains {next(self._entries(*FILES)).name}, but {found}; give another -o, or remove the "
+                "files of the run"
             )
         if self.path.is_dir():
             record = {}
@@ -185,7 +192,11 @@ class RunFolder:
             A frame with state was changed.
         """
         for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
-            if read_frame(path, with_state=False, with_particles=False).digest not in digests:
+            try:
+                digest = read_frame(path, with_state=False, with_particles=False).digest
+            except FormatError as error:
+                raise FormatError(f"{error}; remove it, and --resume continues from the frame before it") from error
+            if digest not in digests:
                 continue  # of an earlier run
             number = int(path.stem.rpartition("_")[2])
             if require_restartable(path, self._frame_path(number - 1)):

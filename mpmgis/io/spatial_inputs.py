@@ -213,7 +213,7 @@ def read_walls(path, terrain, width):
     table = read_table(path, flag="")
     kinds = table.kinds if table.geometry is not None else set()
     if not kinds or not kinds <= {"LineString", "MultiLineString"}:
-        if width is not None:
+        if width is not None and kinds & {"LineString", "MultiLineString", "Polygon", "MultiPolygon"}:
             raise InputError(f"{path} does not contain only lines, and width = {width:g} is for lines; remove width")
         return _features(path, require_polygons(table, path), terrain)
     if width is None:

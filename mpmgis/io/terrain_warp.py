@@ -32,7 +32,7 @@ from ..terrain.georeference import (
     same_place,
 )
 from ..terrain.grid import Grid
-from .raster import band_number, band_values, crs_of, open_raster, transform_of
+from .raster import ONE_BAND, band_number, band_values, crs_of, open_raster, transform_of
 
 USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
 UNIT_METRES = {  # unit type of a band -> metres
@@ -214,7 +214,7 @@ def reprojected_raster(path, target, resampling=Resampling.nearest):
     FormatError, GeoreferenceError, InputError
     """
     with open_raster(path) as source:
-        band = band_number(source, path, None, option="a file with one band")
+        band = band_number(source, path, None, option=ONE_BAND)
         own = Grid(horizontal(crs_of(source, path)), transform_of(source, path, local=True), source.shape)
         grid = metric_grid(own, target, path)
         values = read_warped(source, path, band, own.crs, grid, resampling, source.nodatavals[band - 1])

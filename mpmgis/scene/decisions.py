@@ -30,11 +30,19 @@ class Decision(NamedTuple):
 
     def line(self, cost=""):
         """One line for a table on the terminal; `cost` is a further cell before the reason."""
-        number = "" if self.indicator is None else f"{self.indicator:.3g}"
         threshold = "" if self.threshold is None else f"> {self.threshold:g}"
+        number = "" if self.indicator is None else _distinct(self.indicator, self.threshold)
         change = "" if self.runout_change is None else f"{100 * self.runout_change:+.0f} %"
         head = f"{self.effect:<16} {self.state:<4} {self.decided_by:<7} {number:>9} {threshold:<8}"
         return f"{head} {change:>8}{cost}  {self.reason}"
+
+
+def _distinct(number, threshold):
+    """`number` as text, with as many digits as it takes to differ from the `threshold`."""
+    digits = 3
+    while threshold is not None and number != threshold and digits < 9 and float(f"{number:.{digits}g}") == threshold:
+        digits += 1
+    return f"{number:.{digits}g}"
 
 
 class TerrainFacts(NamedTuple):

@@ -48,7 +48,10 @@ def check_together(scene, where):
             f"{output.end_time:g}; take a shorter one"
         )
     if output.end_time / output.frame_interval > 1e6:
-        raise SceneError(f"{where} [output]: more than a million frames; take a longer frame_interval")
+        raise SceneError(
+            f"{where} [output]: end_time = {output.end_time:g} and frame_interval = {output.frame_interval:g} give "
+            "more than a million frames; take an earlier end_time or a longer frame_interval"
+        )
     if output.arrival_thickness is not None and not output.maxima:
         raise SceneError(f"{where} [output]: arrival_thickness is kept only with maxima = true; add it, or take it out")
     for key in ("raster_cell_size", "raster_min_depth", "raster_products"):

@@ -107,7 +107,7 @@ def decide_flight(scene, facts, slots):
     """Whether a 3D phase should be thought of; never switched on by itself, it costs 100 to 1000 times more."""
     ratio = facts.detachment_ratio
     over = ratio > FLIGHT_THRESHOLD
-    word = "the ground falls away faster than the flow falls; a 3D run would follow it" if over else "the flow stays on"
+    word = "the flow takes off, which columns cannot follow; a 3D run is recommended" if over else "the flow stays on"
     reason = f"U^2 curvature / (g cos) over convex ground: {word}"
     return Decision("flight_3d", "off", "auto", ratio, FLIGHT_THRESHOLD, reason)
 

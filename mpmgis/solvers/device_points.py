@@ -40,7 +40,7 @@ class DevicePointSolver(PointSolver):
     _rows, _ids, _keys, _ledger, _left, _peaks, _yields, _barrier_sums, _face_yields = (OnDevice() for _ in range(9))
 
     def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
-        require_device(device_memory(len(frame.particles), numerics.precision, effects.material))
+        require_device(device_memory(len(frame.particles), numerics.precision, effects.material), "points")
         super().__init__(frame, terrain, effects, numerics, stress, zone_values, walls, affine)
 
     def download(self):

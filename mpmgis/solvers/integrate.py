@@ -18,7 +18,7 @@ import numpy as np
 from ..errors import UnphysicalError
 from ..terrain.reach import takes_off
 from .events import Events
-from .stepping import stepper_of
+from .stepping import end_reason, stepper_of
 
 if TYPE_CHECKING:
     import shapely
@@ -253,7 +253,7 @@ class TimeIntegration:
         if self.resumed:
             if events.ended == side.REACHED_TIME and solver.time < self.end_time:
                 events.ended = 0  # the run ended at an earlier end_time and is now continued
-            self.reason = side.END_REASONS.get(events.ended, "")
+            self.reason = end_reason(side, events.ended) if events.ended in side.END_REASONS else ""
             self._guard.keep(self._frame())
         else:
             events.let_in(solver)
@@ -268,7 +268,7 @@ class TimeIntegration:
             if code == side.REACHED_TIME:
                 code = side.at_frame(code)
             if code != side.REACHED_TIME or until >= self.end_time:
-                self.reason, events.ended = side.END_REASONS[code], code
+                self.reason, events.ended = end_reason(side, code), code
             yield from self._frames()
 
     def _frame_time(self, number):

@@ -2,6 +2,8 @@
 
 from time import perf_counter
 
+import numpy as np
+
 from ..kernels import column_clock
 from ..kernels import points as point_kernel
 from .coupled import OF_COLUMNS, CoupledSolver
@@ -10,6 +12,7 @@ from .points import PointSolver
 
 REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow is at rest below this share of its peak kinetic energy
 STOPPED_AT_REST = 100  # in addition to the reasons of the kernel
+STILL_FLOWS, FLOWING_SHARE = 1.0, 0.05  # [m s-1] and share of the mass, from which the reason to end mentions it
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
 NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
 COLUMN_REASONS = {
@@ -26,6 +29,17 @@ POINT_REASONS = {
     STOPPED_AT_REST: NEARLY_AT_REST,
     point_kernel.ALL_LEFT: ALL_LEFT,
 }
+
+
+def end_reason(stepper, code):
+    """The reason to end `code` in words; material that still flows when the flow is nearly at rest is mentioned."""
+    reason = stepper.END_REASONS[code]
+    if reason != NEARLY_AT_REST:
+        return reason
+    particles = stepper.moving()
+    fast = np.einsum("ij,ij->i", particles.velocity, particles.velocity) > STILL_FLOWS**2
+    share = particles.mass[fast].sum() / max(particles.mass.sum(), 1e-300)
+    return f"{reason}; {100 * share:.0f} % of the mass is still faster than 1 m/s" if share > FLOWING_SHARE else reason
 
 
 def stepper_of(solver):
@@ -50,6 +64,10 @@ class IntegratedColumns:
     def particles(self):
         """Number of columns on the terrain now."""
         return self.solver.columns
+
+    def moving(self):
+        """The Particles on the terrain now."""
+        return self.solver.frame().particles
 
     def advance(self, until, after, max_steps, may_stop):
         """Advance to `until` [s] or by `max_steps`; returns the kernel's reason to stop."""
@@ -101,6 +119,10 @@ class IntegratedPoints:
     def particles(self):
         """Number of points on the terrain now."""
         return self.solver.points
+
+    def moving(self):
+        """As for columns."""
+        return self.solver.frame().particles
 
     def advance(self, until, after, max_steps, may_stop):
         """Advance to `until` [s] (then `after` [s]) or by `max_steps`; returns the reason of the kernel."""
@@ -178,6 +200,10 @@ class IntegratedCoupled:
     def particles(self):
         """Number of points and columns on the terrain now."""
         return self.solver.particles
+
+    def moving(self):
+        """As for columns, of the points only, which determine the end."""
+        return self._points.moving()
 
     def advance(self, until, after, max_steps, may_stop):
         """Advance to `until` [s] (then `after` [s]) or by `max_steps` of the points; returns the reason."""

@@ -20,7 +20,7 @@ from ..experiments.calibration import Calibration, priors
 from ..experiments.posterior import FEWEST, Emulator, posterior, self_test, shares_of_scores
 from ..experiments.sampling_plan import JOINT
 from ..fields import Quantity
-from ..io.atomic import output_error, refuse_existing, whole_file
+from ..io.atomic import output_error, refuse_other, whole_file
 from ..io.ensemble_folder import MAPS, Members, read_members
 from ..io.tables import write_records
 from ..messages import log, muted
@@ -182,7 +182,7 @@ class _Study:
         self.priors, self.events = priors(request.vary, request.material), events_of(request)
         self.output = Path(request.output or Path(request.scene).parent / "calibration")
         if self.output.is_dir() and any(self.output.iterdir()) and not (self.output / "runs").is_dir():
-            refuse_existing(self.output, overwrite=False)
+            refuse_other(self.output, "a calibration")
         if request.samples < FEWEST:
             raise InputError(f"`samples` is {request.samples}, expected at least {FEWEST}")
         self.rounds, self.maps = [], {}

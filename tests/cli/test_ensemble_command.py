@@ -363,7 +363,7 @@ def test_plans_that_are_none_are_refused(site, tmp_path, capsys, text, words):
 def test_a_folder_with_something_else_is_refused(site, tmp_path, capsys):
     (tmp_path / "thesis.txt").write_text("mine")
     assert command(site, tmp_path, "--overwrite") == 2
-    assert (tmp_path / "thesis.txt").exists() and "exists already" in capsys.readouterr().err
+    assert (tmp_path / "thesis.txt").exists() and "is not the folder of an ensemble" in capsys.readouterr().err
 
 
 def test_what_takes_long_asks_first(tmp_path, capsys):

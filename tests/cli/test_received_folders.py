@@ -188,9 +188,21 @@ def test_overwrite_replaces_no_files_that_no_run_wrote(site, tmp_path, capsys, m
     for name in ("scene.toml", "terrain.tif", "barriers.csv", "frame_000000.h5"):
         (site / "project" / name).write_text(VICTIM)
     monkeypatch.chdir(site / "project")
-    assert refused(["run", "../scene.toml", "-o", ".", "--overwrite"], tmp_path, capsys, "but no run.json of a run")
+    words = ["run", "../scene.toml", "-o", ".", "--overwrite"]
+    assert refused(words, tmp_path, capsys, "but there is no run.json")
     (site / "project" / "run.json").write_text('{"format": "of another program"}')
-    assert refused(["run", "../scene.toml", "-o", ".", "--overwrite"], tmp_path, capsys, "but no run.json of a run")
+    assert refused(words, tmp_path, capsys, "but run.json is not the record of a run")
+
+
+def test_overwrite_mixes_no_run_into_an_export(site, tmp_path, capsys):
+    """Later commands would read the rasters of the old run."""
+    export = site / "results_gis"
+    (export / "rasters").mkdir(parents=True)
+    (export / ".mpmgis").touch()
+    (export / "rasters" / "results_max.tif").write_text(VICTIM)
+    words = ["run", site / "scene.toml", "-o", export, "--overwrite", "-q"]
+    assert refused(words, tmp_path, capsys, "contains other results of mpmgis", "give another -o")
+    assert sorted(path.name for path in export.iterdir()) == [".mpmgis", "rasters"]
 
 
 # ------------------------------------------------------------------------------------- the old run and the new one

@@ -19,8 +19,9 @@ from mpmgis.effects.contact import CoulombContact, VoellmyContact
 from mpmgis.effects.friction import FrictionZones
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.softening import softening
+from mpmgis.errors import SceneError
 from mpmgis.gpu.launch import Launch
-from mpmgis.gpu.points import DevicePoints, PointPlaces, PointState
+from mpmgis.gpu.points import LAST_STEP, DevicePoints, PointPlaces, PointState
 from mpmgis.kernels import point_clock as entry
 from mpmgis.kernels import point_rows as row
 from mpmgis.kernels.block_order import GONE
@@ -226,6 +227,13 @@ def reasons():
     gone = slab("float64")
     gone._counts[entry.ALIVE], gone._keys[:] = 0, GONE
     here["left"] = advanced(gone, 3) == entry.ALL_LEFT
+    late = begun(slab("float32"))
+    late._counts[entry.STEP] = LAST_STEP - 1
+    try:
+        device_of(late).advance(1e9, np.inf, 2)
+        here["too many steps"] = False
+    except SceneError as error:
+        here["too many steps"] = "--device cpu" in str(error)
     return here
 
 
