@@ -109,7 +109,7 @@ def variation(asked: object, where: str) -> Choice | Spread:
         return _spread("uniform", text.split(":"), text, where)
     if rest and len(head) > 1 and all(_number(part) is not None for part in rest.split(":")):
         close = difflib.get_close_matches(head, COUNTS, 1)
-        meant = f"; did you mean {close[0]}?" if close else ""
+        meant = f" (did you mean {close[0]}?)" if close else ""
         raise InputError(f"{where}: unknown distribution {head!r}{meant}; expected {FORMS}")
     return _choice(tuple(_value(part.strip()) for part in text.split(",")), text, where)
 

@@ -215,7 +215,7 @@ def _names(path, cells):
     for name in names:
         if name not in COLUMNS:
             close = difflib.get_close_matches(name, COLUMNS, 1)
-            meant = f"; did you mean {close[0]!r}?" if close else ""
+            meant = f" (did you mean {close[0]!r}?)" if close else ""
             if _is_number(name):
                 meant = "; the first line must name the columns"
             raise FormatError(f"{path}: unknown column {name!r}{meant}; it takes {takes}")

@@ -152,4 +152,4 @@ def meant(name, known):
     Short words differ by one letter and mean something else ("gpu" and "cpu"): two of three letters are not similar.
     """
     close = difflib.get_close_matches(str(name), list(map(str, known)), 1, LEAST_SIMILAR)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    return f" (did you mean {close[0]!r}?)" if close else ""

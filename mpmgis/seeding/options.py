@@ -140,6 +140,7 @@ def _require_choice(name, value, choices):
 DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore
 THICKNESS = (0.01, 100.0)  # [m]
 FEWEST_COLUMNS = 50
+MOST_MU, LEAST_XI = 1.2, 10.0  # of friction: tan 50 degrees [1]; drag of a dense forest [m s-2]
 
 
 class Fixes(NamedTuple):
@@ -148,6 +149,18 @@ class Fixes(NamedTuple):
     density: str
     thickness: str
     more: str
+
+
+def report_implausible_friction(parameters):
+    """Report each of the friction's `parameters` (name -> value) that is hardly meant; it is taken as it is."""
+    mu, xi = (parameters.get(name) for name in ("mu", "xi"))
+    if isinstance(mu, (int, float)) and mu > MOST_MU:
+        log.info(
+            f"[friction] mu = {mu:g}, usual is 0 to {MOST_MU:g}; it is the tangent of the friction angle: that of 20 "
+            "degrees is 0.36"
+        )
+    if isinstance(xi, (int, float)) and xi < LEAST_XI:
+        log.info(f"[friction] xi = {xi:g} m s-2, usual is {LEAST_XI:g} to 3000; check it and its unit")
 
 
 def report_implausible(count, density, thickness, fixes):

@@ -248,4 +248,4 @@ def test_the_catalogue_has_every_material(capsys):
 @pytest.mark.parametrize("got, suggested", [("gpu", ""), ("cuad", "cuda"), ("atuo", "auto")])
 def test_a_device_is_suggested_only_where_the_word_is_similar(got, suggested):
     """cpu is no suggestion for gpu, which means cuda."""
-    assert meant(got, ["cpu", "cuda", "auto"]) == (f"; did you mean {suggested!r}?" if suggested else "")
+    assert meant(got, ["cpu", "cuda", "auto"]) == (f" (did you mean {suggested!r}?)" if suggested else "")

@@ -20,8 +20,9 @@ source = "lava_falls_release.shp"
 thickness = {thickness}
 density = {density}
 [friction]
-law = "Coulomb"
-mu = 0.3
+law = "Voellmy"
+mu = {mu}
+xi = {xi}
 [numerics]
 cell_size = {cell_size}
 particles_per_cell = {per_cell}
@@ -79,6 +80,8 @@ def test_seed_of_usual_input_has_no_warning(tmp_path, capsys):
         ({}, []),
         ({"density": 20_000.0}, ["20000 kg m-3, usual is 100 to 3500; check [release] density"]),
         ({"thickness": 0.001}, ["mean thickness of the release", "check [release] thickness"]),
+        ({"mu": 5.0}, ["[friction] mu = 5, usual is 0 to 1.2", "the tangent of the friction angle"]),
+        ({"xi": 1.0}, ["[friction] xi = 1 m s-2, usual is 10 to 3000"]),
         (
             {"cell_size": 40.0, "per_cell": 1},
             ["columns carry the release", "[numerics] cell_size or more particles_per"],
@@ -88,7 +91,7 @@ def test_seed_of_usual_input_has_no_warning(tmp_path, capsys):
 def test_run_warns_before_its_first_step(tmp_path, values, words):
     for file in sample_folder().iterdir():
         shutil.copy(file, tmp_path)
-    usual = {"thickness": 5.0, "density": 2000.0, "cell_size": 10.0, "per_cell": 4}
+    usual = {"thickness": 5.0, "density": 2000.0, "cell_size": 10.0, "per_cell": 4, "mu": 0.3, "xi": 1000.0}
     (tmp_path / "scene.toml").write_text(SCENE.format(**usual | values))
     with collected() as said:
         prepare(tmp_path / "scene.toml")

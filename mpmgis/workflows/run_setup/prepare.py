@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...effects.friction import LAWS
 from ...effects.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ...errors import InputError, SceneError
 from ...experiments.numerical_parameters import default_courant_number
@@ -20,7 +21,7 @@ from ...messages import log, logged_once
 from ...scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ...scene.reading import check_together
 from ...scene.tables import DENSITY
-from ...seeding.options import Fixes, report_implausible
+from ...seeding.options import Fixes, report_implausible, report_implausible_friction
 from ...solvers.columns import ColumnNumerics
 from ...solvers.cost import MEMORY_SHARE
 from ...solvers.events import Events
@@ -384,3 +385,5 @@ def _check_release(particles, header, scene):
     if len(particles):
         thickness = particles.volume.sum() / particles.area.sum()
         report_implausible(len(particles), header["density"], thickness, fixes)
+    if scene.friction is not None and scene.friction.law in LAWS:
+        report_implausible_friction(scene.friction.parameters)
