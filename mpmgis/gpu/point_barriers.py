@@ -21,7 +21,7 @@ from ..kernels.point_barriers import (
     collect_point_barrier,
     column_flow,
 )
-from ..kernels.point_clock import STEP
+from ..kernels.point_clock import ROWS, STEP
 from ..kernels.point_faces import (
     COLUMNS,
     FACE_BARRIER,
@@ -29,6 +29,7 @@ from ..kernels.point_faces import (
     FACE_LOWEST,
     LINE_ENTRIES,
     book_face,
+    keep_before_face,
     settle_face,
     share_row,
     top_of,
@@ -39,7 +40,7 @@ from ..kernels.point_ground import Ground
 from ..kernels.point_nodes import hold_column
 from ..kernels.point_rows import BLOCK, NodeBlocks
 from .compiled import REGISTERS, Kernel, capped, in_double
-from .launch import DEPTH, DT, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
+from .launch import DEPTH, DT, HEIGHT, HELD, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 from .point_nodes import window_now
 
 
@@ -111,6 +112,16 @@ def settle_faces(
     for f in range(cuda.grid(1), faces.shape[0], cuda.gridsize(1)):
         if faces[f, FACE_BARRIER] > 0.0:
             settle_face(f, grid, window, ground, zone_values, faces, lines, now[DT], settings, contact, zones, barrier)
+
+
+@Kernel
+def keep_before_faces(run, counts, rows, keys, lowest, faces, barriers, settings):
+    """Move points out of smooth faces that they have passed (see `kernels.point_faces`); counts them in `run`."""
+    if run[STATUS] != 0:
+        return
+    for p in range(cuda.grid(1), counts[ROWS], cuda.gridsize(1)):
+        if keep_before_face(p, rows, keys, lowest, faces, barriers, settings.dx):
+            cuda.atomic.add(run, HELD, 1)
 
 
 @Kernel

@@ -404,6 +404,11 @@ class DevicePoints:
             rare_points.move_rare_points, run, self._scales, *blocks, self._ground[0], self._lowest, self._inside,
             self._left, self._d_units, *rare, self._point_sums[0], self._domain, settings, *laws,
         )  # fmt: skip
+        if self._barred and len(self._barriers.faces):
+            self._all(
+                point_barriers.keep_before_faces, run, self._counts, self._rows, self._keys, self._lowest,
+                self._barriers.faces, self._barriers.values, self._node_settings,
+            )  # fmt: skip
         self._add_up(point_reports.sum_point_reports, self._point_sums)
         self._one(
             point_reports.finish_step, run, stage, self._clock, self._counts, self._ledger, self._point_sums[-1],

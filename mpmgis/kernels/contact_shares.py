@@ -108,16 +108,13 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
 
 
 @jit_borrowing
-def row_shares(foot, m0, m1, m2, m3, m4):
-    """`contact_shares` at a barrier's face, with the moment reached by the nearest node and the next one in the flow.
+def row_shares(foot, rise, m0, m1, m2, m3, m4):
+    """`contact_shares` at a barrier's face, which leans by `rise` [1] along its rows.
 
-    The outer nodes have no share: they may belong to another face.
+    Shares of the outer nodes go to their neighbours, because the outer nodes may belong to another face.
     """
-    s1 = share_of_mass(foot + 1.0, 0.0, m1)
-    s3 = foot + s1
-    s2 = _held(1.0 - s1 - s3, MOST_RATIO * m2)
-    s1, s3 = _held(s1, MOST_RATIO * m1), _held(s3, MOST_RATIO * m3)
-    return _with_spline(_depth_of(foot, m0, m1, m2, m3, m4), foot, 0.0, s1, s2, s3, 0.0)
+    s0, s1, s2, s3, s4 = contact_shares(foot, rise, m0, m1, m2, m3, m4)
+    return 0.0, s0 + s1, s2, s3 + s4, 0.0
 
 
 @jit_inline

@@ -1,12 +1,13 @@
 """Contact of a 3D flow with barriers' smooth faces: one multiplier for each row of nodes (see `press_on_faces`)."""
 
-from math import sqrt
+from math import floor, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .block_order import CHUNKS
+from .block_order import CHUNKS, GONE
 from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, row_shares, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
-from .point_barriers import book_impulse
+from .point_barriers import ROWED, book_impulse
+from .point_blocks import key_column, key_level, key_row
 from .point_contact import (
     LAYER,
     LEAST_SHARE,
@@ -33,7 +34,7 @@ from .point_nodes import (
     leaning_edge,
     node_at,
 )
-from .point_rows import GHOSTS, NODE_X, NODE_Y, NODE_Z
+from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, X, Y, Z
 
 # of a face: node column nearest to it, direction of its rows, place from that node [cells], on which side the flow is,
 # unit normal, friction, 1 + number of the barrier (0: none, a gap between faces), place from the barrier's foot [m],
@@ -53,6 +54,7 @@ UPWARDS = (0, 0, 1)
 FACE_LAYER = 5.0  # [cells] thickness of the elastic layer of a face; a thicker one takes up load later
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
 SWEEPS = 40  # over the contacts of a face, at most
+FIRST_PLACE, LAST_PLACE = 0.5, 4.499999  # [cells] in a block, of the points that belong to it
 SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end
 
 
@@ -289,8 +291,9 @@ def share_row(f, k, grid, window, faces, lines):
     node, along = _row_of(face, k)
     _weigh_line(grid.nodes, window.slots, span, window.lowest, node, along, line)
     m0, m1, m2, m3, m4 = _relative_masses(line)
-    foot = face[FACE_FOOT] * face[FACE_OUT]
-    _share_line(line, foot, row_shares(foot, m0, m1, m2, m3, m4))
+    foot, across = face[FACE_FOOT] * face[FACE_OUT], _across(face)
+    rise = sqrt(max(1.0 - across * across, 0.0)) / across
+    _share_line(line, foot, row_shares(foot, rise, m0, m1, m2, m3, m4))
 
 
 @jit_borrowing
@@ -458,3 +461,53 @@ def press_on_faces(
             book_face(
                 f, grid, window, ground, faces, lines, yields, face_yields, step, report[c], barrier_report[c], settings
             )
+
+
+@jit_borrowing
+def keep_before_face(p, rows, keys, lowest, faces, barriers, dx):
+    """Move point `p` out of the smooth face that it has passed, along its normal; returns whether it was moved.
+
+    It stays in its block: what is missing follows in the next steps.
+    """
+    if keys[p] == GONE:
+        return False
+    row, column = key_row(keys[p]), key_column(keys[p])
+    j = min(row * BLOCK + int(floor(rows[p, Y] + 0.5)), barriers.shape[0] - 1)  # noqa: RUF046  (a float on CUDA devices)
+    i = min(column * BLOCK + int(floor(rows[p, X] + 0.5)), barriers.shape[1] - 1)  # noqa: RUF046
+    if barriers[j, i, ROWED] <= 0.0:
+        return False
+    face = faces[int(barriers[j, i, ROWED]) - 1]
+    level = key_level(keys[p]) + lowest[row, column, 0]
+    z = (float(rows[p, Z]) + float(level * BLOCK - GHOSTS)) * dx
+    if face[FACE_BARRIER] <= 0.0 or z > face[FACE_TOP]:
+        return False
+    east = float(rows[p, X]) + float(column * BLOCK - int(face[FACE_I])) - face[FACE_FOOT] * face[FACE_EAST]
+    north = float(rows[p, Y]) + float(row * BLOCK - int(face[FACE_J])) - face[FACE_FOOT] * face[FACE_NORTH]
+    into = -(east * face[FACE_X] + north * face[FACE_Y])
+    if not into > 0.0:
+        return False
+    rows[p, X] = min(max(float(rows[p, X]) + into * face[FACE_X], FIRST_PLACE), LAST_PLACE)
+    rows[p, Y] = min(max(float(rows[p, Y]) + into * face[FACE_Y], FIRST_PLACE), LAST_PLACE)
+    return True
+
+
+@jit_parallel
+def keep_before_faces(rows, keys, count, lowest, faces, barriers, dx, held):
+    """Move the first `count` points out of barriers' smooth faces that they have passed; returns how many.
+
+    The contact of nodes (`press_on_faces`) stops the mean flow at a face. Points of a fluid creep past it by fractions
+    of a cell, and in a pool that is at rest for long they would fill the barrier. Walls on the edges of the domain
+    hold points in the same way (`point_edges.keep_inside`).
+
+    Parameters
+    ----------
+    held : int64[CHUNKS]
+        Work array.
+    """
+    for c in prange(CHUNKS):
+        moved = 0
+        for p in range(c * count // CHUNKS, (c + 1) * count // CHUNKS):
+            if keep_before_face(p, rows, keys, lowest, faces, barriers, dx):
+                moved += 1
+        held[c] = moved
+    return held.sum()

@@ -44,6 +44,7 @@ from .point_clock import (
     STEP_NOW,
     TIME,
     TOTAL_MASS,
+    WALL_TOTAL,
     WATCHED_REACHED,
     WINDOW_FIRST,
     book_points_left,
@@ -53,7 +54,7 @@ from .point_clock import (
     set_next_step,
 )
 from .point_contact import press_on_ground
-from .point_faces import COLUMNS, LINE_ENTRIES, press_on_faces
+from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces
 from .point_layers import couple_layers
 from .point_nodes import (
     BLOCK_COLUMNS,
@@ -140,6 +141,15 @@ _press_on_faces = for_law(press_on_faces, -1, "barrier_active")
 
 
 @jit
+def _hold_before_faces(rows, keys, counts, clock, lowest, faces, barriers, dx, held, barrier):
+    """`keep_before_faces`, and the number of points that it moved."""
+    clock[WALL_TOTAL] += keep_before_faces(rows, keys, counts[ROWS], lowest, faces, barriers, dx, held)
+
+
+_keep_before_faces = for_law(_hold_before_faces, -1, "barrier_active")
+
+
+@jit
 def advance(
     rows, ids, keys, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
     inside, zone_values, barriers, yields, faces, face_yields, until, after, max_steps, settings, effects, watched,
@@ -159,7 +169,7 @@ def advance(
     node_report = np.zeros((CHUNKS, NODE_REPORT))
     barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], POINT_BARRIER_SUMS))
     face_lines = np.zeros((faces.shape[0], COLUMNS + face_yields.shape[2] - 1, LINE_ENTRIES))
-    bounds = np.zeros(CHUNKS + 1, np.int64)
+    bounds, held = np.zeros(CHUNKS + 1, np.int64), np.zeros(CHUNKS, np.int64)
     column_sums = np.zeros((CHUNKS, COLUMN_SUMS))
     histogram, slot, touched_slot, block, start = _sort_arrays(16)
     room = 64
@@ -265,6 +275,8 @@ def advance(
             points, blocks, nodes, surface, report, settings, dt, clock[STEP_NOW], effects.material, effects.softening,
             effects.transfer,
         )  # fmt: skip
+        if barrier.barrier_active():
+            _keep_before_faces(rows, keys, counts, clock, lowest, faces, barriers, dx, held, barrier)
         counts[STEP] += 1
         clock[TIME] = end
         before = counts[ALIVE]

@@ -96,9 +96,8 @@ BARRIERS = {
     "turned on a slope": lambda p: at_barrier(p, TURNED, degrees=30.0, x=58.6, speed=1.5),
 }
 KERNELS = {
-    "share_face_rows", "weigh_face_rows", "weigh_face_columns", "settle_faces", "book_faces", "hold_at_barriers",
-    "sum_booked",
-    "collect_barriers", "weigh_flow",
+    *("share_face_rows", "weigh_face_rows", "weigh_face_columns", "settle_faces", "book_faces", "keep_before_faces"),
+    *("hold_at_barriers", "sum_booked", "collect_barriers", "weigh_flow"),
 }  # fmt: skip
 
 

@@ -43,7 +43,14 @@ def test_bits_depend_on_neither_launch_order_nor_pauses(found, case, precision):
 
 def test_only_what_the_barriers_need_is_launched(found):
     standing = {"hold_at_barriers", "sum_booked", "collect_barriers"}
-    faces = {"share_face_rows", "weigh_face_rows", "weigh_face_columns", "settle_faces", "book_faces"}
+    faces = {
+        "keep_before_faces",
+        "share_face_rows",
+        "weigh_face_rows",
+        "weigh_face_columns",
+        "settle_faces",
+        "book_faces",
+    }
     assert found["launched slab"] == []
     assert set(found["launched overtopping"]) == standing
     assert set(found["launched two barriers"]) == standing | faces

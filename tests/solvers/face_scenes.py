@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from test_points_catalogue import cauchy_stress, elastic
 
 from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.fluid import Fluid
 from mpmgis.particles import Frame, Particles
 from mpmgis.spatial.barriers import Wall
 
@@ -124,3 +125,27 @@ def along_wall(degrees, time, material, place=0.0, azimuth=0.0, friction=25.0, c
     exact = 0.5 * max(G * fall / np.sqrt(1.0 + fall**2) - mu * bears / solver.mass_start, 0.0) * time**2
     force = solver.balances()["barriers"]["dam"]["normal_impulse"] / time
     return ((sorted_points(solver).position - start) @ down).mean(), exact, force / bears, solver
+
+
+def pool_before_wall(seconds, place=0.3, material=None, long=16, wide=12, deep=5):
+    """(share of the mass more than a hundredth of a cell inside a wall, force on it over the exact one, solver).
+
+    A pool of `long` x `wide` x `deep` cells of 0.125 m is released 1.8 cells before a barrier, whose face lies `place`
+    [cells] behind a node, and washes against it. The force is the mean of the last fifth of the `seconds`.
+    """
+    cell = 0.125
+    face = (long + place) * cell
+    frame = filled(lambda x: 0.0, 0.0, face - 1.8 * cell, deep * cell, wide * cell, 0.5 * cell)
+    terrain = terrain_of(lambda x, y: 0.0 * x, (long + 8) * cell, wide * cell, cell)
+    fluid = material or Fluid(DENSITY * G * deep * cell * 100.0, 0.0, 0.0)
+    walls = (standing_wall(face, 6.0 * cell),)
+    solver = points_on(terrain, frame, cell, fluid, CoulombContact(0.0), walls=walls, edges="wall")
+    integrate_to(solver, 0.8 * seconds)
+    before = solver.balances()["barriers"]["dam"]["normal_impulse"]
+    integrate_to(solver, seconds)
+    force = (solver.balances()["barriers"]["dam"]["normal_impulse"] - before) / (0.2 * seconds)
+    mass, width = frame.particles.mass.sum(), wide * cell
+    level = mass / (DENSITY * face * width)
+    now = solver.frame().particles
+    inside = now.mass[now.position[:, 0] > face + 0.01 * cell].sum() / mass
+    return inside, force / (0.5 * DENSITY * G * level**2 * width), solver

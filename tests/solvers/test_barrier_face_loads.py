@@ -6,7 +6,7 @@ import shapely
 from column_scenes import terrain_of
 from contact_scenes import SOIL as SLAB
 from exact_solutions import G
-from face_scenes import along_wall
+from face_scenes import along_wall, pool_before_wall
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.effects.fluid import Fluid
@@ -133,3 +133,11 @@ def test_a_run_goes_on_from_a_frame_as_if_it_had_not_stopped():
     again.restore(first.frame())
     integrate_to(again, 0.2)
     np.testing.assert_array_equal(sorted_points(again).position, sorted_points(whole).position)
+
+
+@pytest.mark.thorough
+def test_a_pool_that_washes_against_a_wall_stays_before_it():
+    """20 s, 5 cells deep, without viscosity: the load on the wall is that of water at rest (measured 0.993)."""
+    inside, force, _ = pool_before_wall(20.0)
+    assert inside == 0.0
+    assert force == pytest.approx(1.0, abs=0.03)

@@ -123,10 +123,10 @@ def test_a_filled_space_on_a_slope_gets_nearly_its_shares(foot, rise):
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.floats(-0.5, 0.5), st.tuples(*[MASS] * 5).filter(any))
-def test_shares_at_a_face_end_at_the_three_nodes_that_it_owns(foot, masses):
+@given(st.floats(-0.5, 0.5), st.floats(0.0, 1.0), st.tuples(*[MASS] * 5).filter(any))
+def test_shares_at_a_face_end_at_the_three_nodes_that_it_owns(foot, rise, masses):
     masses = np.array(masses) / max(masses)
-    shares = np.array(row_shares(foot, *masses))
+    shares = np.array(row_shares(foot, rise, *masses))
     assert shares.min() >= 0.0 and shares[0] == shares[4] == 0.0
     assert shares.sum() <= 1.0 + 1e-12
 
@@ -134,7 +134,7 @@ def test_shares_at_a_face_end_at_the_three_nodes_that_it_owns(foot, masses):
 @settings(max_examples=100, deadline=None)
 @given(st.floats(-0.5, 0.5))
 def test_a_filled_space_before_a_face_gets_its_exact_shares(foot):
-    shares = row_shares(foot, *(mass_share(foot - k) for k in LEVELS))
+    shares = row_shares(foot, 0.0, *(mass_share(foot - k) for k in LEVELS))
     np.testing.assert_allclose(shares, [pressure_share(foot - k) for k in LEVELS], atol=1e-9)
 
 

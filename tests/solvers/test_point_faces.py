@@ -5,10 +5,18 @@ import pytest
 from contact_scenes import SOIL as SLAB
 from exact_solutions import G
 from face_scenes import CELL, DEEP, DENSITY, SOIL, along_wall, between_walls, mean_stress, resting_in
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from point_scenes import integrate_to
 
 from mpmgis.effects.fluid import Fluid
+from mpmgis.kernels import point_faces
+from mpmgis.kernels.block_order import CHUNKS
+from mpmgis.kernels.point_barriers import POINT_BARRIER_ENTRIES, ROWED
+from mpmgis.kernels.point_blocks import packed
 from mpmgis.kernels.point_contact import between_faces
+from mpmgis.kernels.point_faces import keep_before_faces
+from mpmgis.kernels.point_rows import GHOSTS, ROW_SHORT, X, Y, Z
 
 
 @pytest.mark.parametrize("across", [-1.0, -0.1, 0.0, 0.1])
@@ -91,3 +99,37 @@ def test_a_block_slides_along_a_wall(azimuth):
     assert 1.0 <= moved / exact <= 1.09 and force == pytest.approx(1.0, abs=0.03)
     moved, exact, force, _ = along_wall(24.0, 2.0, SLAB, azimuth=azimuth)
     assert exact == 0.0 and 0.0 <= moved <= 0.3 and force == pytest.approx(1.0, abs=0.05)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.floats(-44.0, 44.0), st.sampled_from([(1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1)]), st.floats(-0.5, 0.5),
+    st.tuples(*[st.floats(0.55, 4.45)] * 2), st.floats(0.0, 12.0), st.booleans(), st.sampled_from(["f4", "f8"]),
+)  # fmt: skip
+def test_points_that_have_passed_a_face_are_moved_back_onto_it(degrees, way, foot, place, height, gap, kind):
+    """Along its normal, within their block; not above the rows of the face, and not in a gap between faces."""
+    east, north, out = way
+    cos, sin, dx = np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0.5
+    nx, ny = (out * cos, sin) if east else (sin, out * cos)
+    i, j = (round(8.0 + place[axis]) for axis in (0, 1))  # the point is in block (2, 2)
+    face = np.zeros(point_faces.FACE_ENTRIES)
+    face[[point_faces.FACE_J, point_faces.FACE_I, point_faces.FACE_EAST, point_faces.FACE_NORTH]] = j, i, east, north
+    face[[point_faces.FACE_FOOT, point_faces.FACE_OUT, point_faces.FACE_X, point_faces.FACE_Y]] = foot, out, nx, ny
+    face[[point_faces.FACE_BARRIER, point_faces.FACE_TOP]] = 0.0 if gap else 1.0, 4.0
+    barriers = np.zeros((20, 20, POINT_BARRIER_ENTRIES))
+    barriers[j, i, ROWED] = 1.0
+    rows = np.zeros((1, ROW_SHORT), kind)
+    rows[0, [X, Y, Z]] = *place, 2.0
+    level = int(height)
+    keys, lowest = np.array([packed(2, 2, level)]), np.zeros((6, 6, 2), np.int32)
+    at = np.array(place) + 8.0 - [i, j] - np.multiply(foot, [east, north])
+    into = -(at @ [nx, ny])
+    within = (2.0 + 4 * level - GHOSTS) * dx <= 4.0 and not gap
+    before = rows.copy()
+    held = keep_before_faces(rows, keys, 1, lowest, face[None], barriers, dx, np.zeros(CHUNKS, np.int64))
+    if abs(into) < 1e-5:
+        return
+    assert held == (1 if within and into > 0.0 else 0)
+    wanted = np.clip(np.array(place) + max(into, 0.0) * np.array([nx, ny]), 0.5, 4.5) if held else before[0, [X, Y]]
+    np.testing.assert_allclose(rows[0, [X, Y]], wanted, atol=2e-6)
+    np.testing.assert_array_equal(np.delete(rows, [X, Y], axis=1), np.delete(before, [X, Y], axis=1))
