@@ -46,7 +46,7 @@ from .point_nodes import window_now
 
 @Kernel
 def weigh_flow(run, nodes, flows):
-    """Mass and momentum in each block's node columns, into `flows` float64[blocks, BLOCK_FLOW]."""
+    """Mass and momentum in each block's node columns, into `flows` real[blocks, BLOCK_FLOW]."""
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), BLOCK * BLOCK * run[TOUCHED], cuda.gridsize(1)):
@@ -115,12 +115,14 @@ def settle_faces(
 
 
 @Kernel
-def keep_before_faces(run, counts, rows, keys, lowest, faces, barriers, settings):
-    """Move points out of smooth faces that they have passed (see `kernels.point_faces`); counts them in `run`."""
+def keep_before_faces(run, counts, rows, keys, lowest, inside, faces, barriers, reports, settings):
+    """Move points back to smooth faces that they have passed (see `kernels.point_faces`); counts them in `run`."""
     if run[STATUS] != 0:
         return
     for p in range(cuda.grid(1), counts[ROWS], cuda.gridsize(1)):
-        if keep_before_face(p, rows, keys, lowest, faces, barriers, settings.dx):
+        if keep_before_face(
+            p, rows, keys, lowest, inside, faces, barriers, settings.dx, reports[cuda.grid(1)]
+        ):  # fmt: skip
             cuda.atomic.add(run, HELD, 1)
 
 

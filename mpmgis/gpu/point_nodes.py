@@ -75,7 +75,7 @@ def gather_nodes(run, tiles, sources, nodes):
 
 @Kernel
 def weigh_contact(run, nodes, touched, ground_nodes, folds, exact, masses, settings):
-    """Masses [kg] in each block's node columns, into `masses` float64[blocks, BLOCK_COLUMNS]."""
+    """Masses [kg] in each block's node columns, into `masses` real[blocks, BLOCK_COLUMNS]."""
     if run[STATUS] != 0:
         return
     ground = Ground(ground_nodes, folds, exact)
@@ -90,7 +90,7 @@ def weigh_contact(run, nodes, touched, ground_nodes, folds, exact, masses, setti
 
 @Kernel
 def spread_contact(run, masses, touched, slots, lowest, columns):
-    """Sum the blocks' `masses` from the lowest upwards into `columns` float64[rows, columns, entries] of the ground."""
+    """Sum the blocks' `masses` from the lowest upwards into `columns` real[rows, columns, entries] of the ground."""
     if run[STATUS] != 0:
         return
     width, depth, entries = run[WIDTH], run[DEPTH], columns.shape[2]
@@ -167,7 +167,7 @@ def couple_layers(
     run, now, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass, layers,
     reports, settings, contact, zones, barrier,
 ):  # fmt: skip
-    """Voellmy's drag and links between layers; `layers` float64[threads, levels, LAYER_ENTRIES] are work arrays."""
+    """Voellmy's drag and links between layers; `layers` real[threads, levels, LAYER_ENTRIES] are work arrays."""
     if run[STATUS] != 0:
         return
     grid = NodeBlocks(nodes, touched, run[TOUCHED])

@@ -192,6 +192,11 @@ class DevicePoints:
         ):  # fmt: skip
             if run[needed] > run[room] or not old[room]:
                 run[room] = max(int(run[needed]) * 3 // 2, least)
+        if self._drags and self._real is np.float32 and run[ROOM_TOUCHED] > LAST_STEP:
+            raise SceneError(
+                f"device = 'cuda' with precision = 'float32' and Voellmy's drag takes at most {LAST_STEP} blocks of "
+                "nodes; take larger cells, or precision = 'float64'"
+            )
         if run[ROOM_PLACES] != old[ROOM_PLACES]:
             size = int(run[ROOM_PLACES])
             self._histogram, self._flags, self._slots = (cuda.device_array(size, np.int32) for _ in range(3))
@@ -407,7 +412,7 @@ class DevicePoints:
         if self._barred and len(self._barriers.faces):
             self._all(
                 point_barriers.keep_before_faces, run, self._counts, self._rows, self._keys, self._lowest,
-                self._barriers.faces, self._barriers.values, self._node_settings,
+                self._inside, self._barriers.faces, self._barriers.values, self._point_sums[0], self._node_settings,
             )  # fmt: skip
         self._add_up(point_reports.sum_point_reports, self._point_sums)
         self._one(

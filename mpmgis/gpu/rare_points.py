@@ -2,7 +2,8 @@
 
 These are points whose affine velocity may be limited, whose strain exceeds the range of the series, that are stopped at
 a wall, leave, may be below the ground or are not finite. Their step is computed from the beginning, with what is in
-double precision in `kernels.point_edges` too. The reports of all points end here.
+double precision in `kernels.point_edges` too, but for the limit of affine velocities. The reports of all points end
+here.
 """
 
 from math import floor

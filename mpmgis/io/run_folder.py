@@ -54,8 +54,8 @@ class RunFolder:
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, expected a folder for the run; give another -o")
         self._overwrite, self._resumed, self._hold, self._stage = overwrite, False, None, None
-        self._refuse_filled()
         self._refuse_other_content()
+        self._refuse_filled()
         self.frames, self.result, self._passed = 0, "", None
 
     @classmethod
@@ -88,10 +88,7 @@ class RunFolder:
         if self.path.is_dir() and next(self._entries(*FILES), None) and not _is_of_a_run(self.path / RECORD_FILE):
             record = self.path / RECORD_FILE
             found = f"{record.name} is not the record of a run" if record.is_file() else f"there is no {record.name}"
-            raise OutputError(
-                f"{self.path} contains {next(self._entries(*FILES)).name}, but {found}; give another -o, or remove the "
-                "files of the run"
-            )
+            raise OutputError(f"{self.path} contains {next(self._entries(*FILES)).name}, but {found}; give another -o")
         if self.path.is_dir():
             record = {}
             with contextlib.suppress(FormatError):  # a damaged record is replaced

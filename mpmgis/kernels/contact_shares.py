@@ -111,7 +111,9 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
 def row_shares(foot, rise, m0, m1, m2, m3, m4):
     """`contact_shares` at a barrier's face, which leans by `rise` [1] along its rows.
 
-    Shares of the outer nodes go to their neighbours, because the outer nodes may belong to another face.
+    Shares of the outer nodes go to their neighbours, because the outer nodes may belong to another face. The moment
+    changes by their difference, and a neighbour may get more than MOST_RATIO times its mass. Before a face along the
+    grid with a full flow the outer nodes have no share.
     """
     s0, s1, s2, s3, s4 = contact_shares(foot, rise, m0, m1, m2, m3, m4)
     return 0.0, s0 + s1, s2, s3 + s4, 0.0

@@ -7,7 +7,7 @@ from .block_order import CHUNKS, GONE
 from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, row_shares, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import ROWED, book_impulse
-from .point_blocks import key_column, key_level, key_row
+from .point_blocks import key_column, key_level, key_row, packed
 from .point_contact import (
     LAYER,
     LEAST_SHARE,
@@ -21,6 +21,7 @@ from .point_contact import (
     weighed_yield,
     yielding_impulse,
 )
+from .point_edges import INSIDE, widen_window
 from .point_ground import plane_at
 from .point_nodes import (
     BARRIER_WORK,
@@ -54,7 +55,7 @@ UPWARDS = (0, 0, 1)
 FACE_LAYER = 5.0  # [cells] thickness of the elastic layer of a face; a thicker one takes up load later
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
 SWEEPS = 40  # over the contacts of a face, at most
-FIRST_PLACE, LAST_PLACE = 0.5, 4.499999  # [cells] in a block, of the points that belong to it
+MOST_BACK = 0.1  # [cells] by which a point that has passed a face is moved back in a step
 SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end
 
 
@@ -464,10 +465,12 @@ def press_on_faces(
 
 
 @jit_borrowing
-def keep_before_face(p, rows, keys, lowest, faces, barriers, dx):
-    """Move point `p` out of the smooth face that it has passed, along its normal; returns whether it was moved.
+def keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, mine):
+    """Move point `p` towards the smooth face that it has passed, along its normal; returns whether it was moved.
 
-    It stays in its block: what is missing follows in the next steps.
+    By at most MOST_BACK a step, and not over an edge of the domain. Faces with friction yield: the point may be behind
+    them by MOST_YIELD. Points that are more than a cell behind a face came another way and stay. `mine` is the report
+    of the chunk, whose window is widened to the point's block.
     """
     if keys[p] == GONE:
         return False
@@ -484,16 +487,34 @@ def keep_before_face(p, rows, keys, lowest, faces, barriers, dx):
     east = float(rows[p, X]) + float(column * BLOCK - int(face[FACE_I])) - face[FACE_FOOT] * face[FACE_EAST]
     north = float(rows[p, Y]) + float(row * BLOCK - int(face[FACE_J])) - face[FACE_FOOT] * face[FACE_NORTH]
     into = -(east * face[FACE_X] + north * face[FACE_Y])
-    if not into > 0.0:
+    back = into - MOST_YIELD if face[FACE_MU] > 0.0 else into
+    if not (back > 0.0 and into <= 1.0):
         return False
-    rows[p, X] = min(max(float(rows[p, X]) + into * face[FACE_X], FIRST_PLACE), LAST_PLACE)
-    rows[p, Y] = min(max(float(rows[p, Y]) + into * face[FACE_Y], FIRST_PLACE), LAST_PLACE)
+    back = min(back, MOST_BACK)
+    x, y = float(rows[p, X]) + back * face[FACE_X], float(rows[p, Y]) + back * face[FACE_Y]
+    cell_x, cell_y = x + float(column * BLOCK - GHOSTS), y + float(row * BLOCK - GHOSTS)
+    if not (cell_x >= INSIDE and cell_y >= INSIDE):
+        return False
+    if not (cell_x <= float(inside.shape[1]) - INSIDE and cell_y <= float(inside.shape[0]) - INSIDE):
+        return False
+    if inside[min(int(cell_y), inside.shape[0] - 1), min(int(cell_x), inside.shape[1] - 1)] == 0:
+        return False
+    blocks_east, blocks_north = int(floor((x - 0.5) * 0.25)), int(floor((y - 0.5) * 0.25))  # noqa: RUF046
+    rows[p, X], rows[p, Y] = x - float(BLOCK * blocks_east), y - float(BLOCK * blocks_north)
+    if blocks_east != 0 or blocks_north != 0:
+        row, column = row + blocks_north, column + blocks_east
+        up = level - lowest[row, column, 0]
+        if up < 0:
+            rows[p, Z] += float(BLOCK * up)
+            up = 0
+        keys[p] = packed(row, column, up)
+        widen_window(mine, row, column, up + lowest[row, column, 1])
     return True
 
 
 @jit_parallel
-def keep_before_faces(rows, keys, count, lowest, faces, barriers, dx, held):
-    """Move the first `count` points out of barriers' smooth faces that they have passed; returns how many.
+def keep_before_faces(rows, keys, count, lowest, inside, faces, barriers, dx, report, held):
+    """Move the first `count` points back to barriers' smooth faces that they have passed; returns how many.
 
     The contact of nodes (`press_on_faces`) stops the mean flow at a face. Points of a fluid creep past it by fractions
     of a cell, and in a pool that is at rest for long they would fill the barrier. Walls on the edges of the domain
@@ -501,13 +522,15 @@ def keep_before_faces(rows, keys, count, lowest, faces, barriers, dx, held):
 
     Parameters
     ----------
+    report : float64[CHUNKS, REPORT]
+        Of the points; its windows are widened.
     held : int64[CHUNKS]
         Work array.
     """
     for c in prange(CHUNKS):
         moved = 0
         for p in range(c * count // CHUNKS, (c + 1) * count // CHUNKS):
-            if keep_before_face(p, rows, keys, lowest, faces, barriers, dx):
+            if keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, report[c]):
                 moved += 1
         held[c] = moved
     return held.sum()

@@ -141,9 +141,12 @@ _press_on_faces = for_law(press_on_faces, -1, "barrier_active")
 
 
 @jit
-def _hold_before_faces(rows, keys, counts, clock, lowest, faces, barriers, dx, held, barrier):
+def _hold_before_faces(rows, keys, counts, clock, lowest, inside, faces, barriers, dx, report, held, barrier):
     """`keep_before_faces`, and the number of points that it moved."""
-    clock[WALL_TOTAL] += keep_before_faces(rows, keys, counts[ROWS], lowest, faces, barriers, dx, held)
+    if faces.shape[0] > 0:
+        clock[WALL_TOTAL] += keep_before_faces(
+            rows, keys, counts[ROWS], lowest, inside, faces, barriers, dx, report, held
+        )
 
 
 _keep_before_faces = for_law(_hold_before_faces, -1, "barrier_active")
@@ -276,7 +279,7 @@ def advance(
             effects.transfer,
         )  # fmt: skip
         if barrier.barrier_active():
-            _keep_before_faces(rows, keys, counts, clock, lowest, faces, barriers, dx, held, barrier)
+            _keep_before_faces(rows, keys, counts, clock, lowest, inside, faces, barriers, dx, report, held, barrier)
         counts[STEP] += 1
         clock[TIME] = end
         before = counts[ALIVE]

@@ -218,5 +218,5 @@ def _require_yields(check, solver):
     where, yields = YIELD_STATE
     columns = check.places(where, solver.yields[0, ..., 0].size)
     values = check.array(yields, np.float64, (len(columns),))
-    most = MOST_YIELD * solver.grid.cell_size * (1.0 + 1e-9)
+    most = MOST_YIELD * solver.grid.cell_size * (1.0 + 1e-6)
     check.within("the yield of the ground [m]", values, 0.0, most)

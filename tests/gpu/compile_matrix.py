@@ -26,7 +26,7 @@ MORE = {
 # kernels for float32 points that compute in double precision on purpose: the clock, sums of a run, rare points
 IN_DOUBLE = (
     *("begin_step", "choose_step", "finish_step", "sum_node_reports", "sum_point_reports"),
-    *("sum_booked", "collect_barriers", "move_rare_points"),
+    *("sum_booked", "collect_barriers", "move_rare_points", "keep_before_faces"),
 )
 
 

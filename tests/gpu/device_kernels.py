@@ -123,7 +123,7 @@ def signatures(real):
         ("weigh_face_rows", run, now, counts, *around, *lines, yields, of_nodes),
         ("weigh_face_columns", run, now, counts, *around, *lines, yields, of_nodes),
         ("book_faces", run, counts, *around, *lines, yields, yields, reports, reports, of_nodes),
-        ("keep_before_faces", run, counts, rows, keys, lowest, reports, columns, of_nodes),
+        ("keep_before_faces", run, counts, rows, keys, lowest, array(byte, 2), reports, columns, sums, of_nodes),
         ("weigh_flow", run, nodes, reports),
         ("sum_booked", run, reports, start, array(f8, 3)),
         ("collect_barriers", run, stage, array(f8, 3), sums),

@@ -14,8 +14,9 @@ from mpmgis.kernels import point_faces
 from mpmgis.kernels.block_order import CHUNKS
 from mpmgis.kernels.point_barriers import POINT_BARRIER_ENTRIES, ROWED
 from mpmgis.kernels.point_blocks import packed
-from mpmgis.kernels.point_contact import between_faces
-from mpmgis.kernels.point_faces import keep_before_faces
+from mpmgis.kernels.point_contact import MOST_YIELD, between_faces
+from mpmgis.kernels.point_faces import MOST_BACK, keep_before_faces
+from mpmgis.kernels.point_report import BLOCK_EAST, BLOCK_NORTH, REPORT
 from mpmgis.kernels.point_rows import GHOSTS, ROW_SHORT, X, Y, Z
 
 
@@ -101,35 +102,54 @@ def test_a_block_slides_along_a_wall(azimuth):
     assert exact == 0.0 and 0.0 <= moved <= 0.3 and force == pytest.approx(1.0, abs=0.05)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(
     st.floats(-44.0, 44.0), st.sampled_from([(1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1)]), st.floats(-0.5, 0.5),
-    st.tuples(*[st.floats(0.55, 4.45)] * 2), st.floats(0.0, 12.0), st.booleans(), st.sampled_from(["f4", "f8"]),
+    st.tuples(*[st.floats(0.55, 4.45)] * 2), st.floats(0.0, 12.0), st.sampled_from([0.0, 0.5]),
+    st.sampled_from(["", "gap", "edge", "hole"]), st.sampled_from(["f4", "f8"]),
 )  # fmt: skip
-def test_points_that_have_passed_a_face_are_moved_back_onto_it(degrees, way, foot, place, height, gap, kind):
-    """Along its normal, within their block; not above the rows of the face, and not in a gap between faces."""
+def test_points_that_have_passed_a_face_are_moved_back_onto_it(degrees, way, foot, place, height, mu, case, kind):
+    """Step by step along its normal, through blocks; not above its rows, in a gap, over an edge or onto a hole."""
     east, north, out = way
     cos, sin, dx = np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0.5
-    nx, ny = (out * cos, sin) if east else (sin, out * cos)
-    i, j = (round(8.0 + place[axis]) for axis in (0, 1))  # the point is in block (2, 2)
+    normal = np.array((out * cos, sin) if east else (sin, out * cos))
+    node = np.array([round(8.0 + place[axis]) for axis in (0, 1)])  # the point is in block (2, 2)
     face = np.zeros(point_faces.FACE_ENTRIES)
-    face[[point_faces.FACE_J, point_faces.FACE_I, point_faces.FACE_EAST, point_faces.FACE_NORTH]] = j, i, east, north
-    face[[point_faces.FACE_FOOT, point_faces.FACE_OUT, point_faces.FACE_X, point_faces.FACE_Y]] = foot, out, nx, ny
-    face[[point_faces.FACE_BARRIER, point_faces.FACE_TOP]] = 0.0 if gap else 1.0, 4.0
-    barriers = np.zeros((20, 20, POINT_BARRIER_ENTRIES))
-    barriers[j, i, ROWED] = 1.0
+    face[[point_faces.FACE_I, point_faces.FACE_J, point_faces.FACE_EAST, point_faces.FACE_NORTH]] = *node, east, north
+    face[[point_faces.FACE_FOOT, point_faces.FACE_OUT, point_faces.FACE_X, point_faces.FACE_Y]] = foot, out, *normal
+    face[[point_faces.FACE_BARRIER, point_faces.FACE_TOP, point_faces.FACE_MU]] = case != "gap", 4.0, mu
+    barriers = np.zeros((24, 24, POINT_BARRIER_ENTRIES))
+    barriers[..., ROWED] = 1.0
+    cells = 4 if case == "edge" else 16  # the edge is at 4 in the block
+    inside = np.ones((cells, cells), np.uint8) * (case != "hole")
     rows = np.zeros((1, ROW_SHORT), kind)
     rows[0, [X, Y, Z]] = *place, 2.0
-    level = int(height)
-    keys, lowest = np.array([packed(2, 2, level)]), np.zeros((6, 6, 2), np.int32)
-    at = np.array(place) + 8.0 - [i, j] - np.multiply(foot, [east, north])
-    into = -(at @ [nx, ny])
-    within = (2.0 + 4 * level - GHOSTS) * dx <= 4.0 and not gap
-    before = rows.copy()
-    held = keep_before_faces(rows, keys, 1, lowest, face[None], barriers, dx, np.zeros(CHUNKS, np.int64))
-    if abs(into) < 1e-5:
-        return
-    assert held == (1 if within and into > 0.0 else 0)
-    wanted = np.clip(np.array(place) + max(into, 0.0) * np.array([nx, ny]), 0.5, 4.5) if held else before[0, [X, Y]]
-    np.testing.assert_allclose(rows[0, [X, Y]], wanted, atol=2e-6)
-    np.testing.assert_array_equal(np.delete(rows, [X, Y], axis=1), np.delete(before, [X, Y], axis=1))
+    keys, lowest = np.array([packed(2, 2, int(height))]), np.zeros((6, 6, 2), np.int32)
+    begun = where(rows, keys)
+    into = -((begun - node - np.multiply(foot, [east, north])) @ normal)
+    yields = MOST_YIELD if mu else 0.0
+    holds = (2.0 + 4 * int(height) - GHOSTS) * dx <= 4.0 and case in ("", "edge")
+    for _ in range(12):
+        before, report = where(rows, keys), np.zeros((CHUNKS, REPORT))
+        report[:, [BLOCK_EAST, BLOCK_NORTH]] = -1.0
+        held = keep_before_faces(rows, keys, 1, lowest, inside, face[None], barriers, dx, report, np.zeros(CHUNKS, int))
+        moved = (where(rows, keys) - before) @ normal
+        assert moved == pytest.approx(min(max(into - yields, 0.0), MOST_BACK) if held else 0.0, abs=1e-5)
+        assert (rows[0, [X, Y]] >= 0.5 - 1e-6).all() and (rows[0, [X, Y]] <= 4.5 + 1e-6).all()
+        if keys[0] != packed(2, 2, int(height)) and held and (where(rows, keys) // 4 != before // 4).any():
+            assert report[:, [BLOCK_EAST, BLOCK_NORTH]].max() >= 1.0
+        into -= moved
+    now = where(rows, keys) - GHOSTS
+    if case == "edge" and (np.array(begun) - GHOSTS <= cells).all():
+        assert (now <= cells).all()
+    elif case != "edge":
+        into_first = -((begun - node - np.multiply(foot, [east, north])) @ normal)
+        reached = into_first <= 1.0 + 1e-6 and holds
+        if abs(into_first - 1.0) > 1e-5:
+            assert into == pytest.approx(min(into_first, yields) if reached else into_first, abs=1e-4)
+
+
+def where(rows, keys):
+    """float64[2]: place of a point, in cells from the first node of the grid."""
+    column, row = (int(keys[0]) >> 21) & 0x1FFFFF, int(keys[0]) >> 42
+    return rows[0, [X, Y]].astype(float) + 4.0 * np.array([column, row])

@@ -1,5 +1,7 @@
 """The 3D solver marched like columns: when it ends, what it says when it becomes unphysical, what a restart sees."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from column_scenes import terrain_of
@@ -17,6 +19,7 @@ from mpmgis.kernels.point_rows import PX
 from mpmgis.solvers.integrate import TimeIntegration
 from mpmgis.solvers.point_numerics import PointNumerics
 from mpmgis.solvers.points import PointSolver
+from mpmgis.solvers.stepping import NEARLY_AT_REST, end_reason
 
 SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
@@ -162,3 +165,13 @@ def test_points_are_seen_as_columns_of_their_cells():
     seen = standing(block_of((4, 4, 4), 0.5, (28, 28, 0)), FLAT, 2.0)
     np.testing.assert_allclose(seen.particles.thickness, 4.0)
     assert seen.particles.area.sum() == pytest.approx(16.0)
+
+
+@pytest.mark.parametrize("fast, words", [(0.04, ""), (0.2, "; 20 % of the mass is still faster than 1 m/s")])
+def test_the_reason_to_end_mentions_material_that_still_flows(fast, words):
+    velocity, mass = np.zeros((100, 3)), np.ones(100)
+    velocity[: round(100 * fast), 0] = 5.0
+    stepper = SimpleNamespace(
+        END_REASONS={1: NEARLY_AT_REST}, moving=lambda: SimpleNamespace(velocity=velocity, mass=mass)
+    )
+    assert end_reason(stepper, 1) == NEARLY_AT_REST + words
