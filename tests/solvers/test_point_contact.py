@@ -8,6 +8,8 @@ from test_points_catalogue import level
 
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import Elastic, drucker_prager
+from mpmgis.errors import FormatError
+from mpmgis.kernels.point_contact import MOST_YIELD
 
 
 @pytest.mark.parametrize("weighted", [False, True])
@@ -124,3 +126,15 @@ def test_what_falls_comes_to_rest_on_the_ground(layers, above):
     integrate_to(solver, 4.0)
     gap = sorted_points(solver).position[:, 2].min() - above - 0.25
     assert -0.02 <= gap <= 0.3
+
+
+@pytest.mark.parametrize("cell", [0.1, 0.125, 0.5, 1.0])
+def test_the_largest_yield_of_a_device_in_single_precision_can_be_resumed(cell):
+    """0.2 times the cell, both rounded to float32, is up to 1e-7 larger than 0.2 cells."""
+    solver = slab(30.0, 0.01, cell=cell, length=8 * cell)[3]
+    frame = solver.frame()
+    frame.state["yields"][:] = np.float32(MOST_YIELD) * np.float32(cell)
+    solver.restore(frame)
+    frame.state["yields"][0] *= 1.001
+    with pytest.raises(FormatError, match="the yield of the ground"):
+        solver.restore(frame)
