@@ -44,7 +44,7 @@ class Part:
 
     def of(self, precision, double):
         """What a kernel of `precision` (np.float32 or np.float64) calls; `double` as of the kernel."""
-        return _device_function(self.function, precision, precision is np.float32, double)
+        return _device_function(self.function, precision, double)
 
 
 class Kernel:
@@ -61,7 +61,7 @@ class Kernel:
 
     def python(self, precision):
         """The function that is compiled for `precision`; `cuda.compile_ptx` takes it without a driver."""
-        return _of_precision(self.function, precision, precision is np.float32, self.double)
+        return _of_precision(self.function, precision, self.double)
 
     def of(self, precision):
         """The kernel for points of `precision`, to be called as kernel[blocks, threads](...)."""
@@ -86,19 +86,23 @@ def in_double(function):
     return Kernel(function, double=True)
 
 
-def _device_function(function, precision, single, double):
+def _device_function(function, precision, double):
     """`function` for calls on the device; in the simulator a plain function."""
     known = function, precision, double
     if known not in _functions:
-        plain = _of_precision(function, precision, single, double)
+        plain = _of_precision(function, precision, double)
         _functions[known] = plain if SIMULATED else cuda.jit(device=True)(plain)
     return _functions[known]
 
 
-def _of_precision(function, precision, single, double):
-    """A copy of `function` whose functions are those of the device, with constants of single precision if `single`."""
+def _of_precision(function, precision, double):
+    """A copy of `function` whose functions are those of the device, with constants of `precision`.
+
+    If it is `double`, functions of `mpmgis.kernels` have constants of double precision.
+    """
+    single = precision is np.float32 and not (double and function.__module__.startswith(KERNELS))
     names, known = {}, function.__globals__ | _stand_ins.get(function.__module__, {})
-    if single and not double:
+    if precision is np.float32 and not double:
         known = known | {"float": precision}
     for name in _names(function.__code__):
         if name in known:
@@ -118,14 +122,14 @@ def _names(code):
 
 
 def _on_device(value, precision, single, double):
-    """What stands for the global `value` on the device."""
+    """What stands for the global `value` of a function on the device; a number is of single precision if `single`."""
     if isinstance(value, Part):
         return value.of(precision, double)
     if value is real:
         return precision
     plain = getattr(value, "py_func", value)
     if isinstance(plain, FunctionType) and (plain is not value or plain.__module__.startswith(KERNELS)):
-        return _device_function(plain, precision, precision is np.float32 and not double, double)
+        return _device_function(plain, precision, double)
     if single and not isinstance(value, (ModuleType, type)):
         return _single(value)
     return value

@@ -40,7 +40,7 @@ from ..kernels.point_ground import Ground
 from ..kernels.point_nodes import hold_column
 from ..kernels.point_rows import BLOCK, NodeBlocks
 from .compiled import REGISTERS, Kernel, capped, in_double
-from .launch import DEPTH, DT, HEIGHT, HELD, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
+from .launch import DEPTH, DT, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 from .point_nodes import window_now
 
 
@@ -116,14 +116,11 @@ def settle_faces(
 
 @Kernel
 def keep_before_faces(run, counts, rows, keys, lowest, inside, faces, barriers, reports, settings):
-    """Move points back to smooth faces that they have passed (see `kernels.point_faces`); counts them in `run`."""
+    """Move points back to smooth faces that they have passed (see `kernels.point_faces`); a thread per point."""
     if run[STATUS] != 0:
         return
     for p in range(cuda.grid(1), counts[ROWS], cuda.gridsize(1)):
-        if keep_before_face(
-            p, rows, keys, lowest, inside, faces, barriers, settings.dx, reports[cuda.grid(1)]
-        ):  # fmt: skip
-            cuda.atomic.add(run, HELD, 1)
+        keep_before_face(p, rows, keys, lowest, inside, faces, barriers, settings.dx, reports[cuda.grid(1)])
 
 
 @Kernel

@@ -21,7 +21,6 @@ from ..kernels.point_clock import (
     STEP_NOW,
     TIME,
     TOTAL_MASS,
-    WALL_TOTAL,
     WINDOW_FIRST,
     collect,
     collect_nodes,
@@ -32,7 +31,7 @@ from ..kernels.point_edges import STILL, THIN
 from ..kernels.point_nodes import FASTEST2
 from ..kernels.point_rows import BLOCK, GHOSTS, X, Y, Z
 from .compiled import in_double, real
-from .launch import AFTER, DT, END, HELD, STATUS, UNTIL
+from .launch import AFTER, DT, END, STATUS, UNTIL
 from .point_steps import DENSE, GRADIENT, PUSH, SHIFT, STAY_POINT, STEP, STILL2, TURN2
 from .point_steps import STAY2_OF_ALL as STAY2
 
@@ -107,8 +106,6 @@ def finish_step(run, stage, clock, counts, ledger, report, rows, keys, lowest, s
         return
     counts[STEPS] += 1
     clock[TIME] = stage[END]
-    clock[WALL_TOTAL] += run[HELD]
-    run[HELD] = 0
     before, dx = counts[ALIVE], settings.dx
     fastest2, most, p = clock[SPEED_WORST] * clock[SPEED_WORST], -1.0, int64(0)
     for c in range(report.shape[0]):

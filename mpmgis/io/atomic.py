@@ -34,22 +34,23 @@ def refuse_existing(path, overwrite):
 
     Links, pipes and devices are always refused.
     """
-    path = Path(path)
-    refuse_link(path)
-    if overwrite or not path.exists():
-        return
-    if path.is_dir() and not any(path.iterdir()):
-        return
-    raise OutputError(f"{path} exists already; give another -o, or --overwrite to replace it")
+    if _is_filled(path) and not overwrite:
+        raise OutputError(f"{path} exists already; give another -o, or --overwrite to replace it")
 
 
 def refuse_other(path, what):
     """Raise OutputError if `path` exists (a folder: and is not empty); it does not contain `what`, as "an ensemble"."""
+    if _is_filled(path):
+        raise OutputError(
+            f"{path} exists and is not the folder of {what}, --overwrite will not remove it; give another -o"
+        )
+
+
+def _is_filled(path):
+    """Whether `path` exists (a folder: and is not empty); a link is refused."""
     path = Path(path)
     refuse_link(path)
-    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        return
-    raise OutputError(f"{path} exists and is not the folder of {what}, --overwrite will not remove it; give another -o")
+    return path.exists() and not (path.is_dir() and not any(path.iterdir()))
 
 
 @contextmanager

@@ -35,6 +35,7 @@ from .point_nodes import (
     leaning_edge,
     node_at,
 )
+from .point_report import HELD_WALL
 from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, X, Y, Z
 
 # of a face: node column nearest to it, direction of its rows, place from that node [cells], on which side the flow is,
@@ -466,39 +467,39 @@ def press_on_faces(
 
 @jit_borrowing
 def keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, mine):
-    """Move point `p` towards the smooth face that it has passed, along its normal; returns whether it was moved.
+    """Move point `p` towards the smooth face that it has passed, along its normal.
 
     By at most MOST_BACK a step, and not over an edge of the domain. Faces with friction yield: the point may be behind
     them by MOST_YIELD. Points that are more than a cell behind a face came another way and stay. `mine` is the report
-    of the chunk, whose window is widened to the point's block.
+    of the chunk: points that are moved are counted as held, and its window is widened to their blocks.
     """
     if keys[p] == GONE:
-        return False
+        return
     row, column = key_row(keys[p]), key_column(keys[p])
     j = min(row * BLOCK + int(floor(rows[p, Y] + 0.5)), barriers.shape[0] - 1)  # noqa: RUF046  (a float on CUDA devices)
     i = min(column * BLOCK + int(floor(rows[p, X] + 0.5)), barriers.shape[1] - 1)  # noqa: RUF046
     if barriers[j, i, ROWED] <= 0.0:
-        return False
+        return
     face = faces[int(barriers[j, i, ROWED]) - 1]
     level = key_level(keys[p]) + lowest[row, column, 0]
     z = (float(rows[p, Z]) + float(level * BLOCK - GHOSTS)) * dx
     if face[FACE_BARRIER] <= 0.0 or z > face[FACE_TOP]:
-        return False
+        return
     east = float(rows[p, X]) + float(column * BLOCK - int(face[FACE_I])) - face[FACE_FOOT] * face[FACE_EAST]
     north = float(rows[p, Y]) + float(row * BLOCK - int(face[FACE_J])) - face[FACE_FOOT] * face[FACE_NORTH]
     into = -(east * face[FACE_X] + north * face[FACE_Y])
     back = into - MOST_YIELD if face[FACE_MU] > 0.0 else into
     if not (back > 0.0 and into <= 1.0):
-        return False
+        return
     back = min(back, MOST_BACK)
     x, y = float(rows[p, X]) + back * face[FACE_X], float(rows[p, Y]) + back * face[FACE_Y]
     cell_x, cell_y = x + float(column * BLOCK - GHOSTS), y + float(row * BLOCK - GHOSTS)
     if not (cell_x >= INSIDE and cell_y >= INSIDE):
-        return False
+        return
     if not (cell_x <= float(inside.shape[1]) - INSIDE and cell_y <= float(inside.shape[0]) - INSIDE):
-        return False
+        return
     if inside[min(int(cell_y), inside.shape[0] - 1), min(int(cell_x), inside.shape[1] - 1)] == 0:
-        return False
+        return
     blocks_east, blocks_north = int(floor((x - 0.5) * 0.25)), int(floor((y - 0.5) * 0.25))  # noqa: RUF046
     rows[p, X], rows[p, Y] = x - float(BLOCK * blocks_east), y - float(BLOCK * blocks_north)
     if blocks_east != 0 or blocks_north != 0:
@@ -509,28 +510,26 @@ def keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, mine):
             up = 0
         keys[p] = packed(row, column, up)
         widen_window(mine, row, column, up + lowest[row, column, 1])
-    return True
+    mine[HELD_WALL] += 1.0
 
 
 @jit_parallel
-def keep_before_faces(rows, keys, count, lowest, inside, faces, barriers, dx, report, held):
-    """Move the first `count` points back to barriers' smooth faces that they have passed; returns how many.
+def keep_before_faces(rows, keys, count, lowest, inside, faces, barriers, dx, report, barrier):
+    """Move the first `count` points back to barriers' smooth faces that they have passed.
 
     The contact of nodes (`press_on_faces`) stops the mean flow at a face. Points of a fluid creep past it by fractions
     of a cell, and in a pool that is at rest for long they would fill the barrier. Walls on the edges of the domain
-    hold points in the same way (`point_edges.keep_inside`).
+    hold points in the same way (`point_edges.keep_inside`), and both count in HELD_WALL.
 
     Parameters
     ----------
     report : float64[CHUNKS, REPORT]
-        Of the points; its windows are widened.
-    held : int64[CHUNKS]
-        Work array.
+        Of the points of this step.
+    barrier : Barrier or NoBarrier
+        A kernel without barriers is compiled without this call (`jit.for_law`).
     """
+    if faces.shape[0] == 0:
+        return
     for c in prange(CHUNKS):
-        moved = 0
         for p in range(c * count // CHUNKS, (c + 1) * count // CHUNKS):
-            if keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, report[c]):
-                moved += 1
-        held[c] = moved
-    return held.sum()
+            keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, report[c])

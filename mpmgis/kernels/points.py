@@ -44,7 +44,6 @@ from .point_clock import (
     STEP_NOW,
     TIME,
     TOTAL_MASS,
-    WALL_TOTAL,
     WATCHED_REACHED,
     WINDOW_FIRST,
     book_points_left,
@@ -138,18 +137,7 @@ def _column_arrays(ground, drags, opens):
 
 _couple_layers = for_law(couple_layers, -3, "drag_active")
 _press_on_faces = for_law(press_on_faces, -1, "barrier_active")
-
-
-@jit
-def _hold_before_faces(rows, keys, counts, clock, lowest, inside, faces, barriers, dx, report, held, barrier):
-    """`keep_before_faces`, and the number of points that it moved."""
-    if faces.shape[0] > 0:
-        clock[WALL_TOTAL] += keep_before_faces(
-            rows, keys, counts[ROWS], lowest, inside, faces, barriers, dx, report, held
-        )
-
-
-_keep_before_faces = for_law(_hold_before_faces, -1, "barrier_active")
+_keep_before_faces = for_law(keep_before_faces, -1, "barrier_active")
 
 
 @jit
@@ -172,7 +160,7 @@ def advance(
     node_report = np.zeros((CHUNKS, NODE_REPORT))
     barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], POINT_BARRIER_SUMS))
     face_lines = np.zeros((faces.shape[0], COLUMNS + face_yields.shape[2] - 1, LINE_ENTRIES))
-    bounds, held = np.zeros(CHUNKS + 1, np.int64), np.zeros(CHUNKS, np.int64)
+    bounds = np.zeros(CHUNKS + 1, np.int64)
     column_sums = np.zeros((CHUNKS, COLUMN_SUMS))
     histogram, slot, touched_slot, block, start = _sort_arrays(16)
     room = 64
@@ -279,7 +267,7 @@ def advance(
             effects.transfer,
         )  # fmt: skip
         if barrier.barrier_active():
-            _keep_before_faces(rows, keys, counts, clock, lowest, inside, faces, barriers, dx, report, held, barrier)
+            _keep_before_faces(rows, keys, counts[ROWS], lowest, inside, faces, barriers, dx, report, barrier)
         counts[STEP] += 1
         clock[TIME] = end
         before = counts[ALIVE]

@@ -152,7 +152,7 @@ class Fixes(NamedTuple):
 
 
 def report_implausible_friction(parameters):
-    """Report each of the friction's `parameters` (name -> value) that is hardly meant; it is taken as it is."""
+    """Report each of the friction's `parameters` (name -> value) outside its usual range; it is used as it is."""
     mu, xi = (parameters.get(name) for name in ("mu", "xi"))
     if isinstance(mu, (int, float)) and mu > MOST_MU:
         log.info(
@@ -164,7 +164,7 @@ def report_implausible_friction(parameters):
 
 
 def report_implausible(count, density, thickness, fixes):
-    """Say in one line each what about a release is hardly meant; it is taken as it is.
+    """Report in one line each what is unusual about a release; it is used as it is.
 
     Parameters
     ----------
