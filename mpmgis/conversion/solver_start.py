@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..terrain.elevation import Terrain
-from .switching import kirchhoff_stress
+from .start_stress import kirchhoff_stress
 
 # corners of a cube in the order of gmsh, VTK, Kratos and CB-Geo, in steps along x, y, z
 CORNERS = np.array(

@@ -61,18 +61,6 @@ def _rows_of(state, inside):
     return {name: values[inside] for name, values in state.items() if np.shape(values)[:1] == inside.shape}
 
 
-def kirchhoff_stress(vertical_stress, bulk_modulus, shear_modulus):
-    """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points confined sideways under `vertical_stress` [Pa].
-
-    sigma_xx = sigma_yy = nu / (1 - nu) sigma_zz; a `shear_modulus` of 0 is a fluid, in which all three are the same.
-    The first step of a material returns stress beyond its yield surface.
-    """
-    lame = bulk_modulus - 2.0 / 3.0 * shear_modulus
-    sideways = lame / (lame + 2.0 * shear_modulus) * vertical_stress
-    nothing = np.zeros_like(vertical_stress)
-    return np.column_stack([sideways, sideways, vertical_stress, nothing, nothing, nothing])
-
-
 def standing(frame, terrain, cell_size):
     """`frame` of points as columns with the thickness of all mass in their cells of `cell_size` [m].
 

@@ -20,6 +20,10 @@ class Fluid(NamedTuple):
     dynamic_viscosity: float  # eta [Pa s]
     tait: float  # 1 or 0
 
+    def friction_at_rest(self):
+        """As in `effects/material`: no shear stress at rest."""
+        return 0.0
+
     def pressure(self, volume):
         """p [Pa] of J = `volume` [1]."""
         inverse = 1.0 / volume

@@ -15,7 +15,7 @@ Codes of a step: ORDINARY, NO_TENSION (at the cone's tip), FAR (call `stress_ste
 limited to 1e-4..1e4, or the determinant of the step is negative).
 """
 
-from math import exp, expm1, sqrt
+from math import exp, expm1, inf, sqrt
 from typing import NamedTuple
 
 from .hencky import (
@@ -159,6 +159,10 @@ class Elastic(NamedTuple):
     bulk_modulus: float  # K [Pa]
     shear_modulus: float  # G [Pa]
 
+    def friction_at_rest(self):
+        """Largest |s| / sqrt(2) over p [1] at rest: not limited."""
+        return inf
+
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
         return trace, 1.0, plastic_strain, opening, ORDINARY, False
 
@@ -187,6 +191,10 @@ class DruckerPrager(NamedTuple):
     strength: float  # q_c [Pa], strength without pressure
     tension_limit: float  # largest tension -p [Pa], below that of the tip of the cone (always if slope is 0)
     volume_correction: float  # 1 or 0
+
+    def friction_at_rest(self):
+        """As in `Elastic`, without cohesion."""
+        return self.slope / sqrt(3.0)
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
         """Elastic trace, share of the deviator that is elastic, new e_d, new v_c, code, whether it yields."""
@@ -227,6 +235,10 @@ class MuI(NamedTuple):
     grain_diameter: float  # d [m]
     grain_density: float  # rho_s [kg m-3]
     volume_correction: float  # 1 or 0
+
+    def friction_at_rest(self):
+        """As in `Elastic`."""
+        return self.mu1
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
         """As in `DruckerPrager`."""
@@ -277,6 +289,10 @@ class CohesiveMuI(NamedTuple):
     grain_diameter: float  # d [m]
     grain_density: float  # rho_s [kg m-3]
     volume_correction: float  # 1 or 0
+
+    def friction_at_rest(self):
+        """As in `Elastic`, without cohesion."""
+        return self.slope / sqrt(3.0)
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
         """As in `DruckerPrager`."""

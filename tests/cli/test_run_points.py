@@ -87,13 +87,18 @@ def test_balances_of_a_run_close(shared_site):
 
 
 def test_the_flow_starts_under_its_own_weight(shared_site):
-    """Without the stress of its weight every layer would first fall onto its own elasticity, at about g h / c_p."""
+    """Without the stress of its weight every layer would first fall onto its own elasticity, at about g h / c_p;
+    without the shear stress of friction, mu = 0.3 on a slope of 0.5, it would first slide on its own."""
     prepared = prepare(shared_site / "scene.toml")
-    stress = prepared.stress
-    lame = 4e6 - 2 / 3 * 2e6
-    assert stress[:, 2].min() == pytest.approx(-1500 * 9.81 * 0.8 * 12 * np.sqrt(1.25), rel=0.1)
-    np.testing.assert_allclose(stress[:, 0], lame / (lame + 4e6) * stress[:, 2], rtol=1e-12)
-    assert not stress[:, 3:].any()
+    stress, weight = prepared.stress, prepared.vertical_stress
+    assert weight.min() == pytest.approx(-1500 * 9.81 * 0.8 * 12 * np.sqrt(1.25), rel=0.1)
+    sine, cosine = np.sqrt(0.2), np.sqrt(0.8)
+    traction = (
+        stress[:, [0, 3, 4]] * sine + stress[:, [4, 5, 2]] * cosine
+    )  # on planes along the slope, down to the east
+    np.testing.assert_allclose(traction[:, 0] * sine + traction[:, 2] * cosine, weight, rtol=1e-6)
+    np.testing.assert_allclose(traction[:, 0] * cosine - traction[:, 2] * sine, -0.3 * weight, rtol=1e-6)
+    np.testing.assert_allclose(traction[:, 1], 0.0, atol=1e-6 * np.abs(weight).max())
 
 
 def test_the_resolved_scene_runs_again_to_the_same_bytes(shared_site, tmp_path):

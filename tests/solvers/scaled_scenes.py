@@ -6,7 +6,8 @@ import numpy as np
 import shapely
 from affine import Affine
 
-from mpmgis.conversion.switching import kirchhoff_stress, point_options, points_from
+from mpmgis.conversion.start_stress import kirchhoff_stress
+from mpmgis.conversion.switching import point_options, points_from
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.friction import Coulomb
 from mpmgis.effects.material import drucker_prager

@@ -7,7 +7,8 @@ import pytest
 from column_scenes import terrain_of
 from point_scenes import block_of, plane, points_on
 
-from mpmgis.conversion.switching import kirchhoff_stress, standing
+from mpmgis.conversion.start_stress import kirchhoff_stress
+from mpmgis.conversion.switching import standing
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.material import drucker_prager
 from mpmgis.effects.slots import PointEffects

@@ -10,7 +10,8 @@ import numpy as np
 from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import points_on
 
-from mpmgis.conversion.switching import kirchhoff_stress, point_options, points_from
+from mpmgis.conversion.start_stress import stress_of_weight
+from mpmgis.conversion.switching import point_options, points_from
 from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.curvature import Curvature
 from mpmgis.effects.friction import Voellmy
@@ -67,11 +68,10 @@ def points_of_columns(height, columns, material, cell=1.0, length=40.0, width=20
     terrain = terrain_of(height, length, width, cell)
     columns = along_the_bed(columns, terrain, cell)
     made = points_from(columns, terrain, point_options(cell, 2)).frame
-    stress = kirchhoff_stress(
-        made.state["vertical_stress"], material.bulk_modulus, getattr(material, "shear_modulus", 0.0)
-    )
+    contact, weight = CoulombContact(mu), made.state["vertical_stress"]
+    stress = stress_of_weight(made, terrain, weight, material, contact, cell, G)
     made.state.clear()
-    return points_on(terrain, made, cell, material, CoulombContact(mu), softening, stress, **numerics)
+    return points_on(terrain, made, cell, material, contact, softening, stress, **numerics)
 
 
 def stiff_for(drop):

@@ -104,7 +104,7 @@ class Prepared:
     @property
     def stress(self):
         """float64[n, 6] [Pa], Kirchhoff stress of points at the start; None if unknown."""
-        return self.stages[0].stress(self.vertical_stress)
+        return self.stages[0].stress(self.terrain, self.frame, self.vertical_stress)
 
     def solver(self):
         """The first stage's solver at its start."""

@@ -9,7 +9,8 @@ import shapely
 from ...analysis.point_volume import point_volume
 from ...conversion.columns import unsettled_share
 from ...conversion.points import columns_to_points
-from ...conversion.switching import kirchhoff_stress, point_options, switch_to_columns, switch_to_points
+from ...conversion.start_stress import stress_of_weight
+from ...conversion.switching import point_options, switch_to_columns, switch_to_points
 from ...errors import SceneError
 from ...io.spatial_inputs import read_area
 from ...scene import resolve
@@ -106,10 +107,10 @@ class Stage:
     def solver(self, terrain, frame, vertical_stress=None, gradient=None):
         """Its solver, starting with `frame`; `vertical_stress` [n] [Pa] is for points, `gradient` for both solvers."""
         if self.scene.solver == "points":
+            stress = self.stress(terrain, frame, vertical_stress)
             return self._solver_class()(
-                frame, terrain, self.effects, self.numerics, self.stress(vertical_stress), self.places.zone_values,
-                self.walls, gradient,
-            )  # fmt: skip
+                frame, terrain, self.effects, self.numerics, stress, self.places.zone_values, self.walls, gradient
+            )
         return self._solver_class()(frame, terrain, self.effects, self.numerics, self.places, self.grid, gradient)
 
     def _solver_class(self):
@@ -124,12 +125,14 @@ class Stage:
 
         return DeviceColumnSolver
 
-    def stress(self, vertical_stress):
-        """float64[n, 6] [Pa], Kirchhoff stress of points under their weight; None if unknown."""
+    def stress(self, terrain, frame, vertical_stress):
+        """float64[n, 6] [Pa], Kirchhoff stress of the points of `frame` under their weight; None if unknown."""
         if vertical_stress is None:
             return None
-        material = self.effects.material
-        return kirchhoff_stress(vertical_stress, material.bulk_modulus, getattr(material, "shear_modulus", 0.0))
+        return stress_of_weight(
+            frame, terrain, vertical_stress, self.effects.material, self.effects.contact, self.grid.cell_size,
+            self.numerics.gravity,
+        )  # fmt: skip
 
     def end(self, terrain, following):
         """The StageEnd with its end conditions; `following` is the next Stage, None after the last."""
@@ -215,7 +218,7 @@ class Stage:
 
         def as_points(frame):
             made = columns_to_points(frame, terrain, options).frame
-            return made, self.stress(made.state["vertical_stress"]), made.state.get("affine")
+            return made, self.stress(terrain, made, made.state["vertical_stress"]), made.state.get("affine")
 
         return CoupledSolver(points, columns, inside, as_points)
 

@@ -1,0 +1,149 @@
+"""Stress of points at the start of the 3D solver: that of their weight, on level ground or on a slope."""
+
+import math
+
+import numpy as np
+
+STEEPEST = 1.0  # [1] largest shear stress over normal stress at the start, where neither bed nor material limits it
+USED = 0.9  # largest share of a material's strength that is mobilised at the start, where equilibrium allows it
+THIN = 0.01  # [1] least over largest variance of places, below which no slope along the narrow direction is known
+
+
+def stress_of_weight(frame, terrain, vertical_stress, material, contact, cell_size, gravity):
+    """float64[n, 6] [Pa]: Kirchhoff stress of the points of `frame` on `terrain` under their weight.
+
+    Parameters
+    ----------
+    frame : Frame
+        Dimension 3.
+    terrain : Terrain
+    vertical_stress : float64[n] [Pa]
+        Of the weight above each point.
+    material, contact : laws of the solver
+    cell_size : float [m]
+    gravity : float [m s-2]
+
+    Notes
+    -----
+    The slope is that of the surface of the flow, over three thicknesses of it.
+    """
+    shear_modulus, strength = getattr(material, "shear_modulus", 0.0), material.friction_at_rest()
+    if strength == 0.0:
+        return kirchhoff_stress(vertical_stress, material.bulk_modulus, shear_modulus, strength=strength)
+    x, y = frame.particles.position[:, :2].T
+    height = frame.particles.position[:, 2] + frame.origin[2]
+    above_bed = height - terrain.sample(*frame.map_xy())
+    depth = vertical_stress / (-frame.particles.mass / frame.particles.volume * gravity)
+    thickness = above_bed + depth
+    known = np.isfinite(thickness)
+    size = max(cell_size, float(np.median(thickness[known]))) if known.any() else cell_size
+    slope = surface_slopes(x, y, height + depth, size)
+    bed_friction = getattr(contact, "mu", STEEPEST)
+    return kirchhoff_stress(vertical_stress, material.bulk_modulus, shear_modulus, slope, bed_friction, strength)
+
+
+def kirchhoff_stress(
+    vertical_stress, bulk_modulus, shear_modulus, slope=None, bed_friction=STEEPEST, strength=math.inf
+):
+    """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points under the weight `vertical_stress` [Pa].
+
+    On level ground sigma_xx = sigma_yy = K sigma_zz with K = nu / (1 - nu): points are confined sideways. Where the
+    material does not bear that, K is the least that it bears (`lateral_ratio`).
+
+    On a slope of angle theta the weight is that of an infinite layer in equilibrium: with sigma_n normal to the slope,
+    the shear stress along it is t sigma_n with t = tan(theta), at most what bed and material bear, and the stress along
+    the slope is K sigma_n.
+
+    Parameters
+    ----------
+    vertical_stress : float64[n] [Pa]
+        Normal to the slope, negative in compression.
+    bulk_modulus, shear_modulus : float [Pa]
+    slope : float64[n, 2], optional [1]
+        Of the surface along x and y; default level.
+    bed_friction : float [1]
+    strength : float [1]
+        Largest |s| / sqrt(2) over p at rest, of the material.
+    """
+    lame = bulk_modulus - 2.0 / 3.0 * shear_modulus
+    confined = lame / (lame + 2.0 * shear_modulus)
+    slope = np.zeros((len(vertical_stress), 2)) if slope is None else slope
+    steepness = np.hypot(*slope.T)
+    borne = math.inf if strength >= 1.0 else strength / math.sqrt(1.0 - strength**2)
+    shear = np.minimum(steepness, min(bed_friction, borne, STEEPEST))
+    along = lateral_ratio(confined, shear, strength)
+    across = np.minimum(along, 0.5 * (1.0 + along))  # between the principal stresses in the vertical plane
+    cosine = 1.0 / np.sqrt(1.0 + steepness**2)
+    downhill = -slope / np.where(steepness > 0.0, steepness, 1.0)[:, None]
+    downhill[steepness == 0.0] = (1.0, 0.0)
+    normal = np.column_stack([-slope * cosine[:, None], cosine])
+    tangent = np.column_stack([downhill * cosine[:, None], -steepness * cosine])
+    level = np.column_stack([-downhill[:, 1], downhill[:, 0], np.zeros_like(steepness)])
+    unit = [
+        along * tangent[:, i] * tangent[:, j] + across * level[:, i] * level[:, j] + normal[:, i] * normal[:, j]
+        - shear * (tangent[:, i] * normal[:, j] + normal[:, i] * tangent[:, j])
+        for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    ]  # fmt: skip
+    return vertical_stress[:, None] * np.column_stack(unit)
+
+
+def lateral_ratio(confined, shear, strength):
+    """float64[n] [1]: K, stress along a layer over that normal to it, at rest.
+
+    K is `confined`, that of an elastic layer, if |s| / sqrt(2) <= m p, m = 0.9 times the `strength`: a flow that starts
+    at its yield surface would creep with every wave of pressure. Else K is the least with |s| / sqrt(2) = m p. Up to
+    K = 1 both lateral stresses are K sigma_n, and with t = `shear`
+
+        3 (1 - K)^2 + 9 t^2 = m^2 (1 + 2 K)^2;
+
+    beyond, the stress across the slope is that in the middle of Mohr's circle, and
+
+        (1 - K)^2 + 4 t^2 = m^2 (1 + K)^2.
+
+    Where that has no solution, K = 1 + 2 t^2 mobilises the least strength, sin(theta) p.
+    """
+    if strength == math.inf:
+        return np.full_like(shear, confined)
+    m = USED * strength
+    t2, m2 = shear**2, m**2
+    low = np.maximum((3.0 + 2.0 * m2) ** 2 - (3.0 - 4.0 * m2) * (3.0 + 9.0 * t2 - m2), 0.0)
+    high = m2 - t2 * (1.0 - m2)
+    below = (3.0 + 9.0 * t2 - m2) / (3.0 + 2.0 * m2 + np.sqrt(low))
+    beyond = (1.0 - m2 + 4.0 * t2) / (1.0 + m2 + 2.0 * np.sqrt(np.maximum(high, 0.0)))
+    beyond = np.where(high > 0.0, beyond, 1.0 + 2.0 * t2)
+    return np.maximum(np.where(shear <= m, below, beyond), confined)
+
+
+def surface_slopes(x, y, height, size):
+    """float64[n, 2] [1]: slope along x and y of the plane through the surface around each particle.
+
+    Parameters
+    ----------
+    x, y, height : float64[n] [m]
+        Of the surface above the particles.
+    size : float [m]
+        Squares of this side are planes' parts: a plane is a least squares fit to the particles of 3 x 3 squares.
+        Where these are on one line or in one place, the slope across is 0.
+    """
+    east, north = (at - at.min() for at in (x, y))
+    column, row = (np.floor(at / size).astype(np.int64) for at in (east, north))
+    width = int(column.max()) + 3
+    cells, of = np.unique((row + 1) * width + column + 1, return_inverse=True)
+    of = of.reshape(-1)
+    east, north, up = east / size - column, north / size - row, (height - height.mean()) / size
+    values = (None, east, north, up, east * east, east * north, north * north, east * up, north * up)
+    own = np.stack([np.bincount(of, value, len(cells)) for value in values])
+    total = np.zeros_like(own)
+    for j in (-1, 0, 1):
+        for i in (-1, 0, 1):
+            at = np.minimum(np.searchsorted(cells, cells + j * width + i), len(cells) - 1)
+            n, sx, sy, sz, sxx, sxy, syy, sxz, syz = own[:, at] * (cells[at] == cells + j * width + i)
+            moved = (n, sx + i * n, sy + j * n, sz)
+            squares = (sxx + 2 * i * sx + i * i * n, sxy + i * sy + j * sx + i * j * n, syy + 2 * j * sy + j * j * n)
+            total += (*moved, *squares, sxz + i * sz, syz + j * sz)
+    n, sx, sy, sz, sxx, sxy, syy, sxz, syz = total
+    xx, xy, yy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
+    spread = np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+    rise = np.stack([sxz - sx * sz / n, syz - sy * sz / n], axis=-1)
+    planes = np.einsum("kij,kj->ki", np.linalg.pinv(spread, rcond=THIN, hermitian=True), rise)
+    return planes[of]
