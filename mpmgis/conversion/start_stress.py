@@ -6,6 +6,7 @@ import numpy as np
 
 STEEPEST = 1.0  # [1] largest shear stress over normal stress at the start, where neither bed nor material limits it
 USED = 0.9  # largest share of a material's strength that is mobilised at the start, where equilibrium allows it
+CHUNK = 1 << 18  # points whose stress is computed at once: temporary arrays stay small
 THIN = 0.01  # [1] least over largest variance of places, below which no slope along the narrow direction is known
 
 
@@ -38,8 +39,13 @@ def stress_of_weight(frame, terrain, vertical_stress, material, contact, cell_si
     known = np.isfinite(thickness)
     size = max(cell_size, float(np.median(thickness[known]))) if known.any() else cell_size
     slope = surface_slopes(x, y, height + depth, size)
-    bed_friction = getattr(contact, "mu", STEEPEST)
-    return kirchhoff_stress(vertical_stress, material.bulk_modulus, shear_modulus, slope, bed_friction, strength)
+    bed_friction, stress = getattr(contact, "mu", STEEPEST), np.empty((len(x), 6))
+    for first in range(0, len(x), CHUNK):
+        some = slice(first, first + CHUNK)
+        stress[some] = kirchhoff_stress(
+            vertical_stress[some], material.bulk_modulus, shear_modulus, slope[some], bed_friction, strength
+        )
+    return stress
 
 
 def kirchhoff_stress(
@@ -122,8 +128,8 @@ def surface_slopes(x, y, height, size):
     x, y, height : float64[n] [m]
         Of the surface above the particles.
     size : float [m]
-        Squares of this side are planes' parts: a plane is a least squares fit to the particles of 3 x 3 squares.
-        Where these are on one line or in one place, the slope across is 0.
+        Side of the squares of a lattice. The plane is a least squares fit to the particles of 3 x 3 squares; where
+        these are on a line or in a place, the slope is 0 along directions that they do not extend in.
     """
     east, north = (at - at.min() for at in (x, y))
     column, row = (np.floor(at / size).astype(np.int64) for at in (east, north))
@@ -131,8 +137,11 @@ def surface_slopes(x, y, height, size):
     cells, of = np.unique((row + 1) * width + column + 1, return_inverse=True)
     of = of.reshape(-1)
     east, north, up = east / size - column, north / size - row, (height - height.mean()) / size
-    values = (None, east, north, up, east * east, east * north, north * north, east * up, north * up)
-    own = np.stack([np.bincount(of, value, len(cells)) for value in values])
+    pairs = (east, east), (east, north), (north, north), (east, up), (north, up)
+    own = np.stack([
+        *(np.bincount(of, value, len(cells)) for value in (None, east, north, up)),
+        *(np.bincount(of, one * other, len(cells)) for one, other in pairs),
+    ])  # fmt: skip
     total = np.zeros_like(own)
     for j in (-1, 0, 1):
         for i in (-1, 0, 1):

@@ -99,8 +99,8 @@ def grid_to_points(
     """Interpolate the velocity field, move the points, strain them and compute the stress of the next step.
 
     As `kernels.grid_to_points`, but for rare points, marked in `rare` uint8[points] in the order of blocks, whose
-    blocks are marked in `rare_blocks` uint8[blocks]. `marks` real[threads, MARKS] and `counts` int32[threads, COUNTS]
-    are the reports of the threads.
+    blocks are marked in `rare_blocks` uint8[blocks]. `marks` real[threads, RARE_MARKS] and `counts`
+    int32[threads, RARE_COUNTS] are the reports of the threads.
     """
     thread, threads = cuda.threadIdx.x, cuda.blockDim.x
     own = uint32(cuda.blockIdx.x * threads + thread)

@@ -21,12 +21,15 @@ from .compiled import Part, real
 SHIFT, GRADIENT, TURN2, PUSH, STEP, DENSE, STILL2, SCALES = range(8)
 # ground of a node column: height, slopes, height below which a point is checked; heights in cells from the first ghost
 PLANE, SLOPE_X, SLOPE_Y, DEEP, PLANE_ENTRIES = range(5)
-# float entries of a thread's report of common points: largest squares, the largest of one that stays, plastic work
+# float entries of a thread's report of moved points: largest squares, the largest of a common point that stays, plastic
+# work; and of rare points, energy of the limit
 SHEAR, SPEED2, STAY2, PLASTIC, MARKS = range(5)
-# int32 entries: window of blocks, points at the tip of the yield surface, index of the fastest point that stays
-WEST, SOUTH, EAST, NORTH, TALL, TORN, STAY, COUNTS = range(8)
-# a report of rare points has in addition to the entries of a report: the largest squared speed of a point that stays,
-# and its index
+LIMITED_ENERGY, RARE_MARKS = MARKS, MARKS + 1
+# int32 entries: window of blocks, points at the tip of the yield surface, index of the fastest common point that stays;
+# and numbers of rare points: strained beyond the series, held there, limited, held at walls
+WEST, SOUTH, EAST, NORTH, TALL, TORN, STAY, FAR, HELD, LIMITED, WALLED, RARE_COUNTS = range(12)
+# a report of settled points has in addition to the entries of a report: the largest squared speed of a point that
+# stays, and its index
 STAY2_OF_ALL, STAY_POINT = entry.REPORT, entry.REPORT + 1
 POINT_REPORT = entry.REPORT + 2
 MOST_THREADS = 256  # of a thread block

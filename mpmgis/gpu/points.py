@@ -171,8 +171,8 @@ class DevicePoints:
         threads, *fewer = self._summed(threads)
         self._node_sums = [self._to_device(np.zeros((threads, NODE_REPORT)))]
         self._node_sums += [cuda.to_device(np.zeros((n, NODE_REPORT))) for n in fewer]
-        self._marks = cuda.device_array((threads, point_steps.MARKS), self._real)
-        self._mark_counts = cuda.device_array((threads, point_steps.COUNTS), np.int32)
+        self._marks = cuda.device_array((threads, point_steps.RARE_MARKS), self._real)
+        self._mark_counts = cuda.device_array((threads, point_steps.RARE_COUNTS), np.int32)
         nothing = np.zeros(point_steps.POINT_REPORT)
         nothing[[BLOCK_WEST, BLOCK_SOUTH]] = 1 << 40
         nothing[[BLOCK_EAST, BLOCK_NORTH, BLOCK_TALL, point_steps.STAY2_OF_ALL]] = -1.0
@@ -399,15 +399,20 @@ class DevicePoints:
     def _move_points(self):
         run, stage, settings, effects = self._d_run, self._d_stage, self._settings, self._effects
         laws = effects.material, effects.softening, effects.transfer
-        blocks = self._rows, self._keys, self._order, self._start, self._blocks, self._targets, self._nodes
+        blocks = self._order, self._start, self._blocks
+        around = *blocks, self._targets, self._nodes
         rare = self._rare, self._rare_blocks, self._marks, self._mark_counts
         self._all(
-            grid_to_points.grid_to_points, run, self._scales, *blocks, self._planes, self._lowest, self._inside, *rare,
-            self._domain, *laws,
+            grid_to_points.grid_to_points, run, self._scales, self._rows, self._keys, *around, self._planes,
+            self._lowest, self._inside, *rare, self._domain, *laws,
         )  # fmt: skip
         self._all(
-            rare_points.move_rare_points, run, self._scales, *blocks, self._ground[0], self._lowest, self._inside,
-            self._left, self._d_units, *rare, self._point_sums[0], self._domain, settings, *laws,
+            rare_points.move_rare_points, run, self._scales, self._rows, *around, self._ground[0], *rare, self._domain,
+            self._node_settings, *laws,
+        )  # fmt: skip
+        self._all(
+            rare_points.settle_rare_points, run, self._rows, self._keys, *blocks, self._ground[0], self._lowest,
+            self._inside, self._left, self._d_units, *rare, self._point_sums[0], self._domain, settings,
         )  # fmt: skip
         if self._barred and len(self._barriers.faces):
             self._all(

@@ -1,9 +1,9 @@
 """Grid to points on the device, for the points that `grid_to_points` marked as rare.
 
 These are points whose affine velocity may be limited, whose strain exceeds the range of the series, that are stopped at
-a wall, leave, may be below the ground or are not finite. Their step is computed from the beginning, with what is in
-double precision in `kernels.point_edges` too, but for the limit of affine velocities. The reports of all points end
-here.
+a wall, leave, may be below the ground or are not finite. `move_rare_points` computes their step from the beginning, in
+the precision of the points. `settle_rare_points` then finds their blocks, with what is in double precision in
+`kernels.point_edges` too: outflow and points below the ground. The reports of all points end there.
 """
 
 from math import floor
@@ -27,7 +27,7 @@ from ..kernels.point_edges import (
 from ..kernels.point_ground import GROUND_DEEP
 from ..kernels.point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from . import point_steps as step
-from .compiled import Part, capped, real
+from .compiled import Kernel, Part, in_double, real
 from .launch import ACTIVE, STATUS
 from .point_places import lifted, way_out
 from .point_steps import (
@@ -45,19 +45,6 @@ from .point_steps import (
 )
 
 LIST = 512  # rare points of a block that are listed before they are moved, so that all threads have one
-
-
-@Part
-def _begin_report(mine, marks, counts):
-    """The report of a thread, with what it did with common points."""
-    for k in range(step.POINT_REPORT):
-        mine[k] = 0.0
-    mine[entry.SHEAR_MAX], mine[entry.SPEED2_MAX] = marks[step.SHEAR], marks[step.SPEED2]
-    mine[step.STAY2_OF_ALL], mine[step.STAY_POINT] = marks[step.STAY2], counts[step.STAY]
-    mine[entry.PLASTIC], mine[entry.AT_TIP] = marks[step.PLASTIC], counts[step.TORN]
-    mine[entry.BLOCK_WEST], mine[entry.BLOCK_SOUTH] = counts[step.WEST], counts[step.SOUTH]
-    mine[entry.BLOCK_EAST], mine[entry.BLOCK_NORTH] = counts[step.EAST], counts[step.NORTH]
-    mine[entry.BLOCK_TALL] = counts[step.TALL]
 
 
 @Part
@@ -107,20 +94,22 @@ def _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
     return not near < dense * filled
 
 
-@capped(single=112)
+@Kernel
 def move_rare_points(
-    run, scales, rows, keys, order, start, blocks, targets, nodes, ground, lowest, inside, left, units, rare,
-    rare_blocks, marks, counts, reports, domain, settings, material, softening, transfer,
+    run, scales, rows, order, start, blocks, targets, nodes, ground, rare, rare_blocks, marks, counts, domain, settings,
+    material, softening, transfer,
 ):  # fmt: skip
     """The step of the points marked in `rare`; as `grid_to_points`, with the code that few points need.
 
-    Points that leave are added to `left` int64[WAYS, blocks, blocks, LEFT_ENTRIES] in `units` float64[LEFT_ENTRIES], in
-    whole numbers: their sum has no order. `reports` float64[threads, POINT_REPORT] begin with `marks` and `counts`.
+    Their places after it are still in cells of the blocks that they are in before it. `marks` real[threads, RARE_MARKS]
+    and `counts` int32[threads, RARE_COUNTS] are reports that `grid_to_points` began.
     """
     thread, threads = cuda.threadIdx.x, cuda.blockDim.x
-    own = cuda.blockIdx.x * threads + thread
-    mine = reports[own]
-    _begin_report(mine, marks[own], counts[own])
+    own = uint32(cuda.blockIdx.x * threads + thread)
+    mark, count = marks[own], counts[own]
+    mark[step.LIMITED_ENERGY] = real(0.0)
+    count[step.FAR], count[step.HELD] = int32(0), int32(0)
+    count[step.LIMITED], count[step.WALLED] = int32(0), int32(0)
     tile = cuda.shared.array(TILE_SIZE, real)
     marked = cuda.shared.array(MOST_THREADS, int32)
     chosen = cuda.shared.array(LIST, int32)
@@ -142,26 +131,18 @@ def move_rare_points(
             cuda.syncthreads()
             if listed + threads > LIST or first + threads >= start[a + 1]:
                 for e in range(thread, listed, threads):
-                    way, x, y, mass = _move(
-                        uint32(chosen[e]), tile, blocks[a], scales, rows, keys, ground, lowest, inside, mine, domain,
-                        settings, material, softening, transfer,
+                    _move(
+                        uint32(chosen[e]), tile, blocks[a], scales, rows, ground, mark, count, domain, settings,
+                        material, softening, transfer,
                     )  # fmt: skip
-                    if 0 <= way < entry.EDGES:
-                        over, j, i, x, y = place_left(inside.shape, x, y, settings.dx)
-                        cuda.atomic.add(left, (over, j, i, LEFT_MASS), _whole(mass / units[LEFT_MASS]))
-                        cuda.atomic.add(left, (over, j, i, LEFT_X), _whole(mass * x / units[LEFT_X]))
-                        cuda.atomic.add(left, (over, j, i, LEFT_Y), _whole(mass * y / units[LEFT_Y]))
                 listed = int32(0)
                 cuda.syncthreads()
-    mine[entry.PLASTIC] /= settings.density
 
 
 @Part
-def _move(
-    p, tile, block, scales, rows, keys, ground, lowest, inside, mine, domain, settings, material, softening, transfer,
-):  # fmt: skip
-    """The step of point `p`; returns the edge over which it leaves (EDGES: none, -1: not finite), x, y [m], mass."""
-    dx, column, row, longer = settings.dx, block[0], block[1], rows.shape[1] > S4
+def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, material, softening, transfer):
+    """The step of point `p`, whose new place is in cells of `block`."""
+    longer = rows.shape[1] > S4
     u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, rows[p, X], rows[p, Y], rows[p, Z])
     s4 = s5 = s6 = s7 = real(0.0)
     if longer:
@@ -172,55 +153,121 @@ def _move(
         g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz, time_step, softening,
     )  # fmt: skip
     if code == FAR_CODE:
-        mine[entry.FAR] += 1.0
+        count[step.FAR] += int32(1)
         n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, held = material.stress_step_far(
             rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7,
             g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz, time_step, softening,
         )  # fmt: skip
         if held == FAR_CODE:
-            mine[entry.HELD_STRETCH] += 1.0
+            count[step.HELD] += int32(1)
     if code == TIP_CODE:
-        mine[entry.AT_TIP] += 1.0
+        count[step.TORN] += int32(1)
     if longer:
-        mine[entry.PLASTIC] += float64(rows[p, MASS] * plastic_rate(txx, tyy, tzz, txy, txz, tyz) * (n6 - s6))
+        mark[step.PLASTIC] += rows[p, MASS] * plastic_rate(txx, tyy, tzz, txy, txz, tyz) * (n6 - s6)
         rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7] = n4, n5, n6, n7
     keep_state(rows, p, n0, n1, n2, n3)
     x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]  # read here, to hold fewer values until now
-    edges = edges_of(column, row, domain)
-    west, south, east, north = edges
+    edges = edges_of(block[0], block[1], domain)
     if transfer.only_turns():
         xx, yx, zx, xy, yy, zy, xz, yz, zz = only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz)
     affine2 = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
-    mine[entry.SHEAR_MAX] = max(mine[entry.SHEAR_MAX], float64(affine2 * scales[step.TURN2]))
+    mark[step.SHEAR] = max(mark[step.SHEAR], affine2 * scales[step.TURN2])
     affine2 = 4.0 * affine2
-    speed2 = u * u + v * v + w * w
-    mine[entry.SPEED2_MAX] = max(mine[entry.SPEED2_MAX], float64(speed2))
+    mark[step.SPEED2] = max(mark[step.SPEED2], u * u + v * v + w * w)
     carried = 4.0 * mass
     if not _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
-        carried = carried * _limited(affine2 / _variance(tile, x, y, z, u, v, w), affine2, mass, mine)
+        carried = carried * _limited(affine2 / _variance(tile, x, y, z, u, v, w), affine2, mass, mark, count)
     keep_affine(
         rows, p, carried, scales[step.PUSH] * mass, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz
     )
-    px, py, pz = mass * u, mass * v, mass * w
+    rows[p, PX], rows[p, PY], rows[p, PZ] = mass * u, mass * v, mass * w
     shift = scales[step.SHIFT]
-    x1, y1, z1 = x + shift * u, y + shift * v, z + shift * w
+    x, y = x + shift * u, y + shift * v
     if domain.wall:
-        if x1 < west + INSIDE or x1 > east - INSIDE or y1 < south + INSIDE or y1 > north - INSIDE:
-            mine[entry.HELD_WALL] += 1.0
-        x1, y1 = _between(x1, west + INSIDE, east - INSIDE), _between(y1, south + INSIDE, north - INSIDE)
-    if (x1 + y1 + z1) * 0.0 != 0.0:  # NaN or infinite
+        west, south, east, north = edges
+        low, far = real(INSIDE), real(INSIDE)
+        if x < west + low or x > east - far or y < south + low or y > north - far:
+            count[step.WALLED] += int32(1)
+        x, y = _between(x, west + low, east - far), _between(y, south + low, north - far)
+    rows[p, X], rows[p, Y], rows[p, Z] = x, y, z + shift * w
+
+
+@Part
+def _limited(share, affine2, mass, mark, count):
+    """Factor of the affine momentum of a point whose affine velocity accounts for `share` of the nodes' variance."""
+    if not share < 1.0 - BENT:
+        return real(1.0)
+    kept = share * share * share * share
+    count[step.LIMITED] += int32(1)
+    mark[step.LIMITED_ENERGY] += 0.5 * mass * affine2 * (1.0 - kept * kept)
+    return kept
+
+
+@in_double
+def settle_rare_points(
+    run, rows, keys, order, start, blocks, ground, lowest, inside, left, units, rare, rare_blocks, marks, counts,
+    reports, domain, settings,
+):  # fmt: skip
+    """Find the blocks of the points marked in `rare` from their places after the step, or the edge they leave over.
+
+    Points that leave are added to `left` int64[WAYS, blocks, blocks, LEFT_ENTRIES] in `units` float64[LEFT_ENTRIES], in
+    whole numbers: their sum has no order. `reports` float64[threads, POINT_REPORT] begin with `marks` and `counts`.
+    """
+    thread, threads = cuda.threadIdx.x, cuda.blockDim.x
+    own = cuda.blockIdx.x * threads + thread
+    mine = reports[own]
+    _begin_report(mine, marks[own], counts[own], settings.density)
+    for a in range(int32(cuda.blockIdx.x), int32(0 if run[STATUS] != 0 else run[ACTIVE]), int32(cuda.gridDim.x)):
+        if rare_blocks[a] == 0:
+            continue
+        for s in range(int32(start[a]) + int32(thread), int32(start[a + 1]), int32(threads)):
+            if rare[s] == 0:
+                continue
+            p = uint32(order[s])
+            way, x, y, mass = _settle(
+                p, blocks[a], rows, keys, ground, lowest, inside, mine, domain, settings
+            )  # fmt: skip
+            if 0 <= way < entry.EDGES:
+                over, j, i, x, y = place_left(inside.shape, x, y, settings.dx)
+                cuda.atomic.add(left, (over, j, i, LEFT_MASS), _whole(mass / units[LEFT_MASS]))
+                cuda.atomic.add(left, (over, j, i, LEFT_X), _whole(mass * x / units[LEFT_X]))
+                cuda.atomic.add(left, (over, j, i, LEFT_Y), _whole(mass * y / units[LEFT_Y]))
+
+
+@Part
+def _begin_report(mine, mark, count, density):
+    """The report of a thread, with what it did when points were moved."""
+    for k in range(step.POINT_REPORT):
+        mine[k] = 0.0
+    mine[entry.SHEAR_MAX], mine[entry.SPEED2_MAX] = mark[step.SHEAR], mark[step.SPEED2]
+    mine[step.STAY2_OF_ALL], mine[step.STAY_POINT] = mark[step.STAY2], count[step.STAY]
+    mine[entry.PLASTIC], mine[entry.LIMITED_ENERGY] = mark[step.PLASTIC] / density, mark[step.LIMITED_ENERGY]
+    mine[entry.AT_TIP], mine[entry.FAR], mine[entry.HELD_STRETCH] = count[step.TORN], count[step.FAR], count[step.HELD]
+    mine[entry.LIMITED], mine[entry.HELD_WALL] = count[step.LIMITED], count[step.WALLED]
+    mine[entry.BLOCK_WEST], mine[entry.BLOCK_SOUTH] = count[step.WEST], count[step.SOUTH]
+    mine[entry.BLOCK_EAST], mine[entry.BLOCK_NORTH] = count[step.EAST], count[step.NORTH]
+    mine[entry.BLOCK_TALL] = count[step.TALL]
+
+
+@Part
+def _settle(p, block, rows, keys, ground, lowest, inside, mine, domain, settings):
+    """Settle point `p`; returns the edge over which it leaves (EDGES: none, -1: not finite), x, y [m], mass."""
+    dx, column, row = settings.dx, block[0], block[1]
+    x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]
+    px, py, pz = rows[p, PX], rows[p, PY], rows[p, PZ]
+    if (x + y + z) * 0.0 != 0.0:  # NaN or infinite
         mine[entry.NOT_FINITE] += 1.0
         mine[entry.BAD_X], mine[entry.BAD_Y] = _metres(x, column, dx), _metres(y, row, dx)
         way = -1
     else:
-        way = way_out(x1, y1, edges, inside)
-    rows[p, PX], rows[p, PY], rows[p, PZ] = px, py, pz
+        way = way_out(x, y, edges_of(column, row, domain), inside)
+    speed2 = (px * px + py * py + pz * pz) / (mass * mass)
     if way != entry.EDGES:
         if way >= 0:
-            _book_out(way, block, z1, px, py, pz, speed2, mass, settings, mine)
+            _book_out(way, block, z, px, py, pz, speed2, mass, settings, mine)
         keys[p] = GONE
-        return way, _metres(x1, column, dx), _metres(y1, row, dx), float64(mass)
-    _settle(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, settings, mine)
+        return way, _metres(x, column, dx), _metres(y, row, dx), float64(mass)
+    _enter(p, block, x, y, z, px, py, pz, mass, rows, keys, ground, lowest, settings, mine)
     if float64(speed2) > mine[step.STAY2_OF_ALL]:
         mine[step.STAY2_OF_ALL], mine[step.STAY_POINT] = speed2, p
     return way, float64(0.0), float64(0.0), float64(mass)
@@ -230,18 +277,6 @@ def _move(
 def _metres(place, block, dx):
     """Place [m] from the domain's edge or lowest level of a `place` [cells of its block] on one axis."""
     return (float64(place) + float64(block * BLOCK - GHOSTS)) * dx
-
-
-@Part
-def _limited(share, affine2, mass, mine):
-    """Factor of the affine momentum of a point whose affine velocity accounts for `share` of the nodes' variance."""
-    if not share < 1.0 - BENT:
-        return real(1.0)
-    kept = share * share * share * share
-    mine[entry.LIMITED] += 1.0
-    energy = float64(0.5) * float64(mass) * float64(affine2) * (float64(1.0) - kept * kept)
-    mine[entry.LIMITED_ENERGY] += energy
-    return real(kept)
 
 
 @Part
@@ -258,7 +293,7 @@ def _book_out(way, block, z, px, py, pz, speed2, mass, settings, mine):
 
 
 @Part
-def _settle(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, settings, mine):
+def _enter(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, settings, mine):
     """Write the place of a point that stays, its block, and its momentum if it is lifted onto the ground."""
     dx, column, row, level = settings.dx, block[0], block[1], block[2]
     ni, nj = int32(floor(x1 + 0.5)) + column * BLOCK, int32(floor(y1 + 0.5)) + row * BLOCK

@@ -25,7 +25,7 @@ from ..solvers.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
 from ..system import available_memory
 from .run_setup.cost_prediction import OwnPace, at_most, need, predicted, prediction_line
 from .run_setup.device import devices_record, require_devices
-from .run_setup.later_end import earlier_run, go_on, goes_on
+from .run_setup.later_end import differences, earlier_run, go_on, goes_on
 from .run_setup.prepare import prepare
 from .run_setup.scene_files import input_files
 from .run_setup.sequence import Sequence
@@ -176,9 +176,9 @@ def _restored_earlier(folder, sequence, record):
     earlier = earlier_run(prepared, record)
     if earlier is None:
         raise InputError(
-            f"{folder.path} contains a run of another scene or of changed inputs (its digest is "
-            f"{record.get('digest')}, now {prepared.digest}); only [output] end_time can be larger than before; give "
-            "another `output`, or `overwrite`"
+            f"{folder.path} contains a run of another scene or of changed inputs: "
+            f"{differences(record, prepared.scene)}; only [output] end_time can be larger than before; give another "
+            "`output`, or `overwrite`"
         )
     before, now = earlier.scene.output.end_time, prepared.scene.output.end_time
     if not goes_on(record):

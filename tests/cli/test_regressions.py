@@ -102,7 +102,21 @@ def test_a_run_does_not_continue_over_other_elevations(site, capsys):
         target.write(heights, 1)
     capsys.readouterr()
     assert main(["run", str(site / "scene.toml"), "-q", "--resume"]) == 2
-    assert "a run of another scene or of changed inputs" in capsys.readouterr().err
+    assert "a run of another scene or of changed inputs: its input files have changed;" in capsys.readouterr().err
+
+
+def test_a_run_does_not_continue_with_other_keys_and_names_them(site, capsys):
+    assert main(["run", str(site / "scene.toml"), "-q"]) == 0
+    scene = (site / "scene.toml").read_text()
+    assert "mu = 0.2\n" in scene and "[numerics]\n" in scene
+    (site / "scene.toml").write_text(
+        scene.replace("mu = 0.2\n", "mu = 0.25\n").replace("[numerics]\n", "[numerics]\ncfl = 0.4\n")
+    )
+    capsys.readouterr()
+    assert main(["run", str(site / "scene.toml"), "-q", "--resume"]) == 2
+    message = capsys.readouterr().err
+    assert "[friction] mu = 0.25 (was 0.2), [numerics] cfl = 0.4 (was 0.6); " in message
+    assert message.count("\n") == 1
 
 
 # -------------------------------------------------------------------------------------------------- the DTM of frames

@@ -15,7 +15,7 @@ LIMIT = 96  # registers of a kernel: 20 warps of 32 threads on a multiprocessor,
 # kernels that need more, by what their name begins with, for float32 points (or columns) and for float64 points
 MORE = {
     "grid_to_points": (LIMIT, 160),
-    "move_rare_points": (112, 176),
+    "move_rare_points": (LIMIT, 160),
     "points_to_grid": (LIMIT, 120),
     "press_on_ground": (LIMIT, 120),
     "weigh_face": (LIMIT, 136),
@@ -23,10 +23,10 @@ MORE = {
     "columns_to_grid all": (LIMIT, 128),
     "grid_to_columns": (LIMIT, 160),
 }
-# kernels for float32 points that compute in double precision on purpose: the clock, sums of a run, rare points
+# kernels for float32 points that compute in double precision on purpose: the clock, sums of a run, outflow
 IN_DOUBLE = (
     *("begin_step", "choose_step", "finish_step", "sum_node_reports", "sum_point_reports"),
-    *("sum_booked", "collect_barriers", "move_rare_points", "keep_before_faces"),
+    *("sum_booked", "collect_barriers", "settle_rare_points", "keep_before_faces"),
 )
 
 

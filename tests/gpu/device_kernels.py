@@ -135,12 +135,15 @@ def signatures(real):
     yield "choose_step", point_reports.choose_step, (run, stage, clock, counts, sums, array(number, 1), settings)
     finish = run, stage, clock, counts, sums, sums, rows, keys, lowest, settings
     yield "finish_step", point_reports.finish_step, finish
+    marks = array(byte, 1), array(byte, 1), array(number, 2), array(i4, 2)
+    map_, domain = (lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
     for label, (material, soft) in MATERIALS.items():
         laws = in_precision(material, real), in_precision(soft, real), in_precision(WholeGradient(), real)
-        given = run, array(number, 1), rows, keys, order, start, touched, sources, nodes
-        marks = array(byte, 1), array(byte, 1), array(number, 2), array(i4, 2)
-        map_, domain = (lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
-        arguments = *given, array(number, 3), *map_, *marks, domain, *laws
+        around, scales = (order, start, touched, sources, nodes), array(number, 1)
+        arguments = run, scales, rows, keys, *around, array(number, 3), *map_, *marks, domain, *laws
         yield f"grid_to_points_{label}", grid_to_points.grid_to_points, arguments
-        arguments = *given, ground[0], *map_, array(i8, 4), array(f8, 1), *marks, sums, domain, settings, *laws
+        arguments = run, scales, rows, *around, ground[0], *marks, domain, of_nodes, *laws
         yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments
+    given, left = (rows, keys, order, start, touched), (array(i8, 4), array(f8, 1))
+    arguments = run, *given, ground[0], *map_, *left, *marks, sums, domain, settings
+    yield "settle_rare_points", rare_points.settle_rare_points, arguments

@@ -118,6 +118,17 @@ def test_slopes_follow_a_surface_and_are_level_where_they_are_not_known():
     np.testing.assert_array_equal(surface_slopes(row[:1], row[:1], row[:1], 1.0), [[0.0, 0.0]])
 
 
+def test_stress_does_not_depend_on_chunks(monkeypatch):
+    """The same in one chunk and in many."""
+    terrain = terrain_of(lambda x, y: 0.3 * x + 0.1 * y, 40.0, 40.0, 1.0)
+    made = points_from(columns_of(2.0, 5, 35, 5, 35, 0.5), terrain, point_options(1.0, 2)).frame
+    sand = drucker_prager(2e6, 1.2e6, 35.0, 0.0)
+    given = made, terrain, made.state["vertical_stress"], sand, CoulombContact(0.6), 1.0, GRAVITY
+    whole = stress_of_weight(*given)
+    monkeypatch.setattr("mpmgis.conversion.start_stress.CHUNK", 1000)
+    np.testing.assert_array_equal(stress_of_weight(*given), whole)
+
+
 def test_a_level_pile_on_a_slope_starts_without_shear_stress():
     """Its surface is level: nothing pulls it down the bed."""
     terrain = terrain_of(lambda x, y: 0.4 * x, 40.0, 20.0, 1.0)

@@ -1,5 +1,7 @@
 """A run that is resumed with a later [output] end_time: checks that nothing else differs, and finds its last frame."""
 
+import json
+from collections.abc import Mapping
 from dataclasses import replace
 
 from ...errors import InputError, MpmgisError
@@ -7,6 +9,8 @@ from ...messages import muted
 from ...solvers.stepping import END_TIME
 from .prepare import prepare_scene
 from .sequence import stage_number
+
+DIFFERENCES = 3  # keys that a message names
 
 
 def earlier_run(prepared, record):
@@ -20,6 +24,36 @@ def earlier_run(prepared, record):
     except MpmgisError:  # its inputs have changed
         return None
     return earlier if earlier.digest == record.get("digest") else None
+
+
+def differences(record, scene):
+    """What differs between the scene of a `record` and `scene`, in words, except end_time and device."""
+    before, now = (_keys(tables) for tables in (record.get("scene") or {}, scene.as_tables()))
+    ignored = ("[output] end_time", "[numerics] device")
+    found = [key for key in {**before, **now} if key not in ignored and before.get(key) != now.get(key)]
+    if not found:
+        return "its input files have changed"
+    shown = [f"{key} = {_value(now, key)} (was {_value(before, key)})" for key in found[:DIFFERENCES]]
+    more = f" and {len(found) - DIFFERENCES} more" if len(found) > DIFFERENCES else ""
+    return f"{', '.join(shown)}{more}"
+
+
+def _keys(tables):
+    """{"[table] key": value} of the tables of a scene, "[[table]] N key" of those that are listed."""
+    found = {}
+    for name, table in tables.items():
+        if isinstance(table, Mapping):
+            found |= {f"[{name}] {key}": value for key, value in table.items()}
+        elif isinstance(table, list) and all(isinstance(one, Mapping) for one in table):
+            found |= {f"[[{name}]] {k} {key}": value for k, one in enumerate(table, 1) for key, value in one.items()}
+        else:
+            found[name] = table
+    return found
+
+
+def _value(keys, key):
+    """The value of `key` as in JSON, or "not given"."""
+    return json.dumps(keys[key]) if key in keys else "not given"
 
 
 def goes_on(record):
