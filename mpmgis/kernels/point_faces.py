@@ -6,7 +6,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS, GONE
 from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, row_shares, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
-from .point_barriers import ROWED, book_impulse
+from .point_barriers import ROWED, ROWED_TOO, book_impulse
 from .point_blocks import key_column, key_level, key_row, packed
 from .point_contact import (
     LAYER,
@@ -40,11 +40,15 @@ from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, X, Y, Z
 
 # of a face: node column nearest to it, direction of its rows, place from that node [cells], on which side the flow is,
 # unit normal, friction, 1 + number of the barrier (0: none, a gap between faces), place from the barrier's foot [m],
-# elevation up to which it holds [m], lowest level that its rows reach, level of the first of its `lines`
+# elevation up to which it holds [m], lowest level that its rows reach, level of the first of its `lines`; of faces that
+# share node columns 1 + the number of the next of them (0: none), 1 for all but the first, which of its node
+# columns belong to an earlier one, as a sum of 1, 2 and 4; in corners how far the place lies beside the side's plane
+# [cells], and the root of the variance of the part of the row's spline before the corner, over that of the whole
 (
     FACE_J, FACE_I, FACE_EAST, FACE_NORTH, FACE_FOOT, FACE_OUT, FACE_X, FACE_Y, FACE_MU, FACE_BARRIER, FACE_ARM_X,
-    FACE_ARM_Y, FACE_BASE, FACE_TOP, FACE_LOWEST, FACE_FIRST, FACE_ENTRIES,
-) = range(17)  # fmt: skip
+    FACE_ARM_Y, FACE_BASE, FACE_TOP, FACE_LOWEST, FACE_FIRST, FACE_NEXT, FACE_FOLLOWS, FACE_TAKEN,
+    FACE_SHIFT, FACE_SPREAD, FACE_ENTRIES,
+) = range(22)  # fmt: skip
 # of a line of nodes in contact: impulse so far [N s], velocity that a unit impulse gives [kg-1], mass of its
 # heaviest node [kg], yield before the step and after it [m], 1 where there is contact, shares of the nodes -2 to 2
 (
@@ -69,7 +73,7 @@ def _ground_under(ground, face, n, dx):
     j = int(face[FACE_J]) + (n - 1) * int(face[FACE_NORTH])
     i = int(face[FACE_I]) + (n - 1) * int(face[FACE_EAST])
     height, nx, ny, nz = plane_at(ground.nodes, j, i)
-    centre, spread = part_before((float(n - 1) - face[FACE_FOOT]) * face[FACE_OUT])
+    centre, spread = part_before((float(n - 1) - face[FACE_FOOT] + face[FACE_SHIFT]) * face[FACE_OUT])
     height -= (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * face[FACE_OUT] * centre * dx
     spread_x, spread_y = (spread, 1.0) if face[FACE_EAST] == 1.0 else (1.0, spread)
     return j, i, height, nx, ny, nz, sqrt(spread_x * nx * nx + spread_y * ny * ny) / nz
@@ -294,7 +298,7 @@ def share_row(f, k, grid, window, faces, lines):
     _weigh_line(grid.nodes, window.slots, span, window.lowest, node, along, line)
     m0, m1, m2, m3, m4 = _relative_masses(line)
     foot, across = face[FACE_FOOT] * face[FACE_OUT], _across(face)
-    rise = sqrt(max(1.0 - across * across, 0.0)) / across
+    rise = face[FACE_SPREAD] * sqrt(max(1.0 - across * across, 0.0)) / across
     _share_line(line, foot, row_shares(foot, rise, m0, m1, m2, m3, m4))
 
 
@@ -371,7 +375,13 @@ def weigh_rows(f, grid, window, ground, faces, lines, face_yields, step, dt, set
 
 @jit_borrowing
 def weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, settings):
-    """Weigh node column `n` of face `f` at the ground and find how far the ground yielded."""
+    """Weigh node column `n` of face `f` at the ground and find how far the ground yielded.
+
+    One that belongs to an earlier face is not in contact here.
+    """
+    if int(faces[f, FACE_TAKEN]) >> n & 1:
+        lines[f, n, LINE_ON] = 0.0
+        return
     window_span = (window.west, window.south, window.width, window.height, window.depth)
     _begin_column(
         grid.nodes, window.slots, window_span, window.lowest, faces[f], n, ground, lines[f, n], yields[(step - 1) % 2],
@@ -380,28 +390,51 @@ def weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, set
 
 
 @jit_borrowing
-def settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier):
-    """Push at the rows and node columns of face `f` in turn, until nothing changes."""
+def _press_face(f, reach, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier):
+    """Push at the rows of face `f` up to level `reach`, then at its node columns; returns the largest change.
+
+    In m s-1 of a node.
+    """
     face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
     nodes, slots, lowest = grid.nodes, window.slots, window.lowest
     window_span = (window.west, window.south, window.width, window.height, window.depth)
-    span = own[own.shape[0] - 1]
-    first, last, reach, largest = int(span[SPAN_FIRST]), int(span[SPAN_LAST]), 0, 0.0
+    span, change = own[own.shape[0] - 1], 0.0
+    for k in range(int(span[SPAN_FIRST]), min(int(span[SPAN_LAST]), reach) + 1):
+        if own[COLUMNS + k - base, LINE_ON] > 0.0:
+            change = max(change, _press_row(
+                nodes, slots, window_span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier
+            ))  # fmt: skip
     for n in range(COLUMNS):
-        reach = max(reach, foot_of(_ground_under(ground, face, n, settings.dx)[2], settings.dx)[0] + 1)
+        if own[n, LINE_ON] > 0.0:
+            change = max(change, _press_column(
+                nodes, slots, window_span, lowest, face, n, ground, zone_values, own[n], dt, settings, contact, zones,
+            ))  # fmt: skip
+    return change
+
+
+@jit_borrowing
+def settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier):
+    """Push at the rows and node columns of face `f` in turn, and of all that it meets, until nothing changes.
+
+    Rows above the ground's reach do not share nodes with what else pushes, unless two sides meet in a corner.
+    """
+    if faces[f, FACE_FOLLOWS] > 0.0:
+        return
+    top, reach, largest = top_of(faces[f], settings.dx), 0, 0.0
+    for n in range(COLUMNS):
+        reach = max(reach, foot_of(_ground_under(ground, faces[f], n, settings.dx)[2], settings.dx)[0] + 1)
+    g = int(faces[f, FACE_NEXT]) - 1
+    while g >= 0:
+        top = max(top, top_of(faces[g], settings.dx))
+        reach, g = top, int(faces[g, FACE_NEXT]) - 1
     for sweep in range(SWEEPS):
-        change = 0.0
-        for k in range(first, (last if sweep == 0 else min(last, reach)) + 1):
-            if own[COLUMNS + k - base, LINE_ON] > 0.0:
-                change = max(change, _press_row(
-                    nodes, slots, window_span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier
-                ))  # fmt: skip
-        for n in range(COLUMNS):
-            if own[n, LINE_ON] > 0.0:
-                change = max(change, _press_column(
-                    nodes, slots, window_span, lowest, face, n, ground, zone_values, own[n], dt, settings, contact,
-                    zones,
-                ))  # fmt: skip
+        change, g = 0.0, f
+        while g >= 0:
+            change = max(change, _press_face(
+                g, top if sweep == 0 else reach, grid, window, ground, zone_values, faces, lines, dt, settings, contact,
+                zones, barrier,
+            ))  # fmt: skip
+            g = int(faces[g, FACE_NEXT]) - 1
         largest = max(largest, change)
         if change <= SETTLED * largest:
             break
@@ -438,7 +471,7 @@ def press_on_faces(
     is what contact acts on, and the impulse is given back with the same shares. Rows and the node columns
     that they share nodes with push at the same time: each in turn is given the impulse that it needs beside the
     others', until nothing changes (projected Gauss-Seidel; each turn takes the kinetic energy to its least, so without
-    friction none is made). No two faces share a node column.
+    friction none is made). Faces that share node columns, in corners, settle together (`FACE_NEXT`).
 
     Parameters
     ----------
@@ -459,10 +492,26 @@ def press_on_faces(
             weigh_rows(f, grid, window, ground, faces, lines, face_yields, step, dt, settings)
             for n in range(COLUMNS):
                 weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, settings)
-            settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier)
-            book_face(
-                f, grid, window, ground, faces, lines, yields, face_yields, step, report[c], barrier_report[c], settings
-            )
+    for c in prange(CHUNKS):
+        for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
+            if faces[f, FACE_BARRIER] > 0.0:
+                settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier)
+    for c in prange(CHUNKS):
+        for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
+            if faces[f, FACE_BARRIER] > 0.0:
+                book_face(
+                    f, grid, window, ground, faces, lines, yields, face_yields, step, report[c], barrier_report[c],
+                    settings,
+                )  # fmt: skip
+
+
+@jit_inline
+def _depth_behind(p, rows, row, column, face):
+    """Distance [cells] of point `p`, in block [row, column], behind the plane of a face."""
+    foot = face[FACE_FOOT] - face[FACE_SHIFT]
+    east = float(rows[p, X]) + float(column * BLOCK - int(face[FACE_I])) - foot * face[FACE_EAST]
+    north = float(rows[p, Y]) + float(row * BLOCK - int(face[FACE_J])) - foot * face[FACE_NORTH]
+    return -(east * face[FACE_X] + north * face[FACE_Y])
 
 
 @jit_borrowing
@@ -470,8 +519,9 @@ def keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, mine):
     """Move point `p` towards the smooth face that it has passed, along its normal.
 
     By at most MOST_BACK a step, and not over an edge of the domain. Faces with friction yield: the point may be behind
-    them by MOST_YIELD. Points that are more than a cell behind a face came another way and stay. `mine` is the report
-    of the chunk: points that are moved are counted as held, and its window is widened to their blocks.
+    them by MOST_YIELD. Points that are more than a cell behind a face came another way and stay. In a corner the point
+    moves towards the side behind which it is further. `mine` is the report of the chunk: points that are moved are
+    counted as held, and its window is widened to their blocks.
     """
     if keys[p] == GONE:
         return
@@ -480,14 +530,18 @@ def keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, mine):
     i = min(column * BLOCK + int(floor(rows[p, X] + 0.5)), barriers.shape[1] - 1)  # noqa: RUF046
     if barriers[j, i, ROWED] <= 0.0:
         return
-    face = faces[int(barriers[j, i, ROWED]) - 1]
+    f = int(barriers[j, i, ROWED]) - 1
+    into = _depth_behind(p, rows, row, column, faces[f])
+    if barriers[j, i, ROWED_TOO] > 0.0:
+        other = int(barriers[j, i, ROWED_TOO]) - 1
+        beside = _depth_behind(p, rows, row, column, faces[other])
+        if beside > into:
+            f, into = other, beside
+    face = faces[f]
     level = key_level(keys[p]) + lowest[row, column, 0]
     z = (float(rows[p, Z]) + float(level * BLOCK - GHOSTS)) * dx
     if face[FACE_BARRIER] <= 0.0 or z > face[FACE_TOP]:
         return
-    east = float(rows[p, X]) + float(column * BLOCK - int(face[FACE_I])) - face[FACE_FOOT] * face[FACE_EAST]
-    north = float(rows[p, Y]) + float(row * BLOCK - int(face[FACE_J])) - face[FACE_FOOT] * face[FACE_NORTH]
-    into = -(east * face[FACE_X] + north * face[FACE_Y])
     back = into - MOST_YIELD if face[FACE_MU] > 0.0 else into
     if not (back > 0.0 and into <= 1.0):
         return

@@ -9,17 +9,19 @@ can reach.
 Faces of barriers as the 3D kernels know them (see `spatial.faces` and `kernels.point_faces`).
 """
 
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import numpy as np
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import SceneError
 from ..kernels.point_contact import LAYER, MOST_YIELD, YIELD, YIELD_STEP
-from ..kernels.point_faces import FACE_ENTRIES
+from ..kernels.point_faces import FACE_ENTRIES, FACE_FOLLOWS, FACE_NEXT, FACE_TAKEN, FACE_TOP, FACE_X, FACE_Y
 from ..kernels.point_ground import EXACT_ENTRIES, FOLD_ENTRIES, FOLD_LEVELS, Ground, distances_to_ground
 from ..kernels.point_rows import GHOSTS
-from ..spatial.faces import faces_of
+from ..spatial.faces import SAME_SIDE, faces_of
 from ..spatial.node_grid import bed_at_nodes
 
 FOLD_CELLS = 0.5  # [cells] deviation of the ground from the plane of a node at its neighbours that makes a fold
@@ -91,7 +93,7 @@ NO_FACES = np.zeros((0, FACE_ENTRIES))
 
 
 def face_arrays(nodes, bed, smooth, x, y, middle, floor, cell_size):
-    """(float64[n, FACE_ENTRIES], number of levels, float64[rows, columns, 2] for ROWED and ROW_TOP).
+    """(float64[n, FACE_ENTRIES], number of levels, float64[rows, columns, 3] for ROWED, ROW_TOP and ROWED_TOO).
 
     Parameters
     ----------
@@ -106,7 +108,7 @@ def face_arrays(nodes, bed, smooth, x, y, middle, floor, cell_size):
     """
     faces = faces_of(nodes, bed + floor, smooth, cell_size)
     entries, levels = np.zeros((len(faces), FACE_ENTRIES)), 0
-    owned = np.zeros((*bed.shape, 2))
+    owned, at_columns = np.zeros((*bed.shape, 3)), {}
     shift, first = GHOSTS - 1, 0
     for alone, group in groupby(faces, key=lambda face: face is None):
         side = list(group)
@@ -117,17 +119,39 @@ def face_arrays(nodes, bed, smooth, x, y, middle, floor, cell_size):
             for n, face in enumerate(side, first):
                 place = np.array([x[face.i], y[face.j]])
                 place[face.axis] += face.foot * cell_size
+                place[1 - face.axis] += face.along * cell_size
                 top = (np.floor((face.top - floor) / cell_size + 1e-9) + 0.25) * cell_size  # between two levels
                 entries[n] = (
                     face.j + shift, face.i + shift, 1 - face.axis, face.axis, face.foot, face.out, *face.normal,
                     face.mu, face.number, *(place - middle[face.number, :2]), middle[face.number, 2], top,
-                    max(bottom[n - first], 0), base,
+                    max(bottom[n - first], 0), base, 0.0, 0.0, 0.0, face.shift,
+                    np.sqrt(face.spread),
                 )  # fmt: skip
                 levels = max(levels, int(top / cell_size) + GHOSTS + 1 - base)
                 for at in face.columns():
-                    owned[at] = n + 1, top
+                    at_columns.setdefault(at, []).append(n)
         first += len(side)
+    for at, of in at_columns.items():
+        others = [n for n in of if entries[n, FACE_X : FACE_Y + 1] @ entries[of[0], FACE_X : FACE_Y + 1] < SAME_SIDE]
+        owned[at] = of[0] + 1, min(entries[n, FACE_TOP] for n in of), others[0] + 1 if others else 0
+    _join(faces, entries, at_columns)
     return entries, levels, owned
+
+
+def _join(faces, entries, at_columns):
+    """Chain faces that share node columns, in place; `at_columns` are the numbers of the faces at each node column."""
+    shared = [pair for of in at_columns.values() for pair in pairwise(of)]
+    if not shared:
+        return
+    for at, of in at_columns.items():
+        for n in of[1:]:
+            entries[n, FACE_TAKEN] += 2 ** faces[n].columns().index(at)
+    pairs, n = np.transpose(shared), len(entries)
+    _, part = connected_components(coo_array((np.ones(len(shared)), tuple(pairs)), (n, n)), directed=False)
+    order = np.argsort(part, kind="stable")
+    follows = part[order[1:]] == part[order[:-1]]
+    entries[order[1:][follows], FACE_FOLLOWS] = 1.0
+    entries[order[:-1][follows], FACE_NEXT] = 1 + order[1:][follows]
 
 
 LEVEL_ROUNDING = 1e-12  # relative rounding error of an elevation in cells

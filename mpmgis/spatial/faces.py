@@ -1,14 +1,22 @@
 """Faces of barriers in 3D: where a wall's smooth side crosses the rows of nodes that lead into it."""
 
+from itertools import groupby, pairwise
 from math import cos, floor, radians
 from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.contact_shares import part_before
+
 HELD_CELLS = 1.5  # [cells] under the crest, above which nodes are held one by one
 LOWEST_FACE = 2.0  # [cells] at least, from the ground to where rows end
 SAME_SIDE = cos(radians(30.0))  # nodes whose normals differ by more lie behind different sides
 DIAGONAL = 0.999  # of the larger part of a normal, from which both axes are as good
+STRAIGHT = cos(radians(1.0))  # of faces beside each other on one side
+MOST_ASKEW = 4  # faces whose normal a corner turns
+MOST_TO_CORNER = 8  # rows from the last whole one to the end in a corner
+SUPPORT = 1.5  # [cells] of the spline
+LEAST_SLOPE = 0.1  # of the side that another meets, over which both form a corner
 ROUND_OFF = 1e-9  # [cells]
 AT_RIM = 1e-6  # [cells] from the side, within which rounding decides to whom a node belongs
 
@@ -33,6 +41,10 @@ class Face(NamedTuple):
     mu : float [1]
     top : float [m]
         Elevation up to which the rows hold.
+    along, shift : float [cells]
+        In a corner, how far the centre of the row's part of the side lies beside the row, and how far `foot` along it.
+    spread : float
+        Variance of that part over that of the whole spline.
     """
 
     j: int
@@ -44,6 +56,9 @@ class Face(NamedTuple):
     number: int
     mu: float
     top: float
+    along: float = 0.0
+    shift: float = 0.0
+    spread: float = 1.0
 
     def columns(self):
         """(j, i) of the three node columns of the row."""
@@ -53,8 +68,9 @@ class Face(NamedTuple):
 def faces_of(nodes, bed, smooth, cell_size):
     """List of Face, those beside each other along a side in their order, None between others.
 
-    Left out are rows at corners, ends and openings, on ground that is not smooth, at walls lower than the cells can
-    tell, and rows that would share a node column with another face.
+    Left out are rows at outer corners, ends and openings, on ground that is not smooth, at walls lower than the cells
+    can tell, and rows that would share a node column with another face of their side. In an inner corner the rows of
+    both sides reach as far as splines of points before it, and share node columns.
 
     Parameters
     ----------
@@ -64,7 +80,7 @@ def faces_of(nodes, bed, smooth, cell_size):
         Where the ground under a node column is smooth.
     cell_size : float [m]
     """
-    taken, faces = np.zeros(bed.shape, bool), []
+    taken, sides = np.zeros(bed.shape, bool), []
     for axis in (0, 1):
         along, other = np.abs(nodes.normal[..., axis]), np.abs(nodes.normal[..., 1 - axis])
         better = along >= DIAGONAL * other if axis == 0 else along * DIAGONAL > other
@@ -73,15 +89,123 @@ def faces_of(nodes, bed, smooth, cell_size):
             face = _face_behind(nodes, int(j), int(i), axis, cell_size)
             if face is not None and _is_smooth(face, nodes, bed, smooth, cell_size):
                 found.append(face)
+        begun = {}  # sides of each wall and direction that are not yet at their ends
         for face in sorted(found, key=_order):
             columns = tuple(np.transpose(face.columns()))
             if taken[columns].any():
                 continue
             taken[columns] = True
-            if faces and not _are_adjacent(faces[-1], face):
-                faces.append(None)
-            faces.append(face)
+            open_sides = begun.setdefault((face.number, face.out), [])
+            side = next((side for side in open_sides if _are_adjacent(side[-1], face)), None)
+            if side is None:
+                side = []
+                open_sides.append(side)
+                sides.append(side)
+            side.append(face)
+    turned = [side for side in sides if not _has_plane(side)]
+    sides = [side for side in sides if _has_plane(side)]
+    for _ in range(2):  # at their ends, then turned round at their beginnings
+        sides = [_into_corner(side, nodes, bed, smooth, cell_size)[::-1] for side in sides]
+    reached = {at for side in sides for face in side for at in face.columns()}
+    faces, rest = [], [part for side in turned for part in _parts_beside(side, reached)]
+    for side in rest + sides:
+        faces += [None, *side] if faces else side
     return faces
+
+
+def _has_plane(side):
+    """Have two faces beside each other the same normal?
+
+    Nodes behind a corner can make short sides whose faces do not.
+    """
+    return any(np.dot(one.normal, other.normal) > STRAIGHT for one, other in pairwise(side))
+
+
+def _parts_beside(side, columns):
+    """Runs of the faces of `side` that have none of the node `columns`."""
+    groups = groupby(side, key=lambda face: any(at in columns for at in face.columns()))
+    return [list(group) for meets, group in groups if not meets]
+
+
+def _into_corner(side, nodes, bed, smooth, cell_size):
+    """`side` with its faces at its end in the corner with another side, if it ends in one.
+
+    Nodes behind a corner are nearest to the corner itself, so that the last faces may have a normal between those of
+    both sides: they are replaced.
+    """
+    whole = len(side)
+    while whole > max(len(side) - MOST_ASKEW, 1):
+        if whole > 1 and np.dot(side[whole - 1].normal, side[whole - 2].normal) > STRAIGHT:
+            break
+        whole -= 1
+    way = (side[-1].j - side[0].j, side[-1].i - side[0].i)[side[0].axis]
+    for step in (1, -1) if way == 0 else (int(np.sign(way)),):
+        added, corner = _to_corner(side[whole - 1], step, nodes, bed, smooth, cell_size)
+        if added:
+            return [_before_corner(face, corner, step) for face in side[:whole] + added]
+    return side
+
+
+def _to_corner(last, step, nodes, bed, smooth, cell_size):
+    """(faces beyond the `last` of a side in direction `step`, place of the corner), an empty list if there is none.
+
+    Faces reach as far as the splines of points before the corner. The corner's place counts along the axis across the
+    rows. It is where the side meets the plane of the wall in which the first nodes before it lie.
+    """
+    added, corner = [], None
+    axis, normal = last.axis, last.normal
+    lean = -normal[1 - axis] / normal[axis]
+    for n in range(1, MOST_TO_CORNER + 1):
+        across = (last.j, last.i)[axis] + n * step
+        place = (last.j, last.i)[1 - axis] + last.foot + n * step * lean
+        face = _at_place(last, across, place)
+        columns = face.columns()
+        if not all(0 <= k < size for at in columns for k, size in zip(at, bed.shape, strict=True)):
+            return [], None
+        if any(nodes.number[at] == 0 for o, at in zip((-1, 0, 1), columns, strict=True) if _away(face, o) < -AT_RIM):
+            return [], None
+        face = face._replace(top=_lowest_crest(face, nodes) - HELD_CELLS * cell_size)
+        if any(
+            not smooth[at] or nodes.share[at] > 0.0 or face.top - bed[at] < LOWEST_FACE * cell_size for at in columns
+        ):
+            return [], None
+        ahead = columns[1 + face.out]
+        if corner is None and nodes.number[ahead] > 0 and np.dot(nodes.normal[ahead], normal) < SAME_SIDE:
+            other = nodes.normal[ahead]
+            reach = (ahead[axis] - across) * other[1 - axis] + (ahead[1 - axis] - place) * other[axis]
+            reach += nodes.depth[ahead] / cell_size
+            slope = other[1 - axis] + lean * other[axis]
+            if slope * step > -LEAST_SLOPE:
+                return [], None
+            corner = across + reach / slope
+        if corner is not None and (across - corner) * step >= SUPPORT - AT_RIM:
+            return added, corner
+        added.append(face)
+    return [], None
+
+
+def _away(face, o):
+    """Distance [cells] along a face's row of its node `o` (-1, 0 or 1) before it."""
+    return (o - face.foot) * face.out
+
+
+def _at_place(face, across, place):
+    """`face` with its row at `across` and its foot at `place` along it, both in nodes."""
+    nearest = floor(place + 0.5 + ROUND_OFF)
+    at = (across, nearest) if face.axis == 0 else (nearest, across)
+    return face._replace(j=at[0], i=at[1], foot=place - nearest)
+
+
+def _before_corner(face, corner, step):
+    """`face`, whose side ends at `corner` in direction `step`, at the centre of the part of its spline before it."""
+    across = (face.j, face.i)[face.axis]
+    centre, spread = part_before((corner - across) * step)
+    if centre == 0.0:
+        return face
+    along = -step * centre
+    shift = -face.normal[1 - face.axis] / face.normal[face.axis] * along
+    place = (face.j, face.i)[1 - face.axis] + face.foot + shift
+    return _at_place(face, across, place)._replace(along=along, shift=shift, spread=spread)
 
 
 def _order(face):

@@ -79,6 +79,13 @@ def drawn(seed, precision):
     return points_on(plane(degrees, 80.0, 24.0, 120.0, 4.0), frame, cell, SOIL, contact, SOFT, walls=walls, **options)
 
 
+def cornered(mu, degrees=0.0):
+    """An L whose inner corner is before the flow, turned by `degrees` about it."""
+    corner = 57.5, 13.4
+    shape = shapely.union_all([shapely.box(57.5, -50.0, 61.5, 17.4), shapely.box(30.0, 13.4, 61.5, 17.4)])
+    return Wall("corner", shapely.affinity.rotate(shape, degrees, corner), height=20.0, mu=mu)
+
+
 STEP = terrain_of(lambda x, y: np.where(x < 60.0, 120.0, 105.0), 80.0, 24.0, 4.0)
 TURNED = Wall("turned", shapely.Polygon([(57.5, -9), (61.5, -9), (66.5, 60), (62.5, 60)]), height=20.0, mu=0.5)
 BARRIERS = {
@@ -93,6 +100,9 @@ BARRIERS = {
     "at the edge": lambda p: at_barrier(p, wall(mu=0.3), y=0.1, degrees=20.0, speed=4.0, edges="wall"),
     "at a cliff": lambda p: at_barrier(p, wall(57.2, 1.0, mu=0.3), terrain=STEP, z=0.3),
     "on friction zones": lambda p: with_zones(at_barrier(p, wall(mu=0.3))),
+    "inner corner": lambda p: at_barrier(p, cornered(0.0), x=57.2, y=11.9, speed=6.0),
+    "inner corner with friction": lambda p: at_barrier(p, cornered(0.4), x=57.2, y=11.9, contact=VOELLMY),
+    "inner corner, turned": lambda p: at_barrier(p, cornered(0.0, 25.0), x=56.9, y=12.2, speed=6.0),
     "turned on a slope": lambda p: at_barrier(p, TURNED, degrees=30.0, x=58.6, speed=1.5),
 }
 KERNELS = {
