@@ -119,11 +119,11 @@ def resolution_words(numbers: dict) -> str:
     """One sentence about a Resolution `as_numbers`."""
     size = numbers["cell_size"]
     words = [
-        f"the flow is {numbers['thickness']:.3g} m thick, {numbers['cells_over_depth']:.2g} cells of {size:g} m over "
+        f"the flow is {numbers['thickness']:.3g} m thick, {numbers['cells_over_depth']:.3g} cells of {size:g} m over "
         "its depth"
     ]
     if numbers.get("wall_height") is not None:
-        words.append(f"{numbers['cells_over_wall']:.2g} over the lowest wall of {numbers['wall_height']:.3g} m")
+        words.append(f"{numbers['cells_over_wall']:.3g} over the lowest wall of {numbers['wall_height']:.3g} m")
     thin = f"{100 * numbers['thin_share']:.3g} % of the mass is thinner than {FEWEST_CELLS:g} cells"
     if not numbers["coarse"]:
         return f"{', '.join(words)}; {thin}"

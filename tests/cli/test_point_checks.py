@@ -146,7 +146,7 @@ def test_each_switch_to_points_reports_the_cells_over_the_flow_as_it_is_then(sit
     assert "resolution" not in first and "resolution" not in last and "volume" not in last
     assert found["cells_over_wall"] == pytest.approx(12 / 5.0) and found["coarse"]
     assert found["cells_over_depth"] < 0.9 * 12.0 * np.sqrt(1.25) / 5.0
-    assert f"{found['cells_over_depth']:.2g} cells of 5 m over its depth" in err
+    assert f"{found['cells_over_depth']:.3g} cells of 5 m over its depth" in err
     assert "over the lowest wall of 12 m" in err
     assert points["volume"]["time"] == 3.5 and points["volume"]["mass"] == pytest.approx(points["balances"]["mass_now"])
     frames = sorted(map(str, (site / "staged").glob("*.h5")))

@@ -102,7 +102,7 @@ BARRIERS = {
     "on friction zones": lambda p: with_zones(at_barrier(p, wall(mu=0.3))),
     "inner corner": lambda p: at_barrier(p, cornered(0.0), x=57.2, y=11.9, speed=6.0),
     "inner corner with friction": lambda p: at_barrier(p, cornered(0.4), x=57.2, y=11.9, contact=VOELLMY),
-    "inner corner, turned": lambda p: at_barrier(p, cornered(0.0, 25.0), x=56.9, y=12.2, speed=6.0),
+    "inner corner, turned": lambda p: at_barrier(p, cornered(0.0, 25.0), x=57.9, y=11.6),
     "turned on a slope": lambda p: at_barrier(p, TURNED, degrees=30.0, x=58.6, speed=1.5),
 }
 KERNELS = {

@@ -8,6 +8,7 @@ pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 SCENES = (
     *("smooth face", "face with friction", "face and drag", "thin wall", "overtopping", "over a face", "opening"),
     *("two barriers", "at the edge", "at a cliff", "on friction zones", "turned on a slope"),
+    *("inner corner", "inner corner with friction", "inner corner, turned"),
     *("drawn 0", "drawn 1", "drawn 3", "drawn 11"),
 )
 OVER = 7  # index of the mass that passed above a crest in the loads of a barrier
