@@ -1,12 +1,14 @@
 """Stress of points at the start of the 3D solver: that of their weight, on level ground or on a slope."""
 
-import math
-
 import numpy as np
+
+from .ground import Ground
 
 STEEPEST = 1.0  # [1] largest shear stress over normal stress at the start, where neither bed nor material limits it
 USED = 0.9  # largest share of a material's strength that is mobilised at the start, where equilibrium allows it
 CHUNK = 1 << 18  # points whose stress is computed at once: temporary arrays stay small
+STRONGEST = 1e3  # [1] largest strength over pressure that is considered; more makes no difference
+TINY = 1e-300  # [Pa] keeps divisors off 0
 THIN = 0.01  # [1] least over largest variance of places, below which no slope along the narrow direction is known
 
 
@@ -19,39 +21,45 @@ def stress_of_weight(frame, terrain, vertical_stress, material, contact, cell_si
         Dimension 3.
     terrain : Terrain
     vertical_stress : float64[n] [Pa]
-        Of the weight above each point.
+        -rho g c^2 d of the depth d of each point below the surface on a bed of cosine c (`ground.vertical_stress`).
     material, contact : laws of the solver
     cell_size : float [m]
     gravity : float [m s-2]
 
     Notes
     -----
-    The slope is that of the surface of the flow, over three thicknesses of it.
+    The slope is that of the surface of the flow, over three thicknesses of it, up to 45 degrees. Friction of zones is
+    not considered.
     """
-    shear_modulus, strength = getattr(material, "shear_modulus", 0.0), material.friction_at_rest()
-    if strength == 0.0:
-        return kirchhoff_stress(vertical_stress, material.bulk_modulus, shear_modulus, strength=strength)
+    shear_modulus, (friction, cohesion) = getattr(material, "shear_modulus", 0.0), material.strength_at_rest()
+    if friction == cohesion == 0.0:
+        return kirchhoff_stress(vertical_stress, material.bulk_modulus, shear_modulus, strength=0.0)
     x, y = frame.particles.position[:, :2].T
-    height = frame.particles.position[:, 2] + frame.origin[2]
-    above_bed = height - terrain.sample(*frame.map_xy())
-    depth = vertical_stress / (-frame.particles.mass / frame.particles.volume * gravity)
-    thickness = above_bed + depth
+    height, place = frame.particles.position[:, 2] + frame.origin[2], frame.map_xy()
+    ground = Ground.under(terrain, *place)
+    steep2 = sum(slope**2 for slope in ground.gradient(*place))
+    load = -frame.particles.mass / frame.particles.volume * gravity  # [Pa m-1]
+    depth = vertical_stress / load * (1.0 + np.where(np.isfinite(steep2), steep2, 0.0))
+    thickness = height - ground.height(*place) + depth
     known = np.isfinite(thickness)
     size = max(cell_size, float(np.median(thickness[known]))) if known.any() else cell_size
     slope = surface_slopes(x, y, height + depth, size)
+    slope *= (STEEPEST / np.maximum(np.hypot(*slope.T), STEEPEST))[:, None]
     bed_friction, stress = getattr(contact, "mu", STEEPEST), np.empty((len(x), 6))
     for first in range(0, len(x), CHUNK):
         some = slice(first, first + CHUNK)
+        normal_stress = load[some] * depth[some] / (1.0 + (slope[some] ** 2).sum(axis=1))
+        strength = np.minimum(friction + cohesion / np.maximum(-normal_stress, TINY), STRONGEST)
         stress[some] = kirchhoff_stress(
-            vertical_stress[some], material.bulk_modulus, shear_modulus, slope[some], bed_friction, strength
+            normal_stress, material.bulk_modulus, shear_modulus, slope[some], bed_friction, strength
         )
     return stress
 
 
 def kirchhoff_stress(
-    vertical_stress, bulk_modulus, shear_modulus, slope=None, bed_friction=STEEPEST, strength=math.inf
-):
-    """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points under the weight `vertical_stress` [Pa].
+    normal_stress, bulk_modulus, shear_modulus, slope=None, bed_friction=STEEPEST, strength=STRONGEST
+):  # fmt: skip
+    """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points under the weight `normal_stress` [Pa].
 
     On level ground sigma_xx = sigma_yy = K sigma_zz with K = nu / (1 - nu): points are confined sideways. Where the
     material does not bear that, K is the least that it bears (`lateral_ratio`).
@@ -62,21 +70,22 @@ def kirchhoff_stress(
 
     Parameters
     ----------
-    vertical_stress : float64[n] [Pa]
+    normal_stress : float64[n] [Pa]
         Normal to the slope, negative in compression.
     bulk_modulus, shear_modulus : float [Pa]
     slope : float64[n, 2], optional [1]
         Of the surface along x and y; default level.
     bed_friction : float [1]
-    strength : float [1]
+    strength : float or float64[n] [1]
         Largest |s| / sqrt(2) over p at rest, of the material.
     """
     lame = bulk_modulus - 2.0 / 3.0 * shear_modulus
     confined = lame / (lame + 2.0 * shear_modulus)
-    slope = np.zeros((len(vertical_stress), 2)) if slope is None else slope
+    slope = np.zeros((len(normal_stress), 2)) if slope is None else slope
     steepness = np.hypot(*slope.T)
-    borne = math.inf if strength >= 1.0 else strength / math.sqrt(1.0 - strength**2)
-    shear = np.minimum(steepness, min(bed_friction, borne, STEEPEST))
+    sine = np.minimum(strength, 1.0 - 1e-9)
+    borne = sine / np.sqrt(1.0 - sine**2)
+    shear = np.minimum(np.minimum(steepness, borne), min(bed_friction, STEEPEST))
     along = lateral_ratio(confined, shear, strength)
     across = np.minimum(along, 0.5 * (1.0 + along))  # between the principal stresses in the vertical plane
     cosine = 1.0 / np.sqrt(1.0 + steepness**2)
@@ -90,7 +99,7 @@ def kirchhoff_stress(
         - shear * (tangent[:, i] * normal[:, j] + normal[:, i] * tangent[:, j])
         for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     ]  # fmt: skip
-    return vertical_stress[:, None] * np.column_stack(unit)
+    return normal_stress[:, None] * np.column_stack(unit)
 
 
 def lateral_ratio(confined, shear, strength):
@@ -108,9 +117,7 @@ def lateral_ratio(confined, shear, strength):
 
     Where that has no solution, K = 1 + 2 t^2 mobilises the least strength, sin(theta) p.
     """
-    if strength == math.inf:
-        return np.full_like(shear, confined)
-    m = USED * strength
+    m = USED * np.minimum(strength, STRONGEST)
     t2, m2 = shear**2, m**2
     low = np.maximum((3.0 + 2.0 * m2) ** 2 - (3.0 - 4.0 * m2) * (3.0 + 9.0 * t2 - m2), 0.0)
     high = m2 - t2 * (1.0 - m2)

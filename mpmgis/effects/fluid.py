@@ -20,9 +20,9 @@ class Fluid(NamedTuple):
     dynamic_viscosity: float  # eta [Pa s]
     tait: float  # 1 or 0
 
-    def friction_at_rest(self):
+    def strength_at_rest(self):
         """As in `effects/material`: no shear stress at rest."""
-        return 0.0
+        return 0.0, 0.0
 
     def pressure(self, volume):
         """p [Pa] of J = `volume` [1]."""

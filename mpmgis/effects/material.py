@@ -159,9 +159,9 @@ class Elastic(NamedTuple):
     bulk_modulus: float  # K [Pa]
     shear_modulus: float  # G [Pa]
 
-    def friction_at_rest(self):
-        """Largest |s| / sqrt(2) over p [1] at rest: not limited."""
-        return inf
+    def strength_at_rest(self):
+        """m [1] and k [Pa]: |s| / sqrt(2) is at most m p + k at rest; here it is not limited."""
+        return inf, 0.0
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
         return trace, 1.0, plastic_strain, opening, ORDINARY, False
@@ -192,9 +192,9 @@ class DruckerPrager(NamedTuple):
     tension_limit: float  # largest tension -p [Pa], below that of the tip of the cone (always if slope is 0)
     volume_correction: float  # 1 or 0
 
-    def friction_at_rest(self):
-        """As in `Elastic`, without cohesion."""
-        return self.slope / sqrt(3.0)
+    def strength_at_rest(self):
+        """As in `Elastic`."""
+        return self.slope / sqrt(3.0), self.strength / sqrt(3.0)
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
         """Elastic trace, share of the deviator that is elastic, new e_d, new v_c, code, whether it yields."""
@@ -236,9 +236,9 @@ class MuI(NamedTuple):
     grain_density: float  # rho_s [kg m-3]
     volume_correction: float  # 1 or 0
 
-    def friction_at_rest(self):
+    def strength_at_rest(self):
         """As in `Elastic`."""
-        return self.mu1
+        return self.mu1, 0.0
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
         """As in `DruckerPrager`."""
@@ -290,9 +290,9 @@ class CohesiveMuI(NamedTuple):
     grain_density: float  # rho_s [kg m-3]
     volume_correction: float  # 1 or 0
 
-    def friction_at_rest(self):
-        """As in `Elastic`, without cohesion."""
-        return self.slope / sqrt(3.0)
+    def strength_at_rest(self):
+        """As in `Elastic`."""
+        return self.slope / sqrt(3.0), self.strength / sqrt(3.0)
 
     def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
         """As in `DruckerPrager`."""

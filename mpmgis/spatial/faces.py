@@ -16,6 +16,7 @@ STRAIGHT = cos(radians(1.0))  # of faces beside each other on one side
 MOST_ASKEW = 4  # faces whose normal a corner turns
 MOST_TO_CORNER = 8  # rows from the last whole one to the end in a corner
 SUPPORT = 1.5  # [cells] of the spline
+OFF_SIDE = 0.05  # [cells] by which the rim of a wall may be off the sides of a corner
 LEAST_SLOPE = 0.1  # of the side that another meets, over which both form a corner
 ROUND_OFF = 1e-9  # [cells]
 AT_RIM = 1e-6  # [cells] from the side, within which rounding decides to whom a node belongs
@@ -107,10 +108,18 @@ def faces_of(nodes, bed, smooth, cell_size):
     for _ in range(2):  # at their ends, then turned round at their beginnings
         sides = [_into_corner(side, nodes, bed, smooth, cell_size)[::-1] for side in sides]
     reached = {at for side in sides for face in side for at in face.columns()}
-    faces, rest = [], [part for side in turned for part in _parts_beside(side, reached)]
+    faces, rest, known = [], [part for side in turned for part in _parts_beside(side, reached)], set()
     for side in rest + sides:
-        faces += [None, *side] if faces else side
+        groups = groupby(side, key=lambda face: _row_and_plane(face) in known)  # runs of one side can share a corner
+        for part in [list(group) for again, group in groups if not again]:
+            faces += [None, *part] if faces else part
+            known |= {_row_and_plane(face) for face in part}
     return faces
+
+
+def _row_and_plane(face):
+    """What two faces of one side in the same row have in common."""
+    return face.j, face.i, face.axis, face.out, *(round(part, 6) for part in face.normal)
 
 
 def _has_plane(side):
@@ -142,7 +151,8 @@ def _into_corner(side, nodes, bed, smooth, cell_size):
     for step in (1, -1) if way == 0 else (int(np.sign(way)),):
         added, corner = _to_corner(side[whole - 1], step, nodes, bed, smooth, cell_size)
         if added:
-            return [_before_corner(face, corner, step) for face in side[:whole] + added]
+            faces = [_before_corner(face, corner, step) for face in side[:whole] + added]
+            return [face for face in faces if face.spread > 0.0]  # of the others no part is before the corner
     return side
 
 
@@ -150,14 +160,14 @@ def _to_corner(last, step, nodes, bed, smooth, cell_size):
     """(faces beyond the `last` of a side in direction `step`, place of the corner), an empty list if there is none.
 
     Faces reach as far as the splines of points before the corner. The corner's place counts along the axis across the
-    rows. It is where the side meets the plane of the wall in which the first nodes before it lie.
+    rows. It is where the side meets the plane of the rim next to the first node before it that lies in the wall.
     """
     added, corner = [], None
     axis, normal = last.axis, last.normal
     lean = -normal[1 - axis] / normal[axis]
     for n in range(1, MOST_TO_CORNER + 1):
         across = (last.j, last.i)[axis] + n * step
-        place = (last.j, last.i)[1 - axis] + last.foot + n * step * lean
+        place = (last.j, last.i)[1 - axis] + last.foot - last.shift + n * step * lean
         face = _at_place(last, across, place)
         columns = face.columns()
         if not all(0 <= k < size for at in columns for k, size in zip(at, bed.shape, strict=True)):
@@ -172,6 +182,7 @@ def _to_corner(last, step, nodes, bed, smooth, cell_size):
         ahead = columns[1 + face.out]
         if corner is None and nodes.number[ahead] > 0 and np.dot(nodes.normal[ahead], normal) < SAME_SIDE:
             other = nodes.normal[ahead]
+            rim = np.array([ahead[1], ahead[0]]) + nodes.depth[ahead] / cell_size * other
             reach = (ahead[axis] - across) * other[1 - axis] + (ahead[1 - axis] - place) * other[axis]
             reach += nodes.depth[ahead] / cell_size
             slope = other[1 - axis] + lean * other[axis]
@@ -179,9 +190,35 @@ def _to_corner(last, step, nodes, bed, smooth, cell_size):
                 return [], None
             corner = across + reach / slope
         if corner is not None and (across - corner) * step >= SUPPORT - AT_RIM:
-            return added, corner
+            sides = (_place_of(last), np.array(normal)), (rim, np.array(other))
+            return (added, corner) if _lie_on(sides, added, nodes, cell_size) else ([], None)
         added.append(face)
     return [], None
+
+
+def _place_of(face):
+    """(east, north) [nodes] of a point of a face's side."""
+    at = np.array([face.i, face.j], float)
+    at[face.axis] += face.foot - face.shift
+    return at
+
+
+def _lie_on(sides, faces, nodes, cell_size):
+    """Is the rim of the wall nearest to each node behind `faces` on one of both `sides` (point, normal) of a corner?
+
+    It is not where the wall is curved or has a kink before the corner. The rim behind a thin wall does not count.
+    """
+    meeting = np.linalg.solve([facing for _, facing in sides], [np.dot(*side) for side in sides])
+    for face in faces:
+        for o, (j, i) in zip((-1, 0, 1), face.columns(), strict=True):
+            if _away(face, o) < -AT_RIM:
+                depth, normal = nodes.depth[j, i] / cell_size, nodes.normal[j, i]
+                rim = np.array([i, j]) + depth * normal
+                nearer = depth < np.hypot(*(meeting - [i, j]))
+                is_back = nearer and all(np.dot(normal, facing) < SAME_SIDE for _, facing in sides)
+                if not is_back and min(abs(np.dot(rim - point, facing)) for point, facing in sides) > OFF_SIDE:
+                    return False
+    return True
 
 
 def _away(face, o):
@@ -200,11 +237,11 @@ def _before_corner(face, corner, step):
     """`face`, whose side ends at `corner` in direction `step`, at the centre of the part of its spline before it."""
     across = (face.j, face.i)[face.axis]
     centre, spread = part_before((corner - across) * step)
-    if centre == 0.0:
+    if centre == 0.0 or face.spread <= spread:  # the nearer of two corners counts
         return face
     along = -step * centre
     shift = -face.normal[1 - face.axis] / face.normal[face.axis] * along
-    place = (face.j, face.i)[1 - face.axis] + face.foot + shift
+    place = (face.j, face.i)[1 - face.axis] + face.foot - face.shift + shift
     return _at_place(face, across, place)._replace(along=along, shift=shift, spread=spread)
 
 

@@ -17,6 +17,7 @@ from mpmgis.io.frames import read_frame
 from mpmgis.io.run_folder import RunFolder
 from mpmgis.solvers.integrate import Guard
 from mpmgis.solvers.restart import start_digest
+from mpmgis.workflows.run_setup.later_end import differences
 from mpmgis.workflows.run_setup.prepare import prepare
 
 SHORT = SCENE.replace("end_time = 30", "end_time = 8").replace("frame_interval = 5", "frame_interval = 2")
@@ -103,6 +104,19 @@ def test_a_run_does_not_continue_over_other_elevations(site, capsys):
     capsys.readouterr()
     assert main(["run", str(site / "scene.toml"), "-q", "--resume"]) == 2
     assert "a run of another scene or of changed inputs: its input files have changed;" in capsys.readouterr().err
+
+
+def test_what_differs_from_a_run_is_named_in_one_short_line():
+    def given(tables):
+        return SimpleNamespace(as_tables=lambda: tables)
+
+    record = {"scene": {"solver": "columns", "output": {"end_time": 10.0}, "friction": {"mu": 0.2}, "barrier": [{}]}}
+    same = {"solver": "columns", "output": {"end_time": 5.0}, "friction": {"mu": 0.2}, "barrier": [{}]}
+    assert differences(record, given(same)) == "[output] end_time = 5 is earlier than 10"
+    assert differences(record, given(same | {"output": {"end_time": 10.0}})) == "its input files have changed"
+    many = {"barrier": [{"points": [[0.0, 1.0]] * 400, "height": 3.0, "mu": 0.1}]}
+    words = differences(record, given(many))
+    assert "[friction] mu = not given (was 0.2)" in words and "and 2 more" in words and len(words) < 300
 
 
 def test_a_run_does_not_continue_with_other_keys_and_names_them(site, capsys):

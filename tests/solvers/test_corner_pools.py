@@ -54,6 +54,48 @@ def test_rows_reach_into_an_inner_corner(cell, degrees, opening, east, north):
     assert max(nearest) < 1.0
 
 
+def off_the_rim(basin):
+    """Largest distance [cells] of a row's place from the rim of the wall around `basin` (cells of 1 m), number of rows,
+    and whether two rows are the same."""
+    wall = Wall("dam", shapely.box(-35.0, -35.0, 35.0, 35.0).difference(basin), height=9.0)
+    faces, x, y = faces_on((wall,), 1.0)
+    faces = [face for face in faces if face is not None]
+    widened = wall.footprint.buffer(margin_in_3d(wall.footprint, 1.0), join_style="mitre", mitre_limit=50.0)
+    places = np.array([place_of(face, x, y, 1.0) for face in faces])
+    places[np.arange(len(faces)), [1 - face.axis for face in faces]] += [face.along for face in faces]
+    rows = {(face.j, face.i, face.axis, face.out, *np.round(face.normal, 6)) for face in faces}
+    off = widened.boundary.distance(shapely.points(places))
+    return max(off, default=0.0), len(faces), len(rows) < len(faces)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(some.integers(5, 60), some.floats(9.0, 15.0), some.floats(0.0, 360.0))
+def test_rows_stay_on_curved_walls(sides, radius, degrees):
+    """A half-circle of `sides` corners whose ends meet a straight side."""
+    angles = np.linspace(0.0, np.pi, sides)
+    basin = shapely.Polygon(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+    off, rows, twice = off_the_rim(shapely.affinity.rotate(basin, degrees, origin=(0.0, 0.0)))
+    assert off <= 0.2 and rows > radius and not twice
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(some.floats(5.0, 28.0), some.floats(2.0, 8.0), some.floats(0.0, 360.0))
+def test_rows_stay_on_a_wall_with_a_kink_before_a_corner(kink, length, degrees):
+    """The side turns by `kink` degrees `length` cells before it meets another."""
+    east, north = length * np.cos(np.radians(kink)), length * np.sin(np.radians(kink))
+    basin = shapely.Polygon([(-18.0, 0.0), (0.0, 0.0), (east, north), (east, 18.0), (-18.0, 18.0)])
+    off, _, twice = off_the_rim(shapely.affinity.rotate(basin, degrees, origin=(0.0, 0.0)))
+    assert off <= 0.2 and not twice
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(some.floats(2.2, 6.0), some.floats(0.0, 360.0))
+def test_rows_stay_on_the_sides_of_a_narrow_basin(width, degrees):
+    basin = shapely.affinity.rotate(shapely.box(-0.5 * width, 0.0, 0.5 * width, 99.0), degrees, origin=(0.0, 0.0))
+    off, _, twice = off_the_rim(basin)
+    assert off <= 0.2 and not twice
+
+
 def test_rows_of_an_outer_corner_stay_whole():
     """The sides of a convex pier end before its corners."""
     faces, _, _ = faces_on((Wall("pier", shapely.box(-6.0, -5.0, 6.0, 5.0), height=9.0),), 1.0)

@@ -140,6 +140,36 @@ def test_a_level_pile_on_a_slope_starts_without_shear_stress():
     assert np.abs(stress[:, 3:]).max() <= 0.02 * np.abs(weight).max()
 
 
+@pytest.mark.parametrize("degrees", [10.0, 20.0, 28.0])
+def test_a_ridge_on_level_ground_bears_its_weight(degrees):
+    """Vertical stress on its flanks, over the weight above: 1.00 to 1.06 (an infinite layer along the flank)."""
+    terrain, steep = terrain_of(lambda x, y: 0.0 * x, 40.0, 20.0, 1.0), np.tan(np.radians(degrees))
+    columns = columns_of(lambda x, y: np.maximum(steep * (12.0 - np.abs(x - 20.0)), 0.0), 5, 35, 5, 15, 0.5)
+    made = points_from(columns, terrain, point_options(1.0, 2)).frame
+    sand, weight = drucker_prager(2e6, 1.2e6, 40.0, 0.0), made.state["vertical_stress"]
+    stress = stress_of_weight(made, terrain, weight, sand, CoulombContact(0.8), 0.5, GRAVITY)
+    away = np.abs(made.map_xy()[0] - 20.0)
+    flank = (away > 3.0) & (away < 8.0)
+    assert 0.97 <= (stress[flank, 2].sum() / weight[flank].sum()) <= 1.07
+
+
+def test_cohesion_bears_stress_too():
+    """Clay without friction: K of an elastic layer where its cohesion bears that, more below."""
+    terrain = terrain_of(lambda x, y: 0.0 * x, 20.0, 20.0, 1.0)
+    made = points_from(columns_of(4.0, 5, 15, 5, 15, 0.5), terrain, point_options(1.0, 2)).frame
+    weight, clay = made.state["vertical_stress"], drucker_prager(2e6, 1.2e6, 0.0, 8e3, tension_limit=1e3)
+    stress = stress_of_weight(made, terrain, weight, clay, CoulombContact(0.6), 1.0, GRAVITY)
+    ratio, confined = stress[:, 0] / weight, (2e6 - 0.8e6) / (2e6 - 0.8e6 + 2.4e6)
+    high, low = weight > -1e4, weight < -3e4
+    np.testing.assert_allclose(ratio[high], confined)
+    assert np.all(ratio[low] > confined + 0.1)
+    used = (1.0 - ratio[low]) * -weight[low] / np.sqrt(3.0)  # |s| / sqrt(2) of (1, K, K)
+    share = used / (
+        USED * clay.strength / np.sqrt(3.0)
+    )  # the cohesion counts over the stress normal to the layer, not p
+    assert share.min() >= 0.7 and share.max() <= 1.0
+
+
 @pytest.mark.parametrize(("degrees", "direction"), [(18.0, 0.0), (18.0, 90.0), (20.0, 0.0)])
 def test_a_layer_below_its_friction_angle_rests_from_the_start(degrees, direction):
     """mu1 = tan 20.8 degrees. A layer of 8 cells moved 0.06 of its thickness on 20 degrees when it started with the

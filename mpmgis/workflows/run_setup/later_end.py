@@ -11,6 +11,7 @@ from .prepare import prepare_scene
 from .sequence import stage_number
 
 DIFFERENCES = 3  # keys that a message names
+LONGEST = 60  # characters of a value there
 
 
 def earlier_run(prepared, record):
@@ -32,7 +33,9 @@ def differences(record, scene):
     ignored = ("[output] end_time", "[numerics] device")
     found = [key for key in {**before, **now} if key not in ignored and before.get(key) != now.get(key)]
     if not found:
-        return "its input files have changed"
+        before, now = (keys.get("[output] end_time") for keys in (before, now))
+        earlier = isinstance(before, (int, float)) and isinstance(now, (int, float)) and now < before
+        return f"[output] end_time = {now:g} is earlier than {before:g}" if earlier else "its input files have changed"
     shown = [f"{key} = {_value(now, key)} (was {_value(before, key)})" for key in found[:DIFFERENCES]]
     more = f" and {len(found) - DIFFERENCES} more" if len(found) > DIFFERENCES else ""
     return f"{', '.join(shown)}{more}"
@@ -52,8 +55,11 @@ def _keys(tables):
 
 
 def _value(keys, key):
-    """The value of `key` as in JSON, or "not given"."""
-    return json.dumps(keys[key]) if key in keys else "not given"
+    """The value of `key` as in JSON, shortened, or "not given"."""
+    if key not in keys:
+        return "not given"
+    text = json.dumps(keys[key])
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def goes_on(record):

@@ -365,6 +365,11 @@ def _points_of(path, terrain, cell_size, density, window):
             f"{path} contains no stress from the weight of its points (state/vertical_stress): they start without "
             "stress and settle elastically"
         )
+    elif not np.isfinite(stress).all():
+        raise InputError(
+            f"{path}: state/vertical_stress of {int((~np.isfinite(stress)).sum())} of {len(stress)} points is not "
+            "finite; correct it or remove it"
+        )
     x, y = frame.map_xy()
     above = frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y)
     under = above < -cell_size
