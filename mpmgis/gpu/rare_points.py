@@ -224,9 +224,7 @@ def settle_rare_points(
             if rare[s] == 0:
                 continue
             p = uint32(order[s])
-            way, x, y, mass = _settle(
-                p, blocks[a], rows, keys, ground, lowest, inside, mine, domain, settings
-            )  # fmt: skip
+            way, x, y, mass = _settle(p, blocks[a], rows, keys, ground, lowest, inside, mine, domain, settings)
             if 0 <= way < entry.EDGES:
                 over, j, i, x, y = place_left(inside.shape, x, y, settings.dx)
                 cuda.atomic.add(left, (over, j, i, LEFT_MASS), _whole(mass / units[LEFT_MASS]))

@@ -38,12 +38,13 @@ from .point_nodes import (
 from .point_report import HELD_WALL
 from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, X, Y, Z
 
-# of a face: node column nearest to it, direction of its rows, place from that node [cells], on which side the flow is,
+# Of a face: node column nearest to it, direction of its rows, place from that node [cells], on which side the flow is,
 # unit normal, friction, 1 + number of the barrier (0: none, a gap between faces), place from the barrier's foot [m],
-# elevation up to which it holds [m], lowest level that its rows reach, level of the first of its `lines`; of faces that
-# share node columns 1 + the number of the next of them (0: none), 1 for all but the first, which of its node
-# columns belong to an earlier one, as a sum of 1, 2 and 4; in corners how far the place lies beside the side's plane
-# [cells], and the root of the variance of the part of the row's spline before the corner, over that of the whole
+# elevation up to which it holds [m], lowest level that its rows reach, level of the first of its `lines`.
+# Of faces that share node columns: 1 + the number of the next of them (0: none); 1 for all but the first; which of its
+# node columns belong to an earlier one, as a sum of 1, 2 and 4.
+# In corners: how far the place lies beside the side's plane [cells]; root of the variance of the part of the row's
+# spline before the corner, over that of the whole.
 (
     FACE_J, FACE_I, FACE_EAST, FACE_NORTH, FACE_FOOT, FACE_OUT, FACE_X, FACE_Y, FACE_MU, FACE_BARRIER, FACE_ARM_X,
     FACE_ARM_Y, FACE_BASE, FACE_TOP, FACE_LOWEST, FACE_FIRST, FACE_NEXT, FACE_FOLLOWS, FACE_TAKEN,
