@@ -182,14 +182,16 @@ def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, m
     )
     rows[p, PX], rows[p, PY], rows[p, PZ] = mass * u, mass * v, mass * w
     shift = scales[step.SHIFT]
-    x, y = x + shift * u, y + shift * v
+    x1, y1, z1 = x + shift * u, y + shift * v, z + shift * w
     if domain.wall:
         west, south, east, north = edges
-        low, far = real(INSIDE), real(INSIDE)
-        if x < west + low or x > east - far or y < south + low or y > north - far:
+        low = real(INSIDE)
+        if x1 < west + low or x1 > east - low or y1 < south + low or y1 > north - low:
             count[step.WALLED] += int32(1)
-        x, y = _between(x, west + low, east - far), _between(y, south + low, north - far)
-    rows[p, X], rows[p, Y], rows[p, Z] = x, y, z + shift * w
+        x1, y1 = _between(x1, west + low, east - low), _between(y1, south + low, north - low)
+    if (x1 + y1 + z1) * 0.0 != 0.0:  # NaN or infinite: the place before the step is reported
+        x1, y1, z1 = x, y, x1 + y1 + z1
+    rows[p, X], rows[p, Y], rows[p, Z] = x1, y1, z1
 
 
 @Part
@@ -253,7 +255,7 @@ def _settle(p, block, rows, keys, ground, lowest, inside, mine, domain, settings
     dx, column, row = settings.dx, block[0], block[1]
     x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]
     px, py, pz = rows[p, PX], rows[p, PY], rows[p, PZ]
-    if (x + y + z) * 0.0 != 0.0:  # NaN or infinite
+    if z * 0.0 != 0.0:  # NaN or infinite
         mine[entry.NOT_FINITE] += 1.0
         mine[entry.BAD_X], mine[entry.BAD_Y] = _metres(x, column, dx), _metres(y, row, dx)
         way = -1
