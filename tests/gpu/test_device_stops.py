@@ -35,7 +35,8 @@ def test_runs_end_for_the_same_reason_in_the_same_step(found, case, precision):
     assert here["bad"] == here["bad_there"] and (here["bad"][1] > 0) == (ENDS[case] == "NOT_FINITE_STATE")
     assert here["difference"]["exact"]
     if case in ("sunk", "leaving", "left twice"):
-        require_agreement(here["difference"], precision)
+        # in single precision 3.5e-4 of the small loss of this one step differ
+        require_agreement(here["difference"], precision, 2.0 if precision == "float32" else 1.0)
         assert here["difference"]["alive"] == (0 if ENDS[case] == "ALL_LEFT" else 12)
 
 
