@@ -49,12 +49,14 @@ class CoupledSolver:
     inside : callable
         (x, y) [m] -> bool[n]: places at which columns become points.
     as_points : callable
-        Frame of columns -> (Frame of points, stress float64[n, 6] [Pa], velocity gradient float64[n, 3, 3] or None).
+        Frame of columns -> Frame of points, with the state that `conversion.points.columns_to_points` gives.
+    stress_of : callable
+        That Frame of points -> float64[n, 6] [Pa], their stress.
     """
 
-    def __init__(self, points, columns, inside, as_points):
+    def __init__(self, points, columns, inside, as_points, stress_of):
         self.points_solver, self.columns_solver = points, columns
-        self.inside, self.as_points = inside, as_points
+        self.inside, self.as_points, self.stress_of = inside, as_points, stress_of
         self.exchanged_mass, self.exchanged_columns, self.exchanged_energy = 0.0, 0, 0.0
         self._next_id = len(points.frame().particles)
 
@@ -141,7 +143,8 @@ class CoupledSolver:
         taken = self.columns_solver.take_out(self.inside) if self.columns_solver.columns else None
         if taken is None:
             return
-        frame, stress, gradient = self.as_points(taken)
+        frame = self.as_points(taken)
+        stress, gradient = self.stress_of(frame), frame.state.get("affine")
         ids = np.arange(self._next_id, self._next_id + len(frame.particles), dtype=np.uint64)
         self._next_id += len(ids)
         self.points_solver.insert(replace(frame, particles=replace(frame.particles, id=ids)), stress, gradient)
@@ -176,7 +179,7 @@ class CoupledSolver:
         state[f"{PREFIX}started"] = np.frombuffer(json.dumps(self.started()).encode(), np.uint8)
         if not len(columns.particles):
             return replace(points, maxima=self.maxima(), state=state)
-        shown = self.as_points(columns)[0]
+        shown = self.as_points(columns)
         return replace(points, particles=_together(points, shown), maxima=self.maxima(), state=state)
 
     def maxima(self):

@@ -182,7 +182,7 @@ def _to_corner(last, step, nodes, bed, smooth, cell_size):
         ahead = columns[1 + face.out]
         if corner is None and nodes.number[ahead] > 0 and np.dot(nodes.normal[ahead], normal) < SAME_SIDE:
             other = nodes.normal[ahead]
-            rim = np.array([ahead[1], ahead[0]]) + nodes.depth[ahead] / cell_size * other
+            rim = _rim_of(nodes, ahead, cell_size)
             reach = (ahead[axis] - across) * other[1 - axis] + (ahead[1 - axis] - place) * other[axis]
             reach += nodes.depth[ahead] / cell_size
             slope = other[1 - axis] + lean * other[axis]
@@ -203,6 +203,11 @@ def _place_of(face):
     return at
 
 
+def _rim_of(nodes, at, cell_size):
+    """(east, north) [nodes] of the rim of a wall nearest to the node `at` in it."""
+    return np.array([at[1], at[0]]) + nodes.depth[at] / cell_size * nodes.normal[at]
+
+
 def _lie_on(sides, faces, nodes, cell_size):
     """Is the rim of the wall nearest to each node behind `faces` on one of both `sides` (point, normal) of a corner?
 
@@ -212,9 +217,8 @@ def _lie_on(sides, faces, nodes, cell_size):
     for face in faces:
         for o, (j, i) in zip((-1, 0, 1), face.columns(), strict=True):
             if _away(face, o) < -AT_RIM:
-                depth, normal = nodes.depth[j, i] / cell_size, nodes.normal[j, i]
-                rim = np.array([i, j]) + depth * normal
-                nearer = depth < np.hypot(*(meeting - [i, j]))
+                rim, normal = _rim_of(nodes, (j, i), cell_size), nodes.normal[j, i]
+                nearer = nodes.depth[j, i] / cell_size < np.hypot(*(meeting - [i, j]))
                 is_back = nearer and all(np.dot(normal, facing) < SAME_SIDE for _, facing in sides)
                 if not is_back and min(abs(np.dot(rim - point, facing)) for point, facing in sides) > OFF_SIDE:
                     return False
@@ -269,10 +273,9 @@ def _face_behind(nodes, j, i, axis, cell_size):
     if nodes.number[ahead_j, ahead_i] > 0:
         return None
     place = (i if axis == 0 else j) + out * ahead
-    nearest = floor(place + 0.5 + ROUND_OFF)
-    at = (j, nearest) if axis == 0 else (nearest, i)
     number, mu = int(nodes.number[j, i]), float(nodes.mu[j, i])
-    face = Face(*at, axis, place - nearest, out, (float(normal[0]), float(normal[1])), number, mu, 0.0)
+    face = Face(j, i, axis, 0.0, out, (float(normal[0]), float(normal[1])), number, mu, 0.0)
+    face = _at_place(face, (j, i)[axis], place)
     return face._replace(top=_lowest_crest(face, nodes) - HELD_CELLS * cell_size)
 
 
@@ -292,7 +295,7 @@ def _is_smooth(face, nodes, bed, smooth, cell_size):
             return False
         if nodes.share[at] > 0.0:
             return False
-        before = (o - face.foot) * face.out
+        before = _away(face, o)
         if abs(before) <= AT_RIM:
             continue
         inside = before < 0.0

@@ -164,9 +164,7 @@ def test_cohesion_bears_stress_too():
     np.testing.assert_allclose(ratio[high], confined)
     assert np.all(ratio[low] > confined + 0.1)
     used = (1.0 - ratio[low]) * -weight[low] / np.sqrt(3.0)  # |s| / sqrt(2) of (1, K, K)
-    share = used / (
-        USED * clay.strength / np.sqrt(3.0)
-    )  # the cohesion counts over the stress normal to the layer, not p
+    share = used / (USED * clay.strength / np.sqrt(3.0))  # cohesion counts over the stress normal to the layer, not p
     assert share.min() >= 0.7 and share.max() <= 1.0
 
 

@@ -217,10 +217,12 @@ class Stage:
         options = replace(self.point_options(), stretched=False)
 
         def as_points(frame):
-            made = columns_to_points(frame, terrain, options).frame
-            return made, self.stress(terrain, made, made.state["vertical_stress"]), made.state.get("affine")
+            return columns_to_points(frame, terrain, options).frame
 
-        return CoupledSolver(points, columns, inside, as_points)
+        def stress_of(frame):
+            return self.stress(terrain, frame, frame.state["vertical_stress"])
+
+        return CoupledSolver(points, columns, inside, as_points, stress_of)
 
     def columns_outside(self, frame, terrain, gradient=None):
         """The ColumnSolver of this stage for the columns of `frame` outside the window of the next stage."""
