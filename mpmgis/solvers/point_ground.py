@@ -17,8 +17,26 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import SceneError
+from ..kernels.point_barriers import ROWED
 from ..kernels.point_contact import LAYER, MOST_YIELD, YIELD, YIELD_STEP
-from ..kernels.point_faces import FACE_ENTRIES, FACE_FOLLOWS, FACE_NEXT, FACE_TAKEN, FACE_TOP, FACE_X, FACE_Y
+from ..kernels.point_faces import (
+    FACE_EAST,
+    FACE_ENTRIES,
+    FACE_FIRST,
+    FACE_FOLLOWS,
+    FACE_FOOT,
+    FACE_I,
+    FACE_J,
+    FACE_LAYER,
+    FACE_MU,
+    FACE_NEXT,
+    FACE_NORTH,
+    FACE_SHIFT,
+    FACE_TAKEN,
+    FACE_TOP,
+    FACE_X,
+    FACE_Y,
+)
 from ..kernels.point_ground import EXACT_ENTRIES, FOLD_ENTRIES, FOLD_LEVELS, Ground, distances_to_ground
 from ..kernels.point_rows import GHOSTS
 from ..spatial.faces import SAME_SIDE, faces_of
@@ -27,6 +45,7 @@ from ..spatial.node_grid import bed_at_nodes
 FOLD_CELLS = 0.5  # [cells] deviation of the ground from the plane of a node at its neighbours that makes a fold
 REACH = 3  # [cells] to each side in which the nearest ground is searched; nodes with mass are nearer
 MOST_NODES = 1 << 27  # on folds, 2 GiB
+PRESSING = 1.0  # [cells] before a face, up to which points that start with stress press on it
 SUNK = 3  # [cells] depth of the lowest node that can have mass, below the lowest ground near it
 
 
@@ -230,4 +249,42 @@ def press_ground(last, step, place, mass, stressed, ground, settings):
     new = (thickness > 0.0) & (last[..., YIELD_STEP] != step + 1)
     yields = yields if stressed else np.zeros(shape)
     last[new, YIELD] = np.minimum(yields, MOST_YIELD * dx)[new]
+    last[new, YIELD_STEP] = step + 1
+
+
+def press_faces(last, step, place, stress, barriers, faces, settings):
+    """Set the yield of barriers' faces with friction to equilibrium with the stress of points before them.
+
+    A face that bears the pressure p yields by FACE_LAYER dx p / (rho c^2) (c: speed of pressure waves). Rows that the
+    flow touched before keep their yield.
+
+    Parameters
+    ----------
+    last : float64[n + 2, levels + 2, YIELD_ENTRIES]
+        Yields of the faces in `step`, with a rim.
+    place : float64[n, 3] [m]
+        Of the points, from the corner of the grid.
+    stress : float64[n, 6] [Pa]
+        xx, yy, zz, xy, xz, yz of the points.
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    faces : float64[n, FACE_ENTRIES]
+    """
+    dx, cells = settings.dx, place / settings.dx + GHOSTS
+    i, j, k = np.rint(cells.T).astype(int)
+    number = barriers[j, i, ROWED].astype(int)
+    chosen = np.flatnonzero(number > 0)
+    number, k = number[chosen], k[chosen]
+    face, (xx, yy, _, xy, _, _) = faces[number - 1].T, stress[chosen].T
+    foot = face[FACE_FOOT] - face[FACE_SHIFT]
+    away = (cells[chosen, 0] - face[FACE_I] - foot * face[FACE_EAST]) * face[FACE_X]
+    away += (cells[chosen, 1] - face[FACE_J] - foot * face[FACE_NORTH]) * face[FACE_Y]
+    pressure = -(xx * face[FACE_X] ** 2 + yy * face[FACE_Y] ** 2 + 2.0 * xy * face[FACE_X] * face[FACE_Y])
+    row = k - face[FACE_FIRST].astype(int) + 1
+    near = (away <= PRESSING) & (face[FACE_MU] > 0.0) & (row >= 1) & (row < last.shape[1] - 1)
+    entry = np.ravel_multi_index((number[near], row[near]), last.shape[:2])
+    count = np.bincount(entry, minlength=last.shape[0] * last.shape[1]).reshape(last.shape[:2])
+    total = np.bincount(entry, pressure[near], count.size).reshape(last.shape[:2])
+    yields = FACE_LAYER * dx * total / np.maximum(count, 1) / (settings.density * settings.signal_speed**2)
+    new = (count > 0) & (last[..., YIELD_STEP] != step + 1)
+    last[new, YIELD] = np.clip(yields, 0.0, MOST_YIELD * dx)[new]
     last[new, YIELD_STEP] = step + 1

@@ -20,7 +20,7 @@ from ..peaks import maxima_of, no_peaks, peaks_state, restore_peaks
 from ..spatial.node_grid import ColumnGrid
 from .particle_store import EDGE_NAMES
 from .point_balances import LEDGER, PointBalances
-from .point_ground import NO_FACES, barrier_nodes, folded_ground, ground_nodes, padded, press_ground
+from .point_ground import NO_FACES, barrier_nodes, folded_ground, ground_nodes, padded, press_faces, press_ground
 from .point_numerics import PRECISIONS, kernel_settings, mass_limits
 from .restart import LEFT_STATE, YIELD_STATE, require_point_state
 
@@ -71,7 +71,7 @@ class PointSolver(PointBalances):
         self._peaks = no_peaks(self._ground.shape[:2], numerics.maxima)
         self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
-        self._press_ground(frame, stress)
+        self._press_contacts(frame, stress)
 
     def _in_precision(self, law):
         """`law` with parameters in the precision of the points: compiled, float32 with float64 gives float64."""
@@ -262,11 +262,14 @@ class PointSolver(PointBalances):
         """float64[2, rows, columns, YIELD_ENTRIES]: yield of the ground at node columns, of two steps."""
         return self._yields
 
-    def _press_ground(self, frame, stress):
-        """Ground below points that start with `stress` starts in equilibrium too (see `press_ground`)."""
-        place = frame.particles.position - self._corner_from(frame.origin)
-        last = self._yields[self.step % 2]
-        press_ground(last, self.step, place, frame.particles.mass, stress is not None, self._ground, self._settings)
+    def _press_contacts(self, frame, stress):
+        """Ground below points that start with `stress`, and faces beside them, start in equilibrium too."""
+        place, step = frame.particles.position - self._corner_from(frame.origin), self.step
+        last, stressed = self._yields[step % 2], stress is not None
+        press_ground(last, step, place, frame.particles.mass, stressed, self._ground, self._settings)
+        if stressed and len(self._faces):
+            last = self._face_yields[step % 2]
+            press_faces(last, step, place, np.asarray(stress), self._barriers, self._faces, self._settings)
 
     def _yield_state(self):
         """Yield of the ground after the last step, at the node columns below the flow."""
@@ -348,7 +351,7 @@ class PointSolver(PointBalances):
             self._stress, self._affine = new._stress, new._affine
             self._counts[entry.ROWS] = len(frame.particles)
             self._counts[entry.WINDOW_FIRST :] = new._counts[entry.WINDOW_FIRST :]
-        self._press_ground(frame, stress)
+        self._press_contacts(frame, stress)
         clock = self._clock
         self._counts[entry.ALIVE] += len(frame.particles)
         clock[[entry.TOTAL_MASS, entry.MASS_NOW]] += new.mass_start

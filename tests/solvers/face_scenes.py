@@ -87,13 +87,16 @@ def between_walls(degrees, above):
     return np.array(ratios), solver
 
 
-def along_wall(degrees, time, material, place=0.0, azimuth=0.0, friction=25.0, cell=0.5, size=(3.0, 8.0, 1.5)):
+def along_wall(
+    degrees, time, material, place=0.0, azimuth=0.0, friction=25.0, cell=0.5, size=(3.0, 8.0, 1.5), settled=False
+):  # fmt: skip
     """(distance moved [m], exact one [m], force into the wall over the exact one, solver) of a block after `time` [s].
 
     It lies between smooth ground, which leans towards a wall at 45 degrees, and that wall, and slides along it as on a
     bed of `degrees` with the angle of `friction`. The ground's outward normal is (lean, fall, 1) and the wall's (-1, 0,
     0), so the way is (0, 1, -fall), and the wall bears m g lean / (1 + fall^2). The wall's face lies `place` [cells]
-    from a node, turned by `azimuth` [degrees].
+    from a node, turned by `azimuth` [degrees]. A block that is `settled` starts at the place and with the stress
+    at which it rests after 4 s, with one degree more friction than its slope where it would slide.
     """
     mu, pull, lean = np.tan(np.radians(friction)), np.tan(np.radians(degrees)), 1.0
     fall = brentq(lambda b: b * np.sqrt(1.0 + b * b) / lean - pull, 0.0, 10.0)
@@ -112,13 +115,18 @@ def along_wall(degrees, time, material, place=0.0, azimuth=0.0, friction=25.0, c
     x, y = middle + across * cos - along * sin, middle + across * sin + along * cos
     start, n = np.column_stack([x, y, bed(x, y) + up]), len(x)
     volume, ids = np.full(n, spacing**3), np.arange(n, dtype=np.uint64)
+    stress = None
+    if settled:
+        *_, before = along_wall(degrees, 4.0, material, place, azimuth, max(friction, degrees + 1.0), cell, size)
+        start, stress = sorted_points(before).position, cauchy_stress(before)
+        stress *= np.exp(stress[:, :3].mean(axis=1) / material.bulk_modulus)[:, None]  # J in small strains
     frame = Frame(Particles(start, np.zeros((n, 3)), 1500.0 * volume, volume, id=ids), dimension=3)
     corners = [
         (middle + a * cos - b * sin, middle + a * sin + b * cos) for a, b in ((0, -60), (4, -60), (4, 60), (0, 60))
     ]
     wall = Wall("dam", shapely.Polygon(corners), height=60.0, mu=mu)
     terrain = terrain_of(bed, extent, extent, cell)
-    solver = points_on(terrain, frame, cell, material, CoulombContact(0.0), walls=(wall,), edges="wall")
+    solver = points_on(terrain, frame, cell, material, CoulombContact(0.0), stress=stress, walls=(wall,), edges="wall")
     integrate_to(solver, time)
     down = np.array([-sin, cos, -fall]) / np.sqrt(1.0 + fall**2)
     bears = solver.mass_start * G * lean / (1.0 + fall**2)

@@ -7,6 +7,8 @@ from column_scenes import terrain_of
 from contact_scenes import SOIL as SLAB
 from exact_solutions import G
 from face_scenes import along_wall, pool_before_wall
+from hypothesis import given, settings
+from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.effects.fluid import Fluid
@@ -58,9 +60,17 @@ def test_still_water_presses_a_wall_as_much_wherever_it_lies_in_a_cell(place):
 @pytest.mark.thorough
 @pytest.mark.parametrize("place", [0.25, 0.875])
 def test_still_water_presses_as_much_on_a_wall_with_friction(place):
-    """mu 0.5: the force is 1.1 % low, 4 % where faces yielded as a layer of 20 cells; the lever 6 to 7 %."""
+    """mu 0.5: the force is right to 0.1 %, the lever 3 % low; 1.1 and 4 % where the face started without yield."""
     force, lever = mean_load(still_water(place, mu=0.5), 2.0, 4.0)
-    assert force == pytest.approx(1.0, abs=0.02) and lever == pytest.approx(1.0, abs=0.09)
+    assert force == pytest.approx(1.0, abs=0.005) and lever == pytest.approx(1.0, abs=0.04)
+
+
+@settings(max_examples=4, deadline=None, derandomize=True)
+@given(some.floats(0.0, 1.0), some.floats(0.05, 1.5))
+def test_a_face_with_friction_bears_water_at_rest_from_the_start(place, mu):
+    """It starts with the yield of the water's stress; with none its load was 26 % low in the first 0.1 s."""
+    force, lever = mean_load(still_water(place, mu=mu), 0.0, 0.1)
+    assert force == pytest.approx(1.0, abs=0.02) and lever == pytest.approx(1.0, abs=0.06)
 
 
 @pytest.mark.thorough
@@ -99,6 +109,22 @@ def test_a_block_slides_along_a_wall_as_coulombs_law_predicts():
     integrate_to(solver, 3.0)
     gained = np.linalg.norm(sorted_points(solver).velocity.mean(axis=0)) - speed
     assert gained == pytest.approx(2.0 * exact / 2.0**2, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "place, azimuth",
+    [pytest.param(0.4, 0.0, marks=pytest.mark.thorough), pytest.param(0.0, 30.0, marks=pytest.mark.slow)],
+)
+def test_a_settled_block_rests_on_a_wall_and_slides_along_it_as_coulombs_law_predicts(place, azimuth):
+    """24 degrees: it moves 0.04 m; 0.16 m where faces that bear friction started without yield. 26 degrees: the
+    acceleration is 2 to 4 % larger than the exact one: friction is 0.2 to 0.4 % low."""
+    moved, _, _, solver = along_wall(24.0, 3.0, SLAB, place=place, azimuth=azimuth, settled=True)
+    assert abs(moved) <= 0.05 and solver.energy()[0] <= 1e-5 * solver.mass_start * G
+    _, exact, _, solver = along_wall(26.0, 2.0, SLAB, place=place, azimuth=azimuth, settled=True)
+    speed = np.linalg.norm(sorted_points(solver).velocity.mean(axis=0))
+    integrate_to(solver, 4.0)
+    gained = np.linalg.norm(sorted_points(solver).velocity.mean(axis=0)) - speed
+    assert gained == pytest.approx(exact, rel=0.06)
 
 
 @pytest.mark.parametrize("mu, azimuth", [(0.0, 0.0), (0.5, 0.0), pytest.param(0.0, 25.0, marks=pytest.mark.thorough)])
