@@ -21,12 +21,30 @@ def test_a_slab_just_below_its_friction_angle_rests(weighted):
     assert abs(speed) <= 1e-3
 
 
-@pytest.mark.parametrize("weighted", [False, True])
-def test_a_slab_just_above_its_friction_angle_slides(weighted):
-    """26 degrees: within 6 % of the exact path of a rigid block. Measured 2.1 % without stress at the start, 5.1 %
-    under its weight; 37 to 70 % on rigid ground."""
+@pytest.mark.parametrize(("weighted", "off"), [(False, 0.03), (True, 0.053)])
+def test_a_slab_just_above_its_friction_angle_slides(weighted, off):
+    """26 degrees: path of a rigid block. Measured 2.1 % further without stress at the start, 5.1 % under its weight;
+    37 to 70 % on rigid ground."""
     moved, _, exact, _ = slab(26.0, 6.0, above=0.3, weighted=weighted)
-    assert moved == pytest.approx(exact, rel=0.06)
+    assert moved == pytest.approx(exact, rel=off)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_slabs_on_half_the_cells_rest_slide_and_stop_as_well(weighted, precision):
+    """Of both precisions. Measured in double precision: 24 degrees 0.004 to 0.008 m, 26 degrees 2.3 and 3.1 % too far,
+    35 degrees 0.12 %, on the flat 0.2 % short."""
+    start = {"cell": 0.25, "weighted": weighted, "precision": precision}
+    moved, speed, _, _ = slab(24.0, 6.0, above=0.3, **start)
+    assert -0.01 <= moved <= 0.05 and abs(speed) <= 1e-3
+    moved, _, exact, _ = slab(26.0, 6.0, above=0.3, **start)
+    assert moved == pytest.approx(exact, rel=0.05)
+    moved, _, exact, _ = slab(35.0, 3.0, above=0.3, **start)
+    assert moved == pytest.approx(exact, rel=0.005)
+    if weighted:
+        moved, _, exact, _ = slab(0.0, 4.0, above=0.45, speed=5.0, **start)
+        assert moved == pytest.approx(exact, rel=0.005)
 
 
 @pytest.mark.thorough
@@ -79,9 +97,16 @@ def test_beds_askew_in_the_grid_bear_as_much_as_aligned_ones(azimuth):
 
 @pytest.mark.thorough
 def test_single_precision_bears_as_much():
-    """24 degrees: 0.009 m as in double precision."""
+    """24 degrees: 0.009 m as in double precision; 26, 35 degrees and on the flat 2.1, 0.2 and 0.3 % off."""
     moved, speed, _, _ = slab(24.0, 6.0, above=0.3, precision="float32")
     assert -0.01 <= moved <= 0.05 and abs(speed) <= 1e-3
+    for degrees, time, start, off in (
+        (26.0, 6.0, {"above": 0.3}, 0.03),
+        (35.0, 3.0, {"above": 0.3}, 0.005),
+        (0.0, 4.0, {"above": 0.45, "weighted": True, "speed": 5.0}, 0.005),
+    ):
+        moved, _, exact, _ = slab(degrees, time, precision="float32", **start)
+        assert moved == pytest.approx(exact, rel=off)
 
 
 @pytest.mark.parametrize(
