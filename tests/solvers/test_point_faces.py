@@ -72,23 +72,64 @@ def max_of(x):
     return np.maximum(x, 0.0)
 
 
+def pressed(bed, base, *patches):
+    """Vertical stress over the exact one in the lowest two cells of `patches` (west, east [m]).
+
+    Still mud fills the basin `bed(x)` [m] up to DEEP above `base` [m].
+    """
+    mud = Fluid(1000.0 * 100.0**2, 2000.0, 0.0)
+    swing = 4.0 * DEEP / mud.wave_speed(DENSITY)
+    solver = resting_in(bed, 20.0, 0.0, 20.0, base + DEEP, mud)
+    stress, place = mean_stress(solver, 6.0 * swing, 10.0 * swing)
+    exact, lowest = -DENSITY * G * (base + DEEP - place[:, 2]), place[:, 2] - bed(place[:, 0]) < 2.0 * CELL
+    near = [lowest & (place[:, 0] > west) & (place[:, 0] < east) for west, east in patches]
+    return [stress[some, 2].sum() / exact[some].sum() for some in near]
+
+
+def beside_kink(degrees, place, base):
+    """`pressed` of the 2.5 cells on both sides of a kink at `place` [m]; the bed rises by `degrees` to the west."""
+    rise = np.tan(np.radians(degrees))
+    patches = ((place + side - 1.25, place + side + 1.25) for side in (-1.5, 1.5))
+    return pressed(lambda x: base + max_of(place - x) * rise, base, *patches)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("degrees", [10.0, -10.0, 30.0, -30.0])
 def test_a_kink_of_the_bed_bears_as_the_planes_beside_it(degrees):
     """Still mud on a bed that turns by `degrees`: the lowest two cells within 2.5 cells of the kink are at most 2 % off
     (10 and -30 degrees) and 5 % (30 degrees) at the worst of four places of the kink in a cell."""
-    mud, rise, kink = Fluid(1000.0 * 100.0**2, 2000.0, 0.0), np.tan(np.radians(degrees)), 10.5
-    swing = 4.0 * DEEP / mud.wave_speed(DENSITY)
+    assert beside_kink(degrees, 10.5, 20.375) == pytest.approx([1.0, 1.0], abs=0.03)
 
-    def bed(x):
-        return 20.375 + max_of(kink - x) * rise
 
-    solver = resting_in(bed, 20.0, 0.0, 20.0, 30.375, mud)
-    stress, place = mean_stress(solver, 6.0 * swing, 10.0 * swing)
-    lowest = place[:, 2] - bed(place[:, 0]) < 2.0 * CELL
-    for side in (-1.0, 1.0):
-        near = lowest & (np.abs(place[:, 0] - kink - side * 1.5) < 1.25)
-        assert stress[near, 2].sum() / (-DENSITY * G * (30.375 - place[near, 2])).sum() == pytest.approx(1.0, abs=0.03)
+PLACES = [(0.5, 0.375), (0.25, 0.75), (0.0, 0.0), (0.875, 0.125)]  # of a kink, and of the ground over a node [cells]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("degrees", "off"), [(45.0, 0.12), (-45.0, 0.07), (60.0, 0.2), (-60.0, 0.3)])
+def test_steep_kinks_of_the_bed_bear_as_much_as_the_limits_say(degrees, off):
+    """The worst of four places of the kink in a cell: 11, 6, 18 and 29 % off (page of limits)."""
+    for place, above in PLACES:
+        ratios = beside_kink(degrees, (5.0 if degrees > 0.0 else 10.0) + place, 20.0 + above)
+        assert ratios == pytest.approx([1.0, 1.0], abs=off)
+
+
+@pytest.mark.slow
+def test_the_ground_beside_a_cliff_bears_as_much_as_the_limits_say():
+    """A step of 4 cells under still mud: patches of 1 to 1.5 cells beside it are up to 54 % off (page of limits)."""
+    for place, above in PLACES:
+        edge, base = 10.0 + place, 20.0 + above
+        patches = (edge - 2.5, edge - 1.0), (edge - 1.0, edge), (edge, edge + 1.0), (edge + 1.0, edge + 2.5)
+        ratios = pressed(lambda x, edge=edge, base=base: base + np.where(x < edge, 4.0, 0.0), base, *patches)
+        assert ratios == pytest.approx([1.0] * 4, abs=0.56)
+
+
+@pytest.mark.slow
+def test_an_acute_corner_of_60_degrees_bears_as_much_as_the_limits_say():
+    """Ground that rises by 30 degrees from a wall: the lowest two cells in the corner are 12 to 16 % off."""
+    for above in (0.125, 0.375, 0.625):
+        ratios, _ = between_walls(30.0, above)
+        np.testing.assert_allclose(ratios[1], 1.0, atol=0.07)
+        np.testing.assert_allclose(ratios[0], 1.0, atol=0.17)
 
 
 @pytest.mark.thorough
