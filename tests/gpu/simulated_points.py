@@ -290,9 +290,7 @@ def cases():
     here = {"reasons": reasons}
     for p in BOTH:
         here |= {f"{name} {p}": partial(compared, make, p, 2) for name, make in SCENES.items()}
-        here |= {
-            f"{name} {p}": partial(compared, partial(stressed, laws=laws), p, 3) for name, laws in MATERIALS.items()
-        }
+        here |= {f"{name} {p}": partial(with_material, laws, p) for name, laws in MATERIALS.items()}
         here[f"permuted {p}"] = partial(permuted, SCENES["drag"], p, 2)
         here[f"permuted outflow {p}"] = partial(permuted, out_of_domain, p, 2)
         here[f"resumed {p}"] = partial(resumed, slab, p, 2)
