@@ -57,11 +57,11 @@ COULOMB, VOELLMY, STICKING = CoulombContact(0.3), VoellmyContact(0.2, 300.0), St
 CONTACTS = {  # contact, zones, barrier
     "coulomb": (COULOMB, NoZones(), NoBarrier()),
     "voellmy": (VOELLMY, NoZones(), NoBarrier()),
-    "coulomb_barred": (COULOMB, NoZones(), Barrier()),
     "voellmy_barred": (VOELLMY, NoZones(), Barrier()),
     "voellmy_zones_barred": (VOELLMY, FrictionZones(), Barrier()),
 }
 OTHER_CONTACTS = {
+    "coulomb_barred": (COULOMB, NoZones(), Barrier()),
     "coulomb_zones": (COULOMB, FrictionZones(), NoBarrier()),
     "voellmy_zones": (VOELLMY, FrictionZones(), NoBarrier()),
     "coulomb_zones_barred": (COULOMB, FrictionZones(), Barrier()),
