@@ -13,7 +13,7 @@ from ..effects.material import FAR as FAR_CODE
 from ..effects.material import NO_TENSION as TIP_CODE
 from ..kernels.point_edges import GRIPPED, INSIDE, JET
 from ..kernels.point_rows import BLOCK, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
-from .compiled import Kernel, Part, real
+from .compiled import Part, capped, real
 from .launch import ACTIVE, STATUS
 from .point_steps import (
     DEEP,
@@ -91,7 +91,7 @@ def _stays_common(x, y, z, column, row, level, edges, planes, inside, wall):
     return z >= planes[uint32(nj), uint32(ni), DEEP] - real(BLOCK * level)
 
 
-@Kernel
+@capped()
 def grid_to_points(
     run, scales, rows, keys, order, start, blocks, targets, nodes, planes, lowest, inside, rare, rare_blocks, marks,
     counts, domain, material, softening, transfer,

@@ -39,7 +39,7 @@ from ..kernels.point_faces import (
 from ..kernels.point_ground import Ground
 from ..kernels.point_nodes import hold_column
 from ..kernels.point_rows import BLOCK, NodeBlocks
-from .compiled import REGISTERS, Kernel, capped, in_double
+from .compiled import Kernel, capped, in_double
 from .launch import DEPTH, DT, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 from .point_nodes import window_now
 
@@ -143,7 +143,7 @@ def book_faces(
             )  # fmt: skip
 
 
-@capped(double=REGISTERS)
+@capped(double=104)
 def hold_at_barriers(
     run, now, columns, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass,
     flow, booked, reports, settings, contact, zones, barrier,

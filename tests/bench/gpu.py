@@ -9,6 +9,7 @@ processor compile for half a minute per material and precision; `--materials` an
 """
 
 import argparse
+import gc
 import importlib.util
 import json
 import platform
@@ -62,7 +63,8 @@ if importlib.util.find_spec("shapely") is not None:  # which places a barrier on
 AGREES = {"float64": 1e-9, "float32": 2e-3}  # largest difference of places [cells] and of speeds over the largest
 CHECKED_POINTS, CHECKED_STEPS = 4096, 60
 STEPS, REPEATS, WARM_UP = 20, 5, 40
-LARGEST_ON_PROCESSOR = 10_000_000  # points
+STEPS_ON_PROCESSOR, REPEATS_ON_PROCESSOR = 5, 3
+LARGEST_ON_PROCESSOR = 10_000_000  # points or columns
 HOST_BYTES_PER_POINT = 600  # of the host while a run of the bench is made
 SANITIZER_SECONDS = 900
 SCENE_SECONDS, SCENE_FRAMES = 2.0, 4  # simulated time [s] of the whole scene, and its frames
@@ -146,12 +148,15 @@ def agreement(points, steps, materials, precisions):
             }  # fmt: skip
 
 
-def sanitized():
-    """What compute-sanitizer says of a short run; why it was not run where it was not."""
+def sanitized(script, particles):
+    """What compute-sanitizer says of WARM_UP steps of `script`; why it was not run where it was not."""
     tool = shutil.which("compute-sanitizer")
     if tool is None:
         return {"ran": False, "reason": "compute-sanitizer is not installed"}
-    command = [tool, "--tool", "memcheck", "--error-exitcode", "9", sys.executable, __file__, "--only-steps"]
+    command = [
+        *(tool, "--tool", "memcheck", "--error-exitcode", "9", sys.executable, script, "--only-steps"),
+        *("--checked", str(particles), "--steps", str(WARM_UP)),
+    ]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SANITIZER_SECONDS)
     except subprocess.TimeoutExpired:
@@ -164,12 +169,12 @@ def event_seconds(work):
     """Time [s] of `work()` on the device, between two CUDA events."""
     from numba import cuda
 
-    start, end = cuda.event(timing=True), cuda.event(timing=True)
+    start, end = cuda.event(), cuda.event()
     start.record()
     work()
     end.record()
     end.synchronize()
-    return 1e-3 * float(cuda.event_elapsed_time(start, end))
+    return 1e-3 * float(start.elapsed_time(end))
 
 
 def copy_bandwidth(size=1 << 30, times=10):
@@ -186,40 +191,62 @@ def copy_bandwidth(size=1 << 30, times=10):
     return 2.0 * size * times / min(event_seconds(copies) for _ in range(3))
 
 
-def timed_on_device(points, precision):
-    """Row of a run on the device: ns per point and step, with the memory that it takes."""
+def free_memory():
+    """Free memory [bytes] of the device, after the arrays that nothing refers to are released."""
     from numba import cuda
 
-    lack = no_room(points, precision)
-    if lack:
-        return {"points": points, "precision": precision, "not_run": lack}
-    free = cuda.current_context().get_memory_info()[0]
-    solver = solver_of(DevicePointSolver, points, precision=precision)
+    gc.collect()
+    context = cuda.current_context()
+    if not numba.config.ENABLE_CUDASIM:
+        context.memory_manager.deallocations.clear()  # numba-cuda releases several at a time
+    return context.get_memory_info()[0]
+
+
+def measured_on_device(make, particles):
+    """Row of a run of the solver `make()` on the device, with the memory that it takes.
+
+    `particles` is "points" or "columns"; ns per particle and step.
+    """
+    free = free_memory()
+    solver = make()
     solver.advance(1e9, max_steps=WARM_UP)
-    taken = free - cuda.current_context().get_memory_info()[0]
-    before = solver.step
+    taken, count, before = free - free_memory(), getattr(solver, particles), solver.step
     seconds = [event_seconds(lambda: solver.advance(1e9, max_steps=STEPS)) for _ in range(REPEATS)]
     if solver.step - before != REPEATS * STEPS:
-        return {"points": points, "precision": precision, "not_run": f"stopped after {solver.step - before} steps"}
-    each = np.array(seconds) / (STEPS * solver.points) * 1e9
+        return {"not_run": f"stopped after {solver.step - before} steps"}
+    each = np.array(seconds) / (STEPS * count) * 1e9
     return {
-        "points": solver.points, "precision": precision, "ns": float(np.median(each)), "ns_least": float(each.min()),
-        "ns_most": float(each.max()), "bytes_per_point": taken / solver.points,
+        particles: count, "ns": float(np.median(each)), "ns_least": float(each.min()), "ns_most": float(each.max()),
+        f"bytes_per_{particles[:-1]}": taken / count,
     }  # fmt: skip
+
+
+def measured_on_processor(make, particles):
+    """As `measured_on_device` on all cores of the processor, without the memory."""
+    solver = make()
+    solver.advance(1e9, max_steps=STEPS_ON_PROCESSOR)
+    count, each = getattr(solver, particles), []
+    for _ in range(REPEATS_ON_PROCESSOR):
+        began = time.perf_counter()
+        solver.advance(1e9, max_steps=STEPS_ON_PROCESSOR)
+        each.append((time.perf_counter() - began) / (STEPS_ON_PROCESSOR * count) * 1e9)
+    return {particles: count, "ns": float(np.median(each)), "ns_least": float(min(each))}
+
+
+def timed_on_device(points, precision):
+    """Row of a run on the device."""
+    row = {"points": points, "precision": precision}
+    if lack := no_room(points, precision):
+        return row | {"not_run": lack}
+    return row | measured_on_device(lambda: solver_of(DevicePointSolver, points, precision=precision), "points")
 
 
 def timed_on_processor(points, precision):
     """Row of a run on all cores of the processor."""
-    if points > LARGEST_ON_PROCESSOR or HOST_BYTES_PER_POINT * points > 0.8 * available_memory():
-        return {"points": points, "precision": precision, "not_run": "too large for the processor"}
-    solver = solver_of(PointSolver, points, precision=precision)
-    solver.advance(1e9, max_steps=5)
-    each = []
-    for _ in range(3):
-        began = time.perf_counter()
-        solver.advance(1e9, max_steps=5)
-        each.append((time.perf_counter() - began) / (5 * solver.points) * 1e9)
-    return {"points": solver.points, "precision": precision, "ns": float(np.median(each))}
+    row = {"points": points, "precision": precision}
+    if points > LARGEST_ON_PROCESSOR or lack_of_memory(HOST_BYTES_PER_POINT * points):
+        return row | {"not_run": "too large for the processor"}
+    return row | measured_on_processor(lambda: solver_of(PointSolver, points, precision=precision), "points")
 
 
 def timed_scene(kind, points, precision):
@@ -258,11 +285,15 @@ def whole_scenes(points, precisions):
 
 def no_room(points, precision):
     """Why a run does not fit into the memory of the host or of the device; "" if it does."""
-    device = found_device().device
-    if HOST_BYTES_PER_POINT * points > 0.8 * available_memory():
+    return lack_of_memory(HOST_BYTES_PER_POINT * points, device_memory(points, precision, SOIL))
+
+
+def lack_of_memory(on_host, on_device=0):
+    """Why so much memory [bytes] is not there; "" if it is."""
+    if on_host > 0.8 * available_memory():
         return f"the host has {available_memory() / 1e9:.3g} GB free"
-    needed = device_memory(points, precision, SOIL)
-    return f"the device has {device.free / 1e9:.3g} GB free" if needed > device.free and not device.simulated else ""
+    free = free_memory() if on_device else 0
+    return f"the device has {free / 1e9:.3g} GB free" if on_device > free else ""
 
 
 def machine():
@@ -292,9 +323,7 @@ def text_of(found):
         yield f"copy bandwidth: {found['copy_bandwidth'] / 1e12:.3g} TB/s"
     for where in ("device", "processor"):
         for row in found.get(f"on_{where}", ()):
-            words = row.get("not_run") or ", ".join(
-                f"{k} {v:.4g}" for k, v in row.items() if k.startswith(("ns", "by"))
-            )
+            words = words_of(row)
             if where == "device" and "ns" in row:
                 floor = 1e9 * FLOOR_BYTES[row["precision"]] / found["copy_bandwidth"]
                 words += f", {row['ns'] / floor:.3g} times its floor of {floor:.3g} ns by the copy bandwidth"
@@ -308,6 +337,12 @@ def text_of(found):
             yield f"whole scene, {where}: {one['points']} points, {row['precision']}: {words}"
         if "times_faster" in row:
             yield f"whole scene, {row['precision']}: the device is {row['times_faster']:.3g} times faster"
+
+
+def words_of(row):
+    """What was measured in a timed run, or why it was not run."""
+    numbers = (f"{name} {value:.4g}" for name, value in row.items() if name.startswith(("ns", "bytes")))
+    return row.get("not_run") or ", ".join(numbers)
 
 
 def write(found, folder):
@@ -324,7 +359,7 @@ def measure(folder, sizes, scene, checked, steps, materials, precisions):
         found["agreement"].append(row)
         write(found, folder)
     if not numba.config.ENABLE_CUDASIM:
-        found["sanitizer"] = sanitized()
+        found["sanitizer"] = sanitized(__file__, CHECKED_POINTS)
         found["copy_bandwidth"] = copy_bandwidth()
         write(found, folder)
         for where, timed in (("device", timed_on_device), ("processor", timed_on_processor)):
@@ -359,7 +394,7 @@ def main():
         print(f"nothing is measured: {found.lack}", file=sys.stderr)
         return 1
     if given.only_steps:
-        solver_of(DevicePointSolver, CHECKED_POINTS).advance(1e9, max_steps=WARM_UP)
+        solver_of(DevicePointSolver, given.checked).advance(1e9, max_steps=given.steps)
         return 0
     sizes = [round(1e6 * size) for size in given.millions]
     scene = round(1e6 * given.scene_millions)

@@ -1,16 +1,15 @@
 """The depth-averaged solver on a CUDA device against the processor: `python tests/bench/gpu_columns.py OUT`.
 
 It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
-the processor for several sets of effects, and equal bits of two runs, of which one is stopped and continued; then the
-time of a step on the device and on the processor for each number of columns. OUT gets gpu_columns.json and
-gpu_columns.txt, after each part. The status is 1 if there is no device, or no agreement. `gpu.py` does the same for the
-3D solver.
+the processor for several sets of effects, and equal bits of two runs, of which one is stopped and continued;
+compute-sanitizer where it is installed; then the time of a step on the device, with memory, and on the processor for
+each number of columns. OUT gets gpu_columns.json and gpu_columns.txt, after each part. The status is 1 if there is no
+device, or no agreement. `gpu.py` does the same for the 3D solver.
 """
 
 import argparse
 import json
 import sys
-import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -18,7 +17,16 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
 
 import numba  # noqa: E402
 import numpy as np  # noqa: E402
-from gpu import Cells, event_seconds, machine  # noqa: E402
+from gpu import (  # noqa: E402
+    LARGEST_ON_PROCESSOR,
+    Cells,
+    lack_of_memory,
+    machine,
+    measured_on_device,
+    measured_on_processor,
+    sanitized,
+    words_of,
+)
 
 from mpmgis.effects.barrier import Barrier  # noqa: E402
 from mpmgis.effects.curvature import Curvature  # noqa: E402
@@ -32,7 +40,7 @@ from mpmgis.gpu.available import found_device  # noqa: E402
 from mpmgis.kernels import column_barriers as wall  # noqa: E402
 from mpmgis.particles import Frame, Particles  # noqa: E402
 from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver  # noqa: E402
-from mpmgis.solvers.device_columns import DeviceColumnSolver  # noqa: E402
+from mpmgis.solvers.device_columns import DeviceColumnSolver, device_memory_of_columns  # noqa: E402
 from mpmgis.spatial.features import NO_LAKE, Places  # noqa: E402
 from mpmgis.spatial.node_grid import ColumnGrid  # noqa: E402
 from mpmgis.terrain.elevation import Terrain  # noqa: E402
@@ -60,7 +68,8 @@ SETS = {  # effects, and the edges of the domain
 }  # fmt: skip
 AGREES = 1e-9  # largest difference of places [cells] and of speeds over the largest
 CHECKED_COLUMNS, CHECKED_STEPS = 6400, 60
-STEPS, REPEATS, WARM_UP = 20, 5, 40
+HOST_BYTES_PER_COLUMN = 500  # of the host while a run of the bench is made
+BYTES_PER_NODE = 300  # of the arrays of the solver at its nodes
 
 
 def sheet(columns):
@@ -136,20 +145,27 @@ def agreement(columns, steps, names):
         yield row | {"agrees": bool(worst <= AGREES and row["same_bits"])}
 
 
-def timed(kind, columns, name):
-    """Row of a run: ns per column and step."""
-    solver = solver_of(kind, columns, name)
-    on_device = kind is DeviceColumnSolver
-    solver.advance(1e9, max_steps=WARM_UP if on_device else 3)
-    steps, each = STEPS if on_device else 5, []
-    for _ in range(REPEATS):
-        began = time.perf_counter()
-        seconds = event_seconds(lambda: solver.advance(1e9, max_steps=steps)) if on_device else None
-        if not on_device:
-            solver.advance(1e9, max_steps=steps)
-            seconds = time.perf_counter() - began
-        each.append(seconds / (steps * solver.columns) * 1e9)
-    return {"columns": solver.columns, "effects": name, "ns": float(np.median(each)), "ns_least": float(min(each))}
+def no_room(columns, name):
+    """Why a run does not fit into the memory of the host or of the device; "" if it does."""
+    nodes = (columns**0.5 / 4 + 2 * MARGIN) ** 2
+    on_device = device_memory_of_columns(columns, nodes, BYTES_PER_NODE * nodes, SETS[name][0])
+    return lack_of_memory(HOST_BYTES_PER_COLUMN * columns, on_device)
+
+
+def timed_on_device(columns, name):
+    """Row of a run on the device."""
+    row = {"columns": columns, "effects": name}
+    if lack := no_room(columns, name):
+        return row | {"not_run": lack}
+    return row | measured_on_device(lambda: solver_of(DeviceColumnSolver, columns, name), "columns")
+
+
+def timed_on_processor(columns, name):
+    """Row of a run on all cores of the processor."""
+    row = {"columns": columns, "effects": name}
+    if columns > LARGEST_ON_PROCESSOR or lack_of_memory(HOST_BYTES_PER_COLUMN * columns):
+        return row | {"not_run": "too large for the processor"}
+    return row | measured_on_processor(lambda: solver_of(ColumnSolver, columns, name), "columns")
 
 
 def text_of(found):
@@ -157,9 +173,11 @@ def text_of(found):
     yield from (f"{name}: {value}" for name, value in found["machine"].items())
     for row in found["agreement"]:
         yield ("agrees: " if row["agrees"] else "DIFFERS: ") + ", ".join(f"{k} {v}" for k, v in row.items())
+    if "sanitizer" in found:
+        yield f"compute-sanitizer: {found['sanitizer']}"
     for where in ("device", "processor"):
         for row in found.get(f"on_{where}", ()):
-            yield f"{where}: {row['columns']} columns, {row['effects']}: {row['ns']:.4g} ns per column and step"
+            yield f"{where}: {row['columns']} columns, {row['effects']}: {words_of(row)}"
 
 
 def write(found, folder):
@@ -176,10 +194,12 @@ def measure(folder, sizes, checked, steps, names):
         found["agreement"].append(row)
         write(found, folder)
     if not numba.config.ENABLE_CUDASIM:
-        for where, kind in (("device", DeviceColumnSolver), ("processor", ColumnSolver)):
+        found["sanitizer"] = sanitized(__file__, CHECKED_COLUMNS)
+        write(found, folder)
+        for where, timed in (("device", timed_on_device), ("processor", timed_on_processor)):
             rows = found[f"on_{where}"] = []
             for columns in sizes:
-                rows.append(timed(kind, columns, names[0]))
+                rows.append(timed(columns, names[0]))
                 write(found, folder)
     print((folder / "gpu_columns.txt").read_text(), end="")
     return all(row["agrees"] for row in found["agreement"])
@@ -189,15 +209,19 @@ def main():
     """The command; returns its status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", nargs="?", type=Path, default=Path("gpu_bench"), help="folder for the results")
-    parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10], help="numbers of columns")
+    parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10, 100], help="numbers of columns")
     parser.add_argument("--checked", type=int, default=CHECKED_COLUMNS, help="columns of the comparison")
     parser.add_argument("--steps", type=int, default=CHECKED_STEPS, help="steps of the comparison")
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="effects; the first one is timed")
+    parser.add_argument("--only-steps", action="store_true", help="some steps without results, for the sanitizer")
     given = parser.parse_args()
     found = found_device()
     if found.device is None:
         print(f"nothing is measured: {found.lack}", file=sys.stderr)
         return 1
+    if given.only_steps:
+        solver_of(DeviceColumnSolver, given.checked).advance(1e9, max_steps=given.steps)
+        return 0
     sizes = [round(1e6 * size) for size in given.millions]
     return 0 if measure(given.out, sizes, given.checked, given.steps, given.sets) else 1
 

@@ -3,17 +3,21 @@
 import importlib.util
 import json
 import os
+import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+import rasterio
 import shapely
-from slope_site import run, slide, write_block_site, write_shapes
+from slope_site import record, run, slide, write_block_site, write_shapes
 
+from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
 from mpmgis.gpu import available
 from mpmgis.gpu.available import Device, Found
+from mpmgis.io.frame_contents import AS_WRITTEN
 from mpmgis.io.frames import read_frame
 from mpmgis.scene import scene_from_tables
 from mpmgis.solvers.device_points import device_memory
@@ -23,6 +27,9 @@ from mpmgis.workflows.run_setup.prepare import prepare
 
 CARD = Device("NVIDIA H100", (9, 0), 80_000_000_000, 79_000_000_000)
 NONE_HERE = Found(None, "no CUDA device can be used: none is there")
+NEEDS_SIMULATOR = pytest.mark.skipif(
+    importlib.util.find_spec("numba_cuda") is None, reason="numba-cuda is not installed"
+)
 COARSE = {"cell_size": 8.0, "end_time": 0.2, "frame_interval": 0.1}
 
 
@@ -147,36 +154,106 @@ def test_float32_needs_half_the_memory(site):
     )
 
 
+LAW = """from typing import NamedTuple
+
+
+class Mine(NamedTuple):
+    mu: float
+    xi: float
+
+    def basal_stress(self, density, gravity, normal_stress, thickness_normal, speed):
+        return self.mu * normal_stress + density * gravity * speed * speed / self.xi
+"""
+
+
+@pytest.fixture
+def few(site):
+    """The site with a release of a few particles: the simulator takes milliseconds a particle and step."""
+    write_shapes(site / "few.geojson", [shapely.box(104, 192, 120, 200)])
+    return site
+
+
+def command(site, name, text, *options, simulator=False, plain=False):
+    """(`devices` of the record, standard error) of a run into the folder `name`; `plain`: without compiled kernels."""
+    (site / f"{name}.toml").write_text(text.replace("block", "few"))
+    environment = os.environ | ({"NUMBA_ENABLE_CUDASIM": "1"} if simulator else {})
+    done = subprocess.run(
+        [sys.executable, "-m", "mpmgis", "run", f"{name}.toml", "-o", name, *options], cwd=site, timeout=500,
+        capture_output=True, text=True, env=environment | ({"NUMBA_DISABLE_JIT": "1"} if plain else {}),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return record(site, name)["devices"], done.stderr
+
+
+def both(site, text, *options):
+    """Folders of a run on the processor and of one on a device in the simulator."""
+    on_processor, on_device = site / "on_processor", site / "on_device"
+    for folder in (on_processor, on_device):
+        shutil.rmtree(folder, ignore_errors=True)
+    command(site, on_processor.name, text, *options, plain=True)
+    devices, _ = command(site, on_device.name, text, *options, "--device", "cuda", simulator=True, plain=True)
+    assert [entry["device"].split(":")[0] for entry in devices] == ["cuda"]
+    return on_processor, on_device
+
+
+def require_same_end(folder, others):
+    """Fail unless the last frames of runs agree to rounding; returns the largest speed [m s-1]."""
+    first, *rest = [read_frame(sorted(path.glob("frame_*.h5"))[-1]).particles for path in (folder, *others)]
+    for other in rest:
+        for quantity in ("position", "velocity", "mass"):
+            a, b = (getattr(particles, quantity) for particles in (first, other))
+            assert np.abs(a - b).max() <= 1e-9 * max(np.abs(a - a.mean(axis=0)).max(), 1.0)
+    return float(np.abs(first.velocity).max())
+
+
 @pytest.mark.thorough
-@pytest.mark.skipif(importlib.util.find_spec("numba_cuda") is None, reason="numba-cuda is not installed")
-def test_a_run_goes_on_between_processor_and_device(site):
+@NEEDS_SIMULATOR
+def test_a_run_goes_on_between_processor_and_device(few):
     """A whole run on a device, and one that changes the device at a frame, are those of the processor to rounding."""
-    write_shapes(site / "few.geojson", [shapely.box(104, 192, 120, 200)])  # the simulator takes milliseconds a point
-
-    def command(name, *options, simulator=False):
-        text = slide(8.0, 0.1, 0.05).replace("thickness = 12.0", "thickness = 9.0").replace("block", "few")
-        (site / f"{name}.toml").write_text(text)
-        done = subprocess.run(
-            [sys.executable, "-m", "mpmgis", "run", f"{name}.toml", "-o", name, *options], cwd=site, timeout=500,
-            capture_output=True, text=True, env=os.environ | ({"NUMBA_ENABLE_CUDASIM": "1"} if simulator else {}),
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        return json.loads((site / name / "run.json").read_text())["devices"], done.stderr
-
+    text = slide(8.0, 0.1, 0.05).replace("thickness = 12.0", "thickness = 9.0")
     names = ["processor", "device", "both"]
-    assert [entry["device"] for entry in command(names[0])[0]] == ["cpu"]
-    devices, printed = command(names[1], "--device", "cuda", simulator=True)
+    assert [entry["device"] for entry in command(few, names[0], text)[0]] == ["cpu"]
+    devices, printed = command(few, names[1], text, "--device", "cuda", simulator=True)
     assert [entry["device"].split(":")[0] for entry in devices] == ["cuda"] and "steps: cuda" in printed
-    command(names[2])
-    record = json.loads((site / names[2] / "run.json").read_text())
-    frames = sorted((site / names[2]).glob("frame_*.h5"))
+    command(few, names[2], text)
+    written = record(few, names[2])
+    frames = sorted((few / names[2]).glob("frame_*.h5"))
     frames[-1].unlink()  # as if the run had been stopped before its last frame
-    (site / names[2] / "run.json").write_text(json.dumps(record | {"state": "interrupted", "frames": len(frames) - 1}))
-    devices, printed = command(names[2], "--resume", "--device", "cuda", simulator=True)
+    (few / names[2] / "run.json").write_text(json.dumps(written | {"state": "interrupted", "frames": len(frames) - 1}))
+    devices, printed = command(few, names[2], text, "--resume", "--device", "cuda", simulator=True)
     assert [entry["device"].split(":")[0] for entry in devices] == ["cpu", "cuda"]
     assert devices[1]["from"] == pytest.approx(0.05) and "the run began on another device" in printed
-    processor, *others = [read_frame(sorted((site / name).glob("frame_*.h5"))[-1]) for name in names]
-    for other in others:
-        for quantity in ("position", "velocity", "mass"):
-            a, b = (getattr(frame.particles, quantity) for frame in (processor, other))
-            assert np.abs(a - b).max() <= 1e-9 * max(np.abs(a - a.mean(axis=0)).max(), 1.0)
+    processor, *others = [few / name for name in names]
+    require_same_end(processor, others)
+
+
+@pytest.mark.thorough
+@NEEDS_SIMULATOR
+def test_a_law_of_the_user_is_computed_on_a_device(few):
+    (few / "mine.py").write_text(LAW)
+    text = slide(**COARSE, head='solver = "columns"', friction='law = "mine.py:Mine"\nmu = 0.3\nxi = 10')
+    text = text[: text.index("[material]")] + text[text.index("[friction]") :]
+    processor, device = both(few, text, "--law", "mine.py")
+    assert require_same_end(processor, [device]) > 1.0
+
+
+@pytest.mark.thorough
+@NEEDS_SIMULATOR
+def test_stages_and_rasters_of_a_device_are_those_of_the_processor(few, capsys):
+    """Columns, then points, with rasters; the digest of the results is stored."""
+    text = slide(**COARSE, head="", more="particles_per_cell = 4").replace("[output]", "[output]\nrasters = true")
+    text += '[[stage]]\nsolver = "columns"\nuntil = {time = 0.1}\n[[stage]]\nsolver = "points"\n'
+    processor, device = both(few, text)
+    assert require_same_end(processor, [device]) > 1.0
+    paths = sorted(processor.rglob("on_processor_*.tif"))
+    assert len(paths) >= 3
+    for path in paths:
+        other = device / path.parent.relative_to(processor) / path.name.replace("processor", "device")
+        with rasterio.open(path) as one, rasterio.open(other) as two:
+            expected, found = one.read(masked=True), two.read(masked=True)
+        assert expected.count() and np.array_equal(expected.mask, found.mask)
+        np.testing.assert_allclose(found.filled(0.0), expected.filled(0.0), rtol=1e-5, atol=1e-6)
+    assert main(["info", "--json", str(device)]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert len(facts["result_digest"]) == 64 and facts["frames_are"] == AS_WRITTEN
+    assert facts["result_digest"] == record(few, device.name)["result_digest"]

@@ -1,13 +1,17 @@
-"""Types of the arguments of every kernel of the 3D solver on a device, to compile them without one."""
+"""Types of the arguments of every kernel of the 3D solver on a device, to compile them without one.
+
+Kernels that call laws are compiled for COMMON laws, which need the most registers, and for all OTHER laws.
+"""
 
 import numba
 import numpy as np
 from numba import types
 
 from mpmgis.effects.barrier import Barrier, NoBarrier
-from mpmgis.effects.contact import CoulombContact, VoellmyContact
-from mpmgis.effects.friction import NoZones
-from mpmgis.effects.material import MuI, drucker_prager
+from mpmgis.effects.contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.effects.fluid import Fluid
+from mpmgis.effects.friction import FrictionZones, NoZones
+from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 from mpmgis.effects.slots import WholeGradient
 from mpmgis.effects.softening import NoSoftening, softening
 from mpmgis.gpu import (
@@ -29,13 +33,41 @@ SETTINGS = Settings(
     cells_x=10, cells_y=10, leak_stop=1e-3, wall=False, holes=False, keep_peaks=True, arrival_thickness=0.05,
     lone_thickness=0.1, slack=1.0,
 )  # fmt: skip
-SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
-MATERIALS = {
+MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
+CONE = (35.0, 500.0)  # friction angle [deg], cohesion [Pa]
+SOIL = drucker_prager(**MODULI, friction_angle=CONE[0], cohesion=CONE[1])
+COHESIVE = cohesive_mu_i(*CONE, 0.2, 0.3, 1e-3, 2500.0, **MODULI)
+FADING, TANGENT, LINEAR = (softening(CONE, (20.0, 0.0), 10.0, form) for form in ("exponential", "tangent", "linear"))
+MATERIALS = {  # material, softening
     "drucker_prager": (SOIL, NoSoftening()),
-    "softening": (SOIL, softening((35.0, 500.0), (20.0, 0.0), 10.0)),
+    "softening": (SOIL, FADING),
     "mu_i": (MuI(1e6, 1e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
+    "cohesive_softening": (COHESIVE, FADING),
 }
-CONTACTS = {"coulomb": CoulombContact(0.3), "voellmy": VoellmyContact(0.2, 300.0)}
+OTHER_MATERIALS = {
+    "elastic": (Elastic(**MODULI), NoSoftening()),
+    "fluid": (Fluid(1e6, 10.0, 1.0), NoSoftening()),
+    "cohesive": (COHESIVE, NoSoftening()),
+    "tangent_softening": (SOIL, TANGENT),
+    "linear_softening": (SOIL, LINEAR),
+    "cohesive_tangent_softening": (COHESIVE, TANGENT),
+    "cohesive_linear_softening": (COHESIVE, LINEAR),
+}
+COULOMB, VOELLMY, STICKING = CoulombContact(0.3), VoellmyContact(0.2, 300.0), StickingContact()
+CONTACTS = {  # contact, zones, barrier
+    "coulomb": (COULOMB, NoZones(), NoBarrier()),
+    "voellmy": (VOELLMY, NoZones(), NoBarrier()),
+    "voellmy_barred": (VOELLMY, NoZones(), Barrier()),
+    "voellmy_zones_barred": (VOELLMY, FrictionZones(), Barrier()),
+}
+OTHER_CONTACTS = {
+    "coulomb_barred": (COULOMB, NoZones(), Barrier()),
+    "coulomb_zones": (COULOMB, FrictionZones(), NoBarrier()),
+    "voellmy_zones": (VOELLMY, FrictionZones(), NoBarrier()),
+    "coulomb_zones_barred": (COULOMB, FrictionZones(), Barrier()),
+    "sticking": (STICKING, NoZones(), NoBarrier()),
+    "sticking_barred": (STICKING, NoZones(), Barrier()),
+}
 
 
 @Kernel
@@ -56,6 +88,19 @@ def in_precision(law, real):
 
 def signatures(real):
     """(name, kernel, types of its arguments) of all kernels for points of `real`."""
+    yield from _without_laws(real)
+    yield from _with_contacts(real, CONTACTS)
+    yield from _with_materials(real, MATERIALS)
+
+
+def other_signatures(real):
+    """As `signatures`, of kernels with the laws that are not among MATERIALS and CONTACTS."""
+    yield from _with_contacts(real, OTHER_CONTACTS)
+    yield from _with_materials(real, OTHER_MATERIALS)
+
+
+def _without_laws(real):
+    """Signatures of kernels that call neither contact laws nor materials."""
     number = numba.from_dtype(np.dtype(real))
     i4, i8, f8, byte = types.int32, types.int64, types.float64, types.uint8
     run, stage, now, clock, counts = array(i8, 1), array(f8, 1), array(number, 1), array(f8, 1), array(i8, 1)
@@ -65,8 +110,7 @@ def signatures(real):
     ground, free = (array(number, 3), array(i4, 3), array(number, 2)), array(byte, 1)
     columns, reports, sums, yields = array(number, 3), array(number, 2), array(f8, 2), array(number, 4)
     settings, of_nodes = numba.typeof(SETTINGS), in_precision(SETTINGS, real)
-    places = (*ground, array(number, 3), array(number, 3))
-    zones, barrier = in_precision(NoZones(), real), in_precision(NoBarrier(), real)
+    barrier, walled = in_precision(NoBarrier(), real), in_precision(Barrier(), real)
     for name, *arguments in (
         ("begin_step", run, stage, now, clock, counts),
         ("clear_window", run, window, window),
@@ -97,26 +141,9 @@ def signatures(real):
         ("note_peaks", run, now, nodes, touched, window, lowest, ground[0], columns, of_nodes),
     ):
         yield name, getattr(point_nodes, name), arguments
-    walled = in_precision(Barrier(), real)
     yield "find_contacts_barred", point_nodes.find_contacts, (
         run, nodes, touched, free, *ground, columns, reports, of_nodes, walled,
     )  # fmt: skip
-    for label, barrier_type in (("", barrier), ("_barred", walled)):
-        for name, law in CONTACTS.items():
-            laws = of_nodes, in_precision(law, real), zones, barrier_type
-            given = nodes, touched, window, lowest
-            layers = "couple_layers", run, now, *given, *places, columns, columns, reports, *laws
-            press = "press_on_ground", run, now, counts, *given, free, *places, yields, reports, *laws
-            hold = "hold_nodes", run, now, nodes, touched, free, *places, columns, columns, reports, reports, *laws
-            for kernel, *arguments in (layers, press, hold):
-                yield f"{kernel}_{name}{label}", getattr(point_nodes, kernel), arguments
-    for name, law in CONTACTS.items():
-        laws = of_nodes, in_precision(law, real), zones, walled
-        given = nodes, touched, window, lowest
-        settle = "settle_faces", run, now, *given, *ground, columns, reports, columns, *laws
-        hold = "hold_at_barriers", run, now, touched, *given, *places, columns, columns, reports, reports, *laws
-        for kernel, *arguments in (settle, hold):
-            yield f"{kernel}_{name}", getattr(point_barriers, kernel), arguments
     around, lines = (nodes, touched, window, lowest, *ground), (reports, columns)
     for name, *arguments in (
         ("share_face_rows", run, nodes, touched, window, lowest, *lines, of_nodes),
@@ -137,13 +164,54 @@ def signatures(real):
     yield "finish_step", point_reports.finish_step, finish
     marks = array(byte, 1), array(byte, 1), array(number, 2), array(i4, 2)
     map_, domain = (lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
-    for label, (material, soft) in MATERIALS.items():
-        laws = in_precision(material, real), in_precision(soft, real), in_precision(WholeGradient(), real)
-        around, scales = (order, start, touched, sources, nodes), array(number, 1)
-        arguments = run, scales, rows, keys, *around, array(number, 3), *map_, *marks, domain, *laws
-        yield f"grid_to_points_{label}", grid_to_points.grid_to_points, arguments
-        arguments = run, scales, rows, *around, ground[0], *marks, domain, of_nodes, *laws
-        yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments
     given, left = (rows, keys, order, start, touched), (array(i8, 4), array(f8, 1))
     arguments = run, *given, ground[0], *map_, *left, *marks, sums, domain, settings
     yield "settle_rare_points", rare_points.settle_rare_points, arguments
+
+
+def _with_contacts(real, contacts):
+    """Signatures of kernels that call contact laws; `contacts`: name -> (contact, zones, barrier)."""
+    number = numba.from_dtype(np.dtype(real))
+    run, now, counts, free = array(types.int64, 1), array(number, 1), array(types.int64, 1), array(types.uint8, 1)
+    nodes, touched = array(number, 2), array(types.int32, 2)
+    given = nodes, touched, array(types.int32, 1), array(types.int32, 3)
+    ground = array(number, 3), array(types.int32, 3), array(number, 2)
+    columns, reports, yields = array(number, 3), array(number, 2), array(number, 4)
+    places = (*ground, columns, columns)
+    for label, slots in contacts.items():
+        laws = in_precision(SETTINGS, real), *(in_precision(law, real) for law in slots)
+        kernels = [
+            (point_nodes.couple_layers, run, now, *given, *places, columns, columns, reports, *laws),
+            (point_nodes.press_on_ground, run, now, counts, *given, free, *places, yields, reports, *laws),
+            (
+                point_nodes.hold_nodes, run, now, nodes, touched, free, *places, columns, columns, reports, reports,
+                *laws,
+            ),
+        ]  # fmt: skip
+        if slots[-1].barrier_active():
+            kernels += [
+                (point_barriers.settle_faces, run, now, *given, *ground, columns, reports, columns, *laws),
+                (
+                    point_barriers.hold_at_barriers, run, now, touched, *given, *places, columns, columns, reports,
+                    reports, *laws,
+                ),
+            ]  # fmt: skip
+        for kernel, *arguments in kernels:
+            yield f"{kernel.function.__name__}_{label}", kernel, arguments
+
+
+def _with_materials(real, materials):
+    """Signatures of kernels that call materials; `materials`: name -> (material, softening)."""
+    number = numba.from_dtype(np.dtype(real))
+    run, keys, start, order = array(types.int64, 1), array(types.int64, 1), array(types.int64, 1), array(types.int32, 1)
+    scales, rows, nodes, ground = array(number, 1), array(number, 2), array(number, 2), array(number, 3)
+    blocks, byte = array(types.int32, 2), array(types.uint8, 1)
+    around, map_ = (order, start, blocks, blocks, nodes), (array(types.int32, 3), array(types.uint8, 2))
+    marks = byte, byte, array(number, 2), array(types.int32, 2)
+    domain, settings = numba.typeof(Domain(10, 10, False)), in_precision(SETTINGS, real)
+    for label, slots in materials.items():
+        laws = [in_precision(law, real) for law in (*slots, WholeGradient())]
+        arguments = run, scales, rows, keys, *around, ground, *map_, *marks, domain, *laws
+        yield f"grid_to_points_{label}", grid_to_points.grid_to_points, arguments
+        arguments = run, scales, rows, *around, ground, *marks, domain, settings, *laws
+        yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments

@@ -15,10 +15,11 @@ from column_scenes import terrain_of
 from launch_order import shuffled
 from point_scenes import block_of, plane, points_on
 
-from mpmgis.effects.contact import CoulombContact, VoellmyContact
+from mpmgis.effects.contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.friction import FrictionZones
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.softening import softening
+from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager
+from mpmgis.effects.softening import NoSoftening, softening
 from mpmgis.errors import SceneError
 from mpmgis.gpu.launch import Launch
 from mpmgis.gpu.points import LAST_STEP, DevicePoints, PointPlaces, PointState
@@ -33,19 +34,38 @@ sys.setswitchinterval(1e-5)  # threads of the device are threads of the host, an
 SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
 SOFT = softening((35.0, 500.0), (20.0, 0.0), 10.0)
 STRETCH = np.array([[-3.0, 1.0, 0.0], [0.5, -1.0, 0.5], [2.0, 0.0, -8.0]])  # [s-1]
-COULOMB, VOELLMY = CoulombContact(0.3), VoellmyContact(0.2, 300.0)
+COULOMB, VOELLMY, STICKING = CoulombContact(0.3), VoellmyContact(0.2, 300.0), StickingContact()
+COHESIVE = cohesive_mu_i(35.0, 500.0, 0.2, 0.3, 1e-3, 2500.0, bulk_modulus=6.7e6, shear_modulus=4e6)
+MATERIALS = {
+    "elastic": (Elastic(6.7e6, 4e6), NoSoftening()),
+    "fluid": (Fluid(6.7e6, 50.0, 1.0), NoSoftening()),
+    "Drucker-Prager": (SOIL, NoSoftening()),
+    "Drucker-Prager without friction": (drucker_prager(6.7e6, 4e6, 0.0, 500.0), NoSoftening()),
+    "mu(I)": (MuI(6.7e6, 4e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
+    "cohesive mu(I)": (COHESIVE, NoSoftening()),
+    "cohesive mu(I) with softening": (COHESIVE, SOFT),
+}
+# Kirchhoff stress [Pa] (xx, yy, zz, xy, xz, yz) of every other point at the start: sheared under pressure, or pulled
+STRESSES = np.array([[-1e5, -1e5, -2e5, 5e4, 5e5, 0.0], [6e5, 5e5, 7e5, 0.0, 1e5, 5e4]])
 NARROW = Launch(2, 8, 1, 4, 3)
 NAMES = ("rows", "ids", "keys", "clock", "counts", "ledger", "left", "peaks", "yields", "barrier_sums", "face_yields")
 WIDE = Launch(3, 16, 2, 8, 5)
 
 
-def slab(precision, contact=COULOMB, size=(1.5, 1, 1), velocity=(3.0, 0.5, -4.0), x=12.0, **more):
-    """Points that fall on a plane of 30 degrees and strain; 8 a cell of 1 m."""
+def slab(
+    precision, contact=COULOMB, size=(1.5, 1, 1), velocity=(3.0, 0.5, -4.0), x=12.0, laws=(SOIL, SOFT), **more
+):  # fmt: skip
+    """Points that fall on a plane of 30 degrees and strain; 8 a cell of 1 m. `laws` are material and softening."""
     frame = block_of(size, 0.5, (x, 12.2, 0.0), velocity=velocity)
     place = frame.particles.position
     frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
     place[:, 2] += 120.0 - np.tan(np.radians(30.0)) * place[:, 0]
-    return points_on(plane(30.0), frame, 1.0, SOIL, contact, SOFT, precision=precision, maxima=True, **more)
+    return points_on(plane(30.0), frame, 1.0, laws[0], contact, laws[1], precision=precision, maxima=True, **more)
+
+
+def stressed(precision, laws):
+    """Points on the plane, half of them sheared under pressure and half of them pulled, beyond what soil bears."""
+    return slab(precision, size=(1, 1, 1), laws=laws, stress=np.tile(STRESSES, (4, 1)))
 
 
 def at_cliff(precision, contact=COULOMB):
@@ -164,6 +184,7 @@ def difference(one, other):
     here["clips"] = {
         name: float(clock[getattr(entry, name)]) for name in ("LIFTED_TOTAL", "WALL_TOTAL", "LIMITED_TOTAL")
     }
+    here["torn"] = float(clock[entry.TIP_TOTAL])
     here["out"] = float(one._ledger[:, 0].sum())
     here["alive"] = int(one._counts[entry.ALIVE])
     here["loads"] = one._barrier_sums[:, :POINT_BARRIER_SUMS].tolist()
@@ -179,6 +200,17 @@ def compared(make, precision, steps):
     one, other = make(precision), make(precision)
     reason = begun(one).advance(1e9, max_steps=steps)
     here = difference(one, other) if advanced(other, steps) == reason else {"exact": False}
+    return here
+
+
+def with_material(laws, precision):
+    """`compared` for `stressed` points, and what they do in the first step."""
+    steps = 3 if isinstance(laws[0], Fluid) else 2  # it expands in the third
+    here, solver = compared(partial(stressed, laws=laws), precision, steps), begun(stressed(precision, laws))
+    solver.advance(1e9, max_steps=1)
+    rows = solver._rows
+    here["yield at once"] = int((rows[:, row.S6] > 0.0).sum()) if rows.shape[1] > row.S6 else 0
+    here["torn at once"], here["least state"] = float(solver._clock[entry.TIP_TOTAL]), float(rows[:, row.S0].min())
     return here
 
 
@@ -241,8 +273,10 @@ BOTH = ("float64", "float32")
 SCENES = {
     "slab": slab,
     "drag": lambda precision: slab(precision, VOELLMY),
+    "sticking": lambda precision: slab(precision, STICKING),
     "cliff": at_cliff,
     "cliff with drag": lambda precision: at_cliff(precision, VOELLMY),
+    "cliff that sticks": lambda precision: at_cliff(precision, STICKING),
     "wall": into_wall,
     "outflow": out_of_domain,
     "under ground": under_ground,
@@ -256,6 +290,7 @@ def cases():
     here = {"reasons": reasons}
     for p in BOTH:
         here |= {f"{name} {p}": partial(compared, make, p, 2) for name, make in SCENES.items()}
+        here |= {f"{name} {p}": partial(with_material, laws, p) for name, laws in MATERIALS.items()}
         here[f"permuted {p}"] = partial(permuted, SCENES["drag"], p, 2)
         here[f"permuted outflow {p}"] = partial(permuted, out_of_domain, p, 2)
         here[f"resumed {p}"] = partial(resumed, slab, p, 2)

@@ -1,21 +1,50 @@
 """Every kernel compiles for sm_80 and sm_90, spills no registers, needs no more of them than a limit, and has no double
 precision for float32 points unless it is meant to."""
 
+import device_kernels
 import pytest
 from compile_matrix import IN_DOUBLE, MORE, kernels, limit_of, needs
 from law_kernels import PRECISIONS, assembler, compiler_lack
 
+from mpmgis.effects.softening import LinearSoftening, NoSoftening, Softening, TangentSoftening
+from mpmgis.scene.materials import CONES, CONTACTS, MATERIALS
+
 LACK = compiler_lack() or ("" if assembler() else "no ptxas (pip install nvidia-cuda-nvcc)")
-pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+pytestmark = pytest.mark.skipif(bool(LACK), reason=LACK)
 FEWEST = {"float64": 40, "float32": 40, "columns": 30}  # kernels
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("precision", [*PRECISIONS, "columns"])
 def test_kernels_compile_without_spills_within_their_registers(precision, tmp_path):
+    names = require_few_registers(kernels(precision), precision, tmp_path)
+    assert len(names) > FEWEST[precision]
+    assert precision != "columns" or {name.split()[0] for name in names} >= kernels_of_columns()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_kernels_with_all_other_laws_do_too(precision, tmp_path):
+    names = require_few_registers(kernels(precision, others=True), precision, tmp_path)
+    assert len(names) > FEWEST[precision] // 2
+
+
+def test_all_laws_of_scenes_are_in_the_matrix():
+    parts = [*(device_kernels.MATERIALS | device_kernels.OTHER_MATERIALS).values()]
+    places = [*(device_kernels.CONTACTS | device_kernels.OTHER_CONTACTS).values()]
+    assert {type(slots[0]) for slots in parts} == {kind for kind, _ in MATERIALS.values()}
+    softened = {(type(law), type(soft)) for law, soft in parts}
+    forms = (NoSoftening, Softening, TangentSoftening, LinearSoftening)
+    assert softened >= {(MATERIALS[name][0], form) for name in CONES for form in forms}
+    assert {type(slots[0]) for slots in places} == {kind for kind, _ in CONTACTS.values()}
+
+
+def require_few_registers(signatures, precision, folder):
+    """Names of the kernels; fails with a list of all that spill or need too much."""
     wrong, names = [], set()
-    for name, kernel, arguments in kernels(precision):
+    for name, kernel, arguments in signatures:
         names.add(name)
-        for need in needs(kernel, arguments, precision, tmp_path):
+        for need in needs(kernel, arguments, precision, folder):
             here = f"{name} {need.capability}"
             if f".target {need.capability}" not in need.text or ".visible .entry" not in need.text:
                 wrong.append(f"{here}: not a kernel for this device")
@@ -28,8 +57,7 @@ def test_kernels_compile_without_spills_within_their_registers(precision, tmp_pa
             if precision == "float32" and not name.startswith(IN_DOUBLE) and ".f64" in need.text:
                 wrong.append(f"{here}: double precision")
     assert not wrong, "\n".join(wrong)
-    assert len(names) > FEWEST[precision]
-    assert precision != "columns" or {name.split()[0] for name in names} >= kernels_of_columns()
+    return names
 
 
 def kernels_of_columns():
@@ -41,6 +69,7 @@ def kernels_of_columns():
     return {name for module in modules for name, value in vars(module).items() if isinstance(value, Kernel)}
 
 
+@pytest.mark.thorough
 def test_kernels_with_another_limit_exist():
     names = {name for precision in ("float32", "columns") for name, _, _ in kernels(precision)}
     assert all(any(name.startswith(begin) for name in names) for begin in (*MORE, *IN_DOUBLE))

@@ -8,7 +8,14 @@ from device_cases import LACK, require_agreement, results_of
 from law_kernels import PRECISIONS
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
-SCENES = ("slab", "drag", "cliff", "cliff with drag", "wall", "outflow", "under ground", "zones", "reordered")
+SCENES = (
+    *("slab", "drag", "sticking", "cliff", "cliff with drag", "cliff that sticks"),
+    *("wall", "outflow", "under ground", "zones", "reordered"),
+)
+YIELDING = (
+    *("Drucker-Prager", "Drucker-Prager without friction", "mu(I)"),
+    *("cohesive mu(I)", "cohesive mu(I) with softening"),
+)
 
 each_precision = pytest.mark.parametrize("precision", PRECISIONS)
 
@@ -20,7 +27,7 @@ def found():
 
 
 @each_precision
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", (*SCENES, "elastic", "fluid", *YIELDING))
 def test_some_steps_are_those_of_the_processor(found, scene, precision):
     require_agreement(found[f"{scene} {precision}"], precision)
 
@@ -29,6 +36,19 @@ def test_the_scenes_contain_what_they_are_for(found):
     assert found["outflow float64"]["out"] > 0.0
     assert found["under ground float64"]["clips"]["LIFTED_TOTAL"] > 0
     assert found["wall float64"]["clips"]["WALL_TOTAL"] > 0
+
+
+@each_precision
+@pytest.mark.parametrize("material", YIELDING)
+def test_points_yield_in_shear_and_in_tension_in_the_first_step(found, material, precision):
+    here = found[f"{material} {precision}"]
+    assert here["yield at once"] == here["alive"] == 8 and here["torn at once"] == 4
+
+
+@each_precision
+def test_elastic_points_are_strained_and_fluid_is_compressed_and_expands(found, precision):
+    assert found[f"elastic {precision}"]["least state"] < -0.01
+    assert found[f"fluid {precision}"]["least state"] < 0.95 and found[f"fluid {precision}"]["torn"] > 0
 
 
 @each_precision

@@ -1,5 +1,9 @@
-"""Kernels, effects and solvers need Numba, NumPy, SciPy and h5py alone: machines with a GPU may have nothing else."""
+"""Kernels, effects and solvers need Numba, NumPy, SciPy and h5py alone: machines with a GPU may have nothing else.
 
+The package `gpu` and the benchmarks for a GPU need numba-cuda and what it brings in addition.
+"""
+
+import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -11,16 +15,18 @@ from plain_array_runs import RUNS, results
 
 LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "h5py", "mpmgis")
 ABSENT = ("rasterio", "shapely", "pyproj", "affine", "geopandas", "pandas", "pyogrio", "psutil", "filelock", "rich")
-ONLY_THESE = f"""
+WITH_CUDA = (*LIBRARIES, "numba_cuda", "cuda", "nvidia", "packaging", "gpu", "gpu_columns")
+ONLY_THESE = """
 import sys
 
 class OnlyThese:
     def find_spec(self, name, path=None, target=None):
         first = name.partition(".")[0]
-        if first not in {LIBRARIES!r} and first not in sys.stdlib_module_names and not first.startswith("_"):
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+        if first not in LIBRARIES and first not in sys.stdlib_module_names and not first.startswith("_"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
-assert not set({ABSENT!r}) & set(sys.modules)
+assert not set(ABSENT) & set(sys.modules)
+sys.modules.update(dict.fromkeys(ABSENT))  # `find_spec` answers None for them
 sys.meta_path.insert(0, OnlyThese())
 """
 EVERY_MODULE = """
@@ -33,11 +39,28 @@ for name in ("kernels", "effects", "solvers"):
         print(found.name)
 importlib.import_module("mpmgis.io.frames")
 """
+EVERY_MODULE_FOR_A_DEVICE = f"""
+import importlib, pkgutil
+
+import mpmgis.gpu
+
+for found in pkgutil.walk_packages(mpmgis.gpu.__path__, "mpmgis.gpu."):
+    importlib.import_module(found.name)
+    print(found.name)
+sys.path.insert(0, {str(Path(__file__).parents[1] / "bench")!r})
+for name in ("gpu", "gpu_columns"):
+    bench = importlib.import_module(name)
+    print(name, bench.slab(64)[1].dimension if name == "gpu" else len(bench.sheet(64)[1].particles))
+    print(*getattr(bench, "MATERIALS", ()), sep="\\n")
+"""
 
 
-def with_few(code):
-    """Standard output of `code` in a process that can import LIBRARIES alone."""
-    done = subprocess.run([sys.executable, "-c", ONLY_THESE + code], capture_output=True, text=True, timeout=580)
+def with_few(code, libraries=LIBRARIES):
+    """Standard output of `code` in a process that can import `libraries` alone."""
+    given = f"LIBRARIES, ABSENT = {libraries!r}, {ABSENT!r}\n"
+    done = subprocess.run(
+        [sys.executable, "-c", given + ONLY_THESE + code], capture_output=True, text=True, timeout=580
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -52,6 +75,13 @@ def test_every_module_of_kernels_effects_and_solvers_and_that_of_frames_is_impor
     imported = with_few(EVERY_MODULE).split()
     assert {"mpmgis.kernels.points", "mpmgis.effects.friction", "mpmgis.solvers.points"} <= set(imported)
     assert len(imported) > 60
+
+
+@pytest.mark.skipif(importlib.util.find_spec("numba_cuda") is None, reason="numba-cuda is not installed")
+def test_the_kernels_and_benchmarks_for_a_device_are_imported_with_numba_cuda_too():
+    lines = set(with_few(EVERY_MODULE_FOR_A_DEVICE, WITH_CUDA).splitlines())
+    assert {"mpmgis.gpu.points", "mpmgis.gpu.columns", "mpmgis.gpu.laws", "gpu 3", "gpu_columns 64"} <= lines
+    assert "Drucker-Prager" in lines and "Drucker-Prager at a barrier" not in lines  # which needs shapely
 
 
 def test_runs_of_plain_arrays_and_their_frames_are_the_same_to_the_bit(tmp_path):
