@@ -6,12 +6,19 @@ from math import cos, radians
 import numpy as np
 import shapely
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from .openings import MOST_SHARE, SPLINE, openings_at
 
 FACE_CELLS = 0.5  # [cells] depth of the nodes that only stop flow into the wall
 CORE_CELLS = 1.0  # [cells] depth of those behind, without flow; both sides of a wall have one
 WIDENED_IN_3D = 0.75  # [cells] by which nodes are open beyond each side of an opening in 3D
+TOUCHING = 1e-6  # [m] between two walls, up to which they are one
+CRACK = 1e3  # of TOUCHING, by which the rim of a union with cracks is longer
+AT_RIM = 1e-9  # of a wall's length, from its rim, within which a node is on it
+SAME_SIDES = 1e-6  # sum of the normals around a place, up to which they cancel
+SAME = 1.0 - 1e-6  # cosine between two normals of one side
 CORNER = cos(radians(30.0))  # a larger difference of the normals of neighbours is a corner
 
 
@@ -85,18 +92,18 @@ def half_thickness(footprint):
     return footprint.area / footprint.length
 
 
-def margin_in_3d(footprint, cell_size):
+def margin_in_3d(half, cell_size):
     """As `margin_of`, but only up to a thickness of three cells: in 3D the flow rests on nodes in front of the wall."""
-    return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), 0.0)
+    return max((FACE_CELLS + CORE_CELLS) * cell_size - half, 0.0)
 
 
-def margin_of(footprint, cell_size):
-    """How far [m] beyond `footprint` nodes belong to the wall.
+def margin_of(half, cell_size):
+    """How far [m] beyond its footprint nodes belong to a wall whose `half_thickness` is `half` [m].
 
     A cell at least, so that the flow comes to rest near the footprint's edge and not a cell behind it; more where the
     wall is thinner than three cells in all, the least that stops a flow on this grid whatever way the wall runs.
     """
-    return max((FACE_CELLS + CORE_CELLS) * cell_size - half_thickness(footprint), cell_size)
+    return max((FACE_CELLS + CORE_CELLS) * cell_size - half, cell_size)
 
 
 def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
@@ -109,38 +116,46 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
     bed : float[rows, columns] [m]
     cell_size : float [m]
     margin_of : callable, optional
-        How far [m] beyond its footprint a wall reaches, of (footprint, cell_size).
+        How far [m] beyond its footprint a wall reaches, of (half its thickness [m], cell_size).
     widened : float, optional [cells]
         As of `spatial.openings.openings_at`.
     """
     number, depth = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
     nearest, behind = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
+    owned = np.full(bed.shape, -np.inf)  # [m] depth in the wall that has the node
     normal, crest, mu, weight = np.zeros((*bed.shape, 2)), np.zeros(bed.shape), np.zeros(bed.shape), np.zeros(bed.shape)
-    for k, wall in enumerate(walls, 1):
-        margin = margin_of(wall.footprint, cell_size)
+    shapes, halves = zip(*joined_footprints(walls), strict=True) if walls else ((), ())
+    for k, (wall, joined, half) in enumerate(zip(walls, shapes, halves, strict=True), 1):
+        margin = margin_of(half, cell_size)
         around = max(margin, SPLINE * cell_size)
         window = _window(wall.footprint.buffer(around).bounds, x, y)
-        here, away = _depth(wall.footprint, x[window[1]], y[window[0]])
-        near = (here >= -around) & (here > behind[window])
-        nearest[window][near], behind[window][near] = k, here[near]
-        here += margin
-        mine = (here >= 0) & (here > depth[window])  # where walls overlap a node belongs to the one it is deepest in
+        at, deepest = (x[window[1]], y[window[0]]), (FACE_CELLS + CORE_CELLS + 1.0) * cell_size
+        here, away = _depth(joined, *at, -around, deepest)
+        own = here if joined is wall.footprint else _depth(wall.footprint, *at)[0]
+        near = (own >= -around) & (own > behind[window])
+        nearest[window][near], behind[window][near] = k, own[near]
+        mine = own + margin >= np.maximum(owned[window], 0.0)
+        mine &= own + margin > owned[window]  # where walls overlap a node belongs to the one it is deepest in
+        here, owned[window][mine] = here + margin, (own + margin)[mine]
         number[window][mine], depth[window][mine] = k, here[mine]
         normal[window][mine], mu[window][mine] = away[mine], wall.mu
         crest[window][mine] = _crest(wall, bed[window][mine])
-        weight[window][mine] = _weight(here[mine], margin + half_thickness(wall.footprint), cell_size)
+        weight[window][mine] = _weight(here[mine], margin + half, cell_size)
     turns, core = _turns(normal, number), depth >= FACE_CELLS * cell_size
     depth = np.where(number > 0, depth, 0.0)
     share, limit, side = np.zeros((3, *bed.shape))
     nodes = WallNodes(number, normal, crest, mu, core, core & turns, weight, depth, share, limit, side)
-    _open(nodes, walls, nearest, x, y, bed, cell_size, widened)
+    _open(nodes, walls, halves, nearest, x, y, bed, cell_size, widened)
     return nodes
 
 
-def _open(nodes, walls, nearest, x, y, bed, cell_size, widened):
-    """Set openings of `nodes` (WallNodes) in place; `nearest` is 1 + the number of the wall in the spline's support."""
+def _open(nodes, walls, halves, nearest, x, y, bed, cell_size, widened):
+    """Set openings of `nodes` (WallNodes) in place; `nearest` is 1 + the number of the wall in the spline's support.
+
+    `halves` are half the thicknesses of `walls` [m].
+    """
     rows, columns = np.nonzero(nearest)
-    thickness = np.array([2.0 * half_thickness(wall.footprint) for wall in walls])[nearest[rows, columns] - 1]
+    thickness = 2.0 * np.array(halves)[nearest[rows, columns] - 1]
     places, domain = np.column_stack([x[columns], y[rows]]), (x[1], y[1], x[-2], y[-2])
     opening = openings_at(places, thickness, [wall.footprint for wall in walls], domain, cell_size, widened)
     opened = opening.share > 0.0
@@ -184,32 +199,85 @@ def _window(bounds, x, y):
     return slice(rows[0], rows[1] + 1), slice(columns[0], columns[1] + 1)
 
 
-def _depth(footprint, x, y):
-    """(depth in the footprint [m], negative outside; outward unit normal of its nearest side) at the nodes x by y."""
+def joined_footprints(walls):
+    """For each wall (its footprint with all that touch or overlap it, directly or through others; half thickness [m]).
+
+    The edge that two touch at is no side of a wall. Pieces of a wall are as thick as the whole, but no thicker than
+    they themselves are in their middle: a thin wall beside a thick one stays thin.
+    """
+    shapes = [wall.footprint for wall in walls]
+    one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=TOUCHING)
+    touch = coo_array((np.ones(len(one)), (one, other)), (len(shapes), len(shapes)))
+    groups = connected_components(touch, directed=False)[1] if shapes else np.zeros(0, int)
+    joined = [(shape, half_thickness(shape)) for shape in shapes]
+    for group in np.flatnonzero(np.bincount(groups) > 1):
+        members = np.flatnonzero(groups == group)
+        whole = _union([shapes[k] for k in members])
+        for k in members:
+            joined[k] = whole, min(half_thickness(whole), _deepest(shapes[k], whole))
+    return joined
+
+
+def _union(shapes):
+    """Union of shapes that touch or overlap, without cracks between them; exact where they fit exactly."""
+    exact, closed = shapely.union_all(shapes), shapely.union_all(shapes, grid_size=TOUCHING)
+    return closed if exact.length > closed.length + CRACK * TOUCHING else exact
+
+
+def _deepest(piece, whole):
+    """Depth [m] in `whole` of the middle of `piece`: of its centre, or of its deepest side, where it meets others."""
+    centres = [piece.centroid, shapely.get_point(shapely.maximum_inscribed_circle(piece), 0)]
+    ends = shapely.get_coordinates(piece.boundary)
+    middles = shapely.points([*shapely.get_coordinates(centres), *(0.5 * (ends[1:] + ends[:-1]))])
+    inside = shapely.intersects(whole, middles)
+    return float(np.max(shapely.distance(whole.boundary, middles), where=inside, initial=0.0))
+
+
+def _depth(footprint, x, y, least=np.inf, most=-np.inf):
+    """(depth in the footprint [m], negative outside; outward unit normal of its nearest side) at the nodes x by y.
+
+    Where two sides are equally near, at corners and on their bisectors, the normal is between theirs. It is searched
+    for nodes between the depths `least` and `most` [m].
+    """
     points = shapely.points(*np.meshgrid(x, y))
     if points.size == 0:
         return np.zeros(points.shape), np.zeros((*points.shape, 2))
-    ends = shapely.get_coordinates(shapely.shortest_line(footprint.boundary, points)).reshape(*points.shape, 2, 2)
-    away = ends[..., 1, :] - ends[..., 0, :]
+    boundary = footprint.boundary
+    away = _way_from(boundary, points)
     distance = np.hypot(away[..., 0], away[..., 1])
-    inside = shapely.contains(footprint, points)
-    sign = np.where(inside, -1.0, 1.0)
-    at_rim = distance < 1e-9 * (1.0 + footprint.length)
-    normal = np.divide(sign[..., None] * away, distance[..., None], out=np.zeros_like(away), where=~at_rim[..., None])
-    for place in np.argwhere(at_rim):
-        normal[tuple(place)] = _side_normal(footprint, points[tuple(place)])
-    return -sign * distance, normal
+    outwards = np.where(shapely.contains(footprint, points), -1.0, 1.0)
+    at_rim = distance < AT_RIM * (1.0 + footprint.length)
+    normal = np.divide(
+        outwards[..., None] * away, distance[..., None], out=np.zeros_like(away), where=~at_rim[..., None]
+    )
+    depth = -outwards * distance
+    near = at_rim | ((depth >= least) & (depth <= most))
+    if near.any():
+        found = _mean_normal(footprint, boundary, shapely.get_coordinates(points[near]))
+        turned = ((found * normal[near]).sum(axis=-1) < SAME) & found.any(axis=-1)
+        normal[near] = np.where(turned[:, None], found, normal[near])
+    return depth, normal
 
 
-def _side_normal(footprint, point):
-    """Outward unit normal of the side of `footprint` at `point`."""
-    boundary, reach = footprint.boundary, 1e-3 * half_thickness(footprint)
-    beside = shapely.get_coordinates(boundary.intersection(point.buffer(reach)))
-    start, end = beside[np.argmin(beside @ [1.0, 1e-3])], beside[np.argmax(beside @ [1.0, 1e-3])]
-    along = (end - start) / max(np.hypot(*(end - start)), 1e-300)
-    normal = np.array([-along[1], along[0]])
-    beyond = shapely.Point(shapely.get_coordinates(point)[0] + 0.5 * reach * normal)
-    return -normal if shapely.contains(footprint, beyond) else normal
+def _way_from(boundary, points):
+    """float64[..., 2] [m]: way from the nearest point of `boundary` to each of `points`."""
+    ends = shapely.get_coordinates(shapely.shortest_line(boundary, points)).reshape(*points.shape, 2, 2)
+    return ends[..., 1, :] - ends[..., 0, :]
+
+
+def _mean_normal(footprint, boundary, places):
+    """float64[n, 2]: outward unit normal at `places` [n, 2] [m], the mean of those at eight points close around each.
+
+    Their directions are symmetric about the axes and the diagonals, and none lies on these, so that two sides that are
+    equally near have equal parts. It is 0 in the middle between opposite sides.
+    """
+    reach, angles = 1e-4 * half_thickness(footprint), np.pi * (np.arange(8) / 4.0 + 0.125)
+    around = places[:, None, :] + reach * np.column_stack([np.cos(angles), np.sin(angles)])
+    points = shapely.points(around)
+    away = _way_from(boundary, points) * np.where(shapely.contains(footprint, points), -1.0, 1.0)[..., None]
+    total = (away / np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-300)[..., None]).sum(axis=1)
+    size = np.hypot(total[:, 0], total[:, 1])[:, None]
+    return np.where(size > SAME_SIDES, total / np.maximum(size, SAME_SIDES), 0.0)
 
 
 def _turns(normal, number):

@@ -90,13 +90,13 @@ def faces_of(nodes, bed, smooth, cell_size):
             face = _face_behind(nodes, int(j), int(i), axis, cell_size)
             if face is not None and _is_smooth(face, nodes, bed, smooth, cell_size):
                 found.append(face)
-        begun = {}  # sides of each wall and direction that are not yet at their ends
+        begun = {}  # sides of each direction that are not yet at their ends; walls that touch can share one
         for face in sorted(found, key=_order):
             columns = tuple(np.transpose(face.columns()))
             if taken[columns].any():
                 continue
             taken[columns] = True
-            open_sides = begun.setdefault((face.number, face.out), [])
+            open_sides = begun.setdefault(face.out, [])
             side = next((side for side in open_sides if _are_adjacent(side[-1], face)), None)
             if side is None:
                 side = []
@@ -250,13 +250,13 @@ def _before_corner(face, corner, step):
 
 
 def _order(face):
-    """Along each side of each wall."""
-    return face.number, face.out, (face.j, face.i) if face.axis == 0 else (face.i, face.j)
+    """Along each side."""
+    return face.out, (face.j, face.i) if face.axis == 0 else (face.i, face.j)
 
 
 def _are_adjacent(face, other):
     """Do two faces follow each other along one side?"""
-    if face is None or (face.axis, face.number, face.out) != (other.axis, other.number, other.out):
+    if face is None or (face.axis, face.out) != (other.axis, other.out):
         return False
     along, across = (other.j - face.j, other.i - face.i) if face.axis == 0 else (other.i - face.i, other.j - face.j)
     return along == 1 and abs(across) <= 1 and np.dot(face.normal, other.normal) > SAME_SIDE
@@ -301,7 +301,7 @@ def _is_smooth(face, nodes, bed, smooth, cell_size):
         inside = before < 0.0
         if not inside and nodes.number[at] > 0:
             return False
-        if inside and nodes.number[at] != face.number:
+        if inside and nodes.number[at] == 0:
             return False
         if inside and np.dot(nodes.normal[at], face.normal) < SAME_SIDE:
             return False

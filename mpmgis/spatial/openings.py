@@ -120,7 +120,7 @@ def _with_mirror_images(walls, domain, reach):
 
     Images are mirrored again where the domain is narrower than `reach`: a wall across a narrow channel goes on.
     """
-    walls = shapely.intersection(walls, shapely.box(*domain))
+    walls = _areas(shapely.intersection(walls, shapely.box(*domain)))
     for axis in (0, 1):
         low, high = domain[axis], domain[axis + 2]
         first, last = low, high
@@ -137,9 +137,15 @@ def _image(walls, axis, edge, reach):
         return walls
     strip = list(walls.bounds)
     strip[axis], strip[axis + 2] = edge - reach, edge + reach
-    beside = shapely.intersection(walls, shapely.box(*strip))
+    beside = _areas(shapely.intersection(walls, shapely.box(*strip)))
     factors, origin = ((-1.0, 1.0), (edge, 0.0)) if axis == 0 else ((1.0, -1.0), (0.0, edge))
     return shapely.affinity.scale(beside, *factors, origin=origin)
+
+
+def _areas(shape):
+    """The polygons of `shape`, without the lines and points where shapes touch."""
+    parts = shapely.get_parts(shape)
+    return shapely.union_all(parts[shapely.get_dimensions(parts) == 2])
 
 
 def wall_normals(walls, points, radius):

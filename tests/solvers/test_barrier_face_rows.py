@@ -7,7 +7,7 @@ import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpmgis.spatial.barriers import WIDENED_IN_3D, Wall, margin_in_3d, wall_nodes
+from mpmgis.spatial.barriers import WIDENED_IN_3D, Wall, half_thickness, margin_in_3d, wall_nodes
 from mpmgis.spatial.faces import faces_of
 
 CELLS = 40
@@ -41,7 +41,7 @@ def test_rows_meet_both_sides_of_a_wall_exactly(cell, offset, degrees, thick):
     )
     faces, x, y = faces_on((wall,), cell)
     across = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
-    half = 0.5 * thick * cell + margin_in_3d(wall.footprint, cell)
+    half = 0.5 * thick * cell + margin_in_3d(half_thickness(wall.footprint), cell)
     columns, rows = [], {1: 0, -1: 0}
     for face in (face for face in faces if face is not None):
         side = np.sign(np.dot(face.normal, across))
@@ -67,7 +67,7 @@ def test_rows_beside_each_other_follow_each_other():
 def test_no_rows_at_corners_openings_low_walls_and_on_rough_ground():
     short = shapely.box(-2.0, -5.0, 2.0, 5.0)
     faces, x, y = faces_on((Wall("dam", short, height=9.0),), 1.0)
-    ends = np.array([2.0, 5.0]) + margin_in_3d(short, 1.0)
+    ends = np.array([2.0, 5.0]) + margin_in_3d(half_thickness(short), 1.0)
     for face in (face for face in faces if face is not None):
         place = np.abs(place_of(face, x, y, 1.0))
         assert place[face.axis] == pytest.approx(ends[face.axis], abs=1e-6)

@@ -15,7 +15,7 @@ from test_barrier_face_rows import CELLS, faces_on, place_of
 
 from mpmgis.effects.fluid import Fluid
 from mpmgis.kernels.point_faces import COLUMNS, FACE_FOLLOWS, FACE_NEXT, FACE_TAKEN
-from mpmgis.spatial.barriers import Wall, margin_in_3d
+from mpmgis.spatial.barriers import Wall, half_thickness, margin_in_3d
 
 DENSITY = 1000.0
 
@@ -40,7 +40,7 @@ def test_rows_reach_into_an_inner_corner(cell, degrees, opening, east, north):
     faces = [face for face in faces if face is not None]
     first, second = np.radians([degrees, degrees + opening])
     normals = np.array([[-np.sin(first), np.cos(first)], [np.sin(second), -np.cos(second)]])
-    margin = margin_in_3d(wall.footprint, cell)
+    margin = margin_in_3d(half_thickness(wall.footprint), cell)
     corner = np.linalg.solve(normals, [margin, margin]) + apex
     nearest = [np.inf, np.inf]
     for face in faces:
@@ -60,7 +60,9 @@ def off_the_rim(basin):
     wall = Wall("dam", shapely.box(-35.0, -35.0, 35.0, 35.0).difference(basin), height=9.0)
     faces, x, y = faces_on((wall,), 1.0)
     faces = [face for face in faces if face is not None]
-    widened = wall.footprint.buffer(margin_in_3d(wall.footprint, 1.0), join_style="mitre", mitre_limit=50.0)
+    widened = wall.footprint.buffer(
+        margin_in_3d(half_thickness(wall.footprint), 1.0), join_style="mitre", mitre_limit=50.0
+    )
     places = np.array([place_of(face, x, y, 1.0) for face in faces])
     places[np.arange(len(faces)), [1 - face.axis for face in faces]] += [face.along for face in faces]
     rows = {(face.j, face.i, face.axis, face.out, *np.round(face.normal, 6)) for face in faces}

@@ -206,3 +206,13 @@ def test_laws_of_openings_are_the_same_compiled():
     assert fast > 1.0 * 20.0  # no flow is more than critical for its head: a fast one is never held back
     assert law.let_through(1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (1.0, 0.0)  # towards the opening it is free
     assert law.let_through(-1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("deep", [3.0, 4.0, 5.0, 6.0, 11.0])
+@pytest.mark.parametrize("wide", [1.0, 2.0])
+def test_a_wall_that_touches_the_reach_of_an_edge_is_no_error(wide, deep):
+    """Whole coordinates: the mirror image at an edge of the domain was a line, and the run ended with a traceback."""
+    x = np.arange(-12.0, 13.0)
+    walls = (Wall("pier", shapely.box(-wide, -deep, wide, deep), height=5.0),)
+    nodes = wall_nodes(walls, x, x, np.zeros((25, 25)), 1.0)
+    assert (nodes.number > 0)[12 - int(deep) : 13 + int(deep), 12].all()
