@@ -4,7 +4,7 @@ from math import inf, sqrt
 
 from ..fields import GRAVITY
 from ..scene.points import FEWEST_CELLS
-from .point_volume import PACKED
+from .point_volume import PACKED, PACKED_SHARE
 
 UNUSABLE = "unusable"  # first word of the message on points that have lost their volume
 _KEPT = {"kept": True}
@@ -142,10 +142,10 @@ def volume_words(numbers: dict) -> str:
     if numbers["kept"]:
         return f"{found}: conserved"
     cells = f"{numbers['cells_over_depth']:.2g} cells over the depth"
-    return (
-        f"{UNUSABLE}: {found}, at {cells}; do not use depths, deposits and loads of these points: use smaller cells "
-        f"(a 3D run needs {FEWEST_CELLS:g} over the depth), or solver = 'columns'"
-    )
+    fix = f"use smaller cells (a 3D run needs {FEWEST_CELLS:g} over the depth), or solver = 'columns'"
+    if numbers["packed_share"] > PACKED_SHARE and numbers["cells_over_depth"] >= FEWEST_CELLS:
+        fix = "smaller cells do not help; use a material with friction, an earlier end_time or solver = 'columns'"
+    return f"{UNUSABLE}: {found}, at {cells}; do not use depths, deposits and loads of these points: {fix}"
 
 
 def unusable_lines(record: dict) -> list[str]:

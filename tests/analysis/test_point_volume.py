@@ -90,7 +90,10 @@ def test_points_without_ground_are_ignored():
 def test_lost_volume_is_reported_with_a_fix():
     frame, height = layer(1.0)
     words = volume_words(found(frame, height + 3.0).as_numbers())
-    assert "hangs above the bed" in words and "smaller cells" in words and words.startswith("unusable: ")
+    assert "hangs above the bed" in words and "use smaller cells" in words and words.startswith("unusable: ")
+    packed = found(frame, height).as_numbers() | {"kept": False, "packed_share": 0.3, "cells_over_depth": 6.0}
+    assert "smaller cells do not help" in volume_words(packed)
+    assert "use smaller cells" in volume_words(packed | {"cells_over_depth": 2.0})
     assert volume_words(found(frame, height).as_numbers()).endswith(": conserved")
 
 
