@@ -15,6 +15,7 @@ FACE_CELLS = 0.5  # [cells] depth of the nodes that only stop flow into the wall
 CORE_CELLS = 1.0  # [cells] depth of those behind, without flow; both sides of a wall have one
 WIDENED_IN_3D = 0.75  # [cells] by which nodes are open beyond each side of an opening in 3D
 TOUCHING = 1e-6  # [m] between two walls, up to which they are one
+SMALLEST_PART = 0.05  # of a wall's area: less that others do not cover does not count for its thickness
 CRACK = 1e3  # of TOUCHING, by which the rim of a union with cracks is longer
 AT_RIM = 1e-9  # of a wall's length, from its rim, within which a node is on it
 SAME_SIDES = 1e-6  # sum of the normals around a place, up to which they cancel
@@ -203,7 +204,7 @@ def joined_footprints(walls):
     """For each wall (its footprint with all that touch or overlap it, directly or through others; half thickness [m]).
 
     The edge that two touch at is no side of a wall. Pieces of a wall are as thick as the whole, but no thicker than
-    they themselves are in their middle: a thin wall beside a thick one stays thin.
+    they themselves are in the middle of what others do not cover: a thin wall beside or through a thick one stays thin.
     """
     shapes = [wall.footprint for wall in walls]
     one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=TOUCHING)
@@ -214,7 +215,10 @@ def joined_footprints(walls):
         members = np.flatnonzero(groups == group)
         whole = _union([shapes[k] for k in members])
         for k in members:
-            joined[k] = whole, min(half_thickness(whole), _deepest(shapes[k], whole))
+            others = shapely.union_all([shapes[m] for m in members if m != k])
+            parts = shapely.get_parts(shapely.difference(shapes[k], others))
+            parts = parts[shapely.area(parts) > SMALLEST_PART * shapes[k].area]
+            joined[k] = whole, min([half_thickness(whole), *(_deepest(part, whole) for part in parts)])
     return joined
 
 

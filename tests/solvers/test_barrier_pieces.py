@@ -58,6 +58,19 @@ def test_pieces_that_touch_or_overlap_have_the_sides_of_the_whole(cuts, degrees,
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
+@given(some.floats(0.3, 2.0), some.floats(5.0, 12.0), some.floats(-8.0, 8.0), some.floats(0.0, 360.0))
+def test_a_thin_wall_beside_or_through_a_thick_one_stays_thin(thin, thick, place, degrees):
+    """It is widened as on its own: with the thickness of both together flow would pass through it."""
+    wall = shapely.box(-12.0, -0.5 * thin, 12.0, 0.5 * thin)
+    block = shapely.box(place - 0.5 * thick, -0.5 * thick, place + 0.5 * thick, 0.5 * thick)
+    shapes = [shapely.affinity.rotate(shape, degrees, origin=(0.0, 0.0)) for shape in (wall, block)]
+    halves = [
+        half for _, half in joined_footprints([Wall(str(k), shape, height=5.0) for k, shape in enumerate(shapes)])
+    ]
+    assert halves[0] <= 0.5 * thin + 1e-6 and halves[1] > halves[0]
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(some.integers(1, 6), some.integers(1, 6), some.sampled_from([0.0, 0.5, 0.25]), some.booleans())
 def test_a_box_with_corners_on_nodes_has_mirrored_normals(wide, deep, place, octagon):
     """Nodes on a corner or equally far from two sides have the normal between those of both."""
