@@ -33,6 +33,18 @@ end_time = 30
 frame_interval = 5
 """
 
+# A user's own law: Voellmy's, written again.
+LAW = """from typing import NamedTuple
+
+
+class Mine(NamedTuple):
+    mu: float
+    xi: float
+
+    def basal_stress(self, density, gravity, normal_stress, thickness_normal, speed):
+        return self.mu * normal_stress + density * gravity * speed * speed / self.xi
+"""
+
 # Ends itself by a signal once a solver of a kind has reached a time, or instead of the n-th time that a file gets its
 # name.
 CHILD = """

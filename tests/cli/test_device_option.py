@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from slope_site import record, run, slide, write_block_site, write_shapes
+from slope_site import LAW, record, run, slide, write_block_site, write_shapes
 
 from mpmgis.cli.main import main
 from mpmgis.errors import SceneError
@@ -152,18 +152,6 @@ def test_float32_needs_half_the_memory(site):
     assert device_memory(10**6, "float64", material) == pytest.approx(
         2 * device_memory(10**6, "float32", material), rel=0.1
     )
-
-
-LAW = """from typing import NamedTuple
-
-
-class Mine(NamedTuple):
-    mu: float
-    xi: float
-
-    def basal_stress(self, density, gravity, normal_stress, thickness_normal, speed):
-        return self.mu * normal_stress + density * gravity * speed * speed / self.xi
-"""
 
 
 @pytest.fixture

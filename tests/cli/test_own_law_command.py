@@ -5,21 +5,11 @@ import sys
 
 import numpy as np
 import pytest
-from slope_site import SCENE, contents, record, write_site
+from slope_site import LAW, SCENE, contents, record, write_site
 
 from mpmgis.cli.main import main
 from mpmgis.io.frames import read_frame
 
-LAW = """from typing import NamedTuple
-
-
-class Mine(NamedTuple):
-    mu: float
-    xi: float
-
-    def basal_stress(self, density, gravity, normal_stress, thickness_normal, speed):
-        return self.mu * normal_stress + density * gravity * speed * speed / self.xi
-"""
 TEXT = SCENE.replace('"Voellmy"', '"my_law.py:Mine"').replace("end_time = 30", "end_time = 15")
 
 
