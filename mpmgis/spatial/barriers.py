@@ -218,7 +218,7 @@ def joined_footprints(walls):
             others = shapely.union_all([shapes[m] for m in members if m != k])
             parts = shapely.get_parts(shapely.difference(shapes[k], others))
             parts = parts[shapely.area(parts) > SMALLEST_PART * shapes[k].area]
-            joined[k] = whole, min([half_thickness(whole), *(_deepest(part, whole) for part in parts)])
+            joined[k] = whole, min([half_thickness(whole), *(_half_of(part, others, whole) for part in parts)])
     return joined
 
 
@@ -228,13 +228,16 @@ def _union(shapes):
     return closed if exact.length > closed.length + CRACK * TOUCHING else exact
 
 
-def _deepest(piece, whole):
-    """Depth [m] in `whole` of the middle of `piece`: of its centre, or of its deepest side, where it meets others."""
-    centres = [piece.centroid, shapely.get_point(shapely.maximum_inscribed_circle(piece), 0)]
-    ends = shapely.get_coordinates(piece.boundary)
-    middles = shapely.points([*shapely.get_coordinates(centres), *(0.5 * (ends[1:] + ends[:-1]))])
-    inside = shapely.intersects(whole, middles)
-    return float(np.max(shapely.distance(whole.boundary, middles), where=inside, initial=0.0))
+def _half_of(part, others, whole):
+    """Half the thickness [m] of `part` of a wall that `others` do not cover, in the `whole`.
+
+    The depth of its centre, or half the longest side at which it meets others, if it is a short end.
+    """
+    near = 2.0 * TOUCHING
+    meets = shapely.line_merge(shapely.intersection(part.boundary, others.buffer(near)))
+    sides = shapely.length(shapely.get_parts(meets)) - 2.0 * near
+    centre = shapely.get_point(shapely.maximum_inscribed_circle(part), 0)
+    return max(float(whole.boundary.distance(centre)), 0.5 * float(sides.max(initial=0.0)))
 
 
 def _depth(footprint, x, y, least=np.inf, most=-np.inf):
