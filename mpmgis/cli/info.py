@@ -26,7 +26,7 @@ UNITS = {
     **dict.fromkeys(("forest_area", "forest_broken_area"), "m2"),
     **dict.fromkeys(("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost"), "J"),
     **dict.fromkeys(("energy_start", "energy_released_later", "energy_entrained", "energy_lifted"), "J"),
-    **dict.fromkeys(("energy_returned", "energy_out"), "J"),
+    **dict.fromkeys(("energy_returned", "energy_of_volume_corrections", "energy_out"), "J"),
     **{f"energy_lost_to_{name}": "J" for name in _TAKERS},
     "ground_friction_work": "J",
     **dict.fromkeys(("friction_angle", "bed_friction_angle"), "degrees"),

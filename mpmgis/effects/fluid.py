@@ -6,6 +6,7 @@ from typing import NamedTuple
 from .material import FAR, NO_TENSION, ORDINARY, TINY
 
 SMALLEST_VOLUME = 0.6  # smallest J; below it the fluid is far too soft for its speed: limited and counted
+LARGEST_CHANGE = 0.01  # of J in a correction
 
 
 class Fluid(NamedTuple):
@@ -79,6 +80,25 @@ class Fluid(NamedTuple):
             volume = _held(volume)
         nothing = 0.0 * pull
         return volume, nothing, nothing, nothing, nothing, nothing, nothing, nothing
+
+    def follows_density(self):
+        """True: J is corrected where it differs from the density at the nodes (`kernels.point_density`)."""
+        return True
+
+    def volume_at_density(self, volume, density, inside, band, share):
+        """J after a correction by the `density` [1] of the nodes, over that of the fluid free of stress.
+
+        Where their product is within 1 - `band` and 1 + `band`, J is kept. Otherwise it moves by `share` of its way to
+        the band, at most by LARGEST_CHANGE, because a larger step of the pressure is a blow. It increases only `inside`
+        the flow, where no free surface is near.
+        """
+        product = volume * density
+        within = min(max(product, 1.0 - band), 1.0 + band)
+        if within == product or (product < within and not inside):
+            return volume
+        change = share * (volume * within / max(product, TINY) - volume)
+        change = min(max(change, -LARGEST_CHANGE), LARGEST_CHANGE)
+        return min(max(volume + change, SMALLEST_VOLUME), 1.0)
 
     def volume_ratio(self, s0, s1, s2, s3, s4, s5, s6, s7):
         """Volume over stress-free volume [1]."""

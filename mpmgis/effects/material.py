@@ -144,6 +144,11 @@ def no_viscosity(material):
     return 0.0
 
 
+def no_density(material):
+    """False: the density at the nodes is not used (`kernels.point_density`)."""
+    return False
+
+
 def eight(material):
     """Number of state variables of a point."""
     return 8
@@ -174,6 +179,7 @@ class Elastic(NamedTuple):
     wave_speed = wave_speed
     viscosity = no_viscosity
     state_count = eight
+    follows_density = no_density
 
 
 class DruckerPrager(NamedTuple):
@@ -218,6 +224,7 @@ class DruckerPrager(NamedTuple):
     wave_speed = wave_speed
     viscosity = no_viscosity
     state_count = eight
+    follows_density = no_density
 
 
 class MuI(NamedTuple):
@@ -267,6 +274,7 @@ class MuI(NamedTuple):
     wave_speed = wave_speed
     viscosity = no_viscosity
     state_count = eight
+    follows_density = no_density
 
 
 class CohesiveMuI(NamedTuple):
@@ -326,6 +334,7 @@ class CohesiveMuI(NamedTuple):
     wave_speed = wave_speed
     viscosity = no_viscosity
     state_count = eight
+    follows_density = no_density
 
 
 def drucker_prager(

@@ -30,6 +30,7 @@ from ..kernels.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
 from . import (
     grid_to_points,
     point_barriers,
+    point_density,
     point_nodes,
     point_reports,
     point_sort,
@@ -381,6 +382,12 @@ class DevicePoints:
                 self._column_mass, barred.flow, barred.booked, reports, *laws,
             )  # fmt: skip
         self._all(point_nodes.finish_nodes, run, nodes, touched, free, *ground, reports, settings)
+        if self._effects.material.follows_density():
+            self._all(
+                point_density.correct_density, run, now, self._counts, self._rows, self._order, self._start,
+                self._blocks, self._targets, nodes, free, *ground, self._yields, barred.values, reports, settings,
+                self._effects.material, self._effects.barrier,
+            )  # fmt: skip
         if self._drags:
             self._all(point_nodes.clear_contact, run, touched, self._column_mass)
         if barred.opens:

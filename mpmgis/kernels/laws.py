@@ -46,6 +46,8 @@ METHODS = (
     "stress_step_far",  # material
     "stored_energy",
     "volume_ratio",
+    "follows_density",
+    "volume_at_density",
     "kept_slip",  # contact of points with the ground
     "sticks",
     "drag_active",

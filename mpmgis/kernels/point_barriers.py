@@ -13,11 +13,12 @@ from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 # place of the barrier's foot from here [m], 1 + number of the barrier (0: none); then of openings (`spatial.openings`)
 # the share that is open, how much passes at most, to which side it lies; last of smooth faces (`point_faces`) 1 + the
 # number of the face that this node column belongs to (0: none), the elevation up to which rows are held there [m], and
-# 1 + the number of a face of another side that it belongs to in a corner (0: none)
+# 1 + the number of a face of another side that it belongs to in a corner (0: none); where the material uses the density
+# at the nodes, the part of the node's spline in the plane that barriers fill and the elevation of their crest [m]
 (
     WALL_X, WALL_Y, CREST, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE,
-    ROWED, ROW_TOP, ROWED_TOO, POINT_BARRIER_ENTRIES,
-) = range(17)  # fmt: skip
+    ROWED, ROW_TOP, ROWED_TOO, FILLED, FILLED_TOP, POINT_BARRIER_ENTRIES,
+) = range(19)  # fmt: skip
 # flow in a node column, which determines the discharge of an opening: mass [kg], momentum east and north [kg m s-1]
 FLOW_MASS, FLOW_X, FLOW_Y, COLUMN_FLOW = range(4)
 BLOCK_FLOW = BLOCK * BLOCK * COLUMN_FLOW  # numbers of a block

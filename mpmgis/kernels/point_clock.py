@@ -8,6 +8,8 @@ from .jit import jit
 from .point_blocks import EAST, NORTH, SOUTH, TALL, WEST, WINDOW, no_window, places_of
 from .point_nodes import (
     BARRIER_WORK,
+    CORRECTED,
+    CORRECTED_ENERGY,
     FASTEST2,
     FRICTION_WORK,
     GROUND_WORK,
@@ -71,8 +73,10 @@ RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED, SCATTERED, WATCHED_RE
     LAYER_LOSS,  # energy lost between layers of a flow with drag [J]
     FRICTION_LOSS,  # part of GROUND_LOSS by friction along the ground [J]
     RETURNED,  # energy that ground and barriers, which yield elastically, gave back to the flow [J]
+    CORRECTED_TOTAL,  # points whose volume was corrected, counted each time
+    CORRECTION_ENERGY,  # elastic energy that these gained [J]
     CLOCK,
-) = range(47)
+) = range(49)
 # int64 counts; then the window of blocks
 ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(6)
 COUNTS = WINDOW_FIRST + WINDOW
@@ -204,4 +208,6 @@ def collect_nodes(node_report, clock):
         clock[BARRIER_LOSS] += part[BARRIER_WORK]
         clock[LAYER_LOSS] += part[LAYER_WORK]
         clock[RETURNED] += part[RETURNED_WORK]
+        clock[CORRECTED_TOTAL] += part[CORRECTED]
+        clock[CORRECTION_ENERGY] += part[CORRECTED_ENERGY]
     clock[FASTEST] = sqrt(fastest2)

@@ -15,7 +15,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .jit import jit, jit_borrowing, jit_inline, jit_parallel, prange
 from .lanes import load, multiply_add, store
-from .point_barriers import BARRIER, ROWED, SHARE, at_barrier, passing_share
+from .point_barriers import BARRIER, FILLED, ROWED, SHARE, at_barrier, passing_share
 from .point_ground import GROUND_HEIGHT, exact_at, fold_at, plane_at
 from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
 
@@ -96,11 +96,12 @@ def bed_under(columns, j, i, area):
 
 # what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]; work
 # that the flow did against the ground, of it against friction along the ground, and against barriers, what its layers
-# lost to each other, and what ground and barriers that had yielded gave back [J]
+# lost to each other, and what ground and barriers that had yielded gave back [J]; number of points whose volume was
+# corrected (`point_density`), and the elastic energy that they gained [J]
 (
     FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, FRICTION_WORK, BARRIER_WORK, LAYER_WORK,
-    RETURNED_WORK, NODE_REPORT,
-) = range(12)  # fmt: skip
+    RETURNED_WORK, CORRECTED, CORRECTED_ENERGY, NODE_REPORT,
+) = range(14)  # fmt: skip
 BENEATH = 1.5  # [cells] under smooth ground, from which nodes are held one by one
 REACHED = 3.0  # [cells] above the ground, up to which its contact reaches and a little more
 STEEPEST_LIFT = 0.17  # upward part of the ground's normal, under which (80 degrees) a node is not lifted along it
@@ -165,11 +166,11 @@ def _is_near_ground(first, row, column, ground, dx):
 
 @jit_borrowing
 def _has_barrier(row, column, barriers):
-    """Does a barrier stand on a node column of the block column, or reach one with its face?"""
+    """Does a barrier stand on a node column of the block column, or reach one with its face or its volume?"""
     for j in range(BLOCK):
         for i in range(BLOCK):
             jj, ii = min(row * BLOCK + j, barriers.shape[0] - 1), min(column * BLOCK + i, barriers.shape[1] - 1)
-            if barriers[jj, ii, BARRIER] > 0.0 or barriers[jj, ii, ROWED] > 0.0:
+            if barriers[jj, ii, BARRIER] > 0.0 or barriers[jj, ii, ROWED] > 0.0 or barriers[jj, ii, FILLED] > 0.0:
                 return True
     return False
 

@@ -218,6 +218,7 @@ class Settings(NamedTuple):
     keep_peaks: bool
     arrival_thickness: float  # for peaks of speed and pressure, and for arrivals [m]
     lone_thickness: float  # largest thickness of a single point at a node [m]
+    density_band: float  # deviation of the density at the nodes from that of J, above which J of a fluid is corrected
     slack: float  # 1: layers transfer the friction mu p, 0: the material does
 
 

@@ -53,6 +53,7 @@ from .point_clock import (
     set_next_step,
 )
 from .point_contact import press_on_ground
+from .point_density import EVERY, correct_density
 from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces
 from .point_layers import couple_layers
 from .point_nodes import (
@@ -137,6 +138,7 @@ def _column_arrays(ground, drags, opens):
 
 _couple_layers = for_law(couple_layers, -3, "drag_active")
 _press_on_faces = for_law(press_on_faces, -1, "barrier_active")
+_correct_density = for_law(correct_density, -2, "follows_density")
 _keep_before_faces = for_law(keep_before_faces, -1, "barrier_active")
 
 
@@ -257,6 +259,11 @@ def advance(
             clear_contact(touched, n_touched, flow)
         if settings.keep_peaks:
             accumulate_point_peaks(peaks, column_sums, grid, window, ground.nodes, end, settings)
+        if effects.material.follows_density() and counts[STEP] % EVERY == 0:
+            _correct_density(
+                points, blocks, nodes, free, ground, yields, counts[STEP] + 1, barriers, node_report, dt, settings,
+                effects.material, barrier,
+            )  # fmt: skip
         collect_nodes(node_report, clock)
         if barrier.barrier_active():
             collect_point_barriers(barrier_report, barrier_sums, dt)

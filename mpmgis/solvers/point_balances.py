@@ -196,7 +196,8 @@ class PointBalances(ParticleStore):
         given -= self._barrier_sums[:, IMPULSE_X : IMPULSE_Z + 1].sum(axis=0)
         parts = clock[entry.IMPULSE_GROUND_X : entry.IMPULSE_GRAVITY + 1]  # sums may cancel, their rounding does not
         held = np.abs(rows[:, row.PX : row.PZ + 1]).sum()
-        put_in, energy_out = sum(self.energy_start) + clock[entry.LIFTED_ENERGY], float(ledger[:, 4:6].sum())
+        put_in = sum(self.energy_start) + clock[entry.LIFTED_ENERGY] + clock[entry.CORRECTION_ENERGY]
+        energy_out = float(ledger[:, 4:6].sum())
         lost = float(put_in - kinetic - potential - stored - energy_out)
         lost_to = {name: float(clock[k]) for name, k in LOSSES.items()}
         passed = max(np.abs(parts).max(), np.abs(given).max(), np.abs(momentum).max(), held, 1e-300)
@@ -214,6 +215,7 @@ class PointBalances(ParticleStore):
             "energy_start": sum(self.energy_start),
             "energy_lifted": float(clock[entry.LIFTED_ENERGY]),
             "energy_returned": float(clock[entry.RETURNED]),
+            "energy_of_volume_corrections": float(clock[entry.CORRECTION_ENERGY]),
             "energy_out": energy_out,
             "kinetic_energy": kinetic,
             "kinetic_energy_peak": max(kinetic, self.kinetic_peak),
@@ -237,6 +239,7 @@ class PointBalances(ParticleStore):
             "mach_max": self.mach,
             "particle_steps": int(clock[entry.POINT_STEPS]),
             "clips": {name: int(clock[k]) for name, k in CLIPS.items()},
+            "volume_corrections": int(clock[entry.CORRECTED_TOTAL]),
             "point_steps_without_tension": int(clock[entry.TIP_TOTAL]),
             "point_steps_strained_far": int(clock[entry.FAR_TOTAL]),
             "mass_lifted_onto_ground": float(clock[entry.LIFTED_MASS]),
@@ -267,8 +270,9 @@ class PointBalances(ParticleStore):
         kinetic, potential, stored = self.energy()
         out, taken = self._ledger[:, 4:6].sum(axis=0), sum(self._clock[k] for k in LOSSES.values())
         lifted, returned = self._clock[entry.LIFTED_ENERGY], self._clock[entry.RETURNED]
+        corrected = self._clock[entry.CORRECTION_ENERGY]
         kinetic_in, potential_in, stored_in = self.energy_start
-        made = kinetic + potential + stored + out.sum() - self._energy_whole - lifted - returned
+        made = kinetic + potential + stored + out.sum() - self._energy_whole - lifted - returned - corrected
         fall = potential_in + lifted - potential - out[1]
         least = least_kinetic(self.kinetic_peak, self.mass_start, self.numerics.gravity, self.numerics.cell_size)
         work = float(fall), stored - stored_in, float(taken), kinetic_in

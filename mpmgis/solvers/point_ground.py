@@ -199,17 +199,18 @@ def ground_nodes(grid, dx):
     return floor, padded(np.dstack([height, grid.gradient, deep]))
 
 
-def barrier_nodes(walls, grid, floor, ground, folds):
+def barrier_nodes(walls, grid, floor, ground, folds, filled):
     """Barriers `walls` at node columns, and their smooth faces.
 
-    Moments are about the foot of each wall's centroid. `folds` are those of the `Ground`.
+    Moments are about the foot of each wall's centroid. `folds` are those of the `Ground`. With `filled` the parts of
+    the splines that barriers fill are computed too.
 
     Returns
     -------
     float64[rows, columns, POINT_BARRIER_ENTRIES], float64[faces, FACE_ENTRIES], int
         The last one is the number of levels of the faces.
     """
-    from ..spatial.barriers import WIDENED_IN_3D, margin_in_3d, wall_nodes  # imports shapely, only walls need it
+    from ..spatial.barriers import WIDENED_IN_3D, filled_at, margin_in_3d, wall_nodes  # they import shapely
 
     x, y = grid.node_axes()
     inner = (slice(GHOSTS - 1, -GHOSTS - 1),) * 2
@@ -229,7 +230,11 @@ def barrier_nodes(walls, grid, floor, ground, folds):
     ])  # fmt: skip
     smooth = np.ones(bed.shape, bool) if folds.shape[0] == 1 else folds[inner][..., FOLD_LEVELS] == 0
     faces, levels, held = face_arrays(nodes, bed, smooth, x, y, middle, floor, grid.cell_size)
-    return padded(np.dstack([np.where(standing, entries, 0.0), held])), faces, levels
+    parts = np.zeros((*bed.shape, 2))
+    if filled:
+        part, crest = filled_at(walls, nodes, x, y, grid.cell_size, margin_in_3d)
+        parts = np.dstack([part, np.where(part > 0.0, crest - floor, 0.0)])
+    return padded(np.dstack([np.where(standing, entries, 0.0), held, parts])), faces, levels
 
 
 def press_ground(last, step, place, mass, stressed, ground, settings):

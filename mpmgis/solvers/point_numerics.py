@@ -9,6 +9,8 @@ from ..kernels.point_peaks import LONE_SHARE as LONE_NODE_SHARE
 from ..kernels.point_rows import Settings
 
 LONE_SHARE = 0.85  # of the step at which a single point oscillates with growing amplitude; 0.95 fails if steps change
+BAND_OF_ONE = 0.13  # density band of one point per cell; a smaller noise of more points narrows it by their root
+MOST_BAND = 0.25  # widest density band
 LEAK_STOP = 1e-3  # share of the mass found more than a cell below the ground in one step, at which a run stops
 LEAK_POINTS = 1.5  # times the mass of the heaviest point: a single point does not stop a run
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
@@ -81,7 +83,9 @@ def mass_limits(numerics, heaviest, mass):
 
     The leak limit is never below the share of a single point; `lone_thickness` is that of a single point at a node.
     """
+    fill = heaviest / (numerics.density * numerics.cell_size**3)  # [cells] of a point
     return {
+        "density_band": min(BAND_OF_ONE * float(np.sqrt(fill)), MOST_BAND),
         "leak_stop": max(LEAK_STOP, LEAK_POINTS * heaviest / max(mass, 1e-300)),
         "lone_thickness": float(LONE_NODE_SHARE * heaviest / (numerics.density * numerics.cell_size**2)),
     }

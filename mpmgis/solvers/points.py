@@ -91,8 +91,9 @@ class PointSolver(PointBalances):
         self._barriers, self._faces, levels = NO_PLACES, NO_FACES, 0
         if self.walls:
             self._barriers, self._faces, levels = barrier_nodes(
-                self.walls, self.grid, self.floor, self._ground, self._known_ground.folds
-            )
+                self.walls, self.grid, self.floor, self._ground, self._known_ground.folds,
+                self.effects.material.follows_density(),
+            )  # fmt: skip
         self._barrier_sums = np.zeros((len(self.walls), POINT_BARRIER_SUMS + 1))
         self._face_yields = np.zeros((2, len(self._faces) + 2, levels + 2, YIELD_ENTRIES))
 

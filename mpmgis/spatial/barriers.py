@@ -11,6 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from .openings import MOST_SHARE, SPLINE, openings_at
 
+PARTS = 4  # of a cell along each axis, of which walls fill some
+NEAR_RIM = 3  # [cells] from the rim of a wall, within which it can fill a part of a cell
 FACE_CELLS = 0.5  # [cells] depth of the nodes that only stop flow into the wall
 CORE_CELLS = 1.0  # [cells] depth of those behind, without flow; both sides of a wall have one
 WIDENED_IN_3D = 0.75  # [cells] by which nodes are open beyond each side of an opening in 3D
@@ -148,6 +150,45 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
     nodes = WallNodes(number, normal, crest, mu, core, core & turns, weight, depth, share, limit, side)
     _open(nodes, walls, halves, nearest, x, y, bed, cell_size, widened)
     return nodes
+
+
+def filled_at(walls, nodes, x, y, cell_size, margin_of):
+    """Part [1] of each node's spline in the plane that walls fill, and their crest [m] where it is not 0.
+
+    A cell around a node is divided into PARTS x PARTS. Each part counts by how far its centre lies behind a side, which
+    is exact for sides along the grid. Parameters are those of `wall_nodes`, which gives `nodes`.
+    """
+    inside = nodes.number > 0
+    rim = ndimage.binary_dilation(inside, iterations=NEAR_RIM)
+    rim &= ~ndimage.binary_erosion(inside, iterations=NEAR_RIM, border_value=True)
+    rows, columns = np.nonzero(rim)
+    offsets = ((np.arange(PARTS) + 0.5) / PARTS - 0.5) * cell_size
+    places = np.empty((len(rows), PARTS, PARTS, 2))
+    places[..., 0] = (x[columns, None] + offsets)[:, None, :]
+    places[..., 1] = (y[rows, None] + offsets)[:, :, None]
+    points, behind = shapely.points(places), np.full(places.shape[:3], -np.inf)
+    for joined, half in joined_footprints(walls):
+        away = shapely.distance(joined.boundary, points)
+        depth = np.where(shapely.contains(joined, points), away, -away) + margin_of(half, cell_size)
+        behind = np.maximum(behind, depth)
+    cells = np.zeros((*inside.shape, PARTS, PARTS))
+    cells[inside] = 1.0
+    cells[rows, columns] = np.clip(0.5 + behind * PARTS / cell_size, 0.0, 1.0)
+    cells, weights = np.pad(cells, ((1, 1), (1, 1), (0, 0), (0, 0)), mode="edge"), _spline_weights()
+    filled = np.zeros(inside.shape)
+    for j in range(3):
+        for i in range(3):
+            beside = cells[j : j + inside.shape[0], i : i + inside.shape[1]]
+            filled += np.einsum("jiab,a,b->ji", beside, weights[j], weights[i])
+    row, column = ndimage.distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    return filled, nodes.crest[row, column]
+
+
+def _spline_weights():
+    """float64[3, PARTS]: share of the parts of the cells before, at and after a node in its spline along an axis."""
+    away = np.abs(np.arange(-1.0, 2.0)[:, None] + (np.arange(PARTS) + 0.5) / PARTS - 0.5)
+    weights = np.where(away < 0.5, 0.75 - away**2, 0.5 * (1.5 - away) ** 2)
+    return weights / weights.sum()
 
 
 def _open(nodes, walls, halves, nearest, x, y, bed, cell_size, widened):

@@ -16,7 +16,7 @@ LOSSES = {"float64": 1e-12, "float32": 2e-4}
 PLACES = {"float64": 1e-12, "float32": 1e-5}  # the ground of the device is in the precision of the points
 COMPARED = (
     *("momentum", "affine", "state", "peaks", "yields", "ledger", "left", "impulse", "losses", "time"),
-    *("barrier_sums", "face_yields"),
+    *("barrier_sums", "face_yields", "correction"),
 )
 
 

@@ -17,6 +17,7 @@ from mpmgis.effects.softening import NoSoftening, softening
 from mpmgis.gpu import (
     grid_to_points,
     point_barriers,
+    point_density,
     point_nodes,
     point_reports,
     point_sort,
@@ -31,7 +32,7 @@ from mpmgis.kernels.point_rows import Settings
 SETTINGS = Settings(
     dx=1.0, density=1000.0, gravity=9.81, cfl=0.4, signal_speed=100.0, viscous_limit=1.0, fixed_dt=0.0, clearance=0.5,
     cells_x=10, cells_y=10, leak_stop=1e-3, wall=False, holes=False, keep_peaks=True, arrival_thickness=0.05,
-    lone_thickness=0.1, slack=1.0,
+    lone_thickness=0.1, density_band=0.05, slack=1.0,
 )  # fmt: skip
 MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
 CONE = (35.0, 500.0)  # friction angle [deg], cohesion [Pa]
@@ -91,6 +92,7 @@ def signatures(real):
     yield from _without_laws(real)
     yield from _with_contacts(real, CONTACTS)
     yield from _with_materials(real, MATERIALS)
+    yield from _with_density(real)
 
 
 def other_signatures(real):
@@ -215,3 +217,17 @@ def _with_materials(real, materials):
         yield f"grid_to_points_{label}", grid_to_points.grid_to_points, arguments
         arguments = run, scales, rows, *around, ground, *marks, domain, settings, *laws
         yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments
+
+
+def _with_density(real):
+    """Signatures of the correction of volumes, for materials that use the density at the nodes."""
+    number = numba.from_dtype(np.dtype(real))
+    run, start, order, free = array(types.int64, 1), array(types.int64, 1), array(types.int32, 1), array(types.uint8, 1)
+    now, rows, columns, yields = (array(number, k) for k in (1, 2, 3, 4))
+    blocks, ground = array(types.int32, 2), (columns, array(types.int32, 3), rows)
+    given = run, now, run, rows, order, start, blocks, blocks, rows, free, *ground, yields, columns, rows
+    for label, (material, _) in (MATERIALS | OTHER_MATERIALS).items():
+        if material.follows_density():
+            for end, barrier in (("", NoBarrier()), ("_barred", Barrier())):
+                laws = (in_precision(law, real) for law in (SETTINGS, material, barrier))
+                yield f"correct_density_{label}{end}", point_density.correct_density, (*given, *laws)

@@ -170,8 +170,10 @@ def difference(one, other):
     most = np.abs(clock[losses]).max()
     here["losses"] = float(np.abs(clock[losses] - there[losses]).max() / max(most, 1e-300))
     counted = [entry.TIP_TOTAL, entry.FAR_TOTAL, entry.LIFTED_TOTAL, entry.STRETCH_TOTAL, entry.WALL_TOTAL,
-               entry.LIMITED_TOTAL, entry.POINT_STEPS]  # fmt: skip
+               entry.LIMITED_TOTAL, entry.POINT_STEPS, entry.CORRECTED_TOTAL]  # fmt: skip
     here["counted"] = float(np.abs(clock[counted] - there[counted]).max())
+    here["corrected"], gained = int(clock[entry.CORRECTED_TOTAL]), clock[entry.CORRECTION_ENERGY]
+    here["correction"] = float(np.abs(gained - there[entry.CORRECTION_ENERGY]) / max(np.abs(gained), 1e-300))
     here["exact"] = bool(
         np.array_equal(one._keys, other._keys)
         and np.array_equal(one._ids, other._ids)

@@ -14,6 +14,7 @@ from mpmgis.kernels import (
     contact_shares,
     point_barriers,
     point_contact,
+    point_density,
     point_faces,
     point_ground,
     point_layers,
@@ -21,7 +22,7 @@ from mpmgis.kernels import (
     point_peaks,
     points,
 )
-from mpmgis.kernels.jit import FASTMATH
+from mpmgis.kernels.jit import FASTMATH, for_law
 from mpmgis.kernels.point_rows import Settings
 from mpmgis.solvers.points import PointSolver
 
@@ -32,6 +33,7 @@ PHASES = {  # of `kernels.points.advance`, by their names there
     "press_on_ground": point_contact.press_on_ground,
     "_press_on_faces": point_faces.press_on_faces,
     "hold_nodes": point_nodes.hold_nodes,
+    "_correct_density": point_density.correct_density,
 }
 ON_NODES = {module.__name__ for module in (contact_shares, point_barriers, point_ground, point_peaks)}
 ON_NODES |= {kernel.py_func.__module__ for kernel in PHASES.values()}
@@ -85,6 +87,7 @@ def advance():
     """`kernels.points.advance` with its PHASES in single precision."""
     plain = points.advance.py_func
     names = plain.__globals__ | {name: phase(kernel) for name, kernel in PHASES.items()}
+    names["_correct_density"] = for_law(names["_correct_density"], -2, "follows_density")
     return numba.njit(error_model="numpy")(FunctionType(plain.__code__, names, plain.__name__, plain.__defaults__))
 
 
@@ -94,7 +97,7 @@ def law(values):
 
 
 class SingleNodes(PointSolver):
-    """A 3D solver for float32 points whose ground, contact and layers are in single precision."""
+    """A 3D solver for float32 points whose ground, contact, layers and density are in single precision."""
 
     def _take_steps(self, until, after, max_steps):
         here = {name: np.ascontiguousarray(getattr(self, f"_{name}"), np.float32) for name in OF_RUN}

@@ -1,4 +1,4 @@
-"""Ground, faces and layers of a 3D flow in single precision, as on the device, move it as in double precision."""
+"""Ground, faces, layers, density of a 3D flow in single precision, as on the device, move it as in double precision."""
 
 import sys
 from functools import partial
@@ -11,11 +11,17 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 import contact_scenes
 import face_scenes
 import point_scenes
+import shapely
 import test_point_layers as layers
+from column_scenes import terrain_of
 from single_nodes import SingleNodes
 
+from mpmgis.effects.contact import CoulombContact
+from mpmgis.effects.fluid import Fluid
 from mpmgis.effects.material import Elastic
+from mpmgis.kernels.point_clock import CORRECTED_TOTAL, CORRECTION_ENERGY
 from mpmgis.solvers.points import PointSolver
+from mpmgis.spatial.barriers import Wall
 
 pytestmark = pytest.mark.slow  # the step is compiled for it
 
@@ -70,3 +76,25 @@ def test_a_chute_of_voellmy_runs_alike(monkeypatch):
     double, single = both(monkeypatch, [layers], lambda: scene().solver)
     for value in (lambda s: s.energy()[0], lambda s: s.balances()["energy_lost_to_ground"]):
         assert value(single) == pytest.approx(value(double), rel=2e-4)
+
+
+@pytest.mark.parametrize("deep", [0.0, 3000.0])
+def test_a_fluid_that_is_too_dense_expands_alike(monkeypatch, deep):
+    """`deep` [m] is a pit in the terrain, far from the fluid, which begins before a wall."""
+    terrain = terrain_of(lambda x, y: 10.0 - 0.2 * x - np.where(x > 32.0, deep, 0.0), 40.0, 16.0, 1.0)
+    walls = (Wall("wall", shapely.box(14.0, -10.0, 18.0, 30.0), height=6.0, mu=0.2),)
+
+    def run():
+        frame = point_scenes.block_of((5.0, 4.0, 2.0), 0.5, (8.7, 6.2, 0.0))
+        frame.particles.position[:, 2] *= 0.5
+        frame.particles.position[:, 2] += 10.0 - 0.2 * frame.particles.position[:, 0]
+        contact, numerics = CoulombContact(0.2), {"precision": "float32", "walls": walls}
+        solver = point_scenes.points_on(terrain, frame, 1.0, Fluid(1e6, 10.0, 1.0), contact, **numerics)
+        solver.advance(0.5)
+        return solver
+
+    double, single = both(monkeypatch, [point_scenes], run)
+    assert type(single) is SingleNodes and single.step == double.step > 32
+    assert single._clock[CORRECTED_TOTAL] == double._clock[CORRECTED_TOTAL] > 0.5 * len(double._rows)
+    for value in (lambda s: s.energy()[0], lambda s: s._clock[CORRECTION_ENERGY]):
+        assert value(single) == pytest.approx(value(double), rel=1e-3)
