@@ -323,6 +323,16 @@ def _truncated(share):
     return ["runout, maps and deposit are cut off where it left; at an edge, use a larger DTM or [terrain] window"]
 
 
+def _volume_corrections(b):
+    """One line on corrections of the volumes of a fluid, of more than CLIP_SHARE of the particle-steps."""
+    count, energy = b.get("volume_corrections", 0), b.get("energy_of_volume_corrections", 0.0)
+    if count <= CLIP_SHARE * max(b.get("particle_steps", 0), 1):
+        return []
+    share = 100.0 * abs(energy) / max(b["energy_start"], 1e-300)
+    what = "supplied" if energy > 0.0 else "took"
+    return [f"{count} corrections of volumes by the density of the grid {what} {share:.2g} % of the initial energy"]
+
+
 def _of_points(b):
     """Balances of a 3D run."""
     lines = []
@@ -355,7 +365,7 @@ def _of_points(b):
     if b["mass_lifted_onto_ground"] > 0:
         share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]
         lines.append(f"{share:.2g} % of the mass was more than a cell below the ground and was moved back onto it")
-    lines += _clips(b)
+    lines += [*_clips(b), *_volume_corrections(b)]
     outside = b.get("outside_columns")
     if outside is not None:
         lines += _clips(outside)

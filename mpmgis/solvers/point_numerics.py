@@ -81,7 +81,8 @@ def kernel_settings(numerics, material, inside, heaviest, mass):
 def mass_limits(numerics, heaviest, mass):
     """Entries of `Settings` that depend on the `heaviest` point [kg] and on the total `mass` [kg].
 
-    The leak limit is never below the share of a single point; `lone_thickness` is that of a single point at a node.
+    The density band follows the variation of the density of irregular points. The leak limit is never below the share
+    of a single point; `lone_thickness` is that of a single point at a node.
     """
     fill = heaviest / (numerics.density * numerics.cell_size**3)  # [cells] of a point
     return {

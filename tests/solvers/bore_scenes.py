@@ -1,7 +1,5 @@
 """A stream that a wall stops: a moving bore, whose depth and load are exact in shallow water."""
 
-from dataclasses import replace
-
 import numpy as np
 import shapely
 from column_scenes import terrain_of
@@ -39,14 +37,6 @@ def stream_at_wall(froude, seconds, cell=0.25, width=0.75, per_cell=2, viscosity
     water = Fluid(DENSITY * (10.0 * speed) ** 2, viscosity, tait)
     solver = points_on(terrain, frame, cell, water, walls=(wall,), edges="wall", **numerics)
     return solver, 0.5 * DENSITY * G * behind**2 * width
-
-
-def scattered(solver_frame, amount, seed=0):
-    """`solver_frame` with points moved by up to `amount` [m] in each direction."""
-    random = np.random.default_rng(seed)
-    particles = solver_frame.particles
-    place = particles.position + random.uniform(-amount, amount, particles.position.shape)
-    return replace(solver_frame, particles=replace(particles, position=np.maximum(place, 1e-6)))
 
 
 def load_between(solver, begin, end):

@@ -84,3 +84,15 @@ def test_the_account_names_clips_above_their_share_and_no_others():
             lines = [line for line in account(balances | {"clips": clips}, "columns") if line.startswith("clipped: ")]
             assert [CLIPPED[name] in line for line in lines] == [True] * told
     assert set(CLIPPED) == set(column_state.CLIPS) | set(point_balances.CLIPS)
+
+
+def test_the_account_names_corrections_of_volumes_with_their_energy():
+    solver = points_on(flat(), block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 0.0)), 1.0, SOIL, CoulombContact(0.3))
+    integrate_to(solver, 0.1)
+    balances = solver.balances()
+    assert balances["volume_corrections"] == 0 and balances["energy_of_volume_corrections"] == 0.0
+    for share, energy, word in ((0.5, 1.0, None), (2.0, 0.25, "supplied 25 %"), (2.0, -0.03, "took 3 %")):
+        corrected = {"volume_corrections": int(share * CLIP_SHARE * balances["particle_steps"]) + 1,
+                     "energy_of_volume_corrections": energy * balances["energy_start"]}  # fmt: skip
+        lines = [line for line in account(balances | corrected, "points") if "corrections of volumes" in line]
+        assert [word in line for line in lines] == [True] * (word is not None)
