@@ -89,8 +89,8 @@ class Fluid(NamedTuple):
         """J after a correction by the `density` [1] of the nodes, over that of the fluid free of stress.
 
         Where their product is within 1 - `band` and 1 + `band`, J is kept. Otherwise it moves by `share` of its way to
-        the band, at most by LARGEST_CHANGE, because a larger step of the pressure is a blow. It increases only `inside`
-        the flow, where no free surface is near.
+        the band, at most by LARGEST_CHANGE, because a larger change of the pressure is an impulse. It increases only
+        `inside` the flow, where no free surface is near.
         """
         product = volume * density
         within = min(max(product, 1.0 - band), 1.0 + band)
