@@ -174,7 +174,7 @@ def test_bores_of_other_streams(froude, options):
     assert 0.87 <= found <= 1.06
 
 
-@pytest.mark.parametrize("azimuth", [0.0, 20.0])
+@pytest.mark.parametrize("azimuth", [pytest.param(0.0, marks=pytest.mark.slow), 20.0])
 def test_a_basin_filled_from_the_start_keeps_its_load(azimuth):
     """Points packed at the bottom: the load was 0.70 of the hydrostatic one after 20 s."""
     solver, hydrostatic, _ = pool(azimuth, length=1.5, width=1.5, gap=0.0)
