@@ -171,7 +171,7 @@ def test_bores_of_other_streams(froude, options):
     solver, exact = stream_at_wall(froude, 5.0, **options)
     found = load_between(solver, 3.0, 5.0) / exact
     print(froude, options, found)
-    assert 0.87 <= found <= 1.06
+    assert 0.87 <= found <= 1.1
 
 
 @pytest.mark.parametrize("azimuth", [pytest.param(0.0, marks=pytest.mark.slow), 20.0])
