@@ -9,7 +9,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from .openings import MOST_SHARE, SPLINE, openings_at
+from .openings import MOST_SHARE, SPLINE, openings_at, spline
 
 PARTS = 4  # of a cell along each axis, of which walls fill some
 NEAR_RIM = 3  # [cells] from the rim of a wall, within which it can fill a part of a cell
@@ -166,11 +166,16 @@ def filled_at(walls, nodes, x, y, cell_size, margin_of):
     places = np.empty((len(rows), PARTS, PARTS, 2))
     places[..., 0] = (x[columns, None] + offsets)[:, None, :]
     places[..., 1] = (y[rows, None] + offsets)[:, :, None]
-    points, behind = shapely.points(places), np.full(places.shape[:3], -np.inf)
-    for joined, half in joined_footprints(walls):
+    behind, margins = np.full(places.shape[:3], -np.inf), {}
+    for joined, half in joined_footprints(walls):  # pieces of one wall have one shape
+        margins[joined] = max(margin_of(half, cell_size), margins.get(joined, 0.0))
+    for joined, margin in margins.items():
+        west, south, east, north = joined.buffer(margin + cell_size).bounds
+        near = ((places >= (west, south)) & (places <= (east, north))).all(axis=-1)
+        points = shapely.points(places[near])
         away = shapely.distance(joined.boundary, points)
-        depth = np.where(shapely.contains(joined, points), away, -away) + margin_of(half, cell_size)
-        behind = np.maximum(behind, depth)
+        depth = np.where(shapely.contains(joined, points), away, -away) + margin
+        behind[near] = np.maximum(behind[near], depth)
     cells = np.zeros((*inside.shape, PARTS, PARTS))
     cells[inside] = 1.0
     cells[rows, columns] = np.clip(0.5 + behind * PARTS / cell_size, 0.0, 1.0)
@@ -186,8 +191,8 @@ def filled_at(walls, nodes, x, y, cell_size, margin_of):
 
 def _spline_weights():
     """float64[3, PARTS]: share of the parts of the cells before, at and after a node in its spline along an axis."""
-    away = np.abs(np.arange(-1.0, 2.0)[:, None] + (np.arange(PARTS) + 0.5) / PARTS - 0.5)
-    weights = np.where(away < 0.5, 0.75 - away**2, 0.5 * (1.5 - away) ** 2)
+    parts = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+    weights = np.array([[spline(node + part) for part in parts] for node in (-1.0, 0.0, 1.0)])
     return weights / weights.sum()
 
 

@@ -221,7 +221,7 @@ def _open_share(walls, ground, point, across, thickness, cell_size, widened):
             b = b / cell_size + (widened if b < reach else 0.0)
             share += _below(b) - _below(a)
             limit += (_below(b) - _below(a)) * own / ((b - a) * cell_size)
-            change += _spline(a) - _spline(b)
+            change += spline(a) - spline(b)
     return min(share, 1.0), limit, change, within
 
 
@@ -265,7 +265,7 @@ class _Sides:
         return len(self.own) <= 1 and self._part_of(place) in (self.own or {self._part_of(place)})
 
 
-def _spline(s):
+def spline(s):
     """The quadratic B-spline at `s` cells from its middle."""
     s = abs(s)
     return max(0.75 - s * s, 0.0) if s < 0.5 else 0.5 * max(1.5 - s, 0.0) ** 2

@@ -14,7 +14,6 @@ from simulated_points import (
     COULOMB,
     SOFT,
     SOIL,
-    STRETCH,
     VOELLMY,
     advanced,
     block_of,
@@ -25,6 +24,7 @@ from simulated_points import (
     print_results,
     resumed,
     slab,
+    stretched_over,
     terrain_of,
     with_zones,
 )
@@ -41,10 +41,7 @@ def at_barrier(
     **options,
 ):  # fmt: skip
     """Points that run into `walls`, over a plane that falls to the east by `degrees`, `z` [m] above it."""
-    frame = block_of(size, 0.5, (x - size[0], y, 0.0), velocity=(speed, 0.5, -1.0))
-    place = frame.particles.position
-    frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
-    place[:, 2] += 120.0 - np.tan(np.radians(degrees)) * place[:, 0] + z
+    frame = stretched_over(block_of(size, 0.5, (x - size[0], y, 0.0), velocity=(speed, 0.5, -1.0)), degrees, z)
     terrain = terrain or plane(degrees, 80.0, 24.0, 120.0, 4.0)
     options |= {"precision": precision, "maxima": True}
     return points_on(terrain, frame, 1.0, SOIL, contact, SOFT, walls=walls, **options)

@@ -12,7 +12,6 @@ from simulated_points import (
     BOTH,
     COULOMB,
     STICKING,
-    STRETCH,
     VOELLMY,
     advanced,
     begun,
@@ -25,6 +24,7 @@ from simulated_points import (
     print_results,
     resumed,
     slab,
+    stretched_over,
     terrain_of,
 )
 
@@ -57,11 +57,9 @@ def dense(
     frame = block_of(size, spacing, place, velocity=velocity)
     frame.particles.mass[:] *= heavy
     frame.particles.volume[:] *= heavy
-    at = frame.particles.position
-    frame.particles.velocity[:] += (at - at.mean(axis=0)) @ STRETCH
-    at[:, 2] += 120.0 - np.tan(np.radians(degrees)) * at[:, 0]
+    frame = stretched_over(frame, degrees)
     terrain = terrain or plane(degrees, 80.0, 24.0, 120.0, 4.0)
-    stress = np.tile([-pressure, -pressure, -pressure, 0.0, 0.0, 0.0], (len(at), 1)) if pressure else None
+    stress = np.tile([-pressure, -pressure, -pressure, 0.0, 0.0, 0.0], (len(frame.particles), 1)) if pressure else None
     options |= {"precision": precision, "maxima": True, "stress": stress, "time_step": time_step}
     return points_on(terrain, frame, 1.0, material, contact, **options)
 

@@ -52,14 +52,19 @@ NAMES = ("rows", "ids", "keys", "clock", "counts", "ledger", "left", "peaks", "y
 WIDE = Launch(3, 16, 2, 8, 5)
 
 
+def stretched_over(frame, degrees, above=0.0):
+    """`frame` with the velocities of STRETCH added, `above` [m] a plane that falls to the east by `degrees`."""
+    place = frame.particles.position
+    frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
+    place[:, 2] += 120.0 - np.tan(np.radians(degrees)) * place[:, 0] + above
+    return frame
+
+
 def slab(
     precision, contact=COULOMB, size=(1.5, 1, 1), velocity=(3.0, 0.5, -4.0), x=12.0, laws=(SOIL, SOFT), **more
 ):  # fmt: skip
     """Points that fall on a plane of 30 degrees and strain; 8 a cell of 1 m. `laws` are material and softening."""
-    frame = block_of(size, 0.5, (x, 12.2, 0.0), velocity=velocity)
-    place = frame.particles.position
-    frame.particles.velocity[:] += (place - place.mean(axis=0)) @ STRETCH
-    place[:, 2] += 120.0 - np.tan(np.radians(30.0)) * place[:, 0]
+    frame = stretched_over(block_of(size, 0.5, (x, 12.2, 0.0), velocity=velocity), 30.0)
     return points_on(plane(30.0), frame, 1.0, laws[0], contact, laws[1], precision=precision, maxima=True, **more)
 
 

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on
 from test_corner_pools import load, pool
+from test_point_peaks import spline
 
 from mpmgis.effects.fluid import LARGEST_CHANGE, SMALLEST_VOLUME, Fluid
 from mpmgis.kernels import point_density as kernel
@@ -18,15 +19,9 @@ from mpmgis.kernels.point_barriers import FILLED, FILLED_TOP
 from mpmgis.kernels.point_contact import YIELD_ENTRIES
 from mpmgis.kernels.point_ground import GROUND_ENTRIES, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, Ground
 from mpmgis.kernels.point_rows import GHOSTS
-from mpmgis.spatial.barriers import Wall, filled_at, margin_in_3d, wall_nodes
+from mpmgis.spatial.barriers import Wall, filled_at, half_thickness, margin_in_3d, wall_nodes
 
 WATER = Fluid(1e6, 0.0, 0.0)
-
-
-def spline(x):
-    """Quadratic B-spline of the distance `x` [cells]."""
-    away = np.abs(x)
-    return np.where(away < 0.5, 0.75 - away**2, np.where(away < 1.5, 0.5 * (1.5 - away) ** 2, 0.0))
 
 
 MIDDLES = (np.arange(60) + 0.5) / 20.0 - 1.5  # of 60 parts of the support of a spline
@@ -73,7 +68,7 @@ def test_walls_fill_the_part_of_a_spline_that_is_behind_their_sides(cell, azimut
     axis, wall = np.arange(-16.0, 17.0) * cell, Wall("dam", shape, height=9.0 * cell)
     nodes = wall_nodes((wall,), axis, axis, np.zeros((33, 33)), cell, margin_in_3d)
     filled, crest = filled_at((wall,), nodes, axis, axis, cell, margin_in_3d)
-    margin = margin_in_3d(shape.area / shape.length, cell)
+    margin = margin_in_3d(half_thickness(shape), cell)
     widened = shape.buffer(margin, quad_segs=32) if margin else shape
     weight = np.outer(WEIGHTS, WEIGHTS)
     for j, i in ((16, 16), *np.argwhere((filled > 0.05) & (filled < 0.95))[::7]):
