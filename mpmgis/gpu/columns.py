@@ -39,6 +39,7 @@ from .launch import (
     TOUCHED,
     Launch,
 )
+from .repeated import Repeated
 
 ROOMS = ((ROOM_PLACES, SIZE, 256), (ROOM_ACTIVE, ACTIVE, 64), (ROOM_TOUCHED, TOUCHED, 128))  # and the least room
 OWNERS = 128  # threads of a block that sums columns to the nodes of a tile
@@ -110,7 +111,7 @@ class Sorted:
         launch = self._launch
         _all(launch, point_sort.sum_pieces, self.run, values, self._pieces)
         scanners = min(point_sort.SCANNERS, launch.workers * launch.width)
-        point_sort.scan_pieces.of(np.float64)[1, scanners](self.run, self._pieces, columns)
+        point_sort.scan_pieces.of(np.float64)[1, scanners, launch.stream](self.run, self._pieces, columns)
 
 
 class DeviceColumns:
@@ -138,6 +139,8 @@ class DeviceColumns:
             self._watched = cuda.to_device(np.ascontiguousarray(watched))
         self._upload()
         self._make_reports()
+        self._steps, self._settings_of_steps = Repeated(self._step), settings
+        self._launch = self._launch._replace(stream=self._steps.stream)
         self._now = Sorted(self._launch, len(state.rows), 4)
         self._again = Sorted(self._launch, len(state.rows), 1) if effects.forest.forest_active() else None
         self._stage = np.zeros(column_sort.STAGE_ENTRIES)
@@ -191,6 +194,9 @@ class DeviceColumns:
         `clock` and `counts` of the host state are current afterwards; the other arrays after `download`.
         """
         state, first, now = self.state, int(self.state.counts[entry.STEP]), self._now
+        if self.settings != self._settings_of_steps:
+            self._steps.forget()
+            self._settings_of_steps = self.settings
         self._clock.copy_to_device(state.clock)
         self._counts.copy_to_device(state.counts)
         self._stage[UNTIL] = until
@@ -198,11 +204,11 @@ class DeviceColumns:
         now.host[STATUS] = 0
         now.run.copy_to_device(now.host)
         while state.counts[entry.STEP] - first < max_steps:
-            for _ in range(min(self._launch.batch, int(max_steps - (state.counts[entry.STEP] - first)))):
-                self._step()
+            self._steps(min(self._launch.batch, int(max_steps - (state.counts[entry.STEP] - first))))
             now.run.copy_to_host(now.host)
             while now.host[STATUS] == NEEDS_ROOM_LATE:
                 self._again.grow()
+                self._steps.forget()
                 now.host[STATUS] = 0
                 now.run.copy_to_device(now.host)
                 self._finish()
@@ -210,6 +216,7 @@ class DeviceColumns:
             self._counts.copy_to_host(state.counts)
             if now.host[STATUS] == NEEDS_ROOM:
                 now.grow()
+                self._steps.forget()
             elif now.host[STATUS] != 0:
                 break
         self._clock.copy_to_host(state.clock)
@@ -242,10 +249,10 @@ class DeviceColumns:
     def _step(self):
         """Launch the kernels of one step."""
         now = self._now
-        _one(column_sort.begin_step, now.run, self._d_stage, self._clock, self._counts)
+        _one(self._launch, column_sort.begin_step, now.run, self._d_stage, self._clock, self._counts)
         now.sort(self._counts, self._keys, self._watched)
         self._reorder()
-        _one(column_sort.choose_step, now.run, self._d_stage, self._clock, self._counts, self.settings)
+        _one(self._launch, column_sort.choose_step, now.run, self._d_stage, self._clock, self._counts, self.settings)
         self._sum_to_nodes()
         self._move_nodes()
         self._move_columns()
@@ -253,7 +260,7 @@ class DeviceColumns:
 
     def _reorder(self):
         run, rows, ids, keys, order = self._now.run, self._rows, self._ids, self._keys, self._now.order
-        _one(point_sort.decide_order, run, self._counts)
+        _one(self._launch, point_sort.decide_order, run, self._counts)
         for first in range(0, rows.shape[1], point_sort.STRIP):
             self._all(point_sort.take_strip, run, rows, ids, keys, order, self._strip, self._names, first)
             self._all(point_sort.give_strip, run, rows, ids, keys, self._strip, self._names, first)
@@ -262,7 +269,7 @@ class DeviceColumns:
     def _sum_to_nodes(self):
         now, effects, launch = self._now, self._effects, self._launch
         width = launch.width if SIMULATED else OWNERS
-        column_transfer.columns_to_grid.of(np.float64)[8 * launch.workers, width](
+        column_transfer.columns_to_grid.of(np.float64)[8 * launch.workers, width, launch.stream](
             now.run, self._d_stage, self._rows, now.order, now.start, now.block, now.tiles, self._fields.bed,
             self._fields.lake_level, self.settings, effects.metric, effects.still_water, effects.earth_pressure,
             effects.viscosity,
@@ -310,10 +317,10 @@ class DeviceColumns:
             self._column_sums[0], self.settings, effects.metric, effects.curvature, effects.earth_pressure,
             effects.entrainment,
         )  # fmt: skip
-        _add_up(column_reports.sum_node_reports, now.run, self._node_sums)
-        _add_up(column_reports.sum_column_reports, now.run, self._column_sums)
+        _add_up(self._launch, column_reports.sum_node_reports, now.run, self._node_sums)
+        _add_up(self._launch, column_reports.sum_column_reports, now.run, self._column_sums)
         _one(
-            column_reports.collect_reports, now.run, self._d_stage, clock, counts, self._ledger,
+            self._launch, column_reports.collect_reports, now.run, self._d_stage, clock, counts, self._ledger,
             self._column_sums[-1], self._node_sums[-1], self._rows, now.order, now.touched, self._lost,
             self._fields.forest_sums, self.settings, effects.barrier, effects.forest,
         )  # fmt: skip
@@ -327,45 +334,45 @@ class DeviceColumns:
         """Launch what comes after the columns moved: what trees take, and reasons to stop."""
         if self._again is not None:
             self._detrain()
-        _one(column_reports.end_step, self._now.run, self._clock, self._counts, self.settings)
+        _one(self._launch, column_reports.end_step, self._now.run, self._clock, self._counts, self.settings)
 
     def _detrain(self):
         now, again, fields, settings = self._now, self._again, self._fields, self.settings
-        _one(column_sort.begin_again, now.run, again.run, self._counts)
+        _one(self._launch, column_sort.begin_again, now.run, again.run, self._counts)
         again.sort(self._counts, self._keys, self._nothing_watched)
-        _one(column_sort.end_again, now.run, again.run)
+        _one(self._launch, column_sort.end_again, now.run, again.run)
         self._all(column_detrainment.find_losses, again.run, self._rows, again.order, fields, self._losses, settings)
         self._all(
             column_detrainment.take_losses, again.run, self._clock, self._rows, self._keys, again.order, fields,
             self._losses, self._stop_sums[0], settings, self._effects.metric,
         )  # fmt: skip
         width = self._launch.width if SIMULATED else OWNERS
-        column_detrainment.losses_to_grid.of(np.float64)[8 * self._launch.workers, width](
+        column_detrainment.losses_to_grid.of(np.float64)[8 * self._launch.workers, width, self._launch.stream](
             again.run, self._rows, again.order, again.start, again.block, self._losses, again.tiles, fields, settings
         )
         self._all(column_detrainment.add_losses, again.run, again.tiles, again.slot, again.touched, fields, settings)
-        _add_up(column_reports.sum_plain_reports, again.run, self._stop_sums)
+        _add_up(self._launch, column_reports.sum_plain_reports, again.run, self._stop_sums)
         _one(
-            column_detrainment.collect_losses, now.run, again.run, self._clock, self._counts, fields.forest_sums,
-            self._stop_sums[-1],
+            self._launch, column_detrainment.collect_losses, now.run, again.run, self._clock, self._counts,
+            fields.forest_sums, self._stop_sums[-1],
         )  # fmt: skip
         self._all(column_detrainment.clear_shares, now.run, now.touched, fields.forest_share)
 
 
 def _all(launch, kernel, *arguments):
     """Launch a kernel whose threads share the work."""
-    kernel.of(np.float64)[launch.workers, launch.width](*arguments)
+    kernel.of(np.float64)[launch.workers, launch.width, launch.stream](*arguments)
 
 
-def _one(kernel, *arguments):
+def _one(launch, kernel, *arguments):
     """Launch a kernel of one thread."""
-    kernel.of(np.float64)[1, 1](*arguments)
+    kernel.of(np.float64)[1, 1, launch.stream](*arguments)
 
 
-def _add_up(kernel, run, sums):
+def _add_up(launch, kernel, run, sums):
     """Sum the reports of all threads, from one array of `sums` to the next."""
     for many, few in pairwise(sums):
-        kernel.of(np.float64)[few.shape[0], few.shape[1]](run, many, few)
+        kernel.of(np.float64)[few.shape[0], few.shape[1], launch.stream](run, many, few)
 
 
 def _some(array):

@@ -16,6 +16,10 @@ if SIMULATED:
     from .simulator import repair
 
     repair()
+else:
+    from numba.cuda.core import config as cuda_config
+
+    cuda_config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # kernels of one thread, and those that add up, are small on purpose
 KERNELS = "mpmgis.kernels."
 SMALL = np.float32(1e-30)  # for smaller constants, which keep divisors off 0: its inverse is finite in float32
 REGISTERS = 96  # of a thread, with which 20 warps of 32 threads fit on a multiprocessor

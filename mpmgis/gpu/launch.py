@@ -17,7 +17,9 @@ NOW_ENTRIES = 2
 
 
 class Launch(NamedTuple):
-    """Sizes of launches. Sums of reports depend on them in the last bits, the motion of points does not.
+    """Sizes of launches, and their stream.
+
+    Sums of reports depend on the sizes in the last bits, the motion of points does not.
 
     Parameters
     ----------
@@ -33,6 +35,8 @@ class Launch(NamedTuple):
         Steps between two looks at the reason to stop.
     room : int
         Blocks with points for which there is room at the start; arrays grow with the flow.
+    stream : numba.cuda stream or 0
+        0: the default stream.
     """
 
     workers: int = 512
@@ -41,6 +45,7 @@ class Launch(NamedTuple):
     couplers: int = 4096
     batch: int = 20
     room: int = 64
+    stream: object = 0
 
 
 SMALL = Launch(2, 4, 1, 4, 4)  # for the simulator, where each thread of the device is one of the host

@@ -58,6 +58,7 @@ from .launch import (
     UNTIL,
     Launch,
 )  # fmt: skip
+from .repeated import Repeated
 
 LAST_STEP = 1 << 24  # numbers of steps, kept with the yield of the ground, are exact in float32 up to here
 EXACT = 2.0**52  # whole numbers below it are exact in float64: sums of outflow pass between host and device unchanged
@@ -124,6 +125,7 @@ class DevicePoints:
         self._stage = np.zeros(STAGE_ENTRIES)
         self._d_run, self._d_stage = cuda.to_device(self._run), cuda.to_device(self._stage)
         self._now = self._to_device(np.zeros(NOW_ENTRIES))
+        self._steps = Repeated(self._step)
         self._grow()
 
     def _law(self, values):
@@ -222,6 +224,7 @@ class DevicePoints:
             self._layers = cuda.device_array((threads, levels, LAYER_ENTRIES), self._real)
         run[STATUS] = 0
         self._d_run.copy_to_device(run)
+        self._steps.forget()
 
     def advance(self, until, after=np.inf, max_steps=1 << 62):
         """Advance to time `until` [s] or by `max_steps`; returns the reason to stop, as `kernels.points.advance`.
@@ -242,8 +245,7 @@ class DevicePoints:
         self._d_run.copy_to_device(self._run)
         while state.counts[entry.STEP] - first < max_steps:
             self._require_exact_steps()
-            for _ in range(min(self._launch.batch, int(max_steps - (state.counts[entry.STEP] - first)))):
-                self._step()
+            self._steps(min(self._launch.batch, int(max_steps - (state.counts[entry.STEP] - first))))
             self._d_run.copy_to_host(self._run)
             self._counts.copy_to_host(state.counts)
             if self._run[STATUS] == NEEDS_ROOM:
@@ -278,11 +280,11 @@ class DevicePoints:
 
     def _all(self, kernel, *arguments):
         """Launch a kernel whose threads share the work."""
-        kernel.of(self._real)[self._launch.workers, self._launch.width](*arguments)
+        kernel.of(self._real)[self._launch.workers, self._launch.width, self._steps.stream](*arguments)
 
     def _one(self, kernel, *arguments):
         """Launch a kernel of one thread."""
-        kernel.of(self._real)[1, 1](*arguments)
+        kernel.of(self._real)[1, 1, self._steps.stream](*arguments)
 
     def _step(self):
         """Launch the kernels of one step."""
@@ -299,13 +301,13 @@ class DevicePoints:
         self._all(point_sort.count_points, run, self._counts, self._keys, self._histogram)
         self._all(point_sort.sum_pieces, run, self._histogram, self._pieces)
         scanners = min(point_sort.SCANNERS, launch.workers * launch.width)
-        point_sort.scan_pieces.of(self._real)[1, scanners](run, self._pieces, True)
+        point_sort.scan_pieces.of(self._real)[1, scanners, self._steps.stream](run, self._pieces, True)
         self._all(point_sort.rank_places, run, self._histogram, self._pieces, self._block, self._start)
         self._all(point_sort.scatter_points, run, self._counts, self._keys, self._histogram, self._loose)
         self._all(point_sort.rank_points, run, self._start, self._loose, self._order)
         self._all(point_sort.mark_touched, run, self._block, lowest, self._flags)
         self._all(point_sort.sum_pieces, run, self._flags, self._pieces)
-        point_sort.scan_pieces.of(self._real)[1, scanners](run, self._pieces, False)
+        point_sort.scan_pieces.of(self._real)[1, scanners, self._steps.stream](run, self._pieces, False)
         self._all(
             point_sort.rank_touched, run, self._flags, self._pieces, lowest, self._watched, self._slots, self._touched,
             self._sources,
@@ -324,9 +326,9 @@ class DevicePoints:
 
     def _sum_to_nodes(self):
         run, settings, launch = self._d_run, self._node_settings, self._launch
-        points_to_grid.points_to_grid.of(self._real)[8 * launch.workers, launch.shares * points_to_grid.COLUMNS](
-            run, self._rows, self._order, self._start, self._tiles
-        )
+        points_to_grid.points_to_grid.of(self._real)[
+            8 * launch.workers, launch.shares * points_to_grid.COLUMNS, self._steps.stream
+        ](run, self._rows, self._order, self._start, self._tiles)
         self._all(point_nodes.gather_nodes, run, self._tiles, self._sources, self._nodes)
         if self._drags:
             self._all(point_nodes.weigh_contact, run, self._nodes, self._touched, *self._ground, self._masses, settings)
@@ -435,7 +437,7 @@ class DevicePoints:
     def _add_up(self, kernel, sums):
         """Sum the reports of all threads, from one array of `sums` to the next."""
         for many, few in pairwise(sums):
-            kernel.of(self._real)[few.shape[0], few.shape[1]](self._d_run, many, few)
+            kernel.of(self._real)[few.shape[0], few.shape[1], self._steps.stream](self._d_run, many, few)
 
 
 def left_units(left_cells, mass, cells, dx):
