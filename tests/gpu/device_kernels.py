@@ -41,11 +41,11 @@ COHESIVE = cohesive_mu_i(*CONE, 0.2, 0.3, 1e-3, 2500.0, **MODULI)
 FADING, TANGENT, LINEAR = (softening(CONE, (20.0, 0.0), 10.0, form) for form in ("exponential", "tangent", "linear"))
 MATERIALS = {  # material, softening
     "drucker_prager": (SOIL, NoSoftening()),
-    "softening": (SOIL, FADING),
     "mu_i": (MuI(1e6, 1e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
     "cohesive_softening": (COHESIVE, FADING),
 }
 OTHER_MATERIALS = {
+    "softening": (SOIL, FADING),
     "elastic": (Elastic(**MODULI), NoSoftening()),
     "fluid": (Fluid(1e6, 10.0, 1.0), NoSoftening()),
     "cohesive": (COHESIVE, NoSoftening()),
@@ -58,10 +58,10 @@ COULOMB, VOELLMY, STICKING = CoulombContact(0.3), VoellmyContact(0.2, 300.0), St
 CONTACTS = {  # contact, zones, barrier
     "coulomb": (COULOMB, NoZones(), NoBarrier()),
     "voellmy": (VOELLMY, NoZones(), NoBarrier()),
-    "voellmy_barred": (VOELLMY, NoZones(), Barrier()),
     "voellmy_zones_barred": (VOELLMY, FrictionZones(), Barrier()),
 }
 OTHER_CONTACTS = {
+    "voellmy_barred": (VOELLMY, NoZones(), Barrier()),
     "coulomb_barred": (COULOMB, NoZones(), Barrier()),
     "coulomb_zones": (COULOMB, FrictionZones(), NoBarrier()),
     "voellmy_zones": (VOELLMY, FrictionZones(), NoBarrier()),
@@ -111,17 +111,17 @@ def _without_laws(real):
     touched, sources, nodes, tiles = array(i4, 2), array(i4, 2), array(number, 2), array(number, 2)
     ground, free = (array(number, 3), array(i4, 3), array(number, 2)), array(byte, 1)
     columns, reports, sums, yields = array(number, 3), array(number, 2), array(f8, 2), array(number, 4)
-    settings, of_nodes = numba.typeof(SETTINGS), in_precision(SETTINGS, real)
+    settings, of_nodes, cells = numba.typeof(SETTINGS), in_precision(SETTINGS, real), array(byte, 1)
     barrier, walled = in_precision(NoBarrier(), real), in_precision(Barrier(), real)
     for name, *arguments in (
         ("begin_step", run, stage, now, clock, counts),
         ("clear_window", run, window, window),
-        ("count_points", run, counts, keys, window),
+        ("count_points", run, counts, rows, keys, window, cells),
         ("sum_pieces", run, window, pieces),
         ("scan_pieces", run, pieces, types.boolean),
         ("rank_places", run, window, pieces, window, start),
         ("scatter_points", run, counts, keys, window, order),
-        ("rank_points", run, start, order, order),
+        ("rank_points", run, start, order, cells, order, order),
         ("mark_touched", run, window, lowest, window),
         ("rank_touched", run, window, pieces, lowest, array(byte, 2), window, touched, sources),
         ("link_blocks", run, window, lowest, window, sources, sources, touched),
@@ -167,7 +167,8 @@ def _without_laws(real):
     marks = array(byte, 1), array(byte, 1), array(number, 2), array(i4, 2)
     map_, domain = (lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
     given, left = (rows, keys, order, start, touched), (array(i8, 4), array(f8, 1))
-    arguments = run, *given, ground[0], *map_, *left, *marks, sums, domain, settings
+    yield "begin_reports", rare_points.begin_reports, (run, *marks[2:], sums, settings)
+    arguments = run, *given, ground[0], *map_, *left, *marks[:2], sums, domain, settings
     yield "settle_rare_points", rare_points.settle_rare_points, arguments
 
 

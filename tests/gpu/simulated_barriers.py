@@ -83,7 +83,8 @@ def cornered(mu, degrees=0.0):
     return Wall("corner", shapely.affinity.rotate(shape, degrees, corner), height=20.0, mu=mu)
 
 
-STEP = terrain_of(lambda x, y: np.where(x < 60.0, 120.0, 105.0), 80.0, 24.0, 4.0)
+# A few cells wide and high, because folds take milliseconds a node in plain Python.
+STEP = terrain_of(lambda x, y: np.where(x < 60.0, 120.0, 110.0), 80.0, 12.0, 4.0)
 TURNED = Wall("turned", shapely.Polygon([(57.5, -9), (61.5, -9), (66.5, 60), (62.5, 60)]), height=20.0, mu=0.5)
 BARRIERS = {
     "smooth face": lambda p: at_barrier(p, wall()),
@@ -95,7 +96,7 @@ BARRIERS = {
     "opening": lambda p: at_barrier(p, with_opening(), x=58.6, size=(2.5, 1.5, 1)),
     "two barriers": lambda p: at_barrier(p, wall(mu=0.2), wall(56.0, 1.6, 1.0, 0.4, 13.0, "block"), x=57.4),
     "at the edge": lambda p: at_barrier(p, wall(mu=0.3), y=0.1, degrees=20.0, speed=4.0, edges="wall"),
-    "at a cliff": lambda p: at_barrier(p, wall(57.2, 1.0, mu=0.3), terrain=STEP, z=0.3),
+    "at a cliff": lambda p: at_barrier(p, wall(57.2, 1.0, mu=0.3), terrain=STEP, y=6.2, z=0.3),
     "on friction zones": lambda p: with_zones(at_barrier(p, wall(mu=0.3))),
     "inner corner": lambda p: at_barrier(p, cornered(0.0), x=57.2, y=11.9, speed=6.0),
     "inner corner with friction": lambda p: at_barrier(p, cornered(0.4), x=57.2, y=11.9, contact=VOELLMY),

@@ -1,10 +1,10 @@
-"""Every kernel compiles for sm_80 and sm_90, spills no registers, needs no more of them than a limit, and has no double
-precision for float32 points unless it is meant to."""
+"""Every kernel compiles for sm_90, in slow tests for sm_80 too. It spills no registers, needs no more of them than a
+limit, and has no double precision for float32 points unless it is meant to."""
 
 import device_kernels
 import pytest
 from compile_matrix import IN_DOUBLE, MORE, kernels, limit_of, needs
-from law_kernels import PRECISIONS, assembler, compiler_lack
+from law_kernels import CAPABILITIES, PRECISIONS, assembler, compiler_lack
 
 from mpmgis.effects.softening import LinearSoftening, NoSoftening, Softening, TangentSoftening
 from mpmgis.scene.materials import CONES, CONTACTS, MATERIALS
@@ -17,15 +17,22 @@ FEWEST = {"float64": 40, "float32": 40, "columns": 30}  # kernels
 @pytest.mark.thorough
 @pytest.mark.parametrize("precision", [*PRECISIONS, "columns"])
 def test_kernels_compile_without_spills_within_their_registers(precision, tmp_path):
-    names = require_few_registers(kernels(precision), precision, tmp_path)
+    names = require_few_registers(kernels(precision), precision, tmp_path, ["sm_90"])
     assert len(names) > FEWEST[precision]
     assert precision != "columns" or {name.split()[0] for name in names} >= kernels_of_columns()
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("precision", [*PRECISIONS, "columns"])
+def test_kernels_for_older_devices_do_too(precision, tmp_path):
+    names = require_few_registers(kernels(precision), precision, tmp_path, ["sm_80"])
+    assert len(names) > FEWEST[precision]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_kernels_with_all_other_laws_do_too(precision, tmp_path):
-    names = require_few_registers(kernels(precision, others=True), precision, tmp_path)
+    names = require_few_registers(kernels(precision, others=True), precision, tmp_path, CAPABILITIES)
     assert len(names) > FEWEST[precision] // 2
 
 
@@ -39,12 +46,12 @@ def test_all_laws_of_scenes_are_in_the_matrix():
     assert {type(slots[0]) for slots in places} == {kind for kind, _ in CONTACTS.values()}
 
 
-def require_few_registers(signatures, precision, folder):
-    """Names of the kernels; fails with a list of all that spill or need too much."""
+def require_few_registers(signatures, precision, folder, capabilities):
+    """Names of the kernels; fails with a list of all that spill or need too much on devices of `capabilities`."""
     wrong, names = [], set()
     for name, kernel, arguments in signatures:
         names.add(name)
-        for need in needs(kernel, arguments, precision, folder):
+        for need in needs(kernel, arguments, precision, folder, capabilities):
             here = f"{name} {need.capability}"
             if f".target {need.capability}" not in need.text or ".visible .entry" not in need.text:
                 wrong.append(f"{here}: not a kernel for this device")

@@ -147,9 +147,9 @@ def test_points_that_crowd_push_each_other_apart():
 
 
 def test_the_stream_that_a_wall_stops_becomes_a_bore_of_the_exact_load():
-    """Points packed in the corner of ground and wall: the load was 0.7 and 0.6 of the exact one at 4 and 5 s."""
-    solver, exact = stream_at_wall(2.0, 5.0)
-    found = load_between(solver, 3.0, 5.0) / exact
+    """Points packed in the corner of ground and wall: without corrections the load is 0.81 of the exact one."""
+    solver, exact = stream_at_wall(2.0, 4.0)
+    found = load_between(solver, 3.0, 4.0) / exact
     print(found, solver.balances()["energy_of_volume_corrections"] / solver.balances()["energy_start"])
     assert 0.9 <= found <= 1.03
 
@@ -158,8 +158,8 @@ def test_the_stream_that_a_wall_stops_becomes_a_bore_of_the_exact_load():
 @pytest.mark.parametrize(
     ("froude", "options"),
     [
-        (1.2, {}), (1.6, {"place": 0.8}), (2.0, {"per_cell": 1}), (2.0, {"per_cell": 3}), (2.0, {"cell": 0.125}),
-        (2.0, {"precision": "float32"}), (2.0, {"viscosity": 20.0}), (2.0, {"tait": 1.0}),
+        (2.0, {}), (1.2, {}), (1.6, {"place": 0.8}), (2.0, {"per_cell": 1}), (2.0, {"per_cell": 3}),
+        (2.0, {"cell": 0.125}), (2.0, {"precision": "float32"}), (2.0, {"viscosity": 20.0}), (2.0, {"tait": 1.0}),
     ],
 )  # fmt: skip
 def test_bores_of_other_streams(froude, options):
@@ -169,10 +169,13 @@ def test_bores_of_other_streams(froude, options):
     assert 0.87 <= found <= 1.1
 
 
-@pytest.mark.parametrize("azimuth", [pytest.param(0.0, marks=pytest.mark.slow), 20.0])
-def test_a_basin_filled_from_the_start_keeps_its_load(azimuth):
-    """Points packed at the bottom: the load was 0.70 of the hydrostatic one after 20 s."""
-    solver, hydrostatic, _ = pool(azimuth, length=1.5, width=1.5, gap=0.0)
+@pytest.mark.parametrize(
+    ("azimuth", "side", "least"),
+    [*(pytest.param(azimuth, 1.5, 0.94, marks=pytest.mark.slow) for azimuth in (0.0, 20.0)), (20.0, 1.0, 0.9)],
+)
+def test_a_basin_filled_from_the_start_keeps_its_load(azimuth, side, least):
+    """Points packed at the bottom: after 20 s the load was 0.70 of the hydrostatic one, 0.66 in the smallest basin."""
+    solver, hydrostatic, _ = pool(azimuth, length=side, width=side, gap=0.0)
     found = load(solver, 16.0, 20.0) / hydrostatic
-    print(azimuth, found)
-    assert 0.94 <= found <= 1.05
+    print(azimuth, side, found)
+    assert least <= found <= 1.05
