@@ -2,8 +2,8 @@
 
 from ..effects.metric import cosine_squared
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
-from .block_order import GONE, REORDER_STEPS
-from .column_clock import ALIVE, SINCE_REORDER, WORK_TOTAL
+from .block_order import GONE
+from .column_clock import ALIVE, WORK_TOTAL
 from .column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
 from .column_rows import AREA, GX, GY, MASS, U, V, X, Y, bed_at, weights
 from .jit import jit, jit_inline
@@ -37,7 +37,6 @@ def detrain(rows, keys, order, alive, fields, clock, counts, ahead, settings, me
         if kept == 0.0:
             keys[p] = GONE
             counts[ALIVE] -= 1
-            counts[SINCE_REORDER] = REORDER_STEPS  # drop it from memory at the next step
             sums[STOPPED_COLUMNS] += 1.0
         else:
             rows[p, MASS] = kept

@@ -332,8 +332,6 @@ def advance(
             return TOO_FAST
         if counts[ALIVE] == 0:
             return ALL_LEFT
-        if gone > 0 and counts[SINCE_REORDER] < REORDER_STEPS:
-            counts[SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
         if triggered:
             return TRIGGER_REACHED
         if settings.stop_at_rest:

@@ -286,5 +286,4 @@ def advance(
             return LEAKED
         if counts[ALIVE] < before:
             book_points_left(points, blocks.places, active, dt, dx, inside.shape, left_cells)
-            counts[SINCE_REORDER] = REORDER_STEPS  # they are removed from memory at the next step
     return REACHED_TIME if clock[TIME] >= until else RUNNING

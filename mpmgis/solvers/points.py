@@ -140,8 +140,9 @@ class PointSolver(PointBalances):
         set_places(rows, self._keys, place, 1.0 / numerics.cell_size, self._lowest)
         rows[:, row.PX : row.PZ + 1] = particles.velocity * particles.mass[:, None]
         rows[:, row.MASS] = particles.mass
-        self._stress = np.zeros((n, 6)) if stress is None else np.asarray(stress, float)
-        for column, values in zip(row.STATE, material.state_at_stress(*self._stress.T), strict=True):
+        known = np.zeros((1, 6)) if stress is None else np.asarray(stress, float)
+        self._stress = np.broadcast_to(known, (n, 6))
+        for column, values in zip(row.STATE, material.state_at_stress(*known.T), strict=True):
             if column < width:
                 rows[:, column] = values
         window_of(self._keys, self._lowest, self._counts[entry.WINDOW_FIRST :])
