@@ -11,6 +11,7 @@ from ..errors import SceneError, one_line
 
 INSTALL = "pip install 'mpmgis[gpu]'"
 TESTED = ((0, 30, 4), (0, 31))  # versions of numba-cuda: from the first, before the second, as in pyproject.toml
+NO_NUMPY = (2, 5)  # first version of NumPy that numba-cuda 0.30 does not work with, as in pyproject.toml
 LEAST_CAPABILITY = (7, 5)  # what CUDA 13 compiles for
 CPU_INSTEAD = "take device = 'cpu'"
 # how a run of a solver needs less memory
@@ -104,9 +105,16 @@ def _version_lack() -> str:
         installed = version("numba-cuda")
     except PackageNotFoundError:
         return f"numba-cuda is installed without its metadata; {INSTALL} repairs it"
-    number = tuple(int(part) for part in installed.split(".")[:3] if part.isdigit())
     low, high = TESTED
-    if low <= number < high:
-        return ""
-    low, high = (".".join(map(str, bound)) for bound in TESTED)
-    return f"numba-cuda {installed} is installed, expected {low} or later, below {high}; {INSTALL} installs it"
+    if not low <= _number(installed) < high:
+        low, high = (".".join(map(str, bound)) for bound in TESTED)
+        return f"numba-cuda {installed} is installed, expected {low} or later, below {high}; {INSTALL} installs it"
+    if _number(version("numpy")) >= NO_NUMPY:
+        least = ".".join(map(str, NO_NUMPY))
+        return f"numba-cuda {installed} needs NumPy below {least}, got {version('numpy')}; {INSTALL} installs it"
+    return ""
+
+
+def _number(version: str) -> tuple[int, ...]:
+    """The first three numbers of a version."""
+    return tuple(int(part) for part in version.split(".")[:3] if part.isdigit())

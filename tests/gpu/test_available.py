@@ -40,8 +40,16 @@ def test_without_numba_cuda_the_message_says_how_to_install_it(monkeypatch):
 @with_numba_cuda
 @pytest.mark.parametrize("installed", ["0.29.9", "0.31.0", "1.0"])
 def test_other_versions_of_numba_cuda_are_refused(monkeypatch, installed):
-    monkeypatch.setattr(available, "version", lambda name: installed)
+    monkeypatch.setattr(available, "version", {"numba-cuda": installed, "numpy": "2.4.6"}.get)
     assert found_device().lack.startswith(f"numba-cuda {installed} is installed, expected 0.30.4 or later, below 0.31")
+
+
+@with_numba_cuda
+@pytest.mark.parametrize(("numpy", "works"), [("1.26.4", True), ("2.4.6", True), ("2.5.0", False), ("3.0.1", False)])
+def test_a_numpy_that_numba_cuda_does_not_work_with_is_refused(monkeypatch, numpy, works):
+    monkeypatch.setattr(available, "version", {"numba-cuda": "0.30.4", "numpy": numpy}.get)
+    refused = found_device().lack.startswith(f"numba-cuda 0.30.4 needs NumPy below 2.5, got {numpy}; pip install")
+    assert refused is not works
 
 
 @with_numba_cuda
@@ -77,11 +85,12 @@ def test_the_advice_on_memory_is_that_of_the_solver(monkeypatch, solver, key, no
 
 def test_the_range_of_versions_is_that_of_the_extra():
     extra = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-    (wanted,) = extra["gpu"]
+    wanted, numpy = extra["gpu"]
     bounds = re.fullmatch(r"numba-cuda\[cu13\]>=([\d.]+),<([\d.]+)", wanted).groups()
     assert tuple(tuple(map(int, bound.split("."))) for bound in bounds) == available.TESTED
     bare = wanted.replace("[cu13]", "")  # the simulator needs no compiler of CUDA
     assert bare in extra["test-gpu"]
+    assert numpy in extra["test-gpu"] and numpy == "numpy<" + ".".join(map(str, available.NO_NUMPY))
 
 
 def test_solvers_import_no_code_for_devices():
