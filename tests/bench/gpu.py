@@ -3,21 +3,25 @@
 It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py; with shapely it checks a barrier too. In
 this order: agreement with the kernels of the processor for every material in both precisions, and equal bits of two
 runs; compute-sanitizer where it is installed; copy bandwidth of the device; time of a step by CUDA events for each
-number of points, with memory; time of a step on the processor; time of a whole scene with frames on both. OUT gets
-gpu.json and gpu.txt, after each part. The status is 1 if there is no device, or no agreement. The kernels of the
-processor compile for half a minute per material and precision; `--materials` and `--precisions` choose some of them.
+number of points, with memory, and of each kernel; time of a step on the processor, and on 1, 2, 4, ... of its threads;
+time of a whole scene with frames on both. OUT gets gpu.json and gpu.txt, after each part. The status is 1 if there is
+no device, or no agreement. The kernels of the processor compile for half a minute per material and precision: `--jobs`
+compares several at the same time, `--materials` and `--precisions` choose some of them.
 """
 
 import argparse
 import gc
 import importlib.util
 import json
+import multiprocessing
+import os
 import platform
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -65,6 +69,8 @@ CHECKED_POINTS, CHECKED_STEPS = 4096, 60
 STEPS, REPEATS, WARM_UP = 20, 5, 40
 STEPS_ON_PROCESSOR, REPEATS_ON_PROCESSOR = 5, 3
 LARGEST_ON_PROCESSOR = 10_000_000  # points or columns
+KERNELS_OF = 10_000_000  # largest number of points or columns for which each kernel is timed
+ON_THREADS = 2_000_000  # points or columns of which steps are timed on several numbers of threads
 HOST_BYTES_PER_POINT = 600  # of the host while a run of the bench is made
 SANITIZER_SECONDS = 900
 SCENE_SECONDS, SCENE_FRAMES = 2.0, 4  # simulated time [s] of the whole scene, and its frames
@@ -131,21 +137,39 @@ def state_after(kind, points, steps, material, precision):
     return particles.position[order], particles.velocity[order]
 
 
-def agreement(points, steps, materials, precisions):
-    """Rows of the comparison with the processor, for each material and precision."""
-    for material in materials:
-        for precision in precisions:
-            allowed = AGREES[precision]
-            task = (points, steps, material, precision)
-            known, found, again = (state_after(kind, *task) for kind in (PointSolver, *2 * [DevicePointSolver]))
-            place = float(np.abs(found[0] - known[0]).max())
-            speed = float(np.abs(found[1] - known[1]).max() / max(np.abs(known[1]).max(), 1e-300))
-            repeated = all(np.array_equal(one, other) for one, other in zip(found, again, strict=True))
-            yield {
-                "material": material, "precision": precision, "points": len(known[0]), "steps": steps,
-                "place_cells": place, "speed_relative": speed, "allowed": allowed, "same_bits": repeated,
-                "agrees": bool(max(place, speed) <= allowed and repeated),
-            }  # fmt: skip
+def agreement(points, steps, materials, precisions, jobs=1):
+    """Rows of the comparison with the processor, for each material and precision; `jobs` at the same time."""
+    tasks = [(points, steps, material, precision) for material in materials for precision in precisions]
+    yield from in_processes(compared, tasks, jobs)
+
+
+def in_processes(work, tasks, jobs):
+    """`work(*task)` of all `tasks`, in order, in as many processes as `jobs` with one thread each; 1: in this one."""
+    if jobs <= 1:
+        yield from (work(*task) for task in tasks)
+        return
+    given = os.environ.get("NUMBA_NUM_THREADS")
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    try:
+        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+            yield from pool.map(work, *zip(*tasks, strict=True))
+    finally:
+        os.environ.pop("NUMBA_NUM_THREADS")
+        os.environ.update({} if given is None else {"NUMBA_NUM_THREADS": given})
+
+
+def compared(points, steps, material, precision):
+    """Row of the comparison with the processor for a material and precision."""
+    allowed, task = AGREES[precision], (points, steps, material, precision)
+    known, found, again = (state_after(kind, *task) for kind in (PointSolver, *2 * [DevicePointSolver]))
+    place = float(np.abs(found[0] - known[0]).max())
+    speed = float(np.abs(found[1] - known[1]).max() / max(np.abs(known[1]).max(), 1e-300))
+    repeated = all(np.array_equal(one, other) for one, other in zip(found, again, strict=True))
+    return {
+        "material": material, "precision": precision, "points": len(known[0]), "steps": steps,
+        "place_cells": place, "speed_relative": speed, "allowed": allowed, "same_bits": repeated,
+        "agrees": bool(max(place, speed) <= allowed and repeated),
+    }  # fmt: skip
 
 
 def sanitized(script, particles):
@@ -221,6 +245,63 @@ def measured_on_device(make, particles):
     }  # fmt: skip
 
 
+def kernel_times(make, particles):
+    """Time of each kernel [ns per particle and step] in steps of the solver `make()`, launched one by one.
+
+    Of few particles these times are those of launches.
+    """
+    from numba import cuda
+
+    from mpmgis.gpu import compiled, repeated
+
+    solver, events = make(), []
+    solver.advance(1e9, max_steps=WARM_UP)
+    kernel_of, repeat = compiled.Kernel.of, repeated.Repeated.__call__
+
+    def timed(kernel, name, sizes):
+        def launch(*arguments):
+            start, end = cuda.event(), cuda.event()
+            start.record(sizes[2])
+            kernel[sizes](*arguments)
+            end.record(sizes[2])
+            events.append((name, start, end))
+
+        return launch
+
+    class Timed:
+        def __init__(self, kernel, name):
+            self.kernel, self.name = kernel, name
+
+        def __getitem__(self, sizes):
+            return timed(self.kernel, self.name, sizes)
+
+    compiled.Kernel.of = lambda self, real: Timed(kernel_of(self, real), self.function.__name__)
+    repeated.Repeated.__call__ = lambda self, times: [self.launches() for _ in range(times)]
+    try:
+        solver.advance(1e9, max_steps=STEPS)
+    finally:
+        compiled.Kernel.of, repeated.Repeated.__call__ = kernel_of, repeat
+    found, scale = {}, 1e6 / (STEPS * getattr(solver, particles))
+    for name, start, end in events:
+        end.synchronize()
+        found[name] = found.get(name, 0.0) + float(start.elapsed_time(end)) * scale
+    return dict(sorted(found.items(), key=lambda one: -one[1]))
+
+
+def on_threads(make, particles):
+    """Rows of `measured_on_processor` on 1, 2, 4, ... threads, and how many times faster than on one."""
+    from mpmgis.kernels.jit import set_threads
+
+    most, rows, threads, solver = numba.config.NUMBA_NUM_THREADS, [], 1, make()
+    while threads <= most:
+        set_threads(threads)
+        rows.append({"threads": threads} | measured_on_processor(lambda: solver, particles))
+        rows[-1]["times_faster"] = rows[0]["ns_least"] / rows[-1]["ns_least"]
+        threads = most if threads < most < 2 * threads else 2 * threads
+    set_threads(most)
+    return rows
+
+
 def measured_on_processor(make, particles):
     """As `measured_on_device` on all cores of the processor, without the memory."""
     solver = make()
@@ -241,6 +322,14 @@ def timed_on_device(points, precision):
     return row | measured_on_device(lambda: solver_of(DevicePointSolver, points, precision=precision), "points")
 
 
+def kernels_of(sizes, precision):
+    """`kernel_times` of the largest of the `sizes` that is at most KERNELS_OF [points] and has room; or why none is."""
+    points = max((size for size in sizes if size <= KERNELS_OF), default=min(sizes))
+    if lack := no_room(points, precision):
+        return {"not_run": lack}
+    return kernel_times(lambda: solver_of(DevicePointSolver, points, precision=precision), "points")
+
+
 def timed_on_processor(points, precision):
     """Row of a run on all cores of the processor."""
     row = {"points": points, "precision": precision}
@@ -256,7 +345,11 @@ def timed_scene(kind, points, precision):
         return {"points": points, "precision": precision, "not_run": lack}
     solver = solver_of(kind, points, precision=precision, maxima=True)
     solver.advance(1e9, max_steps=2)  # compiles
-    solver = solver_of(kind, points, precision=precision, maxima=True)
+    return run_scene(solver_of(kind, points, precision=precision, maxima=True), precision)
+
+
+def run_scene(solver, precision):
+    """Row of a whole run of `solver` with frames."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         writing = 0.0
@@ -328,6 +421,7 @@ def text_of(found):
                 floor = 1e9 * FLOOR_BYTES[row["precision"]] / found["copy_bandwidth"]
                 words += f", {row['ns'] / floor:.3g} times its floor of {floor:.3g} ns by the copy bandwidth"
             yield f"{where}: {row['points']} points, {row['precision']}: {words}"
+    yield from text_of_kernels(found)
     for row in found.get("scenes", ()):
         for where in ("device", "processor"):
             one = row[where]
@@ -337,6 +431,14 @@ def text_of(found):
             yield f"whole scene, {where}: {one['points']} points, {row['precision']}: {words}"
         if "times_faster" in row:
             yield f"whole scene, {row['precision']}: the device is {row['times_faster']:.3g} times faster"
+
+
+def text_of_kernels(found):
+    """Times of kernels and of numbers of threads as lines of text."""
+    for name, value in found.get("kernels", {}).items():
+        yield f"kernel {name}: {value if isinstance(value, str) else f'{value:.3g} ns'}"
+    for row in found.get("on_threads", ()):
+        yield f"processor, {row['threads']} threads: ns {row['ns_least']:.4g}, {row['times_faster']:.3g} times faster"
 
 
 def words_of(row):
@@ -352,10 +454,10 @@ def write(found, folder):
     (folder / "gpu.txt").write_text("".join(f"{line}\n" for line in text_of(found)))
 
 
-def measure(folder, sizes, scene, checked, steps, materials, precisions):
+def measure(folder, sizes, scene, checked, steps, materials, precisions, jobs):
     """All parts into `folder`, for `sizes` and a whole `scene` [points]; returns whether both agree."""
     found = {"machine": machine(), "agreement": []}
-    for row in agreement(checked, steps, materials, precisions):
+    for row in agreement(checked, steps, materials, precisions, jobs):
         found["agreement"].append(row)
         write(found, folder)
     if not numba.config.ENABLE_CUDASIM:
@@ -368,6 +470,9 @@ def measure(folder, sizes, scene, checked, steps, materials, precisions):
                 for precision in precisions:
                     rows.append(timed(points, precision))
                     write(found, folder)
+        found["kernels"] = kernels_of(sizes, precisions[0])
+        found["on_threads"] = on_threads(lambda: solver_of(PointSolver, ON_THREADS, precision=precisions[0]), "points")
+        write(found, folder)
     if scene:
         found["scenes"] = []
         for row in whole_scenes(scene, precisions):
@@ -387,6 +492,7 @@ def main():
     parser.add_argument("--steps", type=int, default=CHECKED_STEPS, help="steps of the comparison")
     parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS), help="of the comparison")
     parser.add_argument("--precisions", nargs="+", choices=AGREES, default=["float32", "float64"], help="of all parts")
+    parser.add_argument("--jobs", type=int, default=1, help="comparisons at the same time")
     parser.add_argument("--only-steps", action="store_true", help="some steps without results, for the sanitizer")
     given = parser.parse_args()
     found = found_device()
@@ -398,7 +504,7 @@ def main():
         return 0
     sizes = [round(1e6 * size) for size in given.millions]
     scene = round(1e6 * given.scene_millions)
-    agrees = measure(given.out, sizes, scene, given.checked, given.steps, given.materials, given.precisions)
+    agrees = measure(given.out, sizes, scene, given.checked, given.steps, given.materials, given.precisions, given.jobs)
     return 0 if agrees else 1
 
 

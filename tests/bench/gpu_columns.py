@@ -3,8 +3,9 @@
 It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
 the processor for several sets of effects, and equal bits of two runs, of which one is stopped and continued;
 compute-sanitizer where it is installed; then the time of a step on the device, with memory, and on the processor for
-each number of columns. OUT gets gpu_columns.json and gpu_columns.txt, after each part. The status is 1 if there is no
-device, or no agreement. `gpu.py` does the same for the 3D solver.
+each number of columns, of each kernel, and on 1, 2, 4, ... threads of the processor. OUT gets gpu_columns.json and
+gpu_columns.txt, after each part. The status is 1 if there is no device, or no agreement. `gpu.py` does the same for the
+3D solver.
 """
 
 import argparse
@@ -18,13 +19,19 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
 import numba  # noqa: E402
 import numpy as np  # noqa: E402
 from gpu import (  # noqa: E402
+    KERNELS_OF,
     LARGEST_ON_PROCESSOR,
+    ON_THREADS,
     Cells,
+    in_processes,
+    kernel_times,
     lack_of_memory,
     machine,
     measured_on_device,
     measured_on_processor,
+    on_threads,
     sanitized,
+    text_of_kernels,
     words_of,
 )
 
@@ -127,22 +134,25 @@ def state_after(kind, columns, steps, name, parts=1):
     return particles.position[order], particles.velocity[order], particles.mass[order]
 
 
-def agreement(columns, steps, names):
-    """Rows of the comparison with the processor, for each set of effects."""
-    for name in names:
-        known = state_after(ColumnSolver, columns, steps, name)
-        found = state_after(DeviceColumnSolver, columns, steps, name)
-        again = state_after(DeviceColumnSolver, columns, steps, name, parts=2)
-        row = {"effects": name, "columns": len(known[0]), "steps": steps, "allowed": AGREES}
-        row["same_bits"] = all(np.array_equal(one, other) for one, other in zip(found, again, strict=True))
-        if len(found[0]) != len(known[0]):
-            yield row | {"agrees": False, "columns_on_device": len(found[0])}
-            continue
-        row["place_cells"] = float(np.abs(found[0] - known[0]).max() / CELL)
-        for k, number in ((1, "speed_relative"), (2, "mass_relative")):
-            row[number] = float(np.abs(found[k] - known[k]).max() / max(np.abs(known[k]).max(), 1e-300))
-        worst = max(row["place_cells"], row["speed_relative"], row["mass_relative"])
-        yield row | {"agrees": bool(worst <= AGREES and row["same_bits"])}
+def agreement(columns, steps, names, jobs=1):
+    """Rows of the comparison with the processor, for each set of effects; `jobs` at the same time."""
+    yield from in_processes(compared, [(columns, steps, name) for name in names], jobs)
+
+
+def compared(columns, steps, name):
+    """Row of the comparison with the processor for a set of effects."""
+    known = state_after(ColumnSolver, columns, steps, name)
+    found = state_after(DeviceColumnSolver, columns, steps, name)
+    again = state_after(DeviceColumnSolver, columns, steps, name, parts=2)
+    row = {"effects": name, "columns": len(known[0]), "steps": steps, "allowed": AGREES}
+    row["same_bits"] = all(np.array_equal(one, other) for one, other in zip(found, again, strict=True))
+    if len(found[0]) != len(known[0]):
+        return row | {"agrees": False, "columns_on_device": len(found[0])}
+    row["place_cells"] = float(np.abs(found[0] - known[0]).max() / CELL)
+    for k, number in ((1, "speed_relative"), (2, "mass_relative")):
+        row[number] = float(np.abs(found[k] - known[k]).max() / max(np.abs(known[k]).max(), 1e-300))
+    worst = max(row["place_cells"], row["speed_relative"], row["mass_relative"])
+    return row | {"agrees": bool(worst <= AGREES and row["same_bits"])}
 
 
 def no_room(columns, name):
@@ -168,6 +178,14 @@ def timed_on_processor(columns, name):
     return row | measured_on_processor(lambda: solver_of(ColumnSolver, columns, name), "columns")
 
 
+def kernels_of(sizes, name):
+    """`kernel_times` of the largest of the `sizes` that is at most KERNELS_OF [columns] and has room."""
+    columns = max((size for size in sizes if size <= KERNELS_OF), default=min(sizes))
+    if lack := no_room(columns, name):
+        return {"not_run": lack}
+    return kernel_times(lambda: solver_of(DeviceColumnSolver, columns, name), "columns")
+
+
 def text_of(found):
     """The results as lines of text."""
     yield from (f"{name}: {value}" for name, value in found["machine"].items())
@@ -178,6 +196,7 @@ def text_of(found):
     for where in ("device", "processor"):
         for row in found.get(f"on_{where}", ()):
             yield f"{where}: {row['columns']} columns, {row['effects']}: {words_of(row)}"
+    yield from text_of_kernels(found)
 
 
 def write(found, folder):
@@ -187,10 +206,10 @@ def write(found, folder):
     (folder / "gpu_columns.txt").write_text("".join(f"{line}\n" for line in text_of(found)))
 
 
-def measure(folder, sizes, checked, steps, names):
+def measure(folder, sizes, checked, steps, names, jobs):
     """All parts into `folder`, for `sizes` [columns]; returns whether device and processor agree."""
     found = {"machine": machine(), "agreement": []}
-    for row in agreement(checked, steps, names):
+    for row in agreement(checked, steps, names, jobs):
         found["agreement"].append(row)
         write(found, folder)
     if not numba.config.ENABLE_CUDASIM:
@@ -201,6 +220,9 @@ def measure(folder, sizes, checked, steps, names):
             for columns in sizes:
                 rows.append(timed(columns, names[0]))
                 write(found, folder)
+        found["kernels"] = kernels_of(sizes, names[0])
+        found["on_threads"] = on_threads(lambda: solver_of(ColumnSolver, ON_THREADS, names[0]), "columns")
+        write(found, folder)
     print((folder / "gpu_columns.txt").read_text(), end="")
     return all(row["agrees"] for row in found["agreement"])
 
@@ -213,6 +235,7 @@ def main():
     parser.add_argument("--checked", type=int, default=CHECKED_COLUMNS, help="columns of the comparison")
     parser.add_argument("--steps", type=int, default=CHECKED_STEPS, help="steps of the comparison")
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="effects; the first one is timed")
+    parser.add_argument("--jobs", type=int, default=1, help="comparisons at the same time")
     parser.add_argument("--only-steps", action="store_true", help="some steps without results, for the sanitizer")
     given = parser.parse_args()
     found = found_device()
@@ -223,7 +246,7 @@ def main():
         solver_of(DeviceColumnSolver, given.checked).advance(1e9, max_steps=given.steps)
         return 0
     sizes = [round(1e6 * size) for size in given.millions]
-    return 0 if measure(given.out, sizes, given.checked, given.steps, given.sets) else 1
+    return 0 if measure(given.out, sizes, given.checked, given.steps, given.sets, given.jobs) else 1
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ TAKEN = 6400  # bytes between two questions for the free memory
 class Event:
     """A CUDA event with the time of the host [ms]."""
 
-    def record(self):
+    def record(self, stream=0):
         self.at = 1e3 * time.perf_counter()
 
     def synchronize(self):
@@ -58,6 +58,8 @@ def points(folder):
     found["on_device"].append(without_memory(gpu.timed_on_device, "float32"))
     found["on_processor"] = [gpu.timed_on_processor(POINTS, "float32"), gpu.timed_on_processor(10**9, "float32")]
     found["scenes"] = list(gpu.whole_scenes(POINTS, ["float32"]))
+    found["kernels"] = gpu.kernels_of([POINTS], "float32")
+    found["on_threads"] = gpu.on_threads(lambda: gpu.solver_of(gpu.PointSolver, POINTS), "points")
     gpu.write(found, folder)
     return found
 
@@ -69,6 +71,7 @@ def columns(folder):
     found["on_device"] = [gpu_columns.timed_on_device(COLUMNS, "Voellmy")]
     found["on_device"].append(without_memory(gpu_columns.timed_on_device, "Voellmy"))
     found["on_processor"] = [gpu_columns.timed_on_processor(n, "Voellmy") for n in (COLUMNS, 10**9)]
+    found["kernels"] = gpu_columns.kernels_of([COLUMNS], "Voellmy")
     gpu_columns.write(found, folder)
     return found
 

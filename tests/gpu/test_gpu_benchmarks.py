@@ -58,10 +58,24 @@ def test_bandwidth_and_whole_scenes(found):
     assert scene["times_faster"] == scene["processor"]["seconds"] / scene["device"]["seconds"]
 
 
+@pytest.mark.parametrize(("particles", "kernel"), [("points", "grid_to_points"), ("columns", "grid_to_columns")])
+def test_each_kernel_of_a_step_is_timed(found, particles, kernel):
+    times = found[particles]["kernels"]
+    assert {"begin_step", "rank_points", kernel} <= set(times) and min(times.values()) > 0.0
+    assert list(times.values()) == sorted(times.values(), reverse=True)
+
+
+def test_the_processor_is_timed_on_one_thread_and_on_more(found):
+    rows = found["points"]["on_threads"]
+    assert rows[0]["threads"] == 1 and rows[0]["times_faster"] == 1.0
+    assert all(row["ns_least"] * row["times_faster"] == pytest.approx(rows[0]["ns_least"]) for row in rows)
+
+
 def test_all_parts_are_in_the_text(found, folder):
     text = (folder / "gpu.txt").read_text()
     assert "times its floor" in text and "whole scene, device: 64 points, float32" in text and "TB/s" in text
     text = (folder / "gpu_columns.txt").read_text()
     assert "device: 64 columns, Voellmy: ns " in text and "bytes_per_column 100" in text
     assert "device: 100000000 columns, Voellmy: the device has 1 GB free" in text
+    assert "kernel grid_to_columns: " in text
     assert found["columns"] == json.loads((folder / "gpu_columns.json").read_text())
