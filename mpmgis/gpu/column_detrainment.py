@@ -6,8 +6,8 @@ of the tile of a block.
 
 from numba import cuda
 
-from ..kernels.block_order import GONE, REORDER_STEPS
-from ..kernels.column_clock import ALIVE, KICK_BEFORE, SINCE_REORDER, WORK_TOTAL
+from ..kernels.block_order import GONE
+from ..kernels.column_clock import ALIVE, KICK_BEFORE, WORK_TOTAL
 from ..kernels.column_detrainment import kept_mass, nodes_around, stopping_share, taken_energy
 from ..kernels.column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
 from ..kernels.column_rows import AREA, BLOCK, MASS, TILE, X, Y, weights
@@ -132,7 +132,6 @@ def collect_losses(run, again, clock, counts, sums, report):
     if report[0, WHOLE] > 0.0:
         sums[STOPPED_COLUMNS] += report[0, WHOLE]
         counts[ALIVE] -= int(report[0, WHOLE])
-        counts[SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
 
 
 @Kernel

@@ -2,8 +2,11 @@
 
 On the processor a transfer works on lines of BATCH columns, which are vectorised (`kernels.lanes`). A thread moves one
 column at a time: here every line has one entry, and four numbers of a node are a tuple. The functions of the kernels
-are compiled with these in place of their own, from one source.
+are compiled with these in place of their own, from one source. Indices of nodes are unsigned: numba tests a signed one
+for counting from the end.
 """
+
+from numba import uint64
 
 from ..kernels import column_motion, column_rows, columns_to_grid, grid_to_columns
 from .compiled import Part, stand_in
@@ -47,7 +50,8 @@ def lanes(a, b, c, d):
 @Part
 def load(array, index):
     """Four numbers of an array with one dimension."""
-    return array[index], array[index + 1], array[index + 2], array[index + 3]
+    n = uint64(index)
+    return array[n], array[n + uint64(1)], array[n + uint64(2)], array[n + uint64(3)]
 
 
 @Part

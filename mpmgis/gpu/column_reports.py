@@ -5,7 +5,6 @@ from math import sqrt
 from numba import cuda
 
 from ..kernels import column_report as entry
-from ..kernels.block_order import REORDER_STEPS
 from ..kernels.column_clock import (
     ALIVE,
     ALL_LEFT,
@@ -21,7 +20,6 @@ from ..kernels.column_clock import (
     FASTEST_Y,
     NOT_FINITE_STATE,
     RUNNING,
-    SINCE_REORDER,
     STEP,
     TIME,
     TOO_FAST,
@@ -34,12 +32,12 @@ from ..kernels.column_forest import BROKEN_NODES, RESISTED
 from ..kernels.column_nodes import DEEPEST, FOREST_LOSS
 from ..kernels.column_rows import X, Y
 from .column_nodes import BROKEN_NOW, DEEPEST_AT
-from .column_sort import END, FIRED, LEFT, STIFF, node_at
+from .column_sort import END, FIRED, STIFF, node_at
 from .column_transfer import FASTEST_AT
 from .compiled import Kernel, Part
 from .launch import STATUS
 
-GROUP = 64  # reports that a thread sums
+GROUP = 16  # reports that a thread sums
 
 
 @Part
@@ -177,8 +175,6 @@ def end_step(run, clock, counts, settings):
     elif counts[ALIVE] == 0:
         run[STATUS] = ALL_LEFT
     else:
-        if run[LEFT] > 0 and counts[SINCE_REORDER] < REORDER_STEPS:
-            counts[SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
         if run[FIRED] != 0:
             run[STATUS] = TRIGGER_REACHED
         elif settings.stop_at_rest:

@@ -4,7 +4,7 @@ The result is that of `kernels.column_rows.sort_by_block` and `touched_blocks`. 
 of blocks than hold columns, so that a touched block has the same number in it as on the processor.
 """
 
-from numba import cuda, int32
+from numba import cuda, int64
 
 from ..kernels.block_order import GONE
 from ..kernels.column_clock import (
@@ -19,7 +19,7 @@ from ..kernels.column_clock import (
     WATCHED_REACHED,
     WEST,
 )
-from ..kernels.column_rows import BLOCK
+from ..kernels.column_rows import BLOCK, X, Y
 from ..kernels.columns import choose_step as chosen_step
 from . import launch
 from .compiled import Kernel, Part
@@ -103,13 +103,21 @@ def clear_window(run, histogram, slot):
 
 
 @Kernel
-def count_columns(run, counts, keys, histogram):
-    """Number of columns in each place of the window."""
+def count_columns(run, counts, rows, keys, histogram, cells, settings):
+    """Number of columns in each place of the window; and the cell of each column in its block."""
     if run[STATUS] != 0:
         return
     for p in range(cuda.grid(1), counts[ROWS], cuda.gridsize(1)):
         if keys[p] != GONE:
             cuda.atomic.add(histogram, place_of(keys[p], run), 1)
+            j, i = node_of(rows[p, Y], settings.dx), node_of(rows[p, X], settings.dx)
+            cells[p] = (j % BLOCK) * BLOCK + i % BLOCK
+
+
+@Part
+def node_of(place, dx):
+    """First of the three nodes around a `place` [m] along an axis, as `kernels.column_rows.weights`."""
+    return int64(place * (1.0 / dx) + 0.5)
 
 
 @Kernel
@@ -191,15 +199,3 @@ def nodes_of(run):
 def window_of(run):
     """(west, south, width, height) of the window, as functions of kernels take it."""
     return run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT]
-
-
-@Kernel
-def rank_left(run, left, ranked):
-    """Places in the order of the columns that left in this step, in ascending order."""
-    if run[STATUS] != 0:
-        return
-    for k in range(cuda.grid(1), run[LEFT], cuda.gridsize(1)):
-        rank = int32(0)
-        for other in range(run[LEFT]):
-            rank += 1 if left[other] < left[k] else 0
-        ranked[rank] = left[k]

@@ -34,10 +34,10 @@ from .launch import (
     ROOM_PLACES,
     ROOM_TOUCHED,
     SIZE,
-    SMALL,
     STATUS,
     TOUCHED,
-    Launch,
+    checked,
+    default_launch,
 )
 from .repeated import Repeated
 
@@ -70,8 +70,9 @@ class Sorted:
         self._launch, self._tile_numbers = launch, tile_numbers
         self.host = np.zeros(column_sort.RUN_ENTRIES, np.int64)
         self.run = cuda.to_device(self.host)
-        self.order, self._loose = cuda.device_array(columns, np.int32), cuda.device_array(columns, np.int32)
-        self._pieces = cuda.to_device(np.zeros((launch.workers * launch.width, 2), np.int64))
+        self.order, self._loose, self._mixed = (cuda.device_array(columns, np.int32) for _ in range(3))
+        self._cells = cuda.device_array(columns, np.uint8)
+        self._pieces = cuda.to_device(np.zeros((launch.scanners * launch.width, 2), np.int64))
         self.grow()
 
     def grow(self):
@@ -93,24 +94,24 @@ class Sorted:
         run[STATUS] = 0
         self.run.copy_to_device(run)
 
-    def sort(self, counts, keys, watched):
-        """Sort by `keys`; the window of blocks is known."""
+    def sort(self, counts, rows, keys, watched, settings):
+        """Sort by `keys` and cells; the window of blocks is known."""
         run, launch = self.run, self._launch
         _all(launch, column_sort.clear_window, run, self._histogram, self.slot)
-        _all(launch, column_sort.count_columns, run, counts, keys, self._histogram)
+        _all(launch, column_sort.count_columns, run, counts, rows, keys, self._histogram, self._cells, settings)
         self._scan(self._histogram, True)
-        _all(launch, point_sort.rank_places, run, self._histogram, self._pieces, self.block, self.start)
+        _pieces_of(launch, point_sort.rank_places, run, self._histogram, self._pieces, self.block, self.start)
         _all(launch, column_sort.scatter_columns, run, counts, keys, self._histogram, self._loose)
-        _all(launch, point_sort.rank_points, run, self.start, self._loose, self.order)
+        _all(launch, point_sort.rank_points, run, self.start, self._loose, self._cells, self._mixed, self.order)
         _all(launch, column_sort.fill_slots, run, self.block, self.slot)
         _all(launch, column_sort.mark_touched, run, self.slot, self._flags)
         self._scan(self._flags, False)
-        _all(launch, column_sort.rank_touched, run, self._flags, self._pieces, watched, self.touched)
+        _pieces_of(launch, column_sort.rank_touched, run, self._flags, self._pieces, watched, self.touched)
 
     def _scan(self, values, columns):
         launch = self._launch
-        _all(launch, point_sort.sum_pieces, self.run, values, self._pieces)
-        scanners = min(point_sort.SCANNERS, launch.workers * launch.width)
+        _pieces_of(launch, point_sort.sum_pieces, self.run, values, self._pieces)
+        scanners = min(point_sort.SCANNERS, len(self._pieces))
         point_sort.scan_pieces.of(np.float64)[1, scanners, launch.stream](self.run, self._pieces, columns)
 
 
@@ -132,7 +133,7 @@ class DeviceColumns:
 
     def __init__(self, state, settings, fields, effects, watched=None, launch=None):
         self.state, self.fields, self._effects = state, fields, effects
-        self.settings, self._launch = settings, launch or (SMALL if SIMULATED else Launch())
+        self.settings, self._launch = settings, checked(launch or default_launch())
         self._nothing_watched = cuda.to_device(np.zeros((1, 1), np.uint8))
         self._watched = self._nothing_watched
         if watched is not None and watched.size:
@@ -161,7 +162,8 @@ class DeviceColumns:
         self._fields = fields._replace(**arrays)
         self._strip = cuda.device_array((n, point_sort.STRIP), np.float64)
         self._names = cuda.device_array((n, 2), np.int64)
-        self._left, self._ranked_left = cuda.device_array(n, np.int32), cuda.device_array(n, np.int32)
+        self._left = cuda.device_array(n, np.int32)
+        self._leaving = cuda.to_device(np.zeros(self._left_cells.shape, np.int64))
         lowers = effects.entrainment.bed_lowering() > 0.0
         self._lowered = cuda.to_device(np.zeros(shape if lowers else (1, 1)))
         count = state.barrier_sums.shape[0]
@@ -250,7 +252,7 @@ class DeviceColumns:
         """Launch the kernels of one step."""
         now = self._now
         _one(self._launch, column_sort.begin_step, now.run, self._d_stage, self._clock, self._counts)
-        now.sort(self._counts, self._keys, self._watched)
+        now.sort(self._counts, self._rows, self._keys, self._watched, self.settings)
         self._reorder()
         _one(self._launch, column_sort.choose_step, now.run, self._d_stage, self._clock, self._counts, self.settings)
         self._sum_to_nodes()
@@ -324,11 +326,9 @@ class DeviceColumns:
             self._column_sums[-1], self._node_sums[-1], self._rows, now.order, now.touched, self._lost,
             self._fields.forest_sums, self.settings, effects.barrier, effects.forest,
         )  # fmt: skip
-        self._all(column_sort.rank_left, now.run, self._left, self._ranked_left)
-        self._all(
-            column_transfer.book_left, now.run, self._d_stage, self._rows, now.order, self._ranked_left,
-            self._fields.inside, self._left_cells, self.settings,
-        )  # fmt: skip
+        leaving = now.run, self._d_stage, clock, self._rows, self._left, self._fields.inside, self._leaving
+        self._all(column_transfer.book_left, *leaving, self.settings)
+        self._all(column_transfer.note_left, *leaving, self._left_cells, self.settings)
 
     def _finish(self):
         """Launch what comes after the columns moved: what trees take, and reasons to stop."""
@@ -339,7 +339,7 @@ class DeviceColumns:
     def _detrain(self):
         now, again, fields, settings = self._now, self._again, self._fields, self.settings
         _one(self._launch, column_sort.begin_again, now.run, again.run, self._counts)
-        again.sort(self._counts, self._keys, self._nothing_watched)
+        again.sort(self._counts, self._rows, self._keys, self._nothing_watched, self.settings)
         _one(self._launch, column_sort.end_again, now.run, again.run)
         self._all(column_detrainment.find_losses, again.run, self._rows, again.order, fields, self._losses, settings)
         self._all(
@@ -362,6 +362,11 @@ class DeviceColumns:
 def _all(launch, kernel, *arguments):
     """Launch a kernel whose threads share the work."""
     kernel.of(np.float64)[launch.workers, launch.width, launch.stream](*arguments)
+
+
+def _pieces_of(launch, kernel, *arguments):
+    """Launch a kernel each of whose threads has a piece of the window."""
+    kernel.of(np.float64)[launch.scanners, launch.width, launch.stream](*arguments)
 
 
 def _one(launch, kernel, *arguments):

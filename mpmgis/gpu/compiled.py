@@ -5,6 +5,7 @@ constants have the precision of the points, and in which `float` gives a number 
 the kernels of the CPU call (`press_column`, `plane_at`), except in kernels of the clock and of sums (`in_double`).
 """
 
+import os
 from types import FunctionType, ModuleType
 
 import numpy as np
@@ -16,10 +17,11 @@ if SIMULATED:
     from .simulator import repair
 
     repair()
-else:
+else:  # kernels of one thread, and those that add up, are small on purpose
     from numba.cuda.core import config as cuda_config
 
-    cuda_config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # kernels of one thread, and those that add up, are small on purpose
+    os.environ.setdefault("NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS", "0")  # numba reads it again when it compiles
+    cuda_config.CUDA_LOW_OCCUPANCY_WARNINGS = int(os.environ["NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS"])
 KERNELS = "mpmgis.kernels."
 SMALL = np.float32(1e-30)  # for smaller constants, which keep divisors off 0: its inverse is finite in float32
 REGISTERS = 96  # of a thread, with which 20 warps of 32 threads fit on a multiprocessor

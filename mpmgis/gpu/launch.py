@@ -2,6 +2,10 @@
 
 from typing import NamedTuple
 
+from numba import cuda
+
+from .compiled import SIMULATED
+
 # int64 entries of a run on the device: reason to stop (0: none); window of blocks; numbers of blocks with points, of
 # points in them and of touched blocks of nodes; 1 if the rows are put in order in this step; then the room of arrays:
 # places of the window, blocks with points, touched blocks, levels of a column
@@ -26,9 +30,11 @@ class Launch(NamedTuple):
     workers : int
         Thread blocks of loops over points, nodes and blocks.
     width : int
-        Threads of each of them, a power of two.
-    shares : int
-        Shares of the points of a block that are summed to its nodes at the same time; 36 threads each.
+        Threads of each of them, a power of two from 8 to WIDEST.
+    groups : int
+        Groups of threads of `points_to_grid` that share the points of a block, at most MOST_GROUPS.
+    scanners : int
+        Thread blocks of loops over the places of the window, each thread of which has a piece of it.
     couplers : int
         Threads that solve for the layers of node columns; each has a work array.
     batch : int
@@ -41,11 +47,36 @@ class Launch(NamedTuple):
 
     workers: int = 512
     width: int = 128
-    shares: int = 7
+    groups: int = 4
+    scanners: int = 64
     couplers: int = 4096
     batch: int = 20
     room: int = 64
     stream: object = 0
 
 
-SMALL = Launch(2, 4, 1, 4, 4)  # for the simulator, where each thread of the device is one of the host
+SMALL = Launch(2, 8, 1, 2, 4, 4)  # for the simulator, where each thread of the device is one of the host
+WIDEST, MOST_GROUPS = 128, 4  # largest width and groups, which the shared arrays of kernels have room for
+WORKERS_PER_MULTIPROCESSOR = 5  # of 128 threads with 96 registers each
+
+
+def default_launch():
+    """Sizes for the device of this machine: the same for all devices of one type."""
+    if SIMULATED:
+        return SMALL
+    return Launch(workers=WORKERS_PER_MULTIPROCESSOR * cuda.get_current_device().MULTIPROCESSOR_COUNT)
+
+
+def checked(launch):
+    """`launch`, if kernels can be launched with it.
+
+    Raises
+    ------
+    ValueError
+        Its width or number of groups is none that the kernels divide their work by.
+    """
+    if launch.width not in (8, 16, 32, 64, WIDEST):
+        raise ValueError(f"Launch.width got {launch.width}; expected a power of two from 8 to {WIDEST}")
+    if not 1 <= launch.groups <= MOST_GROUPS:
+        raise ValueError(f"Launch.groups got {launch.groups}; expected 1 to {MOST_GROUPS}")
+    return launch

@@ -3,10 +3,8 @@
 from numba import cuda, float64, int64
 
 from ..kernels import point_report as entry
-from ..kernels.block_order import REORDER_STEPS
 from ..kernels.point_blocks import key_column, key_level, key_row
 from ..kernels.point_clock import (
-    ALIVE,
     BAD,
     FASTEST_TIME,
     FASTEST_X,
@@ -16,7 +14,6 @@ from ..kernels.point_clock import (
     LEAKED,
     MASS_NOW,
     NOT_FINITE_STATE,
-    SINCE_REORDER,
     SPEED_WORST,
     STEP_NOW,
     TIME,
@@ -35,7 +32,7 @@ from .launch import AFTER, DT, END, STATUS, UNTIL
 from .point_steps import DENSE, GRADIENT, PUSH, SHIFT, STAY_POINT, STEP, STILL2, TURN2
 from .point_steps import STAY2_OF_ALL as STAY2
 
-GROUPS = 1024  # groups of threads whose reports are summed at the same time, before the CHUNKS of the CPU
+GROUP = 16  # reports that a thread block sums
 
 
 @in_double
@@ -106,7 +103,7 @@ def finish_step(run, stage, clock, counts, ledger, report, rows, keys, lowest, s
         return
     counts[STEPS] += 1
     clock[TIME] = stage[END]
-    before, dx = counts[ALIVE], settings.dx
+    dx = settings.dx
     fastest2, most, p = clock[SPEED_WORST] * clock[SPEED_WORST], -1.0, int64(0)
     for c in range(report.shape[0]):
         fastest2 = max(fastest2, report[c, entry.SPEED2_MAX])
@@ -124,5 +121,3 @@ def finish_step(run, stage, clock, counts, ledger, report, rows, keys, lowest, s
         run[STATUS] = NOT_FINITE_STATE
     elif taken_up > settings.leak_stop * clock[TOTAL_MASS]:
         run[STATUS] = LEAKED
-    elif counts[ALIVE] < before:
-        counts[SINCE_REORDER] = REORDER_STEPS  # they are removed from memory at the next step

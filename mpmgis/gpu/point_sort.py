@@ -1,11 +1,12 @@
-"""Points sorted by blocks, and the blocks of nodes that they touch.
+"""Points sorted by blocks, and by cells in a block, and the blocks of nodes that they touch.
 
-The result is that of `kernels.point_blocks.sort_by_block`, bit by bit: atomic additions count whole numbers only, and
-what they leave in any order (the points within a block) is ranked by index after them. Touched blocks are numbered in
-the order of their places in the window.
+The blocks are those of `kernels.point_blocks.sort_by_block`, with the same points. Within a block the points are in the
+order of their cells, those of a cell in that of their indices. Atomic additions count whole numbers only, and what they
+leave in any order is ranked by index after them. Touched blocks are numbered in the order of their places in the
+window.
 """
 
-from numba import cuda, int32, int64
+from numba import cuda, int32, int64, uint32
 
 from ..kernels.block_order import GONE, REORDER_STEPS
 from ..kernels.point_blocks import EAST, NORTH, SOUTH, TALL, WEST, place_of
@@ -22,6 +23,7 @@ from ..kernels.point_clock import (
     WATCHED_REACHED,
     WINDOW_FIRST,
 )
+from ..kernels.point_rows import BLOCK, X, Y, Z
 from ..kernels.points import MOST_PLACES
 from .compiled import Kernel, in_double
 from .launch import (
@@ -45,7 +47,9 @@ from .launch import (
     WEST_NOW,
     WIDTH,
 )
+from .point_steps import cell_of
 
+CELLS = BLOCK**3  # of a block of nodes, of points and of columns
 SCANNERS = 256  # threads of the scan over pieces
 STRIP = 8  # numbers of each row that are moved at a time when rows are put in order
 
@@ -87,14 +91,15 @@ def clear_window(run, histogram, flags):
 
 
 @Kernel
-def count_points(run, counts, keys, histogram):
-    """Number of points in each place of the window."""
+def count_points(run, counts, rows, keys, histogram, cells):
+    """Number of points in each place of the window; and the cell of each point in its block."""
     if run[STATUS] != 0:
         return
     window = counts[WINDOW_FIRST:]
     for p in range(cuda.grid(1), counts[ROWS], cuda.gridsize(1)):
         if keys[p] != GONE:
             cuda.atomic.add(histogram, place_of(keys[p], window, run[WIDTH], run[DEPTH]), 1)
+            cells[p] = cell_of(rows[p, X], rows[p, Y], rows[p, Z])
 
 
 @Kernel
@@ -118,29 +123,32 @@ def scan_pieces(run, pieces, points):
     """
     if run[STATUS] != 0:
         return
-    before = cuda.shared.array((SCANNERS, 2), int64)
+    sums = cuda.shared.array((SCANNERS, 2), int64)
     c, count, n = cuda.threadIdx.x, pieces.shape[0], cuda.blockDim.x
     total, filled = int64(0), int64(0)
     for k in range(c * count // n, (c + 1) * count // n):
         total += pieces[k, 0]
         filled += pieces[k, 1]
-    before[c, 0], before[c, 1] = total, filled
+    sums[c, 0], sums[c, 1] = total, filled
+    own, own_filled = total, filled
     cuda.syncthreads()
-    if c == 0:
-        total, filled = int64(0), int64(0)
-        for k in range(n):
-            own, own_filled = before[k, 0], before[k, 1]
-            before[k, 0], before[k, 1] = total, filled
-            total += own
-            filled += own_filled
+    reach = 1
+    while reach < n:  # sums of the last `reach` threads become those of twice as many
+        if c >= reach:
+            total += sums[c - reach, 0]
+            filled += sums[c - reach, 1]
+        cuda.syncthreads()
+        sums[c, 0], sums[c, 1] = total, filled
+        cuda.syncthreads()
+        reach *= 2
+    if c == n - 1:
         if points:
             run[ACTIVE], run[SORTED] = filled, total
         else:
             run[TOUCHED] = filled
         if filled > (run[ROOM_ACTIVE] if points else run[ROOM_TOUCHED]):
             run[STATUS] = NEEDS_ROOM
-    cuda.syncthreads()
-    total, filled = before[c, 0], before[c, 1]
+    total, filled = total - own, filled - own_filled
     for k in range(c * count // n, (c + 1) * count // n):
         own, own_filled = pieces[k, 0], pieces[k, 1]
         pieces[k, 0], pieces[k, 1] = total, filled
@@ -179,26 +187,43 @@ def scatter_points(run, counts, keys, histogram, loose):
 
 
 @Kernel
-def rank_points(run, start, loose, order):
-    """Indices of the points of each block in ascending order; a thread block of SCANNERS or fewer threads."""
+def rank_points(run, start, loose, cells, mixed, order):
+    """Indices of the points of each block in the order of their `cells` uint8[n], those of a cell in ascending order.
+
+    `mixed` int32[n] takes the indices in the order of cells first. CELLS is the number of cells of a block.
+    """
     if run[STATUS] != 0:
         return
-    seen = cuda.shared.array(SCANNERS, int32)
-    c, n = cuda.threadIdx.x, cuda.blockDim.x
-    for a in range(cuda.blockIdx.x, run[ACTIVE], cuda.gridDim.x):
-        first, end = start[a], start[a + 1]
-        for own in range(first, end, n):
-            p = loose[own + c] if own + c < end else int32(-1)
-            rank = first
-            for other in range(first, end, n):
-                cuda.syncthreads()
-                if other + c < end:
-                    seen[c] = loose[other + c]
-                cuda.syncthreads()
-                for q in range(min(n, end - other)):
-                    rank += 1 if seen[q] < p else 0
-            if own + c < end:
-                order[rank] = p
+    numbers = cuda.shared.array(CELLS, int32)
+    ends = cuda.shared.array(CELLS, int32)
+    thread, threads = int32(cuda.threadIdx.x), int32(cuda.blockDim.x)
+    for a in range(int32(cuda.blockIdx.x), int32(run[ACTIVE]), int32(cuda.gridDim.x)):
+        first, end = int32(start[uint32(a)]), int32(start[uint32(a + 1)])
+        for e in range(thread, int32(CELLS), threads):
+            numbers[uint32(e)] = 0
+        cuda.syncthreads()
+        for s in range(first + thread, end, threads):
+            cuda.atomic.add(numbers, uint32(cells[uint32(loose[uint32(s)])]), 1)
+        cuda.syncthreads()
+        for e in range(thread, int32(CELLS), threads):
+            before = first
+            for k in range(e):
+                before += numbers[uint32(k)]
+            ends[uint32(e)] = before
+        cuda.syncthreads()
+        for s in range(first + thread, end, threads):
+            p = loose[uint32(s)]
+            mixed[uint32(cuda.atomic.add(ends, uint32(cells[uint32(p)]), 1))] = p
+        cuda.syncthreads()
+        for s in range(first + thread, end, threads):
+            p = loose[uint32(s)]
+            cell = uint32(cells[uint32(p)])
+            begin = ends[cell] - numbers[cell]
+            rank = begin
+            for k in range(begin, ends[cell]):
+                rank += int32(1) if mixed[uint32(k)] < p else int32(0)
+            order[uint32(rank)] = p
+        cuda.syncthreads()
 
 
 @Kernel
@@ -271,12 +296,13 @@ def take_strip(run, rows, ids, keys, order, strip, names, first):
     """Copy STRIP numbers of each row, from `first`, in the order of blocks; with the first ones ids and keys."""
     if run[STATUS] != 0 or run[REORDER] == 0:
         return
-    last = min(first + STRIP, rows.shape[1])
-    for p in range(cuda.grid(1), run[SORTED], cuda.gridsize(1)):
+    width = min(STRIP, rows.shape[1] - first)
+    for e in range(cuda.grid(1), STRIP * run[SORTED], cuda.gridsize(1)):
+        p, k = e // STRIP, e % STRIP
         q = order[p]
-        for k in range(first, last):
-            strip[p, k - first] = rows[q, k]
-        if first == 0:
+        if k < width:
+            strip[p, k] = rows[q, first + k]
+        if first == 0 and k == 0:
             names[p, 0], names[p, 1] = ids[q], keys[q]
 
 
@@ -285,11 +311,12 @@ def give_strip(run, rows, ids, keys, strip, names, first):
     """Copy what `take_strip` took to its new rows."""
     if run[STATUS] != 0 or run[REORDER] == 0:
         return
-    last = min(first + STRIP, rows.shape[1])
-    for p in range(cuda.grid(1), run[SORTED], cuda.gridsize(1)):
-        for k in range(first, last):
-            rows[p, k] = strip[p, k - first]
-        if first == 0:
+    width = min(STRIP, rows.shape[1] - first)
+    for e in range(cuda.grid(1), STRIP * run[SORTED], cuda.gridsize(1)):
+        p, k = e // STRIP, e % STRIP
+        if k < width:
+            rows[p, first + k] = strip[p, k]
+        if first == 0 and k == 0:
             ids[p], keys[p] = names[p, 0], names[p, 1]
 
 

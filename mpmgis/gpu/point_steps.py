@@ -15,6 +15,7 @@ from ..kernels.point_edges import FAR_BLOCKS
 from ..kernels.point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y
 from ..kernels.point_rows import AXX, AXY, AXZ, BLOCK, GHOSTS, LAST_BASE, S0, S1, S2, S3, TILE, TILE_SIZE
 from .compiled import Part, real
+from .launch import WIDEST
 
 # numbers of a step in the precision of the points: cells per speed, (cells per speed and radius) for a velocity and its
 # square, momentum per stress, length [s], and mass [kg] and squared speed of `kernels.point_edges.limit_thin`
@@ -32,7 +33,7 @@ WEST, SOUTH, EAST, NORTH, TALL, TORN, STAY, FAR, HELD, LIMITED, WALLED, RARE_COU
 # stays, and its index
 STAY2_OF_ALL, STAY_POINT = entry.REPORT, entry.REPORT + 1
 POINT_REPORT = entry.REPORT + 2
-MOST_THREADS = 256  # of a thread block
+MOST_THREADS, LANES = WIDEST, 8  # of a thread block, and those that copy a row
 LAYER, ROW = 4 * TILE * TILE, 4 * TILE
 THIRD = 1.0 / 3.0
 
@@ -64,13 +65,24 @@ def stencil(place):
 
 
 @Part
+def cell_of(x, y, z):
+    """Cell of a place in its block, from 0 to BLOCK^3 - 1: that of the first of the nodes around it."""
+    i = uint32(min(max(real(floor(x - 0.5)), 0.0), LAST_BASE))
+    j = uint32(min(max(real(floor(y - 0.5)), 0.0), LAST_BASE))
+    k = uint32(min(max(real(floor(z - 0.5)), 0.0), LAST_BASE))
+    return (k * uint32(BLOCK) + j) * uint32(BLOCK) + i
+
+
+@Part
 def load_tile(tile, nodes, targets, a, thread, threads):
     """Copy the nodes that points of block `a` reach into `tile`."""
-    for e in range(thread, TILE_SIZE, threads):
-        n = e // 4
-        i, j, k = n % TILE, (n // TILE) % TILE, n // (TILE * TILE)
-        o = (i // BLOCK) + 2 * (j // BLOCK) + 4 * (k // BLOCK)
-        tile[e] = nodes[targets[a, o], (((k & 3) * BLOCK + (j & 3)) * BLOCK + (i & 3)) * 4 + e % 4]
+    for n in range(uint32(thread), uint32(TILE_SIZE // 4), uint32(threads)):
+        i, j, k = n % uint32(TILE), n // uint32(TILE) % uint32(TILE), n // uint32(TILE * TILE)
+        o = i // uint32(BLOCK) + uint32(2) * (j // uint32(BLOCK)) + uint32(4) * (k // uint32(BLOCK))
+        b, at = uint32(targets[uint32(a), o]), uint32(4) * n
+        e = (((k % uint32(BLOCK)) * uint32(BLOCK) + j % uint32(BLOCK)) * uint32(BLOCK) + i % uint32(BLOCK)) * uint32(4)
+        u, v, w, mass = nodes[b, e], nodes[b, e + uint32(1)], nodes[b, e + uint32(2)], nodes[b, e + uint32(3)]
+        tile[at], tile[at + uint32(1)], tile[at + uint32(2)], tile[at + uint32(3)] = u, v, w, mass
 
 
 @Part
@@ -83,13 +95,10 @@ def edges_of(column, row, domain):
 @Part
 def around(tile, n):
     """The three nodes from `n` of a row of the `tile`: their numbers in order."""
-    m = uint32(n)
-    return (
-        (tile[m], tile[uint32(n + 4)], tile[uint32(n + 8)]),
-        (tile[uint32(n + 1)], tile[uint32(n + 5)], tile[uint32(n + 9)]),
-        (tile[uint32(n + 2)], tile[uint32(n + 6)], tile[uint32(n + 10)]),
-        (tile[uint32(n + 3)], tile[uint32(n + 7)], tile[uint32(n + 11)]),
-    )
+    a0, a1, a2, a3 = tile[n], tile[n + uint32(1)], tile[n + uint32(2)], tile[n + uint32(3)]
+    b0, b1, b2, b3 = tile[n + uint32(4)], tile[n + uint32(5)], tile[n + uint32(6)], tile[n + uint32(7)]
+    c0, c1, c2, c3 = tile[n + uint32(8)], tile[n + uint32(9)], tile[n + uint32(10)], tile[n + uint32(11)]
+    return (a0, b0, c0), (a1, b1, c1), (a2, b2, c2), (a3, b3, c3)
 
 
 @Part
@@ -103,14 +112,14 @@ def interpolated(tile, x, y, z):
     k, fz, wz0, wz1, wz2 = stencil(z)
     m0, m1, m2 = -wx0 * fx, wx1 * (1.0 - fx), wx2 * (2.0 - fx)
     wy, wz = (wy0, wy1, wy2), (wz0, wz1, wz2)
-    first = int64(k * uint32(LAYER) + j * uint32(ROW) + i * uint32(4))
+    first = (k * uint32(TILE * TILE) + j * uint32(TILE) + i) * uint32(4)
     u = v = w = near = real(0.0)
     xx = yx = zx = xy = yy = zy = xz = yz = zz = real(0.0)
     for c in range(3):
         lu = lv = lw = lm = real(0.0)
         ax = ay = az = bx = by = bz = real(0.0)
         for b in range(3):
-            us, vs, ws, ms = around(tile, first + c * LAYER + b * ROW)
+            us, vs, ws, ms = around(tile, first + uint32(c) * uint32(LAYER) + uint32(b) * uint32(ROW))
             ru = wx0 * us[0] + wx1 * us[1] + wx2 * us[2]
             rv = wx0 * vs[0] + wx1 * vs[1] + wx2 * vs[2]
             rw = wx0 * ws[0] + wx1 * ws[1] + wx2 * ws[2]

@@ -21,7 +21,7 @@ from numba import cuda
 from ..effects.barrier import NoBarrier
 from ..errors import SceneError
 from ..kernels import point_clock as entry
-from ..kernels.block_order import CHUNKS, LEFT_MASS
+from ..kernels.block_order import LEFT_MASS
 from ..kernels.point_barriers import BLOCK_FLOW
 from ..kernels.point_layers import LAYER_ENTRIES
 from ..kernels.point_nodes import BLOCK_COLUMNS, COLUMN_MASSES, NODE_REPORT
@@ -38,7 +38,6 @@ from . import (
     points_to_grid,
     rare_points,
 )
-from .compiled import SIMULATED
 from .launch import (
     ACTIVE,
     AFTER,
@@ -51,12 +50,12 @@ from .launch import (
     ROOM_TOUCHED,
     RUN_ENTRIES,
     SIZE,
-    SMALL,
     STAGE_ENTRIES,
     STATUS,
     TOUCHED,
     UNTIL,
-    Launch,
+    checked,
+    default_launch,
 )  # fmt: skip
 from .repeated import Repeated
 
@@ -111,9 +110,7 @@ class DevicePoints:
         self._barred = effects.barrier.barrier_active() and len(state.barrier_sums) > 0
         if not self._barred:
             effects = effects._replace(barrier=NoBarrier())
-        self._launch = launch or (SMALL if SIMULATED else Launch())
-        if self._launch.width > point_steps.MOST_THREADS:
-            raise ValueError(f"Launch.width got {self._launch.width}; expected at most {point_steps.MOST_THREADS}")
+        self._launch = checked(launch or default_launch())
         self._real = state.rows.dtype.type
         laws = {name: self._law(getattr(effects, name)) for name in ("transfer", "contact", "zones", "barrier")}
         self.state, self._settings, self._effects = state, settings, effects._replace(**laws)
@@ -143,7 +140,8 @@ class DevicePoints:
             setattr(self, f"_{name}", cuda.to_device(np.ascontiguousarray(getattr(state, name))))
         self._peaks, self._yields = self._to_device(state.peaks), self._to_device(state.yields)
         n = len(state.rows)
-        self._order, self._loose = cuda.device_array(n, np.int32), cuda.device_array(n, np.int32)
+        self._order, self._loose, self._mixed = (cuda.device_array(n, np.int32) for _ in range(3))
+        self._cells = cuda.device_array(n, np.uint8)
         self._strip = cuda.device_array((n, point_sort.STRIP), self._real)
         self._names = cuda.device_array((n, 2), np.int64)
         ground = places.ground
@@ -170,7 +168,7 @@ class DevicePoints:
     def _make_reports(self):
         """Reports of all threads, and the arrays in which they are summed."""
         threads = self._launch.workers * self._launch.width
-        self._pieces = cuda.to_device(np.zeros((threads, 2), np.int64))
+        self._pieces = cuda.to_device(np.zeros((self._launch.scanners * self._launch.width, 2), np.int64))
         threads, *fewer = self._summed(threads)
         self._node_sums = [self._to_device(np.zeros((threads, NODE_REPORT)))]
         self._node_sums += [cuda.to_device(np.zeros((n, NODE_REPORT))) for n in fewer]
@@ -179,12 +177,15 @@ class DevicePoints:
         nothing = np.zeros(point_steps.POINT_REPORT)
         nothing[[BLOCK_WEST, BLOCK_SOUTH]] = 1 << 40
         nothing[[BLOCK_EAST, BLOCK_NORTH, BLOCK_TALL, point_steps.STAY2_OF_ALL]] = -1.0
-        self._point_sums = [cuda.to_device(np.tile(nothing, (n, 1))) for n in self._summed(threads)]
+        self._point_sums = [cuda.to_device(np.tile(nothing, (n, 1))) for n in (threads, *fewer)]
 
     @staticmethod
-    def _summed(threads):
-        """Numbers of rows of reports, from those of all threads to the CHUNKS of the CPU."""
-        return (threads, point_reports.GROUPS, CHUNKS) if threads > 4 * point_reports.GROUPS else (threads, CHUNKS)
+    def _summed(rows):
+        """Numbers of rows of reports, from those of all threads to one."""
+        numbers = [rows]
+        while numbers[-1] > 1:
+            numbers.append(-(-numbers[-1] // point_reports.GROUP))
+        return numbers
 
     def _grow(self):
         """Make arrays in which the present step fits, with half as much in addition."""
@@ -282,6 +283,16 @@ class DevicePoints:
         """Launch a kernel whose threads share the work."""
         kernel.of(self._real)[self._launch.workers, self._launch.width, self._steps.stream](*arguments)
 
+    def _pieces_of(self, kernel, *arguments):
+        """Launch a kernel each of whose threads has a piece of the window."""
+        kernel.of(self._real)[self._launch.scanners, self._launch.width, self._steps.stream](*arguments)
+
+    def _scan(self, values, points):
+        """Sums of `values` at the places of the window before each piece of it."""
+        self._pieces_of(point_sort.sum_pieces, self._d_run, values, self._pieces)
+        scanners = min(point_sort.SCANNERS, len(self._pieces))
+        point_sort.scan_pieces.of(self._real)[1, scanners, self._steps.stream](self._d_run, self._pieces, points)
+
     def _one(self, kernel, *arguments):
         """Launch a kernel of one thread."""
         kernel.of(self._real)[1, 1, self._steps.stream](*arguments)
@@ -295,20 +306,17 @@ class DevicePoints:
         self._move_points()
 
     def _sort(self):
-        run, lowest, launch = self._d_run, self._lowest, self._launch
+        run, lowest = self._d_run, self._lowest
         self._one(point_sort.begin_step, run, self._d_stage, self._now, self._clock, self._counts)
         self._all(point_sort.clear_window, run, self._histogram, self._flags)
-        self._all(point_sort.count_points, run, self._counts, self._keys, self._histogram)
-        self._all(point_sort.sum_pieces, run, self._histogram, self._pieces)
-        scanners = min(point_sort.SCANNERS, launch.workers * launch.width)
-        point_sort.scan_pieces.of(self._real)[1, scanners, self._steps.stream](run, self._pieces, True)
-        self._all(point_sort.rank_places, run, self._histogram, self._pieces, self._block, self._start)
+        self._all(point_sort.count_points, run, self._counts, self._rows, self._keys, self._histogram, self._cells)
+        self._scan(self._histogram, True)
+        self._pieces_of(point_sort.rank_places, run, self._histogram, self._pieces, self._block, self._start)
         self._all(point_sort.scatter_points, run, self._counts, self._keys, self._histogram, self._loose)
-        self._all(point_sort.rank_points, run, self._start, self._loose, self._order)
+        self._all(point_sort.rank_points, run, self._start, self._loose, self._cells, self._mixed, self._order)
         self._all(point_sort.mark_touched, run, self._block, lowest, self._flags)
-        self._all(point_sort.sum_pieces, run, self._flags, self._pieces)
-        point_sort.scan_pieces.of(self._real)[1, scanners, self._steps.stream](run, self._pieces, False)
-        self._all(
+        self._scan(self._flags, False)
+        self._pieces_of(
             point_sort.rank_touched, run, self._flags, self._pieces, lowest, self._watched, self._slots, self._touched,
             self._sources,
         )  # fmt: skip
@@ -327,7 +335,7 @@ class DevicePoints:
     def _sum_to_nodes(self):
         run, settings, launch = self._d_run, self._node_settings, self._launch
         points_to_grid.points_to_grid.of(self._real)[
-            8 * launch.workers, launch.shares * points_to_grid.COLUMNS, self._steps.stream
+            8 * launch.workers, launch.groups * points_to_grid.GROUP, self._steps.stream
         ](run, self._rows, self._order, self._start, self._tiles)
         self._all(point_nodes.gather_nodes, run, self._tiles, self._sources, self._nodes)
         if self._drags:
@@ -419,9 +427,10 @@ class DevicePoints:
             rare_points.move_rare_points, run, self._scales, self._rows, *around, self._ground[0], *rare, self._domain,
             self._node_settings, *laws,
         )  # fmt: skip
+        self._all(rare_points.begin_reports, run, *rare[2:], self._point_sums[0], settings)
         self._all(
             rare_points.settle_rare_points, run, self._rows, self._keys, *blocks, self._ground[0], self._lowest,
-            self._inside, self._left, self._d_units, *rare, self._point_sums[0], self._domain, settings,
+            self._inside, self._left, self._d_units, *rare[:2], self._point_sums[0], self._domain, settings,
         )  # fmt: skip
         if self._barred and len(self._barriers.faces):
             self._all(

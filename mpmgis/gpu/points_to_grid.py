@@ -1,31 +1,23 @@
-"""Points to grid on the device: each thread owns a column of nodes of a tile, in registers, and a share of the points.
+"""Points to grid on the device: each thread owns the nodes of a tile with the same remainders by three.
 
-No atomic additions: every sum has one order.
+The points of a block are in the order of their cells. The 27 nodes that a point reaches have different remainders, so
+that each of 27 threads adds to one of them, in registers as long as the next point is in the same cell, and then to a
+tile in shared memory, in which no other thread adds to that node. No atomic additions: every sum has one order.
 """
 
-from numba import cuda
+from numba import cuda, int32, uint32
 
-from ..kernels.point_rows import AXX, AXY, AXZ, MASS, PX, TILE, X
+from ..kernels.point_rows import AXX, AXY, AXZ, MASS, PX, TILE, TILE_SIZE, X, Y, Z
 from .compiled import Kernel, Part, real
-from .launch import ACTIVE, STATUS
+from .launch import ACTIVE, MOST_GROUPS, STATUS
+from .point_steps import cell_of
 
-COLUMNS = TILE * TILE  # node columns of a tile
-MOST_SHARES = 7
-PIECE = 56  # points staged at a time
+GROUP, OWNERS = 32, 27  # threads that work on the same points, and those of them that own nodes
+PIECE = GROUP  # points that a group stages at a time
 STAGED = 16  # numbers of a point that are staged
-STAGE = PIECE * STAGED
-PART = MOST_SHARES * COLUMNS * 4
-
-
-@Part
-def _spline(d):
-    """Quadratic spline of the distance `d` [cells]."""
-    d = abs(d)
-    if d < 0.5:
-        return 0.75 - d * d
-    if d < 1.5:
-        return 0.5 * (1.5 - d) * (1.5 - d)
-    return 0.0 * d
+TOGETHER = GROUP // STAGED  # points whose numbers a group reads with one instruction
+STAGE, CELLS, PART = MOST_GROUPS * PIECE * STAGED, MOST_GROUPS * PIECE, MOST_GROUPS * TILE_SIZE
+NONE = 1 << 16  # no cell
 
 
 @Part
@@ -44,103 +36,105 @@ def _number_of(e):
     return AXZ + e - 13
 
 
+@Part
+def _owned(base, remainder):
+    """Node from `base` to `base` + 2 with the `remainder`, and numbers s, a, b of its weight a + b (s - |d|)^2."""
+    away = remainder + uint32(3) - base
+    if away >= uint32(3):
+        away -= uint32(3)
+    if away == uint32(1):
+        return base + away, real(0.0), real(0.75), real(-1.0)
+    return base + away, real(1.5), real(0.0), real(0.5)
+
+
 @Kernel
 def points_to_grid(run, rows, order, start, tiles):
     """Sum mass and momentum, with the impulse of the stress, of the points of each block into its tile.
 
-    MLS-MPM of Hu et al. 2018, as `kernels.points_to_grid`. 36 threads for each share of the points, at most
-    MOST_SHARES; the results differ in the last bits with the number of shares.
+    MLS-MPM of Hu et al. 2018, as `kernels.points_to_grid`. The groups of a thread block, at most MOST_GROUPS, share the
+    points of a block; the results differ in the last bits with their number.
     """
     if run[STATUS] != 0:
         return
-    stage = cuda.shared.array(STAGE, real)
-    part = cuda.shared.array(PART, real)
-    c, n = cuda.threadIdx.x, cuda.blockDim.x
-    share, column, shares = c // COLUMNS, c % COLUMNS, n // COLUMNS
-    fi, fj = real(column % TILE), real(column // TILE)
-    zero = real(0.0)
-    for a in range(cuda.blockIdx.x, run[ACTIVE], cuda.gridDim.x):
-        x0 = x1 = x2 = x3 = x4 = x5 = zero
-        y0 = y1 = y2 = y3 = y4 = y5 = zero
-        z0 = z1 = z2 = z3 = z4 = z5 = zero
-        m0 = m1 = m2 = m3 = m4 = m5 = zero
-        for first in range(start[a], start[a + 1], PIECE):
-            count = min(PIECE, start[a + 1] - first)
-            for t in range(c, count * STAGED, n):
-                q = t // STAGED
-                stage[t] = rows[order[first + q], _number_of(t - q * STAGED)]
+    stage = cuda.shared.array(STAGE, real, alignment=16)
+    cells = cuda.shared.array(CELLS, uint32)
+    part = cuda.shared.array(PART, real, alignment=16)
+    thread, threads = uint32(cuda.threadIdx.x), uint32(cuda.blockDim.x)
+    group, lane, groups = thread // uint32(GROUP), thread % uint32(GROUP), int32(threads // uint32(GROUP))
+    mine, staged, listed = group * uint32(TILE_SIZE), group * uint32(PIECE * STAGED), group * uint32(PIECE)
+    ri, rj, rk = lane % uint32(3), lane // uint32(3) % uint32(3), lane // uint32(9)
+    entry = lane % uint32(STAGED)  # that this thread stages
+    zero, number = real(0.0), uint32(_number_of(int32(entry)))
+    for a in range(int32(cuda.blockIdx.x), int32(run[ACTIVE]), int32(cuda.gridDim.x)):
+        first, count = int32(start[uint32(a)]), int32(start[uint32(a + 1)]) - int32(start[uint32(a)])
+        share = (count + groups - int32(1)) // groups
+        low = min(int32(group) * share, count)
+        own = min(share, count - low)
+        low += first
+        for e in range(lane, uint32(TILE_SIZE), uint32(GROUP)):
+            part[mine + e] = zero
+        known, at = uint32(NONE), uint32(0)
+        ni = nj = nk = si = sj = sk = ai = aj = ak = bi = bj = bk = zero
+        x = y = z = m = zero
+        for done in range(int32(0), share, int32(PIECE)):
+            here = min(int32(PIECE), own - done)
+            if int32(lane) < here:
+                p = uint32(order[uint32(low + done + int32(lane))])
+                cells[listed + lane] = cell_of(rows[p, X], rows[p, Y], rows[p, Z])
+            last, to = low + done + here - int32(1), staged + entry
+            for q in range(int32(lane // uint32(STAGED)), here, int32(4 * TOGETHER)):  # four points are read at once
+                s0 = low + done + q
+                s1, s2, s3 = s0 + int32(TOGETHER), s0 + int32(2 * TOGETHER), s0 + int32(3 * TOGETHER)
+                p0, p1 = uint32(order[uint32(s0)]), uint32(order[uint32(min(s1, last))])
+                p2, p3 = uint32(order[uint32(min(s2, last))]), uint32(order[uint32(min(s3, last))])
+                v0, v1, v2, v3 = rows[p0, number], rows[p1, number], rows[p2, number], rows[p3, number]
+                at0 = to + uint32(q) * uint32(STAGED)
+                stage[at0], stage[at0 + uint32(GROUP)] = v0, v1
+                stage[at0 + uint32(2 * GROUP)], stage[at0 + uint32(3 * GROUP)] = v2, v3
             cuda.syncthreads()
-            for q in range(share, count, shares):
-                s = q * STAGED
-                dx, dy, z = fi - stage[s], fj - stage[s + 1], stage[s + 2]
-                w = _spline(dx) * _spline(dy)
-                if w > 0.0:
-                    mass = stage[s + 3]
-                    px = stage[s + 4] + stage[s + 7] * dx + stage[s + 10] * dy
-                    py = stage[s + 5] + stage[s + 8] * dx + stage[s + 11] * dy
-                    pz = stage[s + 6] + stage[s + 9] * dx + stage[s + 12] * dy
-                    ax, ay, az = stage[s + 13], stage[s + 14], stage[s + 15]
-                    d = -z
-                    v = w * _spline(d)
-                    x0, y0, z0, m0 = (
-                        x0 + v * (px + ax * d),
-                        y0 + v * (py + ay * d),
-                        z0 + v * (pz + az * d),
-                        m0 + v * mass,
-                    )
-                    d = 1.0 - z
-                    v = w * _spline(d)
-                    x1, y1, z1, m1 = (
-                        x1 + v * (px + ax * d),
-                        y1 + v * (py + ay * d),
-                        z1 + v * (pz + az * d),
-                        m1 + v * mass,
-                    )
-                    d = 2.0 - z
-                    v = w * _spline(d)
-                    x2, y2, z2, m2 = (
-                        x2 + v * (px + ax * d),
-                        y2 + v * (py + ay * d),
-                        z2 + v * (pz + az * d),
-                        m2 + v * mass,
-                    )
-                    d = 3.0 - z
-                    v = w * _spline(d)
-                    x3, y3, z3, m3 = (
-                        x3 + v * (px + ax * d),
-                        y3 + v * (py + ay * d),
-                        z3 + v * (pz + az * d),
-                        m3 + v * mass,
-                    )
-                    d = 4.0 - z
-                    v = w * _spline(d)
-                    x4, y4, z4, m4 = (
-                        x4 + v * (px + ax * d),
-                        y4 + v * (py + ay * d),
-                        z4 + v * (pz + az * d),
-                        m4 + v * mass,
-                    )
-                    d = 5.0 - z
-                    v = w * _spline(d)
-                    x5, y5, z5, m5 = (
-                        x5 + v * (px + ax * d),
-                        y5 + v * (py + ay * d),
-                        z5 + v * (pz + az * d),
-                        m5 + v * mass,
-                    )
+            if lane < uint32(OWNERS):
+                for q in range(uint32(0), uint32(max(here, int32(0))), uint32(1)):
+                    cell = cells[listed + q]
+                    if cell != known:
+                        if known != uint32(NONE):
+                            part[at] += x
+                            part[at + uint32(1)] += y
+                            part[at + uint32(2)] += z
+                            part[at + uint32(3)] += m
+                            x = y = z = m = zero
+                        known = cell
+                        i, si, ai, bi = _owned(cell & uint32(3), ri)
+                        j, sj, aj, bj = _owned((cell >> uint32(2)) & uint32(3), rj)
+                        k, sk, ak, bk = _owned(cell >> uint32(4), rk)
+                        ni, nj, nk = real(i), real(j), real(k)
+                        at = mine + ((k * uint32(TILE) + j) * uint32(TILE) + i) * uint32(4)
+                    s = staged + q * uint32(STAGED)
+                    dx, dy, dz = ni - stage[s], nj - stage[s + uint32(1)], nk - stage[s + uint32(2)]
+                    tx, ty, tz = si - abs(dx), sj - abs(dy), sk - abs(dz)
+                    w = (ai + bi * tx * tx) * (aj + bj * ty * ty) * (ak + bk * tz * tz)
+                    m += w * stage[s + uint32(3)]
+                    x += w * (
+                        stage[s + uint32(4)] + stage[s + uint32(7)] * dx + stage[s + uint32(10)] * dy
+                        + stage[s + uint32(13)] * dz
+                    )  # fmt: skip
+                    y += w * (
+                        stage[s + uint32(5)] + stage[s + uint32(8)] * dx + stage[s + uint32(11)] * dy
+                        + stage[s + uint32(14)] * dz
+                    )  # fmt: skip
+                    z += w * (
+                        stage[s + uint32(6)] + stage[s + uint32(9)] * dx + stage[s + uint32(12)] * dy
+                        + stage[s + uint32(15)] * dz
+                    )  # fmt: skip
             cuda.syncthreads()
-        xs, ys, zs, ms = (
-            (x0, x1, x2, x3, x4, x5),
-            (y0, y1, y2, y3, y4, y5),
-            (z0, z1, z2, z3, z4, z5),
-            (m0, m1, m2, m3, m4, m5),
-        )
-        for k in range(TILE):
-            part[4 * c], part[4 * c + 1], part[4 * c + 2], part[4 * c + 3] = xs[k], ys[k], zs[k], ms[k]
-            cuda.syncthreads()
-            for t in range(c, 4 * COLUMNS, n):
-                total = part[t]
-                for h in range(1, shares):
-                    total += part[h * 4 * COLUMNS + t]
-                tiles[a, k * 4 * COLUMNS + t] = total
-            cuda.syncthreads()
+        if known != uint32(NONE):
+            part[at] += x
+            part[at + uint32(1)] += y
+            part[at + uint32(2)] += z
+            part[at + uint32(3)] += m
+        cuda.syncthreads()
+        for e in range(thread, uint32(TILE_SIZE), threads):
+            total = part[e]
+            for g in range(int32(1), groups):
+                total += part[uint32(g) * uint32(TILE_SIZE) + e]
+            tiles[uint32(a), e] = total
+        cuda.syncthreads()

@@ -62,7 +62,7 @@ def _variance(tile, x, y, z, u, v, w):
     j, _, wy0, wy1, wy2 = stencil(y)
     k, _, wz0, wz1, wz2 = stencil(z)
     wx, wy, wz = (wx0, wx1, wx2), (wy0, wy1, wy2), (wz0, wz1, wz2)
-    first = int64(k * uint32(step.LAYER) + j * uint32(step.ROW) + i * uint32(4))
+    first = int64((k * uint32(step.TILE * step.TILE) + j * uint32(step.TILE) + i) * uint32(4))
     east = north = up = real(0.0)
     for c in range(3):
         for b in range(3):
@@ -110,7 +110,7 @@ def move_rare_points(
     mark[step.LIMITED_ENERGY] = real(0.0)
     count[step.FAR], count[step.HELD] = int32(0), int32(0)
     count[step.LIMITED], count[step.WALLED] = int32(0), int32(0)
-    tile = cuda.shared.array(TILE_SIZE, real)
+    tile = cuda.shared.array(TILE_SIZE, real, alignment=16)
     marked = cuda.shared.array(MOST_THREADS, int32)
     chosen = cuda.shared.array(LIST, int32)
     for a in range(int32(cuda.blockIdx.x), int32(0 if run[STATUS] != 0 else run[ACTIVE]), int32(cuda.gridDim.x)):
@@ -206,19 +206,67 @@ def _limited(share, affine2, mass, mark, count):
 
 
 @in_double
+def begin_reports(run, marks, counts, reports, settings):
+    """Begin the `reports` float64[threads, POINT_REPORT] with what the threads did when points were moved."""
+    if run[STATUS] != 0:
+        return
+    entries, n = uint32(step.POINT_REPORT), uint32(reports.shape[0] * step.POINT_REPORT)
+    for e in range(uint32(cuda.grid(1)), n, uint32(cuda.gridsize(1))):
+        t = e // entries
+        reports[t, e - t * entries] = _begun(e - t * entries, marks[t], counts[t], settings.density)
+
+
+@Part
+def _begun(k, mark, count, density):
+    """Entry `k` of the report of a thread with the `mark` and `count` of moved points."""
+    if k == entry.SHEAR_MAX:
+        return float64(mark[step.SHEAR])
+    if k == entry.SPEED2_MAX:
+        return float64(mark[step.SPEED2])
+    if k == step.STAY2_OF_ALL:
+        return float64(mark[step.STAY2])
+    if k == entry.PLASTIC:
+        return float64(mark[step.PLASTIC]) / density
+    if k == entry.LIMITED_ENERGY:
+        return float64(mark[step.LIMITED_ENERGY])
+    if k == step.STAY_POINT:
+        return float64(count[step.STAY])
+    if k == entry.AT_TIP:
+        return float64(count[step.TORN])
+    if k == entry.FAR:
+        return float64(count[step.FAR])
+    if k == entry.HELD_STRETCH:
+        return float64(count[step.HELD])
+    if k == entry.LIMITED:
+        return float64(count[step.LIMITED])
+    if k == entry.HELD_WALL:
+        return float64(count[step.WALLED])
+    if k == entry.BLOCK_WEST:
+        return float64(count[step.WEST])
+    if k == entry.BLOCK_SOUTH:
+        return float64(count[step.SOUTH])
+    if k == entry.BLOCK_EAST:
+        return float64(count[step.EAST])
+    if k == entry.BLOCK_NORTH:
+        return float64(count[step.NORTH])
+    if k == entry.BLOCK_TALL:
+        return float64(count[step.TALL])
+    return float64(0.0)
+
+
+@in_double
 def settle_rare_points(
-    run, rows, keys, order, start, blocks, ground, lowest, inside, left, units, rare, rare_blocks, marks, counts,
-    reports, domain, settings,
+    run, rows, keys, order, start, blocks, ground, lowest, inside, left, units, rare, rare_blocks, reports, domain,
+    settings,
 ):  # fmt: skip
     """Find the blocks of the points marked in `rare` from their places after the step, or the edge they leave over.
 
     Points that leave are added to `left` int64[WAYS, blocks, blocks, LEFT_ENTRIES] in `units` float64[LEFT_ENTRIES], in
-    whole numbers: their sum has no order. `reports` float64[threads, POINT_REPORT] begin with `marks` and `counts`.
+    whole numbers: their sum has no order. `begin_reports` began the `reports` float64[threads, POINT_REPORT].
     """
     thread, threads = cuda.threadIdx.x, cuda.blockDim.x
     own = cuda.blockIdx.x * threads + thread
     mine = reports[own]
-    _begin_report(mine, marks[own], counts[own], settings.density)
     for a in range(int32(cuda.blockIdx.x), int32(0 if run[STATUS] != 0 else run[ACTIVE]), int32(cuda.gridDim.x)):
         if rare_blocks[a] == 0:
             continue
@@ -232,21 +280,6 @@ def settle_rare_points(
                 cuda.atomic.add(left, (over, j, i, LEFT_MASS), _whole(mass / units[LEFT_MASS]))
                 cuda.atomic.add(left, (over, j, i, LEFT_X), _whole(mass * x / units[LEFT_X]))
                 cuda.atomic.add(left, (over, j, i, LEFT_Y), _whole(mass * y / units[LEFT_Y]))
-
-
-@Part
-def _begin_report(mine, mark, count, density):
-    """The report of a thread, with what it did when points were moved."""
-    for k in range(step.POINT_REPORT):
-        mine[k] = 0.0
-    mine[entry.SHEAR_MAX], mine[entry.SPEED2_MAX] = mark[step.SHEAR], mark[step.SPEED2]
-    mine[step.STAY2_OF_ALL], mine[step.STAY_POINT] = mark[step.STAY2], count[step.STAY]
-    mine[entry.PLASTIC], mine[entry.LIMITED_ENERGY] = mark[step.PLASTIC] / density, mark[step.LIMITED_ENERGY]
-    mine[entry.AT_TIP], mine[entry.FAR], mine[entry.HELD_STRETCH] = count[step.TORN], count[step.FAR], count[step.HELD]
-    mine[entry.LIMITED], mine[entry.HELD_WALL] = count[step.LIMITED], count[step.WALLED]
-    mine[entry.BLOCK_WEST], mine[entry.BLOCK_SOUTH] = count[step.WEST], count[step.SOUTH]
-    mine[entry.BLOCK_EAST], mine[entry.BLOCK_NORTH] = count[step.EAST], count[step.NORTH]
-    mine[entry.BLOCK_TALL] = count[step.TALL]
 
 
 @Part

@@ -10,6 +10,8 @@ from numba import cuda
 
 from .compiled import SIMULATED
 
+FEW = 2  # times that are launched from the host where nothing is recorded: to record takes as long as to launch
+
 
 class Repeated:
     """A sequence of launches whose kernels and arguments do not change between two calls of `forget`.
@@ -23,24 +25,32 @@ class Repeated:
 
     def __init__(self, launches):
         self._launches, self._graph, self._compiled = weakref.WeakMethod(launches), None, False
-        self.stream = 0 if SIMULATED else cuda.stream()  # waits for the default stream, and this one for it
+        self.stream = 0 if SIMULATED else cuda.stream()
 
     def forget(self):
         """Record the launches again before they are repeated, because their arguments have changed."""
         self._graph = None
 
+    def launches(self):
+        """Launch the sequence once, from the host."""
+        self._launches()()
+
     def __call__(self, times):
-        """Launch the sequence that many `times`, one after the other."""
-        launches = self._launches()
-        if times > 0 and (SIMULATED or not self._compiled):  # kernels are compiled at their first launch
-            direct = times if SIMULATED else 1
-            for _ in range(direct):
-                launches()
-            self._compiled, times = True, times - direct
-        if times > 0 and self._graph is None:
-            self._graph = _Graph(launches, self.stream)
-        for _ in range(times):
+        """Launch the sequence that many `times`, one after the other, and wait for it."""
+        if SIMULATED:
+            for _ in range(times):
+                self.launches()
+            return
+        cuda.synchronize()  # copies to the device may be on another stream than this one
+        direct = times if self._graph is None and times <= FEW else min(times, 0 if self._compiled else 1)
+        for _ in range(direct):  # kernels are compiled at their first launch
+            self.launches()
+            self._compiled = True
+        if direct < times and self._graph is None:
+            self._graph = _Graph(self.launches, self.stream)
+        for _ in range(times - direct):
             self._graph.launch()
+        cuda.synchronize()
 
 
 class _Graph:
@@ -56,8 +66,10 @@ class _Graph:
         finally:
             ended = driver.cuStreamEndCapture(self._stream)
         graph = _checked(ended)
-        self._graph = _checked(driver.cuGraphInstantiate(graph, 0))
-        _checked(driver.cuGraphDestroy(graph))
+        try:
+            self._graph = _checked(driver.cuGraphInstantiate(graph, 0))
+        finally:
+            driver.cuGraphDestroy(graph)
         weakref.finalize(self, driver.cuGraphExecDestroy, self._graph)
 
     def launch(self):

@@ -165,7 +165,7 @@ def all_stay(moved, stays, count, length_x, length_y):
 
 
 @jit
-def book_out(scratch, moved, stays, count, bed, inside, part, dx, driven, density, gravity, metric):
+def book_out(scratch, moved, stays, count, bed, inside, part, outflow, dx, driven, density, gravity, metric):
     """Find the columns that left through an edge or onto nodata and book them; they wait at their last place.
 
     `stays[k]` becomes 0 for them; a column that is not finite is counted and does not stay either. Potential energy is
@@ -201,12 +201,12 @@ def book_out(scratch, moved, stays, count, bed, inside, part, dx, driven, densit
             bed_last += driven * fallen
             thickness = mass / (density * area) * compiled_cosine_squared(mx, my)
             out = OUT + edge * OUT_ENTRIES
-            part[out] += mass
-            part[out + 1] += mass * u
-            part[out + 2] += mass * v
-            part[out + 3] += 0.5 * mass * (u * u + v * v + w * w)
-            part[out + 4] += mass * gravity * (bed_last + 0.5 * thickness)
-            part[out + 5] += 1.0
+            outflow[out] += mass
+            outflow[out + 1] += mass * u
+            outflow[out + 2] += mass * v
+            outflow[out + 3] += 0.5 * mass * (u * u + v * v + w * w)
+            outflow[out + 4] += mass * gravity * (bed_last + 0.5 * thickness)
+            outflow[out + 5] += 1.0
             stays[k] = 0
         if stays[k] == 0:
             put(moved, L_X, k, get(scratch, L_X, k))

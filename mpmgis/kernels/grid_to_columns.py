@@ -19,6 +19,7 @@ from .column_report import (
     HELD_WALL,
     KINETIC,
     NOT_FINITE,
+    OUT,
     REPORT,
     SIGNAL_MAX,
     SPEED_MAX,
@@ -218,7 +219,7 @@ def grid_to_particles(
     bed, inside = fields.bed, fields.inside
     for c in prange(CHUNKS):
         part = report[c]
-        clear_report(part)
+        clear_report(part, part)
         scratch = np.empty(LINES)
         moved = np.empty(LINES)
         quads = np.empty(QUADS)
@@ -231,7 +232,7 @@ def grid_to_particles(
             take_rows(rows, order, first, count, end, scratch, False)
             move_batch(
                 keys, order, first, count, scratch, moved, quads, place, stays, nodes, bed, bed, inside,
-                part, times, settings, limits, metric, curvature, entrainment,
+                part, part, times, settings, limits, metric, curvature, entrainment,
             )  # fmt: skip
             _give_rows(rows, order, first, count, moved)
             first += count
@@ -239,11 +240,16 @@ def grid_to_particles(
 
 
 @jit_inline
-def clear_report(part):
-    """Begin the report of a chunk; the transfer before has written STIFF."""
-    for entry in range(REPORT):
+def clear_report(part, outflow):
+    """Begin the report of a chunk, whose ledger of the outflow is in `outflow`; the transfer before has written STIFF.
+
+    The CPU has both in one array.
+    """
+    for entry in range(OUT):
         if entry != STIFF:
             part[entry] = 0.0
+    for entry in range(OUT, REPORT):
+        outflow[entry] = 0.0
     part[BLOCK_WEST] = part[BLOCK_SOUTH] = 1 << 16
     part[BLOCK_EAST] = part[BLOCK_NORTH] = -1
 
@@ -259,12 +265,12 @@ def finish_report(part):
 
 @jit_inline
 def move_batch(
-    keys, order, first, count, scratch, moved, quads, place, stays, nodes, flat_bed, bed, inside, part, times, settings,
-    limits, metric, curvature, entrainment,
+    keys, order, first, count, scratch, moved, quads, place, stays, nodes, flat_bed, bed, inside, part, outflow, times,
+    settings, limits, metric, curvature, entrainment,
 ):  # fmt: skip
     """`grid_to_particles` for the `count` columns from place `first` of the order, whose rows are in `scratch`.
 
-    `nodes` and `flat_bed`, the elevations of `bed`, are read by flat index.
+    `nodes` and `flat_bed`, the elevations of `bed`, are read by flat index; `part` and `outflow` as in `clear_report`.
     """
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     clamp, wall, holes = settings.clamp, settings.wall, settings.holes
@@ -283,7 +289,7 @@ def move_batch(
         part[HELD_WALL] += keep_in(moved, count, dx, nx * dx, ny * dx)
     if not all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
         driven = 1.0 - ahead / dt
-        book_out(scratch, moved, stays, count, bed, inside, part, dx, driven, density, gravity, metric)
+        book_out(scratch, moved, stays, count, bed, inside, part, outflow, dx, driven, density, gravity, metric)
     _weigh_bed(moved, place, count, row_length, inverse_dx)
     _read_bed(moved, quads, place, count, flat_bed, row_length)
     turn(

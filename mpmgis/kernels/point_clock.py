@@ -127,12 +127,12 @@ def book_points_left(points, blocks, active, dt, dx, shape, left_cells):
 
 @jit
 def collect(report, ledger, clock, counts, window):
-    """Reduce the reports of the chunks, in order, into clock, counts, ledger and window; returns lifted mass [kg]."""
+    """Reduce the rows of the `report`, in order, into clock, counts, ledger and window; returns lifted mass [kg]."""
     clock[SPEED_NOW] = clock[SHEAR] = 0.0
     clock[POINT_STEPS] += counts[ALIVE]
     no_window(window)
     lifted = 0.0
-    for c in range(CHUNKS):
+    for c in range(report.shape[0]):
         part = report[c]
         clock[SPEED_NOW] = max(clock[SPEED_NOW], sqrt(part[entry.SPEED2_MAX]))
         clock[SHEAR] = max(clock[SHEAR], sqrt(part[entry.SHEAR_MAX]))
@@ -195,7 +195,7 @@ def note_fastest(report, clock, points, dx, lowest):
 def collect_nodes(node_report, clock):
     """Reduce the reports of the node loop: largest speed, impulses of ground and walls, energy losses."""
     fastest2 = 0.0
-    for c in range(CHUNKS):
+    for c in range(node_report.shape[0]):
         part = node_report[c]
         fastest2 = max(fastest2, part[FASTEST2])
         clock[IMPULSE_GROUND_X] += part[GROUND_X]

@@ -11,7 +11,7 @@ from .on_device import OnDevice
 BYTES_PER_COLUMN = 350  # row, id, key and order; strips and lists of the sort; tiles of blocks with 64 columns
 BYTES_PER_COLUMN_IN_FOREST = 100  # a second sort, and what columns lose
 BYTES_PER_NODE = 48  # mass and velocity, and the bed twice, in addition to the arrays of the solver
-BYTES_OF_REPORTS = 60_000_000  # of all threads
+BYTES_OF_REPORTS = 100_000_000  # of all threads, on a device with up to 200 multiprocessors
 
 
 def device_memory_of_columns(columns, nodes, bytes_at_nodes, effects):

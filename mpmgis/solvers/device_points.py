@@ -9,9 +9,10 @@ from ..kernels.point_rows import ROW_LONG, ROW_SHORT
 from .on_device import OnDevice
 from .points import PointSolver
 
-ROW_COPIES = 1.2  # of the rows on the device: the rows themselves, and strips and order of the sort
-BYTES_PER_POINT = 45  # ids, keys and names of points on the device
+ROW_COPIES = 1.4  # of the rows on the device: the rows themselves, and strips of the sort
+BYTES_PER_POINT = 46  # ids, keys, names, order and cells of points on the device
 BYTES_PER_BLOCK = 12_000  # tile, nodes and lists of a block, in float32; twice as much in float64
+BYTES_OF_REPORTS = 100_000_000  # of all threads, on a device with up to 200 multiprocessors
 POINTS_PER_BLOCK = 100  # fewest, of a flow that is thin
 
 
@@ -19,7 +20,7 @@ def device_memory(points, precision, material):
     """Memory [bytes] on the device of a number of `points` of a `material` in `precision`, estimated from above."""
     size, numbers = 4 if precision == "float32" else 8, ROW_SHORT if material.state_count() <= 4 else ROW_LONG
     blocks = points / POINTS_PER_BLOCK * BYTES_PER_BLOCK * size / 4
-    return points * (ROW_COPIES * numbers * size + BYTES_PER_POINT) + blocks
+    return points * (ROW_COPIES * numbers * size + BYTES_PER_POINT) + blocks + BYTES_OF_REPORTS
 
 
 class DevicePointSolver(PointSolver):

@@ -149,8 +149,8 @@ def test_the_record_lists_the_devices_of_a_run():
 
 def test_float32_needs_half_the_memory(site):
     material = prepared(site, scene()).effects.material
-    assert device_memory(10**6, "float64", material) == pytest.approx(
-        2 * device_memory(10**6, "float32", material), rel=0.1
+    assert device_memory(10**8, "float64", material) == pytest.approx(
+        2 * device_memory(10**8, "float32", material), rel=0.1
     )
 
 

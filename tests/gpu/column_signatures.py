@@ -53,18 +53,18 @@ def signatures():
         ("begin_again", run, run, counts),
         ("end_again", run, run),
         ("clear_window", run, window, window),
-        ("count_columns", run, counts, keys, window),
+        ("count_columns", run, counts, rows, keys, window, array(byte, 1), settings),
         ("scatter_columns", run, counts, keys, window, order),
         ("fill_slots", run, window, window),
         ("mark_touched", run, window, window),
         ("rank_touched", run, window, pieces, wet, window),
         ("choose_step", run, stage, clock, counts, settings),
-        ("rank_left", run, window, window),
     ):
         yield name, getattr(column_sort, name), arguments
     yield "gather_nodes", column_transfer.gather_nodes, (run, tiles, window, window, nodes)
-    booked = run, stage, rows, order, window, wet, array(f8, 4), settings
-    yield "book_left", column_transfer.book_left, booked
+    leaving = run, stage, clock, rows, window, wet, array(i8, 4)
+    yield "book_left", column_transfer.book_left, (*leaving, settings)
+    yield "note_left", column_transfer.note_left, (*leaving, array(f8, 4), settings)
     for name, *arguments in (
         ("clear_ghosts", run, nodes),
         ("fold_walls", run, nodes, flag),

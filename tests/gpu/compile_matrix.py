@@ -15,20 +15,19 @@ from law_kernels import CAPABILITIES, PRECISIONS, assembler, texts_of
 LIMIT = 96  # registers of a kernel: 20 warps of 32 threads on a multiprocessor, of its 65536 registers
 # kernels that need more, by what their name begins with, for float32 points (or columns) and for float64 points
 MORE = {
-    "grid_to_points": (LIMIT, 174),
+    "grid_to_points": (LIMIT, 166),
     "move_rare_points": (LIMIT, 166),
-    "points_to_grid": (LIMIT, 120),
     "press_on_ground": (LIMIT, 120),
     "hold_at_barriers_": (LIMIT, 104),
     "weigh_face": (LIMIT, 136),
     "settle_faces": (LIMIT, 136),
     "columns_to_grid all": (LIMIT, 128),
-    "grid_to_columns": (LIMIT, 160),
+    "grid_to_columns": (LIMIT, 128),
 }
 # kernels for float32 points that compute in double precision on purpose: the clock, sums of a run, outflow
 IN_DOUBLE = (
     *("begin_step", "choose_step", "finish_step", "sum_node_reports", "sum_point_reports"),
-    *("sum_booked", "collect_barriers", "settle_rare_points", "keep_before_faces"),
+    *("sum_booked", "collect_barriers", "begin_reports", "settle_rare_points", "keep_before_faces"),
 )
 
 
@@ -58,10 +57,11 @@ def kernels(precision, others=False):
     return list(signatures(PRECISIONS[precision]))
 
 
-def needs(kernel, arguments, precision, folder):
-    """Needs of a kernel for each of CAPABILITIES; types are inferred once."""
+def needs(kernel, arguments, precision, folder, capabilities=tuple(CAPABILITIES)):
+    """Needs of a kernel for each of `capabilities`; types are inferred once."""
     function = kernel.python(PRECISIONS.get(precision, np.float64))
-    found, most = texts_of(function, arguments), kernel.registers.get(PRECISIONS.get(precision, np.float64))
+    most = kernel.registers.get(PRECISIONS.get(precision, np.float64))
+    found = texts_of(function, arguments, capabilities)
     return [assembled(text, capability, folder, most) for capability, text in found.items()]
 
 

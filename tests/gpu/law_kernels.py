@@ -132,7 +132,7 @@ def without_driver(capability):
         dispatcher.get_current_device = asked
 
 
-def texts_of(function, arguments):
+def texts_of(function, arguments, capabilities=tuple(CAPABILITIES)):
     """Capability -> assembly of the kernel `function`, whose types are inferred once."""
     from numba.cuda.compiler import _compile_pyfunc_with_fixup
 
@@ -140,4 +140,4 @@ def texts_of(function, arguments):
     first = next(iter(CAPABILITIES.values()))
     with without_driver(first):
         library, _ = _compile_pyfunc_with_fixup(function, tuple(arguments), device=False, abi="numba", cc=first)
-        return {name: library.get_asm_str(cc=capability) for name, capability in CAPABILITIES.items()}
+        return {name: library.get_asm_str(cc=CAPABILITIES[name]) for name in capabilities}

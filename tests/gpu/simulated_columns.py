@@ -13,13 +13,13 @@ from launch_order import shuffled
 
 from mpmgis.gpu import columns
 from mpmgis.gpu.columns import CHANGING_FIELDS, ColumnArrays, DeviceColumns
-from mpmgis.gpu.launch import Launch
+from mpmgis.gpu.launch import ACTIVE, Launch
 from mpmgis.kernels import column_clock as entry
 from mpmgis.kernels import column_rows as row
 from mpmgis.kernels.block_order import GONE
 
 sys.setswitchinterval(1e-5)  # threads of the device are threads of the host, and wait for each other often
-NARROW, WIDE = Launch(2, 8, 1, 1, 3), Launch(3, 16, 1, 1, 5)
+NARROW, WIDE = Launch(2, 8, 1, 2, 1, 3), Launch(3, 16, 1, 3, 1, 5)
 REPEATED = "slide", "outflow west and south", "lowered bed", "barriers and walls", "forest, erosion and walls"
 NAMES = ("rows", "ids", "keys", "wet", "clock", "counts", "ledger", "peaks", "barrier_sums", "left")
 PLACES = (  # of what is largest: of nodes with values that differ by rounding another may be taken
@@ -51,19 +51,24 @@ def scaled(a, b):
     return float(np.abs(a - b).max(initial=0.0) / max(np.abs(b).max(initial=0.0), 1e-300))
 
 
+def by_id(solver):
+    """Rows, ids and keys of the columns that have not left; their order in memory differs between CPU and device."""
+    n = solver._counts[entry.ROWS]
+    here = np.flatnonzero(solver._keys[:n] != GONE)
+    here = here[np.argsort(solver._ids[here])]
+    return solver._rows[here], solver._ids[here], solver._keys[here]
+
+
 def difference(one, other):
     """Largest differences of the state of two solvers, by name, over the size of what is compared."""
-    n = one._counts[entry.ROWS]
-    alive = one._keys[:n] != GONE
-    exact = {name: bool(np.array_equal(getattr(one, f"_{name}")[:n], getattr(other, f"_{name}")[:n]))
-             for name in ("ids", "keys")}  # fmt: skip
+    (a, ids, keys), (b, other_ids, other_keys) = by_id(one), by_id(other)
+    exact = {"ids": bool(np.array_equal(ids, other_ids)), "keys": bool(np.array_equal(keys, other_keys))}
     exact |= {
         name: bool(np.array_equal(getattr(one, f"_{name}"), getattr(other, f"_{name}"))) for name in ("counts", "wet")
     }
     here = {"inexact": [name for name, same in exact.items() if not same]}
     if here["inexact"]:
         return here
-    a, b = one._rows[:n][alive], other._rows[:n][alive]
     groups = {"place": (row.X, row.Y), "velocity": (row.U, row.V), "affine": range(row.CXX, row.CYY + 1),
               "mass": (row.MASS,), "area": (row.AREA,), "slope": (row.GX, row.GY)}  # fmt: skip
     for name, numbers in groups.items():
@@ -144,6 +149,28 @@ def grown(make, steps):
     return {"same": bits(one) == bits(other)}
 
 
+def scrambled(make):
+    """Largest difference of the tiles if the columns of each block are in a random order, over the largest sum."""
+    tiles, sort, rng = [], columns.Sorted.sort, np.random.default_rng(5)
+
+    def mix(self, *arguments):
+        sort(self, *arguments)
+        order, start = self.order.copy_to_host(), self.start.copy_to_host()
+        for a in range(self.run.copy_to_host()[ACTIVE]):
+            rng.shuffle(order[start[a] : start[a + 1]])
+        self.order.copy_to_device(order)
+
+    for change in (sort, mix):
+        columns.Sorted.sort = change
+        try:
+            device = device_of(make())
+            device.advance(1e9, 1)
+        finally:
+            columns.Sorted.sort = sort
+        tiles.append(device._now.tiles.copy_to_host()[: device._now.host[ACTIVE]])
+    return {"tiles": scaled(*tiles)}
+
+
 def reasons():
     """Reasons to stop: time reached, watched blocks, all columns gone, a state that is not finite."""
     here = {}
@@ -171,7 +198,8 @@ def reasons():
 
 def cases():
     """Name -> what answers the results of each case."""
-    here = {"reasons": reasons} | {name: partial(compared, make, steps) for name, (make, steps) in SCENES.items()}
+    here = {"reasons": reasons, "scrambled": partial(scrambled, made)}
+    here |= {name: partial(compared, make, steps) for name, (make, steps) in SCENES.items()}
     for name in REPEATED:
         here |= {f"{kind.__name__}: {name}": partial(kind, SCENES[name][0], 2) for kind in (permuted, resumed)}
     for name in ("slide", "forest, erosion and walls"):

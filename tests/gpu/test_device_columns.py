@@ -63,6 +63,10 @@ def test_bits_depend_on_neither_launch_order_nor_pauses_nor_room(found, case):
     assert found[case]["same"]
 
 
+def test_sums_to_nodes_do_not_need_the_order_of_cells(found):
+    assert 0.0 < found["scrambled"]["tiles"] <= TOLERANCE  # 0: the order was the same
+
+
 def test_reasons_to_stop(found):
     assert all(found["reasons"].values()), found["reasons"]
 

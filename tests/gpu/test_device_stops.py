@@ -32,7 +32,9 @@ def test_runs_end_for_the_same_reason_in_the_same_step(found, case, precision):
     here = found(precision)[f"{case} {precision}"]
     assert here["reason"] == here["reason_there"] == ENDS[case]
     assert here["steps"] == here["steps_there"] == 1
-    assert here["bad"] == here["bad_there"] and (here["bad"][1] > 0) == (ENDS[case] == "NOT_FINITE_STATE")
+    (place, count), (place_there, count_there) = here["bad"], here["bad_there"]
+    assert count == count_there and (count > 0) == (ENDS[case] == "NOT_FINITE_STATE")
+    assert place == pytest.approx(place_there, abs=2.0)  # [m] one of several points within two cells is reported
     assert here["difference"]["exact"]
     if case in ("sunk", "leaving", "left twice"):
         # in single precision 3.5e-4 of the small loss of this one step differ
