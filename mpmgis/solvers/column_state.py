@@ -191,7 +191,7 @@ class ColumnState(ParticleStore):
         The middle of a column lies h / 2 above the bed in the form `swe`, c^2 h / 2 in the form `slope`, where mass
         stands normal to the bed: that is the energy whose gradient the pressure force is.
         """
-        rows, _, _ = self._alive()
+        rows, _, _ = self._seen()
         x, y = rows[:, kernel.X].copy(), rows[:, kernel.Y].copy()
         return self._energy_of(rows, kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0])
 
@@ -206,7 +206,7 @@ class ColumnState(ParticleStore):
 
     def balances(self):
         """Mass, energy and outflow so far as plain numbers [kg, J, kg m s-1], with relative errors."""
-        rows, _, _ = self._alive()
+        rows, _, _ = self._seen()
         mass_now = float(rows[:, kernel.MASS].sum())
         mass_out = float(self._ledger[:, 0].sum())
         clock = self._clock

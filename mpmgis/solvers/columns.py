@@ -354,7 +354,7 @@ class ColumnSolver(ColumnState):
         After the first step areas are limited to a factor of SHOWN_RANGE of those of the grid: a column that was
         stretched to a hundred cells is a thin line on the ground, not a square of that area. Masses are exact.
         """
-        rows, ids, _ = self._alive()
+        rows, ids, _ = self._seen()
         grid, density = self.grid, self.numerics.density
         bed = kernel.beds_at(self.fields.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
         origin = self._start.origin
@@ -369,7 +369,7 @@ class ColumnSolver(ColumnState):
         volume = mass / density
         header = {"density": density, "cell_size": grid.cell_size}
         return replace(
-            self._start, particles=Particles(position, velocity, mass, volume, volume / area, area, ids),
+            self._start, particles=Particles(position, velocity, mass, volume, volume / area, area, ids.copy()),
             time=self.time, step=self.step, solver="columns", header=header, maxima=self.maxima(), state=self.state(),
             bed_change=self.bed_change(),
         )  # fmt: skip

@@ -118,7 +118,7 @@ class ParticleStore:
 
     def take_in(self):
         """Switch on the features that the flow is about to touch; tuple of TakenIn."""
-        rows, _, keys = self._alive()
+        rows, _, keys = self._seen()
         reached = marks_reached(self._watched, *self.kernel.rows_and_columns(keys))
         state, before = self._watch.state, self._watch.taken_in
         for k in range(len(state)):
@@ -164,6 +164,13 @@ class ParticleStore:
         n = self._counts[self.kernel.ROWS]
         keep = self._keys[:n] != self.kernel.GONE
         return self._rows[:n][keep], self._ids[:n][keep], self._keys[:n][keep]
+
+    def _seen(self):
+        """As `_alive`, for reading only: without copies where no particle has left."""
+        n = self._counts[self.kernel.ROWS]
+        if self._counts[self.kernel.ALIVE] != n:
+            return self._alive()
+        return self._rows[:n], self._ids[:n], self._keys[:n]
 
     def _counts_of_rows(self):
         """Counts for a restart, whose rows are contiguous: independent of the history of the run."""

@@ -76,7 +76,7 @@ class PointBalances(ParticleStore):
 
     def resting_for(self, share):
         """Time [s] for which the kinetic energy has been below `share` of its peak, at the calls of this method."""
-        rest, kinetic = self._rest, self._kinetic(self._alive()[0])
+        rest, kinetic = self._rest, self._kinetic(self._seen()[0])
         rest[0] = max(rest[0], kinetic)
         if kinetic >= share * rest[0]:
             rest[1] = -1.0
@@ -125,7 +125,7 @@ class PointBalances(ParticleStore):
 
     def note_deepest(self):
         """Record a new largest thickness and a new largest 99.9th percentile of the speed, which a restart needs."""
-        rows, _, keys = self._alive()
+        rows, _, keys = self._seen()
         if len(rows):
             self._note_thickness(self._places(rows, keys), rows[:, row.MASS])
             speed = self._speed_p999(rows)
@@ -167,12 +167,12 @@ class PointBalances(ParticleStore):
 
     def energy(self):
         """(kinetic, potential, elastic) energy [J] of the points; potential energy is relative to the lowest ground."""
-        stored = stored_energy(self._alive()[0], self.numerics.density, self.effects.material)
+        stored = stored_energy(self._seen()[0], self.numerics.density, self.effects.material)
         return *self._energy_of_motion(), float(stored)
 
     def _energy_of_motion(self):
         """(kinetic, potential) energy [J] of the points."""
-        rows, _, keys = self._alive()
+        rows, _, keys = self._seen()
         potential = rows[:, row.MASS] * self.numerics.gravity * self._places(rows, keys)[:, 2]
         return self._kinetic(rows), float(potential.sum())
 
@@ -185,7 +185,7 @@ class PointBalances(ParticleStore):
 
     def balances(self):
         """Mass, momentum, energy and outflow so far as plain numbers, with relative errors."""
-        rows, _, _ = self._alive()
+        rows, _, _ = self._seen()
         clock, ledger = self._clock, self._ledger
         mass_now, mass_out = float(rows[:, row.MASS].sum(dtype=float)), float(ledger[:, 0].sum())
         kinetic, potential, stored = self.energy()
@@ -280,21 +280,21 @@ class PointBalances(ParticleStore):
 
     def fastest(self):
         """Map E, N [m] and speed [m s-1] of the fastest point."""
-        rows, _, keys = self._alive()
+        rows, _, keys = self._seen()
         speed = np.linalg.norm(rows[:, row.PX : row.PZ + 1], axis=1) / rows[:, row.MASS]
         x, y, _ = self._places(rows, keys)[np.argmax(speed)]
         return float(x + self.grid.x0), float(y + self.grid.y0), float(speed.max())
 
     def highest(self):
         """Map E, N and height above the lowest ground [m] of the highest point."""
-        rows, _, keys = self._alive()
+        rows, _, keys = self._seen()
         places = self._places(rows, keys)
         x, y, z = places[np.argmax(places[:, 2])]
         return float(x + self.grid.x0), float(y + self.grid.y0), float(z)
 
     def trouble(self):
         """Where a run stopped: map E, N [m], number of points not finite, share of mass moved onto the ground."""
-        clock, (rows, _, keys) = self._clock, self._alive()
+        clock, (rows, _, keys) = self._clock, self._seen()
         bad = int(self._counts[entry.BAD])
         x, y = clock[entry.BAD_AT_X], clock[entry.BAD_AT_Y]
         if not bad:

@@ -218,7 +218,7 @@ class PointSolver(PointBalances):
 
     def frame(self):
         """The present points as a Frame."""
-        rows, ids, keys = self._alive()
+        rows, ids, keys = self._seen()
         start = self._start
         mass = rows[:, row.MASS].astype(float)
         velocity = rows[:, row.PX : row.PZ + 1] / mass[:, None]
@@ -226,7 +226,7 @@ class PointSolver(PointBalances):
         volume = self._volumes(rows, mass)
         header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
         return replace(
-            start, particles=Particles(position, velocity, mass, volume, id=ids), time=self.time, step=self.step,
+            start, particles=Particles(position, velocity, mass, volume, id=ids.copy()), time=self.time, step=self.step,
             dimension=3, solver="points", header=header, maxima=self.maxima(), state=self.state(),
         )  # fmt: skip
 
