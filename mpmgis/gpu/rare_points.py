@@ -27,7 +27,7 @@ from ..kernels.point_edges import (
 from ..kernels.point_ground import GROUND_DEEP
 from ..kernels.point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from . import point_steps as step
-from .compiled import Kernel, Part, in_double, real
+from .compiled import Part, capped, in_double, real
 from .launch import ACTIVE, STATUS
 from .point_places import lifted, way_out
 from .point_steps import (
@@ -94,7 +94,7 @@ def _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
     return not near < dense * filled
 
 
-@Kernel
+@capped()
 def move_rare_points(
     run, scales, rows, order, start, blocks, targets, nodes, ground, rare, rare_blocks, marks, counts, domain, settings,
     material, softening, transfer,

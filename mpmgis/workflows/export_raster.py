@@ -221,7 +221,7 @@ def export_raster(request: ExportRequest, progress=lambda done, total: None) -> 
         if request.files.qgis:
             pool.threads.submit(qgis_folder.load)  # while the first frames are read
         plan = make_plan(request, entries, terrain, products, pool)
-        with whole_folder(output, request.overwrite) as folder:
+        with whole_folder(output, request.overwrite) as folder, pool.ended():
             spool = StepSpool(folder / SPOOL_FOLDER) if request.files.qgis else None
             run, tally = write_rasters(request, plan, folder, pool, spool, progress)
             if request.files.qgis:

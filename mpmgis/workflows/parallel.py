@@ -363,6 +363,18 @@ class FramePool:
             for future in waiting:
                 future.cancel()
 
+    @contextmanager
+    def ended(self):
+        """After an error in the block, no thread of the pool works: what has not begun is cancelled.
+
+        A thread that still writes would leave its file in a folder that is being removed.
+        """
+        try:
+            yield
+        except BaseException:
+            self.threads.shutdown(wait=True, cancel_futures=True)
+            raise
+
 
 @contextmanager
 def frame_pool(workers=None, dask=None):
