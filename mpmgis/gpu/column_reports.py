@@ -174,10 +174,9 @@ def end_step(run, clock, counts, settings):
         run[STATUS] = TOO_FAST
     elif counts[ALIVE] == 0:
         run[STATUS] = ALL_LEFT
-    else:
-        if run[FIRED] != 0:
-            run[STATUS] = TRIGGER_REACHED
-        elif settings.stop_at_rest:
-            reason = stop_rule(clock, counts)
-            if reason != RUNNING:
-                run[STATUS] = reason
+    elif run[FIRED] != 0:
+        run[STATUS] = TRIGGER_REACHED
+    elif settings.stop_at_rest:
+        reason = stop_rule(clock, counts)
+        if reason != RUNNING:
+            run[STATUS] = reason

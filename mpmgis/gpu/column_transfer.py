@@ -22,7 +22,6 @@ from .launch import ACTIVE, HEIGHT, SORTED, SOUTH_NOW, STATUS, WEST_NOW, WIDEST,
 
 TILE_NODES = TILE * TILE
 TILE_SIZE = 4 * TILE_NODES
-MOST_THREADS = WIDEST  # of a thread block
 PIECE = 128  # columns staged at a time
 # numbers of a staged column: of each of three columns of nodes weight, mass, energy, momentum east and north; of each
 # of three rows of nodes weight, momentum east and north
@@ -36,7 +35,7 @@ HALF = 64  # place of a thread from which on it adds the momentum of its nodes, 
 LANES = 2 * HALF
 SUMS = GROUPS * TILE_SIZE
 ROOM = ROW + 1  # as SLOT
-ROOMS = MOST_THREADS * ROOM
+ROOMS = WIDEST * ROOM
 FASTEST_AT, COLUMN_REPORT = REPORT, REPORT + 1  # place in the order of the column with the largest speed; -1: none
 SOME_MASS = 1e-200  # [kg], of a run that has lost its mass
 MOST = 2.0**61  # whole numbers in which the mass of a run is counted where it leaves
@@ -223,10 +222,10 @@ def grid_to_columns(
     """Read the new velocity field back and move the columns; see `kernels.grid_to_columns`.
 
     `nodes` and `flat_bed`, the elevations of `bed`, have one dimension; `left` int32[n] takes the columns that left, in
-    any order. At most MOST_THREADS threads in a block, a multiple of four.
+    any order. At most WIDEST threads in a block, a multiple of four.
     """
     rooms = cuda.shared.array(ROOMS, float64)
-    marks = cuda.shared.array((MOST_THREADS, OUT), float64)  # an odd number, as ROOM
+    marks = cuda.shared.array((WIDEST, OUT), float64)  # an odd number, as ROOM
     scratch, moved = cuda.local.array(LINES, float64), cuda.local.array(LINES, float64)
     quads = cuda.local.array(QUADS, float64)
     place, stays = cuda.local.array(1, int64), cuda.local.array(1, int64)

@@ -16,7 +16,7 @@ from ..effects.material import NO_TENSION as TIP_CODE
 from ..kernels.point_edges import GRIPPED, INSIDE, JET
 from ..kernels.point_rows import BLOCK, MASS, PX, PY, PZ, ROW_LONG, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from .compiled import Part, capped, real
-from .launch import ACTIVE, STATUS
+from .launch import ACTIVE, STATUS, WIDEST
 from .point_steps import (
     DEEP,
     DENSE,
@@ -24,7 +24,6 @@ from .point_steps import (
     GRADIENT,
     LANES,
     MARKS,
-    MOST_THREADS,
     NORTH,
     PLANE,
     PLASTIC,
@@ -113,8 +112,8 @@ def grid_to_points(
     count[EAST] = count[NORTH] = count[TALL] = int32(-1)
     count[TORN] = count[STAY] = int32(0)
     tile = cuda.shared.array(TILE_SIZE, real, alignment=16)
-    here = cuda.shared.array((MOST_THREADS, MARKS), real)
-    lines = cuda.shared.array((MOST_THREADS, PITCH), real)
+    here = cuda.shared.array((WIDEST, MARKS), real)
+    lines = cuda.shared.array((WIDEST, PITCH), real)
     mine = here[uint32(thread)]
     width = uint32(rows.shape[1])
     mine[SHEAR] = mine[SPEED2] = mine[PLASTIC] = real(0.0)

@@ -98,18 +98,14 @@ def choose_step(run, stage, clock, counts, report, scales, settings):
 
 @in_double
 def finish_step(run, stage, clock, counts, ledger, report, rows, keys, lowest, settings):
-    """Clock, counts and ledger after the points moved, and reasons to stop; one thread."""
+    """Clock, counts and ledger after the points moved, and reasons to stop; one thread. The report has one row."""
     if run[STATUS] != 0:
         return
     counts[STEPS] += 1
     clock[TIME] = stage[END]
     dx = settings.dx
-    fastest2, most, p = clock[SPEED_WORST] * clock[SPEED_WORST], -1.0, int64(0)
-    for c in range(report.shape[0]):
-        fastest2 = max(fastest2, report[c, entry.SPEED2_MAX])
-        if report[c, STAY2] > most:
-            most, p = report[c, STAY2], int64(report[c, STAY_POINT])
-    if fastest2 > clock[SPEED_WORST] * clock[SPEED_WORST] and most >= 0.0:
+    if report[0, entry.SPEED2_MAX] > clock[SPEED_WORST] * clock[SPEED_WORST] and report[0, STAY2] >= 0.0:
+        p = int64(report[0, STAY_POINT])
         row, column = key_row(keys[p]), key_column(keys[p])
         level = key_level(keys[p]) + lowest[row, column, 0]
         clock[FASTEST_X] = (float(rows[p, X]) + (BLOCK * column - GHOSTS)) * dx

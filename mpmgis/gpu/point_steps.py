@@ -15,7 +15,6 @@ from ..kernels.point_edges import FAR_BLOCKS
 from ..kernels.point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y
 from ..kernels.point_rows import AXX, AXY, AXZ, BLOCK, GHOSTS, LAST_BASE, S0, S1, S2, S3, TILE, TILE_SIZE
 from .compiled import Part, real
-from .launch import WIDEST
 
 # numbers of a step in the precision of the points: cells per speed, (cells per speed and radius) for a velocity and its
 # square, momentum per stress, length [s], and mass [kg] and squared speed of `kernels.point_edges.limit_thin`
@@ -33,7 +32,7 @@ WEST, SOUTH, EAST, NORTH, TALL, TORN, STAY, FAR, HELD, LIMITED, WALLED, RARE_COU
 # stays, and its index
 STAY2_OF_ALL, STAY_POINT = entry.REPORT, entry.REPORT + 1
 POINT_REPORT = entry.REPORT + 2
-MOST_THREADS, LANES = WIDEST, 8  # of a thread block, and those that copy a row
+LANES = 8  # threads that copy a row
 LAYER, ROW = 4 * TILE * TILE, 4 * TILE
 THIRD = 1.0 / 3.0
 

@@ -28,10 +28,9 @@ from ..kernels.point_ground import GROUND_DEEP
 from ..kernels.point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from . import point_steps as step
 from .compiled import Part, capped, in_double, real
-from .launch import ACTIVE, STATUS
+from .launch import ACTIVE, STATUS, WIDEST
 from .point_places import lifted, way_out
 from .point_steps import (
-    MOST_THREADS,
     blocks_away,
     edges_of,
     enter_block,
@@ -111,7 +110,7 @@ def move_rare_points(
     count[step.FAR], count[step.HELD] = int32(0), int32(0)
     count[step.LIMITED], count[step.WALLED] = int32(0), int32(0)
     tile = cuda.shared.array(TILE_SIZE, real, alignment=16)
-    marked = cuda.shared.array(MOST_THREADS, int32)
+    marked = cuda.shared.array(WIDEST, int32)
     chosen = cuda.shared.array(LIST, int32)
     for a in range(int32(cuda.blockIdx.x), int32(0 if run[STATUS] != 0 else run[ACTIVE]), int32(cuda.gridDim.x)):
         if rare_blocks[a] == 0:

@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -258,22 +259,19 @@ def kernel_times(make, particles):
     solver.advance(1e9, max_steps=WARM_UP)
     kernel_of, repeat = compiled.Kernel.of, repeated.Repeated.__call__
 
-    def timed(kernel, name, sizes):
-        def launch(*arguments):
-            start, end = cuda.event(), cuda.event()
-            start.record(sizes[2])
-            kernel[sizes](*arguments)
-            end.record(sizes[2])
-            events.append((name, start, end))
-
-        return launch
-
     class Timed:
         def __init__(self, kernel, name):
             self.kernel, self.name = kernel, name
 
         def __getitem__(self, sizes):
-            return timed(self.kernel, self.name, sizes)
+            return partial(self.launch, sizes)
+
+        def launch(self, sizes, *arguments):
+            start, end = cuda.event(), cuda.event()
+            start.record(sizes[2])
+            self.kernel[sizes](*arguments)
+            end.record(sizes[2])
+            events.append((self.name, start, end))
 
     compiled.Kernel.of = lambda self, real: Timed(kernel_of(self, real), self.function.__name__)
     repeated.Repeated.__call__ = lambda self, times: [self.launches() for _ in range(times)]
