@@ -46,6 +46,8 @@ FOLD_CELLS = 0.5  # [cells] deviation of the ground from the plane of a node at 
 REACH = 3  # [cells] to each side in which the nearest ground is searched; nodes with mass are nearer
 MOST_NODES = 1 << 27  # on folds, 2 GiB
 PRESSING = 1.0  # [cells] before a face, up to which points that start with stress press on it
+HELD_BELOW_CREST = 1.0  # [cells] of the highest node that holds the flow at a crest
+AT_NODE = 1e-4  # [cells] below a node, up to which the crest is at that node, in single precision too
 SUNK = 3  # [cells] depth of the lowest node that can have mass, below the lowest ground near it
 
 
@@ -199,6 +201,15 @@ def ground_nodes(grid, dx):
     return floor, padded(np.dstack([height, grid.gradient, deep]))
 
 
+def held_up_to(crest, bed, cell_size):
+    """Elevation [m] up to which the nodes of a barrier hold the flow whose `crest` [m] is over ground at `bed` [m].
+
+    Flow that passes over nodes in contact is a cell above them: the highest one lies a cell below the crest, or in the
+    middle of barriers that are lower than two cells.
+    """
+    return crest - np.clip(0.5 * (crest - bed), 0.0, HELD_BELOW_CREST * cell_size) + AT_NODE * cell_size
+
+
 def barrier_nodes(walls, grid, floor, ground, folds, filled):
     """Barriers `walls` at node columns, and their smooth faces.
 
@@ -224,7 +235,7 @@ def barrier_nodes(walls, grid, floor, ground, folds, filled):
     at = middle[nodes.number]
     standing = (nodes.number > 0)[..., None]
     entries = np.dstack([
-        nodes.normal, nodes.crest - floor, nodes.depth, nodes.mu, nodes.weight,
+        nodes.normal, held_up_to(nodes.crest - floor, bed, grid.cell_size), nodes.depth, nodes.mu, nodes.weight,
         x[None, :] - at[..., 0], y[:, None] - at[..., 1], at[..., 2], nodes.number,
         nodes.share, nodes.limit, nodes.side,
     ])  # fmt: skip

@@ -143,7 +143,10 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
         number[window][mine], depth[window][mine] = k, here[mine]
         normal[window][mine], mu[window][mine] = away[mine], wall.mu
         crest[window][mine] = _crest(wall, bed[window][mine])
-        weight[window][mine] = _weight(here[mine], margin + half, cell_size)
+        places = np.stack(np.meshgrid(*at), axis=-1)[mine]
+        enough = 2.0 * (FACE_CELLS + CORE_CELLS + 1.0) * cell_size - 2.0 * margin
+        thick = _thickness(joined, places, here[mine] - margin, away[mine], enough) + 2.0 * margin
+        weight[window][mine] = _weight(here[mine], thick, cell_size)
     turns, core = _turns(normal, number), depth >= FACE_CELLS * cell_size
     depth = np.where(number > 0, depth, 0.0)
     share, limit, side = np.zeros((3, *bed.shape))
@@ -231,12 +234,28 @@ def _crest(wall, bed):
     return wall.crest if wall.crest is not None else bed + wall.height
 
 
-def _weight(depth, half, cell_size):
-    """Weight [m-1] of nodes `depth` [m] behind the face of a wall whose middle is `half` [m] behind it."""
+def _weight(depth, thickness, cell_size):
+    """Weight [m-1] of nodes `depth` [m] behind the face of a wall that is `thickness` [m] thick there.
+
+    Half a hat behind each of the two faces, a cell wide to either side of its core. Over the nodes across a wall the
+    weights sum to 1 over the cell size, wherever the nodes lie and however thick the wall is.
+    """
     middle = (FACE_CELLS + CORE_CELLS) * cell_size
-    behind = min((half - middle) / cell_size, 1.0)  # [cells] of the hat's farther flank that this side has
-    per_side = cell_size * (0.5 + behind - 0.5 * behind**2)
-    return np.maximum(1.0 - np.abs(depth - middle) / cell_size, 0.0) / (2.0 * per_side)
+    hats = [np.maximum(1.0 - np.abs(behind - middle) / cell_size, 0.0) for behind in (depth, thickness - depth)]
+    return (hats[0] + hats[1]) / (2.0 * cell_size)
+
+
+def _thickness(footprint, places, depth, normal, most):
+    """Thickness [m] of a wall across its nearest side at `places` [n, 2]; infinite where it is more than `most` [m].
+
+    `depth` [n] [m] is that of the places in the footprint, `normal` [n, 2] of the nearest side.
+    """
+    if most <= 0.0 or len(places) == 0:
+        return np.full(len(places), np.inf)
+    face, near = places + depth[:, None] * normal, AT_RIM * (1.0 + footprint.length)
+    ways = shapely.linestrings(np.stack([face - near * normal, face - most * normal], axis=1))
+    far = shapely.distance(shapely.points(face), shapely.intersection(ways, footprint.boundary))
+    return np.where(np.isnan(far), np.inf, far)
 
 
 def _window(bounds, x, y):

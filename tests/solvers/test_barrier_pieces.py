@@ -152,3 +152,29 @@ def test_a_deflecting_dam_in_pieces_bears_what_the_whole_does(parts):
         for shapes in ([shapely.union_all([guide, dam(0.0, 1.0)])], [guide, *pieces])
     ]
     np.testing.assert_allclose(loads[1], loads[0], rtol=0.05)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    some.floats(0.05, 9.0), some.floats(-0.5, 0.5), some.sampled_from([0, 90, 180, 270]), some.floats(6.0, 20.0),
+    some.sampled_from([margin_of, margin_in_3d]),
+)  # fmt: skip
+def test_what_crosses_a_wall_is_counted_once(thickness, place, degrees, length, margin):
+    """The weights along each line across a wall sum to 1, however thick and long it is and wherever the nodes lie."""
+    box = shapely.box(place, -length, place + thickness, length)
+    wall = Wall("dam", shapely.affinity.rotate(box, degrees, origin=(0.0, 0.0)), height=5.0)
+    weight = nodes_of((wall,), margin_of=margin).weight
+    across = weight.sum(axis=1 if degrees % 180 == 0 else 0)[32 - 2 : 32 + 3]  # lines through the wall's middle
+    np.testing.assert_allclose(across, 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [20, 45])
+@pytest.mark.parametrize("thickness", [0.3, 1.7, 2.6, 3.4, 6.0])
+def test_what_crosses_an_oblique_wall_is_counted_once_in_the_mean(thickness, degrees):
+    """Sum of the weights over the nodes of a long wall, over its length, within 5 %."""
+    box = shapely.affinity.rotate(shapely.box(0.0, -60.0, thickness, 60.0), degrees, origin=(0.0, 0.0))
+    walls = (Wall("dam", box, height=5.0),)
+    weight = nodes_of(walls, margin_of=margin_in_3d).weight
+    y = np.arange(-32.0, 33.0)
+    length = 20.0 / np.cos(np.radians(degrees))
+    assert weight[np.abs(y) < 10.0].sum() == pytest.approx(length * 19.0 / 20.0, rel=0.05)
