@@ -112,6 +112,10 @@ def discharge_of_a_step(crest, depth=4.0, gravity=9.81):
             for thickness in (0.3, 0.6, 1.0, 2.0) for part in (0.0, 0.4, 0.9)
         ),
         pytest.param(2.0, 1.0, 30.0, 0.125, 0.9, marks=pytest.mark.slow),
+        *(
+            pytest.param(crest, thickness, west, 0.25, 0.6, marks=pytest.mark.slow)
+            for crest, thickness, west in ((3.0, 0.3, 30.0), (3.0, 2.0, 30.0), (3.1, 1.0, 30.1), (3.3, 1.0, 30.0))
+        ),
     ],
 )  # fmt: skip
 def test_water_passes_a_crest_as_over_a_step(crest, thickness, west, cell, least):
