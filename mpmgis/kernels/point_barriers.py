@@ -15,15 +15,15 @@ from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 # faces (`point_faces`) 1 + the number of the face that this node column belongs to (0: none), the elevation up to which
 # rows are held there [m], and 1 + the number of a face of another side that it belongs to in a corner (0: none); where
 # the material uses the density at the nodes, the part of the node's spline in the plane that barriers fill and the
-# elevation of their crest [m]
+# elevation of their crest [m]; depth below the crest within which nodes are at its edge [m] (0: none)
 (
     WALL_X, WALL_Y, CREST, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE,
-    ROWED, ROW_TOP, ROWED_TOO, FILLED, FILLED_TOP, POINT_BARRIER_ENTRIES,
-) = range(19)  # fmt: skip
+    ROWED, ROW_TOP, ROWED_TOO, FILLED, FILLED_TOP, EDGE, POINT_BARRIER_ENTRIES,
+) = range(20)  # fmt: skip
 # flow in a node column, which determines the discharge of an opening: mass [kg], momentum east and north [kg m s-1]
 FLOW_MASS, FLOW_X, FLOW_Y, COLUMN_FLOW = range(4)
 BLOCK_FLOW = BLOCK * BLOCK * COLUMN_FLOW  # numbers of a block
-EDGE_BENEATH, EDGE_DEPTH = 1.0, 1.5  # [cells] below the crest and behind the face, within which a node is at the edge
+EDGE_DEPTH = 1.5  # over EDGE, depth behind a face within which a node is at the edge
 LOOK = 64  # [cells] how far an opening looks for the flow before it
 # sums of each barrier: impulses [N s], moments [N m s], mass above its crest [kg]; the last of a run is the largest
 # normal force of a single step [N]
@@ -113,15 +113,16 @@ def passing_over(u, v, mass, dt, place):
 
 
 @jit_inline
-def at_barrier(u, v, w, mass, z, dx, dt, place, passing, booked, barrier):
+def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
     """Velocity (u, v, w) [m s-1] of a node of `mass` [kg] at height `z` [m] after its contact with a barrier.
 
     `place` are the entries of the barrier at the node column. The loads over `dt` [s] are added to `booked`
     float64[barriers, POINT_BARRIER_SUMS]. The nearest side of the barrier acts, or its top if that is nearer. At the
-    edge of side and top that one acts which changes the velocity less, so that flow turns over the crest. Flow that
-    moves into it loses that speed, and mu times as much of the speed along it; flow that moves away is free. A node
-    that is partly open keeps the share `passing` of its speed through the opening. Nodes around smooth faces are those
-    of `point_faces`. Flow above the crest, along the top and at its edges counts as passing over the barrier.
+    edge of both the side does not stop flow that moves more upwards than into it, so that the flow turns over the
+    crest. Flow that moves into the barrier loses that speed, and mu times as much of the speed along it; flow that
+    moves away is free. A node that is partly open keeps the share `passing` of its speed through the opening. Nodes
+    around smooth faces are those of `point_faces`. Flow above the crest, along the top and at its edges counts as
+    passing over the barrier.
     """
     if place[ROWED] > 0.0 and z <= place[ROW_TOP]:
         return u, v, w
@@ -140,8 +141,9 @@ def at_barrier(u, v, w, mass, z, dx, dt, place, passing, booked, barrier):
         return u1, v1, w
     sideways = place[DEPTH] <= beneath
     on_top = not sideways
-    if beneath < EDGE_BENEATH * dx and place[DEPTH] < EDGE_DEPTH * dx:
-        sideways, on_top = u * place[WALL_X] + v * place[WALL_Y] >= w, True
+    if beneath < place[EDGE] and place[DEPTH] < EDGE_DEPTH * place[EDGE]:
+        inwards = u * place[WALL_X] + v * place[WALL_Y]
+        sideways, on_top = sideways and (inwards >= 0.0 or inwards >= w), True
     nx, ny, nz = (place[WALL_X], place[WALL_Y], 0.0) if sideways else (0.0, 0.0, 1.0)
     into = u * nx + v * ny + w * nz
     if into >= 0.0:

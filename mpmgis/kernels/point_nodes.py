@@ -350,7 +350,7 @@ def hold_column(
             u, v, w = u1, v1, w1
         if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
             height_here = float(k_first + k - GHOSTS) * dx
-            u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dx, dt, barriers[jj, ii], passing, booked, barrier)
+            u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], passing, booked, barrier)
             mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
             u, v, w = u1, v1, w1
             into = u * nx + v * ny + w * nz

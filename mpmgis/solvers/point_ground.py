@@ -47,7 +47,9 @@ REACH = 3  # [cells] to each side in which the nearest ground is searched; nodes
 MOST_NODES = 1 << 27  # on folds, 2 GiB
 PRESSING = 1.0  # [cells] before a face, up to which points that start with stress press on it
 HELD_BELOW_CREST = 1.0  # [cells] of the highest node that holds the flow at a crest
-AT_NODE = 1e-4  # [cells] below a node, up to which the crest is at that node, in single precision too
+EDGE_HEIGHT = 2.01  # [cells] of the nodes that hold the flow, from which a barrier has an edge
+LOW = 2.0  # [cells] height of barriers whose crest is not lowered
+AT_NODE = 1e-4  # [cells] below a node, up to which the crest counts as at that node (rounding of single precision)
 SUNK = 3  # [cells] depth of the lowest node that can have mass, below the lowest ground near it
 
 
@@ -201,13 +203,14 @@ def ground_nodes(grid, dx):
     return floor, padded(np.dstack([height, grid.gradient, deep]))
 
 
-def held_up_to(crest, bed, cell_size):
+def held_up_to(crest, bed, share, cell_size):
     """Elevation [m] up to which the nodes of a barrier hold the flow whose `crest` [m] is over ground at `bed` [m].
 
-    Flow that passes over nodes in contact is a cell above them: the highest one lies a cell below the crest, or in the
-    middle of barriers that are lower than two cells.
+    Flow that passes over nodes in contact is a cell above them: the highest one lies a cell below the crest. Barriers
+    up to LOW cells high are not lowered, nor are nodes with an open `share`.
     """
-    return crest - np.clip(0.5 * (crest - bed), 0.0, HELD_BELOW_CREST * cell_size) + AT_NODE * cell_size
+    lowered = np.clip(crest - bed - LOW * cell_size, 0.0, HELD_BELOW_CREST * cell_size)
+    return crest - np.where(share > 0.0, 0.0, lowered) + AT_NODE * cell_size
 
 
 def barrier_nodes(walls, grid, floor, ground, folds, filled):
@@ -234,18 +237,21 @@ def barrier_nodes(walls, grid, floor, ground, folds, filled):
         middle[k] = centre.x, centre.y, foot
     at = middle[nodes.number]
     standing = (nodes.number > 0)[..., None]
+    held = held_up_to(nodes.crest - floor, bed, nodes.share, grid.cell_size)
+    edge = np.where(standing[..., 0] & (held - bed >= EDGE_HEIGHT * grid.cell_size), grid.cell_size, 0.0)
     entries = np.dstack([
-        nodes.normal, held_up_to(nodes.crest - floor, bed, grid.cell_size), nodes.depth, nodes.mu, nodes.weight,
+        nodes.normal, held, nodes.depth, nodes.mu,
+        nodes.weight,
         x[None, :] - at[..., 0], y[:, None] - at[..., 1], at[..., 2], nodes.number,
         nodes.share, nodes.limit, nodes.side,
     ])  # fmt: skip
     smooth = np.ones(bed.shape, bool) if folds.shape[0] == 1 else folds[inner][..., FOLD_LEVELS] == 0
-    faces, levels, held = face_arrays(nodes, bed, smooth, x, y, middle, floor, grid.cell_size)
+    faces, levels, owned = face_arrays(nodes, bed, smooth, x, y, middle, floor, grid.cell_size)
     parts = np.zeros((*bed.shape, 2))
     if filled:
         part, crest = filled_at(walls, nodes, x, y, grid.cell_size, margin_in_3d)
         parts = np.dstack([part, np.where(part > 0.0, crest - floor, 0.0)])
-    return padded(np.dstack([np.where(standing, entries, 0.0), held, parts])), faces, levels
+    return padded(np.dstack([np.where(standing, entries, 0.0), owned, parts, edge])), faces, levels
 
 
 def press_ground(last, step, place, mass, stressed, ground, settings):

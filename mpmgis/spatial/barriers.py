@@ -64,8 +64,7 @@ class WallNodes:
     core, corner : bool
         Nodes without flow below the crest; those of them where the wall has a corner.
     weight : float [m-1]
-        With which the flux at the node counts as passing over the wall: a hat a cell to either side of the middle of
-        thin walls, of the middle of the two faces' cores of thick ones.
+        With which the flux at the node counts as passing over the wall: half a hat behind each of its two faces.
     depth : float [m]
         Behind the wall's nearest side as it is computed.
     share : float

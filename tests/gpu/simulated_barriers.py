@@ -91,7 +91,7 @@ BARRIERS = {
     "face with friction": lambda p: at_barrier(p, wall(mu=0.5)),
     "face and drag": lambda p: at_barrier(p, wall(mu=0.5), contact=VOELLMY),
     "thin wall": lambda p: at_barrier(p, wall(57.9, 0.1, mu=0.3)),
-    "overtopping": lambda p: at_barrier(p, wall(57.2, height=2.0, mu=0.3), x=58.4, z=1.0, size=(2.5, 1, 1.5)),
+    "overtopping": lambda p: at_barrier(p, wall(57.2, height=1.5, mu=0.3), x=58.4, z=1.0, size=(2.5, 1, 1.5)),
     "over a face": lambda p: at_barrier(p, wall(57.2, height=3.75, mu=0.3), x=58.0, z=2.0, size=(1.5, 1, 2)),
     "opening": lambda p: at_barrier(p, with_opening(), x=58.6, size=(2.5, 1.5, 1)),
     "two barriers": lambda p: at_barrier(p, wall(mu=0.2), wall(56.0, 1.6, 1.0, 0.4, 13.0, "block"), x=57.4),

@@ -170,3 +170,23 @@ def test_a_scene_without_a_barrier_has_no_barrier_records():
     assert "barriers" not in solver.state() and solver.balances()["barriers"] == {}
     assert solver._barriers.size == 1
     assert solver.advance(0.01) == kernel.REACHED_TIME
+
+
+def seen_by_a_low_wall(height):
+    """(share of a slab of 2 m/s beyond a wall of `height` [cells] after 1 s, its mean speed [m s-1])."""
+    cell, wide = 0.25, 1.0
+    frame = block_of((3.0, wide, 0.5), 0.5 * cell, (26.8, 0.0, 0.0), velocity=(2.0, 0.0, 0.0))
+    dam = Wall("dam", shapely.box(30.0, -5.0, 31.0, 6.0), height=height * cell)
+    ground = terrain_of(lambda x, y: 0.0 * x, 60.0, wide, wide)
+    solver = points_on(ground, frame, cell, water(5.0), walls=(dam,), edges="wall")
+    integrate_to(solver, 1.0)
+    particles = sorted_points(solver)
+    return (particles.position[:, 0] > 30.5).mean(), particles.velocity[:, 0].mean()
+
+
+@pytest.mark.thorough
+def test_a_wall_lower_than_two_cells_slows_the_flow():
+    """A slab two cells deep loses most of its speed at walls of 1 and 1.5 cells, and all of it at 3."""
+    for height, most, fastest in ((1.0, 0.3, 0.8), (1.5, 0.3, 0.8), (3.0, 0.1, 0.2)):
+        share, speed = seen_by_a_low_wall(height)
+        assert share < most and speed < fastest
