@@ -142,8 +142,8 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
     sideways = place[DEPTH] <= beneath
     on_top = not sideways
     if beneath < place[EDGE] and place[DEPTH] < EDGE_DEPTH * place[EDGE]:
-        inwards = u * place[WALL_X] + v * place[WALL_Y]
-        sideways, on_top = sideways and (inwards >= 0.0 or inwards >= w), True
+        outwards = u * place[WALL_X] + v * place[WALL_Y]
+        sideways, on_top = sideways and outwards >= min(w, 0.0), True
     nx, ny, nz = (place[WALL_X], place[WALL_Y], 0.0) if sideways else (0.0, 0.0, 1.0)
     into = u * nx + v * ny + w * nz
     if into >= 0.0:

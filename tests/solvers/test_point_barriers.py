@@ -25,6 +25,11 @@ def wall(height=20.0, mu=0.0, west=30.0, thickness=2.0):
     return Wall("dam", shapely.box(west, -20.0, west + thickness, 40.0), height=height, mu=mu)
 
 
+def channel(wide):
+    """Level ground `wide` [m] from south to north."""
+    return terrain_of(lambda x, y: 0.0 * x, 60.0, wide, wide)
+
+
 def struck(height=20.0, mu=0.0, speed=20.0, deep=1.0, time=1.0, start=20.0, long=8.0):
     """A slab of water, `deep` [m], thrown at the wall between side walls."""
     frame = block_of((long, 12.0, deep), DX / 2, (start, 0.0, 0.0), velocity=(speed, 0.0, 0.0))
@@ -122,9 +127,8 @@ def test_water_passes_a_crest_as_over_a_step(crest, thickness, west, cell, least
     """At least `least` of the exact discharge and at most 1.1 of it; the mass that passed is counted within 6 %."""
     depth, long, wide = 4.0, 14.0, 4.0 * cell
     frame = block_of((long, wide, depth), 0.5 * cell, (west - long, 0.0, 0.0))
-    dam = Wall("dam", shapely.box(west, -5.0, west + thickness, 6.0), crest=crest)
-    ground = terrain_of(lambda x, y: 0.0 * x, 60.0, wide, wide)
-    solver, beyond = points_on(ground, frame, cell, water(8.0), walls=(dam,), edges="wall"), []
+    dam = wall(crest, west=west, thickness=thickness)
+    solver, beyond = points_on(channel(wide), frame, cell, water(8.0), walls=(dam,), edges="wall"), []
     for time in (0.8, 1.6):  # until the wave comes back from the end of the water at 2.2 s
         integrate_to(solver, time)
         particles = sorted_points(solver)
@@ -144,11 +148,10 @@ def test_a_pool_a_cell_below_the_crest_stays(above, west):
     stress = np.zeros((len(frame.particles.mass), 6))
     stress[:, :3] = -1000.0 * 9.81 * (depth - frame.particles.position[:, 2:])
     walls = (
-        Wall("dam", shapely.box(west, -5.0, west + 1.0, 6.0), crest=depth + above * cell),
+        wall(depth + above * cell, west=west, thickness=1.0),
         Wall("back", shapely.box(west - long - 2.0, -5.0, west - long, 6.0), crest=20.0),
     )
-    ground = terrain_of(lambda x, y: 0.0 * x, 60.0, 4.0 * cell, 4.0 * cell)
-    solver = points_on(ground, frame, cell, water(5.0), stress=stress, walls=walls, edges="wall")
+    solver = points_on(channel(4.0 * cell), frame, cell, water(5.0), stress=stress, walls=walls, edges="wall")
     integrate_to(solver, 1.0, 3.0, 5.0)
     assert sorted_points(solver).position[:, 0].max() < west + 0.5
     of_a_cell = 1000.0 * 4.0 * cell**3
@@ -176,9 +179,8 @@ def seen_by_a_low_wall(height):
     """(share of a slab of 2 m/s beyond a wall of `height` [cells] after 1 s, its mean speed [m s-1])."""
     cell, wide = 0.25, 1.0
     frame = block_of((3.0, wide, 0.5), 0.5 * cell, (26.8, 0.0, 0.0), velocity=(2.0, 0.0, 0.0))
-    dam = Wall("dam", shapely.box(30.0, -5.0, 31.0, 6.0), height=height * cell)
-    ground = terrain_of(lambda x, y: 0.0 * x, 60.0, wide, wide)
-    solver = points_on(ground, frame, cell, water(5.0), walls=(dam,), edges="wall")
+    dam = wall(height * cell, thickness=1.0)
+    solver = points_on(channel(wide), frame, cell, water(5.0), walls=(dam,), edges="wall")
     integrate_to(solver, 1.0)
     particles = sorted_points(solver)
     return (particles.position[:, 0] > 30.5).mean(), particles.velocity[:, 0].mean()
