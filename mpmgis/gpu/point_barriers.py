@@ -22,6 +22,7 @@ from ..kernels.point_barriers import (
     column_flow,
 )
 from ..kernels.point_clock import ROWS, STEP
+from ..kernels.point_crests import press_at_crest
 from ..kernels.point_faces import (
     COLUMNS,
     FACE_BARRIER,
@@ -143,6 +144,31 @@ def book_faces(
             )  # fmt: skip
 
 
+@Kernel
+def press_on_crests(run, columns, nodes, touched, slots, lowest, barriers, booked, reports, settings, barrier):
+    """Contact with crests in the node `columns` int32[n, 2] that barriers stand on (see `kernels.point_crests`).
+
+    The first kernel of a step that books loads of these columns; a thread per column.
+    """
+    if run[STATUS] != 0:
+        return
+    grid, window = NodeBlocks(nodes, touched, run[TOUCHED]), window_now(run, slots, lowest)
+    for e in range(int32(cuda.grid(1)), int32(columns.shape[0]), int32(cuda.gridsize(1))):
+        j, i = columns[e, 0], columns[e, 1]
+        for k in range(POINT_BARRIER_SUMS):
+            booked[int(barriers[j, i, entry.BARRIER]) - 1, k] = 0.0
+        north, east = j // BLOCK - run[SOUTH_NOW], i // BLOCK - run[WEST_NOW]
+        if north < 0 or east < 0 or north >= run[HEIGHT] or east >= run[WIDTH]:
+            continue
+        column = (j % BLOCK) * BLOCK + i % BLOCK
+        first = int32((north * run[WIDTH] + east) * run[DEPTH])
+        for place in range(first, first + int32(run[DEPTH])):
+            if slots[place] >= 0:
+                press_at_crest(
+                    slots[place], column, grid, window, barriers, reports[cuda.grid(1)], booked, settings, barrier
+                )
+
+
 @capped(double=104)
 def hold_at_barriers(
     run, now, columns, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass,
@@ -154,10 +180,7 @@ def hold_at_barriers(
     grid = NodeBlocks(nodes, touched, run[TOUCHED])
     ground = Ground(ground_nodes, folds, exact)
     for e in range(int32(cuda.grid(1)), int32(columns.shape[0]), int32(cuda.gridsize(1))):
-        j, i = columns[e, 0], columns[e, 1]
-        for k in range(POINT_BARRIER_SUMS):
-            booked[int(barriers[j, i, entry.BARRIER]) - 1, k] = 0.0
-        north, east = j // BLOCK - run[SOUTH_NOW], i // BLOCK - run[WEST_NOW]
+        north, east = columns[e, 0] // BLOCK - run[SOUTH_NOW], columns[e, 1] // BLOCK - run[WEST_NOW]
         if north < 0 or east < 0 or north >= run[HEIGHT] or east >= run[WIDTH]:
             continue
         first = int32((north * run[WIDTH] + east) * run[DEPTH])

@@ -382,6 +382,11 @@ class DevicePoints:
             self._all(
                 point_barriers.book_faces, run, self._counts, *around, *lines, *yields, barred.booked, reports, settings
             )
+        if self._barred:
+            self._all(
+                point_barriers.press_on_crests, run, barred.columns, nodes, touched, slots, lowest, barred.values,
+                barred.booked, reports, settings, self._effects.barrier,
+            )  # fmt: skip
         self._all(
             point_nodes.hold_nodes, run, now, nodes, touched, free, *places, self._column_mass, barred.flow,
             barred.booked, reports, *laws,

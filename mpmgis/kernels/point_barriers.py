@@ -9,21 +9,20 @@ from .point_ground import GROUND_HEIGHT
 from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 
 # of a node column with a barrier: outward unit normal of its nearest side, elevation above the domain's lowest level up
-# to which nodes hold the flow at the crest [m], depth behind that side [m], friction [1], weight with which what passes
+# to which each node holds the flow [m], depth behind that side [m], friction [1], weight with which what passes
 # above is counted [m-1], place of the barrier's foot from here [m], 1 + number of the barrier (0: none); then of
-# openings (`spatial.openings`) the share that is open, how much passes at most, to which side it lies; last of smooth
-# faces (`point_faces`) 1 + the number of the face that this node column belongs to (0: none), the elevation up to which
-# rows are held there [m], and 1 + the number of a face of another side that it belongs to in a corner (0: none); where
-# the material uses the density at the nodes, the part of the node's spline in the plane that barriers fill and the
-# elevation of their crest [m]; depth below the crest within which nodes are at its edge [m] (0: none)
+# openings (`spatial.openings`) the share that is open, how much passes at most, to which side it lies; height of the
+# edge from there to the crest (`point_crests`) [m] (0: none); last of smooth faces (`point_faces`) 1 + the number of
+# the face that this node column belongs to (0: none), the elevation up to which rows are held there [m], and 1 + the
+# number of a face of another side that it belongs to in a corner (0: none); where the material uses the density at the
+# nodes, the part of the node's spline in the plane that barriers fill and the elevation of their crest [m]
 (
-    WALL_X, WALL_Y, CREST, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE,
-    ROWED, ROW_TOP, ROWED_TOO, FILLED, FILLED_TOP, EDGE, POINT_BARRIER_ENTRIES,
+    WALL_X, WALL_Y, HELD, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE, EDGE,
+    ROWED, ROW_TOP, ROWED_TOO, FILLED, FILLED_TOP, POINT_BARRIER_ENTRIES,
 ) = range(20)  # fmt: skip
 # flow in a node column, which determines the discharge of an opening: mass [kg], momentum east and north [kg m s-1]
 FLOW_MASS, FLOW_X, FLOW_Y, COLUMN_FLOW = range(4)
 BLOCK_FLOW = BLOCK * BLOCK * COLUMN_FLOW  # numbers of a block
-EDGE_DEPTH = 1.5  # over EDGE, depth behind a face within which a node is at the edge
 LOOK = 64  # [cells] how far an opening looks for the flow before it
 # sums of each barrier: impulses [N s], moments [N m s], mass above its crest [kg]; the last of a run is the largest
 # normal force of a single step [N]
@@ -117,17 +116,16 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
     """Velocity (u, v, w) [m s-1] of a node of `mass` [kg] at height `z` [m] after its contact with a barrier.
 
     `place` are the entries of the barrier at the node column. The loads over `dt` [s] are added to `booked`
-    float64[barriers, POINT_BARRIER_SUMS]. The nearest side of the barrier acts, or its top if that is nearer. At the
-    edge of both the side does not stop flow that moves more upwards than into it, so that the flow turns over the
-    crest. Flow that moves into the barrier loses that speed, and mu times as much of the speed along it; flow that
-    moves away is free. A node that is partly open keeps the share `passing` of its speed through the opening. Nodes
-    around smooth faces are those of `point_faces`. Flow above the crest, along the top and at its edges counts as
-    passing over the barrier.
+    float64[barriers, POINT_BARRIER_SUMS]. The nearest side of the barrier acts, or its top if that is nearer. Flow
+    that moves into the barrier loses that speed, and mu times as much of the speed along it; flow that moves away is
+    free. A node that is partly open keeps the share `passing` of its speed through the opening. Nodes around smooth
+    faces are those of `point_faces`, those at the edge of the crest those of `point_crests`. Flow at the edge, above
+    the crest and along the top counts as passing over the barrier.
     """
     if place[ROWED] > 0.0 and z <= place[ROW_TOP]:
         return u, v, w
     book = booked[int(place[BARRIER]) - 1]
-    beneath = place[CREST] - z
+    beneath = place[HELD] - z
     if beneath < 0.0:
         book[OVER] += passing_over(u, v, mass, dt, place)
         return u, v, w
@@ -140,23 +138,17 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
         book_impulse(book, jx, jy, 0.0, mass * pressed, place, ARM_X, z)
         return u1, v1, w
     sideways = place[DEPTH] <= beneath
-    on_top = not sideways
-    if beneath < place[EDGE] and place[DEPTH] < EDGE_DEPTH * place[EDGE]:
-        outwards = u * place[WALL_X] + v * place[WALL_Y]
-        sideways, on_top = sideways and outwards >= min(w, 0.0), True
+    if not sideways:
+        book[OVER] += passing_over(u, v, mass, dt, place)
     nx, ny, nz = (place[WALL_X], place[WALL_Y], 0.0) if sideways else (0.0, 0.0, 1.0)
     into = u * nx + v * ny + w * nz
     if into >= 0.0:
-        if on_top:
-            book[OVER] += passing_over(u, v, mass, dt, place)
         return u, v, w
     u1, v1, w1 = u - into * nx, v - into * ny, w - into * nz
     slip = sqrt(u1 * u1 + v1 * v1 + w1 * w1)
     kept = barrier.kept_along(place[WALL_MU], slip, -into) if slip > 0.0 else 0.0
     u1, v1, w1 = kept * u1, kept * v1, kept * w1
     jx, jy, jz = mass * (u - u1), mass * (v - v1), mass * (w - w1)
-    if on_top:
-        book[OVER] += passing_over(u1, v1, mass, dt, place)
     book_impulse(book, jx, jy, jz, -mass * into, place, ARM_X, z)
     return u1, v1, w1
 

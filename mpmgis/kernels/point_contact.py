@@ -6,7 +6,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, share_at, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
-from .point_barriers import BARRIER, CREST, DEPTH, ROWED, SHARE, WALL_X, WALL_Y
+from .point_barriers import BARRIER, DEPTH, EDGE, HELD, ROWED, SHARE, WALL_X, WALL_Y
 from .point_ground import fold_at, plane_at
 from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, RETURNED_WORK, edge_at, leaning_edge
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
@@ -39,7 +39,7 @@ def is_sunk_below_block(level, first, above):
 
 
 @jit_borrowing
-def _node_of(nodes, below, own, above, level, first, column):
+def node_of(nodes, below, own, above, level, first, column):
     """(block, index of its entry, mass [kg]) of the node at `level` of a block's node `column` (0 to 15).
 
     `first` is the lowest level of block `own`; `below` and `above` are its neighbours, -1 where there is none: the
@@ -59,14 +59,14 @@ def _node_of(nodes, below, own, above, level, first, column):
 
 
 @jit_borrowing
-def _mass_near(nodes, below, own, above, first, column, level):
+def mass_near(nodes, below, own, above, first, column, level):
     """(mass [kg] of the heaviest node of a column near the ground, centre of the masses there [levels above `level`]).
 
     The heaviest is that of the flow's interior there.
     """
     heaviest = total = moment = 0.0
     for offset in range(-2, 3):
-        mass = _node_of(nodes, below, own, above, level + offset, first, column)[2]
+        mass = node_of(nodes, below, own, above, level + offset, first, column)[2]
         total += mass
         moment += float(offset) * mass
         heaviest = max(heaviest, mass)
@@ -74,7 +74,7 @@ def _mass_near(nodes, below, own, above, first, column, level):
 
 
 @jit_borrowing
-def _at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest):
+def at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest):
     """What the flow has at the ground under a node column.
 
     Returns velocity [m s-1], the velocity that a unit impulse gives it [kg-1], the mass there [kg], and the
@@ -82,14 +82,14 @@ def _at_foot(nodes, below, own, above, first, column, level, foot, rise, heavies
     """
     u = v = w = give = here = 0.0
     whole = 1.0 / heaviest
-    m0 = whole * _node_of(nodes, below, own, above, level - 2, first, column)[2]
-    m1 = whole * _node_of(nodes, below, own, above, level - 1, first, column)[2]
-    m2 = whole * _node_of(nodes, below, own, above, level, first, column)[2]
-    m3 = whole * _node_of(nodes, below, own, above, level + 1, first, column)[2]
-    m4 = whole * _node_of(nodes, below, own, above, level + 2, first, column)[2]
+    m0 = whole * node_of(nodes, below, own, above, level - 2, first, column)[2]
+    m1 = whole * node_of(nodes, below, own, above, level - 1, first, column)[2]
+    m2 = whole * node_of(nodes, below, own, above, level, first, column)[2]
+    m3 = whole * node_of(nodes, below, own, above, level + 1, first, column)[2]
+    m4 = whole * node_of(nodes, below, own, above, level + 2, first, column)[2]
     shares = contact_shares(foot, rise, m0, m1, m2, m3, m4)
     for offset in range(-2, 3):
-        slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
+        slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
         share = share_at(offset, shares)
@@ -112,7 +112,7 @@ def _push(nodes, below, own, above, first, column, level, shares, heaviest, impu
     nx, ny, nz = normal
     into = jx * nx + jy * ny + jz * nz
     for offset in range(-2, 3):
-        slot, n, mass = _node_of(nodes, below, own, above, level + offset, first, column)
+        slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
         share = share_at(offset, shares)
@@ -266,7 +266,7 @@ def _face_at(place, height, wall_x, wall_y):
 
     (wall_x, wall_y) where none does: no barrier, an opening, or its top is nearer.
     """
-    beneath = place[CREST] - height
+    beneath = place[HELD] + place[EDGE] - height
     if place[BARRIER] > 0.0 and place[SHARE] <= 0.0 and beneath >= 0.0 and place[DEPTH] <= beneath:
         return place[WALL_X], place[WALL_Y]
     return wall_x, wall_y
@@ -298,13 +298,13 @@ def press_column(
         return
     if barrier.barrier_active() and barriers[jj, ii, ROWED] > 0.0:
         return
-    heaviest, centre = _mass_near(nodes, below, t, above, first, column, level)
+    heaviest, centre = mass_near(nodes, below, t, above, first, column, level)
     if heaviest <= NO_MASS:
         return
     if centre < foot:  # sunk: the ground acts where the mass is
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
         level, foot = level + lower, centre - float(lower)
-    u, v, w, give, here, shares = _at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
+    u, v, w, give, here, shares = at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
     if here < LEAST_SHARE * heaviest or give <= 0.0:
         return
     law = zones.local(contact, zone_values, jj, ii)

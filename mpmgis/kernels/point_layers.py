@@ -15,7 +15,7 @@ from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .contact_shares import foot_of, spline_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
-from .point_barriers import BARRIER, CREST
+from .point_barriers import BARRIER, EDGE, HELD
 from .point_contact import LEAST_SHARE, is_column_of_block
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK, bed_under
@@ -181,7 +181,7 @@ def couple_column(
         return
     covered, top = bed_under(column_mass, jj, ii, 1.0), 1 << 30
     if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
-        top = int(barriers[jj, ii, CREST] / dx) + GHOSTS
+        top = int((barriers[jj, ii, HELD] + barriers[jj, ii, EDGE]) / dx) + GHOSTS
     full = covered * settings.density * dx * dx * dx
     count = _take(nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers)
     if count == 0 or covered <= 0.0 or not _touches(layers, count):

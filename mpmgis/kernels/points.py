@@ -53,6 +53,7 @@ from .point_clock import (
     set_next_step,
 )
 from .point_contact import press_on_ground
+from .point_crests import press_on_crests
 from .point_density import EVERY, correct_density
 from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces
 from .point_layers import couple_layers
@@ -138,6 +139,7 @@ def _column_arrays(ground, drags, opens):
 
 _couple_layers = for_law(couple_layers, -3, "drag_active")
 _press_on_faces = for_law(press_on_faces, -1, "barrier_active")
+_press_on_crests = for_law(press_on_crests, -1, "barrier_active")
 _correct_density = for_law(correct_density, -2, "follows_density")
 _keep_before_faces = for_law(keep_before_faces, -1, "barrier_active")
 
@@ -249,6 +251,7 @@ def advance(
                 grid, window, ground, zone_values, faces, face_lines, yields, face_yields, counts[STEP] + 1,
                 node_report, barrier_report, dt, settings, contact, zones, barrier,
             )  # fmt: skip
+            _press_on_crests(grid, window, free, barriers, node_report, barrier_report, settings, barrier)
         hold_nodes(
             grid, free, ground, zone_values, barriers, column_mass, flow, node_report, barrier_report, dt, settings,
             contact, zones, barrier,

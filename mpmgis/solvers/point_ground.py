@@ -39,16 +39,13 @@ from ..kernels.point_faces import (
 )
 from ..kernels.point_ground import EXACT_ENTRIES, FOLD_ENTRIES, FOLD_LEVELS, Ground, distances_to_ground
 from ..kernels.point_rows import GHOSTS
-from ..spatial.faces import SAME_SIDE, faces_of
+from ..spatial.faces import SAME_SIDE, edge_height, faces_of
 from ..spatial.node_grid import bed_at_nodes
 
 FOLD_CELLS = 0.5  # [cells] deviation of the ground from the plane of a node at its neighbours that makes a fold
 REACH = 3  # [cells] to each side in which the nearest ground is searched; nodes with mass are nearer
 MOST_NODES = 1 << 27  # on folds, 2 GiB
 PRESSING = 1.0  # [cells] before a face, up to which points that start with stress press on it
-HELD_BELOW_CREST = 1.0  # [cells] of the highest node that holds the flow at a crest
-EDGE_HEIGHT = 2.01  # [cells] of the nodes that hold the flow, from which a barrier has an edge
-LOW = 2.0  # [cells] height of barriers whose crest is not lowered
 AT_NODE = 1e-4  # [cells] below a node, up to which the crest counts as at that node (rounding of single precision)
 SUNK = 3  # [cells] depth of the lowest node that can have mass, below the lowest ground near it
 
@@ -203,16 +200,6 @@ def ground_nodes(grid, dx):
     return floor, padded(np.dstack([height, grid.gradient, deep]))
 
 
-def held_up_to(crest, bed, share, cell_size):
-    """Elevation [m] up to which the nodes of a barrier hold the flow whose `crest` [m] is over ground at `bed` [m].
-
-    Flow that passes over nodes in contact is a cell above them: the highest one lies a cell below the crest. Barriers
-    up to LOW cells high are not lowered, nor are nodes with an open `share`.
-    """
-    lowered = np.clip(crest - bed - LOW * cell_size, 0.0, HELD_BELOW_CREST * cell_size)
-    return crest - np.where(share > 0.0, 0.0, lowered) + AT_NODE * cell_size
-
-
 def barrier_nodes(walls, grid, floor, ground, folds, filled):
     """Barriers `walls` at node columns, and their smooth faces.
 
@@ -237,13 +224,13 @@ def barrier_nodes(walls, grid, floor, ground, folds, filled):
         middle[k] = centre.x, centre.y, foot
     at = middle[nodes.number]
     standing = (nodes.number > 0)[..., None]
-    held = held_up_to(nodes.crest - floor, bed, nodes.share, grid.cell_size)
-    edge = np.where(standing[..., 0] & (held - bed >= EDGE_HEIGHT * grid.cell_size), grid.cell_size, 0.0)
+    edge = np.where(nodes.share > 0.0, 0.0, edge_height(nodes.crest - floor, bed, grid.cell_size))
+    top = nodes.crest - floor + AT_NODE * grid.cell_size
     entries = np.dstack([
-        nodes.normal, held, nodes.depth, nodes.mu,
+        nodes.normal, top - edge, nodes.depth, nodes.mu,
         nodes.weight,
         x[None, :] - at[..., 0], y[:, None] - at[..., 1], at[..., 2], nodes.number,
-        nodes.share, nodes.limit, nodes.side,
+        nodes.share, nodes.limit, nodes.side, edge,
     ])  # fmt: skip
     smooth = np.ones(bed.shape, bool) if folds.shape[0] == 1 else folds[inner][..., FOLD_LEVELS] == 0
     faces, levels, owned = face_arrays(nodes, bed, smooth, x, y, middle, floor, grid.cell_size)
@@ -251,7 +238,7 @@ def barrier_nodes(walls, grid, floor, ground, folds, filled):
     if filled:
         part, crest = filled_at(walls, nodes, x, y, grid.cell_size, margin_in_3d)
         parts = np.dstack([part, np.where(part > 0.0, crest - floor, 0.0)])
-    return padded(np.dstack([np.where(standing, entries, 0.0), owned, parts, edge])), faces, levels
+    return padded(np.dstack([np.where(standing, entries, 0.0), owned, parts])), faces, levels
 
 
 def press_ground(last, step, place, mass, stressed, ground, settings):

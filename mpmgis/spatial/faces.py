@@ -8,7 +8,9 @@ import numpy as np
 
 from ..kernels.contact_shares import part_before
 
-HELD_CELLS = 1.5  # [cells] under the crest, above which nodes are held one by one
+HELD_CELLS = 1.5  # [cells] under the crest at least, above which nodes are held one by one
+EDGE_CELLS = 2.6  # [cells] under the crest, above which flow over it moves freely into the side, at most
+LOW = 2.0  # [cells] height of barriers that hold the flow up to their crest
 LOWEST_FACE = 2.0  # [cells] at least, from the ground to where rows end
 SAME_SIDE = cos(radians(30.0))  # nodes whose normals differ by more lie behind different sides
 DIAGONAL = 0.999  # of the larger part of a normal, from which both axes are as good
@@ -87,7 +89,7 @@ def faces_of(nodes, bed, smooth, cell_size):
         better = along >= DIAGONAL * other if axis == 0 else along * DIAGONAL > other
         found = []
         for j, i in np.argwhere((nodes.number > 0) & (nodes.share == 0.0) & better):
-            face = _face_behind(nodes, int(j), int(i), axis, cell_size)
+            face = _face_behind(nodes, bed, int(j), int(i), axis, cell_size)
             if face is not None and _is_smooth(face, nodes, bed, smooth, cell_size):
                 found.append(face)
         begun = {}  # sides of each direction that are not yet at their ends; walls that touch can share one
@@ -174,7 +176,7 @@ def _to_corner(last, step, nodes, bed, smooth, cell_size):
             return [], None
         if any(nodes.number[at] == 0 for o, at in zip((-1, 0, 1), columns, strict=True) if _away(face, o) < -AT_RIM):
             return [], None
-        face = face._replace(top=_lowest_crest(face, nodes) - HELD_CELLS * cell_size)
+        face = face._replace(top=_top_of(face, nodes, bed, cell_size))
         if any(
             not smooth[at] or nodes.share[at] > 0.0 or face.top - bed[at] < LOWEST_FACE * cell_size for at in columns
         ):
@@ -262,7 +264,7 @@ def _are_adjacent(face, other):
     return along == 1 and abs(across) <= 1 and np.dot(face.normal, other.normal) > SAME_SIDE
 
 
-def _face_behind(nodes, j, i, axis, cell_size):
+def _face_behind(nodes, bed, j, i, axis, cell_size):
     """Face in front of node [j, i] of a wall, or None if the next node of the row is not in front of it."""
     normal = nodes.normal[j, i]
     out = 1 if normal[axis] > 0.0 else -1
@@ -276,14 +278,25 @@ def _face_behind(nodes, j, i, axis, cell_size):
     number, mu = int(nodes.number[j, i]), float(nodes.mu[j, i])
     face = Face(j, i, axis, 0.0, out, (float(normal[0]), float(normal[1])), number, mu, 0.0)
     face = _at_place(face, (j, i)[axis], place)
-    return face._replace(top=_lowest_crest(face, nodes) - HELD_CELLS * cell_size)
+    return face._replace(top=_top_of(face, nodes, bed, cell_size))
 
 
-def _lowest_crest(face, nodes):
-    """Elevation [m] of the lowest crest at the nodes of a face's row that are in walls."""
+def edge_height(crest, bed, cell_size):
+    """Height [m] of the edge of a barrier under its `crest` [m], over ground at `bed` [m].
+
+    Flow passes a crest some cells above the nodes that hold its side. With EDGE_CELLS the discharge of water over a
+    wall is that of measured weirs. A barrier up to LOW cells high has no edge, and that of a higher one ends LOW cells
+    above the ground or higher.
+    """
+    return np.clip(crest - bed - LOW * cell_size, 0.0, EDGE_CELLS * cell_size)
+
+
+def _top_of(face, nodes, bed, cell_size):
+    """Elevation [m] up to which the row of a face is held: under the edges of the nodes that are in walls."""
     rows, columns = nodes.number.shape
     inside = [at for at in face.columns() if 0 <= at[0] < rows and 0 <= at[1] < columns and nodes.number[at] > 0]
-    return min((float(nodes.crest[at]) for at in inside), default=-np.inf)
+    edges = [max(edge_height(nodes.crest[at], bed[at], cell_size), HELD_CELLS * cell_size) for at in inside]
+    return min((float(nodes.crest[at] - edge) for at, edge in zip(inside, edges, strict=True)), default=-np.inf)
 
 
 def _is_smooth(face, nodes, bed, smooth, cell_size):

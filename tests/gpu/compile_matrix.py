@@ -19,6 +19,7 @@ MORE = {
     "move_rare_points": (LIMIT, 166),
     "press_on_ground": (LIMIT, 120),
     "hold_at_barriers_": (LIMIT, 104),
+    "press_on_crests": (LIMIT, 112),
     "weigh_face": (LIMIT, 136),
     "settle_faces": (LIMIT, 136),
     "columns_to_grid all": (LIMIT, 128),

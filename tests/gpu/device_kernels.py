@@ -154,6 +154,7 @@ def _without_laws(real):
         ("book_faces", run, counts, *around, *lines, yields, yields, reports, reports, of_nodes),
         ("keep_before_faces", run, counts, rows, keys, lowest, array(byte, 2), reports, columns, sums, of_nodes),
         ("weigh_flow", run, nodes, reports),
+        ("press_on_crests", run, touched, nodes, touched, window, lowest, columns, reports, reports, of_nodes, walled),
         ("sum_booked", run, reports, start, array(f8, 3)),
         ("collect_barriers", run, stage, array(f8, 3), sums),
     ):

@@ -93,6 +93,7 @@ BARRIERS = {
     "thin wall": lambda p: at_barrier(p, wall(57.9, 0.1, mu=0.3)),
     "overtopping": lambda p: at_barrier(p, wall(57.2, height=1.5, mu=0.3), x=58.4, z=1.0, size=(2.5, 1, 1.5)),
     "over a face": lambda p: at_barrier(p, wall(57.2, height=3.75, mu=0.3), x=58.0, z=2.0, size=(1.5, 1, 2)),
+    "at a crest": lambda p: at_barrier(p, wall(57.2, height=6.3, mu=0.3), x=59.2, z=4.2, size=(2.5, 1, 2.5)),
     "opening": lambda p: at_barrier(p, with_opening(), x=58.6, size=(2.5, 1.5, 1)),
     "two barriers": lambda p: at_barrier(p, wall(mu=0.2), wall(56.0, 1.6, 1.0, 0.4, 13.0, "block"), x=57.4),
     "at the edge": lambda p: at_barrier(p, wall(mu=0.3), y=0.1, degrees=20.0, speed=4.0, edges="wall"),
@@ -105,7 +106,7 @@ BARRIERS = {
 }
 KERNELS = {
     *("share_face_rows", "weigh_face_rows", "weigh_face_columns", "settle_faces", "book_faces", "keep_before_faces"),
-    *("hold_at_barriers", "sum_booked", "collect_barriers", "weigh_flow"),
+    *("press_on_crests", "hold_at_barriers", "sum_booked", "collect_barriers", "weigh_flow"),
 }  # fmt: skip
 
 

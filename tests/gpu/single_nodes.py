@@ -14,6 +14,7 @@ from mpmgis.kernels import (
     contact_shares,
     point_barriers,
     point_contact,
+    point_crests,
     point_density,
     point_faces,
     point_ground,
@@ -32,6 +33,7 @@ PHASES = {  # of `kernels.points.advance`, by their names there
     "_couple_layers": point_layers.couple_layers,
     "press_on_ground": point_contact.press_on_ground,
     "_press_on_faces": point_faces.press_on_faces,
+    "_press_on_crests": point_crests.press_on_crests,
     "hold_nodes": point_nodes.hold_nodes,
     "_correct_density": point_density.correct_density,
 }

@@ -7,7 +7,7 @@ from law_kernels import PRECISIONS
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 SCENES = (
     *("smooth face", "face with friction", "face and drag", "thin wall", "overtopping", "over a face", "opening"),
-    *("two barriers", "at the edge", "at a cliff", "on friction zones", "turned on a slope"),
+    *("at a crest", "two barriers", "at the edge", "at a cliff", "on friction zones", "turned on a slope"),
     *("inner corner", "inner corner with friction", "inner corner, turned"),
     *("drawn 0", "drawn 1", "drawn 3", "drawn 11"),
 )
@@ -43,7 +43,7 @@ def test_bits_depend_on_neither_launch_order_nor_pauses(found, case, precision):
 
 
 def test_only_what_the_barriers_need_is_launched(found):
-    standing = {"hold_at_barriers", "sum_booked", "collect_barriers"}
+    standing = {"press_on_crests", "hold_at_barriers", "sum_booked", "collect_barriers"}
     faces = {
         "keep_before_faces",
         "share_face_rows",

@@ -48,7 +48,7 @@ def test_rows_meet_both_sides_of_a_wall_exactly(cell, offset, degrees, thick):
         away = np.dot(place_of(face, x, y, cell) - [offset * cell, 0.0], across)
         assert away == pytest.approx(side * half, abs=1e-6 * cell)
         np.testing.assert_allclose(face.normal, side * across, atol=1e-6)
-        assert -0.5 - 1e-6 <= face.foot <= 0.5 + 1e-6 and face.top == pytest.approx(7.5 * cell)
+        assert -0.5 - 1e-6 <= face.foot <= 0.5 + 1e-6 and face.top == pytest.approx(6.4 * cell)
         columns += face.columns()
         rows[side] += 1
     assert len(columns) == len(set(columns))

@@ -1,5 +1,7 @@
 """Rigid barriers in 3D: nothing passes below the crest, what they take up is what the flow loses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -87,44 +89,58 @@ def test_what_passes_above_the_crest_is_counted():
     assert dam["overtopped_mass"] == pytest.approx(behind, rel=0.05)
 
 
-def discharge_of_a_step(crest, depth=4.0, gravity=9.81):
-    """Discharge [m2 s-1] of shallow water, `depth` [m] deep and at rest, over a step up to `crest` [m] at its end.
+# measured at weirs with a vertical side and a sharp edge: discharge C H^1.5 per metre (H: energy head) by the head h
+# over the thickness of the wall; read off figure 7 of Hulsing (1967), USGS TWRI 3-A5 (C there in feet^0.5 s-1)
+HEAD_OVER_THICKNESS = (0.1, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0)
+MEASURED = (2.63, 2.655, 2.725, 2.845, 2.98, 3.115, 3.29, 3.50)
+# of thinner walls, by the head over the height of the wall, figure 2 there
+HEAD_OVER_HEIGHT = (0.0, 0.5, 1.0, 2.0)
+MEASURED_THIN = (3.27, 3.46, 3.645, 3.93)
 
-    A wave runs into the water (Riemann invariant), and the flow passes the crest critically with the same energy head
-    (Chow 1959, sections 3-3 and 18-7).
+
+def measured_discharge(crest, thickness, depth=4.0, gravity=9.81):
+    """Discharge [m2 s-1] over a wall at the end of shallow water, `depth` [m] deep and at rest, from measured weirs.
+
+    A wave runs into the water (Riemann invariant), and the wall lets pass as much as arrives behind the wave.
     """
 
-    def speed(h):
-        return 2.0 * (np.sqrt(gravity * depth) - np.sqrt(gravity * h))
+    def arriving(h):
+        return h * 2.0 * (np.sqrt(gravity * depth) - np.sqrt(gravity * h))
 
-    def surplus(h):
-        return h + speed(h) ** 2 / (2.0 * gravity) - crest - 1.5 * ((speed(h) * h) ** 2 / gravity) ** (1.0 / 3.0)
+    def passing(h):
+        head = h - crest
+        factor = np.interp(head / thickness, HEAD_OVER_THICKNESS, MEASURED)
+        if head / thickness > 1.6:
+            factor = np.interp(head / crest, HEAD_OVER_HEIGHT, MEASURED_THIN)
+        energy = head + (arriving(h) / h) ** 2 / (2.0 * gravity)
+        return factor * np.sqrt(0.3048) * energy**1.5
 
-    h = brentq(surplus, 0.45 * depth, depth - 1e-9)
-    return speed(h) * h
+    return arriving(brentq(lambda h: arriving(h) - passing(h), max(crest, 0.45 * depth), depth - 1e-9))
 
 
-@pytest.mark.parametrize(
-    ("crest", "thickness", "west", "cell", "least"),
-    [
-        (2.0, 1.0, 30.0, 0.25, 0.84),
-        pytest.param(3.0, 1.0, 30.0, 0.25, 0.65, marks=pytest.mark.thorough),
-        pytest.param(2.24, 1.0, 30.1, 0.25, 0.84, marks=pytest.mark.thorough),
-        pytest.param(2.0, 0.3, 30.1, 0.25, 0.84, marks=pytest.mark.thorough),
-        pytest.param(2.0, 2.0, 30.0, 0.5, 0.8, marks=pytest.mark.thorough),
-        *(
-            pytest.param(2.0 + 0.25 * part, thickness, 30.0 + 0.1 * part, 0.25, 0.8, marks=pytest.mark.slow)
-            for thickness in (0.3, 0.6, 1.0, 2.0) for part in (0.0, 0.4, 0.9)
-        ),
-        pytest.param(2.0, 1.0, 30.0, 0.125, 0.9, marks=pytest.mark.slow),
-        *(
-            pytest.param(crest, thickness, west, 0.25, 0.6, marks=pytest.mark.slow)
-            for crest, thickness, west in ((3.0, 0.3, 30.0), (3.0, 2.0, 30.0), (3.1, 1.0, 30.1), (3.3, 1.0, 30.0))
-        ),
-    ],
-)  # fmt: skip
-def test_water_passes_a_crest_as_over_a_step(crest, thickness, west, cell, least):
-    """At least `least` of the exact discharge and at most 1.1 of it; the mass that passed is counted within 6 %."""
+CRESTS = [
+    (2.0, 1.0, 30.0, 0.25),
+    *(
+        pytest.param(*case, marks=pytest.mark.thorough)
+        for case in ((3.0, 1.0, 30.0, 0.25), (2.24, 1.0, 30.1, 0.25), (2.0, 0.3, 30.1, 0.25))
+    ),
+    *(
+        pytest.param(2.0 + 0.25 * part, thickness, 30.0 + 0.1 * part, 0.25, marks=pytest.mark.slow)
+        for thickness in (0.3, 0.6, 1.0, 2.0) for part in (0.0, 0.4, 0.9)
+    ),
+    *(
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in (
+            (2.0, 1.0, 30.0, 0.125), (2.0, 2.0, 30.0, 0.5), (3.0, 0.3, 30.0, 0.25), (3.0, 2.0, 30.0, 0.25),
+            (3.1, 1.0, 30.1, 0.25), (3.3, 1.0, 30.0, 0.25), (2.2, 1.0, 30.0, 0.4), (2.5, 1.0, 30.05, 0.125),
+        )
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("crest", "thickness", "west", "cell"), CRESTS)
+def test_water_passes_a_crest_as_measured_at_weirs(crest, thickness, west, cell):
+    """Discharge within 15 % of that measured at weirs; the mass that passed is counted within 6 %."""
     depth, long, wide = 4.0, 14.0, 4.0 * cell
     frame = block_of((long, wide, depth), 0.5 * cell, (west - long, 0.0, 0.0))
     dam = wall(crest, west=west, thickness=thickness)
@@ -134,15 +150,15 @@ def test_water_passes_a_crest_as_over_a_step(crest, thickness, west, cell, least
         particles = sorted_points(solver)
         beyond.append(particles.mass[particles.position[:, 0] > west + 0.5 * thickness].sum())
     discharge = (beyond[1] - beyond[0]) / (1000.0 * 0.8 * wide)
-    assert least < discharge / discharge_of_a_step(crest) < 1.1
+    assert discharge == pytest.approx(measured_discharge(crest, thickness), rel=0.15)
     assert solver.balances()["barriers"]["dam"]["overtopped_mass"] == pytest.approx(beyond[1], rel=0.06)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("west", [30.0, 30.1])
-@pytest.mark.parametrize("above", [1.0, 1.9])
-def test_a_pool_a_cell_below_the_crest_stays(above, west):
-    """Water at rest from a cell below the crest on: none passes, less than 0.03 cells are counted in 5 s."""
+@pytest.mark.parametrize("above", [0.0, 0.5, 1.0, 1.9])
+def test_a_pool_up_to_the_crest_stays(above, west):
+    """Water at rest passes no crest: in 5 s less than 0.03 cells are counted, 0.4 if it nearly reaches the crest."""
     cell, depth, long = 0.25, 3.0, 6.0
     frame = block_of((long, 4.0 * cell, depth), 0.5 * cell, (west - long, 0.0, 0.0))
     stress = np.zeros((len(frame.particles.mass), 6))
@@ -155,7 +171,29 @@ def test_a_pool_a_cell_below_the_crest_stays(above, west):
     integrate_to(solver, 1.0, 3.0, 5.0)
     assert sorted_points(solver).position[:, 0].max() < west + 0.5
     of_a_cell = 1000.0 * 4.0 * cell**3
-    assert solver.balances()["barriers"]["dam"]["overtopped_mass"] < 0.03 * of_a_cell
+    assert solver.balances()["barriers"]["dam"]["overtopped_mass"] < (0.03 if above >= 1.0 else 0.4) * of_a_cell
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("thickness", "west"), [(0.6, 30.03), (1.0, 30.0)])
+def test_water_above_a_wall_rests_on_it(thickness, west):
+    """A pool 3 m deep on both sides of a wall of 1.5 m: the top bears the weight above it within 20 %."""
+    cell, depth, crest, time = 0.25, 3.0, 1.5, 2.0
+    frame = block_of((8.0, 4.0 * cell, depth), 0.5 * cell, (26.0, 0.0, 0.0))
+    x, _, z = frame.particles.position.T
+    free = (x < west - cell) | (x > west + thickness + cell) | (z > crest)
+    particles = frame.particles.take(free)
+    stress = np.zeros((free.sum(), 6))
+    stress[:, :3] = -1000.0 * 9.81 * (depth - particles.position[:, 2:])
+    ends = [Wall(name, shapely.box(at, -5.0, at + 2.0, 6.0), crest=20.0) for name, at in (("a", 24.0), ("b", 34.0))]
+    walls = (wall(crest, west=west, thickness=thickness), *ends)
+    solver = points_on(
+        channel(4.0 * cell), replace(frame, particles=particles), cell, water(4.0), stress=stress, walls=walls,
+        edges="wall",
+    )  # fmt: skip
+    integrate_to(solver, time)
+    weight = 1000.0 * 9.81 * (depth - crest) * thickness * 4.0 * cell * time
+    assert solver.balances()["barriers"]["dam"]["impulse_up"] == pytest.approx(-weight, rel=0.2)
 
 
 def test_a_wall_thinner_than_three_cells_holds_all_the_same():

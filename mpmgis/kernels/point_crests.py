@@ -1,0 +1,153 @@
+"""Crests of rigid barriers in 3D: the edge between side and top, and the top at its exact height.
+
+Nodes of the side that hold a flow slow it up to more than two cells above them. A side held up to its crest would let
+too little pass: 0.3 of the discharge of water that stands four cells above the crest. The uppermost nodes of a side
+therefore let flow in, but no faster than the flow above them passes over the crest (`slow_at_edge`). The height of the
+edge is chosen for the discharge that was measured at weirs (`spatial.faces.edge_height`). Water at rest does not pass,
+because nothing moves above it.
+
+The top acts as smooth ground does, by one multiplier for each node column (`rest_on_top`).
+"""
+
+from math import floor, sqrt
+
+from . import laws as _laws  # noqa: F401  (registers the methods of laws)
+from .block_order import CHUNKS
+from .contact_shares import foot_of, pushed_mass, share_at
+from .jit import jit_borrowing, jit_inline, jit_parallel, prange
+from .point_barriers import ARM_X, BARRIER, DEPTH, EDGE, HELD, WALL_MU, WALL_X, WALL_Y, book_impulse
+from .point_contact import LEAST_SHARE, NO_MASS, at_foot, is_column_of_block, mass_near, node_of
+from .point_nodes import BARRIER_WORK
+from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z
+
+SIDE_DEPTH = 1.5  # [cells] behind a side, up to which points before it have mass at nodes
+TOP_DEPTH = 0.5  # [cells] behind a side, from which the top acts
+SUNK = 0.75  # [cells] below the crest, up to which the top holds flow near a side
+EDGE_LEVELS = 4  # levels from the one nearest to the crest down to the lowest one of an edge
+
+
+@jit_inline
+def into_side(outwards, above, share):
+    """Speed [m s-1] into the side that a node at the edge keeps.
+
+    It moves `outwards` [m s-1] from the side, the node above it `above` [m s-1] into it. At most the `share` [1] of
+    that is kept: all of it from one cell above the nodes that hold the side, and less below.
+    """
+    return min(max(-outwards, 0.0), share * above)
+
+
+@jit_borrowing
+def slow_at_edge(nodes, below, own, above, first, column, level, place, mine, booked, dx, barrier):
+    """Slow the nodes of a column at the edge of a barrier, from the crest downwards (`into_side`).
+
+    `level` is nearest to the crest, `place` are the entries of the barrier at the column. Friction acts along the side.
+    """
+    nx, ny = place[WALL_X], place[WALL_Y]
+    crest, passing = place[HELD] + place[EDGE], 0.0
+    for lower in range(-1, EDGE_LEVELS):
+        slot, n, mass = node_of(nodes, below, own, above, level - lower, first, column)
+        if mass <= 0.0:
+            continue
+        z = float(level - lower - GHOSTS) * dx
+        u, v, w = float(nodes[slot, n + NODE_X]), float(nodes[slot, n + NODE_Y]), float(nodes[slot, n + NODE_Z])
+        outwards = u * nx + v * ny
+        if z > crest:
+            passing = max(-outwards, 0.0)
+        elif z > place[HELD]:
+            passing = into_side(outwards, passing, min((z - place[HELD]) / dx, 1.0))
+            stopped = -outwards - passing
+            if stopped > 0.0:
+                u1, v1, w1 = u - outwards * nx, v - outwards * ny, w
+                slip = sqrt(u1 * u1 + v1 * v1 + w1 * w1)
+                kept = barrier.kept_along(place[WALL_MU], slip, stopped) if slip > 0.0 else 0.0
+                u1, v1, w1 = kept * u1 - passing * nx, kept * v1 - passing * ny, kept * w1
+                nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u1, v1, w1
+                jx, jy, jz = mass * (u - u1), mass * (v - v1), mass * (w - w1)
+                book_impulse(booked[int(place[BARRIER]) - 1], jx, jy, jz, mass * stopped, place, ARM_X, z)
+                mine[BARRIER_WORK] += jx * u1 + jy * v1 + jz * w1
+
+
+@jit_borrowing
+def rest_on_top(nodes, below, own, above, first, column, level, foot, place, mine, booked, settings, barrier):
+    """Contact of a node column with the top of a barrier, `foot` [cells] above `level`, as with smooth ground.
+
+    Flow whose centre near the crest is lower is held there. Near a side that is points before it, if they are deeper.
+    """
+    heaviest, centre = mass_near(nodes, below, own, above, first, column, level)
+    if heaviest <= NO_MASS or (centre < foot - SUNK and place[DEPTH] < SIDE_DEPTH * settings.dx):
+        return
+    if centre < foot:
+        lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
+        level, foot = level + lower, centre - float(lower)
+    u, v, w, give, here, shares = at_foot(nodes, below, own, above, first, column, level, foot, 0.0, heaviest)
+    if here < LEAST_SHARE * heaviest or give <= 0.0 or w >= 0.0:
+        return
+    slip = sqrt(u * u + v * v)
+    kept = barrier.kept_along(place[WALL_MU], slip, -w) if slip > 0.0 else 0.0
+    jx, jy, jz = (kept - 1.0) * u / give, (kept - 1.0) * v / give, -w / give
+    z = (float(level - GHOSTS) + foot) * settings.dx
+    for offset in range(-2, 3):
+        slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
+        if mass <= 0.0:
+            continue
+        share = share_at(offset, shares)
+        share /= pushed_mass(mass, share, heaviest)
+        u1 = nodes[slot, n + NODE_X] + share * jx
+        v1 = nodes[slot, n + NODE_Y] + share * jy
+        w1 = nodes[slot, n + NODE_Z] + share * jz
+        nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u1, v1, w1
+        taken = mass * share
+        book_impulse(
+            booked[int(place[BARRIER]) - 1], -taken * jx, -taken * jy, -taken * jz, taken * jz, place, ARM_X, z
+        )
+        mine[BARRIER_WORK] -= taken * (jx * u1 + jy * v1 + jz * w1)
+
+
+@jit_borrowing
+def press_at_crest(t, column, grid, window, barriers, mine, booked, settings, barrier):
+    """`press_on_crests` for node `column` (0 to 15) of touched block `t`; `mine` and `booked` are its reports."""
+    nodes, touched, slots, dx = grid.nodes, grid.touched, window.slots, settings.dx
+    row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
+    jj = min(row * BLOCK + column // BLOCK, barriers.shape[0] - 1)
+    ii = min(block_column * BLOCK + column % BLOCK, barriers.shape[1] - 1)
+    place = barriers[jj, ii]
+    if place[BARRIER] <= 0.0 or place[EDGE] <= 0.0:
+        return
+    first = block_level * BLOCK
+    level, foot = foot_of(place[HELD] + place[EDGE], dx)
+    at = ((row - window.south) * window.width + block_column - window.west) * window.depth
+    up = block_level - window.lowest[row, block_column, 0]
+    below = slots[at + up - 1] if up > 0 else -1
+    above = slots[at + up + 1] if up + 1 < window.depth else -1
+    ends_below = above < 0 and first + BLOCK <= level < first + BLOCK + EDGE_LEVELS - 1
+    if not is_column_of_block(level, first, below) and not ends_below:
+        return
+    if place[DEPTH] < SIDE_DEPTH * dx:
+        slow_at_edge(nodes, below, t, above, first, column, level, place, mine, booked, dx, barrier)
+    if place[DEPTH] >= TOP_DEPTH * dx:
+        rest_on_top(nodes, below, t, above, first, column, level, foot, place, mine, booked, settings, barrier)
+
+
+@jit_parallel
+def press_on_crests(grid, window, free, barriers, report, barrier_report, settings, barrier):
+    """Contact with the crests of barriers, of velocities at the nodes of all touched blocks that are not `free`.
+
+    Each column of nodes is processed in the block of the node that is nearest to the crest. Nodes below the edge follow
+    (`point_barriers.at_barrier`).
+
+    Parameters
+    ----------
+    grid : NodeBlocks
+    window : BlockWindow
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    report : float64[CHUNKS, NODE_REPORT]
+    barrier_report : float64[CHUNKS, barriers, POINT_BARRIER_SUMS]
+        Impulses and work are added to both.
+    """
+    n_touched = grid.count
+    for c in prange(CHUNKS):
+        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            if free[t] == 1:
+                continue
+            for column in range(BLOCK * BLOCK):
+                press_at_crest(t, column, grid, window, barriers, report[c], barrier_report[c], settings, barrier)
