@@ -148,7 +148,7 @@ def book_faces(
 def press_on_crests(run, columns, nodes, touched, slots, lowest, barriers, booked, reports, settings, barrier):
     """Contact with crests in the node `columns` int32[n, 2] that barriers stand on (see `kernels.point_crests`).
 
-    The first kernel of a step that books loads of these columns; a thread per column.
+    It sets the loads of these columns to zero and is the first to book them; a thread per column.
     """
     if run[STATUS] != 0:
         return

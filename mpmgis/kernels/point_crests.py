@@ -23,6 +23,7 @@ from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z
 SIDE_DEPTH = 1.5  # [cells] behind a side, up to which points before it have mass at nodes
 TOP_DEPTH = 0.5  # [cells] behind a side, from which the top acts
 SUNK = 0.75  # [cells] below the crest, up to which the top holds flow near a side
+TAIL = 0.2  # of a full node's mass, up to which a node near a side has it from flow before the side
 EDGE_LEVELS = 4  # levels from the one nearest to the crest down to the lowest one of an edge
 
 
@@ -30,8 +31,8 @@ EDGE_LEVELS = 4  # levels from the one nearest to the crest down to the lowest o
 def into_side(outwards, above, share):
     """Speed [m s-1] into the side that a node at the edge keeps.
 
-    It moves `outwards` [m s-1] from the side, the node above it `above` [m s-1] into it. At most the `share` [1] of
-    that is kept: all of it from one cell above the nodes that hold the side, and less below.
+    It moves `outwards` [m s-1] from the side, the node one level higher `above` [m s-1] into it. At most the
+    `share` [1] of that is kept: all of it from one cell above the nodes that hold the side, and less below.
     """
     return min(max(-outwards, 0.0), share * above)
 
@@ -40,10 +41,12 @@ def into_side(outwards, above, share):
 def slow_at_edge(nodes, below, own, above, first, column, level, place, mine, booked, dx, barrier):
     """Slow the nodes of a column at the edge of a barrier, from the crest downwards (`into_side`).
 
-    `level` is nearest to the crest, `place` are the entries of the barrier at the column. Friction acts along the side.
+    `level` is nearest to the crest, `place` are the entries of the barrier at the column. Flow above that is lighter
+    than the node lets it pass in proportion, because splash does not carry along what is below it. Friction acts along
+    the side.
     """
     nx, ny = place[WALL_X], place[WALL_Y]
-    crest, passing = place[HELD] + place[EDGE], 0.0
+    crest, passing, heavier = place[HELD] + place[EDGE], 0.0, 0.0
     for lower in range(-1, EDGE_LEVELS):
         slot, n, mass = node_of(nodes, below, own, above, level - lower, first, column)
         if mass <= 0.0:
@@ -54,7 +57,8 @@ def slow_at_edge(nodes, below, own, above, first, column, level, place, mine, bo
         if z > crest:
             passing = max(-outwards, 0.0)
         elif z > place[HELD]:
-            passing = into_side(outwards, passing, min((z - place[HELD]) / dx, 1.0))
+            share = min((z - place[HELD]) / dx, 1.0) * min(heavier / mass, 1.0)
+            passing = into_side(outwards, passing, share)
             stopped = -outwards - passing
             if stopped > 0.0:
                 u1, v1, w1 = u - outwards * nx, v - outwards * ny, w
@@ -64,17 +68,23 @@ def slow_at_edge(nodes, below, own, above, first, column, level, place, mine, bo
                 nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u1, v1, w1
                 jx, jy, jz = mass * (u - u1), mass * (v - v1), mass * (w - w1)
                 book_impulse(booked[int(place[BARRIER]) - 1], jx, jy, jz, mass * stopped, place, ARM_X, z)
-                mine[BARRIER_WORK] += jx * u1 + jy * v1 + jz * w1
+                along = u1 * nx + v1 * ny
+                mine[BARRIER_WORK] += jx * (u1 - along * nx) + jy * (v1 - along * ny) + jz * w1
+        heavier = max(heavier, mass)
 
 
 @jit_borrowing
 def rest_on_top(nodes, below, own, above, first, column, level, foot, place, mine, booked, settings, barrier):
     """Contact of a node column with the top of a barrier, `foot` [cells] above `level`, as with smooth ground.
 
-    Flow whose centre near the crest is lower is held there. Near a side that is points before it, if they are deeper.
+    Flow whose centre near the crest is lower is held there. Near a side, mass that is centred more than SUNK below the
+    crest or less than TAIL of a full node belongs to points before the side. The top does not act on it.
     """
+    dx = settings.dx
     heaviest, centre = mass_near(nodes, below, own, above, first, column, level)
-    if heaviest <= NO_MASS or (centre < foot - SUNK and place[DEPTH] < SIDE_DEPTH * settings.dx):
+    if heaviest <= NO_MASS:
+        return
+    if place[DEPTH] < SIDE_DEPTH * dx and (centre < foot - SUNK or heaviest < TAIL * settings.density * dx * dx * dx):
         return
     if centre < foot:
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
@@ -85,7 +95,7 @@ def rest_on_top(nodes, below, own, above, first, column, level, foot, place, min
     slip = sqrt(u * u + v * v)
     kept = barrier.kept_along(place[WALL_MU], slip, -w) if slip > 0.0 else 0.0
     jx, jy, jz = (kept - 1.0) * u / give, (kept - 1.0) * v / give, -w / give
-    z = (float(level - GHOSTS) + foot) * settings.dx
+    z = (float(level - GHOSTS) + foot) * dx
     for offset in range(-2, 3):
         slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
@@ -122,10 +132,10 @@ def press_at_crest(t, column, grid, window, barriers, mine, booked, settings, ba
     ends_below = above < 0 and first + BLOCK <= level < first + BLOCK + EDGE_LEVELS - 1
     if not is_column_of_block(level, first, below) and not ends_below:
         return
-    if place[DEPTH] < SIDE_DEPTH * dx:
-        slow_at_edge(nodes, below, t, above, first, column, level, place, mine, booked, dx, barrier)
     if place[DEPTH] >= TOP_DEPTH * dx:
         rest_on_top(nodes, below, t, above, first, column, level, foot, place, mine, booked, settings, barrier)
+    if place[DEPTH] < SIDE_DEPTH * dx:
+        slow_at_edge(nodes, below, t, above, first, column, level, place, mine, booked, dx, barrier)
 
 
 @jit_parallel

@@ -11,7 +11,7 @@ from ..kernels.contact_shares import part_before
 HELD_CELLS = 1.5  # [cells] under the crest at least, above which nodes are held one by one
 EDGE_CELLS = 2.6  # [cells] under the crest, above which flow over it moves freely into the side, at most
 LOW = 2.0  # [cells] height of barriers that hold the flow up to their crest
-LOWEST_FACE = 2.0  # [cells] at least, from the ground to where rows end
+LOWEST_FACE = 3.5  # [cells] height at least of barriers with faces
 SAME_SIDE = cos(radians(30.0))  # nodes whose normals differ by more lie behind different sides
 DIAGONAL = 0.999  # of the larger part of a normal, from which both axes are as good
 STRAIGHT = cos(radians(1.0))  # of faces beside each other on one side
@@ -177,9 +177,8 @@ def _to_corner(last, step, nodes, bed, smooth, cell_size):
         if any(nodes.number[at] == 0 for o, at in zip((-1, 0, 1), columns, strict=True) if _away(face, o) < -AT_RIM):
             return [], None
         face = face._replace(top=_top_of(face, nodes, bed, cell_size))
-        if any(
-            not smooth[at] or nodes.share[at] > 0.0 or face.top - bed[at] < LOWEST_FACE * cell_size for at in columns
-        ):
+        crest = _lowest_crest(face, nodes)
+        if any(not smooth[at] or nodes.share[at] > 0.0 or crest - bed[at] < LOWEST_FACE * cell_size for at in columns):
             return [], None
         ahead = columns[1 + face.out]
         if corner is None and nodes.number[ahead] > 0 and np.dot(nodes.normal[ahead], normal) < SAME_SIDE:
@@ -291,20 +290,31 @@ def edge_height(crest, bed, cell_size):
     return np.clip(crest - bed - LOW * cell_size, 0.0, EDGE_CELLS * cell_size)
 
 
-def _top_of(face, nodes, bed, cell_size):
-    """Elevation [m] up to which the row of a face is held: under the edges of the nodes that are in walls."""
+def _in_walls(face, nodes):
+    """(row, column) of the nodes of a face's row that are in walls."""
     rows, columns = nodes.number.shape
-    inside = [at for at in face.columns() if 0 <= at[0] < rows and 0 <= at[1] < columns and nodes.number[at] > 0]
+    return [at for at in face.columns() if 0 <= at[0] < rows and 0 <= at[1] < columns and nodes.number[at] > 0]
+
+
+def _lowest_crest(face, nodes):
+    """Elevation [m] of the lowest crest at the nodes of a face's row that are in walls."""
+    return min((float(nodes.crest[at]) for at in _in_walls(face, nodes)), default=-np.inf)
+
+
+def _top_of(face, nodes, bed, cell_size):
+    """Elevation [m] up to which the row of a face is held: below the edge of its barrier, and HELD_CELLS at least."""
+    inside = _in_walls(face, nodes)
     edges = [max(edge_height(nodes.crest[at], bed[at], cell_size), HELD_CELLS * cell_size) for at in inside]
     return min((float(nodes.crest[at] - edge) for at, edge in zip(inside, edges, strict=True)), default=-np.inf)
 
 
 def _is_smooth(face, nodes, bed, smooth, cell_size):
     """Are the nodes of the row behind the face of its side, those before it free, and is it high enough?"""
+    crest = _lowest_crest(face, nodes)
     for o, at in zip((-1, 0, 1), face.columns(), strict=True):
         if not all(0 <= k < n for k, n in zip(at, bed.shape, strict=True)) or not smooth[at]:
             return False
-        if face.top - bed[at] < LOWEST_FACE * cell_size:
+        if crest - bed[at] < LOWEST_FACE * cell_size:
             return False
         if nodes.share[at] > 0.0:
             return False

@@ -161,7 +161,7 @@ def test_a_run_goes_on_from_a_frame_as_if_it_had_not_stopped():
     np.testing.assert_array_equal(sorted_points(again).position, sorted_points(whole).position)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_pool_that_washes_against_a_wall_stays_before_it():
     """20 s, 5 cells deep, without viscosity: the load on the wall is that of water at rest (measured 0.993)."""
     inside, force, _ = pool_before_wall(20.0)

@@ -13,10 +13,13 @@ from mpmgis.spatial.faces import faces_of
 CELLS = 40
 
 
-def faces_on(walls, cell, rough=None):
-    """(list of Face, x, y) on a level square grid of cells of `cell` [m]; the ground is `rough` in places."""
+def faces_on(walls, cell, rough=None, elevation=0.0, rise=(0.0, 0.0)):
+    """(list of Face, x, y) on a square grid of cells of `cell` [m]; the ground is `rough` in places.
+
+    It is a plane through `elevation` [m] that rises by `rise` [1] east and north.
+    """
     x = y = (np.arange(CELLS) - 0.5 * CELLS) * cell
-    bed = np.zeros((CELLS, CELLS))
+    bed = elevation + rise[0] * x[None, :] + rise[1] * y[:, None]
     nodes = wall_nodes(walls, x, y, bed, cell, margin_in_3d, WIDENED_IN_3D)
     smooth = np.ones(bed.shape, bool) if rough is None else ~rough
     return faces_of(nodes, bed, smooth, cell), x, y
@@ -27,6 +30,23 @@ def place_of(face, x, y, cell):
     place = np.array([x[face.i], y[face.j]])
     place[face.axis] += face.foot * cell
     return place
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.floats(0.05, 20.0), st.floats(-500.0, 4000.0), st.floats(3.6, 9.0), st.floats(-0.4, 0.4))
+def test_a_wall_has_its_faces_at_any_elevation_and_slope(cell, elevation, high, rise):
+    """One for each row on both sides; their tops are between the ground and the crest.
+
+    On a slope the ground before the wall is higher than under it, by up to three cells of the rise.
+    """
+    high += 3.0 * abs(rise)
+    box = shapely.box(-2.0 * cell, -2 * CELLS * cell, 2.0 * cell, 2 * CELLS * cell)
+    wall = Wall("dam", box, height=high * cell)
+    faces = [face for face in faces_on((wall,), cell, None, elevation, (rise, 0.3 * rise))[0] if face is not None]
+    assert {side: sum(face.out == side for face in faces) for side in (-1, 1)} == {-1: CELLS, 1: CELLS}
+    for face in faces:
+        ground = elevation + cell * (rise * (face.i - 0.5 * CELLS) + 0.3 * rise * (face.j - 0.5 * CELLS))
+        assert 1.0 < (face.top - ground) / cell < high - 1.0
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)

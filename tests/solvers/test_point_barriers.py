@@ -10,6 +10,7 @@ from point_scenes import block_of, integrate_to, points_on, sorted_points
 from scipy.optimize import brentq
 
 from mpmgis.effects.fluid import Fluid
+from mpmgis.effects.material import Elastic
 from mpmgis.kernels import points as kernel
 from mpmgis.spatial.barriers import Wall
 
@@ -80,13 +81,46 @@ def test_still_water_presses_as_much_as_it_weighs():
 
 
 def test_what_passes_above_the_crest_is_counted():
-    """The counted mass is that beyond the middle of the wall within 5 %."""
+    """The counted mass is that beyond the middle of the wall within 5 %; a wall without friction takes no energy."""
     solver = struck(height=1.0, deep=3.0, time=1.5)
     particles = sorted_points(solver)
     behind = particles.mass[particles.position[:, 0] > 31.0].sum()
-    dam = solver.balances()["barriers"]["dam"]
+    balances = solver.balances()
     assert behind > 0.2 * particles.mass.sum()
-    assert dam["overtopped_mass"] == pytest.approx(behind, rel=0.05)
+    assert balances["barriers"]["dam"]["overtopped_mass"] == pytest.approx(behind, rel=0.05)
+    assert abs(balances["energy_lost_to_barriers"]) <= 1e-3 * balances["energy_lost"]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+def test_a_block_at_rest_on_a_wall_loses_no_energy_to_it(mu):
+    """An elastic block, 8 cells wide, over the whole top of the wall: weight and energy within 1 s."""
+    cell, crest, wide = 0.25, 2.0, 1.0
+    frame = block_of((2.0, wide, 1.0), 0.5 * cell, (30.0, 0.0, crest + 0.02))
+    dam = wall(crest, mu)
+    solver = points_on(channel(wide), frame, cell, Elastic(2e6, 1e6), walls=(dam,), edges="wall")
+    integrate_to(solver, 0.7)
+    before = solver.balances()
+    integrate_to(solver, 1.0)
+    after, weight = solver.balances(), sorted_points(solver).mass.sum() * 9.81
+    change = after["energy_lost_to_barriers"] - before["energy_lost_to_barriers"]
+    assert abs(change) <= 1e-3 * weight * crest
+    up = after["barriers"]["dam"]["impulse_up"] - before["barriers"]["dam"]["impulse_up"]
+    assert up == pytest.approx(-0.3 * weight, rel=0.05)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("off", [0.0, 0.3, 1.0])
+def test_a_wall_does_not_hold_flow_that_falls_beside_it(off):
+    """A sheet 4 cells thick, `off` [cells] from the side, that falls past the crest: free fall, no load on the wall."""
+    cell, crest, wide, time = 0.25, 4.0, 1.0, 0.4
+    frame = block_of((1.0, wide, 2.0), 0.5 * cell, (29.0 - off * cell, 0.0, crest + 0.5))
+    start = frame.particles.position[:, 2].mean()
+    solver = points_on(channel(wide), frame, cell, water(8.0), walls=(wall(crest, thickness=1.0),), edges="wall")
+    integrate_to(solver, time)
+    particles, dam = sorted_points(solver), solver.balances()["barriers"]["dam"]
+    assert particles.position[:, 2].mean() == pytest.approx(start - 0.5 * 9.81 * time**2, abs=0.02)
+    assert abs(dam["impulse_up"]) <= 1e-3 * particles.mass.sum() * 9.81 * time
 
 
 # measured at weirs with a vertical side and a sharp edge: discharge C H^1.5 per metre (H: energy head) by the head h
