@@ -9,6 +9,7 @@ USED = 0.9  # largest share of a material's strength that is mobilised at the st
 CHUNK = 1 << 18  # points whose stress is computed at once: temporary arrays stay small
 STRONGEST = 1e3  # [1] largest strength over pressure that is considered; more makes no difference
 TINY = 1e-300  # [Pa] keeps divisors off 0
+LEVEL = 1e-100  # [1] up to which a slope has no direction: smaller numbers have few digits
 THIN = 0.01  # [1] least over largest variance of places, below which no slope along the narrow direction is known
 
 
@@ -89,8 +90,8 @@ def kirchhoff_stress(
     along = lateral_ratio(confined, shear, strength)
     across = np.minimum(along, 0.5 * (1.0 + along))  # between the principal stresses in the vertical plane
     cosine = 1.0 / np.sqrt(1.0 + steepness**2)
-    downhill = -slope / np.where(steepness > 0.0, steepness, 1.0)[:, None]
-    downhill[steepness == 0.0] = (1.0, 0.0)
+    downhill = -slope / np.where(steepness > LEVEL, steepness, 1.0)[:, None]
+    downhill[steepness <= LEVEL] = (1.0, 0.0)
     normal = np.column_stack([-slope * cosine[:, None], cosine])
     tangent = np.column_stack([downhill * cosine[:, None], -steepness * cosine])
     level = np.column_stack([-downhill[:, 1], downhill[:, 0], np.zeros_like(steepness)])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from column_scenes import columns_of, terrain_of
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as some
 from point_scenes import points_on
 
@@ -56,6 +56,7 @@ def test_the_bed_bears_no_more_than_its_friction(steepness, direction, ratio, fr
     assert along == pytest.approx(1e4 * min(steepness, friction, 1.0), abs=1e-8)
 
 
+@example(5e-324, 1.0, 0.0, 0.125)
 @given(SLOPES, DIRECTIONS, RATIOS, some.floats(0.05, 1.2))
 def test_the_material_bears_its_stress_at_the_start(steepness, direction, ratio, strength):
     """No more than 0.9 of its strength where a layer can rest like that, else no more than the slope requires, sin of
