@@ -103,6 +103,20 @@ def at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest
 
 
 @jit_borrowing
+def push_node(nodes, slot, n, mass, share, heaviest, jx, jy, jz):
+    """Give a node the `share` [1] of an impulse (jx, jy, jz) [N s].
+
+    Returns the part [1] of the impulse that the node takes, and its velocity [m s-1] after it.
+    """
+    share /= pushed_mass(mass, share, heaviest)
+    u = nodes[slot, n + NODE_X] + share * jx
+    v = nodes[slot, n + NODE_Y] + share * jy
+    w = nodes[slot, n + NODE_Z] + share * jz
+    nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u, v, w
+    return mass * share, u, v, w
+
+
+@jit_borrowing
 def _push(nodes, below, own, above, first, column, level, shares, heaviest, impulse, normal, mine):
     """Give the `impulse` (x, y, z) [N s] at the ground, of unit `normal` (x, y, z), to the nodes around it.
 
@@ -115,13 +129,7 @@ def _push(nodes, below, own, above, first, column, level, shares, heaviest, impu
         slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
-        share = share_at(offset, shares)
-        share /= pushed_mass(mass, share, heaviest)
-        u = nodes[slot, n + NODE_X] + share * jx
-        v = nodes[slot, n + NODE_Y] + share * jy
-        w = nodes[slot, n + NODE_Z] + share * jz
-        nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u, v, w
-        taken = mass * share
+        taken, u, v, w = push_node(nodes, slot, n, mass, share_at(offset, shares), heaviest, jx, jy, jz)
         mine[GROUND_X] += taken * jx
         mine[GROUND_Y] += taken * jy
         mine[GROUND_Z] += taken * jz

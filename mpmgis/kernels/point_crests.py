@@ -13,10 +13,19 @@ from math import floor, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .contact_shares import foot_of, pushed_mass, share_at
+from .contact_shares import foot_of, share_at
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import ARM_X, BARRIER, DEPTH, EDGE, HELD, WALL_MU, WALL_X, WALL_Y, book_impulse
-from .point_contact import LEAST_SHARE, NO_MASS, at_foot, is_column_of_block, mass_near, node_of
+from .point_contact import (
+    LEAST_SHARE,
+    NO_MASS,
+    at_foot,
+    is_column_of_block,
+    is_sunk_below_block,
+    mass_near,
+    node_of,
+    push_node,
+)
 from .point_nodes import BARRIER_WORK
 from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z
 
@@ -61,15 +70,15 @@ def slow_at_edge(nodes, below, own, above, first, column, level, place, mine, bo
             passing = into_side(outwards, passing, share)
             stopped = -outwards - passing
             if stopped > 0.0:
-                u1, v1, w1 = u - outwards * nx, v - outwards * ny, w
-                slip = sqrt(u1 * u1 + v1 * v1 + w1 * w1)
+                tx, ty = u - outwards * nx, v - outwards * ny
+                slip = sqrt(tx * tx + ty * ty + w * w)
                 kept = barrier.kept_along(place[WALL_MU], slip, stopped) if slip > 0.0 else 0.0
-                u1, v1, w1 = kept * u1 - passing * nx, kept * v1 - passing * ny, kept * w1
+                tx, ty, w1 = kept * tx, kept * ty, kept * w
+                u1, v1 = tx - passing * nx, ty - passing * ny
                 nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u1, v1, w1
                 jx, jy, jz = mass * (u - u1), mass * (v - v1), mass * (w - w1)
                 book_impulse(booked[int(place[BARRIER]) - 1], jx, jy, jz, mass * stopped, place, ARM_X, z)
-                along = u1 * nx + v1 * ny
-                mine[BARRIER_WORK] += jx * (u1 - along * nx) + jy * (v1 - along * ny) + jz * w1
+                mine[BARRIER_WORK] += jx * tx + jy * ty + jz * w1
         heavier = max(heavier, mass)
 
 
@@ -100,13 +109,7 @@ def rest_on_top(nodes, below, own, above, first, column, level, foot, place, min
         slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
-        share = share_at(offset, shares)
-        share /= pushed_mass(mass, share, heaviest)
-        u1 = nodes[slot, n + NODE_X] + share * jx
-        v1 = nodes[slot, n + NODE_Y] + share * jy
-        w1 = nodes[slot, n + NODE_Z] + share * jz
-        nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u1, v1, w1
-        taken = mass * share
+        taken, u1, v1, w1 = push_node(nodes, slot, n, mass, share_at(offset, shares), heaviest, jx, jy, jz)
         book_impulse(
             booked[int(place[BARRIER]) - 1], -taken * jx, -taken * jy, -taken * jz, taken * jz, place, ARM_X, z
         )
@@ -129,8 +132,7 @@ def press_at_crest(t, column, grid, window, barriers, mine, booked, settings, ba
     up = block_level - window.lowest[row, block_column, 0]
     below = slots[at + up - 1] if up > 0 else -1
     above = slots[at + up + 1] if up + 1 < window.depth else -1
-    ends_below = above < 0 and first + BLOCK <= level < first + BLOCK + EDGE_LEVELS - 1
-    if not is_column_of_block(level, first, below) and not ends_below:
+    if not is_column_of_block(level, first, below) and not is_sunk_below_block(level, first, above):
         return
     if place[DEPTH] >= TOP_DEPTH * dx:
         rest_on_top(nodes, below, t, above, first, column, level, foot, place, mine, booked, settings, barrier)
