@@ -6,7 +6,7 @@ from typing import NamedTuple
 from .material import FAR, NO_TENSION, ORDINARY, TINY
 
 SMALLEST_VOLUME = 0.6  # smallest J; below it the fluid is far too soft for its speed: limited and counted
-LARGEST_CHANGE = 0.01  # of J in a correction
+LARGEST_CHANGE = 0.1  # of J by a correction
 
 
 class Fluid(NamedTuple):
@@ -35,9 +35,15 @@ class Fluid(NamedTuple):
     def stress_step(
         self, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
     ):  # fmt: skip
-        """As in `effects/material`; only s0 = J is used."""
+        """As in `effects/material`.
+
+        s0 is J, s1 its correction [s-1] by the density at the nodes (`kernels.point_density`). s2 is the energy that
+        the correction has supplied since s1 was set, per volume free of stress [J m-3].
+        """
         growth = gxx + gyy + gzz
-        trial = s0 * (1.0 + growth)
+        corrected = min(max(s0 + time_step * s1, SMALLEST_VOLUME), 1.0)
+        supplied = s2 - self.pressure(0.5 * (s0 + corrected)) * (corrected - s0)
+        trial = corrected * (1.0 + growth)
         volume = min(max(trial, SMALLEST_VOLUME), 1.0)
         pull = -volume * self.pressure(volume)
         thick = volume * self.dynamic_viscosity / max(time_step, TINY)
@@ -46,7 +52,7 @@ class Fluid(NamedTuple):
         return (
             volume,
             s1,
-            s2,
+            supplied,
             s3,
             s4,
             s5,
@@ -85,20 +91,18 @@ class Fluid(NamedTuple):
         """True: J is corrected where it differs from the density at the nodes (`kernels.point_density`)."""
         return True
 
-    def volume_at_density(self, volume, density, inside, band, share):
-        """J after a correction by the `density` [1] of the nodes, over that of the fluid free of stress.
+    def correction_at_density(self, volume, density, inside, band, share):
+        """Change of J by a correction at the `density` [1] of the nodes, over that of the fluid free of stress.
 
-        Where their product is within 1 - `band` and 1 + `band`, J is kept. Otherwise it moves by `share` of its way to
-        the band, at most by LARGEST_CHANGE, because a larger change of the pressure is an impulse. It increases only
-        `inside` the flow, where no free surface is near.
+        It is 0 where their product is within 1 - `band` and 1 + `band`. Otherwise J moves by `share` of its way to the
+        band, at most by LARGEST_CHANGE. It increases only `inside` the flow, where no free surface is near.
         """
         product = volume * density
         within = min(max(product, 1.0 - band), 1.0 + band)
         if within == product or (product < within and not inside):
-            return volume
+            return 0.0 * volume
         change = share * (volume * within / max(product, TINY) - volume)
-        change = min(max(change, -LARGEST_CHANGE), LARGEST_CHANGE)
-        return min(max(volume + change, SMALLEST_VOLUME), 1.0)
+        return min(max(change, -LARGEST_CHANGE), LARGEST_CHANGE)
 
     def volume_ratio(self, s0, s1, s2, s3, s4, s5, s6, s7):
         """Volume over stress-free volume [1]."""

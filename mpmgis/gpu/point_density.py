@@ -18,7 +18,7 @@ def correct_density(
     run, now, counts, rows, order, start, blocks, targets, nodes, free, ground_nodes, folds, exact, yields, barriers,
     reports, settings, material, barrier,
 ):  # fmt: skip
-    """Correct the volumes of all points in every EVERY-th step; a thread block per block of points."""
+    """Set the corrections of the volumes of all points in every EVERY-th step; a thread block per block of points."""
     if run[STATUS] != 0 or counts[STEP] % EVERY != 0:
         return
     thread, threads, step = int32(cuda.threadIdx.x), int32(cuda.blockDim.x), counts[STEP] + 1
@@ -26,7 +26,7 @@ def correct_density(
     parts = cuda.shared.array(TILE_NODES, real)  # on a line of its own, by which the simulator tells arrays apart
     after = yields[step % 2]
     ground, barred, mine = Ground(ground_nodes, folds, exact), barrier.barrier_active(), reports[cuda.grid(1)]
-    share, full = relaxed_share(now[DT], settings), full_mass(settings)
+    share, full, time = relaxed_share(now[DT], settings), full_mass(settings), EVERY * now[DT]
     for a in range(int32(cuda.blockIdx.x), int32(run[ACTIVE]), int32(cuda.gridDim.x)):
         for n in range(thread, TILE_NODES, threads):
             masses[n], parts[n] = node_of_tile(
@@ -35,6 +35,6 @@ def correct_density(
         cuda.syncthreads()
         for s in range(int32(start[a]) + thread, int32(start[a + 1]), threads):
             correct_point(
-                rows, order[s], masses, parts, full, settings.density_band, share, settings, material, mine
+                rows, order[s], masses, parts, full, settings.density_band, share, time, settings, material, mine
             )  # fmt: skip
         cuda.syncthreads()

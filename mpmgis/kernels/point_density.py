@@ -7,7 +7,8 @@ times that of the fluid while J was 0.99.
 
 The mass at the nodes gives the density around a point: the interpolated mass over the interpolated open part of the
 nodes' splines, which is above the ground, before barriers and inside walls on the edges. Where its product with J
-differs from 1 by more than a band, J relaxes towards the band. A low density may be that of a free surface: J increases
+differs from 1 by more than a band, J relaxes towards the band, evenly over the steps until it is compared again: a
+change at once would be a peak of the pressure. A low density may be that of a free surface: J increases
 only where all nodes around a point are nearly full. The density of irregular points varies by less than the band.
 """
 
@@ -23,9 +24,9 @@ from .point_barriers import FILLED, FILLED_TOP, SHARE
 from .point_contact import YIELD, YIELD_STEP
 from .point_ground import GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, fold_at
 from .point_nodes import CORRECTED, CORRECTED_ENERGY
-from .point_rows import BLOCK, GHOSTS, INDEX_MASK, MASS, NODE_MASS, S0, TILE, X, Y, Z, stencil
+from .point_rows import BLOCK, GHOSTS, INDEX_MASK, MASS, NODE_MASS, S0, S1, S2, TILE, X, Y, Z, stencil
 
-EVERY = 16  # steps between two corrections
+EVERY = 16  # steps for which a correction acts
 RELAXATION = 30.0  # time of the relaxation, in cells over the speed of pressure waves
 NEARLY_FULL = 0.9  # of the mass of a full node, from which no free surface is near
 SMALL_PART = 0.1  # open part of a node behind a wall or under the ground, below which its mass tells nothing
@@ -36,7 +37,7 @@ TILE_NODES = TILE * TILE * TILE
 
 @jit_inline
 def relaxed_share(dt, settings):
-    """Share [1] of the way to the band that J moves in a correction, with steps of `dt` [s]."""
+    """Share [1] of the way to the band that J moves by a correction, with steps of `dt` [s]."""
     return 1.0 - exp(-float(EVERY) * dt * settings.signal_speed / (RELAXATION * settings.dx))
 
 
@@ -101,19 +102,16 @@ def density_at(masses, parts, full, x, y, z):
 
 
 @jit_borrowing
-def correct_point(rows, p, masses, parts, full, band, share, settings, material, mine):
-    """Correct J of point `p` in the block with the nodes `masses` and `parts`; `mine` is the report of its chunk."""
+def correct_point(rows, p, masses, parts, full, band, share, time, settings, material, mine):
+    """Set the correction of J of point `p` for `time` [s], and book the energy that the last one supplied.
+
+    `masses` and `parts` are those of the nodes of its block, `mine` is the report of its chunk.
+    """
     density, inside = density_at(masses, parts, full, float(rows[p, X]), float(rows[p, Y]), float(rows[p, Z]))
-    if density == 0.0:
-        return
-    before, rest = rows[p, S0], 0.0 * rows[p, S0]
-    after = material.volume_at_density(before, density, inside, band, share)
-    if after != before:
-        gained = material.stored_energy(after, rest, rest, rest, rest, rest, rest, rest)
-        gained -= material.stored_energy(before, rest, rest, rest, rest, rest, rest, rest)
-        mine[CORRECTED] += 1.0
-        mine[CORRECTED_ENERGY] += rows[p, MASS] / settings.density * gained
-        rows[p, S0] = after
+    change = material.correction_at_density(rows[p, S0], density, inside, band, share)
+    mine[CORRECTED] += 1.0 if change != 0.0 else 0.0
+    mine[CORRECTED_ENERGY] += rows[p, MASS] / settings.density * rows[p, S2]
+    rows[p, S1], rows[p, S2] = change / time, 0.0
 
 
 @jit_borrowing
@@ -132,7 +130,7 @@ def node_of_tile(n, targets, place, nodes, free, ground, yields, step, barriers,
 def correct_density(
     points, blocks, nodes, free, ground, yields, step, barriers, report, dt, settings, material, barrier
 ):  # fmt: skip
-    """Correct the volumes of all points, before they are strained in a step of `dt` [s].
+    """Set the corrections of the volumes of all points for EVERY steps of `dt` [s], the first of which is this one.
 
     Parameters
     ----------
@@ -162,5 +160,5 @@ def correct_density(
             for s in range(points.start[a], points.start[a + 1]):
                 correct_point(
                     points.rows, points.order[s] & INDEX_MASK, masses, parts, full, settings.density_band, share,
-                    settings, material, report[c],
+                    EVERY * dt, settings, material, report[c],
                 )  # fmt: skip

@@ -170,6 +170,14 @@ class PointBalances(ParticleStore):
         stored = stored_energy(self._seen()[0], self.numerics.density, self.effects.material)
         return *self._energy_of_motion(), float(stored)
 
+    def _energy_of_corrections(self):
+        """Energy [J] that corrections of volumes have supplied; each point keeps that of the present correction."""
+        if not self.effects.material.follows_density():
+            return 0.0
+        rows, _, _ = self._seen()
+        present = np.dot(rows[:, row.MASS].astype(float), rows[:, row.S2]) / self.numerics.density
+        return float(self._clock[entry.CORRECTION_ENERGY] + present)
+
     def _energy_of_motion(self):
         """(kinetic, potential) energy [J] of the points."""
         rows, _, keys = self._seen()
@@ -196,7 +204,8 @@ class PointBalances(ParticleStore):
         given -= self._barrier_sums[:, IMPULSE_X : IMPULSE_Z + 1].sum(axis=0)
         parts = clock[entry.IMPULSE_GROUND_X : entry.IMPULSE_GRAVITY + 1]  # sums may cancel, their rounding does not
         held = np.abs(rows[:, row.PX : row.PZ + 1]).sum()
-        put_in = sum(self.energy_start) + clock[entry.LIFTED_ENERGY] + clock[entry.CORRECTION_ENERGY]
+        corrected = self._energy_of_corrections()
+        put_in = sum(self.energy_start) + clock[entry.LIFTED_ENERGY] + corrected
         energy_out = float(ledger[:, 4:6].sum())
         lost = float(put_in - kinetic - potential - stored - energy_out)
         lost_to = {name: float(clock[k]) for name, k in LOSSES.items()}
@@ -215,7 +224,7 @@ class PointBalances(ParticleStore):
             "energy_start": sum(self.energy_start),
             "energy_lifted": float(clock[entry.LIFTED_ENERGY]),
             "energy_returned": float(clock[entry.RETURNED]),
-            "energy_of_volume_corrections": float(clock[entry.CORRECTION_ENERGY]),
+            "energy_of_volume_corrections": corrected,
             "energy_out": energy_out,
             "kinetic_energy": kinetic,
             "kinetic_energy_peak": max(kinetic, self.kinetic_peak),
@@ -270,7 +279,7 @@ class PointBalances(ParticleStore):
         kinetic, potential, stored = self.energy()
         out, taken = self._ledger[:, 4:6].sum(axis=0), sum(self._clock[k] for k in LOSSES.values())
         lifted, returned = self._clock[entry.LIFTED_ENERGY], self._clock[entry.RETURNED]
-        corrected = self._clock[entry.CORRECTION_ENERGY]
+        corrected = self._energy_of_corrections()
         kinetic_in, potential_in, stored_in = self.energy_start
         made = kinetic + potential + stored + out.sum() - self._energy_whole - lifted - returned - corrected
         fall = potential_in + lifted - potential - out[1]

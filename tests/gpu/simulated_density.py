@@ -43,7 +43,7 @@ SMOOTH = CoulombContact(0.0)
 SPACING = 0.5  # [m] of points in cells of 1 m
 HEAVY = 12.0  # times the mass of points that lie as densely as the fluid
 PRESSED, SQUEEZED = (part * WATER.bulk_modulus for part in (0.06, 0.5))  # [Pa], by less and by more than the band
-SHORT = 1e-4  # [s], in which J is moved by less than `LARGEST_CHANGE`
+SHORT = 1e-4  # [s], a step in which J is corrected by less than `LARGEST_CHANGE`
 
 
 def dense(
@@ -129,14 +129,14 @@ RESTS = {  # no point is corrected
 def corrected(make, precision, steps=1):
     """`compared`, with what the correction meets in the first step.
 
-    One step contains the correction and, because points move after it, the stress that follows from it.
+    One step contains the correction and the stress that follows from its first part.
     """
     one, other = begun(make(precision)), make(precision)
     least = float(one._rows[:, row.S0].min())
     reason = one.advance(1e9, max_steps=steps)
     here = difference(one, other) if advanced(other, steps) == reason else {"exact": False}
     here["least before"], barriers = least, one._barriers
-    here["gained"] = float(one._clock[entry.CORRECTION_ENERGY])
+    here["gained"] = one.balances()["energy_of_volume_corrections"]
     here["yield"] = float(one._yields[one.step % 2, ..., YIELD].max())
     here["folds"] = int(one._known_ground.folds.shape[0] > 1)
     if one.walls:

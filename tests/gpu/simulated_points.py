@@ -162,8 +162,11 @@ def difference(one, other):
     here = {}
     (a, *names), (b, *others) = by_id(one), by_id(other)
     affine = [k + axis for k in (row.AXX, row.AXY, row.AXZ) for axis in range(3)]
-    state = [k for k in row.STATE if k < a.shape[1]]
-    groups = {"place": [row.X, row.Y, row.Z], "momentum": [row.PX, row.PY, row.PZ], "affine": affine, "state": state}
+    if one.effects.material.follows_density():
+        state = {"state": [row.S0], "rate": [row.S1], "supplied": [row.S2]}
+    else:
+        state = {"state": [k for k in row.STATE if k < a.shape[1]]}
+    groups = {"place": [row.X, row.Y, row.Z], "momentum": [row.PX, row.PY, row.PZ], "affine": affine} | state
     for name, columns in groups.items():
         scale = 1.0 if name == "place" else np.abs(a[:, columns]).max(initial=1e-300)
         scale = max(scale, 1e-3 * np.abs(a[:, groups["momentum"]]).max(initial=0.0)) if name == "affine" else scale
@@ -184,8 +187,9 @@ def difference(one, other):
     counted = [entry.TIP_TOTAL, entry.FAR_TOTAL, entry.LIFTED_TOTAL, entry.STRETCH_TOTAL, entry.WALL_TOTAL,
                entry.LIMITED_TOTAL, entry.POINT_STEPS, entry.CORRECTED_TOTAL]  # fmt: skip
     here["counted"] = float(np.abs(clock[counted] - there[counted]).max())
-    here["corrected"], gained = int(clock[entry.CORRECTED_TOTAL]), clock[entry.CORRECTION_ENERGY]
-    here["correction"] = float(np.abs(gained - there[entry.CORRECTION_ENERGY]) / max(np.abs(gained), 1e-300))
+    here["corrected"] = int(clock[entry.CORRECTED_TOTAL])
+    gained, too = (solver.balances()["energy_of_volume_corrections"] for solver in (one, other))
+    here["correction"] = float(np.abs(gained - too) / max(np.abs(gained), 1e-300))
     here["exact"] = bool(
         all(np.array_equal(mine, theirs) for mine, theirs in zip(names, others, strict=True))
         and np.array_equal(one._counts, other._counts)
