@@ -6,7 +6,7 @@ from typing import NamedTuple
 from .material import FAR, NO_TENSION, ORDINARY, TINY
 
 SMALLEST_VOLUME = 0.6  # smallest J; below it the fluid is far too soft for its speed: limited and counted
-LARGEST_CHANGE = 0.1  # of J by a correction
+LARGEST_GAP = 0.1  # of J; a larger one is closed at the rate of this one
 
 
 class Fluid(NamedTuple):
@@ -91,18 +91,18 @@ class Fluid(NamedTuple):
         """True: J is corrected where it differs from the density at the nodes (`kernels.point_density`)."""
         return True
 
-    def correction_at_density(self, volume, density, inside, band, share):
-        """Change of J by a correction at the `density` [1] of the nodes, over that of the fluid free of stress.
+    def gap_at_density(self, volume, density, inside, band):
+        """What J lacks at the `density` [1] of the nodes, over that of the fluid free of stress.
 
-        It is 0 where their product is within 1 - `band` and 1 + `band`. Otherwise J moves by `share` of its way to the
-        band, at most by LARGEST_CHANGE. It increases only `inside` the flow, where no free surface is near.
+        It is 0 where their product is within 1 - `band` and 1 + `band`, otherwise the way of J to this band, at most
+        LARGEST_GAP. It is positive only `inside` the flow, where no free surface is near.
         """
         product = volume * density
         within = min(max(product, 1.0 - band), 1.0 + band)
         if within == product or (product < within and not inside):
             return 0.0 * volume
-        change = share * (volume * within / max(product, TINY) - volume)
-        return min(max(change, -LARGEST_CHANGE), LARGEST_CHANGE)
+        gap = volume * within / max(product, TINY) - volume
+        return min(max(gap, -LARGEST_GAP), LARGEST_GAP)
 
     def volume_ratio(self, s0, s1, s2, s3, s4, s5, s6, s7):
         """Volume over stress-free volume [1]."""

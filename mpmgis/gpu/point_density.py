@@ -4,10 +4,10 @@ from numba import cuda, int32
 
 from ..kernels import point_density
 from ..kernels.point_clock import STEP
-from ..kernels.point_density import EVERY, TILE_NODES, correct_point, full_mass, node_of_tile, relaxed_share
+from ..kernels.point_density import EVERY, TILE_NODES, correct_point, full_mass, node_of_tile, relaxation_time
 from ..kernels.point_ground import Ground
 from .compiled import capped, real, stand_in
-from .launch import ACTIVE, DT, STATUS
+from .launch import ACTIVE, STATUS
 from .point_steps import stencil
 
 stand_in((point_density,), {"stencil": stencil})  # there is no floor of NumPy on the device
@@ -15,10 +15,10 @@ stand_in((point_density,), {"stencil": stencil})  # there is no floor of NumPy o
 
 @capped()
 def correct_density(
-    run, now, counts, rows, order, start, blocks, targets, nodes, free, ground_nodes, folds, exact, yields, barriers,
+    run, counts, rows, order, start, blocks, targets, nodes, free, ground_nodes, folds, exact, yields, barriers,
     reports, settings, material, barrier,
 ):  # fmt: skip
-    """Set the corrections of the volumes of all points in every EVERY-th step; a thread block per block of points."""
+    """Set the rates of correction of all volumes in every EVERY-th step; a thread block per block of points."""
     if run[STATUS] != 0 or counts[STEP] % EVERY != 0:
         return
     thread, threads, step = int32(cuda.threadIdx.x), int32(cuda.blockDim.x), counts[STEP] + 1
@@ -26,7 +26,7 @@ def correct_density(
     parts = cuda.shared.array(TILE_NODES, real)  # on a line of its own, by which the simulator tells arrays apart
     after = yields[step % 2]
     ground, barred, mine = Ground(ground_nodes, folds, exact), barrier.barrier_active(), reports[cuda.grid(1)]
-    share, full, time = relaxed_share(now[DT], settings), full_mass(settings), EVERY * now[DT]
+    time, full = relaxation_time(settings), full_mass(settings)
     for a in range(int32(cuda.blockIdx.x), int32(run[ACTIVE]), int32(cuda.gridDim.x)):
         for n in range(thread, TILE_NODES, threads):
             masses[n], parts[n] = node_of_tile(
@@ -35,6 +35,6 @@ def correct_density(
         cuda.syncthreads()
         for s in range(int32(start[a]) + thread, int32(start[a + 1]), threads):
             correct_point(
-                rows, order[s], masses, parts, full, settings.density_band, share, time, settings, material, mine
+                rows, order[s], masses, parts, full, settings.density_band, time, settings, material, mine
             )  # fmt: skip
         cuda.syncthreads()

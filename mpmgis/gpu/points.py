@@ -399,7 +399,7 @@ class DevicePoints:
         self._all(point_nodes.finish_nodes, run, nodes, touched, free, *ground, reports, settings)
         if self._effects.material.follows_density():
             self._all(
-                point_density.correct_density, run, now, self._counts, self._rows, self._order, self._start,
+                point_density.correct_density, run, self._counts, self._rows, self._order, self._start,
                 self._blocks, self._targets, nodes, free, *ground, self._yields, barred.values, reports, settings,
                 self._effects.material, self._effects.barrier,
             )  # fmt: skip

@@ -47,7 +47,7 @@ METHODS = (
     "stored_energy",
     "volume_ratio",
     "follows_density",
-    "correction_at_density",
+    "gap_at_density",
     "kept_slip",  # contact of points with the ground
     "sticks",
     "drag_active",

@@ -73,8 +73,8 @@ RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED, SCATTERED, WATCHED_RE
     LAYER_LOSS,  # energy lost between layers of a flow with drag [J]
     FRICTION_LOSS,  # part of GROUND_LOSS by friction along the ground [J]
     RETURNED,  # energy that ground and barriers, which yield elastically, gave back to the flow [J]
-    CORRECTED_TOTAL,  # points whose volume was corrected, counted each time
-    CORRECTION_ENERGY,  # elastic energy that these gained [J]
+    CORRECTED_TOTAL,  # corrections of the volumes of points
+    CORRECTION_ENERGY,  # elastic energy [J] that they supplied until the last comparison with the density
     CLOCK,
 ) = range(49)
 # int64 counts; then the window of blocks

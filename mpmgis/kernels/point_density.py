@@ -12,7 +12,7 @@ change at once would be a peak of the pressure. A low density may be that of a f
 only where all nodes around a point are nearly full. The density of irregular points varies by less than the band.
 """
 
-from math import exp, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from .point_ground import GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, fold_at
 from .point_nodes import CORRECTED, CORRECTED_ENERGY
 from .point_rows import BLOCK, GHOSTS, INDEX_MASK, MASS, NODE_MASS, S0, S1, S2, TILE, X, Y, Z, stencil
 
-EVERY = 16  # steps for which a correction acts
+EVERY = 16  # steps for which a rate of correction holds
 RELAXATION = 30.0  # time of the relaxation, in cells over the speed of pressure waves
 NEARLY_FULL = 0.9  # of the mass of a full node, from which no free surface is near
 SMALL_PART = 0.1  # open part of a node behind a wall or under the ground, below which its mass tells nothing
@@ -36,9 +36,9 @@ TILE_NODES = TILE * TILE * TILE
 
 
 @jit_inline
-def relaxed_share(dt, settings):
-    """Share [1] of the way to the band that J moves by a correction, with steps of `dt` [s]."""
-    return 1.0 - exp(-float(EVERY) * dt * settings.signal_speed / (RELAXATION * settings.dx))
+def relaxation_time(settings):
+    """Time [s] in which J would close its gap at the rate of a correction."""
+    return RELAXATION * settings.dx / settings.signal_speed
 
 
 @jit_inline
@@ -102,16 +102,16 @@ def density_at(masses, parts, full, x, y, z):
 
 
 @jit_borrowing
-def correct_point(rows, p, masses, parts, full, band, share, time, settings, material, mine):
-    """Set the correction of J of point `p` for `time` [s], and book the energy that the last one supplied.
+def correct_point(rows, p, masses, parts, full, band, time, settings, material, mine):
+    """Set the rate at which J of point `p` relaxes in `time` [s], and book the energy that the last one supplied.
 
     `masses` and `parts` are those of the nodes of its block, `mine` is the report of its chunk.
     """
     density, inside = density_at(masses, parts, full, float(rows[p, X]), float(rows[p, Y]), float(rows[p, Z]))
-    change = material.correction_at_density(rows[p, S0], density, inside, band, share)
-    mine[CORRECTED] += 1.0 if change != 0.0 else 0.0
+    gap = material.gap_at_density(rows[p, S0], density, inside, band)
+    mine[CORRECTED] += 1.0 if gap != 0.0 else 0.0
     mine[CORRECTED_ENERGY] += rows[p, MASS] / settings.density * rows[p, S2]
-    rows[p, S1], rows[p, S2] = change / time, 0.0
+    rows[p, S1], rows[p, S2] = gap / time, 0.0
 
 
 @jit_borrowing
@@ -128,9 +128,9 @@ def node_of_tile(n, targets, place, nodes, free, ground, yields, step, barriers,
 
 @jit_parallel
 def correct_density(
-    points, blocks, nodes, free, ground, yields, step, barriers, report, dt, settings, material, barrier
+    points, blocks, nodes, free, ground, yields, step, barriers, report, settings, material, barrier
 ):  # fmt: skip
-    """Set the corrections of the volumes of all points for EVERY steps of `dt` [s], the first of which is this one.
+    """Set the rates at which the volumes of all points are corrected in EVERY steps, the first of which is this one.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def correct_density(
     barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
     report : float64[CHUNKS, NODE_REPORT]
     """
-    share, full, after = relaxed_share(dt, settings), full_mass(settings), yields[step % 2]
+    time, full, after = relaxation_time(settings), full_mass(settings), yields[step % 2]
     barred = barrier.barrier_active()
     for c in prange(CHUNKS):
         masses, parts = np.zeros(TILE_NODES), np.zeros(TILE_NODES)
@@ -159,6 +159,6 @@ def correct_density(
                 )  # fmt: skip
             for s in range(points.start[a], points.start[a + 1]):
                 correct_point(
-                    points.rows, points.order[s] & INDEX_MASK, masses, parts, full, settings.density_band, share,
-                    EVERY * dt, settings, material, report[c],
+                    points.rows, points.order[s] & INDEX_MASK, masses, parts, full, settings.density_band, time,
+                    settings, material, report[c],
                 )  # fmt: skip

@@ -96,8 +96,8 @@ def bed_under(columns, j, i, area):
 
 # what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]; work
 # that the flow did against the ground, of it against friction along the ground, and against barriers, what its layers
-# lost to each other, and what ground and barriers that had yielded gave back [J]; number of points whose volume was
-# corrected (`point_density`), and the elastic energy that they gained [J]
+# lost to each other, and what ground and barriers that had yielded gave back [J]; number of points whose volume is
+# corrected from now on (`point_density`), and the elastic energy that corrections have supplied to the points [J]
 (
     FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, FRICTION_WORK, BARRIER_WORK, LAYER_WORK,
     RETURNED_WORK, CORRECTED, CORRECTED_ENERGY, NODE_REPORT,

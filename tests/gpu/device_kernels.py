@@ -225,9 +225,9 @@ def _with_density(real):
     """Signatures of the correction of volumes, for materials that use the density at the nodes."""
     number = numba.from_dtype(np.dtype(real))
     run, start, order, free = array(types.int64, 1), array(types.int64, 1), array(types.int32, 1), array(types.uint8, 1)
-    now, rows, columns, yields = (array(number, k) for k in (1, 2, 3, 4))
+    rows, columns, yields = (array(number, k) for k in (2, 3, 4))
     blocks, ground = array(types.int32, 2), (columns, array(types.int32, 3), rows)
-    given = run, now, run, rows, order, start, blocks, blocks, rows, free, *ground, yields, columns, rows
+    given = run, run, rows, order, start, blocks, blocks, rows, free, *ground, yields, columns, rows
     for label, (material, _) in (MATERIALS | OTHER_MATERIALS).items():
         if material.follows_density():
             for end, barrier in (("", NoBarrier()), ("_barred", Barrier())):

@@ -43,7 +43,7 @@ SMOOTH = CoulombContact(0.0)
 SPACING = 0.5  # [m] of points in cells of 1 m
 HEAVY = 12.0  # times the mass of points that lie as densely as the fluid
 PRESSED, SQUEEZED = (part * WATER.bulk_modulus for part in (0.06, 0.5))  # [Pa], by less and by more than the band
-SHORT = 1e-4  # [s], a step in which J is corrected by less than `LARGEST_CHANGE`
+SHORT = 1e-4  # [s]
 
 
 def dense(
@@ -99,7 +99,7 @@ ACTS = {  # all or some of the points are corrected
     "ground and drag": partial(dense, contact=VOELLMY, degrees=25.0),
     "in the air": partial(dense, place=(55.3, 12.2, 9.0)),
     "another law of pressure": partial(dense, material=LINEAR),
-    "largest change": partial(dense, time_step=None),
+    "longer step": partial(dense, time_step=None),
     "folded ground": partial(dense, place=(53.2, 6.2, 0.0), terrain=CLIFF, **LONG),
     "eastern wall": partial(dense, place=(78.4, 12.2, 0.0), edges="wall"),
     "western wall": partial(dense, place=(0.1, 12.2, 0.0), velocity=(-8.0, 0.5, -12.0), edges="wall"),

@@ -7,7 +7,7 @@ from law_kernels import PRECISIONS
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 GROUND = (
     *("ground that yields", "ground that yields at once", "ground that does not yield", "ground and drag"),
-    *("in the air", "another law of pressure", "largest change", "folded ground"),
+    *("in the air", "another law of pressure", "longer step", "folded ground"),
 )
 EDGES = "eastern wall", "western wall", "corner of walls", "corner of walls too", "corner without walls"
 BARRIERS = (
