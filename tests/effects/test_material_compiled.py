@@ -99,7 +99,10 @@ def test_in_single_precision_all_of_it_is(name):
     loop(law, soft, 1e-3, given, exact, POINTS)
     arguments = single, single_soft, np.float32(1e-3), given.astype(np.float32), found, POINTS
     loop(*arguments)
-    np.testing.assert_allclose(found[:8], exact[:8], rtol=0, atol=1e-5)
+    least = np.full((8, 1), 1e-5)
+    if name == "fluid":
+        least[2] = 1e-8 * law.bulk_modulus  # energy of a correction: rounding of J, 6e-8, times the pressure
+    assert (np.abs(found[:8] - exact[:8]) <= least).all()
     np.testing.assert_allclose(found[8:14], exact[8:14], rtol=0, atol=1e-6 * law.bulk_modulus)
     body = loop.inspect_llvm(tuple(map(numba.typeof, arguments))).split("define")[1]
     assert "fmul" in body and "double" not in body
