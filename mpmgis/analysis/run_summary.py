@@ -18,7 +18,7 @@ CLIPPED = {  # names of clips in `balances`, as text
     "thinnest_column": "a column was limited to at least a thousandth of the grid's thickness",
     "thickness_clamp": "a column's thickness was limited to [numerics] clamp times the grid's",
     "speed_bound": "a column's speed was limited to that of its drop height",
-    "held_at_walls": "a particle was stopped at an edge of the domain, at a barrier or half a cell below the ground",
+    "held_at_walls": "a particle was stopped at a wall of the domain edge, or at the face of a barrier",
     "viscosity_capped": "the viscosity was limited to the largest stable value of the time step",
     "thinner_than_friction": "friction used at least a thousandth of the reference thickness",
     "erosion_of_a_step": "erosion of a step was limited to the mass of the flow",

@@ -5,8 +5,7 @@ from math import sqrt
 from numba import float64, int64
 
 from ..kernels import point_report as entry
-from ..kernels.point_edges import DEEPEST, ground_at
-from ..kernels.point_ground import GROUND_SLOPE_X, GROUND_SLOPE_Y
+from ..kernels.point_ground import GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y
 from ..kernels.point_rows import GHOSTS
 from .compiled import Part, real
 
@@ -32,23 +31,20 @@ def way_out(x, y, edges, inside):
 
 @Part
 def lifted(place, height, i, j, mass, px, py, pz, ground, settings, mine):
-    """What becomes of a point at `place` [cells] and `height` [m] that may be below the ground.
+    """What becomes of a point at `place` [cells] and `height` [m] that may be a cell below the ground.
 
-    As `kernels.point_edges`: from more than a cell it is moved onto it and loses its momentum into the ground, and it
-    does not move deeper than DEEPEST. Returns the energy added [J], 0 where it stays, the momentum and the height
-    [cells].
+    As `kernels.point_edges`: it is moved onto it and loses its momentum into the ground. Returns the energy added [J],
+    0 where it stays, the momentum and the height [cells].
     """
-    dx, one = settings.dx, float64(1.0)
-    surface, east, north = ground_at(*place, ground)
+    dx = settings.dx
+    x, y = place
+    west, south = min(int64(x), ground.shape[1] - 2), min(int64(y), ground.shape[0] - 2)
+    x, y = x - float64(west), y - float64(south)
+    one = float64(1.0)
+    surface = (one - y) * ((one - x) * ground[south, west, GROUND_HEIGHT] + x * ground[south, west + 1, GROUND_HEIGHT])
+    surface += y * ((one - x) * ground[south + 1, west, GROUND_HEIGHT] + x * ground[south + 1, west + 1, GROUND_HEIGHT])
     if not height < surface - dx:
-        steep = sqrt(one + (east * east + north * north) / (dx * dx))
-        deep = surface - DEEPEST * dx * steep
-        if height >= deep or float64(pz) - (float64(px) * east + float64(py) * north) / dx >= float64(0.0):
-            return float64(0.0), px, py, pz, height
-        energy = float64(mass) * settings.gravity * (deep - height)
-        mine[entry.HELD_WALL] += 1.0
-        mine[entry.UNDER_ENERGY] += energy
-        return energy, px, py, pz, deep / dx + GHOSTS
+        return float64(0.0), px, py, pz, height
     slope_x, slope_y = ground[j, i, GROUND_SLOPE_X], ground[j, i, GROUND_SLOPE_Y]
     energy = float64(mass) * settings.gravity * (surface - height)
     mine[entry.UNDER] += mass

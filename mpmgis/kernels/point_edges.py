@@ -20,7 +20,6 @@ from .point_rows import BLOCK, GHOSTS, INDEX_MASK, TILE, TILE_LAYER, TILE_ROW
 # does not account for more than BENT of their variance.
 GRIPPED, JET, THIN, STILL, BENT = 2.0, 3.0, 0.75, 1e-3, 0.02
 FAR = 1e9  # cells from a wall where there is none
-DEEPEST = 0.5  # [cells] below the ground, along its normal; no point moves deeper
 
 
 @kernel_part
@@ -192,35 +191,23 @@ def book_out(scratch, integers, count, block, inside, edges, settings, report):
 
 
 @kernel_part
-def ground_at(x, y, ground):
-    """Height [m] of the ground between its four nodes around a place [nodes], and its slopes [m per cell] there."""
-    west, south = min(int(x), ground.shape[1] - 2), min(int(y), ground.shape[0] - 2)
-    x, y = x - west, y - south  # at a cliff the plane of one node is metres too high
-    first, second = ground[south, west, GROUND_HEIGHT], ground[south, west + 1, GROUND_HEIGHT]
-    third, fourth = ground[south + 1, west, GROUND_HEIGHT], ground[south + 1, west + 1, GROUND_HEIGHT]
-    below, above = (1.0 - x) * first + x * second, (1.0 - x) * third + x * fourth
-    return (1.0 - y) * below + y * above, (1.0 - y) * (second - first) + y * (fourth - third), above - below
-
-
-@kernel_part
 def _lift_onto_ground(scratch, integers, q, block, ground, settings, report):
-    """Move a point more than a cell below the ground onto it, and remove its momentum into the ground.
-
-    A point does not move deeper than DEEPEST below the ground: the contact of nodes stops the mean flow at the ground,
-    but single points of a fluid creep on.
-    """
+    """Move a point more than a cell below the ground onto it, and remove its momentum into the ground."""
     dx, gravity = settings.dx, settings.gravity
     i, j = integers[line.I_COLUMN + q] + block[0] * BLOCK, integers[line.I_ROW + q] + block[1] * BLOCK
     slope_x, slope_y = ground[j, i, GROUND_SLOPE_X], ground[j, i, GROUND_SLOPE_Y]
     x = float(scratch[line.X + q]) + (block[0] + integers[line.I_BLOCK_X + q]) * BLOCK
     y = float(scratch[line.Y + q]) + (block[1] + integers[line.I_BLOCK_Y + q]) * BLOCK
     level = block[2] + integers[line.I_BLOCK_Z + q]
-    surface, east, north = ground_at(x, y, ground)
-    height, mass = (float(scratch[line.Z + q]) + (level * BLOCK - GHOSTS)) * dx, float(scratch[line.MASS + q])
+    west, south = min(int(x), ground.shape[1] - 2), min(int(y), ground.shape[0] - 2)
+    x, y = x - west, y - south  # between four nodes: at a cliff the plane of one node is metres too high
+    surface = (1.0 - y) * ((1.0 - x) * ground[south, west, GROUND_HEIGHT] + x * ground[south, west + 1, GROUND_HEIGHT])
+    surface += y * ((1.0 - x) * ground[south + 1, west, GROUND_HEIGHT] + x * ground[south + 1, west + 1, GROUND_HEIGHT])
+    height = (float(scratch[line.Z + q]) + (level * BLOCK - GHOSTS)) * dx
     if height < surface - dx:
-        report[entry.UNDER] += mass
+        report[entry.UNDER] += scratch[line.MASS + q]
         report[entry.UNDER_POINTS] += 1.0
-        report[entry.UNDER_ENERGY] += mass * gravity * (surface - height)
+        report[entry.UNDER_ENERGY] += float(scratch[line.MASS + q]) * gravity * (surface - height)
         steep = sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
         nx, ny, nz = -slope_x / steep, -slope_y / steep, 1.0 / steep
         into = min(scratch[line.PX + q] * nx + scratch[line.PY + q] * ny + scratch[line.PZ + q] * nz, 0.0)
@@ -231,18 +218,9 @@ def _lift_onto_ground(scratch, integers, q, block, ground, settings, report):
         report[entry.UNDER_Y] -= into * ny
         report[entry.UNDER_Z] -= into * nz
         up = surface / dx + GHOSTS
-    else:
-        steep = sqrt(1.0 + (east * east + north * north) / (dx * dx))
-        into = scratch[line.PZ + q] - (scratch[line.PX + q] * east + scratch[line.PY + q] * north) / dx
-        deep = surface - DEEPEST * dx * steep
-        if height >= deep or into >= 0.0:
-            return
-        report[entry.HELD_WALL] += 1.0
-        report[entry.UNDER_ENERGY] += mass * gravity * (deep - height)
-        up = deep / dx + GHOSTS
-    level = int(up - 0.5) // BLOCK
-    integers[line.I_BLOCK_Z + q] = level - block[2]
-    scratch[line.Z + q] = up - level * BLOCK
+        level = int(up - 0.5) // BLOCK
+        integers[line.I_BLOCK_Z + q] = level - block[2]
+        scratch[line.Z + q] = up - level * BLOCK
 
 
 @kernel_part

@@ -19,7 +19,6 @@ from scipy.sparse.csgraph import connected_components
 from ..errors import SceneError
 from ..kernels.point_barriers import ROWED
 from ..kernels.point_contact import LAYER, MOST_YIELD, YIELD, YIELD_STEP
-from ..kernels.point_edges import DEEPEST
 from ..kernels.point_faces import (
     FACE_EAST,
     FACE_ENTRIES,
@@ -197,7 +196,7 @@ def ground_nodes(grid, dx):
     bed = bed_at_nodes(grid)
     floor = level_below(float(bed.min()), dx)
     height = bed - floor
-    deep = ndimage.maximum_filter(height, 3) - DEEPEST * dx  # a point above it is less deep below the ground
+    deep = ndimage.maximum_filter(height, 3) - dx  # a point above it is less than a cell below the ground
     return floor, padded(np.dstack([height, grid.gradient, deep]))
 
 

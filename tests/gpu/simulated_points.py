@@ -104,13 +104,6 @@ def under_ground(precision):
     return restarted(solver)
 
 
-def sunken(precision):
-    """Some of the points are more than half a cell below the ground, and move further down."""
-    frame = stretched_over(block_of((1.5, 1, 1), 0.5, (12.0, 12.2, 0.0), velocity=(3.0, 0.5, -4.0)), 30.0)
-    frame.particles.position[::3, 2] -= 0.95
-    return points_on(plane(30.0), frame, 1.0, SOIL, COULOMB, SOFT, precision=precision, maxima=True)
-
-
 def restarted(solver):
     """`solver` with the window of its changed keys."""
     from mpmgis.kernels.point_blocks import window_of
@@ -306,7 +299,6 @@ SCENES = {
     "wall": into_wall,
     "outflow": out_of_domain,
     "under ground": under_ground,
-    "sunken": sunken,
     "zones": zoned,
 }
 

@@ -3,9 +3,6 @@
 import numpy as np
 import pytest
 from column_scenes import columns_of, solver_on, terrain_of
-from exact_solutions import G
-from hypothesis import given, settings
-from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on
 from test_guard import SOIL
 
@@ -74,39 +71,6 @@ def test_points_under_the_ground_are_counted_one_by_one():
     set_places(solver._rows, solver._keys, place, 1.0, solver._lowest)
     solver.advance(1.0, 2.0, 1)
     assert solver.balances()["clips"]["lifted_onto_ground"] == 1
-
-
-@settings(max_examples=25, deadline=None, derandomize=True)
-@given(
-    some.floats(0.0, 50.0), some.floats(0.0, 360.0), some.floats(0.05, 20.0), some.integers(0, 1000),
-    some.sampled_from(["float64", "float32"]),
-)  # fmt: skip
-def test_points_do_not_move_deeper_than_half_a_cell(degrees, azimuth, cell, seed, precision):
-    """On planes of any slope and direction: points of random depth, of which some move further down."""
-    east, north = np.tan(np.radians(degrees)) * np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
-    terrain = terrain_of(lambda x, y: 200.0 * cell + east * x + north * y, 40.0 * cell, 20.0 * cell, cell)
-    frame, steep = (
-        block_of((4.0 * cell,) * 3, 0.5 * cell, (18.0 * cell, 8.0 * cell, 0.0)),
-        np.hypot(1.0, np.hypot(east, north)),
-    )
-    rng, place, velocity = np.random.default_rng(seed), frame.particles.position, frame.particles.velocity
-    ground = 200.0 * cell + east * place[:, 0] + north * place[:, 1]
-    velocity[:] = rng.uniform(-1.0, 1.0, velocity.shape) * np.sqrt(G * cell)
-    place[:, 2] = ground + rng.uniform(-0.9, 1.0, len(place)) * cell * np.minimum(steep, 1.1)
-    solver = points_on(terrain, frame, cell, SOIL, CoulombContact(0.3), precision=precision)
-    solver._settings = solver._settings._replace(leak_stop=1.0)
-    solver.advance(1.0, 2.0, 1)
-    balances, after = solver.balances(), solver.frame().particles
-    order = np.argsort(after.id)
-    moved, into = after.position[order], after.velocity[order] @ [-east, -north, 1.0] / steep
-    free = place + solver.time * after.velocity[order]
-    depth, deepest = (200.0 * cell + east * free[:, 0] + north * free[:, 1] - free[:, 2]) / cell, 0.5 * steep
-    held, lifted = (depth > deepest) & (depth < 1.0) & (into < 0.0), depth > 1.0
-    sure = (np.abs(depth - deepest) > 1e-4) & (np.abs(depth - 1.0) > 1e-4) & (np.abs(into) > 1e-5 * np.sqrt(G * cell))
-    rise = np.where(lifted, depth, np.where(held, depth - deepest, 0.0)) * cell
-    np.testing.assert_allclose((moved - free)[sure], np.outer(rise, [0.0, 0.0, 1.0])[sure], atol=1e-4 * cell)
-    assert np.sum(held & sure) <= balances["clips"]["held_at_walls"] <= np.sum(held | ~sure)
-    assert balances["energy_lifted"] == pytest.approx((after.mass[order] * G * rise).sum(), rel=1e-3, abs=1e-12)
 
 
 def test_the_account_names_clips_above_their_share_and_no_others():
