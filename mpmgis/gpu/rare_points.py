@@ -20,6 +20,7 @@ from ..kernels.point_edges import (
     GRIPPED,
     INSIDE,
     JET,
+    TOWARDS,
     _above_ground,
     _filled,
     widen_window,
@@ -76,15 +77,20 @@ def _variance(tile, x, y, z, u, v, w):
 
 
 @Part
-def _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
-    """Whether the affine velocity of a point is kept as it is (see `kernels.point_edges.limit_thin`)."""
+def _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, settings):
+    """Whether the affine velocity of a point is kept as it is (see `kernels.point_edges.limit_thin`).
+
+    `east2` and `north2` are the parts of the velocities to the east and to the north in `affine2`.
+    """
     dx, dense = real(settings.dx), scales[step.DENSE]
     if not (near < dense and affine2 > scales[step.STILL2]):
         return True
     west, south, east, north = edges
     above, inside = _above_ground(x, y, z, block, ground, dx), real(FAR)
-    if settings.wall:
-        inside = min(min(x - west, y - south), min(east - x, north - y))
+    if settings.wall and east2 > real(TOWARDS) * affine2:
+        inside = min(x - west, east - x)
+    if settings.wall and north2 > real(TOWARDS) * affine2:
+        inside = min(inside, min(y - south, north - y))
     if above < GRIPPED and inside > JET:
         return True
     filled = _filled(above)
@@ -174,7 +180,8 @@ def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, m
     affine2 = 4.0 * affine2
     mark[step.SPEED2] = max(mark[step.SPEED2], u * u + v * v + w * w)
     carried = 4.0 * mass
-    if not _keeps(x, y, z, near, affine2, block, edges, ground, scales, settings):
+    east2, north2 = 4.0 * (xx * xx + xy * xy + xz * xz), 4.0 * (yx * yx + yy * yy + yz * yz)
+    if not _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, settings):
         carried = carried * _limited(affine2 / _variance(tile, x, y, z, u, v, w), affine2, mass, mark, count)
     keep_affine(
         rows, p, carried, scales[step.PUSH] * mass, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz

@@ -14,11 +14,12 @@ from .point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLO
 from .point_lines import BATCH
 from .point_rows import BLOCK, GHOSTS, INDEX_MASK, TILE, TILE_LAYER, TILE_ROW
 
-# The limit acts on a point more than GRIPPED cells above the ground or within JET cells of a wall. It acts where the
-# grid around the point has less than THIN of the density of the material, where the affine velocity exceeds STILL of
-# the speed of pressure waves at half a cell, and where the velocities of the nodes are not linear: the affine velocity
-# does not account for more than BENT of their variance.
-GRIPPED, JET, THIN, STILL, BENT = 2.0, 3.0, 0.75, 1e-3, 0.02
+# The limit acts on a point more than GRIPPED cells above the ground or within JET cells of a wall, if the velocity
+# normal to the wall has more than TOWARDS of the squared affine velocity: flow along a smooth wall is not limited by
+# it. It acts where the grid around the point has less than THIN of the density of the material, where the affine
+# velocity exceeds STILL of the speed of pressure waves at half a cell, and where the velocities of the nodes are not
+# linear: the affine velocity does not account for more than BENT of their variance.
+GRIPPED, JET, TOWARDS, THIN, STILL, BENT = 2.0, 3.0, 0.1, 0.75, 1e-3, 0.02
 FAR = 1e9  # cells from a wall where there is none
 
 
@@ -29,7 +30,8 @@ def limit_thin(scratch, quads, integers, count, tile, block, edges, ground, sett
     The nodes around these have less than the mass `factors.dense` [kg]; with `settings.wall` the space beyond the edges
     of the domain counts as full. Points near the ground are not limited: its contact, not the free surface, makes the
     velocities of their nodes nonlinear, and the limit would take energy from the flow over rough ground in every step.
-    Points near the walls of the domain are always limited, because jets can form along a wall and in its corners.
+    Points near a wall of the domain are limited there too where the velocity normal to the wall varies: flow that hits
+    a wall can form jets along it and in its corners.
     """
     dense, still, dx, thin = factors.dense, factors.still, settings.dx, 0
     for q in range(BATCH):
@@ -42,7 +44,7 @@ def limit_thin(scratch, quads, integers, count, tile, block, edges, ground, sett
             above = _above_ground(x, y, float(scratch[line.FZ + q]), block, ground, dx)
             inside = FAR
             if settings.wall:
-                inside = min(min(x - edges.west, y - edges.south), min(edges.east - x, edges.north - y))
+                inside = _inside_walls(scratch, q, x, y, edges)
             if above < GRIPPED and inside > JET:
                 continue
             filled = _filled(above)
@@ -51,6 +53,19 @@ def limit_thin(scratch, quads, integers, count, tile, block, edges, ground, sett
                 filled = filled * _filled(edges.east - x) * _filled(edges.north - y)
             if scratch[line.NEAR + q] < dense * filled:
                 _limit_point(scratch, quads, integers, q, tile, report)
+
+
+@kernel_part
+def _inside_walls(scratch, q, x, y, edges):
+    """Distance [cells] of a point from the nearest wall whose normal velocity varies there."""
+    least, inside = TOWARDS * 0.25 * scratch[line.AFFINE2 + q], FAR
+    ux, uy, uz = scratch[line.XX + q], scratch[line.XY + q], scratch[line.XZ + q]
+    if ux * ux + uy * uy + uz * uz > least:
+        inside = min(x - edges.west, edges.east - x)
+    vx, vy, vz = scratch[line.YX + q], scratch[line.YY + q], scratch[line.YZ + q]
+    if vx * vx + vy * vy + vz * vz > least:
+        inside = min(inside, min(y - edges.south, edges.north - y))
+    return inside
 
 
 @kernel_part

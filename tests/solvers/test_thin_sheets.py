@@ -254,6 +254,30 @@ def front_of_sand(degrees, slowed, cell, high, stiff, speed, precision, travel=4
     return above.min(), np.mean(above < -0.3), solver
 
 
+def collapse_in_a_strip(along, wide, precision):
+    """The solver of a column of sand, 8 cells long and high, after its collapse on rough ground in a strip `wide`
+    cells wide between smooth walls, along the axis `along` (0 or 1)."""
+    sides, shape = [8.0, 8.0, 8.0], [24.0, 24.0]
+    sides[1 - along] = shape[1 - along] = float(wide)
+    sand = block_of(tuple(sides), 0.5, density=DENSITY)
+    young = 0.8 * DENSITY * 49.0 * G * 8.0
+    material = drucker_prager(young / 1.2, young / 2.6, 30.0, 0.0)
+    terrain = terrain_of(lambda x, y: 0.0 * x, shape[0], shape[1], 1.0)
+    solver = points_on(terrain, sand, 1.0, material, CoulombContact(0.6), edges="wall", precision=precision)
+    integrate_to(solver, 5.0 * np.sqrt(8.0 / G))
+    return solver
+
+
+@pytest.mark.parametrize(
+    ("along", "wide", "precision"), [(0, 3, "float64"), (1, 3, "float64"), (0, 3, "float32"), (0, 5, "float64")]
+)
+def test_flow_along_a_wall_keeps_its_affine_velocity(along, wide, precision):
+    """The limit took 0.64 % of the initial energy of this collapse, now 0.20 %: it acted on every point near the ground
+    within three cells of a wall, and so on all points of a strip."""
+    balances = collapse_in_a_strip(along, wide, precision).balances()
+    assert balances["energy_lost_to_affine_limit"] <= 0.005 * balances["energy_start"]
+
+
 FRONTS = {
     "degrees": st.floats(12.0, 40.0), "slowed": st.floats(0.05, 0.9), "cell": st.sampled_from([0.01, 0.3, 1.57, 10.0]),
     "high": st.integers(1, 4), "stiff": st.floats(100.0, 3000.0), "speed": st.sampled_from([0.0, 5.0]),
