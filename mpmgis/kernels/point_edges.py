@@ -14,9 +14,9 @@ from .point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLO
 from .point_lines import BATCH
 from .point_rows import BLOCK, GHOSTS, INDEX_MASK, TILE, TILE_LAYER, TILE_ROW
 
-# The limit acts on a point more than GRIPPED cells above the ground or within JET cells of a wall, if the velocity
-# normal to the wall has more than TOWARDS of the squared affine velocity: flow along a smooth wall is not limited by
-# it. It acts where the grid around the point has less than THIN of the density of the material, where the affine
+# The limit acts on a point more than GRIPPED cells above the ground or within JET cells of a wall, if the gradient of
+# the velocity normal to the wall has more than TOWARDS of the squared gradient: flow along a smooth wall is not limited
+# by it. It acts where the grid around the point has less than THIN of the density of the material, where the affine
 # velocity exceeds STILL of the speed of pressure waves at half a cell, and where the velocities of the nodes are not
 # linear: the affine velocity does not account for more than BENT of their variance.
 GRIPPED, JET, TOWARDS, THIN, STILL, BENT = 2.0, 3.0, 0.1, 0.75, 1e-3, 0.02
@@ -57,7 +57,7 @@ def limit_thin(scratch, quads, integers, count, tile, block, edges, ground, sett
 
 @kernel_part
 def _inside_walls(scratch, q, x, y, edges):
-    """Distance [cells] of a point from the nearest wall whose normal velocity varies there."""
+    """Distance [cells] of a point from the nearest wall to which the varying velocity is normal."""
     least, inside = TOWARDS * 0.25 * scratch[line.AFFINE2 + q], FAR
     ux, uy, uz = scratch[line.XX + q], scratch[line.XY + q], scratch[line.XZ + q]
     if ux * ux + uy * uy + uz * uz > least:

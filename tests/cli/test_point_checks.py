@@ -92,7 +92,7 @@ def test_effects_report_that_runout_of_drucker_prager_depends_on_the_cells(site,
     (site / "scene.toml").write_text(slide(4.0, 1, 1))
     assert main(["effects", str(site / "scene.toml"), "--json", "-q"]) == 0
     told = {entry["effect"]: entry for entry in json.loads(capsys.readouterr().out)}
-    assert "depends on the cell size, by a third from 8 to 16 cells" in told["plasticity"]["reason"]
+    assert "depends on the cell size, by 30 % from 8 to 16 cells" in told["plasticity"]["reason"]
     water = 'law = "Fluid"\nbulk_modulus = 4e6\nviscosity = 0\n['
     fluid = re.sub(r'law = "DruckerPrager"(.|\n)*?\[', water, slide(4.0, 1, 1), count=1)
     (site / "scene.toml").write_text(fluid)

@@ -89,6 +89,16 @@ def into_wall(precision):
     return solver
 
 
+def along_wall(precision):
+    """Points near the ground that shear along a wall on the southern edge; half of them also towards it."""
+    frame = block_of((4, 0.5, 1), 0.5, (12.0, 0.2, 0.0), velocity=(3.0, 0.0, -1.0))
+    place, speed = frame.particles.position, frame.particles.velocity
+    speed[:, 0] += 12.0 * place[:, 2] ** 2
+    speed[:, 1] -= np.where(place[:, 0] > 14.0, 12.0, 0.3) * place[:, 2] ** 2
+    place[:, 2] += 120.0 - np.tan(np.radians(30.0)) * place[:, 0]
+    return points_on(plane(30.0), frame, 1.0, SOIL, COULOMB, SOFT, precision=precision, maxima=True, edges="wall")
+
+
 def out_of_domain(precision):
     """Points of which some leave over the southern edge in the first step."""
     solver = slab(precision, x=100.0, velocity=(0.0, -60.0, 0.0))
@@ -297,6 +307,7 @@ SCENES = {
     "cliff with drag": lambda precision: at_cliff(precision, VOELLMY),
     "cliff that sticks": lambda precision: at_cliff(precision, STICKING),
     "wall": into_wall,
+    "along a wall": along_wall,
     "outflow": out_of_domain,
     "under ground": under_ground,
     "zones": zoned,

@@ -10,7 +10,7 @@ from law_kernels import PRECISIONS
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 SCENES = (
     *("slab", "drag", "sticking", "cliff", "cliff with drag", "cliff that sticks"),
-    *("wall", "outflow", "under ground", "zones", "reordered"),
+    *("wall", "along a wall", "outflow", "under ground", "zones", "reordered"),
 )
 YIELDING = (
     *("Drucker-Prager", "Drucker-Prager without friction", "mu(I)"),
