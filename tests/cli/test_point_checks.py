@@ -80,7 +80,7 @@ def test_sand_lies_on_its_bed_and_is_reported_on_cells_as_large_as_its_depth(tmp
     """
     coarse = dropped(tmp_path / "coarse", 1.0)
     err = capsys.readouterr().err
-    assert coarse["volume"]["hanging_share"] < 0.1
+    assert coarse["volume"]["hanging_share"] < 0.07
     assert coarse["balances"]["energy_returned"] > 0.0  # the ground yields by up to 0.2 cells and comes back
     assert coarse["resolution"]["coarse"] and "too coarse, a 3D run needs 3" in err
     frames = map(str, (tmp_path / "coarse" / "results").glob("*.h5"))
@@ -88,6 +88,12 @@ def test_sand_lies_on_its_bed_and_is_reported_on_cells_as_large_as_its_depth(tmp
     report = (tmp_path / "r" / "report.html").read_text()
     assert "too coarse" in report[report.index("Warnings") :]
     assert "runout of a free collapse depends on the cell size" in report
+
+
+@pytest.mark.thorough
+@pytest.mark.xfail(strict=True, reason="6.25 % hangs")
+def test_nothing_of_a_layer_of_one_cell_hangs(tmp_path):
+    assert dropped(tmp_path / "coarse", 1.0)["volume"]["hanging_share"] < 0.02
 
 
 def test_effects_report_that_runout_of_drucker_prager_depends_on_the_cells(site, capsys):

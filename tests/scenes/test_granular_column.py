@@ -152,9 +152,16 @@ def plane_strain():
 @pytest.mark.slow
 @pytest.mark.parametrize(("aspect", "found"), [(0.5, 0.532), (1.0, 1.273), (2.0, 2.813), (4.0, 5.337)])
 def test_the_second_program_converges(plane_strain, aspect, found):
-    """From 16 to 32 cells its runout changes by at most 6 %."""
+    """From 16 to 32 cells its runout changes by at most 4 %, for a = 1 by 5.6 %."""
     coarse, fine = (plane_strain.runout(sand.Column(aspect, cells), 4.0) for cells in (16, 32))
-    assert fine == pytest.approx(found, rel=0.01) and fine == pytest.approx(coarse, rel=0.06)
+    assert fine == pytest.approx(found, rel=0.01) and fine == pytest.approx(coarse, rel=0.06 if aspect == 1.0 else 0.04)
+
+
+@pytest.mark.slow
+@short("5.6 %")
+def test_the_second_program_converges_within_4_percent_for_columns_as_high_as_long(plane_strain):
+    coarse, fine = (plane_strain.runout(sand.Column(1.0, cells), 4.0) for cells in (16, 32))
+    assert fine == pytest.approx(coarse, rel=0.04)
 
 
 @pytest.mark.slow
