@@ -120,11 +120,15 @@ def state_at_stress(material, txx, tyy, tzz, txy, txz, tyz):
 
 def stored_energy(material, s0, s1, s2, s3, s4, s5, s6, s7):
     """Elastic energy [J m-3] per volume free of stress: K tr(e)^2 / 2 + G |dev e|^2."""
-    parts = principal(s0, s1, s2, s3, s4, s5)
-    ea, eb, ec = principal_strain(parts[0]), principal_strain(parts[1]), principal_strain(parts[2])
-    trace, mean = ea + eb + ec, (ea + eb + ec) / 3.0
-    da, db, dc = ea - mean, eb - mean, ec - mean
-    return 0.5 * material.bulk_modulus * trace * trace + material.shear_modulus * (da * da + db * db + dc * dc)
+    if squared_norm(s0, s1, s2, s3, s4, s5) <= SERIES_REACH:
+        trace, dxx, dyy, dzz, dxy, dxz, dyz = hencky_strain(s0, s1, s2, s3, s4, s5)
+        norm2 = squared_norm(dxx, dyy, dzz, dxy, dxz, dyz)
+    else:
+        parts = principal(s0, s1, s2, s3, s4, s5)
+        ea, eb, ec = principal_strain(parts[0]), principal_strain(parts[1]), principal_strain(parts[2])
+        trace, mean = ea + eb + ec, (ea + eb + ec) / 3.0
+        norm2 = (ea - mean) ** 2 + (eb - mean) ** 2 + (ec - mean) ** 2
+    return 0.5 * material.bulk_modulus * trace * trace + material.shear_modulus * norm2
 
 
 def volume_ratio(material, s0, s1, s2, s3, s4, s5, s6, s7):

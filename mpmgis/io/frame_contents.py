@@ -4,6 +4,7 @@ Digests (checksums) of frames and of a whole result, to detect changes after wri
 """
 
 import hashlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -20,24 +21,46 @@ CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # at
 BED_CHANGE = "bed_change"
 DIGESTED = ("particles", "maxima", BED_CHANGE)  # groups; the restart state is removed later
 AS_WRITTEN = "as written"
+LARGE, READERS = 1 << 20, 4  # bytes of an array from which a thread reads it, and threads that read arrays
 
 
 class ContentDigest:
-    """Digest of the time and the arrays of a frame, in their stored types, slab by slab."""
+    """Digest of the time and the arrays of a frame, in their stored types, slab by slab.
+
+    Large arrays are read in threads while the caller goes on; they must not be changed before `wait` returns.
+    """
 
     def __init__(self, time, step):
         self._head = f"{float(time).hex()} {int(step)}"
-        self._arrays = {}
+        self._arrays, self._threads, self._pending = {}, None, []
 
     def add(self, name, values):
-        """Add the next rows of the array `name`."""
+        """Add the next rows of the array `name`; with rows of it that are still read, it waits for them."""
         values = np.ascontiguousarray(values)
-        if name not in self._arrays:
+        if name in self._arrays:
+            self.wait()
+        else:
             self._arrays[name] = hashlib.sha256(f"{values.dtype.str} {values.shape[1:]} ".encode())
-        self._arrays[name].update(values.view(np.uint8).reshape(-1) if values.size else b"")
+        data = values.view(np.uint8).reshape(-1) if values.size else b""
+        if len(data) < LARGE:
+            self._arrays[name].update(data)
+            return
+        if self._threads is None:
+            self._threads = ThreadPoolExecutor(READERS)
+        self._pending.append(self._threads.submit(self._arrays[name].update, data))
+
+    def wait(self):
+        """Wait until all arrays are read."""
+        for pending in self._pending:
+            pending.result()
+        self._pending = []
 
     def hexdigest(self):
         """64 hexadecimal digits."""
+        self.wait()
+        if self._threads is not None:
+            self._threads.shutdown()
+            self._threads = None
         lines = [f"{name} {digest.hexdigest()}" for name, digest in sorted(self._arrays.items())]
         return hashlib.sha256("\n".join([self._head, *lines]).encode()).hexdigest()
 

@@ -1,6 +1,7 @@
 """Frames on disk: `*.h5`, one file per saved time; docs/formats.md describes the format."""
 
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -59,26 +60,25 @@ def write_frame_slabs(path, frame, count, slabs, before=None):
                 if name not in group:
                     create_dataset(group, name, count, frame.dimension)
                 values = values.astype(group[name].dtype, copy=False)
+                digest.add(f"particles/{name}", values)
                 if len(values):
                     group[name][start : start + len(values)] = values
-                digest.add(f"particles/{name}", values)
+            digest.wait()
             start += len(particles)
         if start != count:
             raise ValueError(f"got {start} particles in slabs, expected {count}")
         for name, value in frame.header.items():
             group.attrs[name] = value
-        _write_group(file, "state", frame.state, count)
+        _add_groups(digest, frame)
+        content = digest.hexdigest()
+        with ThreadPoolExecutor(1) as thread:  # reads the state while it is written
+            state = thread.submit(state_digest, content, frame.state) if frame.state else None
+            _write_group(file, "state", frame.state, count)
         _write_group(file, "maxima", frame.maxima, count)
-        for name, values in frame.maxima.items():
-            if isinstance(values, np.ndarray):
-                digest.add(f"maxima/{name}", values)
         _write_group(file, BED_CHANGE, frame.bed_change, count)
-        for name, values in frame.bed_change.items():
-            if isinstance(values, np.ndarray):
-                digest.add(f"{BED_CHANGE}/{name}", values)
-        content = file.attrs[CONTENT] = digest.hexdigest()
-        if frame.state:
-            file.attrs[STATE] = state_digest(content, frame.state)
+        file.attrs[CONTENT] = content
+        if state is not None:
+            file.attrs[STATE] = state.result()
         if before is not None:
             file.attrs[RESULT] = result_after(before, content)
     return content
@@ -124,11 +124,16 @@ def content_digest(frame):
     digest = ContentDigest(frame.time, frame.step)
     for name, values in frame.particles.arrays().items():
         digest.add(f"particles/{name}", values.astype(stored_type(name, frame.dimension), copy=False))
+    _add_groups(digest, frame)
+    return digest.hexdigest()
+
+
+def _add_groups(digest, frame):
+    """Add the arrays of `frame` that are not particles to a ContentDigest."""
     for group, arrays in (("maxima", frame.maxima), (BED_CHANGE, frame.bed_change)):
         for name, values in arrays.items():
             if isinstance(values, np.ndarray):
                 digest.add(f"{group}/{name}", values)
-    return digest.hexdigest()
 
 
 def drop_state(path):

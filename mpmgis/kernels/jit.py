@@ -138,6 +138,11 @@ def set_threads(count):
     return numba.get_num_threads()
 
 
+def threads_in_use():
+    """Number of threads that parallel kernels use."""
+    return numba.get_num_threads()
+
+
 def ready_threads():
     """Start the threads before a kernel from the disk cache is called.
 

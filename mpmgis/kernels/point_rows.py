@@ -52,27 +52,13 @@ def volume_ratios(rows, material):
     """float64[n]: volume of each point over its stress-free volume [1]."""
     ratios = np.empty(rows.shape[0])
     for p in range(rows.shape[0]):
-        s4, s5, s6, s7 = _more_state(rows, p)
+        s4, s5, s6, s7 = more_state(rows, p)
         ratios[p] = material.volume_ratio(rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7)
     return ratios
 
 
 @jit
-def stored_energy(rows, density, material):
-    """Elastic energy of all points [J]."""
-    total = 0.0
-    for p in range(rows.shape[0]):
-        s4, s5, s6, s7 = _more_state(rows, p)
-        total += (
-            rows[p, MASS]
-            / density
-            * material.stored_energy(rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7)
-        )
-    return total
-
-
-@jit
-def _more_state(rows, p):
+def more_state(rows, p):
     """Numbers of state beyond the fourth; 0 in short rows."""
     if rows.shape[1] > S4:
         return rows[p, S4], rows[p, S4 + 1], rows[p, S4 + 2], rows[p, S4 + 3]

@@ -16,6 +16,7 @@ from ..peaks import PEAK_STATE, fits, maxima_of, peaks_state, restore_peaks
 from ..spatial.outflow import left_places
 from .particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
 from .restart import LEFT_STATE, require_column_state
+from .slices import in_slices
 
 DETRAINED, BROKEN = "detrained_mass", "broken_forest"
 MASS, TRANSFORM, DENSITY = "eroded_mass", "transform", "bed_density"
@@ -114,6 +115,7 @@ class ColumnState(ParticleStore):
         FormatError
             No state in it, or the state of another run.
         """
+        self._forget_computed()
         self._restore_watch(frame)
         state, ids = frame.state, frame.particles.id
         changing = self._changing()
@@ -153,7 +155,7 @@ class ColumnState(ParticleStore):
 
     def flow(self):
         """The Flow now."""
-        rows, _, _ = self._alive()
+        rows, _, _ = self._seen()
         u, v = rows[:, kernel.U], rows[:, kernel.V]
         speed = np.sqrt(u * u + v * v + (u * rows[:, kernel.GX] + v * rows[:, kernel.GY]) ** 2)
         mass, x, y = rows[:, kernel.MASS], rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
@@ -191,9 +193,18 @@ class ColumnState(ParticleStore):
         The middle of a column lies h / 2 above the bed in the form `swe`, c^2 h / 2 in the form `slope`, where mass
         stands normal to the bed: that is the energy whose gradient the pressure force is.
         """
+        return self._once("energy", self._energy_now)
+
+    def _energy_now(self):
         rows, _, _ = self._seen()
+        energies = in_slices(lambda some: self._energy_of(rows[some], self._beds_under(rows[some])), len(rows))
+        kinetic, potential = np.reshape(energies, (-1, 2)).sum(axis=0)
+        return float(kinetic), float(potential)
+
+    def _beds_under(self, rows):
+        """float64[n] [m]: elevation of the bed under the columns of `rows`."""
         x, y = rows[:, kernel.X].copy(), rows[:, kernel.Y].copy()
-        return self._energy_of(rows, kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0])
+        return kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0]
 
     def _energy_of(self, rows, bed):
         mass, gravity = rows[:, kernel.MASS], self.numerics.gravity

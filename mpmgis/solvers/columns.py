@@ -17,6 +17,7 @@ from ..peaks import no_peaks
 from ..spatial.features import Places
 from ..spatial.node_grid import ColumnGrid
 from .column_state import INSERTED, INSERTED_COLUMNS, ColumnState
+from .slices import in_slices
 
 NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks with columns if there are none
 LAID_OVER = 1.05  # a column overlaps others where the grid is thicker than the column by this factor
@@ -167,6 +168,7 @@ class ColumnSolver(ColumnState):
         count = int(self._counts[column_clock.ROWS])
         kinetic, potential = self._energy_of(self._rows[count - n : count], bed)
         self._inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
+        self._forget_computed()
 
     def _add(self, frame, ids):
         """Append the columns of `frame` and update the clock; returns the bed under them [m]."""
@@ -217,7 +219,7 @@ class ColumnSolver(ColumnState):
 
         Mass and energy at the start are reduced by those of the removed columns.
         """
-        rows, _, _ = self._alive()
+        rows, _, _ = self._seen()
         out = chosen(rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0)
         if not out.any():
             return None
@@ -232,6 +234,7 @@ class ColumnSolver(ColumnState):
         gone = np.flatnonzero(self._keys[:n] != kernel.GONE)[out]
         self._keys[gone] = kernel.GONE
         counts[column_clock.ALIVE] -= len(gone)
+        self._forget_computed()
         counts[column_clock.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
         self._clock[column_clock.TOTAL_MASS] -= lost[0]
         self.mass_start -= lost[0]
@@ -317,6 +320,7 @@ class ColumnSolver(ColumnState):
         """
         if not self.columns:
             return column_clock.ALL_LEFT
+        self._forget_computed()
         settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
         return self._take_steps(float(until), int(max_steps), settings)
 
@@ -354,22 +358,28 @@ class ColumnSolver(ColumnState):
         After the first step areas are limited to a factor of SHOWN_RANGE of those of the grid: a column that was
         stretched to a hundred cells is a thin line on the ground, not a square of that area. Masses are exact.
         """
+        header = {"density": self.numerics.density, "cell_size": self.grid.cell_size}
+        return replace(
+            self._start, particles=self._particles(), time=self.time, step=self.step, solver="columns", header=header,
+            maxima=self.maxima(), state=self.state(), bed_change=self.bed_change(),
+        )  # fmt: skip
+
+    def _particles(self):
         rows, ids, _ = self._seen()
-        grid, density = self.grid, self.numerics.density
-        bed = kernel.beds_at(self.fields.bed, rows[:, kernel.X].copy(), rows[:, kernel.Y].copy(), grid.cell_size)[0]
-        origin = self._start.origin
-        position = np.column_stack([rows[:, [kernel.X, kernel.Y]] + grid.corner_from(origin), bed - origin[2]])
-        u, v = rows[:, kernel.U], rows[:, kernel.V]
-        velocity = np.column_stack([u, v, u * rows[:, kernel.GX] + v * rows[:, kernel.GY]])
-        mass = rows[:, kernel.MASS].copy()
-        area = rows[:, kernel.AREA].copy()
+        grid, origin, n = self.grid, self._start.origin, len(rows)
+        position, velocity, mass, area = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
+
+        def fill(some):
+            position[some, :2] = rows[some][:, [kernel.X, kernel.Y]] + grid.corner_from(origin)
+            position[some, 2] = self._beds_under(rows[some]) - origin[2]
+            u, v = rows[some, kernel.U], rows[some, kernel.V]
+            velocity[some, 0], velocity[some, 1] = u, v
+            velocity[some, 2] = u * rows[some, kernel.GX] + v * rows[some, kernel.GY]
+            mass[some], area[some] = rows[some, kernel.MASS], rows[some, kernel.AREA]
+
+        in_slices(fill, n)
         if self.step:
             seen = kernel.grid_areas(rows, grid.bed.shape, grid.cell_size)
             area = np.clip(area, seen / SHOWN_RANGE, seen * SHOWN_RANGE)
-        volume = mass / density
-        header = {"density": density, "cell_size": grid.cell_size}
-        return replace(
-            self._start, particles=Particles(position, velocity, mass, volume, volume / area, area, ids.copy()),
-            time=self.time, step=self.step, solver="columns", header=header, maxima=self.maxima(), state=self.state(),
-            bed_change=self.bed_change(),
-        )  # fmt: skip
+        volume = mass / self.numerics.density
+        return Particles(position, velocity, mass, volume, volume / area, area, ids.copy())

@@ -1,5 +1,6 @@
 """Particle arrays, energies and sums common to both solvers."""
 
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from ..errors import FormatError
 from ..spatial.outflow import EAST, NORTH, STATE, TAKEN, TIME, block_marks, marks_reached
 from .restart import LEFT_STATE, StateCheck
+from .slices import copied, taken
 
 
 class Flow(NamedTuple):
@@ -86,6 +88,7 @@ class ParticleStore:
 
     kernel = None
     _watch, _watched = None, NOTHING_WATCHED
+    _computed = MappingProxyType({})  # name -> what was computed from the present state
 
     @property
     def time(self):
@@ -159,18 +162,34 @@ class ParticleStore:
             self._watch.state[:] = state
             self._integrate_with_inflow()
 
+    def _once(self, name, compute):
+        """`compute()`, which is computed once for the present state; see `_forget_computed`."""
+        if name not in self._computed:
+            self._computed = {**self._computed, name: compute()}
+        return self._computed[name]
+
+    def _forget_computed(self):
+        """Forget what was computed from the state, because the state is about to change."""
+        self._computed = {}
+
     def _alive(self):
-        """Rows, ids and keys of the particles that are on the terrain."""
-        n = self._counts[self.kernel.ROWS]
-        keep = self._keys[:n] != self.kernel.GONE
-        return self._rows[:n][keep], self._ids[:n][keep], self._keys[:n][keep]
+        """Rows, ids and keys of the particles that are on the terrain, which later steps do not change."""
+        seen = self._seen()
+        return seen if self._have_left() else tuple(copied(array) for array in seen)
 
     def _seen(self):
-        """As `_alive`, for reading only: without copies where no particle has left."""
+        """As `_alive`, until the next step: without copies where no particle has left."""
         n = self._counts[self.kernel.ROWS]
-        if self._counts[self.kernel.ALIVE] != n:
-            return self._alive()
-        return self._rows[:n], self._ids[:n], self._keys[:n]
+        arrays = self._rows[:n], self._ids[:n], self._keys[:n]
+        return self._once("seen", lambda: self._on_terrain(arrays)) if self._have_left() else arrays
+
+    def _have_left(self):
+        """Whether rows are of particles that have left the terrain."""
+        return self._counts[self.kernel.ALIVE] != self._counts[self.kernel.ROWS]
+
+    def _on_terrain(self, arrays):
+        here = np.flatnonzero(arrays[2] != self.kernel.GONE)
+        return tuple(taken(array, here) for array in arrays)
 
     def _counts_of_rows(self):
         """Counts for a restart, whose rows are contiguous: independent of the history of the run."""

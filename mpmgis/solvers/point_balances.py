@@ -4,12 +4,13 @@ import numpy as np
 
 from ..kernels import point_clock as entry
 from ..kernels import point_rows as row
+from ..kernels import point_sums as sums
 from ..kernels.point_barriers import IMPULSE_X, IMPULSE_Z
 from ..kernels.point_blocks import places_of
-from ..kernels.point_rows import stored_energy
 from ..spatial.outflow import left_places
 from ..terrain.elevation import bilinear
 from .particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
+from .slices import in_slices
 
 # outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "momentum_up", "kinetic_energy", "potential_energy", "particles")
@@ -76,7 +77,7 @@ class PointBalances(ParticleStore):
 
     def resting_for(self, share):
         """Time [s] for which the kinetic energy has been below `share` of its peak, at the calls of this method."""
-        rest, kinetic = self._rest, self._kinetic(self._seen()[0])
+        rest, kinetic = self._rest, float(self._sums()[sums.KINETIC])
         rest[0] = max(rest[0], kinetic)
         if kinetic >= share * rest[0]:
             rest[1] = -1.0
@@ -97,18 +98,33 @@ class PointBalances(ParticleStore):
         x, y = (place / self.numerics.cell_size + row.GHOSTS).T
         return bilinear(self._ground[..., 0], y, x)
 
-    @staticmethod
-    def _kinetic(rows):
-        """Kinetic energy [J] of rows."""
-        momentum = rows[:, row.PX : row.PZ + 1].astype(float)
-        return float((0.5 * (momentum**2).sum(axis=1) / rows[:, row.MASS]).sum())
+    def _sums(self):
+        """float64[SUMS]: sums over the points now, see `kernels.point_sums`."""
+        return self._once("sums", self._summed)
 
-    @staticmethod
-    def _speed_p999(rows):
+    def _summed(self):
+        rows, _, keys = self._seen()
+        numerics, material = self.numerics, self.effects.material
+
+        def of(some):
+            return sums.sums_of(
+                rows[some], keys[some], self._lowest, numerics.cell_size, numerics.gravity, numerics.density, material
+            )
+
+        return sum(in_slices(of, len(rows)), np.zeros(sums.SUMS))
+
+    def _mass_now(self):
+        """Mass [kg] on the terrain, summed as that at the start."""
+        return self._once("mass", lambda: float(self._seen()[0][:, row.MASS].sum(dtype=float)))
+
+    def _speeds(self):
+        """float64[n] [m s-1]: speeds of the points now."""
+        rows = self._seen()[0]
+        return np.concatenate([np.zeros(0), *in_slices(lambda some: sums.speeds_of(rows[some]), len(rows))])
+
+    def _speed_p999(self):
         """Speed [m s-1] that 0.1 % of the mass exceeds now."""
-        mass = rows[:, row.MASS].astype(float)
-        speed = np.sqrt((rows[:, row.PX : row.PZ + 1].astype(float) ** 2).sum(axis=1)) / mass
-        return exceeded_by(FASTEST_SHARE, speed, mass)
+        return self._once("p999", lambda: exceeded_by(FASTEST_SHARE, self._speeds(), self._seen()[0][:, row.MASS]))
 
     def _note_start(self, place, speed, mass):
         """Record the fastest point, the highest point and the largest thickness at a start; `place` is [n, 3] [m]."""
@@ -120,40 +136,32 @@ class PointBalances(ParticleStore):
         clock[[entry.SPEED_WORST, entry.START_SPEED]] = speed[k]
         clock[entry.HIGHEST] = place[:, 2].max()
         clock[entry.DEEPEST] = 0.0
-        self._note_thickness(place, mass)
+        self._note_thickness()
         clock[[entry.SPEED_P999, entry.SPEED_P999_TIME]] = exceeded_by(FASTEST_SHARE, speed, mass), self.time
 
     def note_deepest(self):
         """Record a new largest thickness and a new largest 99.9th percentile of the speed, which a restart needs."""
-        rows, _, keys = self._seen()
-        if len(rows):
-            self._note_thickness(self._places(rows, keys), rows[:, row.MASS])
-            speed = self._speed_p999(rows)
+        if self.points:
+            self._note_thickness()
+            speed = self._speed_p999()
             if speed > self._clock[entry.SPEED_P999]:
                 self._clock[[entry.SPEED_P999, entry.SPEED_P999_TIME]] = speed, self.time
 
-    def _note_thickness(self, place, mass):
-        """Record a new largest thickness of points at `place` [n, 3] [m].
+    def _note_thickness(self):
+        """Record a new largest thickness of the points.
 
         The vertical thickness [m] is mass over density and the area of a cell, linear between the centres of cells.
         """
-        clock, dx = self._clock, self.numerics.cell_size
-        cell = place[:, :2] / dx - 0.5
-        first = np.floor(cell).astype(np.int64)
-        share = cell - first
-        corner = first.min(axis=0)
-        columns, count = first.max(axis=0) - corner + 2
-        held = np.zeros(count * columns)
-        for east, wx in ((0, 1.0 - share[:, 0]), (1, share[:, 0])):
-            for north, wy in ((0, 1.0 - share[:, 1]), (1, share[:, 1])):
-                at = (first[:, 1] - corner[1] + north) * columns + first[:, 0] - corner[0] + east
-                held += np.bincount(at, mass * wx * wy, count * columns)
-        k = int(np.argmax(held))
-        thickness = held[k] / (self.numerics.density * dx * dx)
+        clock, dx, (rows, _, keys) = self._clock, self.numerics.cell_size, self._seen()
+        ends = np.array(in_slices(lambda some: sums.cells_of(rows[some], keys[some]), len(rows)))
+        west, south, east, north = *ends[:, :2].min(axis=0), *ends[:, 2:].max(axis=0)
+        held = np.zeros((north - south + 1, east - west + 1))
+        sums.spread_masses(rows, keys, west, south, held)
+        j, i = np.unravel_index(np.argmax(held), held.shape)
+        thickness = held[j, i] / (self.numerics.density * dx * dx)
         if thickness > clock[entry.DEEPEST]:
-            place = divmod(k, int(columns))[::-1]
-            east, north = (corner + np.array(place) + 0.5) * dx
-            clock[entry.DEEPEST : entry.DEEPEST_TIME + 1] = thickness, east, north, self.time
+            place = (west + i + 0.5) * dx, (south + j + 0.5) * dx
+            clock[entry.DEEPEST : entry.DEEPEST_TIME + 1] = thickness, *place, self.time
 
     def flow(self):
         """The present `Flow`; its depth is that of the mass in each cell, spread over the cell."""
@@ -167,22 +175,13 @@ class PointBalances(ParticleStore):
 
     def energy(self):
         """(kinetic, potential, elastic) energy [J] of the points; potential energy is relative to the lowest ground."""
-        stored = stored_energy(self._seen()[0], self.numerics.density, self.effects.material)
-        return *self._energy_of_motion(), float(stored)
+        return tuple(self._sums()[[sums.KINETIC, sums.POTENTIAL, sums.STORED]].tolist())
 
     def _energy_of_corrections(self):
         """Energy [J] that corrections of volumes have supplied; each point keeps that of the present correction."""
         if not self.effects.material.follows_density():
             return 0.0
-        rows, _, _ = self._seen()
-        present = np.dot(rows[:, row.MASS].astype(float), rows[:, row.S2]) / self.numerics.density
-        return float(self._clock[entry.CORRECTION_ENERGY] + present)
-
-    def _energy_of_motion(self):
-        """(kinetic, potential) energy [J] of the points."""
-        rows, _, keys = self._seen()
-        potential = rows[:, row.MASS] * self.numerics.gravity * self._places(rows, keys)[:, 2]
-        return self._kinetic(rows), float(potential.sum())
+        return float(self._clock[entry.CORRECTION_ENERGY] + self._sums()[sums.OF_STATE] / self.numerics.density)
 
     def _turning_energy(self, mass):
         """Kinetic energy [J] of the initial velocity gradient inside the points, m (dx / 2)^2 |C|^2 / 2."""
@@ -193,17 +192,16 @@ class PointBalances(ParticleStore):
 
     def balances(self):
         """Mass, momentum, energy and outflow so far as plain numbers, with relative errors."""
-        rows, _, _ = self._seen()
         clock, ledger = self._clock, self._ledger
-        mass_now, mass_out = float(rows[:, row.MASS].sum(dtype=float)), float(ledger[:, 0].sum())
+        mass_now, mass_out = self._mass_now(), float(ledger[:, 0].sum())
         kinetic, potential, stored = self.energy()
-        momentum = rows[:, row.PX : row.PZ + 1].sum(axis=0, dtype=float) + ledger[:, 1:4].sum(axis=0)
+        momentum = self._sums()[sums.MOMENTUM_X : sums.MOMENTUM_Z + 1] + ledger[:, 1:4].sum(axis=0)
         given = clock[entry.IMPULSE_GROUND_X : entry.IMPULSE_GROUND_Z + 1].copy()
         given[:2] += clock[entry.IMPULSE_WALL_X : entry.IMPULSE_WALL_Y + 1]
         given[2] -= clock[entry.IMPULSE_GRAVITY]
         given -= self._barrier_sums[:, IMPULSE_X : IMPULSE_Z + 1].sum(axis=0)
         parts = clock[entry.IMPULSE_GROUND_X : entry.IMPULSE_GRAVITY + 1]  # sums may cancel, their rounding does not
-        held = np.abs(rows[:, row.PX : row.PZ + 1]).sum()
+        held = self._sums()[sums.PASSED]
         corrected = self._energy_of_corrections()
         put_in = sum(self.energy_start) + clock[entry.LIFTED_ENERGY] + corrected
         energy_out = float(ledger[:, 4:6].sum())
@@ -238,7 +236,7 @@ class PointBalances(ParticleStore):
             "speed_max": float(clock[entry.SPEED_WORST]),
             "speed_max_at": self._place_of(entry.FASTEST_X),
             "speed_max_time": float(clock[entry.FASTEST_TIME]),
-            "speed_p999_now": self._speed_p999(rows),
+            "speed_p999_now": self._speed_p999(),
             "speed_p999": float(clock[entry.SPEED_P999]),
             "speed_p999_time": float(clock[entry.SPEED_P999_TIME]),
             "speed_bound_ratio": self._speed_over_fall(),
@@ -290,9 +288,10 @@ class PointBalances(ParticleStore):
     def fastest(self):
         """Map E, N [m] and speed [m s-1] of the fastest point."""
         rows, _, keys = self._seen()
-        speed = np.linalg.norm(rows[:, row.PX : row.PZ + 1], axis=1) / rows[:, row.MASS]
-        x, y, _ = self._places(rows, keys)[np.argmax(speed)]
-        return float(x + self.grid.x0), float(y + self.grid.y0), float(speed.max())
+        speeds = self._speeds()
+        k = int(np.argmax(speeds))
+        x, y = self._map_places(rows[k : k + 1], keys[k : k + 1])[0]
+        return float(x), float(y), float(speeds[k])
 
     def highest(self):
         """Map E, N and height above the lowest ground [m] of the highest point."""

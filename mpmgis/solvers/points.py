@@ -15,6 +15,7 @@ from ..kernels.point_blocks import EAST, lowest_blocks, set_places, window_of
 from ..kernels.point_clock import set_next_step
 from ..kernels.point_contact import YIELD, YIELD_ENTRIES, YIELD_STEP
 from ..kernels.point_rows import volume_ratios
+from ..kernels.point_sums import MOMENTUM_X, MOMENTUM_Z
 from ..particles import Particles
 from ..peaks import maxima_of, no_peaks, peaks_state, restore_peaks
 from ..spatial.node_grid import ColumnGrid
@@ -23,6 +24,7 @@ from .point_balances import LEDGER, PointBalances
 from .point_ground import NO_FACES, barrier_nodes, folded_ground, ground_nodes, padded, press_faces, press_ground
 from .point_numerics import PRECISIONS, kernel_settings, mass_limits
 from .restart import LEFT_STATE, YIELD_STATE, require_point_state
+from .slices import in_slices
 
 STENCIL_CELLS = 27.0  # cells of the stencil of a point: a larger volume of a point is not resolved
 TIME_ROUNDING = 1e-9  # relative
@@ -103,6 +105,7 @@ class PointSolver(PointBalances):
 
     def _load(self, frame, stress):
         """Set the initial state of a run that starts with the points of `frame`."""
+        self._forget_computed()
         particles, material, numerics = frame.particles, self.effects.material, self.numerics
         place = particles.position - self._corner_from(frame.origin)
         off = ~self.grid.covers(*place[:, :2].T)
@@ -135,7 +138,6 @@ class PointSolver(PointBalances):
         self._settings = kernel_settings(numerics, material, inside, self._heaviest, self.mass_start)
         self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
         self._lay_on_ground(place, particles.mass)
-        self._note_start(place, speed, particles.mass)
         rows = self._rows
         set_places(rows, self._keys, place, 1.0 / numerics.cell_size, self._lowest)
         rows[:, row.PX : row.PZ + 1] = particles.velocity * particles.mass[:, None]
@@ -146,9 +148,10 @@ class PointSolver(PointBalances):
             if column < width:
                 rows[:, column] = values
         window_of(self._keys, self._lowest, self._counts[entry.WINDOW_FIRST :])
+        self._note_start(place, speed, particles.mass)
         self.energy_start = self.energy()
         self._energy_whole = sum(self.energy_start) + self._turning_energy(particles.mass)
-        self._momentum_start = rows[:, row.PX : row.PZ + 1].sum(axis=0, dtype=float)
+        self._momentum_start = self._sums()[MOMENTUM_X : MOMENTUM_Z + 1].copy()
 
     def _lay_on_ground(self, place, mass):
         """Move points more than a cell below the ground onto it, in `place` [n, 3], and record their `mass`.
@@ -183,6 +186,7 @@ class PointSolver(PointBalances):
         `after` [s] is the next time that will be requested: the length of the step after `until` is chosen in the
         step before it.
         """
+        self._forget_computed()
         clock = self._clock
         if self._stress is not None:
             set_next_step(clock, self._counts, clock[entry.TIME], float(until), float(after), self._settings)
@@ -218,17 +222,25 @@ class PointSolver(PointBalances):
 
     def frame(self):
         """The present points as a Frame."""
-        rows, ids, keys = self._seen()
-        start = self._start
-        mass = rows[:, row.MASS].astype(float)
-        velocity = rows[:, row.PX : row.PZ + 1] / mass[:, None]
-        position = self._places(rows, keys) + self._corner_from(start.origin)
-        volume = self._volumes(rows, mass)
         header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
         return replace(
-            start, particles=Particles(position, velocity, mass, volume, id=ids.copy()), time=self.time, step=self.step,
-            dimension=3, solver="points", header=header, maxima=self.maxima(), state=self.state(),
+            self._start, particles=self._particles(), time=self.time, step=self.step, dimension=3, solver="points",
+            header=header, maxima=self.maxima(), state=self.state(),
         )  # fmt: skip
+
+    def _particles(self):
+        rows, ids, keys = self._seen()
+        n, corner = len(rows), self._corner_from(self._start.origin)
+        position, velocity, mass, volume = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
+
+        def fill(some):
+            mass[some] = rows[some, row.MASS]
+            velocity[some] = rows[some, row.PX : row.PZ + 1] / mass[some, None]
+            position[some] = self._places(rows[some], keys[some]) + corner
+            volume[some] = self._volumes(rows[some], mass[some])
+
+        in_slices(fill, n)
+        return Particles(position, velocity, mass, volume, id=ids.copy())
 
     def maxima(self):
         """Running peaks at the node columns that the flow reached, for a frame; empty without `numerics.maxima`."""
@@ -302,6 +314,7 @@ class PointSolver(PointBalances):
         FormatError
             The frame has no state, or that of another run.
         """
+        self._forget_computed()
         self._restore_watch(frame)
         state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
         if not {"rows", "keys", *LEFT_STATE, *YIELD_STATE, *self._changing()} <= set(state) or ids is None:
@@ -356,6 +369,7 @@ class PointSolver(PointBalances):
         self._press_contacts(frame, stress)
         clock = self._clock
         self._counts[entry.ALIVE] += len(frame.particles)
+        self._forget_computed()
         clock[[entry.TOTAL_MASS, entry.MASS_NOW]] += new.mass_start
         clock[entry.LIFTED_MASS] += new._clock[entry.LIFTED_MASS]
         for largest in (entry.FASTEST, entry.SHEAR, entry.HIGHEST, entry.START_SPEED):

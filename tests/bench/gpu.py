@@ -39,9 +39,11 @@ from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager 
 from mpmgis.effects.slots import PointEffects  # noqa: E402
 from mpmgis.effects.softening import NoSoftening, softening  # noqa: E402
 from mpmgis.gpu.available import found_device  # noqa: E402
-from mpmgis.io.frames import write_frame  # noqa: E402
+from mpmgis.io.frame_contents import result_after  # noqa: E402
+from mpmgis.io.frames import drop_state, write_frame  # noqa: E402
 from mpmgis.particles import Frame, Particles  # noqa: E402
 from mpmgis.solvers.device_points import DevicePointSolver, device_memory  # noqa: E402
+from mpmgis.solvers.integrate import TimeIntegration  # noqa: E402
 from mpmgis.solvers.point_numerics import PointNumerics  # noqa: E402
 from mpmgis.solvers.points import PointSolver  # noqa: E402
 from mpmgis.system import available_memory  # noqa: E402
@@ -74,7 +76,8 @@ KERNELS_OF = 10_000_000  # largest number of points or columns for which each ke
 ON_THREADS = 2_000_000  # points or columns of which steps are timed on several numbers of threads
 HOST_BYTES_PER_POINT = 600  # of the host while a run of the bench is made
 SANITIZER_SECONDS = 900
-SCENE_SECONDS, SCENE_FRAMES = 2.0, 4  # simulated time [s] of the whole scene, and its frames
+SCENE_SECONDS, SCENE_FRAMES = 2.0, 4  # simulated time [s] of the whole scene, and its frames after the first
+FRAMES_WITH_STATE = 2  # the newest, as in the folder of a run
 FLOOR_BYTES = {"float32": 320, "float64": 640}  # read and written for a point and step by a solver without any waste
 
 
@@ -337,7 +340,7 @@ def timed_on_processor(points, precision):
 
 
 def timed_scene(kind, points, precision):
-    """Row of a whole run with frames: wall time [s] from the first step to the last frame on the disk."""
+    """Row of a whole run with frames: wall time [s] from the first frame to the last on the disk."""
     lack = no_room(points, precision)
     if lack:
         return {"points": points, "precision": precision, "not_run": lack}
@@ -347,20 +350,19 @@ def timed_scene(kind, points, precision):
 
 
 def run_scene(solver, precision):
-    """Row of a whole run of `solver` with frames."""
+    """Row of a whole run of `solver` with frames, as `mpmgis run` integrates and writes them."""
     with tempfile.TemporaryDirectory() as folder:
-        began = time.perf_counter()
-        writing = 0.0
-        for number in range(1, SCENE_FRAMES + 1):
-            until = SCENE_SECONDS * number / SCENE_FRAMES
-            solver.advance(until, until + SCENE_SECONDS / SCENE_FRAMES)
-            asked = time.perf_counter()
-            write_frame(Path(folder) / f"frame_{number:04d}.h5", solver.frame())
-            writing += time.perf_counter() - asked
+        began, paths, digest = time.perf_counter(), [], ""
+        integration = TimeIntegration(solver, SCENE_SECONDS, SCENE_SECONDS / SCENE_FRAMES)
+        for frame in integration:
+            paths.append(Path(folder) / f"frame_{len(paths):04d}.h5")
+            digest = result_after(digest, write_frame(paths[-1], frame, digest))
+            if len(paths) > FRAMES_WITH_STATE:
+                drop_state(paths[-1 - FRAMES_WITH_STATE])
         whole = time.perf_counter() - began
     return {
-        "points": solver.points, "precision": precision, "steps": solver.step, "seconds": whole,
-        "seconds_of_frames": writing,
+        "points": solver.points, "precision": precision, "steps": solver.step, "seconds": whole, "frames": len(paths),
+        "seconds_of_frames": whole - integration.step_seconds,
     }  # fmt: skip
 
 
@@ -424,7 +426,8 @@ def text_of(found):
         for where in ("device", "processor"):
             one = row[where]
             words = one.get("not_run") or (
-                f"{one['steps']} steps, {one['seconds']:.3g} s, {one['seconds_of_frames']:.3g} s of them for frames"
+                f"{one['steps']} steps, {one['seconds']:.3g} s, {one['seconds_of_frames']:.3g} s of them for "
+                f"{one['frames']} frames"
             )
             yield f"whole scene, {where}: {one['points']} points, {row['precision']}: {words}"
         if "times_faster" in row:

@@ -1,6 +1,7 @@
 """Frames on disk: what is written is read again, and what is no frame is refused in one line."""
 
 import dataclasses
+import hashlib
 
 import h5py
 import numpy as np
@@ -10,7 +11,9 @@ import xarray
 
 from mpmgis.errors import FormatError
 from mpmgis.fields import PARTICLE
-from mpmgis.io.frames import read_frame, write_frame
+from mpmgis.io import frame_contents
+from mpmgis.io.frame_contents import require_restartable
+from mpmgis.io.frames import content_digest, read_frame, write_frame, write_frame_slabs
 from mpmgis.particles import Frame, Particles
 
 COUNT = 17
@@ -287,3 +290,22 @@ def test_a_frame_that_cannot_be_written_leaves_nothing(tmp_path):
     with pytest.raises(TypeError):
         write_frame(tmp_path / "a.h5", frame)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("large", [1, 300, 1 << 40])
+@pytest.mark.parametrize("slab", [1, 5, COUNT])
+def test_threads_that_read_arrays_change_no_digest(tmp_path, monkeypatch, large, slab):
+    """`content_sha256` is that of the arrays one after the other, whatever is read in threads, in slabs or whole."""
+    monkeypatch.setattr(frame_contents, "LARGE", large)
+    frame = columns(state={"rows": np.arange(1000.0), "keys": np.arange(9)})
+    lines = [f"{frame.time.hex()} {frame.step}"]
+    arrays = {f"particles/{name}": values for name, values in frame.particles.arrays().items()}
+    for name, values in sorted((arrays | {"maxima/depth": frame.maxima["depth"]}).items()):
+        digest = hashlib.sha256(f"{values.dtype.str} {values.shape[1:]} ".encode() + values.tobytes())
+        lines.append(f"{name} {digest.hexdigest()}")
+    expected = hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    slabs = [frame.particles.take(slice(first, first + slab)) for first in range(0, COUNT, slab)]
+    path = tmp_path / "frame.h5"
+    assert write_frame_slabs(path, frame, COUNT, iter(slabs), "") == expected
+    assert content_digest(frame) == expected == frame_contents.content_of(path)
+    assert require_restartable(path, tmp_path / "none.h5")
