@@ -9,12 +9,12 @@ import os
 from types import FunctionType, ModuleType
 
 import numpy as np
-from numba import cuda
+from numba import cuda, types
 from numba.core import config
 
 SIMULATED = bool(config.ENABLE_CUDASIM)
 if SIMULATED:
-    from .simulator import repair
+    from .simulator import plain_number, repair
 
     repair()
 else:  # kernels of one thread, and those that add up, are small on purpose
@@ -133,6 +133,8 @@ def _on_device(value, precision, single, double):
         return value.of(precision, double)
     if value is real:
         return precision
+    if SIMULATED and isinstance(value, types.Number):
+        return plain_number(value)
     plain = getattr(value, "py_func", value)
     if isinstance(plain, FunctionType) and (plain is not value or plain.__module__.startswith(KERNELS)):
         return _device_function(plain, precision, double)

@@ -6,6 +6,9 @@ of 3000 launches).
 
 The threads of a block run one after the other, each to its end or to the next `syncthreads`. The simulator runs them at
 the same time and polls them without a pause, which takes most of the time.
+
+Arrays are those of NumPy in kernels, and numbers of a type (`uint32(1)`) too. The simulator wraps each array twice, to
+find entries of records, of which kernels have none; numba looks up NumPy's type for each number.
 """
 
 import sys
@@ -20,10 +23,12 @@ from numba.cuda.simulator import kernel, kernelapi
 from numba.np.numpy_support import as_dtype
 
 WAITS = {"syncthreads", "syncthreads_count", "syncthreads_and", "syncthreads_or", "syncwarp"}
-run_at_once = kernel.BlockManager.run  # that of the simulator
 
 _making = Lock()
-_now = SimpleNamespace(thread=None)  # the simulated thread that runs in the thread of the host
+_now = SimpleNamespace(thread=None)  # the simulated thread that runs, where they run one after the other
+_hosts = []  # threads of the host, as many as the largest block has had
+_back = Lock()  # free while a simulated thread gives its turn back
+_back.acquire()
 
 
 def shared_array(self, shape, dtype, alignment=None):
@@ -37,32 +42,59 @@ def shared_array(self, shape, dtype, alignment=None):
         return self._allocations[line]
 
 
-class Turn(kernel.BlockThread):
+class Host(threading.Thread):
+    """A thread of the host that runs simulated threads, one after the other: to start one takes as long as a kernel."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.turn, self.task = Lock(), None
+        self.turn.acquire()
+        self.start()
+
+    def run(self):
+        """Run the next task, whenever it has the turn for the first time."""
+        while True:
+            self.turn.acquire()
+            self.task()
+            _back.release()
+
+
+class Turn:
     """A thread of a block that runs while it has the turn, and gives it back at `syncthreads` and at its end."""
 
-    def __init__(self, target, manager, block, place, back):
-        super().__init__(target, manager, block, place, False)
-        self.mine, self.back, self.done = Lock(), back, False
-        self.mine.acquire()
+    syncthreads_count = kernel.BlockThread.syncthreads_count
+    syncthreads_and = kernel.BlockThread.syncthreads_and
+    syncthreads_or = kernel.BlockThread.syncthreads_or
+
+    def __init__(self, manager, block, place, arguments, host):
+        self._manager, self._arguments, self._host = manager, arguments, host
+        self.blockIdx, self.threadIdx = kernel.Dim3(*block), kernel.Dim3(*place)
+        self.thread_id = _number(manager, place)
+        self.done, self.abort, self.exception = False, False, None
+        host.task = self.run
 
     def run(self):
         """Run the kernel, from the first turn on."""
-        self.mine.acquire()
-        super().run()
+        try:
+            if not self.abort:
+                self._manager._f(*self._arguments)
+        except Exception as error:
+            self.exception = error
         self.done = True
-        self.back.release()
 
     def syncthreads(self):
         """Wait for the next turn, when all others have had theirs."""
-        self.back.release()
-        self.mine.acquire()
+        _back.release()
+        self._host.turn.acquire()
         if self.abort:
             raise RuntimeError("another thread of the block failed")
 
     def take(self):
         """Let the thread have its turn."""
-        self.mine.release()
-        self.back.acquire()
+        _now.thread = self
+        self._host.turn.release()
+        _back.acquire()
+        _now.thread = None
 
 
 def run_in_turn(manager, block, *arguments):
@@ -71,10 +103,8 @@ def run_in_turn(manager, block, *arguments):
     if _waits(manager._f):
         _run_with_turns(manager, block, places, arguments)
         return
-    width, height = (*manager._block_dim, 1)[:2]
     for place in places:
-        x, y, z = (*place, 0, 0)[:3]
-        number = x + width * (y + height * z)
+        number = _number(manager, place)
         _now.thread = SimpleNamespace(threadIdx=kernel.Dim3(*place), blockIdx=kernel.Dim3(*block), thread_id=number)
         try:
             manager._f(*arguments)
@@ -82,13 +112,17 @@ def run_in_turn(manager, block, *arguments):
             _now.thread = None
 
 
+def _number(manager, place):
+    """Number of the thread at a `place` of its block."""
+    (width, height), (x, y, z) = (*manager._block_dim, 1)[:2], (*place, 0, 0)[:3]
+    return x + width * (y + height * z)
+
+
 def _run_with_turns(manager, block, places, arguments):
     """Run the threads of a `block` that wait for each other."""
-    back = Lock()
-    back.acquire()
-    waiting = [Turn(lambda: manager._f(*arguments), manager, block, place, back) for place in places]
-    for thread in waiting:
-        thread.start()
+    places = list(places)
+    _hosts.extend(Host() for _ in range(len(places) - len(_hosts)))
+    waiting = [Turn(manager, block, place, arguments, host) for place, host in zip(places, _hosts, strict=False)]
     failed = None
     while waiting:
         for thread in waiting:
@@ -97,7 +131,7 @@ def _run_with_turns(manager, block, places, arguments):
             failed = failed or thread.exception
         waiting = [thread for thread in waiting if not thread.done]
     if failed:
-        raise failed[0].with_traceback(failed[1])
+        raise failed
 
 
 @cache
@@ -117,8 +151,14 @@ def _current_thread():
     return threading.current_thread() if _now.thread is None else _now.thread
 
 
+def plain_number(kind):
+    """NumPy's type of the numbers of a numba type, which gives the same ones."""
+    return getattr(np, kind.name)
+
+
 def repair():
-    """Let kernels from now on use `shared_array` and `run_in_turn`."""
+    """Let kernels from now on use `shared_array`, `run_in_turn` and plain arrays."""
+    kernel.FakeWithinKernelCUDAArray = lambda array: array._ary
     kernelapi.FakeCUDAShared.array = shared_array
     kernelapi.threading = SimpleNamespace(current_thread=_current_thread, Lock=Lock)
     kernel.BlockManager.run = run_in_turn
