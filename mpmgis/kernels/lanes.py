@@ -40,8 +40,10 @@ def _meaning(plain):
 
 def _four_of(array, index):
     """Four numbers of the flat `array`; NaN for those behind its end, which no result may depend on."""
-    four = np.full(4, np.nan, array.dtype)
     found = array.reshape(-1)[index : index + 4]
+    if found.size == 4:
+        return found.copy()
+    four = np.full(4, np.nan, array.dtype)
     four[: found.size] = found
     return four
 

@@ -5,7 +5,7 @@ Run as `python simulated_columns.py [NAME...]` with NUMBA_ENABLE_CUDASIM=1 (`tes
 
 import json
 import sys
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from column_slots import SCENES, made
@@ -18,7 +18,6 @@ from mpmgis.kernels import column_clock as entry
 from mpmgis.kernels import column_rows as row
 from mpmgis.kernels.block_order import GONE
 
-sys.setswitchinterval(1e-5)  # threads of the device are threads of the host, and wait for each other often
 NARROW, WIDE = Launch(2, 8, 1, 2, 1, 3), Launch(3, 16, 1, 3, 1, 5)
 REPEATED = "slide", "outflow west and south", "lowered bed", "barriers and walls", "forest, erosion and walls"
 NAMES = ("rows", "ids", "keys", "wet", "clock", "counts", "ledger", "peaks", "barrier_sums", "left")
@@ -44,6 +43,13 @@ def advanced(solver, steps, until=1e9, launch=NARROW, pauses=1):
         reason = device.advance(until, steps // pauses)
         device.download()
     return reason
+
+
+@cache
+def on_device(make, steps):
+    """(solver, reason) after `steps` on the device, for all cases that compare with them; none changes the solver."""
+    solver = make()
+    return solver, advanced(solver, steps)
 
 
 def scaled(a, b):
@@ -99,9 +105,8 @@ def facts(solver):
 
 def compared(make, steps):
     """What differs after `steps` on CPU and device, and the reasons to stop."""
-    one, other = make(), make()
+    one, (other, found) = make(), on_device(make, steps)
     reason = one.advance(1e9, max_steps=steps)
-    found = advanced(other, steps)
     here = difference(one, other) | {"facts": facts(one), "reason": reason}
     return here if found == reason else here | {"inexact": [f"reason {found}, not {reason}"]}
 
@@ -114,8 +119,7 @@ def bits(solver):
 
 def permuted(make, steps):
     """Whether `steps` with thread blocks and threads begun in another order give the same bits."""
-    one, other = make(), make()
-    advanced(one, steps)
+    (one, _), other = on_device(make, steps), make()
     with shuffled():
         advanced(other, steps)
     return {"same": bits(one) == bits(other)}
@@ -123,24 +127,21 @@ def permuted(make, steps):
 
 def resumed(make, steps):
     """Whether a run through the host in its middle gives the same bits."""
-    one, other = make(), make()
-    advanced(one, steps)
+    (one, _), other = on_device(make, steps), make()
     advanced(other, steps, pauses=2)
     return {"same": bits(one) == bits(other)}
 
 
 def other_launch(make, steps):
     """Whether the motion is the same with another number of threads (sums of reports may differ in the last bits)."""
-    one, other = make(), make()
-    advanced(one, steps)
+    (one, _), other = on_device(make, steps), make()
     advanced(other, steps, launch=WIDE)
     return {"same": one._rows.tobytes() + one._keys.tobytes() == other._rows.tobytes() + other._keys.tobytes()}
 
 
 def grown(make, steps):
     """Whether arrays that are too small at first, in every step anew, give the same bits."""
-    one, other = make(), make()
-    advanced(one, steps)
+    (one, _), other = on_device(make, steps), make()
     rooms, columns.ROOMS = columns.ROOMS, tuple((room, needed, 1) for room, needed, _ in columns.ROOMS)
     try:
         advanced(other, steps)
