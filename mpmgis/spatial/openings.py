@@ -170,24 +170,25 @@ def wall_normals(walls, points, radius):
 
 def _second_moments(shapes, origins):
     """(xx, xy, yy) central second moments of area of each polygonal shape; coordinates are taken from `origins`."""
-    n = len(shapes)
-    area, x, y, xx, xy, yy = np.zeros((6, n))
     polygons, owner = shapely.get_parts(shapes, return_index=True)
     flat = shapely.get_dimensions(polygons) == 2
     rings, of = shapely.get_rings(polygons[flat], return_index=True)
     owner = owner[flat][of]
     outer = np.r_[True, of[1:] != of[:-1]][: len(rings)]
-    for ring, k, outside in zip(rings, owner, outer, strict=True):
-        px, py = (shapely.get_coordinates(ring) - origins[k]).T
-        cross = px[:-1] * py[1:] - px[1:] * py[:-1]
-        sign = np.sign(cross.sum()) * (1.0 if outside else -1.0)
-        qx, qy = px[:-1] + px[1:], py[:-1] + py[1:]
-        area[k] += sign * cross.sum() / 2.0
-        x[k] += sign * (cross * qx).sum() / 6.0
-        y[k] += sign * (cross * qy).sum() / 6.0
-        xx[k] += sign * (cross * (qx**2 - px[:-1] * px[1:])).sum() / 12.0
-        yy[k] += sign * (cross * (qy**2 - py[:-1] * py[1:])).sum() / 12.0
-        xy[k] += sign * (cross * (qx * qy + px[:-1] * py[:-1] + px[1:] * py[1:])).sum() / 24.0
+    places, ring = shapely.get_coordinates(rings, return_index=True)
+    places -= origins[owner][ring]
+    follows = ring[1:] == ring[:-1]
+    (px, py), (nx, ny), ring = places[:-1][follows].T, places[1:][follows].T, ring[1:][follows]
+    cross = px * ny - nx * py
+    sign = np.sign(np.bincount(ring, cross, len(rings))) * np.where(outer, 1.0, -1.0)
+    qx, qy = px + nx, py + ny
+
+    def total(values, divisor):
+        return np.bincount(owner, sign * np.bincount(ring, cross * values, len(rings)), len(shapes)) / divisor
+
+    area, x, y = total(1.0, 2.0), total(qx, 6.0), total(qy, 6.0)
+    xx, yy = total(qx**2 - px * nx, 12.0), total(qy**2 - py * ny, 12.0)
+    xy = total(qx * qy + px * py + nx * ny, 24.0)
     area = np.maximum(area, 1e-300)
     return xx / area - (x / area) ** 2, xy / area - x * y / area**2, yy / area - (y / area) ** 2
 
