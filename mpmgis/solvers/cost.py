@@ -92,10 +92,11 @@ MEMORY_SHARE = 0.8  # share of the free memory or disk above which a run require
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: a rough estimate, for the confirmation of long runs
 NANOSECONDS_PER_POINT_STEP = {"float64": 85.0, "float32": 55.0}  # of one point on one thread, sort and grid included
 SECONDS_PER_STEP = 2e-5  # of any step, however few particles it moves
-# Beside the steps, in processor time (measured 2026-11-22 with 1e3 to 6e5 particles; disks, other programs add to it)
+# Beside the steps, in processor time (measured 2026-11-22 with 1e3 to 6e5 particles, frames 2026-11-27 by
+# tests/bench/run.py frames; disks and other programs add to it)
 SECONDS_PER_RUN, SECONDS_PER_PIXEL = 0.05, 1e-7  # scene, record; terrain of the frames
 SECONDS_PER_FRAME = 0.02  # of a file that is whole or not there
-NANOSECONDS_PER_WRITTEN = {"columns": 900.0, "points": 700.0}  # of one particle in a frame that is written
+NANOSECONDS_PER_WRITTEN = {"columns": 600.0, "points": 600.0}  # of one particle in a frame that is written
 NANOSECONDS_PER_SHOWN = 200.0  # of one particle in a frame that is displayed
 SECONDS_PER_SWITCH = 0.02
 NANOSECONDS_TO_POINTS, NANOSECONDS_TO_COLUMNS = 1700.0, 900.0  # of a point that is made or taken back, sums included
