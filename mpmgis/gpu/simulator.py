@@ -43,7 +43,7 @@ def shared_array(self, shape, dtype, alignment=None):
 
 
 class Host(threading.Thread):
-    """A thread of the host that runs simulated threads, one after the other: to start one takes as long as a kernel."""
+    """A thread of the host that runs simulated threads, one after the other: starting it takes as long as a kernel."""
 
     def __init__(self):
         super().__init__(daemon=True)

@@ -21,13 +21,13 @@ CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # at
 BED_CHANGE = "bed_change"
 DIGESTED = ("particles", "maxima", BED_CHANGE)  # groups; the restart state is removed later
 AS_WRITTEN = "as written"
-LARGE, READERS = 1 << 20, 4  # bytes of an array from which a thread reads it, and threads that read arrays
+LARGE, HASHING = 1 << 20, 4  # bytes from which an array is hashed in a thread, and number of these threads
 
 
 class ContentDigest:
     """Digest of the time and the arrays of a frame, in their stored types, slab by slab.
 
-    Large arrays are read in threads while the caller goes on; they must not be changed before `wait` returns.
+    Large arrays are hashed in threads while the caller continues. They must not be changed before `wait` returns.
     """
 
     def __init__(self, time, step):
@@ -35,7 +35,7 @@ class ContentDigest:
         self._arrays, self._threads, self._pending = {}, None, []
 
     def add(self, name, values):
-        """Add the next rows of the array `name`; with rows of it that are still read, it waits for them."""
+        """Add the next rows of the array `name`; if it has earlier rows, wait until all arrays are hashed."""
         values = np.ascontiguousarray(values)
         if name in self._arrays:
             self.wait()
@@ -46,11 +46,11 @@ class ContentDigest:
             self._arrays[name].update(data)
             return
         if self._threads is None:
-            self._threads = ThreadPoolExecutor(READERS)
+            self._threads = ThreadPoolExecutor(HASHING)
         self._pending.append(self._threads.submit(self._arrays[name].update, data))
 
     def wait(self):
-        """Wait until all arrays are read."""
+        """Wait until all arrays are hashed."""
         for pending in self._pending:
             pending.result()
         self._pending = []
@@ -102,6 +102,7 @@ def content_of(path):
                 require_numbers_that_fit(path, file, group)
                 for name, values in file.get(group, {}).items():
                     digest.add(f"{group}/{name}", values[()])
+                    digest.wait()  # one array in memory at a time
             return digest.hexdigest()
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error

@@ -71,7 +71,7 @@ def write_frame_slabs(path, frame, count, slabs, before=None):
             group.attrs[name] = value
         _add_groups(digest, frame)
         content = digest.hexdigest()
-        with ThreadPoolExecutor(1) as thread:  # reads the state while it is written
+        with ThreadPoolExecutor(1) as thread:  # hashes the state while it is written
             state = thread.submit(state_digest, content, frame.state) if frame.state else None
             _write_group(file, "state", frame.state, count)
         _write_group(file, "maxima", frame.maxima, count)
@@ -124,6 +124,7 @@ def content_digest(frame):
     digest = ContentDigest(frame.time, frame.step)
     for name, values in frame.particles.arrays().items():
         digest.add(f"particles/{name}", values.astype(stored_type(name, frame.dimension), copy=False))
+        digest.wait()  # one converted array in memory at a time
     _add_groups(digest, frame)
     return digest.hexdigest()
 

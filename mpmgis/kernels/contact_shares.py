@@ -65,8 +65,16 @@ def shares_on_slope(away, rise):
     side, off = 0.25 / (2.0 * 0.65), sqrt(0.65) * rise  # the spline's variance 0.25 and fourth moment 0.1625
     pressed = (1.0 - 2.0 * side) * pressure_share(away)
     pressed += side * (pressure_share(away + off) + pressure_share(away - off))
-    filled = (1.0 - 2.0 * side) * mass_share(away) + side * (mass_share(away + off) + mass_share(away - off))
-    return pressed, filled
+    return pressed, mass_share_on_slope(away, rise)
+
+
+@jit_borrowing
+def mass_share_on_slope(away, rise):
+    """`mass_share` of a node `away` [cells] below ground that rises by `rise` [1] to one side, as `shares_on_slope`."""
+    side, off = 0.25 / (2.0 * 0.65), sqrt(0.65) * rise
+    if abs(away) >= 1.5 + off:
+        return 0.0 if away > 0.0 else 1.0
+    return (1.0 - 2.0 * side) * mass_share(away) + side * (mass_share(away + off) + mass_share(away - off))
 
 
 @jit_borrowing

@@ -139,7 +139,7 @@ def set_threads(count):
 
 
 def threads_in_use():
-    """Number of threads that parallel kernels use."""
+    """Number of threads that parallel kernels use in the calling thread."""
     return numba.get_num_threads()
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .contact_shares import mass_share, shares_on_slope
+from .contact_shares import mass_share, mass_share_on_slope
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import FILLED, FILLED_TOP, SHARE
 from .point_contact import YIELD, YIELD_STEP
@@ -60,7 +60,7 @@ def open_part(j, i, level, ground, yields, step, barriers, barred, settings):
     height, slope2, above = ground.nodes[j, i, GROUND_HEIGHT], east * east + north * north, float(level - GHOSTS)
     if yields[j, i, YIELD_STEP] == float(step + 1):
         height -= yields[j, i, YIELD] * sqrt(1.0 + slope2)
-    part = shares_on_slope(height / dx - above, sqrt(slope2))[1]
+    part = mass_share_on_slope(height / dx - above, sqrt(slope2))
     if barred:
         if barriers[j, i, SHARE] > 0.0:
             return UNKNOWN
@@ -73,62 +73,128 @@ def open_part(j, i, level, ground, yields, step, barriers, barred, settings):
     return part
 
 
-@jit_borrowing
-def density_at(masses, parts, full, x, y, z):
-    """(density over that of the fluid, whether all nodes around are nearly full) at a place in a block.
+@jit_inline
+def _line(values, n, w0, w1, w2):
+    return w0 * values[n] + w1 * values[n + 1] + w2 * values[n + 2]
 
-    The density is 0 where it is not known. `masses` [kg] and `parts` are those of the nodes of the block's tile; an
-    open node of the mass `full` [kg] is full.
-    """
+
+@jit_inline
+def _plane(values, n, wx0, wx1, wx2, wy0, wy1, wy2):
+    first, second = _line(values, n, wx0, wx1, wx2), _line(values, n + TILE, wx0, wx1, wx2)
+    return wy0 * first + wy1 * second + wy2 * _line(values, n + 2 * TILE, wx0, wx1, wx2)
+
+
+@jit_inline
+def _interpolated(values, x, y, z):
+    """Value at a place in a block, of values at the nodes of its tile."""
     i, _, wx0, wx1, wx2 = stencil(x)
     j, _, wy0, wy1, wy2 = stencil(y)
     k, _, wz0, wz1, wz2 = stencil(z)
-    wx, wy, wz = (wx0, wx1, wx2), (wy0, wy1, wy2), (wz0, wz1, wz2)
-    first = (int(k) * TILE + int(j)) * TILE + int(i)
-    mass, part, inside = 0.0, 0.0, True
-    for c in range(3):
-        for b in range(3):
-            share = wz[c] * wy[b]
-            for a in range(3):
-                n = first + (c * TILE + b) * TILE + a
-                if parts[n] < 0.0:
-                    return 0.0, False
-                mass += share * wx[a] * masses[n]
-                part += share * wx[a] * parts[n]
-                inside = inside and (masses[n] >= NEARLY_FULL * full * parts[n] or parts[n] < SMALL_PART)
-    if part < LEAST_OPEN:
-        return 0.0, False
-    return mass / (part * full), inside
+    n = (int(k) * TILE + int(j)) * TILE + int(i)
+    first = _plane(values, n, wx0, wx1, wx2, wy0, wy1, wy2)
+    second = _plane(values, n + TILE * TILE, wx0, wx1, wx2, wy0, wy1, wy2)
+    third = _plane(values, n + 2 * TILE * TILE, wx0, wx1, wx2, wy0, wy1, wy2)
+    return wz0 * first + wz1 * second + wz2 * third
 
 
 @jit_borrowing
-def correct_point(rows, p, masses, parts, full, band, time, settings, material, mine):
+def density_at(masses, parts, surely, full, x, y, z):
+    """The density over that of the fluid at a place in a block, 0 where it is not known.
+
+    `masses` [kg] and `parts` are those of the nodes of the block's tile; an open node of the mass `full` [kg] is full.
+    `surely` tells whether all parts are 1, and whether all are known, where this was found before.
+    """
+    all_open, all_known = surely
+    mass = _interpolated(masses, x, y, z)
+    if all_open:
+        return mass / full
+    part = _interpolated(parts, x, y, z)
+    if part < LEAST_OPEN or not (all_known or _are_known(parts, x, y, z)):
+        return 0.0 * mass
+    return mass / (part * full)
+
+
+@jit_borrowing
+def _first_node(x, y, z):
+    """Index of the first of the 27 nodes around a place in a block, in its tile."""
+    return (int(stencil(z)[0]) * TILE + int(stencil(y)[0])) * TILE + int(stencil(x)[0])
+
+
+@jit_borrowing
+def _are_known(parts, x, y, z):
+    """Whether the open parts of all nodes around a place are known."""
+    first = _first_node(x, y, z)
+    for c in range(3):
+        for b in range(3):
+            for a in range(3):
+                if parts[first + (c * TILE + b) * TILE + a] < 0.0:
+                    return False
+    return True
+
+
+@jit_borrowing
+def _are_nearly_full(masses, parts, full, x, y, z):
+    """Whether all nodes around a place are nearly full, or behind a wall or under the ground."""
+    first = _first_node(x, y, z)
+    for c in range(3):
+        for b in range(3):
+            for a in range(3):
+                n = first + (c * TILE + b) * TILE + a
+                if masses[n] < NEARLY_FULL * full * parts[n] and parts[n] >= SMALL_PART:
+                    return False
+    return True
+
+
+@jit_borrowing
+def correct_point(rows, p, masses, parts, surely, full, band, time, settings, material, mine):
     """Set the rate at which J of point `p` relaxes in `time` [s], and book the energy that the last one supplied.
 
-    `masses` and `parts` are those of the nodes of its block, `mine` is the report of its chunk.
+    `masses`, `parts` and `surely` are those of its block as in `density_at`, `mine` is the report of its chunk.
     """
-    density, inside = density_at(masses, parts, full, float(rows[p, X]), float(rows[p, Y]), float(rows[p, Z]))
+    x, y, z = rows[p, X], rows[p, Y], rows[p, Z]
+    density = density_at(masses, parts, surely, full, x, y, z)
+    low = rows[p, S0] * density < 1.0 - band  # a free surface may be near
+    inside = density > 0.0 and (not low or _are_nearly_full(masses, parts, full, x, y, z))
     gap = material.gap_at_density(rows[p, S0], density, inside, band)
     mine[CORRECTED] += 1.0 if gap != 0.0 else 0.0
     mine[CORRECTED_ENERGY] += rows[p, MASS] / settings.density * rows[p, S2]
     rows[p, S1], rows[p, S2] = gap / time, 0.0
 
 
-@jit_borrowing
-def node_of_tile(n, targets, place, nodes, free, ground, yields, step, barriers, barred, settings):
-    """(mass [kg], open part) of node `n` of the tile of a block at `place`, whose tile overlaps blocks `targets`."""
-    i, j, k = n % TILE, (n // TILE) % TILE, n // (TILE * TILE)
+@jit_inline
+def place_in_tile(n):
+    """(column, row, level) of node `n` in a tile."""
+    return n % TILE, (n // TILE) % TILE, n // (TILE * TILE)
+
+
+@jit_inline
+def node_of_tile(n, targets):
+    """(block, node in it) of node `n` of a tile that overlaps the blocks `targets`."""
+    i, j, k = place_in_tile(n)
     t = targets[(i // BLOCK) + 2 * (j // BLOCK) + 4 * (k // BLOCK)]
-    mass = nodes[t, (((k % BLOCK) * BLOCK + j % BLOCK) * BLOCK + i % BLOCK) * 4 + NODE_MASS]
-    if free[t] != 0:
-        return mass, 1.0
-    j, i, level = place[1] * BLOCK + j, place[0] * BLOCK + i, place[2] * BLOCK + k
-    return mass, open_part(j, i, level, ground, yields, step, barriers, barred, settings)
+    return t, ((k % BLOCK) * BLOCK + j % BLOCK) * BLOCK + i % BLOCK
+
+
+@jit_parallel
+def _open_parts(parts, grid, free, ground, yields, step, barriers, barred, settings):
+    """The `open_part` of all nodes, into `parts` float[touched blocks, nodes of a block]."""
+    for c in prange(CHUNKS):
+        for t in range(c * grid.count // CHUNKS, (c + 1) * grid.count // CHUNKS):
+            row, column, level = grid.touched[t, 0], grid.touched[t, 1], grid.touched[t, 2]
+            for n in range(BLOCK * BLOCK * BLOCK):
+                i, j, k = n % BLOCK, (n // BLOCK) % BLOCK, n // (BLOCK * BLOCK)
+                part = 1.0
+                if free[t] == 0:
+                    part = open_part(
+                        row * BLOCK + j, column * BLOCK + i, level * BLOCK + k, ground, yields, step, barriers, barred,
+                        settings,
+                    )  # fmt: skip
+                parts[t, n] = part
 
 
 @jit_parallel
 def correct_density(
-    points, blocks, nodes, free, ground, yields, step, barriers, report, settings, material, barrier
+    points, blocks, grid, free, ground, yields, step, barriers, report, settings, material, barrier
 ):  # fmt: skip
     """Set the rates at which the volumes of all points are corrected in EVERY steps, the first of which is this one.
 
@@ -136,7 +202,7 @@ def correct_density(
     ----------
     points : SortedPoints
     blocks : ActiveBlocks
-    nodes : float[n_touched, BLOCK_SIZE]
+    grid : NodeBlocks
         With the masses of this step.
     free : uint8[n_touched]
         1 for blocks whose nodes touch nothing.
@@ -148,17 +214,20 @@ def correct_density(
     barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
     report : float64[CHUNKS, NODE_REPORT]
     """
-    time, full, after = relaxation_time(settings), full_mass(settings), yields[step % 2]
-    barred = barrier.barrier_active()
+    real, after, barred = points.rows.dtype.type, yields[step % 2], barrier.barrier_active()
+    parts_of = np.empty((grid.count, BLOCK * BLOCK * BLOCK), points.rows.dtype)
+    _open_parts(parts_of, grid, free, ground, after, step, barriers, barred, settings)
+    time, full, band = real(relaxation_time(settings)), real(full_mass(settings)), real(settings.density_band)
     for c in prange(CHUNKS):
-        masses, parts = np.zeros(TILE_NODES), np.zeros(TILE_NODES)
+        masses, parts = np.zeros(TILE_NODES, points.rows.dtype), np.zeros(TILE_NODES, points.rows.dtype)
         for a in range(points.bounds[c], points.bounds[c + 1]):
+            all_open = all_known = True
             for n in range(TILE_NODES):
-                masses[n], parts[n] = node_of_tile(
-                    n, blocks.targets[a], blocks.places[a], nodes, free, ground, after, step, barriers, barred, settings
-                )  # fmt: skip
+                t, node = node_of_tile(n, blocks.targets[a])
+                masses[n], parts[n] = grid.nodes[t, 4 * node + NODE_MASS], parts_of[t, node]
+                all_open, all_known = all_open and parts[n] == 1.0, all_known and parts[n] >= 0.0
             for s in range(points.start[a], points.start[a + 1]):
                 correct_point(
-                    points.rows, points.order[s] & INDEX_MASK, masses, parts, full, settings.density_band, time,
+                    points.rows, points.order[s] & INDEX_MASK, masses, parts, (all_open, all_known), full, band, time,
                     settings, material, report[c],
                 )  # fmt: skip

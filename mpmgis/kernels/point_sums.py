@@ -9,8 +9,8 @@ from .point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, X, Y, Z
 # momentum [kg m s-1], sum of the absolute values of its components, kinetic energy, potential energy from the lowest
 # level and elastic energy [J], mass times the second number of state (of `Fluid`: energy of the present correction per
 # volume [J m-3]) [kg J m-3]
-MOMENTUM_X, MOMENTUM_Y, MOMENTUM_Z, PASSED, KINETIC, POTENTIAL, STORED, OF_STATE, SUMS = range(9)
-double = np.float64  # of a number; `float` keeps single precision in compiled code
+MOMENTUM_X, MOMENTUM_Y, MOMENTUM_Z, MOMENTUM_ABS, KINETIC, POTENTIAL, STORED, OF_STATE, SUMS = range(9)
+double = np.float64  # conversion to double precision; `float` would keep float32 in compiled code
 PART = 64  # points that are added before they are added to the rest, which keeps the rounding small
 
 
@@ -23,11 +23,14 @@ def sums_of(rows, keys, lowest, dx, gravity, density, material):
         east, north, up = double(rows[p, PX]), double(rows[p, PY]), double(rows[p, PZ])
         level = key_level(keys[p]) + lowest[key_row(keys[p]), key_column(keys[p]), 0]
         s4, s5, s6, s7 = more_state(rows, p)
-        stored = material.stored_energy(rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7)
+        stored = material.stored_energy(
+            double(rows[p, S0]), double(rows[p, S1]), double(rows[p, S2]), double(rows[p, S3]), double(s4), double(s5),
+            double(s6), double(s7),
+        )  # fmt: skip
         part[MOMENTUM_X] += east
         part[MOMENTUM_Y] += north
         part[MOMENTUM_Z] += up
-        part[PASSED] += abs(east) + abs(north) + abs(up)
+        part[MOMENTUM_ABS] += abs(east) + abs(north) + abs(up)
         part[KINETIC] += 0.5 * (east * east + north * north + up * up) / mass
         part[POTENTIAL] += mass * gravity * ((double(rows[p, Z]) + (BLOCK * level - GHOSTS)) * dx)
         part[STORED] += mass / density * stored

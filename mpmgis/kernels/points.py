@@ -264,7 +264,7 @@ def advance(
             accumulate_point_peaks(peaks, column_sums, grid, window, ground.nodes, end, settings)
         if effects.material.follows_density() and counts[STEP] % EVERY == 0:
             _correct_density(
-                points, blocks, nodes, free, ground, yields, counts[STEP] + 1, barriers, node_report, settings,
+                points, blocks, grid, free, ground, yields, counts[STEP] + 1, barriers, node_report, settings,
                 effects.material, barrier,
             )  # fmt: skip
         collect_nodes(node_report, clock)

@@ -156,9 +156,9 @@ class ColumnState(ParticleStore):
     def flow(self):
         """The Flow now."""
         rows, _, _ = self._seen()
-        u, v = rows[:, kernel.U], rows[:, kernel.V]
+        u, v = rows[:, kernel.U].copy(), rows[:, kernel.V].copy()
         speed = np.sqrt(u * u + v * v + (u * rows[:, kernel.GX] + v * rows[:, kernel.GY]) ** 2)
-        mass, x, y = rows[:, kernel.MASS], rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
+        mass, x, y = rows[:, kernel.MASS].copy(), rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
         return Flow(x, y, u, v, speed, mass / (self.numerics.density * rows[:, kernel.AREA]), mass)
 
     def maxima(self):

@@ -163,7 +163,7 @@ class ParticleStore:
             self._integrate_with_inflow()
 
     def _once(self, name, compute):
-        """`compute()`, which is computed once for the present state; see `_forget_computed`."""
+        """`compute()`, computed once for the present state. Code that changes the state calls `_forget_computed`."""
         if name not in self._computed:
             self._computed = {**self._computed, name: compute()}
         return self._computed[name]
@@ -178,7 +178,7 @@ class ParticleStore:
         return seen if self._have_left() else tuple(copied(array) for array in seen)
 
     def _seen(self):
-        """As `_alive`, until the next step: without copies where no particle has left."""
+        """As `_alive`, valid until the next step: without copies where no particle has left."""
         n = self._counts[self.kernel.ROWS]
         arrays = self._rows[:n], self._ids[:n], self._keys[:n]
         return self._once("seen", lambda: self._on_terrain(arrays)) if self._have_left() else arrays

@@ -124,7 +124,11 @@ class PointBalances(ParticleStore):
 
     def _speed_p999(self):
         """Speed [m s-1] that 0.1 % of the mass exceeds now."""
-        return self._once("p999", lambda: exceeded_by(FASTEST_SHARE, self._speeds(), self._seen()[0][:, row.MASS]))
+        return self._once("p999", self._computed_p999)
+
+    def _computed_p999(self):
+        mass = self._seen()[0][:, row.MASS].astype(float)
+        return exceeded_by(FASTEST_SHARE, self._speeds(), mass)
 
     def _note_start(self, place, speed, mass):
         """Record the fastest point, the highest point and the largest thickness at a start; `place` is [n, 3] [m]."""
@@ -201,7 +205,7 @@ class PointBalances(ParticleStore):
         given[2] -= clock[entry.IMPULSE_GRAVITY]
         given -= self._barrier_sums[:, IMPULSE_X : IMPULSE_Z + 1].sum(axis=0)
         parts = clock[entry.IMPULSE_GROUND_X : entry.IMPULSE_GRAVITY + 1]  # sums may cancel, their rounding does not
-        held = self._sums()[sums.PASSED]
+        held = self._sums()[sums.MOMENTUM_ABS]
         corrected = self._energy_of_corrections()
         put_in = sum(self.energy_start) + clock[entry.LIFTED_ENERGY] + corrected
         energy_out = float(ledger[:, 4:6].sum())
@@ -216,7 +220,7 @@ class PointBalances(ParticleStore):
             "momentum_error_relative": float(np.abs(momentum - self._momentum_start - given).max() / passed),
             "ground_impulse": [float(part) for part in clock[entry.IMPULSE_GROUND_X : entry.IMPULSE_GROUND_Z + 1]],
             "outflow": {
-                edge: sums for edge, sums in named_sums(EDGE_NAMES, ledger, LEDGER).items() if sums["particles"] > 0
+                edge: left for edge, left in named_sums(EDGE_NAMES, ledger, LEDGER).items() if left["particles"] > 0
             },
             "left_places": left_places(self.grid, self._left),
             "energy_start": sum(self.energy_start),

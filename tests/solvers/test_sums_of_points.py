@@ -69,8 +69,8 @@ def test_sums_are_those_of_numpy(count, dtype, kind, seed):
         for p in range(count)
     ]
     expected = np.zeros(sums.SUMS)
-    expected[: sums.PASSED] = momentum.sum(axis=0)
-    expected[sums.PASSED] = np.abs(momentum).sum()
+    expected[: sums.MOMENTUM_ABS] = momentum.sum(axis=0)
+    expected[sums.MOMENTUM_ABS] = np.abs(momentum).sum()
     expected[sums.KINETIC] = (0.5 * (momentum**2).sum(axis=1) / mass).sum()
     expected[sums.POTENTIAL] = (mass * GRAVITY * place[:, 2]).sum()
     expected[sums.STORED] = (mass / DENSITY * np.array(energies)).sum()
@@ -107,7 +107,7 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
     """Slices have a fixed size, so that sums, frames and states are the same with any number of threads."""
     monkeypatch.setattr(slices, "SLICE", 1000)
     rows, keys, lowest = random_points(10_500, ROW_LONG, np.float32, 3)
-    before = set_threads(1)
+    set_threads(1)
     try:
         one = Points(rows, keys, lowest, SOIL)
         expected = one._sums().tobytes(), one._speeds().tobytes()
@@ -116,7 +116,17 @@ def test_bits_do_not_depend_on_threads(monkeypatch):
             several = Points(rows, keys, lowest, SOIL)
             assert (several._sums().tobytes(), several._speeds().tobytes()) == expected
     finally:
-        set_threads(before)
+        set_threads(None)
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.3])
+def test_the_percentile_of_the_speed_does_not_depend_on_the_precision(mass):
+    """Of equal masses the share that exceeds it is exact; sums of float32 masses gave the next point."""
+    rows, keys, lowest = random_points(100_000, ROW_SHORT, np.float32, 1)
+    rows[:, MASS] = mass
+    rows[:, PX : PZ + 1] = 0.0
+    rows[:, PX] = np.float32(mass) * np.random.default_rng(2).permutation(len(rows))
+    assert Points(rows, keys, lowest, ICE)._speed_p999() == pytest.approx(len(rows) - 101, abs=0.1)
 
 
 @pytest.mark.parametrize("count", [0, 1, 999, 1000, 1001, 5500])
