@@ -15,12 +15,30 @@ from ..kernels.point_density import (
     relaxation_time,
 )
 from ..kernels.point_ground import Ground
-from ..kernels.point_rows import BLOCK, NODE_MASS
-from .compiled import capped, real, stand_in
+from ..kernels.point_rows import BLOCK, NODE_MASS, TILE
+from .compiled import Part, capped, real, stand_in
 from .launch import ACTIVE, STATUS
 from .point_steps import stencil
 
-stand_in((point_density,), {"stencil": stencil})  # there is no floor of NumPy on the device
+
+@Part
+def _interpolated(values, x, y, z):
+    """As `kernels.point_density.interpolated`, in loops, which need half of its registers."""
+    i, _, wx0, wx1, wx2 = stencil(x)
+    j, _, wy0, wy1, wy2 = stencil(y)
+    k, _, wz0, wz1, wz2 = stencil(z)
+    wx, wy, wz = (wx0, wx1, wx2), (wy0, wy1, wy2), (wz0, wz1, wz2)
+    first, total = (int32(k) * TILE + int32(j)) * TILE + int32(i), real(0.0)
+    for c in range(3):
+        for b in range(3):
+            share, n = wz[c] * wy[b], first + (c * TILE + b) * TILE
+            for a in range(3):
+                total += share * wx[a] * values[n + a]
+    return total
+
+
+# there is no floor of NumPy on the device
+stand_in((point_density,), {"stencil": stencil, "interpolated": _interpolated})
 
 
 @capped()

@@ -85,7 +85,7 @@ def _plane(values, n, wx0, wx1, wx2, wy0, wy1, wy2):
 
 
 @jit_inline
-def _interpolated(values, x, y, z):
+def interpolated(values, x, y, z):
     """Value at a place in a block, of values at the nodes of its tile."""
     i, _, wx0, wx1, wx2 = stencil(x)
     j, _, wy0, wy1, wy2 = stencil(y)
@@ -105,11 +105,11 @@ def density_at(masses, parts, surely, full, x, y, z):
     `surely` tells whether all parts are 1, and whether all are known, where this was found before.
     """
     all_open, all_known = surely
-    mass = _interpolated(masses, x, y, z)
+    mass = interpolated(masses, x, y, z)
     if all_open:
         return mass / full
-    part = _interpolated(parts, x, y, z)
-    if part < LEAST_OPEN or not (all_known or _are_known(parts, x, y, z)):
+    part = interpolated(parts, x, y, z)
+    if part < LEAST_OPEN or not (all_known or are_known(parts, x, y, z)):
         return 0.0 * mass
     return mass / (part * full)
 
@@ -121,7 +121,7 @@ def _first_node(x, y, z):
 
 
 @jit_borrowing
-def _are_known(parts, x, y, z):
+def are_known(parts, x, y, z):
     """Whether the open parts of all nodes around a place are known."""
     first = _first_node(x, y, z)
     for c in range(3):
@@ -133,7 +133,7 @@ def _are_known(parts, x, y, z):
 
 
 @jit_borrowing
-def _are_nearly_full(masses, parts, full, x, y, z):
+def are_nearly_full(masses, parts, full, x, y, z):
     """Whether all nodes around a place are nearly full, or behind a wall or under the ground."""
     first = _first_node(x, y, z)
     for c in range(3):
@@ -154,7 +154,7 @@ def correct_point(rows, p, masses, parts, surely, full, band, time, settings, ma
     x, y, z = rows[p, X], rows[p, Y], rows[p, Z]
     density = density_at(masses, parts, surely, full, x, y, z)
     low = rows[p, S0] * density < 1.0 - band  # a free surface may be near
-    inside = density > 0.0 and (not low or _are_nearly_full(masses, parts, full, x, y, z))
+    inside = density > 0.0 and (not low or are_nearly_full(masses, parts, full, x, y, z))
     gap = material.gap_at_density(rows[p, S0], density, inside, band)
     mine[CORRECTED] += 1.0 if gap != 0.0 else 0.0
     mine[CORRECTED_ENERGY] += rows[p, MASS] / settings.density * rows[p, S2]
