@@ -12,7 +12,7 @@ LONE_SHARE = 0.85  # of the step at which a single point oscillates with growing
 BAND_OF_ONE = 0.13  # density band of one point per cell; a smaller noise of more points narrows it by their root
 MOST_BAND = 0.25  # widest density band
 LEAK_STOP = 1e-3  # share of the mass found more than a cell below the ground in one step, at which a run stops
-LEAK_POINTS = 1.5  # times the mass of the heaviest point: a single point does not stop a run
+LEAK_POINTS = 4.5  # times the mass of the heaviest point: up to four points do not stop a run
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 
 
@@ -82,7 +82,8 @@ def mass_limits(numerics, heaviest, mass):
     """Entries of `Settings` that depend on the `heaviest` point [kg] and on the total `mass` [kg].
 
     The density band follows the variation of the density of irregular points. The leak limit is never below the share
-    of a single point; `lone_thickness` is that of a single point at a node.
+    of four points: in a flow with a plane of symmetry, points that creep below the ground in front of a wall are moved
+    back two or four at a time. `lone_thickness` is that of a single point at a node.
     """
     fill = heaviest / (numerics.density * numerics.cell_size**3)  # [cells] of a point
     return {

@@ -173,6 +173,16 @@ def test_the_stream_that_a_wall_stops_becomes_a_bore_of_the_exact_load():
     assert 0.9 <= found <= 1.03
 
 
+@pytest.mark.thorough
+def test_a_stream_of_few_points_does_not_stop_as_a_leak():
+    """858 points, one per cell, four cells deep: points are moved back onto the ground in mirrored pairs."""
+    solver, exact = stream_at_wall(2.0, 6.0, cell=0.5, width=1.5, per_cell=1)
+    found = load_between(solver, 3.0, 6.0) / exact
+    print(found, solver.balances()["clips"])
+    assert solver.time == pytest.approx(6.0)
+    assert 0.8 <= found <= 1.2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("froude", [1.2, 2.0])
 def test_corrections_make_no_peaks_of_the_load(froude):

@@ -111,6 +111,17 @@ def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
     assert "E 28" in str(error.value) and "3.9 % of the mass" in str(error.value)
 
 
+@pytest.mark.parametrize(("count", "stops"), [(1, False), (2, False), (4, False), (5, True), (40, True)])
+def test_up_to_four_points_of_a_small_scene_are_no_leak(count, stops):
+    """Of 512 points: a stream of 858 points stopped where two mirrored points were moved back in the same step."""
+    solver = heap()
+    low = solver.frame().particles.position[:count] - solver._corner_from((0.0, 0.0, 0.0))
+    low[:, 2] = -1.3
+    set_places(solver._rows[:count], solver._keys[:count], low, 1.0, solver._lowest)
+    assert (solver.advance(0.05, max_steps=1) == kernel.LEAKED) == stops
+    assert solver.balances()["clips"]["lifted_onto_ground"] == count
+
+
 def test_what_is_laid_back_onto_the_ground_is_in_the_balance_of_momentum():
     """Points found six metres under a valley's axis: what they move into its far side the ground takes up.
 
