@@ -37,6 +37,7 @@ def warm_up(prepared, first=0):
             solver = stage.solver(prepared.terrain, frame, vertical_stress, gradient)
             if number >= first:
                 solver.advance(np.inf, max_steps=1)  # a frame after a step needs more kernels than one before
+                solver.balances()  # sums over the particles have kernels too
             frame = replace(solver.frame(), maxima={})
             following = stages[number + 1] if number + 1 < len(stages) else None
             end = stage.end(prepared.terrain, following)
