@@ -4,7 +4,6 @@ Digests (checksums) of frames and of a whole result, to detect changes after wri
 """
 
 import hashlib
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -21,46 +20,24 @@ CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # at
 BED_CHANGE = "bed_change"
 DIGESTED = ("particles", "maxima", BED_CHANGE)  # groups; the restart state is removed later
 AS_WRITTEN = "as written"
-LARGE, HASHING = 1 << 20, 4  # bytes from which an array is hashed in a thread, and number of these threads
 
 
 class ContentDigest:
-    """Digest of the time and the arrays of a frame, in their stored types, slab by slab.
-
-    Large arrays are hashed in threads while the caller continues. They must not be changed before `wait` returns.
-    """
+    """Digest of the time and the arrays of a frame, in their stored types, slab by slab."""
 
     def __init__(self, time, step):
         self._head = f"{float(time).hex()} {int(step)}"
-        self._arrays, self._threads, self._pending = {}, None, []
+        self._arrays = {}
 
     def add(self, name, values):
-        """Add the next rows of the array `name`; if it has earlier rows, wait until all arrays are hashed."""
+        """Add the next rows of the array `name`."""
         values = np.ascontiguousarray(values)
-        if name in self._arrays:
-            self.wait()
-        else:
+        if name not in self._arrays:
             self._arrays[name] = hashlib.sha256(f"{values.dtype.str} {values.shape[1:]} ".encode())
-        data = values.view(np.uint8).reshape(-1) if values.size else b""
-        if len(data) < LARGE:
-            self._arrays[name].update(data)
-            return
-        if self._threads is None:
-            self._threads = ThreadPoolExecutor(HASHING)
-        self._pending.append(self._threads.submit(self._arrays[name].update, data))
-
-    def wait(self):
-        """Wait until all arrays are hashed."""
-        for pending in self._pending:
-            pending.result()
-        self._pending = []
+        self._arrays[name].update(values.view(np.uint8).reshape(-1) if values.size else b"")
 
     def hexdigest(self):
         """64 hexadecimal digits."""
-        self.wait()
-        if self._threads is not None:
-            self._threads.shutdown()
-            self._threads = None
         lines = [f"{name} {digest.hexdigest()}" for name, digest in sorted(self._arrays.items())]
         return hashlib.sha256("\n".join([self._head, *lines]).encode()).hexdigest()
 
@@ -102,7 +79,6 @@ def content_of(path):
                 require_numbers_that_fit(path, file, group)
                 for name, values in file.get(group, {}).items():
                     digest.add(f"{group}/{name}", values[()])
-                    digest.wait()  # one array in memory at a time
             return digest.hexdigest()
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error

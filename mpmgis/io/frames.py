@@ -33,6 +33,7 @@ FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1
 _SIZES = {"density", "cell_size", "converted_spacing"}  # attributes of the particles: numbers above 0
 _LARGEST_STEP = 2**53  # largest range of integers that float64 represents exactly
+HASHING = 4  # threads that hash arrays while a frame is written
 PLACES = ("position", "area")  # arrays that are read where only positions are needed
 
 
@@ -51,19 +52,21 @@ def write_frame_slabs(path, frame, count, slabs, before=None):
     `frame` gives all except the particles; `slabs` is an iterable of Particles with the same arrays each.
     """
     digest = ContentDigest(frame.time, frame.step)
-    with whole_file(path) as part, written(part) as file:
+    with whole_file(path) as part, written(part) as file, ThreadPoolExecutor(HASHING) as threads:
         _write_root(file, frame)
         group = file.create_group("particles")
         start = 0
         for particles in slabs:
+            hashed = []  # in threads, while the arrays are written
             for name, values in particles.arrays().items():
                 if name not in group:
                     create_dataset(group, name, count, frame.dimension)
                 values = values.astype(group[name].dtype, copy=False)
-                digest.add(f"particles/{name}", values)
+                hashed.append(threads.submit(digest.add, f"particles/{name}", values))
                 if len(values):
                     group[name][start : start + len(values)] = values
-            digest.wait()
+            for one in hashed:
+                one.result()
             start += len(particles)
         if start != count:
             raise ValueError(f"got {start} particles in slabs, expected {count}")
@@ -71,9 +74,8 @@ def write_frame_slabs(path, frame, count, slabs, before=None):
             group.attrs[name] = value
         _add_groups(digest, frame)
         content = digest.hexdigest()
-        with ThreadPoolExecutor(1) as thread:  # hashes the state while it is written
-            state = thread.submit(state_digest, content, frame.state) if frame.state else None
-            _write_group(file, "state", frame.state, count)
+        state = threads.submit(state_digest, content, frame.state) if frame.state else None
+        _write_group(file, "state", frame.state, count)
         _write_group(file, "maxima", frame.maxima, count)
         _write_group(file, BED_CHANGE, frame.bed_change, count)
         file.attrs[CONTENT] = content
@@ -124,7 +126,6 @@ def content_digest(frame):
     digest = ContentDigest(frame.time, frame.step)
     for name, values in frame.particles.arrays().items():
         digest.add(f"particles/{name}", values.astype(stored_type(name, frame.dimension), copy=False))
-        digest.wait()  # one converted array in memory at a time
     _add_groups(digest, frame)
     return digest.hexdigest()
 
