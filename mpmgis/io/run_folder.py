@@ -13,13 +13,12 @@ from .. import __version__, system
 from ..errors import FormatError, OutputError, one_line
 from .atomic import MARK, is_left_over, output_error, refuse_existing, whole_file
 from .frame_contents import require_restartable, result_after, stored
-from .frames import content_digest, drop_state, read_frame, set_digest, write_frame
+from .frames import FRAMES_WITH_STATE, content_digest, drop_state, read_frame, set_digest, write_frame
 from .lock import LOCK_FILE, new_token, one_of, refuse_links, remove, require_free, sole_writer, status
 from .raster import file_sha256
 from .run_maps import assign_maps, map_files, move_maps, refuse_other_maps, remove_maps
 
 FRAME_PATTERN = "frame_*.h5"
-FRAMES_WITH_STATE = 2
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
 _LISTS = ("effects", "stages", "troubles", "unusable")  # of a record
 _TABLES = ("balances", "mass", "resolution", "scene", "versions", "volume")

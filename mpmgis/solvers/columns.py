@@ -367,10 +367,11 @@ class ColumnSolver(ColumnState):
     def _particles(self):
         rows, ids, _ = self._seen()
         grid, origin, n = self.grid, self._start.origin, len(rows)
+        corner = grid.corner_from(origin)
         position, velocity, mass, area = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
 
         def fill(some):
-            position[some, :2] = rows[some][:, [kernel.X, kernel.Y]] + grid.corner_from(origin)
+            position[some, :2] = rows[some][:, [kernel.X, kernel.Y]] + corner
             position[some, 2] = self._beds_under(rows[some]) - origin[2]
             u, v = rows[some, kernel.U], rows[some, kernel.V]
             velocity[some, 0], velocity[some, 1] = u, v

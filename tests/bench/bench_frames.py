@@ -9,27 +9,17 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 import bench_points
 import bench_solver
+from written_run import write_run
 
-from mpmgis.io.frame_contents import result_after
-from mpmgis.io.frames import drop_state, write_frame
 from mpmgis.kernels.jit import set_threads
-from mpmgis.solvers.integrate import TimeIntegration
 
 FRAMES, SECONDS = 6, 0.02  # after the first; simulated time [s] between them
-WITH_STATE = 2  # the newest, as in the folder of a run
 
 
 def integrated(solver, folder):
-    """(wall time [s] beside the steps, bytes) of a frame of `solver`, written to `folder` as `mpmgis run` does."""
-    began, paths, digest, size = time.perf_counter(), [], "", 0
-    integration = TimeIntegration(solver, solver.time + FRAMES * SECONDS, SECONDS)
-    for frame in integration:
-        paths.append(Path(folder) / f"frame_{len(paths):04d}.h5")
-        digest = result_after(digest, write_frame(paths[-1], frame, digest))
-        size += paths[-1].stat().st_size
-        if len(paths) > WITH_STATE:
-            drop_state(paths[-1 - WITH_STATE])
-    return (time.perf_counter() - began - integration.step_seconds) / len(paths), size / len(paths)
+    """(wall time [s] beside the steps, bytes) of a frame of `solver`, written to `folder`."""
+    run = write_run(solver, solver.time + FRAMES * SECONDS, SECONDS, folder)
+    return run.beside_steps / run.frames, run.size / run.frames
 
 
 def written(size, folder):

@@ -31,6 +31,7 @@ sys.path.insert(0, str(ROOT))
 
 import numba  # noqa: E402
 import numpy as np  # noqa: E402
+from written_run import write_run  # noqa: E402
 
 from mpmgis.effects.barrier import Barrier  # noqa: E402
 from mpmgis.effects.contact import CoulombContact, VoellmyContact  # noqa: E402
@@ -39,11 +40,8 @@ from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager 
 from mpmgis.effects.slots import PointEffects  # noqa: E402
 from mpmgis.effects.softening import NoSoftening, softening  # noqa: E402
 from mpmgis.gpu.available import found_device  # noqa: E402
-from mpmgis.io.frame_contents import result_after  # noqa: E402
-from mpmgis.io.frames import drop_state, write_frame  # noqa: E402
 from mpmgis.particles import Frame, Particles  # noqa: E402
 from mpmgis.solvers.device_points import DevicePointSolver, device_memory  # noqa: E402
-from mpmgis.solvers.integrate import TimeIntegration  # noqa: E402
 from mpmgis.solvers.point_numerics import PointNumerics  # noqa: E402
 from mpmgis.solvers.points import PointSolver  # noqa: E402
 from mpmgis.system import available_memory  # noqa: E402
@@ -77,7 +75,6 @@ ON_THREADS = 2_000_000  # points or columns of which steps are timed on several 
 HOST_BYTES_PER_POINT = 600  # of the host while a run of the bench is made
 SANITIZER_SECONDS = 900
 SCENE_SECONDS, SCENE_FRAMES = 2.0, 4  # simulated time [s] of the whole scene, and its frames after the first
-FRAMES_WITH_STATE = 2  # the newest, as in the folder of a run
 FLOOR_BYTES = {"float32": 320, "float64": 640}  # read and written for a point and step by a solver without any waste
 
 
@@ -352,17 +349,10 @@ def timed_scene(kind, points, precision):
 def run_scene(solver, precision):
     """Row of a whole run of `solver` with frames, as `mpmgis run` integrates and writes them."""
     with tempfile.TemporaryDirectory() as folder:
-        began, paths, digest = time.perf_counter(), [], ""
-        integration = TimeIntegration(solver, SCENE_SECONDS, SCENE_SECONDS / SCENE_FRAMES)
-        for frame in integration:
-            paths.append(Path(folder) / f"frame_{len(paths):04d}.h5")
-            digest = result_after(digest, write_frame(paths[-1], frame, digest))
-            if len(paths) > FRAMES_WITH_STATE:
-                drop_state(paths[-1 - FRAMES_WITH_STATE])
-        whole = time.perf_counter() - began
+        run = write_run(solver, SCENE_SECONDS, SCENE_SECONDS / SCENE_FRAMES, folder)
     return {
-        "points": solver.points, "precision": precision, "steps": solver.step, "seconds": whole, "frames": len(paths),
-        "seconds_of_frames": whole - integration.step_seconds,
+        "points": solver.points, "precision": precision, "steps": solver.step, "seconds": run.seconds,
+        "frames": run.frames, "seconds_of_frames": run.beside_steps,
     }  # fmt: skip
 
 

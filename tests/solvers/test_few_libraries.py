@@ -15,7 +15,7 @@ from plain_array_runs import RUNS, results
 
 LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "h5py", "mpmgis")
 ABSENT = ("rasterio", "shapely", "pyproj", "affine", "geopandas", "pandas", "pyogrio", "psutil", "filelock", "rich")
-WITH_CUDA = (*LIBRARIES, "numba_cuda", "cuda", "nvidia", "packaging", "gpu", "gpu_columns")
+WITH_CUDA = (*LIBRARIES, "numba_cuda", "cuda", "nvidia", "packaging", "gpu", "gpu_columns", "written_run")
 ONLY_THESE = """
 import sys
 
