@@ -27,7 +27,7 @@ from .point_nodes import CORRECTED, CORRECTED_ENERGY
 from .point_rows import BLOCK, GHOSTS, INDEX_MASK, MASS, NODE_MASS, S0, S1, S2, TILE, X, Y, Z, stencil
 
 EVERY = 16  # steps for which a rate of correction holds
-RELAXATION = 30.0  # time of the relaxation, in cells over the speed of pressure waves
+RELAXATION = 20.0  # time of the relaxation, in cells over the speed of pressure waves
 NEARLY_FULL = 0.9  # of the mass of a full node, from which no free surface is near
 SMALL_PART = 0.1  # open part of a node behind a wall or under the ground, below which its mass tells nothing
 LEAST_OPEN = 0.3  # open part of the splines around a point, below which its density is not known
