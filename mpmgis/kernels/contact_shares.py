@@ -5,6 +5,10 @@ A pressure p in the points beyond a face pushes node k of the line of nodes acro
 MLS-MPM (Hu et al. 2018, ACM Trans. Graph. 37:150). A push of the face that is shared in the same way keeps each node
 in equilibrium. With the spline itself as share, pressures near an inclined bed alternate by up to 74 % about the right
 one. Distances count in cells, and masses come from the points, which do not fill the space evenly.
+
+The pressure at an inclined face also pushes the nodes across their line. This component acts on them with other
+shares: the gradient is then taken across the line, and along the line the spline itself counts. With the same shares
+for both components, water over an inclined floor flows down along the floor and back at its surface.
 """
 
 from math import sqrt
@@ -14,6 +18,8 @@ from .point_rows import GHOSTS
 
 MOST_RATIO = 6.0  # of a node's share and mass: 4 r, of points up to 1.5 cells away
 DEEP = 0.75  # [cells] of the centre of a column's masses above the ground, from which pressure alone tells its shares
+LEAST_RISE = 0.6  # of the ground, up to which shares across the line of nodes are limited as at this rise; LIGHTEST
+# would take a part of a larger share
 LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
 
 
@@ -45,6 +51,14 @@ def pressure_share(away):
         return 0.8125 + a * a * (a * a - 1.5)
     t = 1.5 - a
     return t * t * t * (1.0 - 0.5 * t)
+
+
+@jit_inline
+def spline_weight(away):
+    """Weight w of the spline `away` [cells] from its node."""
+    a = min(abs(away), 1.5)
+    t = 1.5 - a
+    return 0.75 - a * a if a < 0.5 else 0.5 * t * t
 
 
 @jit_inline
@@ -84,17 +98,18 @@ def share_of_mass(away, rise, mass):
     The ratio of share and mass is that of a space filled above the ground; a node in its interior has the mass 1.
     """
     pressed, filled = shares_on_slope(away, rise)
-    return min(pressed / max(filled, 1e-9) * mass, max(1.0 - 0.5 * away, 0.0))
+    return min(pressed / max(filled, 1e-15) * mass, max(1.0 - 0.5 * away, 0.0))
 
 
 @jit_borrowing
 def contact_shares(foot, rise, m0, m1, m2, m3, m4):
     """Shares of the nodes -2 to 2 levels above the nearest one in the contact at the ground's place `foot` [cells].
 
-    They follow from the masses, `m0` to `m4` [1] over that of a node in the flow's interior (see `share_of_mass`), with
-    the sum 1 and the moment `foot` (see `_change`). No share is negative, or more than MOST_RATIO times the mass, which
-    no arrangement of points exceeds; where that limits one (in narrow corners, on very steep ground), all are scaled to
-    the sum 1. They are continuous in place, slope and masses.
+    They are those of the component of the push along the line of nodes, and of friction. They follow from the masses,
+    `m0` to `m4` [1] over that of a node in the flow's interior (see `share_of_mass`), with the sum 1 and the moment
+    `foot` (see `_change`). No share is negative, or more than MOST_RATIO times the mass, which no arrangement of points
+    exceeds; where that limits one (in narrow corners, on very steep ground), all are scaled to the sum 1. They are
+    continuous in place, slope and masses.
 
     Of a sheet thinner than 1.5 cells the weights of the spline take over, the more the thinner it is: its points move
     with the velocity that these give, and the shares of pressure would let it sink.
@@ -112,7 +127,50 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
     s2 = _changed(s2, -0.5 - foot, even, lean, MOST_RATIO * m2)
     s3 = _changed(s3, 0.5 - foot, even, lean, MOST_RATIO * m3)
     s4 = _changed(s4, 1.5 - foot, even, lean, MOST_RATIO * m4)
-    return _with_spline(_depth_of(foot, m0, m1, m2, m3, m4), foot, s0, s1, s2, s3, s4)
+    return _with_spline(depth_of(foot, m0, m1, m2, m3, m4), foot, s0, s1, s2, s3, s4)
+
+
+@jit_inline
+def _across_level(away):
+    """Share of a node across the line less its `pressure_share`, of level ground `away` [cells] above the node.
+
+    For the component across the line, the spline is the weight along the line.
+    """
+    return spline_weight(away) - pressure_share(away)
+
+
+@jit_borrowing
+def more_across(away, rise, part, share, mass):
+    """Difference [1] of a node's share in the component of a push across the line from its `share` along the line.
+
+    The node of `mass` [1] is `away` [cells] below ground that rises by `rise` [1]. In a filled space `part` [1] is
+    1 - rise^2: the one component of 4 r w / dx is integrated along the line and the other one across it, so on a slope
+    of 45 degrees both have the same shares. `_across_level` is averaged as in `shares_on_slope`. The share across is
+    not negative, and not more than MOST_RATIO over `rise` times the mass, because this component of a push is `rise`
+    times the one along the line.
+    """
+    side, off = 0.25 / (2.0 * 0.65), sqrt(0.65) * rise
+    more = (1.0 - 2.0 * side) * _across_level(away)
+    more += side * (_across_level(away + off) + _across_level(away - off))
+    most = MOST_RATIO / max(rise, LEAST_RISE) * mass
+    return min(max(part * more, -share), max(most - share, 0.0))
+
+
+@jit_inline
+def balance_across(foot, total, moment):
+    """(even, lean) of the change (9/4 - e^2) (even + lean e) of `more_across` that makes its sum and moment 0.
+
+    Without the change `total` is the sum and `moment` [cells] the moment about the nearest node; e is that of
+    `_change`.
+    """
+    return _change(foot, -total, foot * total - moment + 0.5 * total)
+
+
+@jit_inline
+def balanced(offset, foot, more, even, lean):
+    """`more_across` of the node at `offset`, changed by `balance_across`."""
+    e = float(offset) - foot - 0.5
+    return more + max(2.25 - e * e, 0.0) * (even + lean * e)
 
 
 @jit_borrowing
@@ -128,10 +186,11 @@ def row_shares(foot, rise, m0, m1, m2, m3, m4):
 
 
 @jit_inline
-def _depth_of(foot, m0, m1, m2, m3, m4):
+def depth_of(foot, m0, m1, m2, m3, m4):
     """How deep a flow is at the ground, from the centre of the masses within 2.5 cells: 1 from 1.5 cells, 0 if sunk."""
     m0, m4 = m0 * (0.5 - foot), m4 * (0.5 + foot)  # each is 0 where the nearest node changes
-    centre = (m3 - m1 + 2.0 * (m4 - m0)) / max(m0 + m1 + m2 + m3 + m4, 1e-300) - foot
+    total = m0 + m1 + m2 + m3 + m4
+    centre = (m3 - m1 + 2.0 * (m4 - m0) - foot * total) / max(total, 1e-300)
     return _held(centre / DEEP, 1.0)
 
 

@@ -4,7 +4,18 @@ from math import exp, floor, sqrt
 
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
-from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, share_at, spline_at
+from .contact_shares import (
+    balance_across,
+    balanced,
+    contact_shares,
+    depth_of,
+    foot_of,
+    more_across,
+    part_before,
+    pushed_mass,
+    share_at,
+    spline_at,
+)
 from .jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .point_barriers import BARRIER, DEPTH, EDGE, HELD, ROWED, SHARE, WALL_X, WALL_Y
 from .point_ground import fold_at, plane_at
@@ -74,6 +85,19 @@ def mass_near(nodes, below, own, above, first, column, level):
 
 
 @jit_borrowing
+def _masses_at(nodes, below, own, above, first, column, level, heaviest):
+    """Masses [1] of the nodes -2 to 2 levels above `level` over that of the `heaviest` [kg]."""
+    whole = 1.0 / heaviest
+    return (
+        whole * node_of(nodes, below, own, above, level - 2, first, column)[2],
+        whole * node_of(nodes, below, own, above, level - 1, first, column)[2],
+        whole * node_of(nodes, below, own, above, level, first, column)[2],
+        whole * node_of(nodes, below, own, above, level + 1, first, column)[2],
+        whole * node_of(nodes, below, own, above, level + 2, first, column)[2],
+    )
+
+
+@jit_borrowing
 def at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest):
     """What the flow has at the ground under a node column.
 
@@ -81,12 +105,7 @@ def at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest
     `contact_shares` of the nodes.
     """
     u = v = w = give = here = 0.0
-    whole = 1.0 / heaviest
-    m0 = whole * node_of(nodes, below, own, above, level - 2, first, column)[2]
-    m1 = whole * node_of(nodes, below, own, above, level - 1, first, column)[2]
-    m2 = whole * node_of(nodes, below, own, above, level, first, column)[2]
-    m3 = whole * node_of(nodes, below, own, above, level + 1, first, column)[2]
-    m4 = whole * node_of(nodes, below, own, above, level + 2, first, column)[2]
+    m0, m1, m2, m3, m4 = _masses_at(nodes, below, own, above, first, column, level, heaviest)
     shares = contact_shares(foot, rise, m0, m1, m2, m3, m4)
     for offset in range(-2, 3):
         slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
@@ -103,39 +122,93 @@ def at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest
 
 
 @jit_borrowing
-def push_node(nodes, slot, n, mass, share, heaviest, jx, jy, jz):
-    """Give a node the `share` [1] of an impulse (jx, jy, jz) [N s].
+def across_foot(
+    nodes, below, own, above, first, column, level, foot, rise, part, heaviest, shares, nx, ny
+):  # fmt: skip
+    """What differs from `at_foot` for the horizontal component, along (`nx`, `ny`), of a normal impulse.
 
-    Returns the part [1] of the impulse that the node takes, and its velocity [m s-1] after it.
+    `part` is that of `more_across`; in a sheet thinner than 1.5 cells it counts less. `shares` are the
+    `contact_shares` of the nodes. Returns the speed at the ground along (nx, ny) [m s-1] less that of `at_foot`, the
+    velocity [kg-1] that a unit impulse gives there with the other shares, the same measured with `shares`, and what
+    the other shares follow from: (part, even, lean), see `balance_across`.
     """
-    share /= pushed_mass(mass, share, heaviest)
-    u = nodes[slot, n + NODE_X] + share * jx
-    v = nodes[slot, n + NODE_Y] + share * jy
-    w = nodes[slot, n + NODE_Z] + share * jz
-    nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u, v, w
-    return mass * share, u, v, w
-
-
-@jit_borrowing
-def _push(nodes, below, own, above, first, column, level, shares, heaviest, impulse, normal, mine):
-    """Give the `impulse` (x, y, z) [N s] at the ground, of unit `normal` (x, y, z), to the nodes around it.
-
-    The impulse, its work and the work of friction are added to the report `mine`.
-    """
-    jx, jy, jz = impulse
-    nx, ny, nz = normal
-    into = jx * nx + jy * ny + jz * nz
+    whole = 1.0 / heaviest
+    m0, m1, m2, m3, m4 = _masses_at(nodes, below, own, above, first, column, level, heaviest)
+    part *= depth_of(foot, m0, m1, m2, m3, m4)
+    total = moment = speed = give = both = 0.0
+    for offset in range(-2, 3):
+        mass = whole * node_of(nodes, below, own, above, level + offset, first, column)[2]
+        more = more_across(foot - float(offset), rise, part, share_at(offset, shares), mass)
+        total += more
+        moment += float(offset) * more
+    even, lean = balance_across(foot, total, moment)
     for offset in range(-2, 3):
         slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
-        taken, u, v, w = push_node(nodes, slot, n, mass, share_at(offset, shares), heaviest, jx, jy, jz)
-        mine[GROUND_X] += taken * jx
-        mine[GROUND_Y] += taken * jy
-        mine[GROUND_Z] += taken * jz
-        work = jx * u + jy * v + jz * w
-        mine[GROUND_WORK] -= taken * work
-        mine[FRICTION_WORK] -= taken * (work - into * (u * nx + v * ny + w * nz))
+        share = share_at(offset, shares)
+        more = more_across(foot - float(offset), rise, part, share, whole * mass)
+        more = balanced(offset, foot, more, even, lean)
+        speed += more * (nx * nodes[slot, n + NODE_X] + ny * nodes[slot, n + NODE_Y])
+        pushed = 1.0 / pushed_mass(mass, max(share, share + more), heaviest)
+        give += (share + more) * (share + more) * pushed
+        both += (share + more) * share * pushed
+    return speed, give, both, (part, even, lean)
+
+
+@jit_borrowing
+def push_node(nodes, slot, n, mass, heaviest, share, across, normal, friction):
+    """Give a node its part of the impulse of the ground.
+
+    Its `share` and its share `across` the column [1] are those of the vertical and the horizontal components of
+    the `normal` impulse (x, y, z) [N s]; `friction` (x, y, z) [N s] has the `share`. Returns the impulse (x, y, z) that
+    the node takes, the part of it that is friction, and the velocity [m s-1] of the node after it.
+    """
+    taken = mass / pushed_mass(mass, max(share, across), heaviest)
+    fx, fy, fz = taken * share * friction[0], taken * share * friction[1], taken * share * friction[2]
+    jx = taken * across * normal[0] + fx
+    jy = taken * across * normal[1] + fy
+    jz = taken * share * normal[2] + fz
+    u, v, w = (
+        nodes[slot, n + NODE_X] + jx / mass,
+        nodes[slot, n + NODE_Y] + jy / mass,
+        nodes[slot, n + NODE_Z] + jz / mass,
+    )
+    nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u, v, w
+    return (jx, jy, jz), (fx, fy, fz), (u, v, w)
+
+
+@jit_inline
+def dot(a, b):
+    """Scalar product of two vectors (x, y, z)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@jit_borrowing
+def _push(
+    nodes, below, own, above, first, column, level, foot, rise, across_of, shares, heaviest, normal, friction, mine
+):  # fmt: skip
+    """Give the `normal` impulse and that of `friction` (x, y, z) [N s] at the ground to the nodes around it.
+
+    `shares` are the `contact_shares` at the ground's place `foot` and its `rise`; `across_of` is that of `across_foot`.
+
+    The impulse, its work and the work of friction are added to the report `mine`.
+    """
+    part, even, lean = across_of
+    for offset in range(-2, 3):
+        slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
+        if mass <= 0.0:
+            continue
+        share = across = share_at(offset, shares)
+        if part > 0.0:
+            more = more_across(foot - float(offset), rise, part, share, mass / heaviest)
+            across += balanced(offset, foot, more, even, lean)
+        taken, rubbed, velocity = push_node(nodes, slot, n, mass, heaviest, share, across, normal, friction)
+        mine[GROUND_X] += taken[0]
+        mine[GROUND_Y] += taken[1]
+        mine[GROUND_Z] += taken[2]
+        mine[GROUND_WORK] -= dot(taken, velocity)
+        mine[FRICTION_WORK] -= dot(rubbed, velocity)
 
 
 @jit_inline
@@ -211,21 +284,22 @@ def weighed_yield(mass, heaviest, nz, settings):
 
 
 @jit_inline
-def contact_impulse(u, v, w, into, normal, give, nx, ny, nz, law):
-    """Impulse [N s] of the ground, of unit normal (nx, ny, nz), on a flow of velocity (u, v, w) at it.
+def friction_impulse(u, v, w, normal, give, nx, ny, nz, law):
+    """Impulse of friction [N s] on a flow of velocity (u, v, w) at the ground, beside the `normal` impulse [N s].
 
-    The flow moves `into` [m s-1] the ground, which answers with the impulse `normal` [N s]. Coulomb friction bears at
-    most mu times the normal impulse. Drag came before (`point_layers`).
+    (nx, ny, nz) is the direction of the normal impulse; the normal speed of the flow does not count. Coulomb friction
+    bears at most mu times the normal impulse. Drag came before (`point_layers`). Ground to which the flow sticks leaves
+    it no velocity.
     """
     if law.sticks():
-        return -u / give, -v / give, -w / give
-    tx, ty, tz = u + into * nx, v + into * ny, w + into * nz
+        return -u / give - normal * nx, -v / give - normal * ny, -w / give - normal * nz
+    out = (u * nx + v * ny + w * nz) / (nx * nx + ny * ny + nz * nz)
+    tx, ty, tz = u - out * nx, v - out * ny, w - out * nz
     slip = sqrt(tx * tx + ty * ty + tz * tz)
-    kept = 1.0
-    if slip > 0.0:
-        kept = law.kept_slip(slip, normal * give)
-    along = (kept - 1.0) / give
-    return normal * nx + along * tx, normal * ny + along * ty, normal * nz + along * tz
+    if slip == 0.0:
+        return 0.0 * tx, 0.0 * ty, 0.0 * tz
+    along = (law.kept_slip(slip, normal * give) - 1.0) / give
+    return along * tx, along * ty, along * tz
 
 
 @jit_inline
@@ -316,30 +390,48 @@ def press_column(
     if here < LEAST_SHARE * heaviest or give <= 0.0:
         return
     law = zones.local(contact, zone_values, jj, ii)
-    into, push_give, tx, ty = -(u * nx + v * ny + w * nz), give, nx, ny
     wall_x, wall_y = 0.0, 0.0
     if wall:
         inward_x, inward_y = edge_at(jj, ii, cells_x, cells_y)
         wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
     if barrier.barrier_active():
         wall_x, wall_y = _face_at(barriers[jj, ii], plane_at(ground.nodes, jj, ii)[0], wall_x, wall_y)
+    into, push_give, turned, across = -(u * nx + v * ny + w * nz), give, 0.0, (0.0, 0.0, 0.0)
+    slope2 = 1.0 / (nz * nz) - 1.0
+    if 0.0 < slope2 < 1.0:
+        speed, give_across, both, across = across_foot(
+            nodes, below, t, above, first, column, level, foot, rise, 1.0 - slope2, heaviest, shares, nx, ny
+        )
+        into, turned = into - speed, both - give
+        push_give = give * nz * nz + give_across * (1.0 - nz * nz)
+    tx, ty = nx, ny
     if wall_x != 0.0 or wall_y != 0.0:
-        u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
-    if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
-        back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
+        u, v, into, push_give, tx, ty = between_faces(u, v, into, push_give, nx, ny, wall_x, wall_y)
+    rubs = law.kept_slip(1.0, 1.0) < 1.0
+    yielding = rubs and not law.sticks()
+    back, most, impedance = LAYER * dx / signal_speed, MOST_YIELD * dx, signal_speed * heaviest / (dx * nz)
+    yielded_before = yielded = 0.0
+    if yielding:
         mass = _mass_above(nodes, slots, place, up, depth, column)
         weighed = weighed_yield(mass, heaviest, nz, settings)
-        yielded = carried_yield(yields[(step - 1) % 2], step, jj, ii, u * dt / dx, v * dt / dx, weighed)
-        impedance = signal_speed * heaviest / (dx * nz)
-        normal, yielded = yielding_impulse(into, push_give, yielded, impedance, back, most, dt)
+        yielded_before = carried_yield(yields[(step - 1) % 2], step, jj, ii, u * dt / dx, v * dt / dx, weighed)
+    normal = fx = fy = fz = 0.0
+    for _ in range(2 if yielding and turned != 0.0 else 1):  # friction and normal impulse change each other a little
+        pressed = into - (fx * tx + fy * ty) * turned
+        normal = max(pressed, 0.0) / push_give
+        if yielding:
+            normal, yielded = yielding_impulse(pressed, push_give, yielded_before, impedance, back, most, dt)
+        if rubs or law.sticks():
+            along = normal * turned
+            fx, fy, fz = friction_impulse(u + along * tx, v + along * ty, w, normal, give, tx, ty, nz, law)
+    if yielding:
         mine[RETURNED_WORK] += normal * max(normal * push_give - into, 0.0)
         after = yields[step % 2]
         after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
-    else:
-        normal = max(into, 0.0) / push_give
-    jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
-    jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
-    _push(nodes, below, t, above, first, column, level, shares, heaviest, (jx, jy, jz), (nx, ny, nz), mine)
+    push, friction = (normal * nx, normal * ny, normal * nz), (fx, fy, fz)
+    _push(
+        nodes, below, t, above, first, column, level, foot, rise, across, shares, heaviest, push, friction, mine
+    )  # fmt: skip
 
 
 @jit_parallel
@@ -350,7 +442,8 @@ def press_on_ground(
 
     The flow's velocity at the ground, v_b = sum s_k v_k over the nodes of a column around it, is what contact acts on;
     the impulse J is given back with the same shares, dv_k = s_k J / m_k, so that the bed's reaction reaches every node
-    as the pressure of the points does (a Lagrange multiplier at one point for each node column; `contact_shares`).
+    as the pressure of the points does (a Lagrange multiplier at one point for each node column; `contact_shares`). The
+    horizontal components of the normal impulse, and of the velocity into the ground, have other shares (`more_across`).
     If the centre of the column's mass near the ground is below the ground, the contact acts at that centre: at the
     ground it would let a single layer of points sink further. Each column is processed in the block of the node
     that is nearest to the ground. Columns on folds, and those at smooth faces of barriers (`point_faces`), are not

@@ -20,6 +20,7 @@ from .point_contact import (
     LEAST_SHARE,
     NO_MASS,
     at_foot,
+    dot,
     is_column_of_block,
     is_sunk_below_block,
     mass_near,
@@ -103,17 +104,16 @@ def rest_on_top(nodes, below, own, above, first, column, level, foot, place, min
         return
     slip = sqrt(u * u + v * v)
     kept = barrier.kept_along(place[WALL_MU], slip, -w) if slip > 0.0 else 0.0
-    jx, jy, jz = (kept - 1.0) * u / give, (kept - 1.0) * v / give, -w / give
+    push, friction = (0.0, 0.0, -w / give), ((kept - 1.0) * u / give, (kept - 1.0) * v / give, 0.0)
     z = (float(level - GHOSTS) + foot) * dx
     for offset in range(-2, 3):
         slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
-        taken, u1, v1, w1 = push_node(nodes, slot, n, mass, share_at(offset, shares), heaviest, jx, jy, jz)
-        book_impulse(
-            booked[int(place[BARRIER]) - 1], -taken * jx, -taken * jy, -taken * jz, taken * jz, place, ARM_X, z
-        )
-        mine[BARRIER_WORK] -= taken * (jx * u1 + jy * v1 + jz * w1)
+        share = share_at(offset, shares)
+        taken, _, velocity = push_node(nodes, slot, n, mass, heaviest, share, share, push, friction)
+        book_impulse(booked[int(place[BARRIER]) - 1], -taken[0], -taken[1], -taken[2], taken[2], place, ARM_X, z)
+        mine[BARRIER_WORK] -= dot(taken, velocity)
 
 
 @jit_borrowing

@@ -17,7 +17,7 @@ from .point_contact import (
     YIELD_STEP,
     between_faces,
     carried_yield,
-    contact_impulse,
+    friction_impulse,
     weighed_yield,
     yielding_impulse,
 )
@@ -255,9 +255,9 @@ def _press_column(nodes, slots, span, lowest, face, n, ground, zone_values, line
         impedance = signal_speed * line[LINE_HEAVIEST] / (dx * nz)
         back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
         normal, line[LINE_YIELDED] = yielding_impulse(into, push_give, line[LINE_YIELD], impedance, back, most, dt)
-    jx, jy, jz = contact_impulse(u, v, w, into * give / push_give, normal, give, tx, ty, nz, law)
-    jx, jy = jx + normal * (nx - tx), jy + normal * (ny - ty)
-    return _give_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, (jx, jy, jz), line)
+    fx, fy, fz = friction_impulse(u, v, w, normal, give, tx, ty, nz, law)
+    impulse = fx + normal * nx, fy + normal * ny, fz + normal * nz
+    return _give_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, impulse, line)
 
 
 @jit_borrowing
