@@ -1,5 +1,7 @@
 """Broken inputs to `mpmgis seed`: exit code 2, exactly one line that names the trouble, nothing left behind."""
 
+from pathlib import Path
+
 import geopandas
 import numpy as np
 import pytest
@@ -71,10 +73,30 @@ def dem_is_text(k):
     k.dem = k.file("notes.txt", b"this is no raster\n" * 10)
 
 
-@recipe("not a raster that GDAL can read")
+@recipe("sub is a folder, expected a raster; give a file in it")
 def dem_is_a_folder(k):
     k.dem = k.folder / "sub"
     k.dem.mkdir()
+
+
+@recipe("/ is a folder, expected a raster")
+def dem_is_the_root(k):
+    k.dem = Path(k.folder.anchor)
+
+
+@recipe("--dem: got '', expected a file name")
+def dem_is_empty(k):
+    k.dem = ""
+
+
+@recipe("--release: got '', expected a file name")
+def release_is_empty(k):
+    k.release = ""
+
+
+@recipe("--thickness: got '', expected a number or a name")
+def thickness_is_empty(k):
+    k.options = ["--thickness", ""]
 
 
 @recipe("truncated")
