@@ -371,7 +371,7 @@ def read_record(folder, fix="remove it"):
     Raises
     ------
     FormatError
-        `run.json` cannot be read; `fix` is the advice in the message.
+        `run.json` cannot be read, or a run did not write it; `fix` is the advice in the message.
     """
     file = Path(folder) / RECORD_FILE
     if not file.is_file():
@@ -380,9 +380,10 @@ def read_record(folder, fix="remove it"):
         record = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); {fix}") from error
-    if not isinstance(record, dict):
-        return {}
-    _require_shape(record, f"{file} was not written by a run", fix)
+    wrong = f"{file} was not written by a run"
+    if not isinstance(record, dict) or not record:
+        raise FormatError(f"{wrong}: it is {'empty' if record in ([], {}) else 'not a table'}; {fix}")
+    _require_shape(record, wrong, fix)
     return record
 
 
