@@ -7,7 +7,6 @@ from dataclasses import MISSING, dataclass, field
 
 from ..effects import curvature, entrainment, friction, metric
 from . import materials
-from .stages import CLIFF, WALLS
 
 USE = ("auto", "on", "off")
 THICKEST, FASTEST = 1e4, 1e3  # [m], [m s-1] of a release; more is a slip of the pen
@@ -354,6 +353,9 @@ class OutputTable:
                                        example="p,t_vol")  # fmt: skip
     stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: not in swe, nor for a Fluid",
                                      None, kind=bool, example=True)  # fmt: skip
+
+
+WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of polygons
 
 
 @dataclass(frozen=True)
