@@ -188,6 +188,10 @@ class RunFolder:
             A frame with state was changed.
         """
         for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
+            if path.is_dir():
+                raise FormatError(
+                    f"{path} is a folder, not a frame; remove it, and --resume continues from the frame before it"
+                )
             try:
                 digest = read_frame(path, with_state=False, with_particles=False).digest
             except FormatError as error:
@@ -197,6 +201,10 @@ class RunFolder:
             number = int(path.stem.rpartition("_")[2])
             if require_restartable(path, self._frame_path(number - 1)):
                 yield number, read_frame(path)
+
+    def missing_frames(self) -> list[int]:
+        """Numbers of the frames before the next one that are not in the folder."""
+        return [number for number in range(self.frames) if not self._frame_path(number).is_file()]
 
     def go_back_to(self, number, digest):
         """Remove the frames after `number`; the others get the `digest` of another scene."""
