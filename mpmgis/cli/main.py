@@ -133,7 +133,7 @@ def _guarded(arguments):
         terminal.print_error(f"{name}: {lack}; raise the limit (ulimit -v)")
         return 2
     try:
-        with ended_by_signals(), trusting(getattr(arguments, "trust", False)):
+        with ended_by_signals(), terminal.without_font_warnings(), trusting(getattr(arguments, "trust", False)):
             return _run(arguments) or 0
     except MpmgisError as error:
         terminal.print_error(f"{name}: {one_line(error)}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..effects import friction
 from ..effects.own_law import NO_OWN_LAWS
-from ..errors import SceneError
+from ..errors import SceneError, has_control_characters
 from .tables import FrictionTable
 
 KIND_WORDS = {
@@ -131,6 +131,8 @@ def checked_value(checks, value, where):
     if value == "" and (checks.get("file") or float in kinds):
         names = "a file name" if float not in kinds else "a number or the name of a column or a file"
         raise SceneError(f"{where} is empty, expected {names}")
+    if isinstance(value, str) and not checks.get("file") and has_control_characters(value):
+        raise SceneError(f"{where} = {shown(value)} contains control characters; write it without them, in one line")
     if checks["choices"] and value not in checks["choices"]:
         raise SceneError(
             f"{where} = {shown(value)}{meant(value, checks['choices'])}; expected {listed(checks['choices'])}"

@@ -67,6 +67,7 @@ def test_a_default_is_taken_where_a_law_has_one():
         ({"release": {"particles": ""}}, "[release]: particles is empty, expected a file name"),
         ({"release": {"source": "r.shp", "thickness": ""}}, "thickness is empty, expected a number or the name of a"),
         ({"barrier": [{"source": "", "height": 3}]}, "[[barrier]] number 1: source is empty, expected a file name"),
+        ({"barrier": [{"source": "b.shp", "height": 3, "name": "a\nb"}]}, "name = 'a\\nb' contains control characters"),
         ({"terrain": {"dem": "d.tif", "window": [0, 0, 10**400, 1]}}, "expected four numbers [west, south, east"),
         ({"release": {"source": "r.shp", "density": "9" * 5000}}, f"density = '{'9' * 76}..., expected a number"),
         (
