@@ -241,7 +241,12 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     solver = tables.pop("solver", None)
     if solver not in (None, *SOLVERS):
         raise SceneError(f"{where}: solver = {shown(solver)}, this version has {listed(SOLVERS)}")
-    for name in tables:
+    for name, value in tables.items():
+        if name not in TABLES and not isinstance(value, (dict, list)):
+            near = meant(name, ("solver", *TABLES))
+            raise SceneError(
+                f"{where}: unknown key {shown(name)}{near}; before the first table there is only the key solver"
+            )
         if name not in TABLES:
             raise SceneError(f"{where}: unknown table [{name}]{meant(name, TABLES)}; it takes {listed(TABLES)}")
         if name in LISTED:
