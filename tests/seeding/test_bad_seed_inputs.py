@@ -409,7 +409,7 @@ def thickness_raster_of_zeros_under_the_release(k):
     k.options = ["--thickness", k.raster("t.tif", values)]
 
 
-@recipe("zero thickness")
+@recipe("or the surface minus the DTM, has no value above 0 there")
 def surface_below_the_bed(k):
     k.options = ["--surface", k.raster("s.tif", np.zeros((60, 60)))]
 
@@ -447,6 +447,7 @@ NUMBERS = {
     "density_infinite": ("finite", ["--density", "inf"]),
     "velocity_one_number": ("expected two numbers", ["--velocity", "3"]),
     "velocity_of_words": ("--velocity", ["--velocity", "a,b"]),
+    "velocity_too_fast": ("at least -1000 and up to 1000", ["--velocity", "1e9,0"]),
     "velocity_nan": ("finite", ["--velocity", "nan,0"]),
     "refinement_too_strong": ("0 to 3", ["--refine-slope", "9"]),
     "refinement_negative": ("0 to 3", ["--refine-slope=-1"]),
