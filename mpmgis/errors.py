@@ -1,5 +1,7 @@
 """Kinds of errors. Every message is one line: what, where, got, expected, fix."""
 
+import unicodedata
+
 
 class MpmgisError(Exception):
     """Base of all errors that mpmgis raises on purpose; `exit_code` is what the command line returns."""
@@ -36,3 +38,8 @@ class UnphysicalError(MpmgisError):
 def one_line(text):
     """`text` with white space folded, so that messages of other libraries are one line."""
     return " ".join(str(text).split())
+
+
+def has_control_characters(text: str) -> bool:
+    """Whether `text` contains control characters (line ends too) or bytes that are not text."""
+    return any(unicodedata.category(letter) in ("Cc", "Cs") for letter in text)

@@ -21,6 +21,7 @@ MODULES = {  # of verbs that are more than an option table and a workflow
     **dict.fromkeys(("run", "demo", "ensemble", "region", "study", "calibrate"), "simulate"),
     **dict.fromkeys(("seed", "convert", "qgis-plugin"), "files"),
 }
+LONGEST_NAME = 80  # characters of a file's name in a message of the system
 
 
 def command():
@@ -133,7 +134,7 @@ def _guarded(arguments):
         terminal.print_error(f"{name}: {lack}; raise the limit (ulimit -v)")
         return 2
     try:
-        with ended_by_signals(), trusting(getattr(arguments, "trust", False)):
+        with ended_by_signals(), terminal.without_font_warnings(), trusting(getattr(arguments, "trust", False)):
             return _run(arguments) or 0
     except MpmgisError as error:
         terminal.print_error(f"{name}: {one_line(error)}")
@@ -148,7 +149,7 @@ def _guarded(arguments):
         if system.is_unread(sys.stdout, error):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
-        terminal.print_error(f"{name}: {one_line(error)}")
+        terminal.print_error(f"{name}: {_os_error_words(error)}")
         return 2
     except Exception as error:
         if terminal.volume > 0:
@@ -156,3 +157,9 @@ def _guarded(arguments):
         kind = type(error).__name__
         terminal.print_error(f"{name}: internal error, please report it: {kind}: {one_line(error)} (-v: traceback)")
         return 1
+
+
+def _os_error_words(error):
+    """The message of an OSError; a name that is too long for the system is shortened."""
+    text, file = one_line(error), str(error.filename)
+    return text if len(file) <= LONGEST_NAME else text.replace(file, f"{file[: LONGEST_NAME - 3]}...")

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from .. import system
 from . import terminal
 
-STOPPING = "stopping at the end of this step; a second Ctrl+C stops immediately"
+STOPPING = "stopping at the end of this step, or of the preparation; a second Ctrl+C stops immediately"
 SIGNALS = system.stop_signals()
 REPEAT_SECONDS = 1.0  # `timeout` and shells send one signal to a process and to its group: it arrives twice
 LINE_SECONDS = 10.0  # between progress lines without a terminal

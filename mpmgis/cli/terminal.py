@@ -3,7 +3,8 @@
 import logging
 import re
 import sys
-from contextlib import nullcontext
+import warnings
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -80,6 +81,14 @@ def show_messages():
     """Print messages of the package's logger on stderr from now on."""
     if not any(isinstance(handler, _OnStderr) for handler in log.handlers):
         log.addHandler(_OnStderr())
+
+
+@contextmanager
+def without_font_warnings():
+    """Within this block matplotlib does not warn of letters that its font lacks; a plot has boxes in their place."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from ", UserWarning)
+        yield
 
 
 def notes_after_success():

@@ -101,7 +101,8 @@ def _printed(report):
 def account_of_columns(report, options):
     """Lines about a ColumnsReport of a conversion with ColumnOptions `options`."""
     how = "of one parent" if report.by == "parent" else f"of a cell of {report.cell_area:g} m2"
-    lines = [f"{report.after.count} columns, each of the points {how}, from {report.before.count} points"]
+    columns = "1 column" if report.after.count == 1 else f"{report.after.count} columns, each"
+    lines = [f"{columns} of the points {how}, from {report.before.count} points"]
     lines += _balance(report.before, report.after, report.outside, report.detached)
     lines.append(
         f"not kept: vertical momentum {report.vertical_momentum_lost:.4g} kg m s-1, because columns move along the "

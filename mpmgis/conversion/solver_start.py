@@ -249,6 +249,9 @@ def start_box(frames, terrain, cell=None, window=None):
     step = _round_step(max(high - low))
     west, south = (max(_down(a, step), -_down(-b, step)) for a, b in ((asked[0], west), (asked[1], south)))
     east, north = min(asked[2], east), min(asked[3], north)
+    within = f"the window {','.join(f'{side:.10g}' for side in window)}" if window else f"the DTM {terrain.path}"
+    if window is not None:  # also one beside the DTM, into which no cells would fit
+        _require_within(low, high, (west, south, east, north), within, "--window around them")
     if cell is not None and cell > min(east - west, north - south):
         raise InputError(
             f"cells of {cell:g} m do not fit into the ground around the points, {east - west:g} x "
@@ -258,12 +261,7 @@ def start_box(frames, terrain, cell=None, window=None):
         off = max(1e-9, terrain.grid.rounding / cell)  # [cells]
         across, along = (math.floor(length / cell + off) for length in (east - west, north - south))
         east, north = west + cell * across, south + cell * along
-    if low[0] < west or low[1] < south or high[0] > east or high[1] > north:
-        what = f"the window {','.join(f'{side:.10g}' for side in window)}" if window else f"the DTM {terrain.path}"
-        raise InputError(
-            f"the points are from E {low[0]:.1f} to {high[0]:.1f} and N {low[1]:.1f} to {high[1]:.1f}, not all within "
-            f"{what}; {'give a --window around them' if window else 'give a larger --dem'}"
-        )
+    _require_within(low, high, (west, south, east, north), within, "--window around them" if window else "larger --dem")
     part = terrain.cropped((west, south, east, north), 1)
     floor, top = _least_and_most(part)
     thickness = max(max(_height(frame, part) for frame in frames), 0.0)
@@ -273,6 +271,16 @@ def start_box(frames, terrain, cell=None, window=None):
     if cell is not None:
         up = cell * math.ceil(up / cell - 1e-9)
     return Box((float(west), float(south), float(bottom)), part, (east - west, north - south, up), cell, headroom)
+
+
+def _require_within(low, high, bounds, name, fix):
+    """Refuse points from `low` to `high` [m] that are not all in the `bounds` of `name`."""
+    west, south, east, north = bounds
+    if low[0] < west or low[1] < south or high[0] > east or high[1] > north:
+        raise InputError(
+            f"the points are from E {low[0]:.1f} to {high[0]:.1f} and N {low[1]:.1f} to {high[1]:.1f}, not all within "
+            f"{name}; give a {fix}"
+        )
 
 
 def _round_step(extent):

@@ -183,6 +183,10 @@ class Member(NamedTuple):
     tables: dict
 
 
+def _are_lists(varied):
+    return all(isinstance(one, Choice) for one in varied.values())
+
+
 @dataclass(frozen=True)
 class Plan:
     """The varied keys, their distributions, and the number of runs.
@@ -214,7 +218,7 @@ class Plan:
         if not varied:
             raise InputError("nothing varies; use for example --vary friction.mu=0.1:0.3, or --plan plan.toml")
         if sampling is None:
-            sampling = "grid" if all(isinstance(one, Choice) for one in varied.values()) else "lhs"
+            sampling = "grid" if _are_lists(varied) else "lhs"
         if sampling not in SAMPLINGS:
             raise InputError(f"--sampling {sampling}: expected one of {', '.join(SAMPLINGS)}")
         if sampling == JOINT and not _equally_long(varied):
@@ -223,6 +227,11 @@ class Plan:
         if plan.count > MOST_MEMBERS:
             raise InputError(f"{plan.count} members, expected at most {MOST_MEMBERS}; use fewer keys or --samples")
         return plan
+
+    @property
+    def has_only_lists(self) -> bool:
+        """Whether every key has a list of values, and none a range or distribution."""
+        return _are_lists(self.varied)
 
     @property
     def count(self) -> int:

@@ -4,12 +4,11 @@ import errno
 import hashlib
 import os
 import re
-import unicodedata
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .. import system
-from ..errors import MpmgisError, OutputError
+from ..errors import MpmgisError, OutputError, has_control_characters
 from .lock import (
     PATTERN,
     is_above,
@@ -118,7 +117,7 @@ def whole_folder(path, overwrite=False):
 
 def _refuse_control(name):
     """Refuse folder names that XML cannot store: QGIS projects and databases contain the name of their folder."""
-    if any(unicodedata.category(letter) in ("Cc", "Cs") for letter in name):
+    if has_control_characters(name):
         raise OutputError(f"{name!r} contains control characters or bytes that are not text; give another name with -o")
 
 

@@ -46,7 +46,7 @@ def require_undisguised(path):
     require_file_or_folder(path)
     if is_trusted():
         return
-    for place in (path, *(path.with_name(path.name + suffix) for suffix in _SIDECARS)):
+    for place in (path, *(Path(f"{path}{suffix}") for suffix in _SIDECARS)):
         head, suffix = _head(place), place.suffix.lower()
         virtual = any(word in head for word in _VIRTUAL) and suffix not in _VRT_SUFFIXES
         if virtual or (any(word in head for word in _SERVICES) and suffix not in _XML_SUFFIXES):

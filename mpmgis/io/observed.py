@@ -91,7 +91,7 @@ def _named_shapes(path, grid, kind, flag):
     flat = shapely.force_2d(there.geometry)
     if not np.isfinite(shapely.get_coordinates(flat)).all():
         raise InputError(f"{path}: some coordinates are NaN or infinite; repair the geometry (QGIS: Fix geometries)")
-    return _on_grid(flat, table.crs, grid, path), np.array(names_of(table), dtype=object)[~table.without_geometry]
+    return _on_grid(flat, table.crs, grid, path), np.array(names_of(table, path), dtype=object)[~table.without_geometry]
 
 
 def _on_grid(shapes, crs, grid, path):

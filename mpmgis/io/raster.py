@@ -67,6 +67,8 @@ def open_raster(path):
         try:
             source = rasterio.open(path)
         except (RasterioError, OSError, ValueError) as error:
+            if path.is_dir():
+                raise FormatError(f"{path} is a folder, expected a raster; give a file in it") from error
             reason = _reason(error, path)
             swapped = "; vector files are for releases, lines and areas: check whether two options are swapped"
             vector = path.suffix.lower() in _VECTOR_SUFFIXES

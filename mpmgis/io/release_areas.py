@@ -127,7 +127,7 @@ def _vector_features(path, terrain, wanted):
     """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster gives it later."""
     table = read_table(path)
     table = require_polygons(table, path)
-    names = names_of(table)
+    names = names_of(table, path)
     heights = _feature_thickness(table, names, path, wanted)
     shapes = to_terrain(table.geometry, table.crs, terrain, path)
     shapes = [repaired(shape, name, path) for shape, name in zip(shapes, names, strict=True)]

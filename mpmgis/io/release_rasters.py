@@ -156,7 +156,8 @@ def within_thickness(part, thickness):
         polygon = polygons_only(polygon.intersection(corners))
     if polygon.is_empty or polygon.area <= 0:
         raise InputError(
-            f"release '{part.name}' has zero thickness everywhere: the thickness raster has no value above 0 there"
+            f"release '{part.name}' has zero thickness everywhere: the thickness raster, or the surface minus the DTM, "
+            "has no value above 0 there"
         )
     lost = part.polygon.area - polygon.area
     if lost > 1e-9 * part.polygon.area:

@@ -188,6 +188,10 @@ class RunFolder:
             A frame with state was changed.
         """
         for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
+            if path.is_dir():
+                raise FormatError(
+                    f"{path} is a folder, not a frame; remove it, and --resume continues from the frame before it"
+                )
             try:
                 digest = read_frame(path, with_state=False, with_particles=False).digest
             except FormatError as error:
@@ -197,6 +201,10 @@ class RunFolder:
             number = int(path.stem.rpartition("_")[2])
             if require_restartable(path, self._frame_path(number - 1)):
                 yield number, read_frame(path)
+
+    def missing_frames(self) -> list[int]:
+        """Numbers of the frames before the next one that are not in the folder."""
+        return [number for number in range(self.frames) if not self._frame_path(number).is_file()]
 
     def go_back_to(self, number, digest):
         """Remove the frames after `number`; the others get the `digest` of another scene."""
@@ -371,7 +379,7 @@ def read_record(folder, fix="remove it"):
     Raises
     ------
     FormatError
-        `run.json` cannot be read; `fix` is the advice in the message.
+        `run.json` cannot be read, or a run did not write it; `fix` is the advice in the message.
     """
     file = Path(folder) / RECORD_FILE
     if not file.is_file():
@@ -380,9 +388,10 @@ def read_record(folder, fix="remove it"):
         record = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); {fix}") from error
-    if not isinstance(record, dict):
-        return {}
-    _require_shape(record, f"{file} was not written by a run", fix)
+    wrong = f"{file} was not written by a run"
+    if not isinstance(record, dict) or not record:
+        raise FormatError(f"{wrong}: it is {'empty' if record in ([], {}) else 'not a table'}; {fix}")
+    _require_shape(record, wrong, fix)
     return record
 
 

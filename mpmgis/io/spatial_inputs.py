@@ -218,7 +218,7 @@ def read_walls(path, terrain, width):
         return _features(path, require_polygons(table, path), terrain)
     if width is None:
         raise InputError(f"{path} contains lines; give [[barrier]] width, the thickness of the wall [m]")
-    names, rows = names_of(table), table.rows()
+    names, rows = names_of(table, path), table.rows()
     lines = to_terrain(table.geometry, table.crs, terrain, path)
     if shapely.is_empty(lines).any() or shapely.is_missing(lines).any():
         raise InputError(f"{path}: a line has no geometry; draw it again, or remove it")
@@ -229,7 +229,7 @@ def read_walls(path, terrain, width):
 
 
 def _features(path, table, terrain):
-    names, rows = names_of(table), table.rows()
+    names, rows = names_of(table, path), table.rows()
     shapes = to_terrain(table.geometry, table.crs, terrain, path)
     return [
         Feature(name, repaired(shape, name, path), row, str(path))

@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 import shapely
 
-from ..errors import FormatError, InputError, MpmgisError, one_line
+from ..errors import FormatError, InputError, MpmgisError, has_control_characters, one_line
 from ..messages import log
 from .input_files import require_undisguised, require_zip_fits
 from .libraries import needed_for, pyogrio
@@ -194,12 +194,21 @@ def require_polygons(table, path):
     return table
 
 
-def names_of(table):
-    """Names of the features: the column 'name' where there is one, else the number in the file."""
+def names_of(table: VectorTable, path: str | Path) -> list[str]:
+    """Names of the features: the column 'name' where there is one, else the number in the file.
+
+    Raises
+    ------
+    InputError
+        A name contains control characters, which plots, tables and QGIS projects cannot contain.
+    """
     column = next((c for c in table.columns if str(c).lower() == "name"), None)
     numbered = [f"feature {i + 1}" for i in range(len(table))]
     if column is None:
         return numbered
+    for number, value in zip(numbered, table.columns[column], strict=True):
+        if isinstance(value, str) and has_control_characters(value.strip()):
+            raise InputError(f"{path}: {number} has the name {value[:60]!r} with control characters; rename it")
     return [
         str(value) if isinstance(value, str) and value.strip() else number
         for value, number in zip(table.columns[column], numbered, strict=True)

@@ -25,7 +25,7 @@ from ..io.ensemble_folder import MAPS, read_ensemble_record
 from ..io.frame_contents import check_kept, check_result
 from ..io.hdf5 import opened_whole, require_memory
 from ..io.input_files import require_local
-from ..io.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE
+from ..io.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE, read_record
 from ..io.run_maps import has_rasters
 from ..scene import read_scene
 from ..terrain.georeference import name_of
@@ -216,9 +216,9 @@ def _results_facts(path, frames):
         "files": {name: (path / name).exists() for name in (SCENE_FILE, RECORD_FILE, last["dem"] or "terrain.tif")},
     }
     if (path / RECORD_FILE).exists():
-        record = _read_json(path / RECORD_FILE)
+        record = read_record(path)
         facts |= {name: record[name] for name in ("state", "reason", "steps", "wall_seconds") if name in record}
-        facts |= _digest_facts(frames, record if isinstance(record, dict) else {})
+        facts |= _digest_facts(frames, record)
     return facts
 
 

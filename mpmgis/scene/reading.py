@@ -6,7 +6,6 @@ Material parameters from a scene, or from a file with little more than a materia
 """
 
 import codecs
-import math
 import re
 import tomllib
 from dataclasses import fields
@@ -18,7 +17,7 @@ from ..effects.own_law import NO_OWN_LAWS
 from ..errors import SceneError, one_line
 from .scene import Scene, friction_laws
 from .stages import check_points, check_solver, check_stages
-from .table_values import checked_value, is_number, listed, made_table, meant, range_of, refuse_both
+from .table_values import checked_value, is_finite, is_number, listed, made_table, meant, range_of, refuse_both, shown
 from .tables import FASTEST, LISTED, TABLES, MaterialTable
 from .terrain_effects import check_forest
 
@@ -85,7 +84,7 @@ def _check_sources(scene, where):
         )
     if len(release.velocity) != 2 or not all(is_number(v) and abs(v) <= FASTEST for v in release.velocity):
         raise SceneError(
-            f"{where} [release]: velocity = {str(list(release.velocity))[:60]}, expected two numbers [east, north] of "
+            f"{where} [release]: velocity = {shown(list(release.velocity))}, expected two numbers [east, north] of "
             f"at most {FASTEST:g} m/s"
         )
     if release.speed is not None and any(release.velocity):
@@ -96,13 +95,14 @@ def _check_window(window, where):
     """Four numbers in their order."""
     if window is None:
         return
-    if len(window) != 4 or not all(is_number(v) and math.isfinite(v) for v in window):
+    if len(window) != 4 or not all(is_finite(v) for v in window):
         raise SceneError(
-            f"{where} [terrain]: window = {list(window)}, expected four numbers [west, south, east, north]"
+            f"{where} [terrain]: window = {shown(list(window))}, expected four numbers [west, south, east, north]"
         )
     if not (window[0] < window[2] and window[1] < window[3]):
         raise SceneError(
-            f"{where} [terrain]: window = {list(window)}, expected west below east and south below north, in this order"
+            f"{where} [terrain]: window = {shown(list(window))}, expected west below east and south below north, in "
+            "this order"
         )
 
 
@@ -136,7 +136,7 @@ def _check_zones(scene, where):
         for name, value in zone.parameters.items():
             if name not in wanted:
                 raise SceneError(
-                    f"{here}: {law} has no parameter {name!r}{meant(name, wanted)}; it takes {listed(wanted)}"
+                    f"{here}: {law} has no parameter {shown(name)}{meant(name, wanted)}; it takes {listed(wanted)}"
                 )
             zone.parameters[name] = checked_value(range_of(wanted[name], (float, str)), value, f"{here}: {name}")
             if name in instead:
@@ -240,8 +240,13 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     tables = dict(tables)
     solver = tables.pop("solver", None)
     if solver not in (None, *SOLVERS):
-        raise SceneError(f"{where}: solver = {solver!r}, this version has {listed(SOLVERS)}")
-    for name in tables:
+        raise SceneError(f"{where}: solver = {shown(solver)}, this version has {listed(SOLVERS)}")
+    for name, value in tables.items():
+        if name not in TABLES and not isinstance(value, (dict, list)):
+            near = meant(name, ("solver", *TABLES))
+            raise SceneError(
+                f"{where}: unknown key {shown(name)}{near}; before the first table there is only the key solver"
+            )
         if name not in TABLES:
             raise SceneError(f"{where}: unknown table [{name}]{meant(name, TABLES)}; it takes {listed(TABLES)}")
         if name in LISTED:
@@ -257,7 +262,8 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     solvers = {stage.solver for stage in stages} or {solver}
     check_solver(tables, solvers, TABLES, where)
     by_place = {key for zone in tables.get("zones", ()) if zone.get("use") != "off" for key in zone}
-    instead = friction.given_instead(tables.get("friction", {}).get("law"))
+    law = tables.get("friction", {}).get("law")
+    instead = friction.given_instead(law) if isinstance(law, str) else {}
     by_place |= {parameter for name, (parameter, _) in instead.items() if name in by_place}
     contacts = friction_laws(solvers, NO_OWN_LAWS) if "points" in solvers else None
     made = {name: _made(name, values, where, own_laws, by_place, contacts) for name, values in tables.items()}

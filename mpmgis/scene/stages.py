@@ -3,13 +3,14 @@
 Tables and keys of only one solver, and the requirements of each solver on a scene.
 """
 
-import math
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
 
 from ..errors import SceneError
 from .materials import CONES, OPTIONS
+from .table_values import is_finite, shown
+from .tables import CLIFF, WALLS
 
 NAMES = {"columns": "the depth-averaged solver", "points": "the 3D solver"}
 OTHER = {"columns": "points", "points": "columns"}
@@ -83,7 +84,6 @@ def check_points(scene, where):
         raise SceneError(f"{where} [softening]: peak_strain requires form = 'linear'")
 
 
-WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of polygons
 UNTIL = ("time", "reach", "calm")
 
 
@@ -126,13 +126,12 @@ def _check_until(stage, here, last):
         raise SceneError(f"{here}: until is missing, for example until = {{time = 30}}; the next stage begins then")
     for key, value in stage.until.items():
         if key not in UNTIL:
-            raise SceneError(f"{here}: until has no {key!r}; it takes {', '.join(UNTIL)}")
+            raise SceneError(f"{here}: until has no {shown(key)}; it takes {', '.join(UNTIL)}")
         if key == "reach":
             _check_reach(value, here)
             continue
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not (math.isfinite(value) and value > 0.0):
-            raise SceneError(f"{here}: until {key} = {value!r}, expected a finite number of seconds above 0")
+        if not (is_finite(value) and value > 0.0):
+            raise SceneError(f"{here}: until {key} = {shown(value)}, expected a finite number of seconds above 0")
         stage.until[key] = float(value)
     if "calm" in stage.until and stage.solver != "points":
         raise SceneError(f"{here}: until calm is of points, which may become columns then; this is {stage.solver!r}")
@@ -141,7 +140,8 @@ def _check_until(stage, here, last):
 def _check_reach(value, here):
     if not isinstance(value, str) or (value not in (WALLS, CLIFF) and not Path(value.partition("|")[0]).suffix):
         raise SceneError(
-            f"{here}: until reach = {value!r}, expected 'barrier', 'cliff' or a file of polygons such as 'area.gpkg'"
+            f"{here}: until reach = {shown(value)}, expected 'barrier', 'cliff' or a file of polygons such as "
+            "'area.gpkg'"
         )
 
 

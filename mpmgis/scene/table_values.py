@@ -8,13 +8,14 @@ from pathlib import Path
 
 from ..effects import friction
 from ..effects.own_law import NO_OWN_LAWS
-from ..errors import SceneError
+from ..errors import SceneError, has_control_characters
 from .tables import FrictionTable
 
 KIND_WORDS = {
     float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers",
     dict: "a table like {time = 30}",
 }  # fmt: skip
+LONGEST = 80  # characters of a wrong value in a message
 LEAST_SIMILAR = 0.67  # share of letters, from which a name is suggested
 
 
@@ -32,7 +33,7 @@ def made_table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=N
         if name in known:
             made[name] = checked_value(known[name].metadata, value, f"{where}: {name}")
         elif laws is None and not free:
-            raise SceneError(f"{where}: unknown key {name!r}{meant(name, known)}; it takes {listed(known)}")
+            raise SceneError(f"{where}: unknown key {shown(name)}{meant(name, known)}; it takes {listed(known)}")
         else:
             extra[name] = value
     for name, f in known.items():
@@ -87,12 +88,14 @@ def _law_name(laws, law, own_laws, where):
         return law
     file, _, name = law.rpartition(":")
     if not file.endswith(".py"):
-        raise SceneError(f"{where}: law = {law!r}{meant(law, laws)}; expected {listed(laws)}, or 'my_law.py:MyLaw'")
+        raise SceneError(
+            f"{where}: law = {shown(law)}{meant(law, laws)}; expected {listed(laws)}, or 'my_law.py:MyLaw'"
+        )
     if not own_laws.laws:
-        raise SceneError(f"{where}: law = {law!r} is in a Python file; allow it to be run with --law {file}")
+        raise SceneError(f"{where}: law = {shown(law)} is in a Python file; allow it to be run with --law {file}")
     own = f"{Path(file).name}:{name}"
     if own not in own_laws.laws:
-        raise SceneError(f"{where}: law = {law!r}, but --law {own_laws.path} contains {listed(own_laws.laws)}")
+        raise SceneError(f"{where}: law = {shown(law)}, but --law {own_laws.path} contains {listed(own_laws.laws)}")
     return own
 
 
@@ -102,7 +105,7 @@ def _parameters(laws, law, values, where, by_place=()):
     takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items())
     for name in values:
         if name not in wanted:
-            raise SceneError(f"{where}: {law} has no parameter {name!r}{meant(name, wanted)}; it takes {takes}")
+            raise SceneError(f"{where}: {law} has no parameter {shown(name)}{meant(name, wanted)}; it takes {takes}")
     made = {}
     for name, (unit, doc, low, high, default) in wanted.items():
         if name not in values and name in by_place:
@@ -124,9 +127,16 @@ def checked_value(checks, value, where):
         if not math.isfinite(value):
             raise SceneError(f"{where} = {value}, expected a finite number")
     elif not (isinstance(value, kinds) and isinstance(value, bool) == (bool in kinds)):
-        raise SceneError(f"{where} = {value!r}, expected {' or '.join(KIND_WORDS[k] for k in kinds)}")
+        raise SceneError(f"{where} = {shown(value)}, expected {' or '.join(KIND_WORDS[k] for k in kinds)}")
+    if value == "" and (checks.get("file") or float in kinds):
+        names = "a file name" if float not in kinds else "a number or the name of a column or a file"
+        raise SceneError(f"{where} is empty, expected {names}")
+    if isinstance(value, str) and not checks.get("file") and has_control_characters(value):
+        raise SceneError(f"{where} = {shown(value)} contains control characters; write it without them, in one line")
     if checks["choices"] and value not in checks["choices"]:
-        raise SceneError(f"{where} = {value!r}{meant(value, checks['choices'])}; expected {listed(checks['choices'])}")
+        raise SceneError(
+            f"{where} = {shown(value)}{meant(value, checks['choices'])}; expected {listed(checks['choices'])}"
+        )
     if is_number(value):
         low, high = checks["low"], checks["high"]
         if low is not None and (value < low or (checks["above"] and value <= low)):
@@ -134,6 +144,20 @@ def checked_value(checks, value, where):
         if high is not None and value > high:
             raise SceneError(f"{where} = {value:g}, expected at most {high:g}")
     return tuple(value) if isinstance(value, list) else value
+
+
+def shown(value: object) -> str:
+    """A wrong `value` for a message, as Python writes it, shortened."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def is_finite(value: object) -> bool:
+    """Whether `value` is a number that is finite as a float."""
+    return is_number(value) and abs(value) <= sys.float_info.max
 
 
 def is_number(value):

@@ -7,10 +7,10 @@ from dataclasses import MISSING, dataclass, field
 
 from ..effects import curvature, entrainment, friction, metric
 from . import materials
-from .stages import CLIFF, WALLS
 
 USE = ("auto", "on", "off")
 THICKEST, FASTEST = 1e4, 1e3  # [m], [m s-1] of a release; more is a slip of the pen
+HIGHEST_WALL = 1000.0  # [m] of a barrier above the ground, three times the highest dam; memory in 3D grows with it
 
 
 def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, above=False, example=None, file=False,
@@ -272,7 +272,8 @@ class BarrierTable:
 
     source: str = _key("polygons, or lines with width", kind=str, example="dam.gpkg", file=True)
     height: float | str | None = _key("of the crest above the terrain: number [m] or column name", None,
-                                      kind=(float, str), low=0.0, above=True, example=8.0)  # fmt: skip
+                                      kind=(float, str), low=0.0, high=HIGHEST_WALL, above=True,
+                                      example=8.0)  # fmt: skip
     crest: float | str | None = _key("instead of height: elevation of the crest: number [m] or column name", None,
                                      kind=(float, str), example=1500.0)  # fmt: skip
     width: float | None = _key("of a wall that is drawn as a line [m]", None, low=0.0, above=True, example=2.0)
@@ -354,6 +355,9 @@ class OutputTable:
                                        example="p,t_vol")  # fmt: skip
     stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: not in swe, nor for a Fluid",
                                      None, kind=bool, example=True)  # fmt: skip
+
+
+WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of polygons
 
 
 @dataclass(frozen=True)

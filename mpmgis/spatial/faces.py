@@ -73,7 +73,8 @@ def faces_of(nodes, bed, smooth, cell_size):
 
     Left out are rows at outer corners, ends and openings, on ground that is not smooth, at walls lower than the cells
     can tell, and rows that would share a node column with another face of their side. In an inner corner the rows of
-    both sides reach as far as splines of points before it, and share node columns.
+    both sides reach as far as splines of points before it, and share node columns. A node without a normal, in the
+    middle between opposite sides or where parts of a wall touch in a point, has no side.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def faces_of(nodes, bed, smooth, cell_size):
     taken, sides = np.zeros(bed.shape, bool), []
     for axis in (0, 1):
         along, other = np.abs(nodes.normal[..., axis]), np.abs(nodes.normal[..., 1 - axis])
-        better = along >= DIAGONAL * other if axis == 0 else along * DIAGONAL > other
+        better = (along >= DIAGONAL * other) & (along > 0.0) if axis == 0 else along * DIAGONAL > other
         found = []
         for j, i in np.argwhere((nodes.number > 0) & (nodes.share == 0.0) & better):
             face = _face_behind(nodes, bed, int(j), int(i), axis, cell_size)

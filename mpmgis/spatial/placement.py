@@ -14,6 +14,7 @@ from ..effects.forest import DETRAINMENT, DRAG, FOREST_ENTRIES, FRICTION, SLOW, 
 from ..effects.friction import given_instead, turbulent_coefficient
 from ..errors import InputError, SceneError
 from ..messages import log
+from ..scene.tables import HIGHEST_WALL
 from .areas import cell_values, lake_cells, water_depth, within
 from .barriers import CORE_CELLS, FACE_CELLS, Wall, half_thickness, wall_nodes
 from .features import NO_LAKE
@@ -207,8 +208,11 @@ def walls_of(barriers):
             height, crest = (
                 feature.number(value) if isinstance(value, str) else value for value in (table.height, table.crest)
             )
-            if height is not None and height <= 0:
-                raise InputError(f"{feature.path}: '{feature.name}' has height {height:g}, expected metres above 0")
+            if height is not None and not 0.0 < height <= HIGHEST_WALL:
+                raise InputError(
+                    f"{feature.path}: '{feature.name}' has height {height:g}, expected metres above 0, at most "
+                    f"{HIGHEST_WALL:g}"
+                )
             name = _unlike(_wall_name(table, feature.name, k, len(files.features)), walls)
             walls.append(Wall(name, feature.shape, height, crest, table.mu))
     return tuple(walls)
@@ -237,8 +241,13 @@ def _require_standing(walls, nodes, grid, frame):
     for number, wall in enumerate(walls, 1):
         own = nodes.number == number
         if not own.any():
-            raise InputError(f"barrier '{wall.name}' is outside the terrain; check its CRS, or use a larger DTM")
+            _refuse_without_nodes(wall, walls, nodes, grid)
         above = (nodes.crest - grid.bed)[own]
+        if above.max() > HIGHEST_WALL:
+            raise InputError(
+                f"barrier '{wall.name}': its crest at {wall.crest:g} m is {above.max():.4g} m above the terrain, "
+                f"expected at most {HIGHEST_WALL:g} m; give the elevation of the crest [m], or height"
+            )
         if wall.crest is not None and above.max() <= 0:
             raise InputError(
                 f"barrier '{wall.name}': its crest at {wall.crest:g} m is below the terrain, which is at "
@@ -262,6 +271,18 @@ def _require_standing(walls, nodes, grid, frame):
             f"barriers: the opening at E {east:.1f} N {north:.1f} is {width:.2g} m wide, narrower than a cell; it "
             f"passes the flow by its share of the cells. [numerics] cell_size = {width:.2g} or less resolves it"
         )
+
+
+def _refuse_without_nodes(wall, walls, nodes, grid):
+    """Refuse a wall that has no node: other walls have them, or it is not on the terrain."""
+    x, y = grid.node_points()
+    owners = nodes.number[within(wall.footprint.buffer(grid.cell_size), x, y) & grid.domain_nodes()]
+    others = ", ".join(f"'{walls[number - 1].name}'" for number in np.unique(owners[owners > 0])[:MOST_NAMED])
+    if others:
+        raise InputError(
+            f"barrier '{wall.name}' is completely inside barrier {others}; remove one of them, or change their outlines"
+        )
+    raise InputError(f"barrier '{wall.name}' is outside the terrain; check its CRS, or use a larger DTM")
 
 
 # ----------------------------------------------------------------------------------------------------- erodible ground

@@ -70,7 +70,7 @@ class ConversionOptions(
     cell: Annotated[
         float,
         Option("to points: grid spacing of the 3D code, columns wider than half of it are split horizontally; "
-               "to columns: cell size for points without a column [m]", "M", above=0, folded=False,
+               "to columns: cell size for points without a column [m]", "M", least=1e-6, folded=False,
                usual="no split; the DTM's cells", label="Cell size of the 3D grid, or of the columns [m]"),
     ]  # fmt: skip
     at_time: Annotated[

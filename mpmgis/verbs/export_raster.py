@@ -52,7 +52,7 @@ class ExportAveragingOptions(shared.AveragingOptions, total=False):
         float | shared.Auto,
         Option("height above the DTM, along its normal, at which particles of a 3D code rest (often below it); auto: "
                "the distance below which 1 %% of the mass lies, in the frame with the most mass below the bed; 0 if "
-               "that is under 1 %%", "M|auto", default=0.0, unit="m",
+               "that is under 1 %%", "M|auto", default=0.0, unit="m", least=-100, most=100,
                label="Height above the terrain at which particles of a 3D code rest, or auto"),
     ]  # fmt: skip
 

@@ -95,7 +95,8 @@ class MaterialOptions(TypedDict, total=False):
     velocity: Annotated[
         tuple[float, float],
         Option("initial velocity to the east and north; write --velocity=-1,2 if it begins with a minus", "E,N",
-               default=(0.0, 0.0), unit="m s-1", label="Initial velocity to the east and north, E,N"),
+               default=(0.0, 0.0), unit="m s-1", least=-1000, most=1000,
+               label="Initial velocity to the east and north, E,N"),
     ]  # fmt: skip
 
 

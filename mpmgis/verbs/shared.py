@@ -145,7 +145,7 @@ class CellOptions(AveragingOptions, total=False):
     standoff: Annotated[
         float,
         Option("height above the DTM, along its normal, at which particles of a 3D code rest", "M", default=0.0,
-               unit="m", label="Height above the terrain at which particles of a 3D code rest"),
+               unit="m", least=-100, most=100, label="Height above the terrain at which particles of a 3D code rest"),
     ]  # fmt: skip
 
 

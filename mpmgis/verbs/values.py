@@ -27,10 +27,17 @@ def value_of_text(text: str, option: Option) -> Any:
     """
     kind = _item(option) if option.repeat else option.type
     try:
+        _require_name(text, kind)
         value = _from_text(text, kind, option)
         return checked(value, dataclasses.replace(option, type=kind))
     except ValueError as error:
         raise ValueError(f"got {text!r}, expected {str(error) or expected(option)}") from None
+
+
+def _require_name(value: Any, kind: Any) -> None:
+    """Refuse an empty text for a path: as a path it would be the current folder."""
+    if value == "" and (kind == PathLike or Path in get_args(kind)):
+        raise ValueError("a number or a name" if float in get_args(kind) else "a file name")
 
 
 def _item(option: Option) -> Any:
@@ -112,6 +119,7 @@ def checked(value: Any, option: Option) -> Any:
 
 def _normal(value: Any, kind: Any, option: Option) -> Any:
     origin, parts = get_origin(kind), get_args(kind)
+    _require_name(value, kind)
     if kind == PathLike:
         if not isinstance(value, (str, Path)):
             raise ValueError

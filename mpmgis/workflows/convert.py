@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import system
+from ..analysis.sampling import require_cells_within
 from ..conversion.account import account_of_columns, account_of_points
 from ..conversion.columns import points_to_columns
 from ..conversion.options import ColumnOptions, PointOptions
@@ -59,6 +60,7 @@ def convert_to_points(request, options=None):
     elif path.suffix.lower() != ".h5":
         raise OutputError(f"{path}: points are written as frames, expected a name that ends in .h5 or .las")
     frame, terrain = _inputs(request, path, 2)
+    require_cells_within(terrain.grid, options.cell, north_up=True, option="`cell`")
     require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
     points = columns_to_points(frame, terrain, options)
     header = points.frame.header | {
@@ -108,6 +110,7 @@ def convert_to_columns(request, options=None):
     frame, terrain = _inputs(request, path, 3)
     _refuse_replacing(rest, request, terrain)
     options = options or ColumnOptions()
+    require_cells_within(terrain.grid, options.cell, north_up=True, option="`cell`")
     columns = points_to_columns(frame, terrain, options)
     _write_both(columns, path, rest, terrain)
     for line in account_of_columns(columns.report, options):

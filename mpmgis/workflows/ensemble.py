@@ -108,6 +108,7 @@ def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=la
     workers = min(request.workers or system.cores(), max(1, len(to_run)))
     if to_run:
         require_affordable(study, to_run, workers, confirm)
+        parallel.require_scheduler(request.dask)
     before = sum(task.digest in records for task in tasks)
     if before:
         log.info(f"{before} of {len(tasks)} members are already finished")

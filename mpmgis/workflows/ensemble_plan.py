@@ -14,6 +14,7 @@ from ..experiments.sampling_plan import Plan, variation, with_values
 from ..experiments.statistics import Products, exceedances
 from ..kernels.code_cache import source_digest
 from ..kernels.jit import set_threads
+from ..messages import log
 from ..scene.reading import read_toml
 from ..scene.table_values import meant
 from .ensemble_member import FIGURES, MemberTask
@@ -43,13 +44,19 @@ def read_plan(request):
         given[key] = variation(asked, f"`vary={key}`")
     exceed, percentiles = request.exceed, request.percentiles
     exceed = exceedances(exceed) if isinstance(exceed, (tuple, list)) else exceed
+    plan = Plan.of(
+        varied | given,
+        request.sampling or stored.get("sampling"),
+        request.samples or stored.get("samples"),
+        stored.get("seed", 0) if request.seed is None else request.seed,
+    )
+    if request.samples is not None and plan.sampling == "grid" and plan.has_only_lists:
+        log.info(
+            f"`samples={request.samples}` has no effect: all keys have lists of values, and their {plan.count} "
+            "combinations are run; `sampling=lhs` draws samples from them"
+        )
     return (
-        Plan.of(
-            varied | given,
-            request.sampling or stored.get("sampling"),
-            request.samples or stored.get("samples"),
-            stored.get("seed", 0) if request.seed is None else request.seed,
-        ),
+        plan,
         Products.of(
             stored.get("exceed") if exceed is None else exceed,
             stored.get("percentiles") if percentiles is None else percentiles,

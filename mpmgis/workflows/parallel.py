@@ -237,6 +237,19 @@ def connected(address):
         yield client
 
 
+def require_scheduler(address: str | None) -> None:
+    """Refuse the `address` of a Dask cluster where no scheduler answers, before anything is written.
+
+    Raises
+    ------
+    InputError
+        As `connected`.
+    """
+    if address is not None:
+        with connected(address):
+            pass
+
+
 class DaskWorkers:
     """The workers of the Dask `client`, with the interface of `workers.Workers`."""
 

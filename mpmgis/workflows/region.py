@@ -15,6 +15,7 @@ from ..io.region_folder import AreaRaster, RegionFolder, write_areas, write_regi
 from ..messages import log
 from .ensemble import done_by, pool_of, require_affordable
 from .ensemble_member import warm_worker, warmed
+from .parallel import require_scheduler
 from .region_plan import PlannedRegion, run_area
 
 FIGURES = (
@@ -105,6 +106,7 @@ def region(request: RegionRequest, *, confirm=lambda question: True, look=lambda
     if to_run:
         plan.prepare_samples(to_run)
         require_affordable(plan, to_run, workers, confirm)
+        require_scheduler(request.dask)
     planned = time.perf_counter() - began
     with folder.held():
         folder.write_record(state="running", areas=len(plan.tasks))

@@ -111,6 +111,8 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=
         read_toml(scene)  # a missing scene is reported before an existing folder
     output = output or Path("" if isinstance(scene, Mapping) else scene).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
+    if resume and not folder.record():
+        log.info(f"{output} contains no run to continue: this one starts from the beginning")
     prepared = prepare(scene, law, device)
     device = require_devices(prepared)
     if prepared.scene.output.rasters:
@@ -132,6 +134,7 @@ def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=
         log.info(f"steps: {device}")
     with folder.held():
         start = _restored(folder, sequence) if resume else ANEW
+        _warn_of_missing_frames(folder, prepared.scene)
         if start == FINISHED:
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
         folder.open(anew=start == ANEW)
@@ -168,6 +171,18 @@ def _restored(folder, sequence):
         return FINISHED
     log.info(f"continuing after frame {folder.frames - 1}, t = {frame.time:g} s")
     return RESUMED
+
+
+def _warn_of_missing_frames(folder, scene):
+    """Warn of frames before the one that a run continues from; rasters replace those of a run that writes rasters."""
+    missing = [] if scene.output.rasters else folder.missing_frames()
+    if not missing:
+        return
+    first = f"frame {missing[0]} is missing" if len(missing) == 1 else f"{len(missing)} frames are missing"
+    which = "" if len(missing) == 1 else f", the first is frame {missing[0]}"
+    log.info(
+        f"{folder.path}: {first}{which}; maps and results of this run lack this time, `overwrite` computes it again"
+    )
 
 
 def _restored_earlier(folder, sequence, record):

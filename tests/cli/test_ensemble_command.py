@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import signal
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,6 +21,7 @@ from mpmgis.io import ensemble_folder
 from mpmgis.messages import collected
 from mpmgis.workflows import ensemble_member, parallel
 from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
+from mpmgis.workflows.ensemble_plan import read_plan
 
 SHORT = SCENE.replace("end_time = 30", "end_time = 15")
 VARY = ("friction.mu=0.1:0.4", "release.thickness=normal:2:0.3:1:3")
@@ -313,6 +315,20 @@ def test_too_many_unphysical_members_are_refused(site, tmp_path, capsys, monkeyp
     assert not (tmp_path / "e" / "maps").exists() and (tmp_path / "e" / "members.csv").exists()
 
 
+def test_samples_of_lists_are_reported(site, capsys):
+    request = EnsembleRequest(scene=site / "scene.toml", vary=("friction.mu=0.2,0.3",), samples=1000)
+    with collected() as messages:
+        plan, _ = read_plan(request)
+    assert plan.count == 2
+    assert (
+        "`samples=1000` has no effect: all keys have lists of values, and their 2 combinations are run" in messages[0]
+    )
+    with collected() as messages:
+        read_plan(replace(request, samples=None))
+        read_plan(replace(request, vary=("friction.mu=0.2,0.3", "friction.xi=500:800")))
+    assert not messages
+
+
 REFUSED = [
     (("--vary", "friction.mue=0.1:0.3"), ("friction", "did you mean 'mu'")),
     (("--vary", "friction.mu=-0.1:0.3"), ("member", "mu = -", "at least 0")),
@@ -340,8 +356,7 @@ def test_refusals_are_one_line_and_leave_nothing(site, tmp_path, capsys, options
         code = stop.code
     lines = capsys.readouterr().err.splitlines()
     assert code == 2 and len(lines) == 1 and all(word in lines[0] for word in words), lines
-    assert not (tmp_path / "e" / "maps").exists()
-    assert not (tmp_path / "e").exists() or "--dask" in options  # the scheduler is asked when the runs begin
+    assert not (tmp_path / "e").exists()
 
 
 @pytest.mark.parametrize(

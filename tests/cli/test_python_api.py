@@ -158,7 +158,7 @@ def test_what_does_nothing_is_refused(site, tmp_path):
     ("time_step", 0, "above 0"),
     ("cell_size", float("nan"), "a number above 0 or auto"),
     ("cell_size", "x", "`cell_size` is 'x', expected a number above 0 or auto"),
-    ("standoff", "x", "a number or auto"),
+    ("standoff", "x", "a number of at least -100 and up to 100 or auto"),
     ("products", "t_vol", "names NAME,.. with commas between them"),
     ("origin", (1, 2), "three numbers E,N,H"),
     ("dem_band", 1.5, "a whole number above 0"),

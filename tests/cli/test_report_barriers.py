@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import warnings
 from dataclasses import replace
 
 import matplotlib.image
@@ -186,3 +187,20 @@ def test_a_long_name_stays_on_its_plot(tmp_path):
     for file in ("s.png", "h.png"):
         right = matplotlib.image.imread(tmp_path / file)[:, -3:, :3]
         assert (right == 1.0).all(), file
+
+
+def test_letters_that_the_font_of_plots_lacks_give_no_warning(site, capfd):
+    scene = SCENE.replace("end_time = 30", "end_time = 5") + DAM + 'name = "\u5821"\n'
+    assert run(site, scene, "-o", str(site / "letters")) == 0
+    capfd.readouterr()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        assert main(["report", str(site / "letters"), "-q"]) == 0
+    assert capfd.readouterr().err == ""
+
+
+def test_a_name_of_two_lines_is_refused(site, capsys):
+    write_shapes(site / "lines.gpkg", [shapely.box(450, 100, 460, 300)], name=["a\nb"])
+    scene = SCENE + DAM.replace("dam.gpkg", "lines.gpkg").replace("width = 2\n", "")
+    assert run(site, scene, "-o", str(site / "lines")) == 2
+    assert "lines.gpkg: feature 1 has the name 'a\\nb' with control characters; rename it" in capsys.readouterr().err

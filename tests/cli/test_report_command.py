@@ -124,13 +124,17 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path, capsys):
     ({"balances": [1, 2]}, "balances is not a table"),
     ({"effects": 3}, "effects is not a list"),
     ({"stages": [{"effects": [3]}]}, "effects has an entry that is not a table"),
+    ({"scene": [1]}, "scene is not a table"),
+    ([1, 2], "it is not a table"),
+    ({}, "it is empty"),
 ])  # fmt: skip
-def test_a_record_that_no_run_wrote_is_refused(tmp_path, capsys, record, words):
+@pytest.mark.parametrize("verb", ["report", "info"])
+def test_a_record_that_no_run_wrote_is_refused(tmp_path, capsys, record, words, verb):
     folder = write_block_run(tmp_path)
     (folder / "run.json").write_text(json.dumps(record))
-    assert main(["report", str(folder)]) == 2
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1 and words in said[0], said
+    assert main([verb, str(folder)]) == 2
+    out, err = capsys.readouterr()
+    assert not out and len(err.splitlines()) == 1 and f"run.json was not written by a run: {words}; remove it" in err
 
 
 def test_a_record_and_a_scene_that_are_damaged_within_have_a_report(tmp_path):

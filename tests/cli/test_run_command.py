@@ -116,8 +116,11 @@ def test_resume_of_a_changed_scene_is_refused(site, capsys):
     assert refused(["run", str(site / "scene.toml"), "--resume", "-q"], capsys, "another scene")
 
 
-def test_resume_without_anything_there_starts_at_the_beginning(site):
-    assert main(["run", str(site / "scene.toml"), "--resume", "-q"]) == 0
+def test_resume_without_anything_there_starts_at_the_beginning(site, capsys):
+    assert main(["run", str(site / "scene.toml"), "--resume"]) == 0
+    assert (
+        f"{site / 'results'} contains no run to continue: this one starts from the beginning" in capsys.readouterr().err
+    )
     assert len(list((site / "results").glob("frame_*.h5"))) == 7
 
 

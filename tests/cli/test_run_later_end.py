@@ -86,6 +86,28 @@ def test_only_the_end_may_be_another_and_only_a_later_one(site, capsys):
         assert contents(site / "only") == before
 
 
+def test_lost_frames_are_reported(site, capsys):
+    assert ran(site, lasting(SCENE, 3, 1), "lost") == 0
+    (site / "lost" / "frame_000001.h5").unlink()
+    (site / "lost.toml").write_text(lasting(SCENE, 4, 1))
+    command = ["run", str(site / "lost.toml"), "-o", str(site / "lost"), "--resume"]
+    for _ in range(2):  # it continues; then it is finished
+        assert main(command) == 0
+        said = capsys.readouterr().err
+        assert f"{site / 'lost'}: frame 1 is missing; maps and results of this run lack this time, --overwrite" in said
+    (site / "lost" / "frame_000007.h5").mkdir()
+    assert main(command) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.endswith(
+        "frame_000007.h5 is a folder, not a frame; remove it, and --resume continues from the frame before it"
+    )
+    (site / "lost" / "frame_000007.h5").rmdir()
+    for path in (site / "lost").glob("frame_*.h5"):
+        path.unlink()
+    assert ran(site, lasting(SCENE, 5, 1), "lost", "--resume") == 2
+    assert f"{site / 'lost'} contains no frame (frame_*.h5); start again with --overwrite" in capsys.readouterr().err
+
+
 def test_a_run_that_came_to_rest_stays_as_it_is(site, capsys):
     held = SCENE.replace("mu = 0.2", "mu = 1.2").replace("density = 1000", "density = 1000\nvelocity = [5, 0]")
     assert ran(site, lasting(held, 8, 2), "rest") == 0

@@ -102,6 +102,17 @@ def test_barriers_that_cannot_stand_are_refused(site, capsys):
     assert "below the terrain" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\ncrest = 90\n')
     assert "either height or crest" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\n')
     assert "width" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\nheight = 3\nwidth = 2\n')
+    dam = '[[barrier]]\nsource = "dam.gpkg"\n'
+    assert "height = 1e+07, expected at most 1000" in refused(site, capsys, SCENE + dam + "height = 1e7\n")
+    said = refused(site, capsys, SCENE + dam + "crest = 1e9\n")
+    assert "its crest at 1e+09 m is 1e+09 m above the terrain, expected at most 1000 m" in said
+    same = 'name = "upper"\n'
+    said = refused(site, capsys, SCENE + dam + "height = 5\n" + dam + "height = 7\n" + same)
+    assert "barrier 'upper' is completely inside barrier 'dam'; remove one of them, or change their outlines" in said
+    write_shapes(site / "dam.gpkg", [shapely.box(450, 100, 460, 300)], high=[1e7])
+    assert "has height 1e+07, expected metres above 0, at most 1000" in refused(
+        site, capsys, SCENE + dam + 'height = "high"\n'
+    )
     write_shapes(site / "dam.gpkg", [shapely.box(100, 100, 110, 300)])
     assert "is on the release" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "dam.gpkg"\nheight = 3\n')
     assert "no such file" in refused(site, capsys, SCENE + '[[barrier]]\nsource = "wall.gpkg"\nheight = 3\n')

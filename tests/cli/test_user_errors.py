@@ -184,3 +184,24 @@ def test_an_interrupted_run_prints_the_command_to_continue(site):
         told[-1] == f"{site / 'results'} contains the results until now; "
         "`resume` continues after its last complete frame"
     )
+
+
+def test_errors_of_a_scene_name_its_file_and_its_keys(site, capsys):
+    said = refused(site, capsys, SCENE.replace("cell_size = 10.0", "cell_size = 1e6"))
+    assert "scene.toml: [numerics] cell_size = 1e+06 m leaves 0 x 0 cells" in said
+    said = refused(site, capsys, SCENE.replace("cell_size = 10.0", "cell_size = 1e-300"))
+    assert "cell_size = 1e-300 m makes 8e+302 x 4e+302 cells" in said and len(said) < 400
+    assert "scene.toml: [terrain] window = [1, 2, 3, 4] does not" in refused(site, capsys, with_window(1, 2, 3, 4))
+    said = refused(site, capsys, SCENE.replace('"dtm.tif"', '"dtm.tif"\ncrs = "EPSG:32633"'))
+    assert 'crs = "EPSG:32633" is only for a DTM without a CRS; omit [terrain] crs, or correct' in said
+    said = refused(site, capsys, SCENE.replace('"dtm.tif"', '"dtm.tif"\ncrs = "utm"'))
+    assert "[terrain] crs got 'utm'" in said
+    said = refused(site, capsys, f'solvr = "columns"\n{SCENE}')
+    assert "scene.toml: unknown key 'solvr' (did you mean 'solver'?); before the first table" in said
+    assert "unknown table [materal] (did you mean 'material'?)" in refused(site, capsys, SCENE + "[materal]\n")
+
+
+def test_a_name_of_thousands_of_letters_is_shortened(site, capsys):
+    assert main(["seed", "--dem", "x" * 5000, "--release", "area.shp"]) == 2
+    said = capsys.readouterr().err
+    assert "File name too long" in said and "xxx..." in said and len(said) < 200

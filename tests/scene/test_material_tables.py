@@ -60,6 +60,20 @@ def test_a_default_is_taken_where_a_law_has_one():
         ({"friction": {"law": "Bingham", "yield_stress": 1}}, "needs viscosity [Pa s]"),
         ({"friction": {"law": "Pouliquen", "mu1": 0.5, "mu2": 0.4, "length": 1e-3}}, "below mu1"),
         ({"cohesion": {"yield_stress": 1, "use": "perhaps"}}, "expected auto, on, off"),
+        ({"friction": {"law": ["Coulomb"]}}, "[friction]: law = ['Coulomb'], expected text"),
+        ({"friction": {"law": {"name": "Coulomb"}}}, "[friction]: law = {'name': 'Coulomb'}, expected text"),
+        ({"terrain": {"dem": ""}}, "[terrain]: dem is empty, expected a file name"),
+        ({"release": {"source": ""}}, "[release]: source is empty, expected a file name"),
+        ({"release": {"particles": ""}}, "[release]: particles is empty, expected a file name"),
+        ({"release": {"source": "r.shp", "thickness": ""}}, "thickness is empty, expected a number or the name of a"),
+        ({"barrier": [{"source": "", "height": 3}]}, "[[barrier]] number 1: source is empty, expected a file name"),
+        ({"barrier": [{"source": "b.shp", "height": 3, "name": "a\nb"}]}, "name = 'a\\nb' contains control characters"),
+        ({"terrain": {"dem": "d.tif", "window": [0, 0, 10**400, 1]}}, "expected four numbers [west, south, east"),
+        ({"release": {"source": "r.shp", "density": "9" * 5000}}, f"density = '{'9' * 76}..., expected a number"),
+        (
+            {"release": {"source": "r.shp", "density": [16**5000]}},
+            "density = a number of thousands of digits, expected",
+        ),
     ],
 )
 def test_invalid_scenes_are_refused_in_one_line(tables, words):

@@ -80,6 +80,7 @@ REFUSED = {
     "until of a number": ({"stage": [{**COLUMNS, "until": 30}, POINTS]}, "expected a table like {time = 30}"),
     "until misspelt": ({"stage": [{**COLUMNS, "until": {"tme": 3}}, POINTS]}, "until has no 'tme'; it takes time"),
     "a time of words": ({"stage": [{**COLUMNS, "until": {"time": "3"}}, POINTS]}, "time = '3', expected a finite"),
+    "a time of 400 digits": ({"stage": [{**COLUMNS, "until": {"time": 10**400}}, POINTS]}, "expected a finite"),
     "time 0": ({"stage": [{**COLUMNS, "until": {"time": 0}}, POINTS]}, "above 0"),
     "infinite calm": ({"stage": stages({**POINTS, "until": {"calm": float("inf")}}, COLUMNS)}, "expected a finite"),
     "calm of columns": ({"stage": stages({**COLUMNS, "until": {"calm": 1}}, POINTS)}, "calm is of points"),

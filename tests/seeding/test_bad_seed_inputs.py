@@ -1,5 +1,7 @@
 """Broken inputs to `mpmgis seed`: exit code 2, exactly one line that names the trouble, nothing left behind."""
 
+from pathlib import Path
+
 import geopandas
 import numpy as np
 import pytest
@@ -71,10 +73,30 @@ def dem_is_text(k):
     k.dem = k.file("notes.txt", b"this is no raster\n" * 10)
 
 
-@recipe("not a raster that GDAL can read")
+@recipe("sub is a folder, expected a raster; give a file in it")
 def dem_is_a_folder(k):
     k.dem = k.folder / "sub"
     k.dem.mkdir()
+
+
+@recipe("/ is a folder, expected a raster")
+def dem_is_the_root(k):
+    k.dem = Path(k.folder.anchor)
+
+
+@recipe("--dem: got '', expected a file name")
+def dem_is_empty(k):
+    k.dem = ""
+
+
+@recipe("--release: got '', expected a file name")
+def release_is_empty(k):
+    k.release = ""
+
+
+@recipe("--thickness: got '', expected a number or a name")
+def thickness_is_empty(k):
+    k.options = ["--thickness", ""]
 
 
 @recipe("truncated")
@@ -387,7 +409,7 @@ def thickness_raster_of_zeros_under_the_release(k):
     k.options = ["--thickness", k.raster("t.tif", values)]
 
 
-@recipe("zero thickness")
+@recipe("or the surface minus the DTM, has no value above 0 there")
 def surface_below_the_bed(k):
     k.options = ["--surface", k.raster("s.tif", np.zeros((60, 60)))]
 
@@ -425,6 +447,7 @@ NUMBERS = {
     "density_infinite": ("finite", ["--density", "inf"]),
     "velocity_one_number": ("expected two numbers", ["--velocity", "3"]),
     "velocity_of_words": ("--velocity", ["--velocity", "a,b"]),
+    "velocity_too_fast": ("at least -1000 and up to 1000", ["--velocity", "1e9,0"]),
     "velocity_nan": ("finite", ["--velocity", "nan,0"]),
     "refinement_too_strong": ("0 to 3", ["--refine-slope", "9"]),
     "refinement_negative": ("0 to 3", ["--refine-slope=-1"]),

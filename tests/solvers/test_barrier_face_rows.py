@@ -103,3 +103,21 @@ def test_no_rows_at_corners_openings_low_walls_and_on_rough_ground():
     )
     faces, _, y = faces_on(halves, 1.0)
     assert all(abs(y[face.j]) > 2.0 for face in faces if face is not None and face.axis == 0)
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.25, 0.5])
+def test_where_two_parts_of_a_wall_touch_in_a_point_there_is_no_face(aside):
+    """As of an outline that crosses itself. The nodes between have no side, and the sides of both parts have faces."""
+    one = shapely.Polygon([(-8.0, -12.0), (8.0, -12.0), (0.0, 0.0)])
+    other = shapely.affinity.scale(one, yfact=-1.0, origin=(0.0, 0.0))
+    hourglass = shapely.affinity.translate(shapely.MultiPolygon([one, other]), aside, aside)
+    with np.errstate(divide="raise", invalid="raise"):
+        faces = [face for face in faces_on((Wall("hourglass", hourglass, height=8.0),), 1.0)[0] if face is not None]
+    assert faces and all(np.isfinite([face.foot, face.top]).all() for face in faces)
+    assert all(np.hypot(*face.normal) == pytest.approx(1.0) for face in faces)
+    assert {(np.sign(face.normal[0]), np.sign(face.normal[1])) for face in faces} >= {
+        (-1, 1),
+        (1, 1),
+        (-1, -1),
+        (1, -1),
+    }

@@ -46,7 +46,7 @@ def require_memory(stages, windowed, terrain):
         fine += [] if part else [scene]
         if lack := memory_lack(across * along * BYTES_PER_GRID_NODE, MEMORY_SHARE):
             raise SceneError(
-                f"[numerics] cell_size = {size:g} m makes {across:.0f} x {along:.0f} cells on the terrain, which need "
+                f"[numerics] cell_size = {size:g} m makes {across:.6g} x {along:.6g} cells on the terrain, which need "
                 f"{lack}; take larger cells, or a [terrain] window"
             )
     if not fine or (stages[0].release is not None and stages[0].release.particles is not None):

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from ...errors import InputError, MpmgisError
+from ...io.run_folder import FRAME_PATTERN
 from ...messages import muted
 from ...solvers.stepping import END_TIME
 from .prepare import prepare_scene
@@ -88,6 +89,8 @@ def go_on(folder, sequence, earlier):
             sequence.restore(replace(frame, digest=prepared.digest))
             folder.go_back_to(number, prepared.digest)
             return frame
+    if next(folder.path.glob(FRAME_PATTERN), None) is None:
+        raise InputError(f"{folder.path} contains no frame ({FRAME_PATTERN}); start again with `overwrite`")
     end = earlier.scene.output.end_time
     raise InputError(
         f"{folder.path} has no frame for continuing to a later end: all frames with the state of a restart depend on "

@@ -43,6 +43,8 @@ MOST_SAMPLED = 10_000  # columns that are starts of energy lines
 BYTES_PER_PIXEL = 140  # of a DTM that is read as a whole, for preparing a run; measured 135 with cells of a pixel
 # option of `mpmgis seed` in a message -> key of a scene, except in `rio edit-info FILE --crs`
 _KEYS_OF_OPTIONS = (
+    (r"omit --crs\b", "omit [terrain] crs"),
+    (r"--crs got", r"[terrain] crs got"),
     (r"(?<!FILE )--crs (EPSG:\w+|local)", r'[terrain] crs = "\1"'),
     (r"--to-crs (EPSG:\w+|auto)", r'[terrain] to_crs = "\1"'),
     (r"--to-crs got", r"[terrain] to_crs got"),
@@ -134,13 +136,12 @@ def prepare(given, laws=None, device=None):
     if device is not None:
         scene = replace(scene, numerics=replace(scene.numerics, device=device))
         check_together(scene, "scene" if isinstance(given, Mapping) else Path(given).name)
+    where = "scene" if isinstance(given, Mapping) else Path(given).name
     try:
         return prepare_scene(scene)
-    except SceneError:
-        raise
-    except InputError as error:  # a message with options of `seed` and without the file name
-        where = "scene" if isinstance(given, Mapping) else Path(given).name
-        raise type(error)(f"{where}: {in_scene_words(str(error))}") from error
+    except InputError as error:  # a message without the file name, those of other modules with options of `seed`
+        message = str(error) if isinstance(error, SceneError) else in_scene_words(str(error))
+        raise type(error)(f"{where}: {message}") from error
 
 
 def in_scene_words(message):

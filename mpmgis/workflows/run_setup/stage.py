@@ -14,8 +14,7 @@ from ...conversion.switching import point_options, switch_to_columns, switch_to_
 from ...errors import SceneError
 from ...io.spatial_inputs import read_area
 from ...scene import resolve
-from ...scene.stages import CLIFF, WALLS
-from ...scene.tables import CPU, StageTable
+from ...scene.tables import CLIFF, CPU, WALLS, StageTable
 from ...scene.terrain_effects import with_effects_on
 from ...solvers.columns import ColumnSolver
 from ...solvers.cost import require_memory_for_points, resolution_of
