@@ -18,8 +18,6 @@ from .point_rows import GHOSTS
 
 MOST_RATIO = 6.0  # of a node's share and mass: 4 r, of points up to 1.5 cells away
 DEEP = 0.75  # [cells] of the centre of a column's masses above the ground, from which pressure alone tells its shares
-LEAST_RISE = 0.6  # of the ground, up to which shares across the line of nodes are limited as at this rise; LIGHTEST
-# would take a part of a larger share
 LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
 
 
@@ -146,31 +144,23 @@ def more_across(away, rise, part, share, mass):
     The node of `mass` [1] is `away` [cells] below ground that rises by `rise` [1]. In a filled space `part` [1] is
     1 - rise^2: the one component of 4 r w / dx is integrated along the line and the other one across it, so on a slope
     of 45 degrees both have the same shares. `_across_level` is averaged as in `shares_on_slope`. The share across is
-    not negative, and not more than MOST_RATIO over `rise` times the mass, because this component of a push is `rise`
-    times the one along the line.
+    not negative, and not more than the mass over LIGHTEST: a lighter node would take only a part of the push.
     """
     side, off = 0.25 / (2.0 * 0.65), sqrt(0.65) * rise
     more = (1.0 - 2.0 * side) * _across_level(away)
     more += side * (_across_level(away + off) + _across_level(away - off))
-    most = MOST_RATIO / max(rise, LEAST_RISE) * mass
-    return min(max(part * more, -share), max(most - share, 0.0))
+    return min(max(part * more, -share), max(mass / LIGHTEST - share, 0.0))
 
 
 @jit_inline
-def balance_across(foot, total, moment):
-    """(even, lean) of the change (9/4 - e^2) (even + lean e) of `more_across` that makes its sum and moment 0.
+def balanced(offset, more, total, moment):
+    """`more_across` of the node at `offset`, changed so that sum and moment of all nodes are 0.
 
-    Without the change `total` is the sum and `moment` [cells] the moment about the nearest node; e is that of
-    `_change`.
+    Without the change, which nodes 0 and 1 take, `total` is the sum and `moment` [cells] the moment about node 0.
     """
-    return _change(foot, -total, foot * total - moment + 0.5 * total)
-
-
-@jit_inline
-def balanced(offset, foot, more, even, lean):
-    """`more_across` of the node at `offset`, changed by `balance_across`."""
-    e = float(offset) - foot - 0.5
-    return more + max(2.25 - e * e, 0.0) * (even + lean * e)
+    if offset == 0:
+        return more - total + moment
+    return more - moment if offset == 1 else more
 
 
 @jit_borrowing

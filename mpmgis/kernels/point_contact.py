@@ -5,7 +5,6 @@ from math import exp, floor, sqrt
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .contact_shares import (
-    balance_across,
     balanced,
     contact_shares,
     depth_of,
@@ -130,7 +129,7 @@ def across_foot(
     `part` is that of `more_across`; in a sheet thinner than 1.5 cells it counts less. `shares` are the
     `contact_shares` of the nodes. Returns the speed at the ground along (nx, ny) [m s-1] less that of `at_foot`, the
     velocity [kg-1] that a unit impulse gives there with the other shares, the same measured with `shares`, and what
-    the other shares follow from: (part, even, lean), see `balance_across`.
+    the other shares follow from: (part, total, moment), see `balanced`.
     """
     whole = 1.0 / heaviest
     m0, m1, m2, m3, m4 = _masses_at(nodes, below, own, above, first, column, level, heaviest)
@@ -141,19 +140,18 @@ def across_foot(
         more = more_across(foot - float(offset), rise, part, share_at(offset, shares), mass)
         total += more
         moment += float(offset) * more
-    even, lean = balance_across(foot, total, moment)
     for offset in range(-2, 3):
         slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
             continue
         share = share_at(offset, shares)
         more = more_across(foot - float(offset), rise, part, share, whole * mass)
-        more = balanced(offset, foot, more, even, lean)
+        more = balanced(offset, more, total, moment)
         speed += more * (nx * nodes[slot, n + NODE_X] + ny * nodes[slot, n + NODE_Y])
         pushed = 1.0 / pushed_mass(mass, max(share, share + more), heaviest)
         give += (share + more) * (share + more) * pushed
         both += (share + more) * share * pushed
-    return speed, give, both, (part, even, lean)
+    return speed, give, both, (part, total, moment)
 
 
 @jit_borrowing
@@ -194,7 +192,7 @@ def _push(
 
     The impulse, its work and the work of friction are added to the report `mine`.
     """
-    part, even, lean = across_of
+    part, total, moment = across_of
     for offset in range(-2, 3):
         slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
         if mass <= 0.0:
@@ -202,7 +200,7 @@ def _push(
         share = across = share_at(offset, shares)
         if part > 0.0:
             more = more_across(foot - float(offset), rise, part, share, mass / heaviest)
-            across += balanced(offset, foot, more, even, lean)
+            across += balanced(offset, more, total, moment)
         taken, rubbed, velocity = push_node(nodes, slot, n, mass, heaviest, share, across, normal, friction)
         mine[GROUND_X] += taken[0]
         mine[GROUND_Y] += taken[1]

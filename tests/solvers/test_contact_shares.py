@@ -14,7 +14,6 @@ from mpmgis.effects.contact import CoulombContact
 from mpmgis.effects.fluid import Fluid
 from mpmgis.kernels.contact_shares import (
     DEEP,
-    balance_across,
     balanced,
     contact_shares,
     mass_share,
@@ -132,8 +131,8 @@ def across(foot, rise, masses):
         more_across(foot - k, rise, 1.0 - rise * rise, share, mass)
         for k, share, mass in zip(LEVELS, shares, masses, strict=True)
     ])  # fmt: skip
-    even, lean = balance_across(foot, more.sum(), more @ LEVELS)
-    return shares, shares + [balanced(k, foot, one, even, lean) for k, one in zip(LEVELS, more, strict=True)]
+    total, moment = more.sum(), more @ LEVELS
+    return shares, shares + [balanced(k, one, total, moment) for k, one in zip(LEVELS, more, strict=True)]
 
 
 @settings(max_examples=100, deadline=None)
@@ -159,7 +158,7 @@ def test_a_push_across_a_line_has_the_sum_and_the_moment_of_that_along_it(foot, 
 
 
 @pytest.mark.parametrize("foot", [-0.4, -0.1, 0.2, 0.45])
-@pytest.mark.parametrize(("rise", "most"), [(0.1, 0.02), (0.2, 0.03), (0.58, 0.09)])
+@pytest.mark.parametrize(("rise", "most"), [(0.1, 0.02), (0.2, 0.04), (0.58, 0.09)])
 def test_water_over_a_slope_leaves_the_nodes_at_rest_along_it(rise, most, foot):
     """Of nodes around a filled space under its hydrostatic pressure, four cells deep: acceleration along the slope over
     g. With the shares along the line for both components it was 0.05, 0.1 and 0.14."""
