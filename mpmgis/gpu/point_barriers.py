@@ -144,7 +144,7 @@ def book_faces(
             )  # fmt: skip
 
 
-@Kernel
+@capped(double=112)
 def press_on_crests(run, columns, nodes, touched, slots, lowest, barriers, booked, reports, settings, barrier):
     """Contact with crests in the node `columns` int32[n, 2] that barriers stand on (see `kernels.point_crests`).
 
