@@ -243,7 +243,7 @@ def _require_standing(walls, nodes, grid, frame):
         if not own.any():
             _refuse_without_nodes(wall, walls, nodes, grid)
         above = (nodes.crest - grid.bed)[own]
-        if above.max() > HIGHEST_WALL:
+        if wall.crest is not None and above.max() > HIGHEST_WALL:
             raise InputError(
                 f"barrier '{wall.name}': its crest at {wall.crest:g} m is {above.max():.4g} m above the terrain, "
                 f"expected at most {HIGHEST_WALL:g} m; give the elevation of the crest [m], or height"

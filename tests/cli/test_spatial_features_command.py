@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 from slope_site import (
+    FOOT,
     SCENE,
     WEST,
     distances,
@@ -95,6 +96,15 @@ def test_a_high_barrier_holds_everything_and_books_its_load(site, capsys):
     assert impulse == pytest.approx(taken["normal_impulse"], rel=1e-12)
     written = (site / "results" / "scene.toml").read_text()
     assert main(["effects", str(site / "results" / "scene.toml")]) == 0 and "../dam.gpkg" in written
+
+
+def test_the_highest_barrier_stands_on_any_ground(site, capsys):
+    """Its crest less the ground is more than its height by rounding."""
+    x, y = distances()
+    write_raster(site / "dtm.tif", np.maximum(0.5 * (FOOT - x), 0.0) + 100.1 + 0.037 * y)
+    write_shapes(site / "dam.gpkg", [shapely.box(450, 100, 460, 300)])
+    (site / "scene.toml").write_text(SCENE + '[[barrier]]\nsource = "dam.gpkg"\nheight = 1000\n')
+    assert main(["effects", str(site / "scene.toml")]) == 0
 
 
 def test_barriers_that_cannot_stand_are_refused(site, capsys):
