@@ -68,13 +68,23 @@ def mass_share(away):
     return share if away > 0.0 else 1.0 - share
 
 
+@jit_inline
+def _along_slope(rise):
+    """(weight, distance [cells] from the middle) of both outer points for a mean over the spline along a slope.
+
+    Three points are exact for polynomials of the fifth degree: the spline has the variance 0.25 and the fourth moment
+    0.1625. On ground that rises by `rise` [1] the distance is the difference in height.
+    """
+    return 0.25 / (2.0 * 0.65), sqrt(0.65) * rise
+
+
 @jit_borrowing
 def shares_on_slope(away, rise):
     """(`pressure_share`, `mass_share`) of a node `away` [cells] below ground that rises by `rise` [1] to one side.
 
-    The means over the spline along the slope, by three points that are exact for polynomials of the fifth degree.
+    The means over the spline along the slope (see `_along_slope`).
     """
-    side, off = 0.25 / (2.0 * 0.65), sqrt(0.65) * rise  # the spline's variance 0.25 and fourth moment 0.1625
+    side, off = _along_slope(rise)
     pressed = (1.0 - 2.0 * side) * pressure_share(away)
     pressed += side * (pressure_share(away + off) + pressure_share(away - off))
     return pressed, mass_share_on_slope(away, rise)
@@ -83,7 +93,7 @@ def shares_on_slope(away, rise):
 @jit_borrowing
 def mass_share_on_slope(away, rise):
     """`mass_share` of a node `away` [cells] below ground that rises by `rise` [1] to one side, as `shares_on_slope`."""
-    side, off = 0.25 / (2.0 * 0.65), sqrt(0.65) * rise
+    side, off = _along_slope(rise)
     if abs(away) >= 1.5 + off:
         return 0.0 if away > 0.0 else 1.0
     return (1.0 - 2.0 * side) * mass_share(away) + side * (mass_share(away + off) + mass_share(away - off))
@@ -146,7 +156,7 @@ def more_across(away, rise, part, share, mass):
     of 45 degrees both have the same shares. `_across_level` is averaged as in `shares_on_slope`. The share across is
     not negative, and not more than the mass over LIGHTEST: a lighter node would take only a part of the push.
     """
-    side, off = 0.25 / (2.0 * 0.65), sqrt(0.65) * rise
+    side, off = _along_slope(rise)
     more = (1.0 - 2.0 * side) * _across_level(away)
     more += side * (_across_level(away + off) + _across_level(away - off))
     return min(max(part * more, -share), max(mass / LIGHTEST - share, 0.0))

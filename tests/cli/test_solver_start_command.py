@@ -77,6 +77,7 @@ def site(tmp_path, monkeypatch):
     return tmp_path
 
 
+KRATOS = ("--for", "kratos", "--cell", "4", "--material", "soil.toml")
 SEED = ("seed", "--dem", "dtm.tif", "--release", "block.geojson", "--thickness", "6", "--spacing", "5")
 
 
@@ -174,16 +175,7 @@ REFUSED = {
     ("--for", "paraview", "--by", "cell"): "--by requires --to columns",
     ("--for", "paraview", "--window", "3,4"): "expected four numbers W,S,E,N",
     ("--for", "paraview", "--window", "400000,5100000,400050,5100050"): "not all within the window 400000,5100000,",
-    (
-        "--for",
-        "kratos",
-        "--cell",
-        "4",
-        "--material",
-        "soil.toml",
-        "--window",
-        "1,2,3,4",
-    ): "not all within the window 1,2,",
+    (*KRATOS, "--window", "1,2,3,4"): "not all within the window 1,2,",
     ("--for", "paraview", "-o", "dtm.tif"): "dtm.tif exists already",
     ("--for", "paraview", "-o", "dtm.tif", "--overwrite"): "dtm.tif is a file, expected a folder",
     ("--for", "paraview", "-o", ".", "--overwrite"): "contains the input",
@@ -257,21 +249,7 @@ def test_kratos_starts_from_it_to_the_last_digit(site, capsys, law):
         )
     text = MATERIAL if law == "DruckerPrager" else MATERIAL.split("friction_angle")[0]
     (site / "soil.toml").write_text(text.replace("DruckerPrager", law))
-    case = [
-        *SEED,
-        "--velocity",
-        "1,-2",
-        "--for",
-        "kratos",
-        "--cell",
-        "4",
-        "--material",
-        "soil.toml",
-        "-o",
-        "case",
-        "-q",
-    ]
-    assert main(case) == 0
+    assert main([*SEED, "--velocity", "1,-2", *KRATOS, "-o", "case", "-q"]) == 0
     (site / "case/check.py").write_text(KRATOS_CHECK)
     subprocess.run([KRATOS_PYTHON, "check.py"], cwd=site / "case", check=True, capture_output=True, timeout=120)
     first, last = (np.array(rows) for rows in json.loads((site / "case/told.json").read_text()))

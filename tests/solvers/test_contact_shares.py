@@ -34,8 +34,9 @@ MASS = st.just(0.0) | st.floats(1e-100, 1.0)  # of a node; squares of smaller on
 
 
 def spline(r):
-    """Quadratic B-spline at `r` [cells]."""
-    return 0.75 - r * r if abs(r) < 0.5 else 0.5 * max(1.5 - abs(r), 0.0) ** 2
+    """Quadratic B-spline at `r` [cells], a number or an array."""
+    r = np.abs(r)
+    return np.where(r < 0.5, 0.75 - r * r, 0.5 * np.maximum(1.5 - r, 0.0) ** 2)
 
 
 def beyond(away, function):
@@ -166,10 +167,10 @@ def test_water_over_a_slope_leaves_the_nodes_at_rest_along_it(rise, most, foot):
     line = np.arange(-1.5 + 0.5 * step, 1.5, step)
     x, z = np.meshgrid(line, np.arange(-4.0 + 0.5 * step, 4.0, step), indexing="ij")
     pressure = np.where(z > foot + rise * x, foot + 4.0 - z, 0.0)
-    east = spline_of(x)
+    east = spline(x)
     nodes = []
     for level in LEVELS:
-        weight = east * spline_of(z - level) * step * step
+        weight = east * spline(z - level) * step * step
         mass = weight[pressure > 0.0].sum()
         nodes.append([mass, (4.0 * weight * pressure * -x).sum(), (4.0 * weight * pressure * (level - z)).sum() - mass])
     mass, along_x, along_z = np.array(nodes).T
@@ -177,12 +178,6 @@ def test_water_over_a_slope_leaves_the_nodes_at_rest_along_it(rise, most, foot):
     force = np.array([along_x - other * rise * -along_z.sum(), along_z + along * -along_z.sum()])
     speed = np.array([1.0, rise]) @ force / np.sqrt(1.0 + rise * rise) / np.maximum(mass, 1e-9)
     assert np.abs(speed[mass > 0.15]).max() <= most
-
-
-def spline_of(r):
-    """`spline` of an array."""
-    r = np.abs(r)
-    return np.where(r < 0.5, 0.75 - r * r, 0.5 * np.maximum(1.5 - r, 0.0) ** 2)
 
 
 @settings(max_examples=200, deadline=None)
