@@ -4,7 +4,6 @@ import sys
 import time
 from pathlib import Path
 
-import numba
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
@@ -70,11 +69,7 @@ def cost_of_maxima(precision, **size):
 
 def plain_nanoseconds():
     """The plain loop, compiled without a change of it, on one thread."""
-    options = {"fastmath": {"nsz"}, "error_model": "numpy"}
-    for name in ("stencil", "covered", "carried", "yielding", "press", "hold", "limited"):
-        setattr(plain_points, name, numba.njit(**options)(getattr(plain_points, name)))
-    plain_points.couple = numba.njit(lambda *_: None)  # of Voellmy's flows, which the scene has not
-    step = numba.njit(**options)(plain_points.plain_step)
+    step = plain_points.compiled_step()
     solver = scene(SOIL, None, 40, 40, 20)
     p = solver.frame().particles
     place = p.position - solver._corner_from((0.0, 0.0, 0.0))

@@ -3,13 +3,34 @@
 Runs as Python, and compiled as it stands, which is the scalar version that the benchmark compares with.
 """
 
+import importlib.util
+import sys
+
+import numba
 import numpy as np
 
+COMPILED = (
+    "stencil", "carried", "yielding", "beyond", "ratio", "depth_of", "across_of", "shares_of", "press", "hold",
+    "limited", "plain_step",
+)  # fmt: skip
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
 LEAST_SHARE, LIGHTEST = 0.35, 0.1
 LAYER, MOST_YIELD = 20.0, 0.2  # [cells] of the ground that yields
 BENEATH = 1.5  # [cells] under the ground, from which nodes are held one by one
 GRIPPED, THIN, STILL, BENT = 2.0, 0.75, 1e-3, 0.02  # where the affine velocity is limited
+
+
+def compiled_step():
+    """`plain_step` compiled as it stands, of flows without drag on the ground."""
+    spec = importlib.util.spec_from_file_location("compiled_plain_points", __file__)
+    copy = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = copy
+    spec.loader.exec_module(copy)
+    options = {"fastmath": {"nsz"}, "error_model": "numpy"}
+    for name in COMPILED:
+        setattr(copy, name, numba.njit(**options)(getattr(copy, name)))
+    copy.couple = numba.njit(lambda *_: None)
+    return copy.plain_step
 
 
 def stencil(place, dx):
@@ -154,21 +175,47 @@ def ratio(away, rise):
     return pressed / max(filled, 1e-9)
 
 
+def across_of(foot, rise, masses, heaviest, shares):
+    """Shares of the nodes as `shares_of` in the horizontal component of the normal impulse.
+
+    In a filled space they differ from `shares` by the integral of the spline across the line of nodes less that along
+    it, times 1 - `rise`^2.
+    """
+    away = foot - np.arange(-2.0, 3.0)
+    level = np.zeros(5)
+    for n, a in enumerate(away):
+        for k, weight in ((-1, 0.125 / 0.65), (0, 1.0 - 0.25 / 0.65), (1, 0.125 / 0.65)):
+            there = a + k * np.sqrt(0.65) * rise
+            spline = 0.75 - there * there if abs(there) < 0.5 else 0.5 * max(1.5 - abs(there), 0.0) ** 2
+            level[n] += weight * (spline - 4.0 * beyond(there, 1))
+    more = (1.0 - rise * rise) * depth_of(foot, masses) * level
+    more = np.clip(more, -shares, np.maximum(masses / (LIGHTEST * heaviest) - shares, 0.0))
+    moment = more @ np.arange(-2.0, 3.0)
+    more[2] -= more.sum() - moment
+    more[3] -= moment
+    return shares + more
+
+
+def depth_of(foot, masses):
+    """How deep the flow is at the ground, 0 to 1, from the centre of the masses of the nodes -2 to 2."""
+    near = masses * np.array([0.5 - foot, 1.0, 1.0, 1.0, 0.5 + foot])
+    centre = near @ (np.arange(-2.0, 3.0) - foot) / max(near.sum(), 1e-300)
+    return min(max(centre / 0.75, 0.0), 1.0)
+
+
 def shares_of(foot, rise, masses, heaviest):
     """Shares of the nodes -2 to 2 levels above the one nearest to the ground, whose place is `foot` [cells]."""
     away = foot - np.arange(-2.0, 3.0)
-    shares = np.array([
-        min(ratio(a, rise) * mass / heaviest, max(1.0 - 0.5 * a, 0.0)) for a, mass in zip(away, masses, strict=True)
-    ])  # fmt: skip
+    shares = np.zeros(5)
+    for n, a in enumerate(away):
+        shares[n] = min(ratio(a, rise) * masses[n] / heaviest, max(1.0 - 0.5 * a, 0.0))
     weights = np.maximum((1.0 - away) * (2.0 + away), 0.0)
-    powers = np.array([np.ones(5), -away])
-    change = np.linalg.solve((weights * powers) @ powers.T, [1.0, 0.0] - powers @ shares)
+    powers = np.stack((np.ones(5), -away))
+    change = np.linalg.solve((weights * powers) @ powers.T, np.array([1.0, 0.0]) - powers @ shares)
     shares = np.clip(shares + weights * (change @ powers), 0.0, 6.0 * masses / heaviest)
-    near = masses * [0.5 - foot, 1.0, 1.0, 1.0, 0.5 + foot]
-    centre = near @ -away / max(near.sum(), 1e-300)
-    part = min(max(centre / 0.75, 0.0), 1.0)
-    spline = [0.0, 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2, 0.0]
-    return part * shares / max(shares.sum(), 1e-300) + (1.0 - part) * np.array(spline)
+    part = depth_of(foot, masses)
+    spline = np.array([0.0, 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2, 0.0])
+    return part * shares / max(shares.sum(), 1e-300) + (1.0 - part) * spline
 
 
 def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
@@ -195,34 +242,56 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
                 level, foot = level + lower, centre - lower
             weights = 0.0, 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2, 0.0
             near = nodes[level - 2 : level + 3, j, i]
-            v, give, here = np.zeros(3), 0.0, 0.0
-            shares, pushed = shares_of(foot, np.sqrt(steep * steep - 1.0), near[:, 3], heaviest), np.zeros(5)
+            v, give, here, rise = np.zeros(3), 0.0, 0.0, np.sqrt(steep * steep - 1.0)
+            shares, pushed = shares_of(foot, rise, near[:, 3], heaviest), np.zeros(5)
+            across, pushed_across = shares.copy(), np.zeros(5)
+            if 0.0 < rise < 1.0:
+                across = across_of(foot, rise, near[:, 3], heaviest, shares)
+            speed = give_across = both = 0.0
             for k in range(5):
                 mass = near[k, 3]
                 if mass > 0.0:
-                    pushed[k] = shares[k] / max(mass, LIGHTEST * shares[k] * heaviest)
+                    pushed[k] = 1.0 / max(mass, LIGHTEST * shares[k] * heaviest)
+                    pushed_across[k] = 1.0 / max(mass, LIGHTEST * max(shares[k], across[k]) * heaviest)
                     v += shares[k] * near[k, :3]
-                    give += shares[k] * pushed[k]
+                    speed -= (across[k] - shares[k]) * (near[k, 0] * normal[0] + near[k, 1] * normal[1])
+                    give += shares[k] ** 2 * pushed[k]
+                    give_across += across[k] ** 2 * pushed_across[k]
+                    both += across[k] * shares[k] * pushed_across[k]
                     here += weights[k] * mass
             if here < LEAST_SHARE * heaviest or give <= 0.0:
                 continue
-            into = -(v @ normal)
-            pressed = max(into, 0.0) / give
-            if 1.0 - mu < 1.0:  # as in the kernel: a smaller friction is none in floating point
-                back, cells = LAYER * dx / sound, nodes[:, j, i, 3].sum() / heaviest
+            if not 0.0 < rise < 1.0:
+                give_across = both = give
+            into = speed - (v @ normal)
+            give_normal = give * normal[2] ** 2 + give_across * (1.0 - normal[2] ** 2)
+            back, cells = LAYER * dx / sound, nodes[:, j, i, 3].sum() / heaviest
+            rubs = 1.0 - mu < 1.0  # as in the kernel: a smaller friction is none in floating point
+            if rubs:
                 weighed = min(back * gravity * cells * dx / (steep * steep * sound), MOST_YIELD * dx)
                 yielded = carried(before, j, i, v[0] * dt / dx, v[1] * dt / dx, weighed)
                 impedance = sound * heaviest * steep / dx
-                pressed, yields[j, i] = yielding(into, give, yielded, impedance, back, MOST_YIELD * dx, dt)
-            along = v + into * normal
-            slip = np.sqrt(along @ along)
-            kept = 1.0
-            if slip > 0.0:
-                kept = max(0.0, 1.0 - mu * pressed * give / slip)
-            impulse = pressed * normal + (kept - 1.0) / give * along
+            rubbed = np.zeros(3)
+            for _ in range(2 if rubs and both != give else 1):
+                onto = into - (both - give) * (rubbed[:2] @ normal[:2])
+                pressed = max(onto, 0.0) / give_normal
+                if rubs:
+                    pressed, yields[j, i] = yielding(
+                        onto, give_normal, yielded, impedance, back, MOST_YIELD * dx, dt
+                    )  # fmt: skip
+                moving = v + pressed * (both - give) * np.array([normal[0], normal[1], 0.0])
+                along = moving - (moving @ normal) * normal
+                slip = np.sqrt(along @ along)
+                kept = 1.0
+                if slip > 0.0:
+                    kept = max(0.0, 1.0 - mu * pressed * give / slip)
+                rubbed = (kept - 1.0) / give * along
             for k in range(5):
                 if near[k, 3] > 0.0:
-                    moved[level - 2 + k, j, i, :3] += pushed[k] * impulse
+                    push = shares[k] * rubbed
+                    push[:2] += across[k] * pressed * normal[:2]
+                    push[2] += shares[k] * pressed * normal[2]
+                    moved[level - 2 + k, j, i, :3] += pushed_across[k] * push
     nodes[:] = moved
 
 

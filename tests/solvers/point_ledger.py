@@ -9,13 +9,15 @@ the energy of the points, with that of their affine velocity m (dx / 2)^2 |C|^2 
 """
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
-from plain_points import GHOSTS, plain_step, yields_of
+from plain_points import GHOSTS, compiled_step, plain_step, yields_of
 
 from mpmgis.effects.material import Elastic
 from mpmgis.effects.softening import NoSoftening
 
+without_drag = cache(compiled_step)
 TAKERS = ("ground", "transfers", "steps", "material")
 
 
@@ -60,11 +62,13 @@ class PlainRun:
         pushed = -4.0 * dt / dx**2 * volume[:, None, None] * self._tensor()
         impulse = np.einsum("nk,nab,nkb->nka", shares[1], pushed, away)
         before, stress, pressed = self.energy(), self.stress.copy(), np.empty_like(nodes)
-        plain_step(
+        drag = getattr(self.solver.effects.contact, "xi", 0.0)
+        step = plain_step if drag else without_drag()
+        step(
             self.place, self.velocity, self.affine, self.mass, self.state, self.stress, nodes, ground,
             self.yields, dx, dt,
             numerics.density, numerics.gravity, self.solver.effects.contact.mu, self.material, NoSoftening(),
-            self.material.wave_speed(numerics.density), getattr(self.solver.effects.contact, "xi", 0.0), pressed,
+            self.material.wave_speed(numerics.density), drag, pressed,
         )  # fmt: skip
         self._book(nodes.reshape(-1, 4), pressed.reshape(-1, 4), shares, free, impulse, before)
         if isinstance(self.material, Elastic):
