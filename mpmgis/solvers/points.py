@@ -357,11 +357,18 @@ class PointSolver(PointBalances):
         new = copy(self)
         new._affine = None if affine is None else np.asarray(affine, float)
         new._load(replace(frame, time=self.time), stress)
-        if self.points:
+        if self.points and self._stress is None:
             new._clock[entry.STEP_NOW] = self._clock[entry.STEP_NOW]
             new._give_impulses()
             self._append(new)
-        else:  # no step is chosen yet
+        elif self.points:  # no step is chosen yet
+            both = self, new
+            self._affine = None if all(some._affine is None for some in both) else np.concatenate([
+                np.zeros((len(some._stress), 3, 3)) if some._affine is None else some._affine for some in both
+            ])  # fmt: skip
+            self._stress = np.concatenate([self._stress, new._stress])
+            self._append(new)
+        else:
             self._rows, self._ids, self._keys, self._order = new._rows, new._ids, new._keys, new._order
             self._stress, self._affine = new._stress, new._affine
             self._counts[entry.ROWS] = len(frame.particles)

@@ -72,6 +72,31 @@ def test_points_that_come_into_a_flow_are_counted_as_if_from_the_start():
     assert 0.0 < balances["energy_lost"] < 128e3 * 9.81 * 5.0
 
 
+@pytest.mark.parametrize("turns", [(False, False), (True, False), (False, True), (True, True)])
+def test_points_inserted_before_the_first_step_are_those_of_a_start(turns):
+    """Two blocks, with and without a velocity gradient at the start."""
+    parts = [block((28, 28, 0), (3.0, 0.0, 0.0)), block((10, 10, 1.0), (0.0, 2.0, -1.0))]
+    parts[1][0].particles.id[:] += 1000
+    gradients = [affine if turn else None for (_, _, affine), turn in zip(parts, turns, strict=True)]
+    zero = np.zeros_like(parts[0][2])
+    own, more = (part[0].particles for part in parts)
+    joined = Particles(**{name: np.concatenate([values, getattr(more, name)]) for name, values in own.arrays().items()})
+    whole = solver_of(
+        Frame(joined, dimension=3),
+        np.concatenate([part[1] for part in parts]),
+        np.concatenate([zero if gradient is None else gradient for gradient in gradients]),
+    )
+    grown = solver_of(parts[0][0], parts[0][1], gradients[0])
+    grown.insert(parts[1][0], parts[1][1], gradients[1])
+    for solver in (whole, grown):
+        integrate_to(solver, 0.1, 0.2)
+    one, other = (solver.frame().particles for solver in (whole, grown))
+    rows = [np.argsort(some.id) for some in (one, other)]
+    for name in ("position", "velocity", "mass"):
+        np.testing.assert_allclose(getattr(other, name)[rows[1]], getattr(one, name)[rows[0]], rtol=0, atol=1e-12)
+    assert grown.mass_start == whole.mass_start and grown.energy_start == pytest.approx(whole.energy_start)
+
+
 def test_a_restart_after_that_sees_the_same():
     solver = solver_of(*block((28, 28, 0), (3.0, 0.0, 0.0)))
     integrate_to(solver, 0.1, 0.2)
