@@ -11,14 +11,17 @@ shares: the gradient is then taken across the line, and along the line the splin
 for both components, water over an inclined floor flows down along the floor and back at its surface.
 """
 
-from math import sqrt
-
 from .jit import jit_borrowing, jit_inline
 from .point_rows import GHOSTS
 
 MOST_RATIO = 6.0  # of a node's share and mass: 4 r, of points up to 1.5 cells away
 DEEP = 0.75  # [cells] of the centre of a column's masses above the ground, from which pressure alone tells its shares
 LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
+# Gauss's five points for a mean with the spline as weight, exact for polynomials of the ninth degree: distances [cells]
+# of the inner and the outer pair from the middle, and the weights of the middle and of each point of the pairs
+NEAR, FAR = 0.5877982813242693, 1.125241444035807
+NEAR_WEIGHT, FAR_WEIGHT = 0.2421323233425994, 0.03265097603233586
+MIDDLE_WEIGHT = 1.0 - 2.0 * (NEAR_WEIGHT + FAR_WEIGHT)
 
 
 @jit_inline
@@ -52,14 +55,6 @@ def pressure_share(away):
 
 
 @jit_inline
-def spline_weight(away):
-    """Weight w of the spline `away` [cells] from its node."""
-    a = min(abs(away), 1.5)
-    t = 1.5 - a
-    return 0.75 - a * a if a < 0.5 else 0.5 * t * t
-
-
-@jit_inline
 def mass_share(away):
     """Share of a node's mass that is above level ground `away` [cells] above the node: w(r) over r > away."""
     a = min(abs(away), 1.5)
@@ -68,45 +63,40 @@ def mass_share(away):
     return share if away > 0.0 else 1.0 - share
 
 
-@jit_inline
-def _along_slope(rise):
-    """(weight, distance [cells] from the middle) of both outer points for a mean over the spline along a slope.
-
-    Three points are exact for polynomials of the fifth degree: the spline has the variance 0.25 and the fourth moment
-    0.1625. On ground that rises by `rise` [1] the distance is the difference in height.
-    """
-    return 0.25 / (2.0 * 0.65), sqrt(0.65) * rise
-
-
 @jit_borrowing
 def shares_on_slope(away, rise):
     """(`pressure_share`, `mass_share`) of a node `away` [cells] below ground that rises by `rise` [1] to one side.
 
-    The means over the spline along the slope (see `_along_slope`).
+    The means over the spline along the slope, on which a distance [cells] is a difference in height of `rise` times it.
     """
-    side, off = _along_slope(rise)
-    pressed = (1.0 - 2.0 * side) * pressure_share(away)
-    pressed += side * (pressure_share(away + off) + pressure_share(away - off))
+    near, far = NEAR * rise, FAR * rise
+    pressed = MIDDLE_WEIGHT * pressure_share(away)
+    pressed += NEAR_WEIGHT * (pressure_share(away + near) + pressure_share(away - near))
+    pressed += FAR_WEIGHT * (pressure_share(away + far) + pressure_share(away - far))
     return pressed, mass_share_on_slope(away, rise)
 
 
 @jit_borrowing
 def mass_share_on_slope(away, rise):
     """`mass_share` of a node `away` [cells] below ground that rises by `rise` [1] to one side, as `shares_on_slope`."""
-    side, off = _along_slope(rise)
-    if abs(away) >= 1.5 + off:
+    near, far = NEAR * rise, FAR * rise
+    if abs(away) >= 1.5 + far:
         return 0.0 if away > 0.0 else 1.0
-    return (1.0 - 2.0 * side) * mass_share(away) + side * (mass_share(away + off) + mass_share(away - off))
+    filled = MIDDLE_WEIGHT * mass_share(away)
+    filled += NEAR_WEIGHT * (mass_share(away + near) + mass_share(away - near))
+    return filled + FAR_WEIGHT * (mass_share(away + far) + mass_share(away - far))
 
 
 @jit_borrowing
 def share_of_mass(away, rise, mass):
     """Share of a node `away` [cells] below the ground that rises by `rise` [1], from its `mass` [1].
 
-    The ratio of share and mass is that of a space filled above the ground; a node in its interior has the mass 1.
+    The ratio of share and mass is that of a space filled above the ground; a node in its interior has the mass 1. The
+    limit is above the share in such a space, and 0 where the nodes that count end, 2.5 cells from the ground.
     """
     pressed, filled = shares_on_slope(away, rise)
-    return min(pressed / max(filled, 1e-15) * mass, max(1.0 - 0.5 * away, 0.0))
+    limit = max(min(1.0 - away / (2.0 + rise), 2.5 - abs(away)), 0.0)
+    return min(pressed / max(filled, 1e-15) * mass, limit)
 
 
 @jit_borrowing
@@ -142,24 +132,45 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
 def _across_level(away):
     """Share of a node across the line less its `pressure_share`, of level ground `away` [cells] above the node.
 
-    For the component across the line, the spline is the weight along the line.
+    For the component across the line, the weight along the line is the spline w: this is w(away) less
+    `pressure_share`.
     """
-    return spline_weight(away) - pressure_share(away)
+    a = min(abs(away), 1.5)
+    if a < 0.5:
+        return a * a * (0.5 - a * a) - 0.0625
+    t = a - 0.5
+    other = (1.0 - t) * t
+    return 0.5 * other * other
 
 
 @jit_borrowing
 def more_across(away, rise, part, share, mass):
     """Difference [1] of a node's share in the component of a push across the line from its `share` along the line.
 
-    The node of `mass` [1] is `away` [cells] below ground that rises by `rise` [1]. In a filled space `part` [1] is
-    1 - rise^2: the one component of 4 r w / dx is integrated along the line and the other one across it, so on a slope
-    of 45 degrees both have the same shares. `_across_level` is averaged as in `shares_on_slope`. The share across is
-    not negative, and not more than the mass over LIGHTEST: a lighter node would take only a part of the push.
+    The node of `mass` [1] is `away` [cells] below ground that rises by `rise` [1]; `part` is that of `across_part`.
+    `_across_level` is averaged as in `shares_on_slope`. The share across is not negative, and not more than the mass
+    over LIGHTEST: a lighter node would take only a part of the push.
     """
-    side, off = _along_slope(rise)
-    more = (1.0 - 2.0 * side) * _across_level(away)
-    more += side * (_across_level(away + off) + _across_level(away - off))
+    near, far = NEAR * rise, FAR * rise
+    if abs(away) >= 1.5 + far:
+        return 0.0
+    more = MIDDLE_WEIGHT * _across_level(away)
+    more += NEAR_WEIGHT * (_across_level(away + near) + _across_level(away - near))
+    more += FAR_WEIGHT * (_across_level(away + far) + _across_level(away - far))
     return min(max(part * more, -share), max(mass / LIGHTEST - share, 0.0))
+
+
+@jit_inline
+def across_part(nx, ny, nz):
+    """Part [1] of the difference between level ground's two sets of shares that counts on a slope of this unit normal.
+
+    A component along an axis of the grid has the gradient of that axis, and the spline along both others. With the
+    slope s along that axis, its shares differ from those along the line by 1 - s^2 times the difference on level
+    ground. The mean of both axes, weighted by the components of the push, is what acts on its horizontal direction. It
+    is 0 on slopes of 45 degrees along the grid: there both sets are equal.
+    """
+    across = nx * nx + ny * ny
+    return max(1.0 - (nx * nx * nx * nx + ny * ny * ny * ny) / (nz * nz * across), 0.0) if across > 0.0 else 0.0
 
 
 @jit_inline

@@ -5,6 +5,7 @@ from math import exp, floor, sqrt
 from . import laws as _laws  # noqa: F401  (registers the methods of laws)
 from .block_order import CHUNKS
 from .contact_shares import (
+    across_part,
     balanced,
     contact_shares,
     depth_of,
@@ -126,7 +127,7 @@ def across_foot(
 ):  # fmt: skip
     """What differs from `at_foot` for the horizontal component, along (`nx`, `ny`), of a normal impulse.
 
-    `part` is that of `more_across`; in a sheet thinner than 1.5 cells it counts less. `shares` are the
+    `part` is that of `across_part`; in a sheet thinner than 1.5 cells it counts less. `shares` are the
     `contact_shares` of the nodes. Returns the speed at the ground along (nx, ny) [m s-1] less that of `at_foot`, the
     velocity [kg-1] that a unit impulse gives there with the other shares, the same measured with `shares`, and what
     the other shares follow from: (part, total, moment), see `balanced`.
@@ -148,7 +149,7 @@ def across_foot(
         more = more_across(foot - float(offset), rise, part, share, whole * mass)
         more = balanced(offset, more, total, moment)
         speed += more * (nx * nodes[slot, n + NODE_X] + ny * nodes[slot, n + NODE_Y])
-        pushed = 1.0 / pushed_mass(mass, max(share, share + more), heaviest)
+        pushed = 1.0 / pushed_mass(mass, max(share, abs(share + more)), heaviest)
         give += (share + more) * (share + more) * pushed
         both += (share + more) * share * pushed
     return speed, give, both, (part, total, moment)
@@ -162,7 +163,7 @@ def push_node(nodes, slot, n, mass, heaviest, share, across, normal, friction):
     the `normal` impulse (x, y, z) [N s]; `friction` (x, y, z) [N s] has the `share`. Returns the impulse (x, y, z) that
     the node takes, the part of it that is friction, and the velocity [m s-1] of the node after it.
     """
-    taken = mass / pushed_mass(mass, max(share, across), heaviest)
+    taken = mass / pushed_mass(mass, max(share, abs(across)), heaviest)
     fx, fy, fz = taken * share * friction[0], taken * share * friction[1], taken * share * friction[2]
     jx = taken * across * normal[0] + fx
     jy = taken * across * normal[1] + fy
@@ -395,10 +396,10 @@ def press_column(
     if barrier.barrier_active():
         wall_x, wall_y = _face_at(barriers[jj, ii], plane_at(ground.nodes, jj, ii)[0], wall_x, wall_y)
     into, push_give, turned, across = -(u * nx + v * ny + w * nz), give, 0.0, (0.0, 0.0, 0.0)
-    slope2 = 1.0 / (nz * nz) - 1.0
-    if 0.0 < slope2 < 1.0:
+    part = across_part(nx, ny, nz)
+    if part > 0.0:
         speed, give_across, both, across = across_foot(
-            nodes, below, t, above, first, column, level, foot, rise, 1.0 - slope2, heaviest, shares, nx, ny
+            nodes, below, t, above, first, column, level, foot, rise, part, heaviest, shares, nx, ny
         )
         into, turned = into - speed, both - give
         push_give = give * nz * nz + give_across * (1.0 - nz * nz)
@@ -413,7 +414,7 @@ def press_column(
         mass = _mass_above(nodes, slots, place, up, depth, column)
         weighed = weighed_yield(mass, heaviest, nz, settings)
         yielded_before = carried_yield(yields[(step - 1) % 2], step, jj, ii, u * dt / dx, v * dt / dx, weighed)
-    normal = fx = fy = fz = 0.0
+    normal = pressed = fx = fy = fz = 0.0
     for _ in range(2 if yielding and turned != 0.0 else 1):  # friction and normal impulse change each other a little
         pressed = into - (fx * tx + fy * ty) * turned
         normal = max(pressed, 0.0) / push_give
@@ -423,7 +424,7 @@ def press_column(
             along = normal * turned
             fx, fy, fz = friction_impulse(u + along * tx, v + along * ty, w, normal, give, tx, ty, nz, law)
     if yielding:
-        mine[RETURNED_WORK] += normal * max(normal * push_give - into, 0.0)
+        mine[RETURNED_WORK] += normal * max(normal * push_give - pressed, 0.0)
         after = yields[step % 2]
         after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
     push, friction = (normal * nx, normal * ny, normal * nz), (fx, fy, fz)

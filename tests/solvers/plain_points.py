@@ -10,8 +10,8 @@ import numba
 import numpy as np
 
 COMPILED = (
-    "stencil", "carried", "yielding", "beyond", "ratio", "depth_of", "across_of", "shares_of", "press", "hold",
-    "limited", "plain_step",
+    "stencil", "carried", "yielding", "beyond", "on_slope", "ratio", "depth_of", "across_of", "shares_of",
+    "press", "hold", "limited", "plain_step",
 )  # fmt: skip
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
 LEAST_SHARE, LIGHTEST = 0.35, 0.1
@@ -164,32 +164,45 @@ def beyond(away, power):
     return total
 
 
+def on_slope(away, rise):
+    """(weight, place) of Gauss's five points of a mean with the spline as weight along a slope."""
+    near, far, inner, outer = 0.5877982813242693, 1.125241444035807, 0.2421323233425994, 0.03265097603233586
+    return (
+        (1.0 - 2.0 * (inner + outer), away), (inner, away - near * rise), (inner, away + near * rise),
+        (outer, away - far * rise), (outer, away + far * rise),
+    )  # fmt: skip
+
+
 def ratio(away, rise):
     """Share of a node in the contact, over its mass, of a space filled above ground `away` [cells] above the node that
-    rises by `rise`, and the part of its mass: means over three points of the spline along the slope."""
+    rises by `rise`, and the part of its mass."""
     pressed = filled = 0.0
-    for k, weight in ((-1, 0.125 / 0.65), (0, 1.0 - 0.25 / 0.65), (1, 0.125 / 0.65)):
-        there = away + k * np.sqrt(0.65) * rise
+    for weight, there in on_slope(away, rise):
         pressed += weight * 4.0 * beyond(there, 1)
         filled += weight * beyond(there, 0)
     return pressed / max(filled, 1e-9)
 
 
-def across_of(foot, rise, masses, heaviest, shares):
+def across_of(foot, rise, normal, masses, heaviest, shares):
     """Shares of the nodes as `shares_of` in the horizontal component of the normal impulse.
 
-    In a filled space they differ from `shares` by the integral of the spline across the line of nodes less that along
-    it, times 1 - `rise`^2.
+    On level ground they differ from `shares` by the spline across the line of nodes less its integral along it. On a
+    slope s along an axis the difference of that component is 1 - s^2 of it; both axes count with what the push has.
     """
-    away = foot - np.arange(-2.0, 3.0)
+    across, away = normal[0] ** 2 + normal[1] ** 2, foot - np.arange(-2.0, 3.0)
+    part = 0.0
+    for n in range(2):
+        if across > 0.0:
+            part += normal[n] ** 2 / across * (1.0 - (normal[n] / normal[2]) ** 2)
+    if part <= 0.0:
+        return shares
     level = np.zeros(5)
     for n, a in enumerate(away):
-        for k, weight in ((-1, 0.125 / 0.65), (0, 1.0 - 0.25 / 0.65), (1, 0.125 / 0.65)):
-            there = a + k * np.sqrt(0.65) * rise
+        for weight, there in on_slope(a, rise):
             spline = 0.75 - there * there if abs(there) < 0.5 else 0.5 * max(1.5 - abs(there), 0.0) ** 2
             level[n] += weight * (spline - 4.0 * beyond(there, 1))
-    more = (1.0 - rise * rise) * depth_of(foot, masses) * level
-    more = np.clip(more, -shares, np.maximum(masses / (LIGHTEST * heaviest) - shares, 0.0))
+    more = part * depth_of(foot, masses) * level
+    more = np.minimum(np.maximum(more, -shares), np.maximum(masses / (LIGHTEST * heaviest) - shares, 0.0))
     moment = more @ np.arange(-2.0, 3.0)
     more[2] -= more.sum() - moment
     more[3] -= moment
@@ -208,7 +221,8 @@ def shares_of(foot, rise, masses, heaviest):
     away = foot - np.arange(-2.0, 3.0)
     shares = np.zeros(5)
     for n, a in enumerate(away):
-        shares[n] = min(ratio(a, rise) * masses[n] / heaviest, max(1.0 - 0.5 * a, 0.0))
+        limit = max(min(1.0 - a / (2.0 + rise), 2.5 - abs(a)), 0.0)
+        shares[n] = min(ratio(a, rise) * masses[n] / heaviest, limit)
     weights = np.maximum((1.0 - away) * (2.0 + away), 0.0)
     powers = np.stack((np.ones(5), -away))
     change = np.linalg.solve((weights * powers) @ powers.T, np.array([1.0, 0.0]) - powers @ shares)
@@ -243,25 +257,22 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
             weights = 0.0, 0.5 * (0.5 - foot) ** 2, 0.75 - foot * foot, 0.5 * (0.5 + foot) ** 2, 0.0
             near = nodes[level - 2 : level + 3, j, i]
             v, give, here, rise = np.zeros(3), 0.0, 0.0, np.sqrt(steep * steep - 1.0)
-            shares, pushed = shares_of(foot, rise, near[:, 3], heaviest), np.zeros(5)
-            across, pushed_across = shares.copy(), np.zeros(5)
-            if 0.0 < rise < 1.0:
-                across = across_of(foot, rise, near[:, 3], heaviest, shares)
+            shares = shares_of(foot, rise, near[:, 3], heaviest)
+            across, pushed = across_of(foot, rise, normal, near[:, 3], heaviest, shares), np.zeros(5)
             speed = give_across = both = 0.0
             for k in range(5):
                 mass = near[k, 3]
                 if mass > 0.0:
-                    pushed[k] = 1.0 / max(mass, LIGHTEST * shares[k] * heaviest)
-                    pushed_across[k] = 1.0 / max(mass, LIGHTEST * max(shares[k], across[k]) * heaviest)
+                    pushed[k] = 1.0 / max(mass, LIGHTEST * max(shares[k], abs(across[k])) * heaviest)
                     v += shares[k] * near[k, :3]
                     speed -= (across[k] - shares[k]) * (near[k, 0] * normal[0] + near[k, 1] * normal[1])
-                    give += shares[k] ** 2 * pushed[k]
-                    give_across += across[k] ** 2 * pushed_across[k]
-                    both += across[k] * shares[k] * pushed_across[k]
+                    give += shares[k] ** 2 / max(mass, LIGHTEST * shares[k] * heaviest)
+                    give_across += across[k] ** 2 * pushed[k]
+                    both += across[k] * shares[k] * pushed[k]
                     here += weights[k] * mass
             if here < LEAST_SHARE * heaviest or give <= 0.0:
                 continue
-            if not 0.0 < rise < 1.0:
+            if np.all(across == shares):
                 give_across = both = give
             into = speed - (v @ normal)
             give_normal = give * normal[2] ** 2 + give_across * (1.0 - normal[2] ** 2)
@@ -291,7 +302,7 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
                     push = shares[k] * rubbed
                     push[:2] += across[k] * pressed * normal[:2]
                     push[2] += shares[k] * pressed * normal[2]
-                    moved[level - 2 + k, j, i, :3] += pushed_across[k] * push
+                    moved[level - 2 + k, j, i, :3] += pushed[k] * push
     nodes[:] = moved
 
 
