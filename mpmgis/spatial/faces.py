@@ -15,6 +15,7 @@ LOWEST_FACE = 3.5  # [cells] height at least of barriers with faces
 SAME_SIDE = cos(radians(30.0))  # nodes whose normals differ by more lie behind different sides
 DIAGONAL = 0.999  # of the larger part of a normal, from which both axes are as good
 STRAIGHT = cos(radians(1.0))  # of faces beside each other on one side
+ALIGNED = 1e-6  # difference of the normals of faces on one plane, which rounding makes
 MOST_ASKEW = 4  # faces whose normal a corner turns
 MOST_TO_CORNER = 8  # rows from the last whole one to the end in a corner
 SUPPORT = 1.5  # [cells] of the spline
@@ -133,6 +134,14 @@ def _has_plane(side):
     return any(np.dot(one.normal, other.normal) > STRAIGHT for one, other in pairwise(side))
 
 
+def _is_askew(faces):
+    """Has the last of three `faces` another normal than the two before it, which have the same one?"""
+    if len(faces) < 3:
+        return False
+    first, second, last = np.array([face.normal for face in faces])
+    return abs(second - first).max() <= ALIGNED < abs(last - second).max()
+
+
 def _parts_beside(side, columns):
     """Runs of the faces of `side` that have none of the node `columns`."""
     groups = groupby(side, key=lambda face: any(at in columns for at in face.columns()))
@@ -147,7 +156,8 @@ def _into_corner(side, nodes, bed, smooth, cell_size):
     """
     whole = len(side)
     while whole > max(len(side) - MOST_ASKEW, 1):
-        if whole > 1 and np.dot(side[whole - 1].normal, side[whole - 2].normal) > STRAIGHT:
+        straight = whole > 1 and np.dot(side[whole - 1].normal, side[whole - 2].normal) > STRAIGHT
+        if straight and not _is_askew(side[max(whole - 3, 0) : whole]):
             break
         whole -= 1
     way = (side[-1].j - side[0].j, side[-1].i - side[0].i)[side[0].axis]

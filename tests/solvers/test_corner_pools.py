@@ -8,7 +8,7 @@ import shapely
 import shapely.affinity
 from column_scenes import terrain_of
 from exact_solutions import G
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on
 from test_barrier_face_rows import CELLS, faces_on, place_of
@@ -31,6 +31,7 @@ def wedge(degrees, opening, apex, far=500.0):
     some.floats(0.05, 20.0), some.floats(0.0, 360.0), some.floats(35.0, 140.0), some.floats(-1.0, 1.0),
     some.floats(-1.0, 1.0),
 )  # fmt: skip
+@example(1.0, 270.0, 91.0, -0.75, 0.0)  # the node behind the corner is nearest to it, 0.1 degrees beside the normal
 def test_rows_reach_into_an_inner_corner(cell, degrees, opening, east, north):
     """Each has the plane and the normal of one of both sides; those of a side reach the corner to a cell."""
     apex = cell * np.array([east, north])
