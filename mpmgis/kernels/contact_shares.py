@@ -92,10 +92,12 @@ def share_of_mass(away, rise, mass):
     """Share of a node `away` [cells] below the ground that rises by `rise` [1], from its `mass` [1].
 
     The ratio of share and mass is that of a space filled above the ground; a node in its interior has the mass 1. The
-    limit is above the share in such a space, and 0 where the nodes that count end, 2.5 cells from the ground.
+    limit is 0 from 2 cells below the ground: there a node has a share only on steep slopes, at most 0.007 up to 45
+    degrees. With that share, sand at rest between a floor of 45 degrees and a wall pushed the wall more and more. Above
+    the ground the limit is 0 where the nodes that count end, 2.5 cells away.
     """
     pressed, filled = shares_on_slope(away, rise)
-    limit = max(min(1.0 - away / (2.0 + rise), 2.5 - abs(away)), 0.0)
+    limit = max(min(1.0 - 0.5 * away, 2.5 + away), 0.0)
     return min(pressed / max(filled, 1e-15) * mass, limit)
 
 

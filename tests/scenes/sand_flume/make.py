@@ -1,6 +1,6 @@
 """Dry sand down a flume onto a wall (set-up of Moriguchi et al. 2009), through the commands: force on the wall.
 
-python tests/scenes/sand_flume/make.py FOLDER [--angle 45 --cell 0.04]
+python tests/scenes/sand_flume/make.py FOLDER [--angle 45 --cell 0.04 --mu 0.45]
 """
 
 import argparse
@@ -70,10 +70,10 @@ def at_rest(angle, mu=MU):
     return MASS * GRAVITY * (sin - mu * cos) / (cos + mu * sin)
 
 
-def arrival(angle):
+def arrival(angle, mu=MU):
     """When [s] a rigid block from the sand's place is at the wall."""
     cos, sin = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    return np.sqrt(2.0 * PATH / (GRAVITY * (sin - MU * cos)))
+    return np.sqrt(2.0 * PATH / (GRAVITY * (sin - mu * cos)))
 
 
 class Load(NamedTuple):
@@ -104,11 +104,15 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("--angle", type=float, default=45.0, help="of the floor [deg]")
     parser.add_argument("--cell", type=float, default=0.04, help="[m]")
+    parser.add_argument("--mu", type=float, default=MU, help="friction of the floor")
     asked = parser.parse_args()
     size = Size(asked.angle, asked.cell)
-    record = make(asked.folder, size)
+    record = make(asked.folder, size, mu=asked.mu)
     found = load(asked.folder, size)
-    row = [f"{value:.3g}" for value in (size.angle, size.cell, *found, arrival(size.angle), at_rest(size.angle))]
+    row = [
+        f"{value:.3g}"
+        for value in (size.angle, size.cell, *found, arrival(size.angle, asked.mu), at_rest(size.angle, asked.mu))
+    ]
     header = ["angle", "cell", "arrival [s]", "peak [N]", "at [s]", "last [N]", "block arrives [s]", "at rest [N]"]
     print(chain.table([row], header))
     print("volume:", record["volume"])
