@@ -36,7 +36,7 @@ def test_the_force_of_sand_at_rest_on_a_rough_floor_does_not_grow(tmp_path):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("cell", "peak"), [(0.04, 3930.0), pytest.param(0.03, 4040.0, marks=pytest.mark.slow)])
 def test_sand_strikes_the_wall_and_rests_on_it(tmp_path, cell, peak):
-    """65 degrees: the largest force differs by 3 % between the cells; at the end it lies between that of a floor whose
+    """65 degrees: the largest force differs by 4 % between the cells; at the end it lies between that of a floor whose
     friction is used up and that of a smooth one, within 5 % (1250 N after 2 s, 1062 N after 3 s; 1052 N if smooth)."""
     size = flume.Size(65.0, cell)
     record = flume.make(tmp_path / "flume", size, end_time=3.0)
