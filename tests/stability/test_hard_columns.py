@@ -70,7 +70,7 @@ def test_a_thin_layer_is_stopped_by_friction():
     way = speed2 / (2 * G * (0.6 * np.cos(slope) - np.sin(slope))) * np.cos(slope)
     after = by_id(solver)
     assert np.all(after.velocity == 0.0)
-    assert (after.position - start)[:, 0].mean() == pytest.approx(way, rel=0.05)  # it stops 2.8 % earlier
+    assert (after.position - start)[:, 0].mean() == pytest.approx(way, rel=0.05)  # the distance is 2.8 % shorter
 
 
 def test_one_column_alone_stays_a_point_on_rough_ground():
