@@ -362,16 +362,12 @@ def _draw_sections(folder, jump, path, half=2.0):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="output folder")
-    parser.add_argument(
-        "--cell", type=float, default=2.0, help="cell size of grid and export [m] (default: 2; in the paper: 1)"
-    )
+    parser.add_argument("--cell", type=float, default=2.0, help="cell size of grid and export [m] (paper: 1)")
     parser.add_argument("--end", type=float, default=150.0, help="end time [s] (default: 150)")
     parser.add_argument("--no-crevasses", action="store_true", help="the same slope without crevasses")
     parser.add_argument("--law", choices=["DruckerPrager", "CohesiveMuI"], default="DruckerPrager", help="material")
     parser.add_argument("--grain", type=float, help="`grain_diameter` of CohesiveMuI [m] (default: 0.3)")
-    parser.add_argument(
-        "--precision", choices=["float64", "float32"], default="float64", help="precision of points (default: float64)"
-    )
+    parser.add_argument("--precision", choices=["float64", "float32"], default="float64", help="precision of points")
     parser.add_argument("--frame-interval", type=float, default=0.2, help="time between frames [s] (default: 0.2)")
     parser.add_argument("--evaluate", action="store_true", help="export and evaluate the existing run in FOLDER")
     parser.add_argument("--estimate", action="store_true", help="print the predicted time and memory, and exit")
