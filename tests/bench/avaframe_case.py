@@ -1,8 +1,8 @@
 """A case of `study.py` for AvaFrame's com1DFA, run in a separate environment and resampled to the same cells.
 
-com1DFA is run with the settings that AvaFrame's authors gave it for this kind of case (`ana1Tests`: simiSolTest and
-damBreak), on three sizes of its kernel and cells; and, besides their random start, with particles that start on
-triangles, which is the better one of its options here. Steps are theirs, rounded so that the last ends with the case.
+com1DFA runs with the settings that its authors use for this kind of case (`ana1Tests`: simiSolTest and damBreak), with
+three sizes of kernel and cells. Particles start at random places, as in these tests, or on triangles, which gives
+smaller errors here. Time steps are those of the tests, rounded so that the last one ends at the end of the case.
 """
 
 import csv
@@ -44,15 +44,15 @@ relThFromFile = {raster}
 
 
 class AvaframeCase(NamedTuple):
-    """What com1DFA is given.
+    """Input of com1DFA.
 
-    bed, thickness : (x, y) [m] -> [m]; the thickness normal to the slope, or None with an `outline` of it.
-    outline : (west, south, east, north) [m] of a release as thick as `relTh` in `own`.
+    bed, thickness : (x, y) [m] -> [m]; the thickness normal to the slope, or None if there is an `outline`.
+    outline : (west, south, east, north) [m] of a release with the thickness `relTh` in `own`.
     bounds : (west, south, east, north) [m]
     mu, end : friction coefficient, time [s].
     slope : angle of the bed [degrees].
-    courant : its cMax: the step over the kernel radius [s m-1].
-    own : lines of its settings that are this case's.
+    courant : cMax of com1DFA: the time step over the kernel radius [s m-1].
+    own : lines of the settings for this case.
     """
 
     bed: Callable
@@ -70,7 +70,7 @@ TRIED = (("random", 5.0), ("random", 3.0), ("triangular", 5.0), ("triangular", 3
 
 
 def beside(folder, python, case, exact, repeats):
-    """Path of the table for `mpmgis study --beside`: what com1DFA finds, on the cells of the raster `exact`."""
+    """Path of the table for `mpmgis study --beside`: results of com1DFA on the cells of the raster `exact`."""
     rows = []
     for start, kernel in TRIED:
         place = (folder / f"{start}{kernel:g}").resolve()
@@ -113,7 +113,7 @@ def prepare(folder, case, start, kernel):
 
 
 def write_grid(path, function, bounds, cell):
-    """`function(x, y)` at nodes `cell` [m] apart as an ASCII grid, whose cells' centres these are."""
+    """Write `function(x, y)` at nodes `cell` [m] apart as an ASCII grid; the nodes are the centres of its cells."""
     west, south, east, north = bounds
     x = west + cell * np.arange(round((east - west) / cell) + 1)
     y = south + cell * np.arange(round((north - south) / cell) + 1)
@@ -125,7 +125,7 @@ def write_grid(path, function, bounds, cell):
 
 
 def ran(python, folder, end, repeats):
-    """What `com1dfa_run.py` left, run by the `python` that has AvaFrame."""
+    """Results of `com1dfa_run.py`, run by the `python` that has AvaFrame."""
     log = folder / "com1DFA.log"
     with open(log, "w", encoding="utf-8") as file:
         command = [python, str(RUNNER), str(folder), repr(end), str(repeats)]
@@ -136,7 +136,7 @@ def ran(python, folder, end, repeats):
 
 
 def write_on_cells(path, found, like, cos):
-    """Write the vertical thickness on the cells of the raster `like`: means of what com1DFA has between its nodes."""
+    """Write the vertical thickness on the cells of the raster `like`: means of the interpolated values of com1DFA."""
     with rasterio.open(like) as source:
         profile, (rows, columns), transform = source.profile, source.shape, source.transform
     x = transform.c + transform.a * (np.arange(columns * FINE) + 0.5) / FINE
@@ -147,6 +147,6 @@ def write_on_cells(path, found, like, cos):
 
 
 def between_nodes(values, east, north, x, y):
-    """`values` [rows, columns] at nodes `east`, `north` [m], bilinear between them as com1DFA itself has it."""
+    """`values` [rows, columns] at nodes `east`, `north` [m], with bilinear interpolation as in com1DFA."""
     places = [(y - north[0]) / (north[1] - north[0]), (x - east[0]) / (east[1] - east[0])]
     return map_coordinates(values, places, order=1, mode="constant")

@@ -1,9 +1,9 @@
-"""Frames of an ice avalanche over a cliff, of any number of points: what the export of a large 3D run has to read.
+"""Frames of an ice avalanche over a cliff with any number of points: input for the export of a large 3D run.
 
 The size is that of the Whymper case (Vicari et al. 2025, NHESS 25:3897): 150 000 m3 in 900 000 points, 150 s, 50 m/s.
-The motion is that of mass points: slice after slice comes off, each point slides with a friction of its own, which
-draws the flow out, is thrown off the cliff, keeps its velocity along the ground where it lands, and stops. No solver,
-but speeds, thicknesses, an airborne part and a deposit as a flow has them.
+The motion is that of mass points: one slice after the other is released. Each point slides with its own friction, which
+stretches the flow, flies over the cliff, keeps its velocity along the ground where it lands, and stops. There is no
+solver, but speeds, thicknesses, an airborne part and a deposit are like those of a flow.
 """
 
 from functools import cached_property
@@ -20,7 +20,7 @@ from mpmgis.terrain.grid import Grid
 
 GRAVITY = 9.81
 END_TIME, STEP = 150.0, 0.05  # s
-BREAKING = 90.0  # s: from the front backwards, slice after slice comes off
+BREAKING = 90.0  # s: time in which the release comes off in slices, from the front to the tail
 LENGTH, WIDTH, CELL = 1500.0, 700.0, 2.0  # m: the terrain and its pixel
 BLOCK = (60.0, 100.0, 25.0)  # m: length, width and height of the release, 150 000 m3
 START, CLIFF, DROP = 60.0, 420.0, 40.0  # m from the west: tail of the block, cliff edge; height of the cliff
@@ -32,25 +32,25 @@ CORNER = np.array([400000.0, 5080000.0, 2000.0])  # of the terrain's south-weste
 
 
 def profile(x):
-    """Elevation [m] along the path: 40 degrees, a cliff, 30 degrees that ease into a flat."""
+    """Elevation [m] along the path: 40 degrees, a cliff, 30 degrees that decrease to level ground."""
     steep = np.tan(np.radians(40.0)) * (CLIFF - np.minimum(x, CLIFF)) + DROP * (x < CLIFF)
     below = np.clip(x - CLIFF, 0.0, None)
     return steep + 150.0 - 0.577 * 500.0 * (1 - np.exp(-below / 500.0))
 
 
 def rough(x, y):
-    """Elevation [m] across and beside the path: a wide trough and bumps of a metre and of ten centimetres."""
+    """Elevation [m] added across the path: a wide trough, and bumps of a metre and of ten centimetres."""
     trough = 0.0004 * (y - WIDTH / 2) ** 2
     return trough + np.sin(x / 17.0) * np.cos(y / 23.0) + 0.1 * np.sin(x / 2.3 + y / 3.1)
 
 
 def surface(x, y):
-    """Elevation [m] over the terrain's foot; `x`, `y` [m] from its south-western corner."""
+    """Elevation [m] over the foot of the terrain; `x`, `y` [m] from its south-western corner."""
     return profile(x) + rough(x, y)
 
 
 def terrain():
-    """The terrain of 2 m pixels that the frames name."""
+    """The terrain of the frames, in pixels of 2 m."""
     rows, columns = int(WIDTH / CELL), int(LENGTH / CELL)
     grid = Grid.north_up(CRS, CORNER[0], CORNER[1] + WIDTH, CELL, (rows, columns))
     x, y = grid.xy(*np.mgrid[:rows, :columns])
@@ -70,14 +70,14 @@ class Avalanche:
         self.count = count
         self.along, across, self.up = (random.random(count) for _ in range(3))
         self.across = (across - 0.5) * BLOCK[1]
-        # the front goes first and lasts longest: less friction
+        # the front starts first and moves longest: less friction
         share = np.clip(1.0 - self.along + random.normal(0.0, 0.15, count), 0.0, 1.0)
         self.friction = share * (len(FRICTIONS) - 1)
         self.volume = np.full(count, np.prod(BLOCK) / count)
 
     @cached_property
     def paths(self):
-        """float64[times, starts, frictions, 4]: distance, height over the profile [m], their rates [m s-1]."""
+        """float64[times, starts, frictions, 4]: distance, height over the profile [m], and their rates [m s-1]."""
         return _paths(START + np.linspace(0.0, BLOCK[0], 13), FRICTIONS)
 
     def frame(self, time, step=0):
@@ -107,7 +107,7 @@ class Avalanche:
         )  # fmt: skip
 
     def _on_path(self, time):
-        """Distance, height over the profile and their rates of every point, between the paths that were marched."""
+        """Distance, height over the profile and their rates of every point, interpolated between the computed paths."""
         paths = self.paths
         k = np.rint(np.clip(time - BREAKING * (1.0 - self.along), 0.0, END_TIME) / STEP).astype(int)
         start = self.along * (paths.shape[1] - 1)
@@ -122,7 +122,7 @@ class Avalanche:
 
 
 def write_frames(folder, times, count):
-    """Write the event with `count` points at `times` [s] as a run's folder; answers the paths of its frames."""
+    """Write the event with `count` points at `times` [s] as the folder of a run; returns the paths of its frames."""
     folder.mkdir()
     ground, event = terrain(), Avalanche(count)
     write_geotiff(folder / "terrain.tif", ground.grid, [(Quantity("elevation", "m", ""), ground.elevation)], {})
@@ -133,7 +133,7 @@ def write_frames(folder, times, count):
 
 
 def _paths(starts, frictions):
-    """TimeIntegration mass points down the profile, thrown off the cliff where it falls away faster than they do."""
+    """Integrate mass points down the profile; they leave the ground where it falls faster than they do."""
     x, mu = (grid.copy() for grid in np.meshgrid(starts, frictions, indexing="ij"))
     lifted, u, rise = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x)
     kept = []

@@ -1,8 +1,8 @@
-"""Errors of the depth-averaged solver against exact answers, at three resolutions: the table of validation.md.
+"""Errors of the depth-averaged solver against exact solutions, at three resolutions: the table of validation.md.
 
-The cases are those of the tests, with columns as `run` seeds them. Other codes were measured on the
-same cases with the same exact answers and norms: AvaFrame 2.1's com1DFA with its own test settings (SPH kernel as wide
-as a cell, 20 and 25 particles in it); "prototype" is the design's.
+The cases are those of the tests, with columns as `run` seeds them. Other codes were measured on the same cases with the
+same exact solutions and norms: com1DFA of AvaFrame 2.1 with its own test settings (SPH kernel as wide as a cell, 20 and
+25 particles in it); "prototype" is the prototype of the design.
 """
 
 import sys
@@ -67,7 +67,7 @@ def _angle_off(dx):
 
 
 class Case(NamedTuple):
-    """One row: what is computed, on which cells [m], the error's unit, what the catalogue asks for, what others reach.
+    """One row: name, cell sizes [m], error and its unit, requirement of the catalogue, errors of other codes.
 
     `asked` is (largest error, on cells of [m]); `others` a name and its errors on the same cells.
     """
@@ -108,7 +108,7 @@ def _asked(case):
 
 
 def rows():
-    """Rows of the table: the error of each case on each of its cells; the ratio is to the other code's, if known."""
+    """Rows of the table: the error of each case for each cell size; the ratio is to the error of the other code."""
     for case in CASES:
         name, others = case.others[0], case.others[1] or (None,) * len(case.cells)
         for dx, error, other in zip(case.cells, _errors(case), others, strict=True):
@@ -117,7 +117,7 @@ def rows():
 
 
 def summary():
-    """(headings, rows of words): a row a case, as validation.md has it."""
+    """(headings, rows of words): one row per case, for validation.md."""
     return HEADINGS, [_words(case) for case in CASES]
 
 

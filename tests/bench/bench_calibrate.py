@@ -1,4 +1,4 @@
-"""Calibration to synthetic outlines: recovery of known friction, and the time of 200 runs of a valley.
+"""Calibration to synthetic outlines: recovery of known friction, and the time of 200 runs of a slope.
 
 `python tests/bench/run.py calibrate`. A flow on a slope of 27 degrees that runs out on level ground, in cells of 10 m
 (the site of the command's tests). The outline of a run with known parameters is the observation; mu and xi of 20 runs

@@ -1,8 +1,8 @@
-"""Many runs: speed-up by a second worker, and memory and time of the statistics of many members.
+"""Ensembles: speed-up by a second worker, and memory and time of the statistics of many members.
 
-`python tests/bench/run.py ensemble`. Runs of the shipped site, the same members by one process without Dask and by two
-workers, start-up apart (importing, loading what is compiled, Dask's own processes). Another program on the machine
-makes the two workers look worse than they are: the load is reported in the table's head.
+`python tests/bench/run.py ensemble`. Runs of the sample site: the same members in one process without Dask and with two
+workers, without start-up (imports, loading compiled code, processes of Dask). Another program on the machine makes two
+workers appear slower than they are; the head of the table shows the load.
 """
 
 import os
@@ -23,10 +23,10 @@ from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
 
 MEMBERS, END_TIME = 10, 60
 EFFICIENCY = 0.85  # required of two workers
-FEW, MANY, SIDE = 50, 400, 600  # members of the statistics, cells along a side
-DIFFERENT = 50  # rasters that stand for all members
+FEW, MANY, SIDE = 50, 400, 600  # numbers of members for the statistics, cells along a side
+DIFFERENT = 50  # number of different rasters, which are reused for all members
 
-# Maps of so many members, the same few rasters again and again: prints seconds and the peak of its memory [MB].
+# Maps of many members from the same few rasters: prints the time [s] and the peak of the memory [MB].
 CHILD = """
 import sys, time
 from functools import partial

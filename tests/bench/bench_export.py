@@ -1,4 +1,4 @@
-"""The exporter: particles per second against NumPy's maximum.at and bincount, and the whole command with its folder."""
+"""The exporter: particles per second against maximum.at and bincount of NumPy, and the whole command."""
 
 import os
 import subprocess
@@ -40,7 +40,7 @@ def surface(x, y):
 
 
 def ground(rows=1000):
-    """`rows` x 1000 pixels of 5 m, the last one always at the same place."""
+    """Ground of `rows` x 1000 pixels of 5 m; the last pixel is always at the same place."""
     grid = Grid.north_up(pyproj.CRS.from_epsg(32632), 600000.0, 5167000.0 + 5 * rows, 5.0, (rows, 1000))
     x, y = grid.xy(*np.mgrid[:rows, :1000])
     return Terrain(grid, surface(x - ORIGIN[0], y - ORIGIN[1]))
@@ -67,7 +67,7 @@ def flow(step, dimension, count=COUNT):
 
 
 def least(work, repeats=REPEATS):
-    """Least seconds that `work()` takes, after a first call."""
+    """Least time [s] of `work()`, after a first call."""
     work()
     times = []
     for _ in range(repeats):
@@ -78,7 +78,7 @@ def least(work, repeats=REPEATS):
 
 
 def moments_with_numpy(cell, distance, velocity, mass, cells):
-    """What `bin_points` sums and ranks, in NumPy: the highest, the lowest, the number and the sums over mass."""
+    """Results of `bin_points` in NumPy: the highest, the lowest, the number and the sums over mass."""
     top, lowest = np.full(cells, -np.inf), np.full(cells, np.inf)
     np.maximum.at(top, cell, distance)
     np.minimum.at(lowest, cell, distance)
@@ -87,7 +87,7 @@ def moments_with_numpy(cell, distance, velocity, mass, cells):
 
 
 def binning_rows():
-    """Binning alone: from cells and distances to the moments of each cell."""
+    """Time of binning alone: from cells and distances to the moments of each cell."""
     terrain, frame = ground(), flow(3, 3)
     bed, grid, n = Bed.of(terrain), export_grid(terrain.grid), COUNT
     particles, placed = frame.particles, place(frame, bed)
@@ -128,7 +128,7 @@ def binning_rows():
 
 
 def frame_rows():
-    """A frame in memory to the sums of its cells."""
+    """Time from a frame in memory to the sums of its cells."""
     terrain = ground()
     bed, grid = Bed.of(terrain), export_grid(terrain.grid)
     for dimension, percentile in ((2, 100.0), (3, 100.0), (3, 90.0)):
@@ -139,7 +139,7 @@ def frame_rows():
 
 
 def command(*words):
-    """(Seconds, peak memory [MB]) of `mpmgis export-raster` with `words`, in a separate process."""
+    """(time [s], peak memory [MB]) of `mpmgis export-raster` with the arguments `words`, in a separate process."""
     words = [sys.executable, "-m", "mpmgis", "export-raster", *map(str, words), "-q", "--overwrite"]
     began = time.perf_counter()
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
@@ -151,7 +151,7 @@ def command(*words):
 
 
 def command_rows():
-    """The whole command, QGIS folder included; one frame of 100 columns on a smaller DTM tells the start-up."""
+    """The whole command with the QGIS folder; one frame of 100 columns on a smaller DTM gives the start-up time."""
     with tempfile.TemporaryDirectory() as place_for_runs:
         runs = Path(place_for_runs)
         small = _write(runs / "small", 1, 2, 100, rows=410)
@@ -176,7 +176,7 @@ SCATTERED = 150.0  # ns per particle and frame that points in random order may t
 
 
 def scattered(step, count=COUNT, east=300.0, north=400.0):
-    """Frame number `step` of points in random order over `east` x `north` [m], which slide by 5 m a frame."""
+    """Frame number `step` of points in random order over `east` x `north` [m], which slide by 5 m per frame."""
     random = np.random.default_rng(0)
     x, y = 500 + random.random(count) * east + 5.0 * step, 2000 + random.random(count) * north
     height = surface(x, y) + 3.0 * random.random(count)
@@ -192,7 +192,7 @@ def scattered(step, count=COUNT, east=300.0, north=400.0):
 
 
 def scattered_rows():
-    """Points in random order on cells of 1 m: the whole command, less that of two frames."""
+    """Points in random order on cells of 1 m: time of the whole command minus that of two frames."""
     with tempfile.TemporaryDirectory() as place_for_runs:
         run = _write(
             Path(place_for_runs) / "scattered", FRAMES, 3, COUNT, rows=500, frame_of=lambda k, *_: scattered(k)
@@ -216,7 +216,7 @@ def _write(folder, frames, dimension, count, rows=1000, frame_of=flow):
 
 
 def job_rows():
-    """The job of 900 000 points and 750 frames: measured on 40 frames of the whole event, then by phase of a frame."""
+    """The job of 900 000 points and 750 frames: measured on 40 frames of the whole event, then for each phase."""
     with tempfile.TemporaryDirectory() as place_for_runs:
         runs = Path(place_for_runs)
         frames = write_frames(runs / "avalanche", np.linspace(0.0, END_TIME, FRAMES), POINTS)
@@ -237,7 +237,7 @@ def job_rows():
 
 
 def phase_rows(path, folder):
-    """Each phase of one frame alone, on one thread."""
+    """Time of each phase of one frame, on one thread."""
     (entry,), ground = list_frames([path]), read_terrain(path.parent / "terrain.tif")
     grid = export_grid(ground.grid, CELLS)
     averaging = Averaging(Bed.of(ground), grid, 850.0, ("h", "t", "Un", "Ut", "Ut_E", "Ut_N", "t_vol", "p"))

@@ -1,9 +1,9 @@
-"""Cost of cells and times of an export: its time against cs_e and dt_e, and the loss of maxima by coarser frames.
+"""Time of an export against cs_e and dt_e, and the loss of maxima by coarser frames.
 
-The job is that of `avalanche_frames`: 900 000 points, 150 s. Times are of the whole command, QGIS folder included, on
-frames of the whole event, taken from one frame on to all that dt_e asks for. A dt_e that is coarser than the frames
-costs less to write and loses nothing of the maxima, which are of every frame read: the loss here is that of a run whose
-frames lie dt_e apart, against frames 0.1 s apart, weighted by volume.
+The job is that of `avalanche_frames`: 900 000 points, 150 s. Times are those of the whole command with the QGIS folder,
+measured on some frames of the event and extrapolated to all frames that dt_e requires. A dt_e larger than the frame
+interval reduces the number of rasters, but not the maxima, which are taken over all frames. The loss here is that of a
+run with a frame interval of dt_e against frames 0.1 s apart, weighted by volume.
 """
 
 import tempfile
@@ -21,13 +21,13 @@ from mpmgis.analysis.sampling import export_grid
 
 CELL_SIZES = (0.5, 1.0, 2.0, 4.0)  # [m]
 TIME_STEPS = (0.2, 0.4, 0.8, 1.6)  # [s]
-FRAMES = 25  # measured, of the whole event
-REFERENCE, BEGIN, END = 0.1, 30.0, 36.4  # [s]: frames that losses are measured against, and when
+FRAMES = 25  # frames that are measured, distributed over the event
+REFERENCE, BEGIN, END = 0.1, 30.0, 36.4  # [s]: interval of the reference frames for losses, and their time span
 PEAKS = {"Ut_max": Peak("Ut", True), "h_max": Peak("h", True), "volume": Peak("t_vol", True)}
 
 
 def costs():
-    """cs_e -> (start-up [s], time a frame [s], folder a frame [MB]), of the command."""
+    """cs_e -> (start-up time [s], time per frame [s], size per frame [MB]) of the command."""
     found = {}
     with tempfile.TemporaryDirectory() as place:
         frames = write_frames(Path(place) / "avalanche", np.linspace(0.0, END_TIME, FRAMES), POINTS)
@@ -43,7 +43,7 @@ def costs():
 
 
 def losses():
-    """(cs_e, dt_e) -> shares of Ut_max and h_max that frames dt_e apart do not see."""
+    """(cs_e, dt_e) -> shares of Ut_max and h_max that are lost with frames dt_e apart."""
     ground, event, found = terrain(), Avalanche(POINTS), {}
     averagings = {
         cell: Averaging(Bed.of(ground), export_grid(ground.grid, cell), DENSITY, ("h", "Ut", "t_vol"))
@@ -70,7 +70,7 @@ def losses():
 
 
 def _loss(whole, part, name):
-    """Share of a peak lost, cells weighted by the largest volume that they held; cells never seen lose all of it."""
+    """Lost share of a peak; weight of a cell: its largest volume; cells that are wet in no frame lose all."""
     weight, wanted = (np.where(whole.seen[n], whole.values[n], 0.0).astype(float) for n in ("volume", name))
     seen = np.where(part.seen[name], part.values[name], 0.0)
     return float((weight * (wanted - seen)).sum() / (weight * wanted).sum())
@@ -78,7 +78,7 @@ def _loss(whole, part, name):
 
 @cache
 def measured():
-    """(costs, losses), once for rows and summary."""
+    """(costs, losses), computed once for rows and summary."""
     return costs(), losses()
 
 

@@ -1,4 +1,4 @@
-"""What a frame of a run takes beside the steps: sums, guards, digests and the file, against writing as many bytes."""
+"""Time of a frame of a run without the steps: sums, guards, digests and the file, against writing as many bytes."""
 
 import os
 import sys
@@ -17,13 +17,13 @@ FRAMES, SECONDS = 6, 0.02  # after the first; simulated time [s] between them
 
 
 def integrated(solver, folder):
-    """(wall time [s] beside the steps, bytes) of a frame of `solver`, written to `folder`."""
+    """(wall time [s] without the steps, bytes) of a frame of `solver`, written to `folder`."""
     run = write_run(solver, solver.time + FRAMES * SECONDS, SECONDS, folder)
     return run.beside_steps / run.frames, run.size / run.frames
 
 
 def written(size, folder):
-    """Wall time [s] in which `size` bytes are written to `folder` and flushed to the disk."""
+    """Wall time [s] to write `size` bytes to `folder` and flush them to the disk."""
     data = os.urandom(1 << 20) * (1 + int(size) // (1 << 20))
     began = time.perf_counter()
     with open(Path(folder) / "bytes", "wb") as file:
@@ -41,7 +41,7 @@ def solvers():
 
 
 def rows():
-    """ns per particle and frame beside the steps, on 1 and 2 threads, over the time to write the bytes of the frame."""
+    """ns per particle and frame without the steps, on 1 and 2 threads, over the time to write as many bytes."""
     for name, solver in solvers():
         particles = len(solver.frame().particles)
         solver.advance(solver.time + SECONDS)  # compiles

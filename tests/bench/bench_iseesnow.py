@@ -1,12 +1,11 @@
-"""Effect of cell size, particles per cell, CFL and the clamp on ISeeSnow IdealizedTopo, against its twelve codes.
+"""Effect of cell size, particles per cell, CFL and the clamp on ISeeSnow IdealizedTopo, against the twelve codes.
 
 The case is ISeeSnow 1.0's: mu 0.4, xi 2000 m s-2, 1.5 m normal thickness, 5 m DTM. One number is changed at a time from
-5 m cells, 9 particles a cell, CFL 0.6, no clamp. Each run goes through the commands that a user has: `run` (timed,
-with its seeding and files), `export-raster` and `compare`, which gives the overlap of what was above 0.1 m with the
-ensemble's median, the area above 0.1 m, the runout of what was faster than 1 m/s along the intercomparison's own path,
-and the largest speed. Ratios are to the median of the twelve codes; of the overlap to the best of them, each of which
-was compared with the median of the others; of the time to that of the base. With `--markdown` it is the base alone, as
-validation.md has it.
+5 m cells, 9 particles per cell, CFL 0.6, no clamp. Each run uses the commands of mpmgis: `run` (timed, with seeding and
+files), `export-raster` and `compare`, which gives the overlap of the cells above 0.1 m with the median of the ensemble,
+the area above 0.1 m, the runout of the cells above 1 m/s along the path of the intercomparison, and the largest speed.
+Ratios are to the median of the twelve codes; for the overlap to the best of them, each of which was compared with the
+median of the others; for the time to that of the base. `--markdown` prints the base alone, for validation.md.
 """
 
 import csv
@@ -82,7 +81,7 @@ def rows():
 
 
 def summary():
-    """(headings, rows of words): the base alone, as validation.md has it."""
+    """(headings, rows of words): the base alone, for validation.md."""
     if not DATA.exists():
         return HEADINGS, [("ISeeSnow IdealizedTopo", ABSENT, "", "")]
     return HEADINGS, [
@@ -92,21 +91,21 @@ def summary():
 
 
 def base_beside_codes():
-    """(name, unit, our number, the twelve codes' numbers) of each measure of the base."""
+    """(name, unit, our value, values of the twelve codes) of each measure of the base."""
     with tempfile.TemporaryDirectory() as folder:
         found, *_ = _studied(BASE, Path(folder) / "base")
     return [(name, unit, ours, codes) for (name, unit, _), ours, codes in zip(MEASURES, found, _codes(), strict=True)]
 
 
 def _codes():
-    """The twelve codes' numbers of each measure."""
+    """Values of the twelve codes for each measure."""
     with open(DATA / "ensemble.csv", newline="", encoding="utf-8") as file:
         codes = list(csv.DictReader(file))
     return [[float(code[column]) for code in codes] for *_, column in MEASURES]
 
 
 def _published():
-    """(reference in words, number for the ratio) of each measure, from the twelve codes."""
+    """(reference in words, value for the ratio) of each measure, from the twelve codes."""
     found = []
     for (name, *_), values in zip(MEASURES, _codes(), strict=True):
         against = max(values) if name.startswith("IoU") else median(values)
@@ -115,7 +114,7 @@ def _published():
 
 
 def _simulated(numerics, folder, end=END):
-    """(folder of the frames, seconds in all, cost of the time loop in words) of a run with these numerics."""
+    """(folder of the frames, total time [s], cost of the time loop in words) of a run with these numerics."""
     folder.mkdir()
     lines = "\n".join(f"{key} = {value}" for key, value in numerics.items())
     scene = folder / "scene.toml"
@@ -128,7 +127,7 @@ def _simulated(numerics, folder, end=END):
 
 
 def _studied(numerics, folder):
-    """((IoU, area [ha], runout [m], largest speed [m s-1]), seconds, cost) of a run, as its export compares."""
+    """((IoU, area [ha], runout [m], largest speed [m s-1]), time [s], cost) of a run, from `compare` of its export."""
     frames, seconds, cost = _simulated(numerics, folder)
     exported = folder / "gis"
     export_raster(

@@ -1,4 +1,4 @@
-"""The 3D solver in nanoseconds per point and step, against the plain loop of its reference implementation, compiled."""
+"""The 3D solver in nanoseconds per point and step, against its plain reference implementation, compiled."""
 
 import sys
 import time
@@ -35,7 +35,7 @@ MATERIALS = {
 def scene(
     material, soft=None, long=100, wide=100, high=50, size=(160.0, 100.0), precision="float64", maxima=False
 ):  # fmt: skip
-    """A slab of long x wide x high points, 8 a cell of 1 m, that slides down a plane."""
+    """A slab of long x wide x high points, 8 per cell of 1 m, that slides down a plane."""
     terrain = terrain_of(lambda x, y: SLOPE * (size[0] - x), *size, 10.0)
     frame = block_of((long / 2, wide / 2, high / 2), 0.5, (10.0, 20.0, 0.0))
     place = frame.particles.position
@@ -55,7 +55,7 @@ def nanoseconds(solver, points):
 
 
 def cost_of_maxima(precision, **size):
-    """Least ns per point and step with running peaks, and that over the least without, in steps taken by turns."""
+    """Least ns per point and step with maxima of every step, and its ratio to that without, in alternating repeats."""
     solvers = [scene(SOIL, None, precision=precision, maxima=maxima, **size) for maxima in (False, True)]
     least = np.full(2, np.inf)
     for turn in range(2 * REPEATS + 1):
@@ -68,7 +68,7 @@ def cost_of_maxima(precision, **size):
 
 
 def plain_nanoseconds():
-    """The plain loop, compiled without a change of it, on one thread."""
+    """ns of the plain loop, compiled without changes, on one thread."""
     step = plain_points.compiled_step()
     solver = scene(SOIL, None, 40, 40, 20)
     p = solver.frame().particles
@@ -87,8 +87,8 @@ def plain_nanoseconds():
 
 
 def memory(solver):
-    """Bytes per point of the solver's arrays of points, of what they pass through when they are put in order, and of
-    its tiles and nodes if blocks are full (512 points)."""
+    """Bytes per point of the solver's arrays of points, of the buffers for sorting them, and of its tiles and nodes if
+    blocks are full (512 points)."""
     arrays, real = (solver._rows, solver._ids, solver._keys, solver._order), solver._rows.itemsize
     blocks = (TILE_SIZE + 2 * BLOCK_SIZE) * real / 512
     return sum(array.nbytes for array in arrays) / solver.points + STRIP * real + 2 * 8 + blocks

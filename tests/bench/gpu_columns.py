@@ -1,11 +1,11 @@
 """The depth-averaged solver on a CUDA device against the processor: `python tests/bench/gpu_columns.py OUT`.
 
-It runs from a bare checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
+It runs from a checkout with numba, numba-cuda, numpy, scipy and h5py. In this order: agreement with the kernels of
 the processor for several sets of effects, and equal bits of two runs, of which one is stopped and continued;
 compute-sanitizer where it is installed; then the time of a step on the device, with memory, and on the processor for
-each number of columns, of each kernel, and on 1, 2, 4, ... threads of the processor. OUT gets gpu_columns.json and
-gpu_columns.txt, after each part. The status is 1 if there is no device, or no agreement. `gpu.py` does the same for the
-3D solver.
+each number of columns, of each kernel, and on 1, 2, 4, ... threads of the processor. gpu_columns.json and
+gpu_columns.txt in OUT are updated after each part. The exit status is 1 if there is no device or no agreement. `gpu.py`
+does the same for the 3D solver.
 """
 
 import argparse
@@ -80,7 +80,7 @@ BYTES_PER_NODE = 300  # of the arrays of the solver at its nodes
 
 
 def sheet(columns):
-    """(Terrain, Frame) of a sheet of about `columns`, 16 a cell, on a wavy slope to the east."""
+    """(Terrain, Frame) of a sheet of about `columns`, 16 per cell, on a wavy slope to the east."""
     side = max(2, round(columns**0.5 / 4))
     n = side + 2 * MARGIN
     i = (np.arange(n) + 0.5) * CELL
@@ -179,7 +179,7 @@ def timed_on_processor(columns, name):
 
 
 def kernels_of(sizes, name):
-    """`kernel_times` of the largest of the `sizes` that is at most KERNELS_OF [columns] and has room."""
+    """`kernel_times` of the largest of the `sizes` that is at most KERNELS_OF [columns] and fits into the memory."""
     columns = max((size for size in sizes if size <= KERNELS_OF), default=min(sizes))
     if lack := no_room(columns, name):
         return {"not_run": lack}
@@ -207,7 +207,7 @@ def write(found, folder):
 
 
 def measure(folder, sizes, checked, steps, names, jobs):
-    """All parts into `folder`, for `sizes` [columns]; returns whether device and processor agree."""
+    """Write all parts to `folder`, for `sizes` [columns]; returns whether device and processor agree."""
     found = {"machine": machine(), "agreement": []}
     for row in agreement(checked, steps, names, jobs):
         found["agreement"].append(row)
@@ -228,15 +228,15 @@ def measure(folder, sizes, checked, steps, names, jobs):
 
 
 def main():
-    """The command; returns its status."""
+    """The command; returns its exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", nargs="?", type=Path, default=Path("gpu_bench"), help="folder for the results")
-    parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10, 100], help="numbers of columns")
+    parser.add_argument("--millions", nargs="+", type=float, default=[0.1, 1, 10, 100], help="millions of columns")
     parser.add_argument("--checked", type=int, default=CHECKED_COLUMNS, help="columns of the comparison")
     parser.add_argument("--steps", type=int, default=CHECKED_STEPS, help="steps of the comparison")
-    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="effects; the first one is timed")
+    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="effects; the first set is timed")
     parser.add_argument("--jobs", type=int, default=1, help="comparisons at the same time")
-    parser.add_argument("--only-steps", action="store_true", help="some steps without results, for the sanitizer")
+    parser.add_argument("--only-steps", action="store_true", help="only some steps, for compute-sanitizer; no results")
     given = parser.parse_args()
     found = found_device()
     if found.device is None:

@@ -1,4 +1,4 @@
-"""One step of the depth-averaged MPM in NumPy: what a good scientist writes first, the solver's reference for speed."""
+"""One step of the depth-averaged MPM in NumPy, as a scientist writes it first: reference for the solver's speed."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def _bed(bed, x, y, dx):
 def numpy_step(state, bed, node_gradient, dx, dt, kick, density, mu, xi, floor):
     """Advance `state` (dict of x, y, u, v, c float[2, 2, n], mass, area, gradient float[2, n], kappa) by `dt` [s].
 
-    Velocities are driven for `kick` [s], from the middle of the last step to that of this one.
+    Velocities are accelerated for `kick` [s], from the middle of the last step to the middle of this one.
     Slope form, Voellmy, curvature on, open edges; the same arithmetic as the compiled step.
     """
     s = state

@@ -1,4 +1,4 @@
-"""What openings in barriers pass, over critical flow b sqrt(g) (2 E / 3)^1.5: `python tests/bench/openings.py`."""
+"""Discharge of openings in barriers over critical flow b sqrt(g) (2 E / 3)^1.5: `python tests/bench/openings.py`."""
 
 import sys
 from pathlib import Path

@@ -1,9 +1,9 @@
 """The benchmark table: `python tests/bench/run.py [NAME...] [--markdown]`, or `make bench`.
 
-Every `bench_NAME.py` beside this file offers `rows()`, which yields (case, value, unit, reference, ratio): what was
-measured, its number and unit, the named reference measured in the same run (or published), and value over reference.
-`value` may be None with the reason as `reference`: a case that this machine cannot run, said and not left out.
-With `--markdown` it prints a table for the documentation; a file may offer its own shorter `summary()`: headings, rows.
+Every `bench_NAME.py` in this folder has a function `rows()`, which yields (case, value, unit, reference, ratio): the
+measured quantity, its value and unit, the reference measured in the same run (or published), and value over reference.
+If this machine cannot run a case, `value` is None and `reference` is the reason. `--markdown` prints a table for the
+documentation; a file may have its own shorter table in `summary()`: headings, rows.
 """
 
 import argparse
@@ -27,12 +27,12 @@ def benchmarks():
 
 
 def number(value, digits=4):
-    """A measured number in a few digits, or a dash."""
+    """A measured number with a few digits, or a dash."""
     return "-" if value is None else f"{value:,.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
 
 
 def line(case, value, unit, reference, ratio):
-    """One line of the table; long texts make it longer rather than being cut."""
+    """One line of the table; long texts are not cut."""
     cells = (str(case), number(value), str(unit), str(reference or "-"), number(ratio, 3))
     right = (False, True, False, False, True)
     padded = [c.rjust(w) if r else c.ljust(w) for c, w, r in zip(cells, WIDTHS, right, strict=True)]
@@ -40,7 +40,7 @@ def line(case, value, unit, reference, ratio):
 
 
 def machine():
-    """What this was measured on."""
+    """The machine of the measurement."""
     processor = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -60,7 +60,7 @@ def markdown(headings, rows):
 
 
 def summary(module):
-    """Lines in Markdown of what a benchmark measured: its own short table, or all its rows."""
+    """Results of a benchmark as lines in Markdown: its own short table, or all its rows."""
     if hasattr(module, "summary"):
         return markdown(*module.summary())
     found = module.rows()
@@ -93,8 +93,8 @@ def main():
     """Run the benchmarks named on the command line, or all."""
     there = benchmarks()
     parser = argparse.ArgumentParser(description="Print the benchmark table.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which to run: {', '.join(there)} (default: all)")
-    parser.add_argument("--markdown", action="store_true", help="print tables for the documentation")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"benchmarks: {', '.join(there)} (default: all)")
+    parser.add_argument("--markdown", action="store_true", help="print Markdown tables for the documentation")
     options = parser.parse_args()
     asked = options.names
     unknown = [name for name in asked if name not in there]

@@ -1,10 +1,10 @@
 """Accuracy against computing time of the shipped cases: `python tests/bench/study.py [CASE...] [-o DIR]`, `make study`.
 
-Each case is a folder with a terrain, a release, a scene and, where there is one, the exact answer; `mpmgis study` does
-the rest. Prints the table of the page performance.md and leaves each case's own table and plot in its folder.
+Each case is a folder with a terrain, a release, a scene and the exact solution if there is one; `mpmgis study` runs it.
+The program prints the table of the page performance.md; the table and the plot of each case are in its folder.
 
-With `--avaframe PYTHON`, the Python of an environment of its own that has AvaFrame (`make study AVAFRAME=2.1` makes
-one), com1DFA runs two of the cases too, and is a point in their tables and plots.
+With `--avaframe PYTHON`, the Python of a separate environment with AvaFrame (`make study AVAFRAME=2.1` creates one),
+com1DFA runs two of the cases too and is added to their tables and plots.
 """
 
 import argparse
@@ -36,7 +36,7 @@ HEADINGS = (
 
 
 def write_raster(path, function, west, south, east, north, pixel, means=False):
-    """Write `function(x, y)` at the pixels' centres, or its `means` over them; NaN is nodata."""
+    """Write `function(x, y)` at the centres of the pixels, or its `means` over them; NaN is nodata."""
     rows, columns = round((north - south) / pixel), round((east - west) / pixel)
     part = FINE if means else 1
     x = west + (np.arange(columns * part) + 0.5) * pixel / part
@@ -77,7 +77,7 @@ frame_interval = {interval}
 
 
 def dam(folder):
-    """A dam of 5 m breaks onto dry ground; the exact answer after 2.5 s (Ritter 1892)."""
+    """A dam of 5 m breaks onto dry ground; the exact solution after 2.5 s (Ritter 1892)."""
 
     def exact(x, y):
         return mangeney(x - 50.0, 2.5, 5.0, 0.0, 0.0)[0]
@@ -109,9 +109,9 @@ def plane(degrees):
 
 
 def slope(folder):
-    """The front of a dam of 1 m runs 5 s down 22 degrees with friction 21 (Faccanoni and Mangeney 2012, test 2, 1.2).
+    """A dam of 1 m breaks down 22 degrees with friction 21, for 5 s (Faccanoni and Mangeney 2012, test 2, 1.2).
 
-    A block of 60 x 60 m, seen in its middle, where no wave from its other sides comes to.
+    A block of 60 x 60 m; the error is measured in its middle, which waves from its other sides do not reach.
     """
     bed, cos = plane(22)
 
@@ -138,7 +138,7 @@ def cap(folder):
 
 
 def avaframe_slope():
-    """The slope as AvaFrame's damBreak has it; its start with `iniStep` is not in version 2.1."""
+    """The slope with the settings of damBreak of AvaFrame; its start with `iniStep` is not in version 2.1."""
     return AvaframeCase(
         bed=plane(22)[0], bounds=(-110, -70, 60, 70), mu=np.tan(np.radians(21)), end=5.0, courant=0.01,
         own="relTh = 1\nviscOption = 0\nthresholdMassSplit = 10", outline=(-60, -30, 0, 30), slope=22,
@@ -146,7 +146,7 @@ def avaframe_slope():
 
 
 def avaframe_cap():
-    """The cap as AvaFrame's simiSolTest has it."""
+    """The cap with the settings of simiSolTest of AvaFrame."""
     bed, cos = plane(35)
     return AvaframeCase(
         bed=bed, bounds=(-100, -144, 240, 144), mu=np.tan(np.radians(25)), end=5.0, courant=0.02,
@@ -156,7 +156,7 @@ def avaframe_cap():
 
 
 def bowl(folder):
-    """A pool breathes in a bowl of 10 m; the exact answer after a period (Thacker 1981)."""
+    """A round pool oscillates in a bowl of 10 m; the exact solution after a period (Thacker 1981)."""
     water = ThackerBowl(1.0, 10.0)
     period, solution = water.breathe(8.0)
     scene = WATER.format(cell=0.4, end=period, interval=period / 4)
@@ -167,7 +167,7 @@ def bowl(folder):
 
 
 def wall(folder):
-    """A wedge of water slides down a ramp and meets the wall of the MOX report's section 4.4.1."""
+    """A wedge of water flows down a ramp and hits the wall of section 4.4.1 of the MOX report."""
 
     def bed(x, y):
         return np.maximum(10.0 - x / 3.0, 6.67)
@@ -227,17 +227,17 @@ def collapse(folder):
 
 
 def demo(folder):
-    """The shipped site, Lava Falls: a rock avalanche on real terrain."""
+    """The sample site, Lava Falls: a rock avalanche on real terrain."""
     folder.mkdir(parents=True, exist_ok=True)
     for path in sample_folder().iterdir():
         (folder / path.name).write_bytes(path.read_bytes())
 
 
 class Case(NamedTuple):
-    """A case of the chapter: who writes it, its cell sizes [m], and what it is compared with.
+    """A case of the chapter: the function that writes it, its cell sizes [m], and its reference.
 
-    `finer` are the options of a finer run, None where there is an exact answer; cells fit between walls. `avaframe`
-    makes the same for AvaFrame's com1DFA, which runs on one thread, as such a case does.
+    `finer` are the options of a finer run, or None if there is an exact solution; cells fit between walls. `avaframe`
+    writes the same case for com1DFA of AvaFrame. com1DFA runs on one thread, so mpmgis also does in such a case.
     """
 
     words: str
@@ -261,7 +261,7 @@ CASES = {
 
 
 def studied(name, folder, repeats, avaframe=None):
-    """Run the study of a case in `folder`, with `avaframe`, a Python that has it, beside it."""
+    """Run the study of a case in `folder`; `avaframe` is a Python with AvaFrame for the results of com1DFA."""
     case, folder = CASES[name], folder / name
     case.write(folder)
     options = ["--cell-sizes", case.cells, "--repeats", str(repeats), "--yes", "--overwrite", "-q"]
@@ -279,7 +279,7 @@ def studied(name, folder, repeats, avaframe=None):
 
 
 def row(case, folder):
-    """The case's cells in the table of performance.md, out of its files."""
+    """Row of a case in the table of performance.md, from its files."""
     with open(folder / "study.csv", newline="", encoding="utf-8") as file:
         scene = next(csv.DictReader(file))
     with open(folder / "summary.csv", newline="", encoding="utf-8") as file:
@@ -295,10 +295,10 @@ def row(case, folder):
 def main():
     """Study the cases named on the command line, or all."""
     parser = argparse.ArgumentParser(description="Accuracy against computing time of the shipped cases.")
-    parser.add_argument("names", nargs="*", metavar="CASE", help=f"which: {', '.join(CASES)} (default: all)")
-    parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="folder (default: study)")
+    parser.add_argument("names", nargs="*", metavar="CASE", help=f"cases: {', '.join(CASES)} (default: all)")
+    parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="output folder (default: study)")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each setting (default 3)")
-    parser.add_argument("--avaframe", metavar="PYTHON", help="Python of an environment that has AvaFrame")
+    parser.add_argument("--avaframe", metavar="PYTHON", help="Python of an environment with AvaFrame, to run com1DFA")
     asked = parser.parse_args()
     unknown = [name for name in asked.names if name not in CASES]
     if unknown:

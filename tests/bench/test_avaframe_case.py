@@ -1,4 +1,4 @@
-"""What AvaFrame's com1DFA is given, and how its result gets onto the cells of a case; com1DFA itself is not run."""
+"""Input of com1DFA of AvaFrame, and its result on the cells of a case; com1DFA itself does not run."""
 
 import configparser
 
@@ -43,7 +43,7 @@ def test_the_block_that_slides_is_drawn_and_the_cap_a_raster(tmp_path):
 
 
 def test_what_lies_between_nodes_is_put_on_the_cells_as_means(tmp_path):
-    """A thickness that is linear stays so; on level ground as on a slope it is vertical."""
+    """A linear thickness stays linear; it is vertical on level ground and on slopes."""
     shipped.write_raster(tmp_path / "exact.tif", lambda x, y: 0 * x, 0, 0, 24, 12, 4.0)
     east, north = np.arange(-3.0, 31.0, 3.0), np.arange(-3.0, 16.0, 3.0)
     thickness = 2.0 + 0.1 * east[None, :] + 0.05 * north[:, None]

@@ -1,4 +1,4 @@
-"""The shipped cases of `make study`: each is written as files; the cheapest is studied to its row of the table."""
+"""The shipped cases of `make study`: each is written as files; the cheapest one runs up to its row of the table."""
 
 import pytest
 import study as shipped

@@ -1,4 +1,4 @@
-"""A run that is integrated and written as `mpmgis run` does it, with nothing but the solver, NumPy and h5py."""
+"""A run that is integrated and written like `mpmgis run`, with only the solver, NumPy and h5py."""
 
 import time
 from pathlib import Path
@@ -10,7 +10,7 @@ from mpmgis.solvers.integrate import TimeIntegration
 
 
 class WrittenRun(NamedTuple):
-    """What a run has taken."""
+    """Time and bytes of a run."""
 
     seconds: float  # wall time from the first frame to the last on the disk
     beside_steps: float  # [s] of it

@@ -1,6 +1,7 @@
-"""What every scene of this folder needs around `mpmgis`: rasters and polygons written, commands run, results found.
+"""Common functions of the scenes: write rasters and polygons, run commands of `mpmgis`, find results.
 
-A scene's folder holds `make.py`, which writes its inputs and runs the chain, and `scene.toml` as a user would write it.
+The folder of a scene has `make.py`, which writes the inputs and runs the commands, and `scene.toml` as a user would
+write it.
 """
 
 import contextlib
@@ -25,7 +26,7 @@ SCENES = Path(__file__).parent
 
 
 def scene_module(name, program="make"):
-    """The module of a `program` of the scene `name`; scenes have programs of the same names."""
+    """The module `program`.py of the scene `name`; the modules of all scenes have the same names."""
     key = f"scene_{name}_{program}"
     if key not in sys.modules:
         spec = importlib.util.spec_from_file_location(key, SCENES / name / f"{program}.py")
@@ -35,7 +36,7 @@ def scene_module(name, program="make"):
 
 
 def write_raster(path, values, west, north, cell, crs=None):
-    """float[rows, columns], the first row in the north, as float64 GeoTIFF."""
+    """Write float[rows, columns], the first row in the north, as float64 GeoTIFF."""
     rows, columns = values.shape
     profile = {"driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "float64", "nodata": -9999.0,
                "crs": crs, "transform": Affine(cell, 0.0, west, 0.0, -cell, north)}  # fmt: skip
@@ -44,20 +45,20 @@ def write_raster(path, values, west, north, cell, crs=None):
 
 
 def write_polygons(path, shapes, crs, **columns):
-    """Polygons [map coordinates] with `columns` of values, in the format that the path's suffix says."""
+    """Write polygons [map coordinates] with `columns` of values; the suffix of the path gives the format."""
     geopandas.GeoDataFrame(columns, geometry=list(shapes), crs=crs).to_file(path)
 
 
 def write_scene(scene, folder, **changed):
-    """Copy the scene's `scene.toml` to `folder`, lines `key = ...` of `changed` keys replaced; answers the path.
+    """Copy `scene.toml` of the scene to `folder` with new values of the `changed` keys; returns the path.
 
-    A key stands once in the file, so that what is changed is what was meant.
+    Each changed key must occur once in the file, so that the replaced line is the intended one.
     """
     lines = (SCENES / scene / "scene.toml").read_text().splitlines()
     for key, value in changed.items():
         at = [k for k, line in enumerate(lines) if line.split("=")[0].strip() == key]
         if len(at) != 1:
-            raise ValueError(f"{scene}/scene.toml has {key} {len(at)} times, wanted once")
+            raise ValueError(f"{scene}/scene.toml has {key} {len(at)} times, expected once")
         lines[at[0]] = f"{key} = {value}"
     path = Path(folder) / "scene.toml"
     path.write_text("\n".join(lines) + "\n")
@@ -65,9 +66,9 @@ def write_scene(scene, folder, **changed):
 
 
 def mpmgis(*arguments):
-    """Run the command `mpmgis` with `arguments`, shown as one would type it; answers the seconds it took.
+    """Run the command `mpmgis` with `arguments`, and print it as typed in a shell; returns its wall time [s].
 
-    What it prints, paths and data, is not shown.
+    The standard output of the command is not printed.
     """
     words = [str(word) for word in arguments]
     print("$ mpmgis", shlex.join(words), flush=True)
@@ -80,18 +81,18 @@ def mpmgis(*arguments):
 
 
 def run_scene(folder, *options):
-    """`mpmgis run` of the scene in `folder`; answers (its run.json, seconds)."""
+    """`mpmgis run` of the scene in `folder`; returns (contents of run.json, wall time [s])."""
     seconds = mpmgis("run", Path(folder) / "scene.toml", "--overwrite", "--yes", *options)
     return record(folder), seconds
 
 
 def record(folder):
-    """run.json of the run in `folder`."""
+    """Contents of run.json of the run in `folder`."""
     return json.loads((Path(folder) / "results" / "run.json").read_text())
 
 
 def export(folder, *options, products=()):
-    """`mpmgis export-raster` of the run in `folder` to its `gis`; answers (that folder, seconds)."""
+    """`mpmgis export-raster` of the run in `folder` to `folder`/gis; returns (that folder, wall time [s])."""
     folder = Path(folder)
     more = ["--products", ",".join(products)] if products else []
     seconds = mpmgis("export-raster", folder / "results", "-o", folder / "gis", "--overwrite", *more, *options)
@@ -99,10 +100,10 @@ def export(folder, *options, products=()):
 
 
 def fresh(folder):
-    """`folder`, emptied of an earlier making, or refused where it holds anything else."""
+    """Create `folder`, or empty it if a make.py wrote it; exit if it has other contents."""
     folder = Path(folder)
     if folder.exists() and any(folder.iterdir()) and not (folder / ".scene").exists():
-        raise SystemExit(f"{folder} holds something that no make.py wrote; name another folder")
+        raise SystemExit(f"{folder} has files that no make.py wrote; choose another folder")
     if folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True)
@@ -128,5 +129,5 @@ def frames(folder):
 
 
 def placed(frame):
-    """float64[n, 3] [m]: where its particles are on the map."""
+    """float64[n, 3] [m]: positions of the particles of a frame in map coordinates."""
     return frame.particles.position + np.asarray(frame.origin)

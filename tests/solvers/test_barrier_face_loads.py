@@ -1,4 +1,4 @@
-"""Loads on barriers' smooth faces in 3D against exact ones: water at rest, rest by friction, a stopped block."""
+"""Loads on smooth faces of barriers in 3D against exact ones: water at rest, rest by friction, a stopped block."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ LONG, DEEP = 6.0, 3.0  # of the water [m]
 
 
 def still_water(place, cell=0.5, foot=0.0, mu=0.0, **numerics):
-    """A PointSolver of water between two walls, whose faces lie `place` and the ground `foot` [cells] over a node."""
+    """A PointSolver of water between two walls; faces are `place`, the ground is `foot` [cells] away from a node."""
     middle, bed, wide = 10.0 + place * cell, 20.0 + foot * cell, 3.0 * cell
     walls = tuple(
         Wall(name, shapely.box(middle + west, -50.0, middle + west + 2.0, 50.0), height=12.0, mu=mu)
@@ -49,7 +49,7 @@ def mean_load(solver, start, end):
     "place", [0.25, 0.875, *(pytest.param(k / 8, marks=pytest.mark.thorough) for k in (0, 1, 3, 4, 5, 6))]
 )
 def test_still_water_presses_a_wall_as_much_wherever_it_lies_in_a_cell(place):
-    """Force within 1 %, lever 1.6 % low; where nodes were held one by one the force was 1 to 13 % low."""
+    """Force within 1 %, lever 1.6 % low; with separate contact of each node the force was 1 to 13 % low."""
     solver = still_water(place)
     force, lever = mean_load(solver, 2.0, 4.0)
     assert force == pytest.approx(1.0, abs=0.015) and lever == pytest.approx(1.0, abs=0.03)
@@ -60,7 +60,7 @@ def test_still_water_presses_a_wall_as_much_wherever_it_lies_in_a_cell(place):
 @pytest.mark.thorough
 @pytest.mark.parametrize("place", [0.25, 0.875])
 def test_still_water_presses_as_much_on_a_wall_with_friction(place):
-    """mu 0.5: the force is right to 0.1 %, the lever 3 % low; 1.1 and 4 % where the face started without yield."""
+    """mu 0.5: error of the force 0.1 %, lever 3 % low; 1.1 and 4 % if the face started without yield."""
     force, lever = mean_load(still_water(place, mu=0.5), 2.0, 4.0)
     assert force == pytest.approx(1.0, abs=0.005) and lever == pytest.approx(1.0, abs=0.04)
 
@@ -68,7 +68,7 @@ def test_still_water_presses_as_much_on_a_wall_with_friction(place):
 @settings(max_examples=4, deadline=None, derandomize=True)
 @given(some.floats(0.0, 1.0), some.floats(0.05, 1.5))
 def test_a_face_with_friction_bears_water_at_rest_from_the_start(place, mu):
-    """It starts with the yield of the water's stress; with none its load was 26 % low in the first 0.1 s."""
+    """It starts with the yield for the stress of the water; without it the load was 26 % low in the first 0.1 s."""
     force, lever = mean_load(still_water(place, mu=mu), 0.0, 0.1)
     assert force == pytest.approx(1.0, abs=0.02) and lever == pytest.approx(1.0, abs=0.06)
 
@@ -83,8 +83,8 @@ def test_still_water_presses_as_much_on_any_ground_and_cells(foot, cell):
 
 @pytest.mark.parametrize("place, azimuth", [(0.4, 0.0), pytest.param(0.0, 30.0, marks=pytest.mark.thorough)])
 def test_a_block_rests_on_a_wall_by_friction_just_under_its_angle(place, azimuth):
-    """24 degrees, friction 25: it starts without stress, settles by 0.20 to 0.23 m in 2 s and rests; it crept at 0.5 to
-    0.8 m/s without end where faces held nodes one by one."""
+    """24 degrees, friction 25: it starts without stress, settles by 0.20 to 0.23 m in 2 s and rests. With separate
+    contact of each node it crept at 0.5 to 0.8 m/s without end."""
     moved, _, _, solver = along_wall(24.0, 3.0, SLAB, place=place, azimuth=azimuth)
     assert moved <= 0.3
     settled = sorted_points(solver).position.mean(axis=0)
@@ -116,8 +116,8 @@ def test_a_block_slides_along_a_wall_as_coulombs_law_predicts():
     [pytest.param(0.4, 0.0, marks=pytest.mark.thorough), pytest.param(0.0, 30.0, marks=pytest.mark.slow)],
 )
 def test_a_settled_block_rests_on_a_wall_and_slides_along_it_as_coulombs_law_predicts(place, azimuth):
-    """24 degrees: it moves 0.04 m; 0.16 m where faces that bear friction started without yield. 26 degrees: the
-    acceleration is 2 to 4 % larger than the exact one: friction is 0.2 to 0.4 % low."""
+    """24 degrees: it moves 0.04 m; 0.16 m if faces with friction started without yield. 26 degrees: the acceleration
+    is 2 to 4 % larger than the exact one: friction is 0.2 to 0.4 % low."""
     moved, _, _, solver = along_wall(24.0, 3.0, SLAB, place=place, azimuth=azimuth, settled=True)
     assert abs(moved) <= 0.05 and solver.energy()[0] <= 1e-5 * solver.mass_start * G
     _, exact, _, solver = along_wall(26.0, 2.0, SLAB, place=place, azimuth=azimuth, settled=True)
@@ -129,7 +129,7 @@ def test_a_settled_block_rests_on_a_wall_and_slides_along_it_as_coulombs_law_pre
 
 @pytest.mark.parametrize("mu, azimuth", [(0.0, 0.0), (0.5, 0.0), pytest.param(0.0, 25.0, marks=pytest.mark.thorough)])
 def test_a_block_that_hits_a_wall_gets_no_energy_and_gives_its_momentum(mu, azimuth):
-    """Elastic, in free flight at 5 m/s: what the face books is what the block loses, to round-off."""
+    """Elastic, in free flight at 5 m/s: the recorded impulse on the face is the momentum of the block, to round-off."""
     cos, sin = np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))
     middle = np.array([10.1, 10.1])
 

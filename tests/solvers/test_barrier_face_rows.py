@@ -1,4 +1,4 @@
-"""Rows of nodes around barriers' smooth sides: they meet the side exactly, whatever its place, angle and cells."""
+"""Rows of nodes around smooth sides of barriers: they meet the side exactly for any position, angle and cell size."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ CELLS = 40
 def faces_on(walls, cell, rough=None, elevation=0.0, rise=(0.0, 0.0)):
     """(list of Face, x, y) on a square grid of cells of `cell` [m]; the ground is `rough` in places.
 
-    It is a plane through `elevation` [m] that rises by `rise` [1] east and north.
+    The ground is a plane through `elevation` [m] that rises by `rise` [1] east and north.
     """
     x = y = (np.arange(CELLS) - 0.5 * CELLS) * cell
     bed = elevation + rise[0] * x[None, :] + rise[1] * y[:, None]
@@ -72,7 +72,7 @@ def test_rows_meet_both_sides_of_a_wall_exactly(cell, offset, degrees, thick):
         columns += face.columns()
         rows[side] += 1
     assert len(columns) == len(set(columns))
-    least = CELLS if min(np.abs(across)) < 0.4 else CELLS // 2  # askew walls leave the grid through its other edges
+    least = CELLS if min(np.abs(across)) < 0.4 else CELLS // 2  # oblique walls leave the grid through its other edges
     assert all(count >= least - 8 for count in rows.values())
 
 
@@ -107,7 +107,7 @@ def test_no_rows_at_corners_openings_low_walls_and_on_rough_ground():
 
 @pytest.mark.parametrize("aside", [0.0, 0.25, 0.5])
 def test_where_two_parts_of_a_wall_touch_in_a_point_there_is_no_face(aside):
-    """As of an outline that crosses itself. The nodes between have no side, and the sides of both parts have faces."""
+    """Like an outline that crosses itself. Nodes between the parts have no side; the sides of both parts have faces."""
     one = shapely.Polygon([(-8.0, -12.0), (8.0, -12.0), (0.0, 0.0)])
     other = shapely.affinity.scale(one, yfact=-1.0, origin=(0.0, 0.0))
     hourglass = shapely.affinity.translate(shapely.MultiPolygon([one, other]), aside, aside)

@@ -1,4 +1,4 @@
-"""Barriers drawn in pieces, or with corners on nodes: the flow meets the same sides as those of one whole barrier."""
+"""Barriers drawn in pieces, or with corners on nodes: they have the same sides as one whole barrier."""
 
 from itertools import pairwise
 
@@ -59,7 +59,7 @@ def test_pieces_that_touch_or_overlap_have_the_sides_of_the_whole(cuts, degrees,
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(some.floats(0.3, 2.0), some.floats(5.0, 12.0), some.floats(-8.0, 8.0), some.floats(0.0, 360.0))
 def test_a_thin_wall_beside_or_through_a_thick_one_stays_thin(thin, thick, place, degrees):
-    """It is widened as on its own: with the thickness of both together flow would pass through it."""
+    """It is widened as a single wall: with the thickness of both walls together, flow would pass through it."""
     wall = shapely.box(-12.0, -0.5 * thin, 12.0, 0.5 * thin)
     block = shapely.box(place - 0.5 * thick, -0.5 * thick, place + 0.5 * thick, 0.5 * thick)
     shapes = [shapely.affinity.rotate(shape, degrees, origin=(0.0, 0.0)) for shape in (wall, block)]
@@ -86,7 +86,7 @@ def test_a_box_with_corners_on_nodes_has_mirrored_normals(wide, deep, place, oct
 
 
 def test_the_normal_at_a_corner_on_a_node_is_the_bisector():
-    """It was that of one side: a flow along the grid pushed a square pier with whole coordinates to one side."""
+    """It was the normal of one side: a flow along the grid pushed a square pier with whole coordinates sideways."""
     nodes = nodes_of((Wall("pier", shapely.box(-4.0, -4.0, 4.0, 4.0), height=5.0),), 12)
     for east, north in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         for away in (3, 4):
@@ -113,7 +113,7 @@ def forces(walls, cell, speed, points, extent, begin, end):
 
 @pytest.mark.parametrize("width", [2.0, pytest.param(3.0, marks=pytest.mark.thorough)])
 def test_a_square_pier_on_nodes_is_not_pushed_sideways(width):
-    """A symmetric stream: the force across it was 18 to 30 % of the drag where corners lay on nodes."""
+    """A symmetric stream: the lateral force was 18 to 30 % of the drag if corners were on nodes."""
     half = 0.5 * width
     pier = Wall("pier", shapely.box(16.0 - half, 16.0 - half, 16.0 + half, 16.0 + half), height=20.0)
     drag, across, _ = forces(
@@ -124,8 +124,8 @@ def test_a_square_pier_on_nodes_is_not_pushed_sideways(width):
 
 @pytest.mark.parametrize("parts", [2, pytest.param(4, marks=pytest.mark.thorough)])
 def test_a_deflecting_dam_in_pieces_bears_what_the_whole_does(parts):
-    """15 degrees to a stream of Froude number 4: the edges between pieces stopped it like walls, and the force was 2.4
-    to 3.6 times that on one polygon."""
+    """15 degrees to a stream of Froude number 4: the edges between pieces acted like walls, and the force was 2.4 to
+    3.6 times that on one polygon."""
     ahead, outward = (
         np.array([f(np.radians(15.0)) for f in pair]) for pair in ((np.cos, np.sin), (np.sin, lambda t: -np.cos(t)))
     )
@@ -160,7 +160,7 @@ def test_a_deflecting_dam_in_pieces_bears_what_the_whole_does(parts):
     some.sampled_from([margin_of, margin_in_3d]),
 )  # fmt: skip
 def test_what_crosses_a_wall_is_counted_once(thickness, place, degrees, length, margin):
-    """The weights along each line across a wall sum to 1, however thick and long it is and wherever the nodes lie."""
+    """The weights along each line across a wall sum to 1, for any thickness, length and position of the nodes."""
     box = shapely.box(place, -length, place + thickness, length)
     wall = Wall("dam", shapely.affinity.rotate(box, degrees, origin=(0.0, 0.0)), height=5.0)
     weight = nodes_of((wall,), margin_of=margin).weight

@@ -1,4 +1,4 @@
-"""Inflow over time and secondary releases: steady flows with exact answers, slabs, triggers, pauses, restarts."""
+"""Inflow over time and secondary releases: steady flows with exact solutions, slabs, triggers, pauses, restarts."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def nothing():
 
 
 def area(west, east, south, north, spacing, thickness=1.0):
-    """Columns of an inlet or of a secondary area, with the header that the seeding gives them."""
+    """Columns of an inlet or of a secondary area, with the header of the seeding."""
     frame = columns_of(thickness, west, east, south, north, spacing)
     return replace(frame, particles=replace(frame.particles, id=None), header={"density": 1000.0})
 
@@ -73,7 +73,7 @@ def test_batches_cover_the_inflow_and_their_volumes_add_up_to_it():
 
 
 def test_the_next_event_is_later_than_the_given_time():
-    """Also at the time of a batch that is not let in yet: a 3D step of no length was chosen there."""
+    """Also at the time of a batch that is not inserted yet: there the 3D time step was zero."""
     solver = slope_solver(nothing())
     events = Events([inlet_of(area(2, 6, 0, 4, 0.5), table([0, 5], discharge=[2, 2]), solver.grid, 5.0)])
     times = events.inlets[0].times
@@ -93,8 +93,8 @@ def test_the_clearing_time_is_that_of_critical_outflow_or_of_a_slide():
 def test_a_steady_inflow_into_a_pool_pushes_as_deep_water_does():
     """Free outflow of a channel's end that is fed from above, q = Q x / L (spatially varied flow; momentum is kept).
 
-    q^2 / h + g h^2 / 2 = 3/2 g h_c^2 with critical flow at x = L. Columns that push as thin as they came in would let
-    the pool grow twice as deep. Measured: 0.9 % off in the mean over the pool.
+    q^2 / h + g h^2 / 2 = 3/2 g h_c^2 with critical flow at x = L. If columns kept the pressure of their inflow
+    thickness, the pool would become twice as deep. Measured: mean error over the pool 0.9 %.
     """
     dx, source, q, width = 1.0, 20.0, 5.0, 4.0
     solver = pool_solver(200.0, width, dx)
@@ -120,7 +120,7 @@ def test_a_steady_inflow_into_a_pool_pushes_as_deep_water_does():
 
 
 def test_a_steady_inflow_runs_down_a_slope_as_normal_flow():
-    """h u = q and sin = mu cos + U^2 / (xi h_n) where the front has long passed; mass is the integral of discharge."""
+    """h u = q and sin = mu cos + U^2 / (xi h_n) far behind the front; mass is the integral of discharge."""
     q, width, end = 4.0, 4.0, 50.0
     drive = np.sin(SLOPE) - RUNNY.mu * np.cos(SLOPE)
     speed = (RUNNY.xi * q * drive) ** (1 / 3)
@@ -144,7 +144,7 @@ def test_a_steady_inflow_runs_down_a_slope_as_normal_flow():
 
 
 def test_a_basin_fills_to_the_level_of_what_came_in():
-    """Slowly enough for its surface to stay level; the stream enters square to the basin's end."""
+    """The inflow is so slow that the surface stays level; the stream enters normal to the end of the basin."""
     length, width = 40.0, 4.0
     solver = pool_solver(length, width, 1.0, area(0, length, 0, width, 0.25))
     flow = table([0, 60, 120], discharge=[0, 1, 0], velocity=[[0.5, 0]] * 3)
@@ -158,7 +158,7 @@ def test_a_basin_fills_to_the_level_of_what_came_in():
 
 
 def test_nothing_comes_in_between_two_pulses():
-    """Two triangles of 8 and 4 m3 with a pause of 4 s: there no column is inserted, and each pulse is whole."""
+    """Two triangles of 8 and 4 m3 with a pause of 4 s: the pause inserts no column, and each pulse is complete."""
     solver = slope_solver(nothing())
     flow = table([1, 2, 3, 7, 8, 9], discharge=[0, 8, 0, 0, 4, 0], speed=[3] * 6)
     events = Events([inlet_of(area(4, 12, 0, 4, 0.25), flow, solver.grid, 20.0)])
@@ -223,7 +223,7 @@ def test_slabs_laid_on_one_another_are_as_thick_as_both():
 
 
 def test_settled_areas_are_those_of_a_plain_loop():
-    """Open edges and walls: m / (rho h_g) with the grid's mass summed node by node, mirrored where there is a wall."""
+    """Open edges and walls: m / (rho h_g) with the mass of the grid summed node by node, mirrored at walls."""
     rng = np.random.default_rng(4)
     dx, n, cells = 2.0, 300, 8
     rows = np.zeros((n, kernel.GY + 1))
@@ -313,7 +313,7 @@ def test_areas_that_share_corners_are_all_released_and_those_within_others_refus
 
 
 def test_no_stop_rule_ends_a_run_while_something_is_to_come():
-    """Friction above the slope: all is at rest at once, but there is inflow until 6 s."""
+    """Friction above the slope: all is at rest immediately, but there is inflow until 6 s."""
     terrain = terrain_of(lambda x, y: 0.1 * (120 - x), 120, 4, 1)
     frame = area(4, 12, 0, 4, 0.25, 0.01)
     solver = solver_on(terrain, frame, 1.0, Voellmy(2.0, 100.0), stop_at_rest=True, edges="wall")
@@ -326,7 +326,7 @@ def test_no_stop_rule_ends_a_run_while_something_is_to_come():
 
 
 def busy():
-    """Release, inflow that is not over when the areas go, and two secondary areas."""
+    """Release, two secondary areas, and inflow that continues after their release."""
     solver = slope_solver(area(4, 24, 0, 4, 0.25), maxima=True)
     flow = table([2, 4, 9], discharge=[0, 8, 1], speed=[3, 3, 3])
     areas = [("a", area(40, 46, 0, 4, 0.25, 0.5), None), ("b", area(60, 66, 0, 4, 0.25, 0.5), 0.1)]

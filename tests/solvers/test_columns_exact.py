@@ -1,7 +1,7 @@
-"""The depth-averaged solver against exact answers (numbers in brackets are the prototype's).
+"""The depth-averaged solver against exact solutions (numbers in square brackets are those of the prototype).
 
-The columns are staggered, as `run` seeds them by default. Tolerances are what this solver reaches and a little more;
-the catalogue's own stand in brackets after "asked".
+The columns are staggered, as `run` seeds them by default. Tolerances are slightly above the errors of this solver;
+tolerances of the catalogue are in brackets after "required".
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ from mpmgis.spatial.features import Places
 
 
 def test_v5_ritter_dry_dam_break():
-    """L1 of 0.88, 0.49, 0.35 % at 1, 0.5 and 0.25 m (asked: 3 % at 1 m) [2.3, 1.95, 1.8 %: a stall at the dry tip]."""
+    """L1 of 0.88, 0.49, 0.35 % at 1, 0.5, 0.25 m (required: 3 % at 1 m) [2.3, 1.95, 1.8 %: the dry tip stalls]."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         _, h, exact, solver = dam_break(dx, metric=WaterMetric())
@@ -38,7 +38,7 @@ def test_v5_ritter_dry_dam_break():
 
 
 def test_staggering_is_what_lets_a_dry_tip_converge():
-    """A lattice stalls: its columns stay in files, which the flow draws apart until the grid sees gaps between them."""
+    """A lattice stalls: its columns stay in rows, which the flow moves apart until there are gaps on the grid."""
     errors = {}
     for staggered in (False, True):
         cases = [dam_break(dx, metric=WaterMetric(), staggered=staggered) for dx in (0.5, 0.25)]
@@ -58,7 +58,7 @@ def test_h2_a_dry_front_meets_the_speed_bound_with_equality():
 
 
 def test_v6_stoker_wet_dam_break_first_order():
-    """L1 of 1.16, 0.66, 0.32 % (asked: 1.5 % at dx = L / 200) [1.20, 0.67, 0.34 %]; the shock within one cell."""
+    """L1 of 1.16, 0.66, 0.32 % (required: 1.5 % at dx = L / 200) [1.20, 0.67, 0.34 %]; the shock within one cell."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         x, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=1.0)
@@ -72,7 +72,7 @@ def test_v6_stoker_wet_dam_break_first_order():
 
 @pytest.mark.parametrize("degrees, friction", [(0, 0), (22, 0), (30, 20), (35, 25)])
 def test_v7_frictional_dam_break_on_a_slope(degrees, friction):
-    """0.79 to 0.93, 0.43 to 0.50, 0.27 to 0.33 % on all slopes (asked: 3 % at 1 m): the proof of the c^2 P metric."""
+    """0.79 to 0.93, 0.43 to 0.50, 0.27 to 0.33 % on all slopes (required: 3 % at 1 m): a test of the c^2 P metric."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
         x, h, exact, _ = dam_break(dx, degrees=degrees, friction_degrees=friction, reservoir=80, length=160)
@@ -83,13 +83,13 @@ def test_v7_frictional_dam_break_on_a_slope(degrees, friction):
 
 @pytest.mark.thorough
 def test_v7_fails_in_water_form():
-    """Plain shallow water misses the slope's geometry: the test above can fail."""
+    """Plain shallow water ignores the geometry of the slope: the test above can fail."""
     x, h, exact, _ = dam_break(1.0, degrees=35, friction_degrees=25, reservoir=80, length=160, metric=WaterMetric())
     assert relative_l1(h, exact, x > -50) > 0.08
 
 
 def one_column(degrees, law, velocity=(0.0, 0.0), **numerics):
-    """A patch so thin that its own pressure moves nothing: a point mass on a plane."""
+    """A patch so thin that its pressure has no effect: a point mass on a plane."""
     slope = np.radians(degrees)
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 600, 50, 5)
     frame = seeded(1e-7, 50, 52.5, 20, 22.5, 5.0, velocity=velocity)
@@ -114,7 +114,7 @@ def test_v3_sliding_block(mu):
 
 @pytest.mark.parametrize(("cfl", "most"), [(0.6, 6e-3), (0.3, 3.5e-3), (0.15, 7e-4)])
 def test_v3_stops_on_the_flat_after_v2_over_2_mu_g(cfl, most):
-    """Within 0.5, 0.28, 0.05 %: only where in its last step the column stops is open."""
+    """Within 0.5, 0.28, 0.05 %: the error is the position in the last step at which the column stops."""
     solver, _ = one_column(0, Coulomb(0.4), velocity=(20.0, 0.0), cfl=cfl)
     start = solver.frame().particles.position[:, 0].mean()
     solver.advance(10.0)
@@ -124,7 +124,7 @@ def test_v3_stops_on_the_flat_after_v2_over_2_mu_g(cfl, most):
 
 
 def test_v19_steady_voellmy_speed():
-    """|U| = sqrt(xi h_n (sin - mu cos)) within 0.02 % (asked: 1 %), for a sheet between walls: its depth is known."""
+    """|U| = sqrt(xi h_n (sin - mu cos)) within 0.02 % (required: 1 %), for a sheet between walls of known depth."""
     slope, thickness = np.radians(30), 2.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 4000, 40, 10)
     frame = seeded(thickness, 100, 2000, 0, 40, 10.0)
@@ -140,8 +140,8 @@ def test_v19_steady_voellmy_speed():
 @pytest.mark.parametrize(("cfl", "most"), [(0.6, 0.022), (0.3, 0.008)])
 @pytest.mark.parametrize("degrees, moves", [(20, False), (24, False), (24.9, False), (25.1, True), (26, True)])
 def test_v4_infinite_slope(degrees, moves, cfl, most):
-    """Friction 25 deg: inside a long sheet all stays put exactly below it, and above it slides as it must, to 1.9 % in
-    four steps of C = 0.6 and to 0.6 % with 0.3."""
+    """Friction 25 deg: below this angle the inside of a long sheet does not move at all; above it slides with an error
+    of 1.9 % in four steps of C = 0.6 and of 0.6 % with 0.3."""
     slope, delta, time = np.radians(degrees), np.radians(25), 4.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 400, 20, 5)
     frame = seeded(0.2, 50, 350, 0, 20, 5.0)
@@ -159,7 +159,7 @@ def test_v4_infinite_slope(degrees, moves, cfl, most):
 
 
 def lake(bump, reference, spacing_shift=0.0):
-    """A lake at 1.5 m over bumps and an island, between walls; answers the solver after 1000 steps, fastest ever."""
+    """A lake at 1.5 m over bumps and an island, between walls; returns (solver after 1000 steps, largest speed)."""
     dx, level = 0.25, 1.5
 
     def bed(x, y):
@@ -204,14 +204,14 @@ def test_v10_lake_at_rest_with_its_level_known():
 
 @pytest.mark.thorough
 def test_v10_lake_at_rest_without_it():
-    """Of the order of 1e-3 sqrt(g h), as asked: it is 5.4e-4 with C = 0.3, 1.04e-3 with 0.6."""
+    """Of the order of 1e-3 sqrt(g h), as required: it is 5.4e-4 with C = 0.3, 1.04e-3 with 0.6."""
     fastest, wave = lake(0.4, reference=False)
     assert fastest <= 1.2e-3 * wave
 
 
 @pytest.mark.thorough
 def test_curvature_keeps_the_speed_round_a_bend():
-    """A point mass through a slope change of 30 to 0 degrees keeps its energy to 0.02 %; a quarter is lost without."""
+    """A point mass keeps its energy to 0.02 % on a bend from 30 to 0 degrees; without curvature it loses a quarter."""
 
     def bed(x, y):
         return np.where(x < 300, (300 - x) * np.tan(np.radians(30)), 0.0) + 0 * y

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("degrees, friction", [(0, 0), (30, 20), (35, 25)])
 def test_dam_breaks_on_the_finest_cells_still_get_better(degrees, friction):
-    """V5, V7: 0.22 to 0.25 % at 0.125 m, and hardly a column that wants to be faster than its drop allows (H2)."""
+    """V5, V7: 0.22 to 0.25 % at 0.125 m, and very few columns whose speed is limited to that of their drop (H2)."""
     form = {"metric": WaterMetric()} if degrees == 0 else {"reservoir": 80, "length": 160}
     errors = []
     for dx in (0.5, 0.25, 0.125):
@@ -30,7 +30,7 @@ def test_dam_breaks_on_the_finest_cells_still_get_better(degrees, friction):
 
 @pytest.mark.skipif(not bench_iseesnow.DATA.exists(), reason=bench_iseesnow.ABSENT)
 def test_iseesnow_idealized_topography():
-    """V21b, through the commands, as in validation.md; the twelve codes' own best overlap is 0.965 (asked: 0.93)."""
+    """V21b with the commands, as in validation.md; the best overlap of the twelve codes is 0.965 (required: 0.93)."""
     overlap, area, runout, speed = bench_iseesnow.base_beside_codes()
     assert overlap[2] >= 0.965
     for (*_, ours, codes), margin in ((area, 0.02), (runout, 0.005), (speed, 0.05)):

@@ -1,4 +1,4 @@
-"""Walls and erosion in the solver: what they hold, what they take up, what they book; laws plain and compiled."""
+"""Walls, erosion, zones and lakes in the solver: loads, mass taken up, balances; laws plain and compiled."""
 
 import math
 
@@ -46,7 +46,7 @@ def channel(height, depth=8.0, length=200.0):
 
 
 def test_a_pond_at_rest_loads_its_dam_with_hydrostatic_pressure():
-    """1/2 rho g h^2 per metre of width, within 4 % (mean of 60 s, the water still swings a little)."""
+    """1/2 rho g h^2 per metre of width, within 4 % (mean of 60 s, the water still oscillates a little)."""
     solver = channel(1000.0)
     solver.advance(40.0)
     before = solver.balances()["barriers"]["dam"]["impulse_east"]
@@ -61,7 +61,7 @@ def test_a_pond_at_rest_loads_its_dam_with_hydrostatic_pressure():
 
 
 def test_a_weir_lets_pass_what_stands_above_its_crest():
-    """The water falls to the crest, and what went over is what is found beyond, within 10 %."""
+    """The level falls to the crest; the counted mass over the crest is the mass beyond it, within 10 %."""
     solver = channel(5.0)
     solver.advance(150.0)
     p = solver.frame().particles
@@ -157,7 +157,7 @@ def test_a_lowered_bed_with_curvature_is_bitwise_the_same_for_any_threads():
 
 
 def weightless_slab(coefficient, erodible, **laws):
-    """A slab 2 m thick that glides at 10 m/s over erodible ground, all but weightless."""
+    """A slab 2 m thick that slides at 10 m/s over erodible ground, with almost no weight."""
     terrain = terrain_of(level, 600.0, 40.0, DX)
     frame = columns_of(2.0, 50, 250, 0, 40, DX / 4, velocity=(10.0, 0.0))
     shape = ColumnGrid.on(terrain, DX).bed.shape
@@ -242,7 +242,7 @@ def test_laws_of_zones_agree_with_compiled():
 
 @pytest.mark.thorough
 def test_friction_zones_brake_inside_their_polygons():
-    """A thin sheet on 20 degrees: frictionless ground lets it go, mu above the slope holds it to the last bit."""
+    """A thin sheet on 20 degrees: it slides on frictionless ground; mu above the slope holds it to the last bit."""
     slope = math.tan(math.radians(20))
     terrain = terrain_of(lambda x, y: slope * (400 - x), 400, 200, DX)
     frame = columns_of(0.05, 100, 140, 20, 180, DX / 4)
@@ -255,7 +255,7 @@ def test_friction_zones_brake_inside_their_polygons():
     order = np.argsort(p.id)
     moved = (p.position[order] - frame.particles.position)[:, 0]
     y = frame.particles.position[:, 1]
-    assert moved[y < 75].max() == 0.0  # nearer to the border the moving part drags
+    assert moved[y < 75].max() == 0.0  # nearer to the border the moving part drags it
     free = 0.5 * G * math.sin(math.radians(20)) * math.cos(math.radians(20)) * 9.0
     assert np.median(moved[y > 105]) == pytest.approx(free, rel=0.02)
 
@@ -281,7 +281,7 @@ def test_v10_two_lakes_at_two_levels_rest_while_a_dry_valley_is_none():
         assert cells.any() and not others
         lake_level[cells] = still
     assert (lake_level[:, 40:] == NO_LAKE).all()
-    assert not lake_cells(grid.bed[1:-1, 1:-1], 12.0, water)[0].any()  # nobody filled it that high
+    assert not lake_cells(grid.bed[1:-1, 1:-1], 12.0, water)[0].any()  # it was not filled so high
     places = Places(lake_level=lake_level)
     solver = solver_on(terrain, frame, DX, metric=WaterMetric(), still_water=StillWater(), places=places, edges="wall")
     solver.advance(1e9, 1000)
@@ -289,7 +289,7 @@ def test_v10_two_lakes_at_two_levels_rest_while_a_dry_valley_is_none():
 
 
 def test_the_bed_of_a_plane_is_plane_up_to_the_cells_without_elevation():
-    """Beside a hole no node bends that a column on known ground can feel; far into the hole the bed is level."""
+    """Beside a hole, no node within reach of a column on known ground has curvature; far inside it the bed is level."""
     terrain = terrain_of(lambda x, y: 500.0 - 0.6 * x + 0.2 * y, 400.0, 300.0, 5.0)
     terrain.elevation[:8] = np.nan
     terrain.elevation[25:45, 30:60] = np.nan

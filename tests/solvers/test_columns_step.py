@@ -36,7 +36,7 @@ def rough_solver(law=None, metric=None, curvature=None, **numerics):
 
 
 def splines(position, start, dx):
-    """(nodes, weights, slopes) of one particle on one axis: quadratic B-splines, as any text-book has them."""
+    """(nodes, weights, slopes) of one particle on one axis: quadratic B-splines, as in textbooks."""
     s = (position - start) / dx
     first = int(np.floor(s - 0.5))
     nodes = first + np.arange(3)
@@ -54,7 +54,7 @@ def bending(bed, node, dx):
 
 
 def plain_step(particles, solver, dt, law, curved):
-    """One step in plain Python, dense, in the order of theory.md: the oracle."""
+    """One step in plain Python, dense, in the order of theory.md: the reference."""
     dx, density, grid = solver.grid.cell_size, solver.numerics.density, solver.grid
     shape = grid.bed.shape
     mass, momentum = np.zeros(shape), np.zeros((*shape, 2))
@@ -303,7 +303,7 @@ def test_peaks_of_every_step_are_kept_only_on_request():
 
 
 def test_arrival_speed_and_pressure_require_the_arrival_thickness():
-    """The thickness peaks do not know the threshold; all else is there exactly where the flow was as thick."""
+    """Thickness peaks do not depend on the threshold; the others exist exactly where the flow was that thick."""
     kept = {}
     for thickness in (0.02, 1.5):
         solver = rough_solver(maxima=True, arrival_thickness=thickness)
@@ -361,7 +361,7 @@ def test_one_column_alone_moves_as_a_point():
 
 
 def pool(form, **numerics):
-    """Frictionless water that runs into a walled corner, where it would lie 12.4 m deep; largest depth ever there."""
+    """Frictionless water that flows into a walled corner, 12.4 m deep there if at rest; and the largest depth there."""
     terrain = terrain_of(lambda x, y: 0.2 * (600 - x) + 0.2 * (300 - y), 600, 300, 5)
 
     def cap(x, y):
@@ -425,7 +425,7 @@ def test_ground_next_to_a_rotated_raster_is_outside():
 
 
 def test_every_particle_is_in_the_tile_of_its_block():
-    """Stencil base and block key round alike, also where 1/dx is not a binary number."""
+    """Stencil base and block key are rounded in the same way, also if 1/dx is not a binary number."""
     from mpmgis.kernels.column_rows import block_key, weights
 
     for dx in (0.3, 1 / 3, 0.6, 0.7, 3.3):
@@ -448,7 +448,7 @@ def test_resuming_from_an_earlier_frame_in_memory():
 
 
 def same_state(solver, again):
-    """Every array of the state to the bit."""
+    """Assert that all arrays of the states are bitwise equal."""
     first, second = solver.state(), again.state()
     assert set(first) == set(second)
     for name, values in first.items():

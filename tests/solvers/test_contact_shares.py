@@ -1,4 +1,4 @@
-"""How a face shares its push among the nodes, and the stress at beds of any slope, direction and place in a cell."""
+"""Shares of the nodes in the impulse of a face; stress at beds of any slope, direction and position in a cell."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ from mpmgis.particles import Frame, Particles
 MUD = Fluid(1000.0 * 100.0**2, 2000.0, 0.0)
 LEVELS = np.arange(-2, 3)
 PATCH = 2.5  # [cells]
-MASS = st.just(0.0) | st.floats(1e-100, 1.0)  # of a node; squares of smaller ones are no numbers
+MASS = st.just(0.0) | st.floats(1e-100, 1.0)  # of a node; squares of smaller masses underflow
 
 
 def spline(r):
@@ -77,7 +77,7 @@ def masses_of(foot, rise, thickness=np.inf):
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-0.5, 0.5), st.floats(0.0, 8.0), st.tuples(*[MASS] * 5).filter(any))
 def test_shares_are_positive_with_the_sum_one_and_none_beyond_its_mass(foot, rise, masses):
-    """Whatever the masses and the slope: a push is neither lost nor multiplied, nor reversed at a node."""
+    """For any masses and slope: the impulse is neither lost nor multiplied, nor reversed at a node."""
     masses = np.array(masses) / max(masses)
     shares = np.array(contact_shares(foot, rise, *masses))
     near = masses * [0.5 - foot, 1.0, 1.0, 1.0, 0.5 + foot]
@@ -96,7 +96,7 @@ def test_shares_are_positive_with_the_sum_one_and_none_beyond_its_mass(foot, ris
     st.floats(0.0, 1.2), st.floats(0.2, 1.0) | st.floats(2.0, 8.0), st.tuples(*[st.floats(0.7, 1.4)] * 6)
 )  # fmt: skip
 def test_shares_do_not_jump_where_the_ground_passes_the_middle_between_two_nodes(rise, thickness, factors):
-    """Of sheets and deep flows with uneven points, up to 50 degrees: a jump would multiply rounding errors."""
+    """Sheets and deep flows with irregular points, up to 50 degrees: a jump would amplify rounding errors."""
     lower = contact_shares(0.5, rise, *(masses_of(0.5, rise, thickness) * factors[:5]))
     upper = contact_shares(-0.5, rise, *(masses_of(-0.5, rise, thickness) * factors[1:]))
     np.testing.assert_allclose([*lower, 0.0], [0.0, *upper], atol=1e-3)
@@ -105,7 +105,7 @@ def test_shares_do_not_jump_where_the_ground_passes_the_middle_between_two_nodes
 @settings(max_examples=100, deadline=None)
 @given(st.floats(-0.5, 0.5), st.floats(0.0, 1.0))
 def test_shares_of_a_filled_space_have_the_moment_of_the_ground(foot, rise):
-    """Up to 45 degrees, where no share is limited: the push acts at the ground."""
+    """Up to 45 degrees, where no share is limited: the impulse acts at the ground."""
     masses = masses_of(foot, rise)
     assert np.array(contact_shares(foot, rise, *masses)) @ LEVELS == pytest.approx(foot, abs=1e-9)
 
@@ -120,7 +120,7 @@ def test_a_filled_space_on_level_ground_gets_its_exact_shares(foot):
 
 
 def across(foot, rise, masses, part=None):
-    """(shares of the nodes -2 to 2 in a push along their line, and in its component across the line)."""
+    """(shares of the nodes -2 to 2 in an impulse along their line, and in its component across the line)."""
     shares = np.array(contact_shares(foot, rise, *masses))
     part = max(1.0 - rise * rise, 0.0) if part is None else part
     more = np.array([
@@ -143,7 +143,7 @@ WEIGHTS = spline(LINE) / spline(LINE).sum()
 
 
 def exact_shares(foot, slope_x, slope_y):
-    """[3, 5]: shares of the x, y and z components of the push of a filled space on ground with these slopes.
+    """[3, 5]: shares of the x, y and z components of the impulse of a filled space on ground with these slopes.
 
     That on an axis is the integral of 4 r w(r) along it with the splines along both others, over the space above the
     ground; in closed form along the line of nodes, by midpoints along the axes across it.
@@ -190,7 +190,7 @@ def test_the_part_of_a_push_across_is_the_mean_of_both_axes(east, north, slope):
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-0.5, 0.5), st.floats(0.0, 1.0), st.tuples(*[MASS] * 5).filter(any))
 def test_a_push_across_a_line_has_the_sum_and_the_moment_of_that_along_it(foot, rise, masses):
-    """Whatever the masses: together they push along the ground's normal, without torque."""
+    """For any masses: together the impulses are normal to the ground, without torque."""
     along, other = across(foot, rise, np.array(masses) / max(masses))
     assert other.sum() == pytest.approx(along.sum(), abs=1e-12)
     assert other @ LEVELS == pytest.approx(along @ LEVELS, abs=1e-12)

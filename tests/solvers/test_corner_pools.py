@@ -1,4 +1,4 @@
-"""Inner corners of barriers: rows reach into them exactly, and a pool between four walls keeps its load."""
+"""Inner corners of barriers: rows of nodes reach into them exactly, and a pool between four walls keeps its load."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ DENSITY = 1000.0
 
 
 def wedge(degrees, opening, apex, far=500.0):
-    """The part of the plane between two rays from `apex`, the first at `degrees` from east, `opening` [degrees] on."""
+    """The part of the plane between two rays from `apex`, at `degrees` and `degrees + opening` from east."""
     angles = np.radians(np.linspace(degrees, degrees + opening, 20))
     return shapely.Polygon([apex, *(apex + far * np.column_stack([np.cos(angles), np.sin(angles)]))])
 
@@ -33,7 +33,7 @@ def wedge(degrees, opening, apex, far=500.0):
 )  # fmt: skip
 @example(1.0, 270.0, 91.0, -0.75, 0.0)  # the node behind the corner is nearest to it, 0.1 degrees beside the normal
 def test_rows_reach_into_an_inner_corner(cell, degrees, opening, east, north):
-    """Each has the plane and the normal of one of both sides; those of a side reach the corner to a cell."""
+    """Each has the plane and the normal of one of both sides; the rows of a side reach the corner to within a cell."""
     apex = cell * np.array([east, north])
     box = shapely.box(*(0.8 * CELLS * cell * np.array([-1.0, -1.0, 1.0, 1.0])))
     wall = Wall("dam", box.difference(wedge(degrees, opening, apex, 500.0 * cell)), height=9.0 * cell)
@@ -135,7 +135,7 @@ def load(solver, begin, end):
 
 @pytest.mark.parametrize(("azimuth", "begin", "least"), [(0.0, 10.0, 0.97), (30.0, 5.0, 0.95)])
 def test_a_pool_between_four_walls_keeps_its_load(azimuth, begin, least):
-    """Points crept into the walls at the corners."""
+    """Before, points crept into the walls at the corners."""
     solver, hydrostatic, _ = pool(azimuth)
     found = load(solver, begin, begin + 5.0) / hydrostatic
     print(azimuth, found)

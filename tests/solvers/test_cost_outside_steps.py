@@ -1,4 +1,4 @@
-"""What a run is predicted to take beside its steps: in proportion to what there is, from a floor up."""
+"""Predicted time of a run without its steps: proportional to the number of particles and cells, above a minimum."""
 
 import pytest
 

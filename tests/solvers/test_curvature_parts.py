@@ -1,4 +1,4 @@
-"""Curvature's two parts, alone and together: as plain Python, compiled, and from a scene."""
+"""The two parts of curvature, alone and together: as plain Python, compiled, and from a scene."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def answers(law, state, gravity, centrifugal):
 
 @pytest.mark.parametrize("law", [NoCurvature(), Curvature(), CurvatureTurnOnly(), CurvatureLoadOnly()])
 def test_a_part_does_its_part_and_no_more(law):
-    """Turning is the whole law's or none, and so is the load; compiled and plain agree to the last bit."""
+    """Turning is that of the whole law or zero, and so is the load; compiled and plain agree to the last bit."""
     active, u, v, gravity = answers(law, STATE, 9.81, 1.7)
     assert (active, u, v, gravity) == answers.py_func(law, STATE, 9.81, 1.7)
     turns, loads = type(law) in (Curvature, CurvatureTurnOnly), type(law) in (Curvature, CurvatureLoadOnly)

@@ -1,4 +1,4 @@
-"""What effects cost: what is left out for it, the arithmetic by a clock of our own, and a real flow."""
+"""Measured cost of effects: which effects are left out, the arithmetic with an artificial clock, and a real flow."""
 
 from types import SimpleNamespace
 
@@ -56,8 +56,8 @@ def test_what_has_no_drag_or_no_absence_is_not_left_out():
 
 
 class Timed:
-    """A solver whose steps take `milliseconds` in all, those of an effect only while it is there; every seventh look
-    is disturbed. What it takes does not depend on the machine."""
+    """A solver whose steps take `milliseconds` in total, those of an effect only while it is on; every seventh
+    measurement is disturbed. The times do not depend on the machine."""
 
     def __init__(self, effects, friction, cohesion, rest, last=10**9):
         self.effects, self.cost, self.last = effects, (friction, cohesion, rest), last
@@ -108,7 +108,7 @@ def test_a_flow_that_ends_has_no_cost():
 
 
 def test_the_flow_is_measured_under_way_and_left_as_it_was():
-    """A sheet on 20 degrees: it has been moving, and all looks later it is where it was, to the bit."""
+    """A sheet on 20 degrees: it is moving, and after all measurements its state is the same, to the bit."""
     terrain = terrain_of(lambda x, y: -np.tan(np.radians(20.0)) * x, 200.0, 60.0, 5.0)
     solver = solver_on(terrain, columns_of(1.0, 20.0, 60.0, 20.0, 40.0, 2.5), 5.0, Coulomb(0.1))
     start = under_way(solver, Events(), 3.0)

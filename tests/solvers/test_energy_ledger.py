@@ -1,4 +1,4 @@
-"""The energy balance of the depth-averaged solver closes for each thing that brings, takes or moves energy."""
+"""The energy balance of the depth-averaged solver closes for each process that adds, removes or moves energy."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def plane(degrees):
 
 def hill_solver(frame, *, bed=hillside, form="slope", erosion=ENERGY, erodible=0.0, wall=None, mu=0.15, hole=None,
                 **numerics):  # fmt: skip
-    """Voellmy with zones, erosion and barriers: all of them are on, and act as far as their numbers say."""
+    """Voellmy with zones, erosion and barriers: all are on; the given numbers set their strength."""
     terrain = terrain_of(bed, LENGTH, WIDTH, DX)
     if hole is not None:
         terrain.elevation[hole] = np.nan
@@ -66,7 +66,7 @@ def release(thickness=2.0, velocity=(0.0, 0.0), west=12.0, east=44.0):
 
 
 def closed(solver, least=CLOSES, closes=CLOSES):
-    """Balances of a solver, checked: the energy closes to `closes`; no loss is below -`least` of what came in."""
+    """Checked balances of a solver: the energy closes to `closes`; no loss is below -`least` of the energy put in."""
     b = solver.balances()
     parts = {name: value for name, value in b.items() if name.startswith("energy_lost_to_")}
     put_in = b["energy_start"] + b["energy_released_later"] + b["energy_entrained"]
@@ -99,7 +99,7 @@ def test_a_release_at_rest_and_one_with_speed(form, velocity):
 @pytest.mark.parametrize("degrees", [5.0, 20.0, 40.0])
 @pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 def test_friction_loss_agrees_with_the_law(form, degrees):
-    """A sheet far from its rims slides as a block does: its loss to the ground is mu c per metre of way along it."""
+    """A sheet far from its edges slides like a block: its loss to the ground is mu c per metre of path along it."""
     frame = columns_of(0.05, 0, 400, 0, 40, 2.5, velocity=(8.0, 0.0))
     slope, mu = np.tan(np.radians(degrees)), 0.3
     terrain = terrain_of(lambda x, y: slope * (2000 - x), 2000, 40, 5.0)
@@ -129,7 +129,7 @@ def test_erosion_by_both_laws_and_with_a_lowered_bed(form, law, lowering):
 
 @pytest.mark.thorough
 def test_mass_taken_up_at_rest_takes_the_energy_of_an_inelastic_impact():
-    """Without weight momentum is kept: the kinetic energy is m0 / m of what it was, and all the loss has this name."""
+    """Without weight momentum is kept: m0 / m of the kinetic energy remains; the loss is that to eroded mass."""
     frame = columns_of(2.0, 50, 250, 0, 40, 1.25, velocity=(10.0, 0.0))
     terrain = terrain_of(lambda x, y: 0 * x, 600.0, 40.0, 5.0)
     places = Places(erodible=np.full(ColumnGrid.on(terrain, 5.0).bed.shape, 1e9))
@@ -147,7 +147,7 @@ def test_mass_taken_up_at_rest_takes_the_energy_of_an_inelastic_impact():
 @pytest.mark.thorough
 @pytest.mark.parametrize("given", ["discharge", "thickness", "speed", "rest"])
 def test_inflow(given):
-    """What a hydrograph brings is its mass with its speed, at the height of the inlet."""
+    """The energy of an inflow is that of its mass with its speed, at the height of the inlet."""
     flow = {
         "discharge": table([0, 8], discharge=[30, 50]),
         "speed": table([0, 8], discharge=[40, 40], speed=[8, 8]),
@@ -215,7 +215,7 @@ def test_a_barrier(form, height):
 
 @pytest.mark.thorough
 def test_a_wall_takes_the_energy_across_it():
-    """A sheet against a high wall at 20 m/s: what is booked to the barrier and to mixing is what it had."""
+    """A sheet against a high wall at 20 m/s: the losses to the barrier and to mixing are its kinetic energy."""
     frame = columns_of(2.0, 60, 90, 12, 36, 1.0, velocity=(20.0, 0.0))
     solver = hill_solver(frame, bed=plane(0.0), wall=Wall("w", shapely.box(110, -9, 114, 99), 100.0), mu=0.0)
     solver.advance(4.0)
@@ -226,7 +226,7 @@ def test_a_wall_takes_the_energy_across_it():
 @pytest.mark.thorough
 @pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 def test_outflow_over_edges_and_into_a_hole(form):
-    """What left is reported with its place: over the edges beside the flow and into the hole, with their masses."""
+    """Mass that left is reported with its place: over the edges beside the flow and into the hole."""
     hole = np.s_[5:7, 20:22]  # rows from the north: N 20 to 28, E 80 to 88
     solver = hill_solver(release(velocity=(15.0, 0.0)), bed=plane(20.0), form=form, hole=hole, mu=0.05)
     solver.advance(18.0)

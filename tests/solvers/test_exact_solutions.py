@@ -109,14 +109,14 @@ def test_the_similarity_cap_solves_its_equations_and_keeps_its_volume():
 
 
 def test_the_similarity_caps_early_series_is_early_enough():
-    """Starting it ten times later changes the axes at 10 s by less than a thousandth."""
+    """A start ten times later changes the axes at 10 s by less than a thousandth."""
     made = [SimilarityCap(np.radians(35), np.radians(25), 80.0, 80.0, 4.0, 10.0, early=early) for early in (0.01, 0.1)]
     x, y = np.meshgrid(np.linspace(60, 160, 11), np.linspace(-50, 50, 11))
     np.testing.assert_allclose(made[1](x, y, 10.0), made[0](x, y, 10.0), rtol=2e-3, atol=2e-3)
 
 
 def test_a_bead_keeps_its_energy_and_follows_the_energy_line():
-    """Without friction: constant energy. With it, and the bend's load left out: z0 = z + U^2 / 2g + mu x exactly."""
+    """Without friction: constant energy. With friction, without centrifugal load: z0 = z + U^2 / 2g + mu x exactly."""
 
     def energy(x, u):
         return G * 0.005 * x**2 + 0.5 * u * u * (1 + (0.01 * x) ** 2)
@@ -131,7 +131,7 @@ def test_a_bead_keeps_its_energy_and_follows_the_energy_line():
 
 
 def test_a_bingham_sheet_balances_its_weight():
-    """The profile's own integral: shear rate (tau - tau_y) / eta below the plug, integrated twice by quadrature."""
+    """The integral of the profile: shear rate (tau - tau_y) / eta below the plug, integrated twice by quadrature."""
     slope, thickness, density, strength, viscosity = np.radians(10), 2.0, 1500.0, 2000.0, 300.0
     z = np.linspace(0, thickness, 200_001)
     stress = density * G * np.sin(slope) * (thickness - z)

@@ -1,4 +1,4 @@
-"""Particles that come and go between steps, as solvers in step exchange them: points let in, columns taken out."""
+"""Particles that enter and leave between steps, as solvers in step exchange them: points inserted, columns removed."""
 
 import numpy as np
 import pytest
@@ -119,7 +119,7 @@ def test_points_off_the_terrain_are_refused():
 
 
 def test_columns_that_are_taken_out_were_never_there():
-    """Of two heaps far apart one is taken; what is left goes on as if it had always been alone."""
+    """One of two heaps far apart is removed; the other one moves as if it had always been alone."""
     left, right = (columns_of(2.0, west, west + 10, 20, 30, 0.5) for west in (10, 40))
     ids = np.arange(len(left.particles) + len(right.particles), dtype=np.uint64)
     both = Frame(_joined(left.particles, right.particles, ids))
@@ -141,7 +141,7 @@ def test_columns_that_are_taken_out_were_never_there():
     assert abs(balances["mass_error_relative"]) <= 1e-12
     for name in ("mass_now", "kinetic_energy", "potential_energy"):
         assert balances[name] == pytest.approx(wanted[name], rel=1e-6), name
-    assert balances["energy_lost"] > wanted["energy_lost"] > 0.0  # what was taken had lost some before
+    assert balances["energy_lost"] > wanted["energy_lost"] > 0.0  # the removed columns had lost some energy before
 
 
 def _joined(one, other, ids):

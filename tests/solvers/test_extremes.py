@@ -1,4 +1,4 @@
-"""Where and when a flow was thickest and fastest: found on the way, as a look at every step finds it."""
+"""Place and time of the largest thickness and speed: the same as from checks of every step."""
 
 import numpy as np
 import pytest

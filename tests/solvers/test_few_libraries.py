@@ -1,6 +1,6 @@
-"""Kernels, effects and solvers need Numba, NumPy, SciPy and h5py alone: machines with a GPU may have nothing else.
+"""Kernels, effects and solvers need only Numba, NumPy, SciPy and h5py: machines with a GPU may have no other libraries.
 
-The package `gpu` and the benchmarks for a GPU need numba-cuda and what it brings in addition.
+The package `gpu` and the benchmarks for a GPU also need numba-cuda and its dependencies.
 """
 
 import importlib.util
@@ -26,7 +26,7 @@ class OnlyThese:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 assert not set(ABSENT) & set(sys.modules)
-sys.modules.update(dict.fromkeys(ABSENT))  # `find_spec` answers None for them
+sys.modules.update(dict.fromkeys(ABSENT))  # `find_spec` returns None for them
 sys.meta_path.insert(0, OnlyThese())
 """
 EVERY_MODULE = """
@@ -56,7 +56,7 @@ for name in ("gpu", "gpu_columns"):
 
 
 def with_few(code, libraries=LIBRARIES):
-    """Standard output of `code` in a process that can import `libraries` alone."""
+    """Standard output of `code` in a process that can import only `libraries`."""
     given = f"LIBRARIES, ABSENT = {libraries!r}, {ABSENT!r}\n"
     done = subprocess.run(
         [sys.executable, "-c", given + ONLY_THESE + code], capture_output=True, text=True, timeout=580

@@ -1,4 +1,4 @@
-"""Forest in the depth-averaged solver against exact answers: resistance, detrainment, breaking, mass and energy."""
+"""Forest in the depth-averaged solver against exact solutions: resistance, detrainment, breaking, mass and energy."""
 
 import math
 import os
@@ -25,7 +25,7 @@ NEVER = 1e12  # [Pa] strength that no flow here reaches
 
 
 def forested(frame, bed, length, width, dx, values, mu=0.0, erosion=0.0, erodible=0.0, pixel=None, **numerics):
-    """A solver on which every node, or those of `values(x, y)`, has forest; one kind of kernel for all tests."""
+    """A solver with forest at every node, or at those of `values(x, y)`; one kind of kernel for all tests."""
     terrain = terrain_of(bed, length, width, pixel or dx)
     grid = ColumnGrid.on(terrain, dx)
     x, y = grid.node_points()
@@ -41,7 +41,7 @@ def forested(frame, bed, length, width, dx, values, mu=0.0, erosion=0.0, erodibl
 
 
 def sheet(degrees, values, *, dx=4.0, per_side=4, speed=5.0, mu=0.2, depth=0.5, **numerics):
-    """A sheet far from its rims on a plane of `degrees`, with an initial `speed` along it; (Frame, solver)."""
+    """(Frame, solver) of a large sheet on a plane of `degrees`, with an initial `speed` along it."""
     slope, cosine = math.tan(math.radians(degrees)), math.cos(math.radians(degrees))
     frame = columns_of(depth, 40, 240, 0, 40, dx / per_side, velocity=(speed * cosine, 0.0))
     bed = lambda x, y: slope * (600.0 - x)  # noqa: E731
@@ -129,7 +129,7 @@ def test_a_sheet_of_constant_speed_loses_mass_linearly(degrees, dx):
 
 
 def test_all_of_a_thin_sheet_stops_when_it_is_used_up():
-    """0.5 m at 8 m/s with K 2000 Pa: used up after 2 s. Its columns are gone, its mass lies on the ground."""
+    """0.5 m at 8 m/s with K 2000 Pa: all mass stops within 2 s. No columns are left; the mass is on the ground."""
     frame, solver = sheet(0.0, (2000.0, 0.0, 0.0, NEVER), mu=0.0, speed=8.0, gravity=1e-9)
     solver.advance(1.9)
     assert middle(frame, solver)[1] == pytest.approx(0.05, abs=0.01)
@@ -142,7 +142,7 @@ def test_all_of_a_thin_sheet_stops_when_it_is_used_up():
 
 
 def test_a_slowing_sheet_loses_mass_by_the_logarithm_of_its_speed():
-    """On level ground U = U0 - mu g t; what rests keeps its mass. The error falls with the time step."""
+    """On level ground U = U0 - mu g t; flow at rest keeps its mass. The error decreases with the time step."""
     k, mu, speed, time = 150.0, 0.3, 10.0, 3.0
     exact, errors = exact_loss(k, time, speed, mu * G, 0.5), []
     for step in (0.1, 0.05, 0.025):
@@ -220,7 +220,7 @@ def test_thick_flow_breaks_forest(thickest, breaks):
 
 @pytest.mark.parametrize(("strength", "breaks"), [(0.98e5, True), (1.02e5, False)])
 def test_forest_breaks_at_the_pressure_of_the_front(strength, breaks):
-    """10 m/s and 1000 kg/m3 are 100 kPa. Broken forest brakes nothing; standing forest brakes by c."""
+    """10 m/s and 1000 kg/m3 give 100 kPa. Broken forest has no resistance; standing forest brakes with c."""
     drag = 0.05
     frame = columns_of(1.0, 20, 120, 0, 40, 1.0, velocity=(10.0, 0.0))
     values = lambda x, y: np.where((x > 150)[..., None], (0.0, drag, 0.0, strength), 0.0)  # noqa: E731

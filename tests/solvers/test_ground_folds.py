@@ -1,4 +1,4 @@
-"""Cliffs and kinks in 3D: distance and direction of the nearest ground, and what a plane there would do."""
+"""Cliffs and kinks in 3D: distance and direction of the nearest ground, and contact with it."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def distance_from_lines(x, z, heights):
 
 
 def test_distances_from_a_straight_cliff_are_those_of_its_profile():
-    """Within the fineness of the dense points, under and above the ground, with the sign of the side."""
+    """Within the spacing of the dense points, under and above the ground, with the sign of the side."""
     ground, profile, seen = ground_of(cliff()), PROFILE, 0
     for j, i, z, exact in entries(ground):
         if j == 8:
@@ -62,7 +62,7 @@ def test_distances_from_a_straight_cliff_are_those_of_its_profile():
 
 
 def test_the_way_out_of_a_cliff_is_sideways():
-    """Up the face, which is two cells wide, it is all but level; on the plateau it is up."""
+    """Along the face, which is two cells wide, it is almost horizontal; on the plateau it is up."""
     ground, inside = ground_of(cliff()), int(np.flatnonzero(PROFILE == DROP)[-1]) + 1
     for j, i, z, exact in entries(ground):
         if j == 8 and i == inside and 1.0 <= z <= 4.0:
@@ -73,7 +73,7 @@ def test_the_way_out_of_a_cliff_is_sideways():
 
 
 def test_distances_from_a_twisted_ground():
-    """Against dense points on the bilinear surface: the fans differ from it by an eighth of a cell's twist at most."""
+    """Against dense points on the bilinear surface: the fans differ from it by at most an eighth of a cell's twist."""
     rng = np.random.default_rng(5)
     nodes = np.zeros((16, 16, 4))
     nodes[..., 0] = rng.uniform(0.0, 2.0, (16, 16))
@@ -94,14 +94,14 @@ def test_distances_from_a_twisted_ground():
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 68.0])
 def test_planes_of_any_slope_have_no_folds(degrees):
-    """On a plane (z - b) c is exact: no memory, and the solver looks nothing up."""
+    """On a plane (z - b) c is exact: no memory, and the solver uses no stored distances."""
     ground = ground_of(plane(degrees, length=40.0, width=10.0, height=100.0, pixel=DX))
     assert ground.folds.shape[:2] == (1, 1) and ground.exact.shape[0] == 1
     assert departure(ground.nodes, ground.nodes[..., 0], DX).max() < 0.01 * DX
 
 
 def test_ground_too_rough_to_keep_is_refused(monkeypatch):
-    """In one line that says how much of it folds."""
+    """In one line with the share of the terrain that folds."""
     monkeypatch.setattr(point_ground, "MOST_NODES", 100)
     with pytest.raises(SceneError, match=r"folds within a cell of 0\.5 m on [0-9]+ % of the terrain") as error:
         ground_of(cliff())
@@ -120,7 +120,7 @@ def falling(gap, mu=0.5, time=0.8):
 
 @pytest.mark.thorough
 def test_nodes_next_to_a_cliff_have_no_contact_with_ground_metres_below():
-    """A block falls freely a cell and a half before the foot of a cliff: no touch, no push. One cell before it
+    """A block falls freely a cell and a half before the foot of a cliff: no contact, no impulse. One cell before it
     the nodes within half a cell of the face take 3 of 62 000 N s."""
     solver, start = falling(1.5)
     moved = sorted_points(solver).position - start
@@ -130,7 +130,7 @@ def test_nodes_next_to_a_cliff_have_no_contact_with_ground_metres_below():
 
 
 def test_a_block_that_runs_into_a_cliff_is_stopped_by_its_face():
-    """8 m/s against the foot of 10 m: it comes back or stops, gives the face its momentum, and is not thrown up."""
+    """8 m/s against the foot of 10 m: it comes back or stops, the face takes its momentum, and it is not thrown up."""
     terrain = cliff()
     frame = block_of((3.0, 2.0, 2.0), DX / 2, (16.0, 2.0, 0.0), velocity=(-8.0, 0.0, 0.0))
     solver = points_on(terrain, frame, DX, ICE, CoulombContact(0.0))
@@ -139,5 +139,5 @@ def test_a_block_that_runs_into_a_cliff_is_stopped_by_its_face():
     assert now.position[:, 0].min() > EDGE - DX  # outside the face
     assert now.velocity[:, 0].mean() > -0.1  # stopped or thrown back
     assert balances["ground_impulse"][0] >= 0.98 * 8.0 * balances["mass_start"]
-    assert now.position[:, 2].max() < 2.0 + 2.0 * DX  # nobody is lifted over it
+    assert now.position[:, 2].max() < 2.0 + 2.0 * DX  # no point is lifted over it
     assert balances["mass_lifted_onto_ground"] == 0.0 and balances["momentum_error_relative"] <= 1e-10

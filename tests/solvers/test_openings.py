@@ -1,4 +1,4 @@
-"""Openings in barriers: they pass what a contraction does, whatever their place and direction on the grid."""
+"""Openings in barriers: their discharge is that of a contraction, for any position and direction on the grid."""
 
 import numba
 import numpy as np
@@ -43,8 +43,8 @@ def two_walls(gap, degrees, offset, thickness):
 @example(4.0, 0.0, 0.5, 0.0, 2.0)
 @example(4.0, 90.0, 0.4846, -0.5, 1.5)
 def test_the_shares_of_a_row_add_up_to_the_width(gap, degrees, off_x, off_y, thickness):
-    """Within 3 %: the direction of a wall, found from what lies around a node, turns a little at its end. Measured up
-    to 2.4 % in 300 cases."""
+    """Within 3 %: the direction of a wall, computed from the nodes around a node, turns a little at its end. Measured:
+    up to 2.4 % in 300 cases."""
     nodes = nodes_of(two_walls(gap, degrees, (off_x, off_y), thickness))
     row = nodes.number[:, 31] if degrees == 0.0 else nodes.number[31]
     share = nodes.share[:, 31] if degrees == 0.0 else nodes.share[31]
@@ -76,7 +76,7 @@ def test_a_wall_without_an_opening_has_no_open_nodes(degrees, off_x, off_y, thic
 
 
 def test_walls_that_touch_the_edge_of_the_terrain_leave_no_opening_there():
-    """And those that end before it leave one of their distance, mirrored as the flow is."""
+    """Walls that end before the edge leave an opening as wide as their distance, mirrored like the flow."""
     assert nodes_of([shapely.box(29.5, -9.0, 30.5, 90.0)]).share.max() == 0.0
     nodes = nodes_of([shapely.box(29.5, 2.0, 30.5, 90.0)])
     column = slice(1, 12)  # the node on the edge stands for half a cell
@@ -124,7 +124,7 @@ def test_columns_pass_what_a_contraction_does(cell_size, gap, degrees, offset, t
     ],
 )
 def test_points_pass_what_a_contraction_does(gap, degrees, offset, thickness, precision):
-    """Through one cell 16 % less than finite volumes give at the worst place and angle; through two and more 12 %."""
+    """Through one cell 16 % less than finite volumes at the worst position and angle; through two or more 12 %."""
     passed = discharge_of_points(1.0, gap, degrees, offset, thickness, precision=precision)
     assert (0.84 if gap < 2.0 else 0.88) * 0.865 <= passed <= 1.1
 
@@ -175,7 +175,7 @@ def test_openings_are_bitwise_the_same_for_any_threads_and_after_a_restart():
 
 
 def test_flow_along_a_wall_passes_its_end():
-    """A slab that glides along a wall, all but weightless, is not stopped at its end."""
+    """A slab that slides along a wall, almost without weight, is not stopped at the end of the wall."""
     frame = columns_of(1.0, 4.0, 20.0, 32.0, 38.0, 1.0, velocity=(10.0, 0.0))
     terrain = terrain_of(lambda x, y: 0 * x, 100.0, 60.0, 2.0)
     walls = [Wall("w", shapely.box(-5.0, 29.0, 40.0, 30.0), 20.0)]
@@ -203,15 +203,15 @@ def test_laws_of_openings_are_the_same_compiled():
     assert law.opening_discharge(G, 3.0, 0.0, 0.0, 0.0) == pytest.approx(np.sqrt(G) * 2.0**1.5)
     assert law.opening_discharge(G, 3.0, 0.0, 3.0, 0.0) == 0.0
     fast = law.opening_discharge(G, 1.0, 20.0, 0.0, 0.0)
-    assert fast > 1.0 * 20.0  # no flow is more than critical for its head: a fast one is never held back
-    assert law.let_through(1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (1.0, 0.0)  # towards the opening it is free
+    assert fast > 1.0 * 20.0  # no flow is more than critical for its head: a fast flow is never limited
+    assert law.let_through(1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (1.0, 0.0)  # towards the opening: no limit
     assert law.let_through(-1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("deep", [3.0, 4.0, 5.0, 6.0, 11.0])
 @pytest.mark.parametrize("wide", [1.0, 2.0])
 def test_a_wall_that_touches_the_reach_of_an_edge_is_no_error(wide, deep):
-    """Whole coordinates: the mirror image at an edge of the domain was a line, and the run ended with a traceback."""
+    """With whole coordinates the mirror image at an edge of the domain was a line: the run ended with a traceback."""
     x = np.arange(-12.0, 13.0)
     walls = (Wall("pier", shapely.box(-wide, -deep, wide, deep), height=5.0),)
     nodes = wall_nodes(walls, x, x, np.zeros((25, 25)), 1.0)

@@ -1,4 +1,4 @@
-"""What a run is predicted to take from two seconds of its own steps."""
+"""Prediction of the time of a run from two seconds of its steps."""
 
 import itertools
 
@@ -16,7 +16,7 @@ def pool():
 
 
 def test_the_pace_is_wall_time_over_steps_and_particles():
-    """A clock that goes a second at each look: marching ends at the third, after 4 + 8 steps of 1600 columns."""
+    """A clock that advances by 1 s at each reading: the trial ends at the third, after 4 + 8 steps of 1600 columns."""
     solver, ticks = pool(), itertools.count()
     pace = measured_pace(solver, seconds=3.0, clock=lambda: float(next(ticks)))
     assert solver.step == 2 + 4 + 8

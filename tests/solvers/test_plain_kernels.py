@@ -1,4 +1,4 @@
-"""Kernels as plain Python (NUMBA_DISABLE_JIT=1) give what the compiled ones give, over steps of both solvers."""
+"""Kernels as plain Python (NUMBA_DISABLE_JIT=1) give the results of the compiled ones, over steps of both solvers."""
 
 import os
 import subprocess
@@ -47,7 +47,7 @@ def test_plain_kernels_agree_with_compiled_ones(plain, scene):
 
 
 def test_plain_kernels_stop_at_the_end_of_an_array(tmp_path):
-    """What compiled code would read behind an array without an error is an error or no number in plain Python."""
+    """A read behind an array, which is no error in compiled code, is an error or NaN in plain Python."""
     script = """
 import numpy as np
 from mpmgis.kernels.lanes import get, lane, load, put

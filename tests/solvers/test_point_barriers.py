@@ -1,4 +1,4 @@
-"""Rigid barriers in 3D: nothing passes below the crest, what they take up is what the flow loses."""
+"""Rigid barriers in 3D: nothing passes below the crest, and they take the momentum that the flow loses."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_an_impact_gives_the_wall_the_momentum_that_the_flow_loses(mu):
     solver = struck(height=40.0, mu=mu)  # twice as high as 20 m/s splash
     position, balances = sorted_points(solver).position, solver.balances()
     assert solver.points == len(position) and balances["momentum_error_relative"] <= 1e-10
-    assert position[:, 0].max() < 30.0 + 0.3 * DX  # squeezed a quarter of a cell into the face by the blow
+    assert position[:, 0].max() < 30.0 + 0.3 * DX  # pressed a quarter of a cell into the face by the impact
     dam = balances["barriers"]["dam"]
     assert dam["overtopped_mass"] == 0.0
     assert dam["normal_impulse"] == pytest.approx(dam["impulse_east"], rel=1e-9)
@@ -63,7 +63,7 @@ def test_an_impact_gives_the_wall_the_momentum_that_the_flow_loses(mu):
 
 
 def test_still_water_presses_as_much_as_it_weighs():
-    """rho g h^2 / 2 a metre of wall within 5 %, on average over some waves."""
+    """rho g h^2 / 2 per metre of wall within 5 %, on average over some waves."""
     depth = 3.0
     frame = block_of((9.75, 12.0, depth), DX / 2, (20.0, 0.0, 0.0))
     z = frame.particles.position[:, 2]
@@ -135,7 +135,7 @@ MEASURED_THIN = (3.27, 3.46, 3.645, 3.93)
 def measured_discharge(crest, thickness, depth=4.0, gravity=9.81):
     """Discharge [m2 s-1] over a wall at the end of shallow water, `depth` [m] deep and at rest, from measured weirs.
 
-    A wave runs into the water (Riemann invariant), and the wall lets pass as much as arrives behind the wave.
+    A wave runs into the water (Riemann invariant); the discharge over the wall is that behind the wave.
     """
 
     def arriving(h):

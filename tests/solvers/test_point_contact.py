@@ -1,4 +1,4 @@
-"""Contact of the 3D flow with the ground: slabs that slide and stop, what friction takes, rest after a fall."""
+"""Contact of the 3D flow with the ground: slabs that slide and stop, loss to friction, rest after a fall."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ from mpmgis.kernels.point_contact import MOST_YIELD
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_a_slab_just_below_its_friction_angle_rests(weighted):
-    """24 degrees: creep and rest within 0.05 m in 6 s. Measured at three places of the ground 0.005 to 0.011 m, and on
-    cells of half the size; 1.9 to 2.5 m on rigid ground."""
+    """24 degrees: creep and rest within 0.05 m in 6 s. Measured: 0.005 to 0.011 m for three heights of the ground over
+    a node, and on cells of half the size; 1.9 to 2.5 m on rigid ground."""
     moved, speed, _, _ = slab(24.0, 6.0, above=0.3, weighted=weighted)
     assert -0.01 <= moved <= 0.05
     assert abs(speed) <= 1e-3
@@ -23,7 +23,7 @@ def test_a_slab_just_below_its_friction_angle_rests(weighted):
 
 @pytest.mark.parametrize(("weighted", "off"), [(False, 0.03), (True, 0.053)])
 def test_a_slab_just_above_its_friction_angle_slides(weighted, off):
-    """26 degrees: path of a rigid block. Measured 2.1 % further without stress at the start, 5.1 % under its weight;
+    """26 degrees: path of a rigid block. Measured: 2.1 % too far without stress at the start, 5.1 % under its weight;
     37 to 70 % on rigid ground."""
     moved, _, exact, _ = slab(26.0, 6.0, above=0.3, weighted=weighted)
     assert moved == pytest.approx(exact, rel=off)
@@ -33,7 +33,7 @@ def test_a_slab_just_above_its_friction_angle_slides(weighted, off):
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("weighted", [False, True])
 def test_slabs_on_half_the_cells_rest_slide_and_stop_as_well(weighted, precision):
-    """Of both precisions. Measured in double precision: 24 degrees 0.004 to 0.008 m, 26 degrees 2.3 and 3.1 % too far,
+    """In both precisions. Measured in double precision: 24 degrees 0.004 to 0.008 m, 26 degrees 2.3 and 3.1 % too far,
     35 degrees 0.12 %, on the flat 0.2 % short."""
     start = {"cell": 0.25, "weighted": weighted, "precision": precision}
     moved, speed, _, _ = slab(24.0, 6.0, above=0.3, **start)
@@ -118,7 +118,7 @@ def test_single_precision_bears_as_much():
     ],
 )
 def test_friction_loss_is_that_of_the_law(degrees, time, start):
-    """mu m g cos(slope) times the path within 1 %, measured 0.2 %; and no more than all that the ground takes."""
+    """mu m g cos(slope) times the path within 1 %, measured 0.2 %; and at most the total loss to the ground."""
     moved, _, _, solver = slab(degrees, time, above=0.3, **start)
     weight = solver.mass_start * G * np.cos(np.radians(degrees))
     balances = solver.balances()
@@ -128,8 +128,8 @@ def test_friction_loss_is_that_of_the_law(degrees, time, start):
 
 @pytest.mark.thorough
 def test_sand_without_cohesion_rests_away_from_its_free_front():
-    """24 degrees under friction of 25, 35 in the sand: the front of 2 m slumps to its angle of repose over some 10 m;
-    24 m and more behind it points move 0.003 to 0.01 m in 6 s."""
+    """24 degrees with friction of 25 on the ground and 35 in the sand: the front of 2 m slumps to its angle of repose
+    over some 10 m; 24 m and more behind it points move 0.003 to 0.01 m in 6 s."""
     sand = drucker_prager(6.7e6, 4e6, 35.0, 0.0, "plane_strain")
     _, _, _, solver = slab(24.0, 6.0, above=0.3, weighted=True, material=sand, length=48.0)
     now, first = sorted_points(solver), solver._start.particles.position
@@ -144,7 +144,7 @@ def test_sand_without_cohesion_rests_away_from_its_free_front():
 @pytest.mark.parametrize("layers", [pytest.param(20, marks=pytest.mark.thorough), 4])
 @pytest.mark.parametrize("above", [0.05, 0.5, 0.75])
 def test_what_falls_comes_to_rest_on_the_ground(layers, above):
-    """Sand that falls by two cells: the gap under its lowest points is 0 to 0.3 cells, wherever the ground lies."""
+    """Sand that falls by two cells: the gap under its lowest points is 0 to 0.3 cells, for any height of the ground."""
     frame = block_of((3.0, 3.0, 0.5 * layers), 0.5, (0.0, 0.0, above + 2.0))
     sand = drucker_prager(1e7, 6e6, 30.0, 0.0, "plane_strain")
     solver = points_on(level(3.0, 3.0, 1.0, above), frame, 1.0, sand, CoulombContact(0.5), edges="wall")

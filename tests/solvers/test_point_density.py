@@ -1,4 +1,4 @@
-"""Volumes of fluid points that follow the density at the nodes: open parts of splines, the correction, its effect."""
+"""Volumes of fluid points from the density at the nodes: open parts of splines, the correction, its effect."""
 
 from itertools import pairwise
 
@@ -118,7 +118,7 @@ def test_the_gap_of_a_volume_ends_at_the_band(volume, density, inside, band):
     some.floats(1e-6, 1.0), some.floats(-0.02, 0.02), some.sampled_from([0.0, 1.0]),
 )  # fmt: skip
 def test_a_correction_acts_evenly_and_its_energy_is_known(volume, change, count, step, growth, tait):
-    """Over `count` steps of a fluid that its motion compresses or expands by `growth` in all."""
+    """Over `count` steps of a fluid that its motion compresses or expands by `growth` in total."""
     water, rates = WATER._replace(tait=tait), [growth / (3.0 * count), 0.0, 0.0, 0.0]
     state, elastic = (volume, change / (count * step), *[0.0] * 6), 0.0
     for _ in range(count):
@@ -187,7 +187,7 @@ def test_a_stream_of_few_points_does_not_stop_as_a_leak():
 @pytest.mark.parametrize("froude", [1.2, 2.0])
 def test_corrections_make_no_peaks_of_the_load(froude):
     """Over spans of one or two steps, the load is at most 1.5 and 1.6 times the exact one without corrections, 1.4 and
-    1.8 with them, and 1.8 and 3.4 with corrections at once."""
+    1.8 with them, and 1.8 and 3.4 with instantaneous corrections."""
     solver, exact = stream_at_wall(froude, 5.0)
     times = np.arange(3.0, 5.0, 0.0075 / (froude * np.sqrt(G)))
     most = max(load_between(solver, *span) for span in pairwise(times)) / exact

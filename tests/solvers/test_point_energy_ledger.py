@@ -1,4 +1,4 @@
-"""The energy balance of the 3D solver against a plain loop that measures each taker on its own."""
+"""The energy balance of the 3D solver against a plain loop that computes each loss separately."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def both(material, degrees, mu, speed, lift, step, time=0.4, contact=None):
 
 
 def residual(solver, plain):
-    """What no taker explains, over the energy put in."""
+    """Unexplained loss over the energy put in."""
     b = solver.balances()
     put_in = b["energy_start"] + b["energy_lifted"]
     there = b["kinetic_energy"] + b["potential_energy"] + b["elastic_energy"] + b["energy_out"]
@@ -53,7 +53,7 @@ def residual(solver, plain):
 
 
 def closed(solver, plain):
-    """The solver's bookings are what the plain loop measures, and nothing is lost besides."""
+    """The losses of the solver are those of the plain loop, and there is no other loss."""
     b, scale = solver.balances(), solver.balances()["energy_start"]
     now = sorted_points(solver)
     assert len(now) == len(plain.mass) and b["mass_lifted_onto_ground"] == 0.0
@@ -104,7 +104,7 @@ def test_the_residual_falls_with_the_time_step():
     [pytest.param("elastic", marks=pytest.mark.slow), pytest.param("frictional", marks=pytest.mark.slow), "fluid"],
 )
 def test_drag_and_layers_take_what_the_plain_loop_measures(material):
-    """Bed and layers together, in a plain loop that solves each column as a dense system; layers only ever lose."""
+    """Bed and layers together, in a plain loop that solves each column as a dense system; layers never gain energy."""
     solver, plain = both(material, 30.0, 0.2, 8.0, 0.0, 1e-3, 0.2, VoellmyContact(0.2, 100.0))
     b, scale = solver.balances(), solver.balances()["energy_start"]
     position = sorted_points(solver).position

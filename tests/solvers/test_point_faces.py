@@ -25,8 +25,8 @@ from mpmgis.kernels.point_rows import GHOSTS, ROW_SHORT, X, Y, Z
 @pytest.mark.parametrize("down", [-1.0, -0.01])
 @pytest.mark.parametrize("degrees", [-40.0, 0.0, 40.0])
 def test_ground_and_wall_leave_no_speed_into_either_and_do_no_work(across, down, degrees):
-    """Of one node: after the ground's impulse and then the wall's, v is out of both faces or along them, and what
-    both give works as much as friction does, none; one after the other they gave it energy."""
+    """One node: after the impulses of ground and wall, v is out of both faces or along them, and both impulses do no
+    work without friction; as two separate contacts they gave it energy."""
     nx, nz = -np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     into = -(across * nx + down * nz)
     _, _, pressed, give, _, _ = between_faces(across, 0.0, into, 1.0, nx, 0.0, 1.0, 0.0)
@@ -47,9 +47,9 @@ def test_a_body_on_level_ground_presses_evenly_beside_walls():
 
 @pytest.mark.parametrize("above", [0.625, pytest.param(0.125, marks=pytest.mark.thorough)])
 def test_sloping_ground_does_not_push_a_body_against_walls_without_end(above):
-    """20 degrees between walls: the stored energy keeps within 1 % and the body rests. In the acute corner the stress
-    is 4 to 10 % low, in the obtuse one 6 % (lateral) and 1 % off. One after the other, ground and walls made the
-    stress 10 to 110 times as large."""
+    """20 degrees between walls: the stored energy changes by less than 1 % and the body rests. In the acute corner the
+    stress is 4 to 10 % low, in the obtuse one the errors are 6 % (lateral) and 1 %. As separate contacts, ground and
+    walls made the stress 10 to 110 times as large."""
     ratios, solver = between_walls(20.0, above)
     np.testing.assert_allclose(ratios[1], 1.0, atol=0.07)
     np.testing.assert_allclose(ratios[0], 1.0, atol=0.11)
@@ -59,7 +59,7 @@ def test_sloping_ground_does_not_push_a_body_against_walls_without_end(above):
 
 
 def test_a_body_rests_on_a_ramp_at_the_domain_s_edge():
-    """10 degrees down from the western edge, where it stored 300 times its energy within 2 s."""
+    """10 degrees down from the western edge; before, the body stored 300 times its energy within 2 s."""
     rise = np.tan(np.radians(10.0))
     solver = resting_in(lambda x: 20.0 + max_of(10.0 - x) * rise, 20.0, 0.0, 20.0, 30.0, SOIL)
     integrate_to(solver, 2.0)
@@ -136,8 +136,8 @@ def test_an_acute_corner_of_60_degrees_bears_as_much_as_the_limits_say():
 @pytest.mark.parametrize("azimuth", [0.0, 30.0])
 def test_a_block_slides_along_a_wall(azimuth):
     """35 degrees over a friction angle of 25, started without stress: while the block settles on smooth ground it
-    swings, and goes 7 % too far in 2 s; the wall bears the weight's part to 3 %. 24 degrees move by 0.21 to
-    0.26 m in 2 s and then rest (`test_barrier_face_loads`)."""
+    oscillates, and goes 7 % too far in 2 s; the error of the load on the wall is 3 %. At 24 degrees the block moves by
+    0.21 to 0.26 m in 2 s and then rests (`test_barrier_face_loads`)."""
     moved, exact, force, _ = along_wall(35.0, 2.0, SLAB, azimuth=azimuth)
     assert 1.0 <= moved / exact <= 1.09 and force == pytest.approx(1.0, abs=0.03)
     moved, exact, force, _ = along_wall(24.0, 2.0, SLAB, azimuth=azimuth)

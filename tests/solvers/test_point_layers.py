@@ -1,4 +1,4 @@
-"""Layers of a 3D flow with Voellmy's drag: steady chute, profile, what links keep and take (`effects/layers`)."""
+"""Layers of a 3D flow with Voellmy's drag: steady chute, profile, momentum and energy of links (`effects/layers`)."""
 
 from itertools import pairwise
 
@@ -23,7 +23,7 @@ MARGIN = 5.0  # [m] before the slab
 class Chute:
     """A slab of fluid `deep` [m] on a plane of `degrees` between walls.
 
-    It starts with the steady profile of mu and xi, at `pace` times its steady speed.
+    The slab starts with the steady profile of mu and xi, at `pace` times its steady speed.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Chute:
         return np.array([layers.layer_speed(z, self.roughness, self.chezy) for z in np.clip(above, 0.0, 1.0)])
 
     def middle(self):
-        """(heights over the depth [1], speeds over the steady mean of that depth [1]) of the points amidst the slab."""
+        """(heights over the depth [1], speeds over the steady mean of that depth [1]) in the middle of the slab."""
         points = self.solver.frame().particles
         first, last = np.quantile(points.position[:, 0], (0.4, 0.6))
         amid = (points.position[:, 0] > first) & (points.position[:, 0] < last)
@@ -104,8 +104,8 @@ def test_a_steady_chute_has_voellmys_mean_with_either_transfer(degrees, xi, mu, 
     ],
 )
 def test_a_chute_that_starts_too_slow_or_too_fast_approaches_voellmys_mean(degrees, xi, mu, pace, transfer):
-    """As a uniform flow of one layer does: within 1.5 % (RPIC: 2.5 %) after 1.5 s, in which it goes a third to half of
-    the way."""
+    """Like a uniform flow of one layer: within 1.5 % (RPIC: 2.5 %) after 1.5 s, in which the speed changes by a third
+    to half of the difference."""
     chute = Chute(degrees, xi, mu, 1.5, pace=pace, transfer=TRANSFERS[transfer])
     exact = chute.pace_after(pace, 1.5)
     assert abs(exact - pace) > 0.04
@@ -128,7 +128,7 @@ def test_the_steady_profile_is_the_log_law_of_the_drag(shear):
 
 @pytest.mark.thorough
 def test_layers_of_solids_keep_their_own_strength():
-    """A slab with an internal friction above the slope slides as one piece: links take under 1 % of what it loses."""
+    """A slab with an internal friction above the slope slides as one piece: links take less than 1 % of its loss."""
     sand = drucker_prager(6.7e6, 4e6, 35.0, 0.0)
     chute = Chute(17.0, 200.0, 0.1, 1.0, long=12.0, wide=4, shear=0.0, material=sand)
     above, speed = chute.middle()

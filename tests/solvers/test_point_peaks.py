@@ -1,4 +1,4 @@
-"""Running peaks of the 3D solver: against NumPy in every step, a block on a slope, a splash, walls, a restart."""
+"""Maxima of every step of the 3D solver: against NumPy, a block on a slope, a splash, walls, a restart."""
 
 from itertools import pairwise
 
@@ -26,7 +26,7 @@ FLAT = terrain_of(lambda x, y: 0.0 * x, 24.0, 20.0, 4.0)
 
 
 def cloud(place, velocity, mass):
-    """A Frame of points at `place` [n, 3] [m], of the scenes' density where they are pressed together."""
+    """A Frame of points at `place` [n, 3] [m], with volumes for the density of the scenes."""
     mass = np.asarray(mass, float)
     ids = np.arange(len(mass), dtype=np.uint64)
     return Frame(Particles(place, velocity, mass, mass / DENSITY, id=ids), dimension=3)
@@ -71,7 +71,7 @@ def test_the_kernel_and_the_frames_agree_on_the_order_of_peaks():
 
 @pytest.mark.parametrize("wide", [1, 2])
 def test_peaks_equal_those_of_the_plain_loop_in_every_step(wide):
-    """Thickness, speed along the ground, pressure of all the velocity and arrival, from the plain loop's own nodes."""
+    """Thickness, speed along the ground, pressure of the whole velocity, arrival, from the nodes of the plain loop."""
     terrain = plane(30, length=40.0, width=12.0, height=60.0, pixel=4.0)
     corner = (20.3, 5.2, 60.0 - 20.3 * np.tan(np.radians(30)))
     frame = block_of((2.0 * wide, 1.5, 1.5), 0.5, corner, velocity=(14.0, -3.0, -2.0), turned=np.radians(30))
@@ -139,7 +139,7 @@ def test_thickness_and_arrival_are_those_of_numpy_in_every_step(seed, dx, single
 
 
 def test_free_flight_has_the_peaks_of_one_velocity():
-    """Away from the ground a cloud has one velocity: its part along the slope, and all of it in the pressure."""
+    """Away from the ground a cloud has one velocity: the speed is its part along the slope, the pressure uses all."""
     terrain = plane(30, length=60.0, width=20.0, height=60.0, pixel=4.0)
     frame = block_of((3.0, 3.0, 2.0), 0.5, (20.0, 8.0, 70.0), velocity=(6.0, 2.0, 0.0))
     solver = points_on(terrain, frame, 1.0, ELASTIC, maxima=True)
@@ -154,7 +154,7 @@ def test_free_flight_has_the_peaks_of_one_velocity():
 
 
 def test_a_sliding_block_leaves_its_known_peaks():
-    """At each place below it, speed is that of its tail as it leaves, arrival that of its front."""
+    """At each place below the block, the speed is that of its tail when it leaves, the arrival that of its front."""
     degrees, mu, length, thick = 35.0, 0.3, 12.0, 2.0
     angle = np.radians(degrees)
     terrain = plane(degrees, length=160.0, width=24.0, height=130.0)
@@ -180,7 +180,7 @@ def test_a_sliding_block_leaves_its_known_peaks():
 
 @pytest.mark.thorough
 def test_a_single_point_in_the_air_makes_no_speed_pressure_or_arrival():
-    """Cells so large that one point is thicker than arrival_thickness; two that fly together count."""
+    """In cells so large that one point is thicker than arrival_thickness; two points that fly together do."""
     place = np.array([[6.0, 6.0, 9.0], [16.0, 10.0, 9.0], [16.2, 10.1, 9.2]])
     frame = cloud(place, np.tile((0.0, 0.0, -30.0), (3, 1)), np.full(3, DENSITY))
     solver = points_on(FLAT, frame, 2.0, Fluid(1e6, 0.0, 0.0), maxima=True)
@@ -230,7 +230,7 @@ def test_a_restart_has_the_peaks_of_the_whole_run_and_going_back_forgets_them():
 
     whole = list(TimeIntegration(heap(), 1.5, 0.25))
     again = heap()
-    again.advance(0.7)  # what it saw is no part of the run that it goes on with
+    again.advance(0.7)  # its maxima are not part of the run that it continues
     again.restore(whole[2])
     frames = list(TimeIntegration(again, 1.5, 0.25, resumed=True))
     for name, values in whole[-1].maxima.items():

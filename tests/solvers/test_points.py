@@ -37,10 +37,10 @@ def test_a_block_in_the_air_flies_as_a_point():
 
 
 def test_a_point_pulled_apart_without_end_fills_no_more_than_its_stencil(tmp_path):
-    """Points that flew off a cliff had volumes of 1e34 m3, in frames that could not be read again."""
+    """Before, points that flew off a cliff had volumes of 1e34 m3, in frames that could not be read."""
     solver = flying()
     free = sorted_points(solver).volume
-    solver._rows[..., S7] = np.linspace(0.0, 200.0, len(free))  # ln of what each is pulled apart by
+    solver._rows[..., S7] = np.linspace(0.0, 200.0, len(free))  # ln of the stretch of each
     volume = sorted_points(solver).volume
     np.testing.assert_allclose(np.sort(volume), np.minimum(free * np.exp(np.linspace(0.0, 200.0, len(free))), 27.0))
     write_frame(tmp_path / "a.h5", solver.frame())
@@ -68,7 +68,7 @@ def test_outflow_of_points_is_summed():
 
 
 def test_points_over_nodata_have_left_and_their_place_is_known():
-    """A hole 10 m long across the way: what gets there is booked as nodata, at the hole, and a restart knows it too."""
+    """A hole 10 m long across the path: mass that gets there is counted as nodata at the hole, also after a restart."""
     holed = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
     holed.elevation[:, 8:10][2:-2] = np.nan
     block = block_of((4, 4, 4), 0.5, (20, 20, 30), velocity=(40.0, 0.0, 30.0))
@@ -113,8 +113,8 @@ CELLS = [(1.0, 5), pytest.param(0.5, 10, marks=pytest.mark.slow)]  # (cell [m], 
 @pytest.mark.parametrize(("mu", "least"), [(0.0, 1e-3), (0.3, 1e-2)])
 def test_v3_sliding_block(mu, least, cell, high):
     """g (sin - mu cos) t: within 0.1 % without friction, 1 % with it. Measured on cells of 2, 1 and 0.5 m: 1e-5 %, and
-    0.2, 0.6 and -0.4 %: no order, for what is left is how the block swings on its corners at that moment, mu times
-    its speed across the plane."""
+    0.2, 0.6 and -0.4 %. There is no order, because the error is the oscillation of the block on its corners at that
+    moment: mu times its speed normal to the plane."""
     solver = sliding(mu, cell, high)
     integrate_to(solver, 4.0)
     exact = 9.81 * (np.sin(np.radians(30)) - mu * np.cos(np.radians(30))) * 4.0
@@ -138,8 +138,8 @@ def test_v3_a_block_on_the_flat_stops_after_its_braking_distance(cell, high):
 
 
 def test_energy_goes_into_friction_on_the_bed():
-    """mu m g cos(theta) times the way within 4 % (measured 3 %, 0.4 % on cells of 2 m: the block swings); it is all
-    that an elastic block loses but 2 % (1.4 %), and without friction 0.02 % of its energy is lost."""
+    """mu m g cos(theta) times the path within 4 % (measured 3 %, 0.4 % on cells of 2 m: the block oscillates); it is
+    the loss of an elastic block to 2 % (1.4 %), and without friction 0.02 % of its energy is lost."""
     solver, free = sliding(0.3), sliding(0.0)
     for one in (solver, free):
         integrate_to(one, 4.0)

@@ -1,7 +1,8 @@
-"""The verification catalogue's cases of the 3D solver: V11 to V16, V18 and the block off the cliff.
+"""Cases of the verification catalogue for the 3D solver: V11 to V16, V18 and the block that slides over a cliff.
 
-V3 stands in `test_points.py`, V17 with the materials. Docstrings give what was measured. Three variants of the solver
-are compiled: elastic, Drucker-Prager and fluid, all on ground with Coulomb friction and without softening.
+V3 is in `test_points.py`, V17 is with the materials. Docstrings give measured values; values of the catalogue are in
+brackets after "required". Three variants of the solver are compiled: elastic, Drucker-Prager and fluid, all on ground
+with Coulomb friction and without softening.
 """
 
 import numpy as np
@@ -62,7 +63,7 @@ def cauchy_stress(solver):
 
 
 def momenta(solver):
-    """(momentum [kg m s-1], angular momentum about the origin with that of the points' own turning [kg m2 s-1]).
+    """(momentum [kg m s-1], angular momentum about the origin, with the rotation of the points [kg m2 s-1]).
 
     A row's affine momentum is dx (m C - something symmetric): its antisymmetric part is that of dx m C.
     """
@@ -93,7 +94,7 @@ def spinning_disc(cell=0.5, mach=0.03, radius=3.0, drift=0.0):
 
 
 def turned_by(start, now):
-    """Angle [rad] about the vertical that turns places `start` best into `now`, and how far they stay apart [m]."""
+    """Angle [rad] about the vertical that best rotates positions `start` to `now`, and the remaining distance [m]."""
     a, b = (places[:, :2] - places[:, :2].mean(axis=0) for places in (start, now))
     angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
     cos, sin = np.cos(angle), np.sin(angle)
@@ -103,7 +104,7 @@ def turned_by(start, now):
 
 def test_v11_a_free_disc_keeps_its_momenta_its_speed_and_its_shape():
     """Measured over a revolution: momentum 1e-15, angular momentum 3e-15, angle 5e-4 rad, shape 1e-4 of the radius,
-    kinetic energy +0.02 % (it swings a little with the disc's radius)."""
+    kinetic energy +0.02 % (it oscillates a little with the radius of the disc)."""
     solver, revolution = spinning_disc()
     start, end = 0.01 * revolution, 1.01 * revolution
     integrate_to(solver, start)
@@ -167,7 +168,7 @@ def test_v12_an_elastic_bar_swings_at_its_period():
 
 
 def struck_column(cells, strike=1e-3):
-    """A column of 1 m between walls that falls on the ground at `strike` times c_p, without gravity; (solver, c_p)."""
+    """(solver, c_p) of a column of 1 m between walls that hits the ground at `strike` times c_p, without gravity."""
     cell, material = 1.0 / cells, elastic(1e6, 0.3)
     speed = material.wave_speed(1000.0)
     frame = block_of((3 * cell, 3 * cell, 1.0), 0.5 * cell, velocity=(0.0, 0.0, -strike * speed))
@@ -176,7 +177,7 @@ def struck_column(cells, strike=1e-3):
 
 
 def wave_speed_error(cells, heights=(0.25, 0.75), strike=1e-3):
-    """Relative error of the speed at which half the strike's speed is lost, between two heights [m], and the solver."""
+    """Relative error of the speed at which the wave passes between two heights [m], and the solver."""
     solver, speed = struck_column(cells, strike)
     z = sorted_points(solver).position[:, 2]
     layers = [np.abs(z - height) < 0.51 / cells for height in heights]
@@ -195,8 +196,8 @@ def wave_speed_error(cells, heights=(0.25, 0.75), strike=1e-3):
 
 @pytest.mark.thorough
 def test_v13_a_wave_arrives_at_the_speed_of_pressure_waves():
-    """c_p = sqrt((K + 4 G / 3) / rho); behind the front rho c v of stress. Measured: 0.7, 0.8 and
-    0.5 % slow at 40, 80 and 160 cells; stress 0.1 %, lateral stress 0.3 % off."""
+    """c_p = sqrt((K + 4 G / 3) / rho); behind the front the stress is rho c v. Measured: 0.7, 0.8 and 0.5 % slow at 40,
+    80 and 160 cells; errors of the stress 0.1 %, of the lateral stress 0.3 %."""
     errors = []
     for cells in (40, 80, 160):
         error, solver = wave_speed_error(cells)
@@ -215,9 +216,9 @@ DEPTH = 10.0
 
 
 def column(material, cells, wide=10, at_rest=True, ratio=1.0, above=0.0):
-    """A column of DEPTH between walls, under the stress of its weight (`ratio`: lateral over vertical) or without any.
+    """A column of DEPTH between walls, with the stress of its weight (`ratio`: lateral over vertical) or without.
 
-    The ground lies `above` a node, in cells.
+    The ground is `above` [cells] a node.
     """
     cell = DEPTH / cells
     frame = block_of((wide * cell, wide * cell, DEPTH), 0.5 * cell, (0.0, 0.0, above * cell))
@@ -257,15 +258,15 @@ RINGING = 4.0 * DEPTH / SOIL.wave_speed(1000.0)  # period of the column's slowes
 
 
 def resting(above):
-    """What a geostatic column shows after ten swings."""
+    """`watched` of a geostatic column after ten oscillations."""
     solver = column(SOIL, 10, ratio=0.3 / 0.7, above=above)
     return watched(solver, 10 * RINGING, 12 * RINGING, 16, above)
 
 
 @pytest.mark.parametrize("above", [0.0, 0.05, 0.25, 0.45, 0.5, 0.55, 0.75, 0.95])
 def test_v14_a_geostatic_column_stays_at_rest(above):
-    """Ground anywhere between two nodes: stress in every layer of two cells at most 2.3 % off (the lowest 1.3 %),
-    lateral stress 2.7 %, force on the ground 1e-5; kinetic energy 2e-11 of m g H."""
+    """For any height of the ground between two nodes: errors of the stress in layers of two cells at most 2.3 % (the
+    lowest 1.3 %), lateral stress 2.7 %, force on the ground 1e-5; kinetic energy 2e-11 of m g H."""
     layers, lateral, force, kinetic = resting(above)
     np.testing.assert_allclose(layers, 1.0, atol=0.03)
     assert lateral == pytest.approx(0.3 / 0.7, rel=0.03)
@@ -274,8 +275,8 @@ def test_v14_a_geostatic_column_stays_at_rest(above):
 
 
 def test_v14_a_column_that_sinks_under_its_weight():
-    """From no stress at all, means over four undamped swings: 0.1 to 1.8 % above the lowest cells (those: 6 %), lateral
-    stress 1.2 %, force on the ground 1.5 % off."""
+    """Starts without stress; errors of means over four undamped oscillations: 0.1 to 1.8 % above the lowest cells (in
+    these 6 %), lateral stress 1.2 %, force on the ground 1.5 %."""
     layers, lateral, force, _ = watched(column(SOIL, 10, at_rest=False), 0.0, 4 * RINGING, 64)
     np.testing.assert_allclose(layers[1:], 1.0, atol=0.03)
     assert lateral == pytest.approx(0.3 / 0.7, rel=0.03)
@@ -284,8 +285,8 @@ def test_v14_a_column_that_sinks_under_its_weight():
 
 @pytest.mark.thorough
 def test_v14_water_presses_as_deep_as_it_is():
-    """Still water, means over four swings and the whole width: 0.1 to 1 % (asked 5), 4 % in the layer at the surface;
-    force on the ground 1e-6 off."""
+    """Still water, errors of means over four oscillations and the whole width: 0.1 to 1 % (required 5), 4 % in the
+    layer at the surface; force on the ground 1e-6."""
     water = Fluid(1000.0 * (10.0 * 10.0) ** 2, 0.0, 0.0)
     swing = 4.0 * DEPTH / water.wave_speed(1000.0)
     solver = column(water, 10, wide=4, above=0.5)
@@ -303,7 +304,7 @@ FLIGHT = 0.4  # [s]
 
 
 def thrown_sand(rate):
-    """A block without cohesion in the air, flying apart at `rate` [s-1]; (solver after FLIGHT, start, way of all)."""
+    """(solver after FLIGHT, start, path) of a block without cohesion in the air that expands at `rate` [s-1]."""
     step, velocity = 0.002, np.array([0.3, 0.2, 1.0])
     frame = block_of((1.0, 1.0, 1.0), 0.25, (2.0, 2.0, 3.0))
     start = frame.particles.position
@@ -317,15 +318,15 @@ def thrown_sand(rate):
 
 
 def test_v16_sand_flies_as_a_stone():
-    """Drucker-Prager with c = 0: every point on its parabola within 1e-10 m, no stress but of a strain of 1e-15."""
+    """Drucker-Prager with c = 0: every point on its parabola within 1e-10 m; stress of a strain of 1e-15 at most."""
     solver, start, way = thrown_sand(0.0)
     np.testing.assert_allclose(sorted_points(solver).position, start + way, rtol=0, atol=1e-10)
     assert np.abs(cauchy_stress(solver)).max() <= 1e-15 * solver.effects.material.bulk_modulus
 
 
 def test_v16_sand_that_flies_apart_is_not_held():
-    """No stress, no stored energy, the middle on its parabola within 1e-10 m (H7); it spreads 3 % further than points
-    of their own would, for the affine velocity is that of a step before, and the block is two cells wide."""
+    """No stress, no stored energy, the centre on its parabola within 1e-10 m (H7); it spreads 3 % further than free
+    points, because the affine velocity is that of the previous step, and the block is two cells wide."""
     solver, start, way = thrown_sand(0.5)
     position = sorted_points(solver).position
     np.testing.assert_allclose(position.mean(axis=0), start.mean(axis=0) + way, rtol=0, atol=1e-10)
@@ -384,8 +385,8 @@ def check_flight(cell):
 
 @pytest.mark.parametrize("cell", [0.05, pytest.param(0.01, marks=pytest.mark.slow)])
 def test_v2_a_block_slides_off_a_cliff(cell):
-    """Speeds and place of landing within 1 %: held on cells of 0.05 and 0.01 m where points are laid back on the bed as
-    it runs between the nodes."""
+    """Speeds and place of landing within 1 %, on cells of 0.05 and 0.01 m, if points are moved back onto the bed at
+    its height between the nodes."""
     check_flight(cell)
 
 
@@ -394,10 +395,10 @@ def test_v2_a_block_slides_off_a_cliff(cell):
 
 
 def collapsed(aspect, cell, friction_angle=30.0, weighted=False):
-    """A column of sand 1 m wide and `aspect` high that has run out between a wall and rough ground; its solver.
+    """The solver of a column of sand 1 m wide and `aspect` high after its collapse between a wall and rough ground.
 
-    Matched to Mohr-Coulomb in plane strain, which is what it deforms in. It starts without stress or `weighted`, with
-    the vertical stress of its weight.
+    Matched to Mohr-Coulomb in plane strain, because it deforms in plane strain. It starts without stress or `weighted`,
+    with the vertical stress of its weight.
     """
     speed = 8.0 * np.sqrt(G * aspect)
     solid = elastic(0.8 * 1500.0 * speed**2, 0.3)
@@ -419,8 +420,8 @@ def runout(aspect, cell):
 
 @pytest.mark.thorough
 def test_energy_of_a_collapse_goes_into_yielding_and_the_rest_falls_with_the_cells():
-    """Rough ground, on which nothing slides, takes 7 and 3 % as it yields; of what is lost the material's yielding took
-    68 and 81 % on cells of a sixteenth and a thirty-second of a metre, and blows and the grid the rest."""
+    """Rough ground, on which nothing slides, takes 7 and 3 % of the loss as it yields, yielding of the material 68 and
+    81 %, on cells of a sixteenth and a thirty-second of a metre; impacts and the grid take the rest."""
     rest = []
     for cell in (1.0 / 16.0, 1.0 / 32.0):
         balances = collapsed(0.5, cell, weighted=True).balances()
@@ -431,27 +432,27 @@ def test_energy_of_a_collapse_goes_into_yielding_and_the_rest_falls_with_the_cel
 
 
 def test_v15_low_columns_run_out_in_proportion():
-    """A column so low that its far side stays put knows no length but its height: exponent 1 (asked 1 +- 0.15) on as
-    many cells in each height. Measured from a = 0.25 to 0.5 on 8 cells: 1.00; runouts 1.1, 1.3, 1.6 a on 8, 12, 20."""
+    """If the far side of a low column does not move, the height is the only length: exponent 1 (required 1 +- 0.15) on
+    as many cells in each height. Measured, a = 0.25 to 0.5 on 8 cells: 1.00; runouts 1.1, 1.3, 1.6 a on 8, 12, 20."""
     assert np.log2(runout(0.5, 0.5 / 8) / runout(0.25, 0.25 / 8)) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.slow
 def test_v15_columns_as_high_as_wide_run_out_in_proportion():
     """Exponent between a = 0.8 and 1.6 on 20 cells in each height: 0.94 (experiments: 1 up to a = 1.8). On as many
-    cells in each width it seems 1.2 to 1.3, for the foremost point runs further the finer its cells are."""
+    cells in each width it is 1.2 to 1.3, because the foremost point runs further in smaller cells."""
     assert np.log2(runout(1.6, 0.08) / runout(0.8, 0.04)) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="0.91: runout with Drucker-Prager depends on the cell size")
 def test_v15_high_columns_run_out_with_the_two_thirds_power():
-    """Exponent between a = 4 and 8 on 12 cells in the width (asked 2/3 +- 0.12)."""
+    """Exponent between a = 4 and 8 on 12 cells in the width (required 2/3 +- 0.12)."""
     assert np.log2(runout(8.0, 1.0 / 12) / runout(4.0, 1.0 / 12)) == pytest.approx(2.0 / 3.0, abs=0.12)
 
 
 def round_runout(aspect, cell):
-    """As `runout` of a round column of radius 1 m, a quarter of it between walls; matched in triaxial compression."""
+    """Like `runout`, for a quarter of a round column of radius 1 m between walls; matched in triaxial compression."""
     speed = 8.0 * np.sqrt(G * aspect)
     solid = elastic(0.8 * 1500.0 * speed**2, 0.3)
     sand = drucker_prager(solid.bulk_modulus, solid.shear_modulus, 30.0, 0.0)
@@ -466,7 +467,7 @@ def round_runout(aspect, cell):
 
 @pytest.mark.slow
 def test_v15_low_round_columns_run_out_in_proportion():
-    """Exponent between a = 0.4 and 0.8 on 8 cells in each height: 0.97 (asked 1 +- 0.15); runouts 0.32 and 0.62."""
+    """Exponent between a = 0.4 and 0.8 on 8 cells in each height: 0.97 (required 1 +- 0.15); runouts 0.32 and 0.62."""
     assert np.log2(round_runout(0.8, 0.1) / round_runout(0.4, 0.05)) == pytest.approx(1.0, abs=0.15)
 
 
@@ -474,7 +475,7 @@ def test_v15_low_round_columns_run_out_in_proportion():
 
 
 def settlement(height_over_critical, cells=16, friction_angle=30.0):
-    """How far the crest of a vertical cut comes down, over its height; matched to Mohr-Coulomb in plane strain.
+    """Settlement of the crest of a vertical cut over its height; matched to Mohr-Coulomb in plane strain.
 
     It starts under its weight without lateral stress, which is in equilibrium, and yields from the foot up.
     """

@@ -1,4 +1,4 @@
-"""Voellmy's law on the bed of a 3D flow: the speed at which a slab slides on (V19 in 3D)."""
+"""Voellmy's law on the bed of a 3D flow: the steady speed of a slab (V19 in 3D)."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ DRIVE = G * (np.sin(SLOPE) - MU * np.cos(SLOPE))  # [m s-2]
 
 
 def slab(cell, start, deep=2.0, long=30.0, wide=30.0, contact=VoellmyContact(MU, XI), **numerics):  # noqa: B008
-    """A slab that lies on a plane and slides at `start` times its steady speed; (solver, steady speed [m s-1])."""
+    """(solver, steady speed [m s-1]) of a slab on a plane that slides at `start` times its steady speed."""
     steady = np.sqrt(XI * deep * DRIVE / G)
     terrain = plane(20.0, length=90.0, width=wide + 10.0, height=40.0, pixel=2.5)
     velocity = start * steady * np.array([np.cos(SLOPE), 0.0, -np.sin(SLOPE)])
@@ -57,14 +57,14 @@ def test_v19_a_slab_comes_to_its_steady_speed_in_3d(start):
 
 @pytest.mark.thorough
 def test_v19_the_steady_speed_converges_with_the_cells():
-    """What is left is bed under the slab's steep sides: it goes with the cells over the slab's width."""
+    """The error is that of the bed under the steep sides of the slab: proportional to cell size over slab width."""
     coarse, fine = abs(speed_error(2.0, 0.7)[0]), abs(speed_error(1.0, 0.7)[0])
     assert fine < 0.6 * coarse
 
 
 @pytest.mark.thorough
 def test_energy_lost_to_drag_is_counted():
-    """Friction and drag are all that takes energy from a slab in steady sliding, within 3 %; momentum closes."""
+    """Friction and drag are the energy losses of a slab in steady sliding, within 3 %; the momentum balance closes."""
     solver = speed_error(1.0, 0.7)[1]
     balances = solver.balances()
     assert balances["energy_lost_to_ground"] == pytest.approx(balances["energy_lost"], rel=0.03)
@@ -73,7 +73,7 @@ def test_energy_lost_to_drag_is_counted():
 
 @pytest.mark.thorough
 def test_without_drag_voellmys_law_is_coulombs():
-    """xi = 1e15 m s-2: the bed takes what CoulombContact takes; only the slab's own swing differs, layer by layer."""
+    """xi = 1e15 m s-2: the bed takes as much as CoulombContact; only the oscillation of the slab's layers differs."""
     answers = []
     for contact in (VoellmyContact(MU, 1e15), CoulombContact(MU)):
         solver, _ = slab(1.0, 0.7, long=6.0, wide=4.0, contact=contact)

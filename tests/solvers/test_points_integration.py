@@ -1,4 +1,4 @@
-"""The 3D solver marched like columns: when it ends, what it says when it becomes unphysical, what a restart sees."""
+"""Time integration of the 3D solver: ends of runs, messages of invalid states, restarts."""
 
 from types import SimpleNamespace
 
@@ -62,7 +62,7 @@ def test_a_restart_ends_where_the_whole_run_ends():
 
 
 def test_a_restart_from_the_first_frame_has_the_weight_of_the_start(tmp_path):
-    """Stress and velocity gradient of the start act in the first step; frame 0 is from before it."""
+    """Stress and velocity gradient of the start act in the first step; frame 0 is the state before it."""
     depth = 4.0 - block_of((4, 4, 4), 0.5).particles.position[:, 2]
     stress = kirchhoff_stress(-1000 * 9.81 * depth, 2e5, 1.2e5)
     affine = np.tile(np.diag([0.0, 0.0, -0.5]), (512, 1, 1))
@@ -113,7 +113,7 @@ def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
 
 @pytest.mark.parametrize(("count", "stops"), [(1, False), (2, False), (4, False), (5, True), (40, True)])
 def test_up_to_four_points_of_a_small_scene_are_no_leak(count, stops):
-    """Of 512 points: a stream of 858 points stopped where two mirrored points were moved back in the same step."""
+    """Of 512 points. Before, a stream of 858 points stopped when two mirrored points were moved back in one step."""
     solver = heap()
     low = solver.frame().particles.position[:count] - solver._corner_from((0.0, 0.0, 0.0))
     low[:, 2] = -1.3
@@ -123,9 +123,9 @@ def test_up_to_four_points_of_a_small_scene_are_no_leak(count, stops):
 
 
 def test_what_is_laid_back_onto_the_ground_is_in_the_balance_of_momentum():
-    """Points found six metres under a valley's axis: what they move into its far side the ground takes up.
+    """Points found six metres under the axis of a valley: the ground takes their momentum into the far side.
 
-    0.7 % of the momentum was missing where that was not booked.
+    Without this term 0.7 % of the momentum was missing.
     """
     valley = terrain_of(lambda x, y: 0.5 * np.abs(x - 30.0), 60.0, 60.0, 1.0)
     frame = block_of((4, 4, 4), 0.5, (29, 28, 3), velocity=(-8.0, 0.0, 0.0))
@@ -147,7 +147,7 @@ def test_stress_of_weight_is_that_of_a_confined_column():
 
 
 def test_weight_keeps_layers_from_falling_onto_their_elasticity():
-    """Confined between smooth walls: 0.25 m/s of drop without the stress of the weight, a tenth of it with (E7)."""
+    """Between smooth walls: they fall at 0.25 m/s without the stress of the weight, at a tenth of that with it (E7)."""
     terrain = terrain_of(lambda x, y: 0.0 * x, 20.0, 20.0, 5.0)
     frame = block_of((20, 20, 4), 0.5)
     depth = 4.0 - frame.particles.position[:, 2]
@@ -161,7 +161,7 @@ def test_weight_keeps_layers_from_falling_onto_their_elasticity():
 
 @pytest.mark.parametrize(("given", "least", "most"), [(True, 0.0, 1e-3), (False, 1e-2, 1.0)])
 def test_points_start_with_the_velocity_gradient_of_their_columns(given, least, most):
-    """A block that turns goes on turning at its rim, too: without its gradient the first step smooths that away."""
+    """A rotating block keeps its rotation also at its edge: without its gradient the first step removes it there."""
     frame = block_of((4, 4, 4), 0.5, (28, 28, 20))
     gradient = np.array([[0.0, -0.1, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
     middle = frame.particles.position - (30.0, 30.0, 22.0)

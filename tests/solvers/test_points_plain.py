@@ -44,7 +44,7 @@ def plain(solver, frame, material, mu, xi=0.0):
     ids=["elastic", "frictional", "drag", "fluid"],
 )
 def test_steps_equal_the_plain_loop(material, contact):
-    """Places and velocities to 1e-12 of themselves after three steps, on a slope with friction and with drag."""
+    """Relative errors of positions and velocities 1e-12 after three steps, on a slope with friction and with drag."""
     corner = (20.3, 5.2, 60.0 - 20.3 * np.tan(np.radians(30)))
     velocity = (4.0, -1.0, -2.0)
     frame = block_of((2.0, 1.5, 1.5), 0.5, corner, velocity=velocity, turned=np.radians(30))

@@ -1,4 +1,4 @@
-"""The 3D solver in single precision: the same flow in half the memory, wherever on the terrain (H5, H33)."""
+"""The 3D solver in single precision: the same flow in half the memory, anywhere on the terrain (H5, H33)."""
 
 import re
 
@@ -23,7 +23,7 @@ MU = 0.3
 
 
 def sliding(precision, east=0.0, length=200.0, velocity=(0.0, 0.0, 0.0), **numerics):
-    """A block of sand, `east` [m] from where it stands in other tests, on 20 degrees that go on for `length` [m]."""
+    """A block of sand on a plane of 20 degrees and `length` [m], `east` [m] away from its place in other tests."""
     slope = np.tan(np.radians(20))
     terrain = terrain_of(lambda x, y: slope * np.maximum(60.0 + east - x, 0.0), length, 40.0, 4.0)
     corner = (20.0 + east, 16.0, 40.0 * slope)
@@ -69,7 +69,7 @@ def test_runout_and_mass_are_those_of_double_precision():
 
 @pytest.mark.thorough
 def test_nothing_is_lost_far_from_the_corner():
-    """The same bits ten kilometres east, where single precision from the corner would resolve a millimetre."""
+    """The same bits ten kilometres east, where single precision relative to the corner would resolve a millimetre."""
     here, far = sliding("float32"), sliding("float32", east=10_000.0, length=10_200.0)
     for solver in (here, far):
         integrate_to(solver, 0.3)

@@ -1,4 +1,4 @@
-"""One scene in cells of a millimetre to a hundred metres at any place of the map."""
+"""One scene with cells of a millimetre to a hundred metres at any place of the map."""
 
 from functools import lru_cache
 
@@ -24,7 +24,7 @@ SCENES = st.builds(
 
 
 def require_same(frame, scene, other, reference):
-    """The particles of `frame` are where those of the frame `other` of the scene `reference` are, with their share."""
+    """Assert that the particles of `frame` have scaled positions and masses of frame `other` of scene `reference`."""
     mine, theirs = frame.particles, other.particles
     assert len(mine) == len(theirs)
     np.testing.assert_allclose(scene.in_cells(frame), reference.in_cells(other), atol=SAME)
@@ -60,7 +60,7 @@ def test_points_and_both_solvers_start_alike_in_any_size_at_any_place(scene):
 @given(SCENES)
 @settings(max_examples=30, deadline=None)
 def test_points_become_columns_alike_in_any_size_at_any_place(scene):
-    """Of cells that points lie a quarter of a cell from: whichever points a cell has, it has in every scene."""
+    """Points are a quarter of a cell from the cell borders: each cell has the same points in every scene."""
     made, expected = (
         points_to_columns(each.points(), each.terrain(), ColumnOptions(by="cell", cell=each.cell)).frame
         for each in (scene, ONE)
@@ -70,7 +70,7 @@ def test_points_become_columns_alike_in_any_size_at_any_place(scene):
 
 @lru_cache(1000)
 def flown(scene, name, seconds):
-    """(steps, frame) of the solver `name` of `scene` after what are `seconds` [s] of one with cells of 1 m."""
+    """(steps, frame) of the solver `name` of `scene` after the scaled time of `seconds` [s] with cells of 1 m."""
     solver = getattr(scene, name)()
     solver.advance(scene.moved_by(seconds))
     return solver.step, solver.frame()
@@ -79,7 +79,7 @@ def flown(scene, name, seconds):
 @given(SCENES)
 @settings(max_examples=12, deadline=None)
 def test_a_flow_is_the_same_by_froude_in_any_size_at_any_place(scene):
-    """Lengths as the cells, times as their square root: all that acts is weight, friction and stiffness by weight."""
+    """Lengths scale with the cells, times with their square root: weight, friction and stiffness per weight act."""
     for name, seconds, close in (("column_solver", 1.5, 1e-4), ("point_solver", 0.5, 1e-2)):  # rounding grows in 3D
         (step, frame), (steps, reference) = flown(scene, name, seconds), flown(ONE, name, seconds)
         assert step == steps > 5
@@ -91,7 +91,7 @@ def test_a_flow_is_the_same_by_froude_in_any_size_at_any_place(scene):
 
 @pytest.mark.parametrize("cell", [0.004, 0.005, 0.008, 0.05, 0.1, 0.3])
 def test_the_laboratory_blocks_of_the_issue_have_1280_equal_points(cell):
-    """10 x 4 x 4 cells with eight points each on a strip as wide as themselves, at coordinates of a UTM zone."""
+    """10 x 4 x 4 cells with eight points each on a strip of the same width, at coordinates of a UTM zone."""
     scene = Scene(cell, 500_000.0, 5_100_000.0)
     assert len(scene.seed().particles) == 160
     mass = scene.point_solver().frame().particles.mass

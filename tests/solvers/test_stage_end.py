@@ -1,4 +1,4 @@
-"""When a stage is over: free flight at cliffs, what is near, what is calm, and that a look is at fixed times."""
+"""Ends of stages: free flight at cliffs, flow near a place, calm flow, and checks at fixed times."""
 
 import math
 
@@ -16,14 +16,14 @@ PIXEL, ROWS, COLUMNS = 2.0, 30, 200
 
 
 def terrain(height):
-    """Of height(x) [m] along the east, from 0 at the west edge."""
+    """Terrain of height(x) [m], with x to the east from 0 at the western edge."""
     x = (np.arange(COLUMNS) + 0.5) * PIXEL
     grid = Grid.north_up(None, 0.0, ROWS * PIXEL, PIXEL, (ROWS, COLUMNS))
     return Terrain(grid, np.tile(height(x), (ROWS, 1)).astype(float))
 
 
 def flow(x, speed, depth=1.0, y=30.0):
-    """A Flow of one column each of `x`, to the east."""
+    """A Flow of one column at each of `x`, to the east."""
     x = np.atleast_1d(np.asarray(x, float))
     full = np.full(len(x), 1.0)
     return Flow(x, y * full, speed * full, 0.0 * full, speed * full, depth * full, full)
@@ -62,7 +62,7 @@ def test_rough_ground_is_no_cliff():
 
 @pytest.mark.parametrize(("radius", "flies"), [(25.0, True), (90.0, False)])
 def test_over_round_ground_it_is_the_detachment_indicator(radius, flies):
-    """U^2 k / (g c) is 1.6 at the top of the one, and where the other is steepest, before it goes straight, 0.9."""
+    """U^2 k / (g c) is 1.6 at the top of one, 0.9 at the steepest place of the other, before it becomes straight."""
 
     def crest(x):
         past = np.clip(x - 200.0, 0.0, 0.6 * radius)
@@ -81,12 +81,12 @@ def test_near_is_within_three_depths_or_two_seconds():
     assert wall.share(flow([90.0], 0.0, 3.0)) == 0.0 and wall.share(flow([90.0], 0.0, 3.5)) == 1.0
     assert wall.share(flow([50.0, 70.0, 102.0, 300.0], 20.0)) == 0.5
     assert Near("", wall.shape, 1.5).share(flow([102.0], 20.0, 1.0)) == 0.0
-    corner = flow([97.0], 0.0, 1.2, y=63.0)  # a square would have it near, it is 4.2 m off
+    corner = flow([97.0], 0.0, 1.2, y=63.0)  # near in a square, but 4.2 m away
     assert wall.share(corner) == 0.0
 
 
 class Marching:
-    """As much of a solver as a StageEnd looks at."""
+    """The part of a solver that a StageEnd uses."""
 
     def __init__(self, state, unsettled=0.0):
         self.time, self.state, self.unsettled = 0.0, state, unsettled
@@ -99,7 +99,7 @@ class Marching:
 
 
 def looked_at(end, solver, until):
-    """(time, reason) at which `end` says that the stage is over, looking where it asks to."""
+    """(time, reason) at which `end` ends the stage, with checks at the times that it requests."""
     while solver.time < until:
         solver.time = min(end.next_time(solver.time), until)
         reason = end.over(solver)

@@ -25,7 +25,7 @@ def shear_modulus(ratio):
 
 
 def stress_at(steepness, direction, ratio, bed_friction=1.0, strength=np.inf, weight=-1e4):
-    """(float64[3, 3] stress [Pa], unit normal of the slope) of a layer that rises by `steepness` in `direction`."""
+    """(float64[3, 3] stress [Pa], unit normal of the slope) of a layer with the slope `steepness` up in `direction`."""
     slope = steepness * np.array([[np.cos(direction), np.sin(direction)]])
     found = kirchhoff_stress(np.array([weight]), BULK, shear_modulus(ratio), slope, bed_friction, strength)[0]
     xx, yy, zz, xy, xz, yz = found
@@ -59,8 +59,8 @@ def test_the_bed_bears_no_more_than_its_friction(steepness, direction, ratio, fr
 @example(5e-324, 1.0, 0.0, 0.125)
 @given(SLOPES, DIRECTIONS, RATIOS, some.floats(0.05, 1.2))
 def test_the_material_bears_its_stress_at_the_start(steepness, direction, ratio, strength):
-    """No more than 0.9 of its strength where a layer can rest like that, else no more than the slope requires, sin of
-    its angle, and never more than the strength."""
+    """At most 0.9 of its strength if a layer can rest with that; otherwise at most the stress that the slope requires,
+    sin of its angle, and never more than the strength."""
     stress, _ = stress_at(steepness, direction, ratio, strength=strength)
     least = steepness / np.hypot(1.0, steepness)
     assert used_strength(stress) <= min(strength, max(USED * strength, least)) * (1.0 + 1e-9)
@@ -68,7 +68,7 @@ def test_the_material_bears_its_stress_at_the_start(steepness, direction, ratio,
 
 @given(some.floats(0.0, 1.0), RATIOS, some.floats(0.05, 1.2))
 def test_lateral_stress_is_the_least_that_the_material_bears(shear, ratio, strength):
-    """With a little less of it more than 0.9 of the strength is used, or it is that of an elastic layer."""
+    """With slightly less lateral stress more than 0.9 of the strength is used, or it is that of an elastic layer."""
     confined = ratio / (1.0 - ratio)
     k = float(lateral_ratio(confined, np.array([shear]), strength)[0])
     assert k >= confined
@@ -131,7 +131,7 @@ def test_stress_does_not_depend_on_chunks(monkeypatch):
 
 
 def test_a_level_pile_on_a_slope_starts_without_shear_stress():
-    """Its surface is level: nothing pulls it down the bed."""
+    """Its surface is level: no force acts along the bed."""
     terrain = terrain_of(lambda x, y: 0.4 * x, 40.0, 20.0, 1.0)
     columns = columns_of(lambda x, y: np.maximum(8.0 - 0.4 * x, 0.0), 5, 20, 5, 15, 0.5)
     made = points_from(columns, terrain, point_options(1.0, 2)).frame
@@ -155,7 +155,7 @@ def test_a_ridge_on_level_ground_bears_its_weight(degrees):
 
 
 def test_cohesion_bears_stress_too():
-    """Clay without friction: K of an elastic layer where its cohesion bears that, more below."""
+    """Clay without friction: K of an elastic layer to the depth at which its cohesion is used, larger below."""
     terrain = terrain_of(lambda x, y: 0.0 * x, 20.0, 20.0, 1.0)
     made = points_from(columns_of(4.0, 5, 15, 5, 15, 0.5), terrain, point_options(1.0, 2)).frame
     weight, clay = made.state["vertical_stress"], drucker_prager(2e6, 1.2e6, 0.0, 8e3, tension_limit=1e3)

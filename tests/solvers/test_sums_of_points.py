@@ -1,4 +1,4 @@
-"""Sums over the points of a run: against NumPy, the same bits with any threads, never those of an older state."""
+"""Sums over the points of a run: against NumPy, the same bits with any number of threads, of the current state."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -42,7 +42,7 @@ def random_points(count, width, dtype, seed):
 
 
 class Points(PointBalances):
-    """The balances of given rows, without a run."""
+    """Balances of given rows, without a run."""
 
     def __init__(self, rows, keys, lowest, material):
         self._rows, self._keys, self._lowest = rows, keys, lowest

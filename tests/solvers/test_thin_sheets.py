@@ -37,8 +37,8 @@ def moving(frames, velocities):
 def struck(cell=1.0, speed=40.0, points=2, shift=(0.0, 0.0), sparse=None, sound=SOUND, floor=20.0, **numerics):
     """A sheet 3 m thick at `speed` [m s-1] under a splash that falls on it, without gravity, in plane strain.
 
-    `shift` [m] moves both along x and z; `points` along the edge of a cell. With a seed `sparse`, the splash is 120
-    strings of points at random places. Answers (solver, time after which the sheet has flown 24 m).
+    `shift` [m] moves both along x and z; `points` is their number along the edge of a cell. With a seed `sparse`, the
+    splash is 120 strings of points at random places. Returns (solver, time in which the sheet flies 24 m).
     """
     step, wide = cell / points, 4 * cell
     sheet = block_of((40.0, wide, 3.0), step, (14.0 + shift[0], 0.0, floor + shift[1]), DENSITY)
@@ -119,7 +119,7 @@ def test_slow_sheets(speed, most, least):
 @pytest.mark.thorough
 def test_the_front_of_a_dam_break_is_as_fast_as_ritter_has_it():
     """The place that 1 % of the water has passed after 4 sqrt(H / g): 1.6 % beyond Ritter's (1892) on 8 cells, 1.1 % on
-    16 cells (9.634 and 9.592 m of 9.485), where contact by the spline's weights had 9.544 and 9.586 m.
+    16 cells (9.634 and 9.592 m, exact 9.485 m); with the weights of the spline as shares it was 9.544 and 9.586 m.
 
     h = (2 c - x / t)^2 / (9 g) leaves t (2 c - x / t)^3 / (27 g) beyond x.
     """
@@ -152,7 +152,7 @@ def test_any_sheet_is_held_together(speed, points, shift, sound):
 @pytest.mark.thorough
 @pytest.mark.parametrize("shift", [0.0, 0.37])
 def test_a_sheet_that_turns_and_one_that_shears_are_not_limited(shift):
-    """Velocities that are linear in place: R^2 is 1, however thin the sheet and wherever its faces are."""
+    """Velocities that are linear in space: R^2 is 1, for any thickness and position of the sheet."""
     frame = block_of((8.0, 8.0, 1.0), 0.5, (4.0 + shift, 4.0, 6.0 + shift), DENSITY)
     place = frame.particles.position - frame.particles.position.mean(axis=0)
     gradient = np.array([[0.0, -3.0, 2.0], [3.0, 0.0, 1.0], [-2.0, 1.0, 0.0]])
@@ -230,10 +230,10 @@ def test_the_percentile_of_a_run_is_that_of_its_fastest_frame():
 
 
 def front_of_sand(degrees, slowed, cell, high, stiff, speed, precision, travel=40.0):
-    """(lowest point [cells over the ground], share of the points more than 0.3 cells under it, solver) of thin sand.
+    """(lowest point [cells over the ground], share of the points more than 0.3 cells under the ground, solver).
 
-    It is `high` cells thick and slides `travel` cells down a plane, on friction of `slowed` times the slope. Pressure
-    waves have the speed of about sqrt(`stiff` g cell), the sand starts with `speed` [sqrt(g cell)].
+    Sand `high` cells thick slides `travel` cells down a plane, with friction of `slowed` times the slope. Pressure
+    waves have a speed of about sqrt(`stiff` g cell); the sand starts with `speed` [sqrt(g cell)].
     """
     slope = np.radians(degrees)
     fall, down = np.tan(slope), np.array([np.cos(slope), 0.0, -np.sin(slope)])
@@ -272,8 +272,8 @@ def collapse_in_a_strip(along, wide, precision):
     ("along", "wide", "precision"), [(0, 3, "float64"), (1, 3, "float64"), (0, 3, "float32"), (0, 5, "float64")]
 )
 def test_flow_along_a_wall_keeps_its_affine_velocity(along, wide, precision):
-    """The limit took 0.64 % of the initial energy of this collapse, now 0.20 %: it acted on every point near the ground
-    within three cells of a wall, and so on all points of a strip."""
+    """The limit takes 0.20 % of the initial energy of this collapse. Before, it took 0.64 %: it acted on every point
+    near the ground within three cells of a wall, so on all points of a strip."""
     balances = collapse_in_a_strip(along, wide, precision).balances()
     assert balances["energy_lost_to_affine_limit"] <= 0.005 * balances["energy_start"]
 
@@ -286,8 +286,8 @@ FRONTS = {
 
 
 def test_the_front_of_a_thin_flow_does_not_sink():
-    """After 80 cells of travel the lowest point was 0.54 cells under the ground: each node column that the front
-    reached began with the yield of a thinner flow, and yielded again."""
+    """Before, the lowest point was 0.54 cells under the ground after 80 cells of travel: each node column that the
+    front reached began with the yield of a thinner flow, and yielded again."""
     lowest, _, solver = front_of_sand(32.0, 0.45, 1.57, 2, 200.0, 5.0, "float64", travel=80.0)
     assert lowest >= -0.2
     assert solver.balances()["clips"]["lifted_onto_ground"] == 0
@@ -297,7 +297,7 @@ def test_the_front_of_a_thin_flow_does_not_sink():
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(**FRONTS)
 def test_no_front_of_a_thin_flow_sinks(**scene):
-    """Single points that ran far before the front of sand near rest were 0.4 cells under the ground."""
+    """Before, single points far ahead of the front of sand near rest were 0.4 cells under the ground."""
     lowest, sunk, _ = front_of_sand(**scene)
     assert lowest >= -0.5
     assert sunk <= 0.005

@@ -1,4 +1,4 @@
-"""What APIC and RPIC make of a shear wave in a free fluid without viscosity: why loads differ between the two."""
+"""Decay of a shear wave in a free fluid without viscosity with APIC and RPIC: why loads differ between the two."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ CELL, LONG, TIME = 1.0, 16.0, 0.32  # [m], length of the wave [m], [s]
 
 
 def viscosity(transfer, step):
-    """nu [m2 s-1] by which the wave v = U cos(k x) across, amidst a block in the air without weight, decays."""
+    """nu [m2 s-1] from the decay of a transverse wave v = U cos(k x) in the middle of a weightless block in the air."""
     frame, k = block_of((2.0 * LONG, 6.0, 4.0), 0.5 * CELL, (8.0, 1.0, 20.0)), 2.0 * np.pi / LONG
     phase = k * (frame.particles.position[:, 0] - 8.0)
     frame.particles.velocity[:, 1] = np.cos(phase)
@@ -33,8 +33,8 @@ def viscosity(transfer, step):
 
 @pytest.mark.thorough
 def test_rpic_has_a_viscosity_of_an_eighth_of_a_cell_squared_over_the_step():
-    """17.7 and 32.8 m2/s at steps of 8 and 4 ms, of 15.6 and 31.3: half of what PIC has, because half of a shear is a
-    rotation. It grows as the step falls, so it is no property of the flow. APIC: 1.2 and 2.6, for waves of 16 cells."""
+    """17.7 and 32.8 m2/s at steps of 8 and 4 ms, predicted 15.6 and 31.3: half of that of PIC, because half of a shear
+    is a rotation. It grows with smaller steps: it is no property of the flow. APIC: 1.2 and 2.6, waves of 16 cells."""
     for step in (8e-3, 4e-3):
         own = CELL**2 / (8.0 * step)
         assert viscosity(TurningGradient(), step) == pytest.approx(own, rel=0.15)

@@ -9,7 +9,7 @@ sys.path[:0] = [str(Path(__file__).parent), *(str(Path(__file__).parents[1] / na
 
 @pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.thorough)], ids=["1 thread", "2 threads"])
 def threads(request):
-    """A hard case runs on one thread and on two."""
+    """Each hard case runs on one thread and on two."""
     from mpmgis.kernels.jit import set_threads
 
     yield set_threads(request.param)

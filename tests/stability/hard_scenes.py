@@ -1,7 +1,7 @@
-"""Scenes that are hard on the solvers, and what must hold in each while it runs.
+"""Difficult scenes for the solvers, and the conditions that each run must satisfy.
 
-Few kinds of laws, so that few variants of the solvers are compiled: columns with Voellmy's friction on curved ground,
-points of Drucker-Prager's material and of a fluid, each on ground with Coulomb friction.
+There are few kinds of laws, so that few variants of the solvers are compiled: columns with Voellmy friction on curved
+ground, points of a Drucker-Prager material and of a fluid, each on ground with Coulomb friction.
 """
 
 from dataclasses import replace
@@ -28,15 +28,15 @@ from mpmgis.spatial.node_grid import ColumnGrid
 NO_DRAG = 1e12  # xi [m s-2] with which Voellmy's law is Coulomb's: one compiled solver for both
 ROUNDING = 1e-9
 STEPPING = 1e-3  # share of the energy that velocities and places half a step apart may show; measured 8e-4
-RINGING = 4e-3  # the same of points marched close to the limit at which they swing higher and higher; measured 2.8e-3
+RINGING = 4e-3  # the same for points close to the time step at which their oscillation grows; measured 2.8e-3
 CLOSE = 0.8  # share of that limit from which on steps are close to it
-EDGES = 0.06  # of columns that are turned over edges of tens of metres: H2's bound on U^2 has 5 % of slack
+EDGES = 0.06  # the same for columns that are turned over edges of tens of metres: H2's bound on U^2 has a margin of 5 %
 SPEED_SLACK = 1.05  # of H2's bound on U^2
-# Momentum's share that may be missing, and what each step may add: a point's own is rounded once a step, by up to 6e-8
-# of it in single precision; measured 1.2e-8 a step, with the same increment step after step
+# Share of the momentum that may be missing, and its growth per step: the momentum of a point is rounded once per step,
+# by up to 6e-8 of it in single precision; measured 1.2e-8 per step, if each step has the same increment
 ROUND_OFF = {"float64": (1e-10, 0.0), "float32": (1e-5, 6e-8)}
 SPLASH = 6.0  # times H2's bound that U^2 of a point may reach where jets meet; measured 4.6 in 3600 random scenes
-JETS, JET_SHARE = 2.0, 0.05  # times H2's bound, which no more than this share of the mass goes beyond; measured 0.024
+JETS, JET_SHARE = 2.0, 0.05  # times H2's bound, which at most this share of the mass exceeds; measured 0.024
 
 
 def joined(*frames):
@@ -48,7 +48,7 @@ def joined(*frames):
 
 
 def along_the_bed(frame, terrain, dx):
-    """`frame` with its velocities turned up or down along the bed, as a seed has them."""
+    """`frame` with its velocities turned up or down so that they are along the bed, as in a seed."""
     grid, p = ColumnGrid.on(terrain, dx), frame.particles
     x, y = p.position[:, 0] - grid.x0, p.position[:, 1] - grid.y0
     _, slope_x, slope_y = column_kernel.beds_at(grid.bed, x, y, dx)
@@ -64,7 +64,7 @@ def columns_on(height, frame, dx=5.0, length=200.0, width=100.0, mu=0.2, xi=NO_D
 
 
 def points_of_columns(height, columns, material, cell=1.0, length=40.0, width=20.0, mu=0.3, softening=None, **numerics):
-    """The points that a run makes of `columns` over `height(x, y)`, two a cell's side, under their weight's stress."""
+    """The points that a run makes of `columns` over `height(x, y)`, two per side of a cell, with stress by weight."""
     terrain = terrain_of(height, length, width, cell)
     columns = along_the_bed(columns, terrain, cell)
     made = points_from(columns, terrain, point_options(cell, 2)).frame
@@ -75,19 +75,19 @@ def points_of_columns(height, columns, material, cell=1.0, length=40.0, width=20
 
 
 def stiff_for(drop):
-    """Bulk modulus [Pa] for flows of 1000 kg/m3 that fall `drop` [m]: rho (10 U)^2 with U of free fall."""
+    """Bulk modulus [Pa] for flows of 1000 kg/m3 that fall by `drop` [m]: rho (10 U)^2 with U of free fall."""
     return 1000.0 * 100.0 * 2.0 * G * drop
 
 
 def close_to_limit(solver):
-    """Whether points are marched close to the step at which one on its own swings higher and higher."""
+    """Whether the time step is close to the limit at which the oscillation of a single point grows."""
     numerics = solver.numerics
     asked = courant_number(solver.effects.material, numerics)
     return asked > CLOSE / LONE_SHARE * courant_number(solver.effects.material, replace(numerics, cfl=np.inf))
 
 
 class Watch:
-    """Holds a solver's sums and bounds against those of its start, at every look.
+    """Compares sums and bounds of a solver with those of its start, at every check.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Watch:
         self.speed_ratio, self.jet_share, self.gain = 0.0, 0.0, -np.inf
 
     def march(self, end, looks=8, slices=1 << 40, may_end=()):
-        """Advance to `end` [s] with looks at equal times; answers the last reason, `may_end` are others to end by."""
+        """Advance to `end` [s] with checks at equal times; returns the last reason; `may_end`: other valid reasons."""
         kernel = point_kernel if self.in_3d else column_kernel
         times = self.solver.time + (end - self.solver.time) * np.arange(1, looks + 1) / looks
         for until, after in zip(times, (*times[1:], np.inf), strict=True):
@@ -130,14 +130,14 @@ class Watch:
         return code
 
     def look(self):
-        """No NaN, mass and momentum to round-off, energy not above the start's, no speed above H2's bound."""
+        """Check: no NaN, mass and momentum to round-off, energy at most that of the start, speed within H2's bound."""
         particles, balances = self.look_at_sums()
         self._look_at_energy(balances)
         if len(particles):
             self._look_at_speed(particles)
 
     def look_at_sums(self):
-        """No NaN, mass and momentum to round-off; answers (particles, balances)."""
+        """Check: no NaN, mass and momentum to round-off; returns (particles, balances)."""
         particles, balances = self.solver.frame().particles, self.solver.balances()
         for name, values in particles.arrays().items():
             assert np.isfinite(values).all(), name
@@ -150,9 +150,9 @@ class Watch:
         return particles, balances
 
     def _look_at_energy(self, balances):
-        """What is there and what has left is at most what was.
+        """Check: the energy of the flow and of the mass that has left is at most that at the start.
 
-        What is laid back onto the ground gains height; what has left is booked as high as it was a step before.
+        Points that are moved back onto the ground gain height; mass that has left has the height of the previous step.
         """
         lost, dx = balances["energy_lost"], self.solver.numerics.cell_size
         if self.in_3d:
@@ -165,10 +165,10 @@ class Watch:
         assert self.gain <= self.energy_gain
 
     def _not_stored(self):
-        """Height of columns that no work was done for [J]: on a slope, pressure does cos^4 of it along the fall line.
+        """Energy [J] of the height of columns without work: on a slope, pressure does cos^4 of it along the fall line.
 
-        The solver books m g h / 2; squeezed along the slope a column takes up m g c^4 h / 2, which at 68 degrees is a
-        fiftieth.
+        The solver counts m g h / 2; a column that is squeezed along the slope takes m g c^4 h / 2, which is a fiftieth
+        of that at 68 degrees.
         """
         solver = self.solver
         if not isinstance(solver.effects.metric, SlopeMetric):
@@ -180,9 +180,9 @@ class Watch:
         return float((0.5 * mass * G * height * (1.0 - steep2**-2.0)).sum())
 
     def _look_at_speed(self, particles):
-        """U^2 <= 1.05 (2 g (highest bed of the release - z) + 4 g h_max + the start's U^2) (H2), for columns each.
+        """Check: U^2 <= 1.05 (2 g (highest bed of the release - z) + 4 g h_max + U^2 at the start) (H2) of each column.
 
-        Points share their energy among them, so that some may go faster, but not many.
+        Points exchange energy, so that a small part of them may be faster.
         """
         height = particles.position[:, 2] + self.solver._start.origin[2]
         speed2 = (particles.velocity**2).sum(axis=1)
@@ -196,13 +196,13 @@ class Watch:
 
 
 def box_of_columns(thickness, west, east, south, north, spacing, velocity=(0.0, 0.0)):
-    """Columns on a rectangle, at least one: where it is narrower than `spacing` that one is as wide as it."""
+    """Columns on a rectangle, at least one: if it is narrower than `spacing`, the column is as wide as it."""
     spacing = min(spacing, east - west, north - south)
     east, north = (low + spacing * int((high - low) / spacing + 1e-9) for low, high in ((west, east), (south, north)))
     return columns_of(thickness, west, east, south, north, spacing, velocity=velocity)
 
 
 def in_the_map(solver):
-    """float64[n, 3] [m]: the particles' places in map coordinates and heights, in the order of their ids."""
+    """float64[n, 3] [m]: map coordinates and heights of the particles, in the order of their ids."""
     frame = solver.frame()
     return frame.particles.position[np.argsort(frame.particles.id)] + frame.origin

@@ -1,4 +1,4 @@
-"""Random terrains, releases, materials and numerics, drawn by hypothesis: each scene in plain numbers that print."""
+"""Random terrains, releases, materials and numerics, drawn by hypothesis: a printed scene shows all its numbers."""
 
 from dataclasses import dataclass
 
@@ -61,7 +61,7 @@ class Box:
     heading: float
 
     def columns(self, ground, dx):
-        """Its columns, moved inwards where it leaves the terrain."""
+        """Columns of the box, moved inwards where it leaves the terrain."""
         long, wide = max(self.long * ground.length, 0.05 * dx), max(self.wide * ground.width, 0.05 * dx)
         west = min(self.west * ground.length, ground.length - long)
         south = min(self.south * ground.width, ground.width - wide)
@@ -88,7 +88,7 @@ class ColumnScene:
 
 @dataclass(frozen=True)
 class PointScene:
-    """A scene of the 3D solver on cells of 1 m; `stiffness` is over what the scene's drop calls for."""
+    """A scene of the 3D solver on cells of 1 m; `stiffness` is over the stiffness for the drop of the scene."""
 
     ground: Ground
     box: Box
@@ -125,7 +125,7 @@ def grounds(length, width, reliefs):
 
 
 def boxes(thicknesses, speeds, per_side):
-    """Releases anywhere, from slivers to a third of the terrain, also at its edges."""
+    """Releases anywhere, from narrow strips to a third of the terrain, also at its edges."""
     shares, lengths = st.floats(0.0, 1.0), st.sampled_from((0.0, 0.02, 0.1, 0.3))
     return st.builds(
         Box, shares, shares, lengths, lengths, st.sampled_from(thicknesses), st.sampled_from(per_side),

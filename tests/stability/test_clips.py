@@ -1,4 +1,4 @@
-"""Every clip counts the particle-steps that it acted on; what is usual does not, and a report names those that do."""
+"""Every clip counts the particle-steps in which it acted; a report names the clips that acted unusually often."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_what_is_done_to_one_column_is_counted(name, column, value):
     rows = solver._rows
     if name == "thinnest_column":
         rows[100, column] = value
-    else:  # halves that run at each other: within one step they would be through each other
+    else:  # halves that move towards each other: in one step they would pass through each other
         rows[:, column] = np.where(rows[:, column_rows.X] < 20.0, value, -value)
     solver._clock[solver.kernel.SPEED] = 1.0
     solver.advance(10.0, max_steps=1)

@@ -1,4 +1,4 @@
-"""The guard: a state that breaks goes back to the last frame with half the step, deterministically, and is reported."""
+"""The guard: after an invalid state a run goes back to the last frame with half the step, and reports it."""
 
 import re
 
@@ -21,7 +21,7 @@ SOIL = drucker_prager(stiff_for(6.0), 0.6 * stiff_for(6.0), 30.0, 1e4)
 
 
 def block(steps=3.5):
-    """A block that falls by a metre, marched with steps of `steps` cells that a wave crosses: 1 is stable."""
+    """A block that falls by a metre, with time steps in which a wave crosses `steps` cells: 1 is stable."""
     terrain = terrain_of(lambda x, y: 0.0 * x, 40.0, 20.0, 1.0)
     frame = block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 1.0), velocity=(2.0, 0.0, 0.0))
     step = steps / SOIL.wave_speed(1000.0)
@@ -29,7 +29,7 @@ def block(steps=3.5):
 
 
 def pool():
-    """Water 10 m deep that is let go, in steps in which it crosses three cells."""
+    """Water 10 m deep that is released, with time steps in which it crosses three cells."""
     columns = columns_of(10.0, 60, 90, 30, 60, 2.5)
     return columns_on(lambda x, y: 0.0 * x, columns, mu=0.0, time_step=1.5, edges="wall")
 
@@ -39,7 +39,7 @@ SCENES = {"points": (block, 1.0, 0.25), "columns": (pool, 12.0, 6.0)}
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_run_gets_over_steps_that_are_too_long(name):
-    """H14, H32: it ends, is reported where and why it had to go back, and holds what every run holds."""
+    """H14, H32: it ends, reports where and why it went back, and satisfies the conditions of every run."""
     scene, end, interval = SCENES[name]
     solver = scene()
     watch, march = Watch(solver), TimeIntegration(solver, end, interval)
@@ -53,7 +53,7 @@ def test_a_run_gets_over_steps_that_are_too_long(name):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_going_back_is_the_same_for_any_slices_threads_and_restarts(name, monkeypatch):
-    """Bitwise; a run resumed at any of its frames meets the same trouble, which no frame has to tell."""
+    """Bitwise; a run resumed at any of its frames has the same invalid state, although no frame stores it."""
     scene, end, interval = SCENES[name]
     whole = list(TimeIntegration(scene(), end, interval))
     monkeypatch.setattr(marching, "SLICE_SECONDS", 1e-4)
@@ -73,7 +73,7 @@ def test_going_back_is_the_same_for_any_slices_threads_and_restarts(name, monkey
 
 
 def test_what_no_step_helps_ends_the_run_with_place_and_cause():
-    """Exit code 3 after steps of 1/32; nothing is said to have been got over."""
+    """Exit code 3 after steps of 1/32; no problem is reported as solved."""
     solver = block(0.3)
     solver._rows[5, 4] = np.nan
     march = TimeIntegration(solver, 1.0, 0.5)
@@ -86,7 +86,7 @@ def test_what_no_step_helps_ends_the_run_with_place_and_cause():
 
 
 def test_without_a_frame_to_go_back_to_the_run_ends_with_place_and_cause():
-    """Nothing was on the terrain at the start: what flowed in since broke before its first frame."""
+    """The terrain was empty at the start; the inflow became invalid before its first frame."""
     solver = Recorder()
     guard = Guard(solver, None, Recorder(), solver)
     with pytest.raises(UnphysicalError, match=r"step 7, t = 0\.500 s, E 1\.0 N 2\.0: too fast, before the first frame"):
@@ -95,7 +95,7 @@ def test_without_a_frame_to_go_back_to_the_run_ends_with_place_and_cause():
 
 
 def test_solved_problems_are_in_the_messages_and_the_record(tmp_path, monkeypatch, capsys):
-    """One made-up trouble at the first frame after the start: exit code 0, a line, and the same line in run.json."""
+    """One artificial problem at the first frame after the start: exit code 0, a line, and the same line in run.json."""
     site, troubles = write_site(tmp_path), ["E 400100.0 N 5100200.0: made up"]
     monkeypatch.setattr(IntegratedColumns, "energy_trouble", lambda side, last: troubles.pop(0) if troubles else "")
     assert run(site, SCENE.replace("end_time = 30", "end_time = 20")) == 0
@@ -106,7 +106,7 @@ def test_solved_problems_are_in_the_messages_and_the_record(tmp_path, monkeypatc
 
 
 class Recorder:
-    """A solver, its events and its stage's end, which only note what is asked of them."""
+    """A solver, its events and the end of its stage, which only record their calls."""
 
     def __init__(self):
         self.step, self.time, self.calm_since, self.asked = 7, 0.5, 0.25, []

@@ -37,7 +37,7 @@ def by_id(solver):
 
 
 def test_a_flow_over_a_vertical_cliff_keeps_its_mass_and_is_reported():
-    """H1: 60 m straight down in one cell: no abort; the share of the mass that was held to its speed is reported."""
+    """H1: 60 m vertically in one cell: no abort; the share of the mass whose speed was limited is reported."""
 
     def cliff(x, y):
         return np.where(x < 80, 60.0, 0.0) - 0.5 * x
@@ -51,9 +51,9 @@ def test_a_flow_over_a_vertical_cliff_keeps_its_mass_and_is_reported():
 
 
 def test_a_thin_sheet_on_high_steps_continues():
-    """H1, H2: 0.1 mm of frictionless water on steps of 10 m. At a rim the grid lends a column on top the speed of one
-    that falls beside it, far above what 0.1 mm allow: it is held to that, and the run does not end as wild (found by
-    `test_random_scenes`)."""
+    """H1, H2: 0.1 mm of frictionless water on steps of 10 m. At an edge the grid gives a column above it the speed of a
+    column that falls beside it, far above the limit for 0.1 mm: its speed is limited, and the run does not end as too
+    fast (found by `test_random_scenes`)."""
     scene = ColumnScene(
         Ground("steps", 5.0, 0.0, 10.0, 0.5, 0, 200.0, 100.0), (Box(0.0, 0.2, 0.3, 0.6, 1e-4, 4, 0.0, 0.0),),
         mu=0.0, xi=1e12, cfl=0.1, edges="wall",
@@ -70,18 +70,18 @@ def test_a_thin_layer_is_stopped_by_friction():
     way = speed2 / (2 * G * (0.6 * np.cos(slope) - np.sin(slope))) * np.cos(slope)
     after = by_id(solver)
     assert np.all(after.velocity == 0.0)
-    assert (after.position - start)[:, 0].mean() == pytest.approx(way, rel=0.05)  # 2.8 % earlier
+    assert (after.position - start)[:, 0].mean() == pytest.approx(way, rel=0.05)  # the distance is 2.8 % shorter
 
 
 def test_one_column_alone_stays_a_point_on_rough_ground():
-    """H3: a single column down a slope with a wall of 2 m in its way: finite, within its energy."""
+    """H3: a single column on a slope with a wall of 2 m in its path: finite, speed within its energy."""
     solver = columns_on(lambda x, y: falling(30)(x, y) + np.where((x > 90) & (x < 100), 2.0, 0.0),
                         columns_of(0.5, 40, 45, 50, 55, 5.0), mu=0.05)  # fmt: skip
     Watch(solver).march(8.0)
 
 
 def test_nodes_with_next_to_no_mass_give_no_wild_velocities():
-    """H4: a film of 1e-12 m beside a pile of 1 m: no force or velocity blows up, momentum on level ground is kept."""
+    """H4: a film of 1e-12 m beside a pile of 1 m on level ground: velocities stay finite, momentum is kept."""
     pile, film = columns_of(1.0, 60, 100, 30, 70, 2.5), columns_of(1e-12, 100, 160, 30, 70, 2.5)
     solver = columns_on(level, joined(pile, film), mu=0.0)
     Watch(solver).march(3.0)
@@ -91,7 +91,7 @@ def test_nodes_with_next_to_no_mass_give_no_wild_velocities():
 
 
 def test_a_hole_in_the_terrain_takes_what_falls_in():
-    """H10: nodata in the middle of the flow's way: the ledger closes, the rest goes by."""
+    """H10: nodata in the path of the flow: the mass balance closes, the rest passes beside it."""
     terrain = terrain_of(falling(20), 200.0, 100.0, 5.0)
     elevation = terrain.elevation.copy()
     elevation[8:12, 20:24] = np.nan
@@ -106,7 +106,7 @@ def test_a_hole_in_the_terrain_takes_what_falls_in():
 
 
 def test_friction_above_the_slope_holds_for_a_hundred_seconds():
-    """H12: no displacement at all in 100 s on 35 degrees; left to itself the run ends early."""
+    """H12: no displacement in 100 s on 35 degrees; with the stop rule the run ends early."""
     frame = columns_of(0.05, 50, 100, 25, 75, 2.5)
     held = columns_on(falling(35), frame, mu=2.0)
     start = by_id(held).position.copy()
@@ -120,7 +120,7 @@ def test_friction_above_the_slope_holds_for_a_hundred_seconds():
 
 @pytest.mark.parametrize("mu", [0.0, 0.4])
 def test_slopes_of_68_degrees(mu):
-    """H13: the speed of H2, and without friction what a sliding point has, g sin cos t, within 2 %."""
+    """H13: the speed of H2, and without friction that of a sliding point, g sin cos t, within 2 %."""
     solver = columns_on(falling(68), columns_of(0.5, 10, 40, 30, 70, 1.25), mu=mu, length=400.0)
     Watch(solver).march(6.0)
     slope = np.radians(68)
@@ -129,7 +129,7 @@ def test_slopes_of_68_degrees(mu):
 
 
 def test_flat_ground_and_no_motion_have_no_direction():
-    """H22, H23: T = 0 and u = 0: nothing is divided by them; held by friction all stays, without it all goes round."""
+    """H22, H23: T = 0 and u = 0: no division by zero; with friction all stays at rest, without it the flow rotates."""
     pile = columns_of(lambda x, y: np.maximum(2.0 - np.hypot(x - 100, y - 50) / 10, 0.0), 75, 125, 25, 75, 1.25)
     held = columns_on(level, pile, mu=5.0)
     start = by_id(held).position.copy()
@@ -143,9 +143,9 @@ def test_flat_ground_and_no_motion_have_no_direction():
 
 @pytest.mark.parametrize(("offset", "apart"), [(0.0, 1e-5), (1.25, 1e-5), (2.5, 0.05)])
 def test_columns_exactly_on_grid_lines(offset, apart):
-    """H24: columns on nodes, on cell middles and on the rims of blocks have one owner; a hair beside it says the same.
+    """H24: columns on nodes, cell centres and borders of blocks have one owner; a tiny offset gives the same result.
 
-    Beside the middles of cells it reaches one more row of nodes, of no weight: 3 cm in 3 s.
+    Beside cell centres a column reaches one more row of nodes, with zero weight: 3 cm in 3 s.
     """
     ends = []
     for hair in (0.0, 1e-9):
@@ -158,15 +158,15 @@ def test_columns_exactly_on_grid_lines(offset, apart):
 
 
 def test_a_flow_crushed_at_the_foot_of_a_steep_slope_stays_finite():
-    """H26: 68 degrees straight into a wall: columns are squeezed into towers, whose work the slope form makes a
-    fiftieth of their height's; no energy is made, and time continues."""
+    """H26: 68 degrees straight into a wall: columns are squeezed into towers; in the slope form the work for this is a
+    fiftieth of the energy of their height; no energy is created, and the time step does not vanish."""
     solver = columns_on(falling(68), columns_of(3.0, 60, 140, 20, 80, 2.5), mu=0.4, edges="wall")
     Watch(solver).march(8.0)
     assert solver.time == 8.0 and solver.step < 2000
 
 
 def test_a_deep_pit_fills_up():
-    """H26: from all sides into a hole of 40 m: a pond forms in it, at most twice as deep as its bottom allows."""
+    """H26: flow from all sides into a pit of 40 m: its depth is less than twice the volume over the bottom area."""
 
     def pit(x, y):
         away = np.maximum(np.hypot(x - 100, y - 50) - 10.0, 0.0)
@@ -180,11 +180,11 @@ def test_a_deep_pit_fills_up():
     p = solver.frame().particles
     within = np.hypot(p.position[:, 0] - 100, p.position[:, 1] - 50) < 20
     assert p.mass[within].sum() > 0.5 * p.mass.sum()
-    assert float(solver._clock[column_clock.DEPTH_NOW]) < 2.0 * p.volume.sum() / 300.0  # over the pit's bottom
+    assert float(solver._clock[column_clock.DEPTH_NOW]) < 2.0 * p.volume.sum() / 300.0  # over the area of the bottom
 
 
 def test_a_flow_that_flies_apart_keeps_positive_areas():
-    """H27: a block on level ground that expands at 2 per second, with no friction: areas grow, none is negative."""
+    """H27: a block on level ground that expands at 2 per second, without friction: areas grow, none is negative."""
     frame = columns_of(1.0, 80, 120, 30, 70, 2.5)
     p = frame.particles
     p.velocity[:, :2] = 2.0 * (p.position[:, :2] - (100.0, 50.0))
@@ -195,7 +195,7 @@ def test_a_flow_that_flies_apart_keeps_positive_areas():
 
 @pytest.mark.parametrize(("mu", "moves"), [(0.0, True), (1e9, False)])
 def test_no_friction_and_endless_friction(mu, moves):
-    """H29: both are values like others; a scene refuses one that is not finite."""
+    """H29: both are valid values; a scene refuses a value that is not finite."""
     solver = columns_on(falling(30), columns_of(1.0, 50, 90, 30, 70, 2.5), mu=mu)
     start = by_id(solver).position.copy()
     Watch(solver).march(3.0)
@@ -203,7 +203,7 @@ def test_no_friction_and_endless_friction(mu, moves):
 
 
 def rest(steps):
-    """A pile held by friction on a slope of 10 degrees for so many steps."""
+    """A pile held by friction on a slope of 10 degrees, for the given number of steps."""
     solver = columns_on(falling(10), columns_of(0.2, 50, 70, 40, 60, 2.5), mu=0.9)
     before = by_id(solver)
     solver.advance(1e12, steps)
@@ -222,5 +222,5 @@ def test_ten_thousand_steps_at_rest_change_nothing():
 @pytest.mark.slow
 @pytest.mark.parametrize("threads", [1], indirect=True)
 def test_a_million_steps_at_rest_change_nothing():
-    """H41: mass and places are the same to the last bit."""
+    """H41: masses and positions are the same to the last bit."""
     rest(1_000_000)

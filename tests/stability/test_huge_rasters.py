@@ -1,4 +1,4 @@
-"""H36: of a DTM of 1e8 pixels no more is read than a seed or a window needs, with the bits that the whole has."""
+"""H36: from a DTM of 1e8 pixels only the part that a seed or a window needs is read, with the bits of the whole DTM."""
 
 import subprocess
 import sys
@@ -44,7 +44,7 @@ peak()
 
 
 def written(path, shape, transform, first=(0, 0), extent=None, nodata=-9999.0):
-    """A tiled GeoTIFF of `shape`; heights in `extent` pixels from `first` on, nodata and nothing on the disk beside."""
+    """A tiled GeoTIFF of `shape` with heights in `extent` pixels from `first` on; the rest is nodata without tiles."""
     extent = extent or shape
     row, column = np.mgrid[first[0] : first[0] + extent[0], first[1] : first[1] + extent[1]]
     heights = (4000.0 - 0.3 * column + 20.0 * np.sin(row / 40.0) * np.cos(column / 30.0)).astype("float32")
@@ -74,7 +74,7 @@ def huge(tmp_path_factory):
 
 
 def test_memory_follows_what_is_needed(huge, tmp_path):
-    """The whole takes 0.8 GB, and 1.9 GB with what is looked at; a seed on it takes no more than one on a small DTM."""
+    """The whole DTM takes 0.8 GB, 1.9 GB with derived arrays; a seed on it takes no more than one on a small DTM."""
     release = release_at(tmp_path / "area.gpkg", *MIDDLE)
     small = written(tmp_path / "small.tif", (200, 200), Affine(5, 0, MIDDLE[0] - 500, 0, -5, MIDDLE[1] + 500))
     arguments = [str(huge), str(release), str(small), *map(str, MIDDLE)]
@@ -145,13 +145,13 @@ def scene_on(dem, folder, window=""):
 
 
 def test_a_run_reports_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_path, monkeypatch, capsys):
-    """14 GB where 8 are free: refused in one line that tells of the window, with which it runs."""
+    """14 GB with 8 GB free: refused in one line that suggests `window`; with a window it runs."""
     monkeypatch.setattr(system, "available_memory", lambda: 8e9)
     monkeypatch.setattr(TerrainFile, "whole", lambda file: pytest.fail("it was read"))
     assert main(["run", str(scene_on(huge, tmp_path)), "-q"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "10000 x 10000 cells, which need about 14 GB of memory, 8 GB are free; [terrain] window = [west" in line
-    with monkeypatch.context() as patch:  # a window as large as all of it saves nothing
+    with monkeypatch.context() as patch:  # a window as large as the DTM saves nothing
         patch.setattr(TerrainFile, "part", lambda file, rows, columns: pytest.fail("it was read"))
         with pytest.raises(SceneError, match=r"window of .* has 10000 x 10000 cells, .* 8 GB are free"):
             prepare.prepare(scene_on(huge, tmp_path, "window = [0, 0, 9e6, 9e6]"))

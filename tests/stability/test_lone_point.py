@@ -1,4 +1,4 @@
-"""The time step of a point on its own, which swings faster than waves cross cells (found by `test_random_scenes`)."""
+"""The time step of a single point, which oscillates faster than waves cross cells (found by `test_random_scenes`)."""
 
 import numpy as np
 import pytest
@@ -28,13 +28,13 @@ def gained(material, cfl):
 
 @pytest.mark.parametrize("shear_modulus", [1.2e5, 1e4])
 def test_the_highest_courant_number_makes_no_energy(shear_modulus):
-    """Measured at 0.9 of the scene: 5e-4; without the limit 0.3 (G = 0.6 K) and 2.6 (G = 0.05 K) of all there was."""
+    """Measured at a Courant number of 0.9: 5e-4; without the limit 0.3 (G = 0.6 K), 2.6 (G = 0.05 K) of the energy."""
     assert gained(SOIL._replace(shear_modulus=shear_modulus), 0.9) <= STEPPING
 
 
 @pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def test_steps_of_changing_length_make_no_energy(precision):
-    """A point that slides down rough ground, its steps cut at 24 frames: at 0.95 of the limit it gained 1.1 %."""
+    """A point that slides on rough ground, with shorter steps at 24 frames: at 0.95 of the limit it gained 1.1 %."""
     ground = Ground("rough slope", 68.0, 5.281555225472457, 2.0, 0.21746847238858066, 127, 40.0, 20.0)
     box = Box(0.21746847238858066, 0.21746847238858066, 0.0, 0.0, 0.5, 2, 3.0, 0.21746847238858066)
     watch = Watch(PointScene(ground, box, 0.1, 0.9, "wall", 1.0, 5.0, 1e3, 0.0, precision).solver())
@@ -43,7 +43,7 @@ def test_steps_of_changing_length_make_no_energy(precision):
 
 
 def test_the_limit_is_that_of_the_lone_swing():
-    """dx / sqrt(max(3 K, 2 G) / rho) over dx / c_p; what is asked for below it is what is marched with."""
+    """dx / sqrt(max(3 K, 2 G) / rho) over dx / c_p; a smaller requested Courant number is used unchanged."""
     numerics = PointNumerics(1.0, cfl=0.9)
     assert courant_number(Fluid(1e6, 0.0, 0.0), numerics) == pytest.approx(LONE_SHARE / np.sqrt(3.0))
     assert courant_number(SOIL, numerics) == pytest.approx(LONE_SHARE * np.sqrt(3.6 / 6.0))

@@ -1,4 +1,4 @@
-"""README.md of this folder says which test holds each hard case: every case is there, and every test exists."""
+"""README.md of this folder names the test of each hard case: every case is in it, and every test exists."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ CASES = dict(ROW.findall((HERE / "README.md").read_text()))
 
 
 def file_of(name):
-    """The test file that the page calls `name`."""
+    """The test file with the `name` on the page."""
     return HERE.parents[1] / name if "/" in name else HERE / name
 
 
@@ -25,7 +25,7 @@ def test_every_test_of_the_page_exists():
 
 
 def test_every_hard_case_of_this_folder_is_on_the_page():
-    """Of the files of cases; random scenes and this one hold all of them."""
+    """Cases of all test files except random scenes and this file, which concern all cases."""
     for file in sorted(HERE.glob("test_hard_*.py")):
         for test in re.findall(r"^def test_(\w+)\(", file.read_text(), re.MULTILINE):
             assert f"{file.name}::{test}" in (HERE / "README.md").read_text(), f"{file.name}::{test}"

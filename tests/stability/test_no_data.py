@@ -1,4 +1,4 @@
-"""H9: a DTM without heights under the release is refused, with a fix that works; there is no `fill` in a scene."""
+"""H9: a DTM without heights under the release is refused with a fix that works; a scene has no key `fill`."""
 
 import numpy as np
 import pytest
@@ -33,6 +33,6 @@ def test_no_heights_under_the_release_are_refused_and_the_fix_works(value, tmp_p
 
 
 def test_a_fill_is_no_key_of_a_scene(tmp_path, capsys):
-    """The design would let a named method fill gaps; the contract has none: heights are not made up here."""
+    """The design allowed a named method to fill gaps; the program has none: it does not invent heights."""
     line = refused(holed(tmp_path, np.nan), capsys, SHORT.replace("[terrain]", '[terrain]\nfill = "idw"'))
     assert "fill" in line and "no elevation" not in line

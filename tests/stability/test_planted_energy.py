@@ -1,4 +1,4 @@
-"""Energy that is made out of nothing between two frames stops a run, of both solvers, with one line."""
+"""Energy that appears without a source between two frames stops a run of either solver, with one line."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ MOTION = {"points": [point_rows.PX, point_rows.PY, point_rows.PZ], "columns": [c
 
 
 def scene(name):
-    """A block that slides and falls, in steps that are stable, and water that has been let go."""
+    """A block that slides and falls, with stable steps, and released water."""
     return block(0.5) if name == "points" else pool_at(0.2)
 
 
@@ -25,7 +25,7 @@ def pool_at(step):
 
 
 def plant(solver, name, gain, after):
-    """Let each slice of steps of `solver` from `after` [s] on give its particles `gain` [1] more kinetic energy."""
+    """Increase the kinetic energy by the share `gain` [1] in each slice of steps of `solver` from `after` [s] on."""
     advance = solver.advance
 
     def planting(*given, **named):

@@ -1,6 +1,6 @@
 """Random scenes run without NaN, keep their mass, gain no energy and stay below the speed that energy allows.
 
-Whatever this finds becomes a case of its own in `test_hard_columns.py` or `test_hard_points.py`.
+A failing scene becomes a separate case in `test_hard_columns.py` or `test_hard_points.py`.
 """
 
 import pytest
@@ -19,7 +19,7 @@ def check_columns(scene):
 
 
 def check_points(scene):
-    """A material that is too soft for its fall may leak through the ground; a run reports it and ends."""
+    """A material that is too soft for its fall may leak through the ground; the run reports it and ends."""
     Watch(scene.solver()).march(1.0, looks=4, may_end=(LEAKED,) if scene.stiffness < 1.0 else ())
 
 

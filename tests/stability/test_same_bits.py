@@ -1,4 +1,4 @@
-"""H34: the hardest scenes give the same bits for any number of threads and for slices of any length."""
+"""H34: the most difficult scenes give the same bits for any number of threads and for slices of any length."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
-"""The same scene gives the same bytes: whole commands in separate processes, on any threads, stopped or not, by
-kernels compiled again."""
+"""The same scene gives the same bytes: whole commands in separate processes, on any number of threads, stopped or not,
+and with kernels that are compiled again."""
 
 import json
 import os
@@ -11,8 +11,8 @@ import shapely
 from slope_site import SCENE, slide, write_shapes, write_site
 from test_run_stages import ALL
 
-# What it makes, as digests of arrays: of seeds, frames and bands. `stop` lets every run be interrupted as its third
-# frame is written, and continue after it.
+# Prints digests of arrays: of seeds, frames and bands. With `stop` every run is interrupted when its third frame is
+# written, and continues after it.
 CHILD = """
 import hashlib, json, os, sys
 from pathlib import Path
@@ -76,7 +76,7 @@ SCENES = {
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The slope with all that the scenes want."""
+    """The slope with all files of the scenes."""
     folder = write_site(tmp_path_factory.mktemp("same"))
     areas = {
         "block": (100, 180, 140, 220), "near": (150, 190, 160, 210), "foot": (195, 190, 205, 210),
@@ -90,7 +90,7 @@ def site(tmp_path_factory):
 
 
 def made(site, out, threads, stop=False, cache=None):
-    """Name -> digest of the arrays that a process of its own makes."""
+    """Name -> digest of the arrays that a separate process makes."""
     out.mkdir()
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_NUM_THREADS"}
     if cache is not None:
@@ -104,7 +104,7 @@ def made(site, out, threads, stop=False, cache=None):
 
 @pytest.fixture(scope="module")
 def reference(site, tmp_path_factory):
-    """Made by one thread, in one go."""
+    """Made by one thread, without a stop."""
     return made(site, tmp_path_factory.mktemp("reference") / "out", 1)
 
 
@@ -116,7 +116,7 @@ def require_same(one, other):
 
 @pytest.mark.thorough
 def test_threads_stops_and_processes_change_no_byte(site, reference, tmp_path):
-    """Columns with running maxima, points in both precisions, stages, exports, seeds of each kind, a conversion."""
+    """Columns with maxima of every step, points in both precisions, stages, exports, kinds of seeds, a conversion."""
     require_same(made(site, tmp_path / "out", 2, stop=True), reference)
 
 
@@ -127,7 +127,7 @@ def test_digests_differ_between_scenes_and_precisions(reference):
 
 @pytest.mark.slow
 def test_kernels_compiled_again_change_no_byte(site, reference, tmp_path):
-    """Two compilations besides that of the reference, in empty cache folders."""
+    """Two more compilations than that of the reference, in empty cache folders."""
     for number in (1, 2):
         require_same(made(site, tmp_path / f"out{number}", number, cache=tmp_path / f"cache{number}"), reference)
         assert any((tmp_path / f"cache{number}").rglob("*.nbi"))

@@ -1,4 +1,4 @@
-"""H33: hard 3D scenes in single precision end where they end in double precision."""
+"""H33: difficult 3D scenes end at the same place in single and in double precision."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from test_same_bits import SCENES
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["sand off a step", "water off a step"])
 def test_single_precision_ends_where_double_precision_does(name):
-    """Mass within 1e-6; the foremost hundredth and the middle of the flow within a cell of 1 m, and energies 1 %."""
+    """Mass within 1e-6; the foremost hundredth and the middle of the flow within a cell of 1 m, energies within 1 %."""
     scene, end = SCENES[name]
     ends = []
     for precision in ("float64", "float32"):

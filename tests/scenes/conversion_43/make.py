@@ -1,4 +1,4 @@
-"""MOX report 15/2025, section 4.3: what the conversion of columns into points keeps, and what Figure 12 measures.
+"""MOX report 15/2025, section 4.3: conservation by the conversion of columns into points, and the error of Figure 12.
 
 python tests/scenes/conversion_43/make.py FOLDER [--png FOLDER]
 """
@@ -30,23 +30,23 @@ def thickness(x, y):
 
 
 def columns(spacing):
-    """(thickness [m], side [m]) of columns in the middles of squares, as many as come nearest to `spacing` [m]."""
+    """(thickness [m], side [m]) of columns in the centres of squares; their number is nearest to `spacing` [m]."""
     count = round(SIDE / spacing)
     at = (np.arange(count) + 0.5) * SIDE / count
     return thickness(at[None, :], at[:, None]).ravel(), SIDE / count
 
 
 def columns_at_nodes(spacing):
-    """The same with columns on the nodes of the squares, those on the rim too, each of a full square's area."""
+    """The same with columns on the nodes of the squares, also on the boundary, each with the area of a full square."""
     count = round(SIDE / spacing)
     at = np.linspace(0.0, SIDE, count + 1)
     return thickness(at[None, :], at[:, None]).ravel(), SIDE / (count + 1)
 
 
 def measured(spacing, vertical, counting="paper"):
-    """Of columns `spacing` apart, points `vertical` [m] apart: their number, lost shares, the report's eps.
+    """Number of points, lost shares and eps of the report for columns `spacing` [m] and points `vertical` [m] apart.
 
-    The points of a column are equal, so that 8.6e12 of them are sums over columns.
+    The points of a column are equal, so that sums over 8.6e12 points are sums over columns.
     """
     depth, side = columns(spacing)
     volume = side**2 * depth
@@ -70,7 +70,7 @@ def quadrature(spacing, of=columns):
 
 
 def sweep(wide=SPACINGS_X, deep=SPACINGS_Z):
-    """{counting: (along hx at the coarsest hz, along hz at the coarsest hx)}, lists of what `measured` answers."""
+    """{counting: (along hx at the coarsest hz, along hz at the coarsest hx)}: lists of results of `measured`."""
     return {
         counting: ([measured(h, deep[0], counting) for h in wide], [measured(wide[0], h, counting) for h in deep])
         for counting in COUNTINGS
@@ -87,7 +87,7 @@ def each(rows, name):
 
 
 def figures(found, errors, png, wide=SPACINGS_X, deep=SPACINGS_Z):
-    """Figure 12 with its axes named for what they measure, and what conservation and accuracy are."""
+    """Figure 12 with axes labelled by the measured quantity, and figures of conservation and accuracy."""
     figure, ((by_z, by_x), (kept, volume)) = profiles.picture(2, 2, (10.0, 8.0))
     _draw_scatter(by_z, deep, {counting: along_z for counting, (_, along_z) in found.items()}, 1)
     _draw_scatter(by_x, wide, {counting: along_x for counting, (along_x, _) in found.items()}, 2)
@@ -108,7 +108,7 @@ def figures(found, errors, png, wide=SPACINGS_X, deep=SPACINGS_Z):
 
 
 def _draw_scatter(axis, spacings, rows, order):
-    """The report's eps of both ways to count points, over one spacing, with a line of the printed order."""
+    """eps of the report for both ways to count points, over one spacing, with a line of the printed order."""
     for counting, style in (("paper", "o"), ("round", "x")):
         for name, colour in (("eps_m", "tab:blue"), ("eps_mvx", "tab:orange")):
             values = each(rows[counting], name)
@@ -121,7 +121,7 @@ def _draw_scatter(axis, spacings, rows, order):
 
 
 def _draw_kept(axis, found):
-    """What the points' sums lack of the columns'."""
+    """Share of mass and momentum of the columns that the points do not have."""
     for counting, colour in (("paper", "tab:blue"), ("round", "tab:orange")):
         spots = [row for rows in found[counting] for row in rows]
         for name, style in (("mass", "o"), ("momentum", "s")):
@@ -134,7 +134,7 @@ def _draw_kept(axis, found):
 
 
 def stored(folder, spacing=0.1, vertical=0.1):
-    """Section 4.3 through `mpmgis seed` and `mpmgis convert`, as far as points can be stored: sums of both files."""
+    """Section 4.3 with `mpmgis seed` and `mpmgis convert`, with as many points as can be stored: sums of both files."""
     folder = chain.fresh(folder)
     count = round(SIDE / spacing)
     at = (np.arange(count) + 0.5) * SIDE / count
@@ -155,7 +155,7 @@ def stored(folder, spacing=0.1, vertical=0.1):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, help="output folder")
     parser.add_argument("--png", type=Path, help="folder for the figure (default: FOLDER)")
     asked = parser.parse_args()
     sums = stored(asked.folder)

@@ -1,4 +1,4 @@
-"""A column of sand collapses (Lube et al. 2004, 2005; Lajeunesse et al. 2005), through the commands.
+"""Collapse of a column of sand (Lube et al. 2004, 2005; Lajeunesse et al. 2005), computed with the commands of mpmgis.
 
 python tests/scenes/granular_column/make.py FOLDER [--aspect 1 --cells 16 --round --law DruckerPrager] [--png FOLDER]
 """
@@ -17,11 +17,11 @@ import profiles
 from mpmgis.io.frames import write_frame
 from mpmgis.particles import Frame, Particles
 
-LENGTH, GRAVITY, DENSITY = 0.1, 9.81, 1500.0  # L0 [m], half of what collapses to both sides, or the radius
-WIDE, PER_CELL = 3, 2  # cells across a strip, points along a cell's side
-STIFF = 7.0  # speed of pressure waves over sqrt(g H), about: compression by 2 % under the column's own weight
+LENGTH, GRAVITY, DENSITY = 0.1, 9.81, 1500.0  # L0 [m], half the length if a column collapses to both sides, or radius
+WIDE, PER_CELL = 3, 2  # cells across a strip, points along the side of a cell
+STIFF = 7.0  # speed of pressure waves over sqrt(g H), approximately: the weight of the column compresses it by 2 %
 FALLS = 5  # length of a run, in sqrt(H / g)
-EDGE = LENGTH / 30.0  # [m], thickness below which a deposit has ended: one grain
+EDGE = LENGTH / 30.0  # [m], thickness at the edge of a deposit: one grain
 DRUCKER_PRAGER = "friction_angle = 30\ncohesion = 0\nmatch = "
 
 
@@ -53,7 +53,7 @@ class Column(NamedTuple):
 
 
 def lube_plane(a):
-    """1.2 a up to 1.8, 1.9 a^(2/3) from 2.8; between the two a power that joins them."""
+    """1.2 a up to a = 1.8, 1.9 a^(2/3) from a = 2.8, and a power law between them."""
     low, high = 1.2 * 1.8, 1.9 * 2.8 ** (2.0 / 3.0)
     if a <= 1.8:
         return 1.2 * a
@@ -63,18 +63,18 @@ def lube_plane(a):
 
 
 def lube_round(a):
-    """1.24 a up to 1.7, 1.6 a^(1/2) from there."""
+    """1.24 a up to a = 1.7, 1.6 a^(1/2) above."""
     return 1.24 * a if a < 1.7 else 1.6 * np.sqrt(a)
 
 
 def moduli(column, stiff=STIFF):
-    """Bulk and shear modulus [Pa] of sand of Poisson's ratio 0.3 whose waves have about `stiff` times sqrt(g H)."""
+    """Bulk and shear modulus [Pa] for Poisson's ratio 0.3 and pressure waves of about `stiff` times sqrt(g H)."""
     young = 0.8 * DENSITY * stiff**2 * GRAVITY * column.height
     return young / 1.2, young / 2.6
 
 
 def write_inputs(folder, column):
-    """Level ground and the column on it, against the west (round: and south) edge."""
+    """Write level ground and the column on it, at the western edge (a round column: also at the southern edge)."""
     cell = column.cell
     reach = LENGTH * (1.0 + 1.6 * column.measured) + 4 * cell
     long = int(np.ceil(reach / cell))
@@ -92,7 +92,7 @@ def write_inputs(folder, column):
 
 
 def make(folder, column):
-    """The run in `folder`; answers its record."""
+    """Run the scene in `folder`; returns its record."""
     folder = chain.fresh(folder)
     write_inputs(folder, column)
     bulk, shear = moduli(column)
@@ -106,7 +106,7 @@ def make(folder, column):
 
 
 def _without_rate(path, match):
-    """The scene's material as Drucker-Prager of 30 degrees."""
+    """Change the material of the scene to Drucker-Prager with a friction angle of 30 degrees."""
     gone = ("mu1 ", "mu2 ", "inertial_number", "grain_", "volume_correction")
     lines = [line for line in path.read_text().splitlines() if not line.startswith(gone)]
     law = lines.index('law = "MuI"')
@@ -115,7 +115,7 @@ def _without_rate(path, match):
 
 
 class Deposit(NamedTuple):
-    """What lies at the end, in units of L0: where it ends, within what 99 % of the mass lie, its top, speed left."""
+    """The deposit in units of L0: front, distance within which 99 % of the mass lie, top; and the remaining speed."""
 
     front: float
     mass99: float
@@ -137,7 +137,7 @@ def deposit(folder, column):
 
 
 def thickness_along(out, column):
-    """(outer edges [m], thickness [m]) of rings a cell wide; distances `out` [m] of points of equal volume."""
+    """(outer edges [m], thickness [m]) of rings one cell wide, from distances `out` [m] of points of equal volume."""
     ring = column.cell
     count = np.bincount((out / ring).astype(int))
     edges = (np.arange(len(count)) + 1.0) * ring
@@ -152,7 +152,7 @@ def ends(out, column):
 
 
 def profile_figure(folders, png):
-    """Deposits of {name: (folder, Column)} over the distance."""
+    """Draw the deposits of {name: (folder, Column)} over the distance."""
     figure, ((axis,),) = profiles.picture(1, 1, (8.0, 3.2))
     for name, (folder, column) in folders.items():
         *_, last = chain.frames(folder)
@@ -168,11 +168,11 @@ def profile_figure(folders, png):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--aspect", type=float, default=1.0, help="height over length, or over the radius")
-    parser.add_argument("--cells", type=int, default=16, help="over the smaller of the two")
-    parser.add_argument("--round", action="store_true", help="a quarter of a round column, in place of a strip")
-    parser.add_argument("--law", choices=["MuI", "DruckerPrager"], default="MuI")
+    parser.add_argument("folder", type=Path, help="output folder")
+    parser.add_argument("--aspect", type=float, default=1.0, help="height over length, or over the radius (default: 1)")
+    parser.add_argument("--cells", type=int, default=16, help="cells over the smaller of the two (default: 16)")
+    parser.add_argument("--round", action="store_true", help="a quarter of a round column instead of a strip")
+    parser.add_argument("--law", choices=["MuI", "DruckerPrager"], default="MuI", help="material (default: MuI)")
     parser.add_argument("--png", type=Path, help="folder for a figure of the deposit")
     asked = parser.parse_args()
     column = Column(asked.aspect, asked.cells, asked.round, asked.law)

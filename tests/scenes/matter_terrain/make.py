@@ -1,4 +1,4 @@
-"""A slide that another 3D code ran, run by ours from the same particles, and both exported and compared.
+"""A slide computed by the 3D code Matter and by mpmgis from the same particles; exports both results and compares them.
 
 python tests/scenes/matter_terrain/make.py FOLDER [--cell 1.56827] [--split 1] [--png FOLDER]
 """
@@ -32,7 +32,7 @@ SAME = ("--cs-e", CELL, "--extent", "dtm", "--standoff", "auto", "--products", "
 
 
 def divided(particles, split):
-    """Particles of cubes whose edges are cut into `split` parts; all start at rest."""
+    """Particles of which each is a cube, divided into `split` parts along each edge; all start at rest."""
     place = (np.arange(split) + 0.5) / split - 0.5
     offsets = np.stack(np.meshgrid(place, place, place, indexing="ij"), axis=-1).reshape(-1, 3)
     edge = np.cbrt(particles.volume)[:, None, None]
@@ -42,7 +42,7 @@ def divided(particles, split):
 
 
 def write_inputs(folder, split=1):
-    """The DTM as GeoTIFF and Matter's particles at time 0, `split` to an edge of each, as a frame."""
+    """Write the DTM as GeoTIFF, and the particles of Matter at time 0, `split` along each edge, as a frame."""
     ground = read_terrain(DATA / "terrain_epsg32632.asc", CRS)
     west, _, _, north = ground.grid.bounds
     chain.write_raster(folder / "dtm.tif", ground.elevation, west, north, ground.grid.cell_size, CRS)
@@ -55,7 +55,7 @@ def write_inputs(folder, split=1):
 
 
 def make(folder, split=1, **changed):
-    """Inputs, our run with `changed` keys of the scene, and both exports in `folder`; answers our run's record."""
+    """Write the inputs, run mpmgis with `changed` keys of the scene, export both results; returns the run's record."""
     folder = chain.fresh(folder)
     write_inputs(folder, split)
     chain.write_scene("matter_terrain", folder, **changed)
@@ -68,7 +68,7 @@ def make(folder, split=1, **changed):
 
 
 def told_by_compare(folder, *options):
-    """What `mpmgis compare --json` says of our export and Matter's."""
+    """Output of `mpmgis compare --json` for our export and the export of Matter's result."""
     words = ["compare", folder / "ours_gis", folder / "matter_gis", "--dem", folder / "dtm.tif", "--json", *options]
     with contextlib.redirect_stdout(io.StringIO()) as said:
         if main([str(word) for word in words]):
@@ -77,7 +77,7 @@ def told_by_compare(folder, *options):
 
 
 def centres(folder):
-    """Time [s] -> (our, Matter's) centre of mass (E from the origin, N from the origin, up) [m]."""
+    """Time [s] -> centres of mass of (mpmgis, Matter): E from the origin, N from the origin, height [m]."""
     terms = Declarations(origin=ORIGIN, axes=AXES, density=DENSITY)
     found = {}
     for entry in list_frames([DATA], terms):
@@ -90,7 +90,7 @@ def centres(folder):
 
 
 def volume(folder, side, time):
-    """Volume [m3] of a step of an export, from t_vol; the slope's is the DTM cell's, as the exporter takes it."""
+    """Volume [m3] of a step of an export, from t_vol and the slope of the DTM cell, which the exporter uses too."""
     ground = read_terrain(folder / "dtm.tif")
     thickness = profiles.bands(profiles.step_at(folder / f"{side}_gis", time).path, "t_vol")[0]["t_vol"]
     stretched = np.sqrt(1.0 + (ground.limited_gradient**2).sum(axis=-1))
@@ -98,7 +98,7 @@ def volume(folder, side, time):
 
 
 def compared(folder):
-    """Rows (what, ours, Matter's, difference) of both runs at rest and over all times."""
+    """Rows (quantity, mpmgis, Matter, difference) for the deposits and for all times."""
     peak, deposit = told_by_compare(folder), told_by_compare(folder, "--band", "t_vol_deposit")
     rows = [("overlap of the footprints (IoU), all times", f"{peak['iou']:.3f}", "", "")]
     rows.append(("overlap of the deposits (IoU)", f"{deposit['iou']:.3f}", "", ""))
@@ -125,7 +125,7 @@ def _row(what, ours, matters):
 
 
 def figure(folder, png):
-    """Thickness t_vol of Matter's flow, of ours, and the difference, at each time after the start."""
+    """Draw the thickness t_vol of Matter, of mpmgis, and the difference, at each time after the start."""
     sheet, axes = profiles.picture(len(TIMES) - 1, 3, (13.0, 6.6))
     dem = folder / "dtm.tif"
     for row, time in zip(axes, TIMES[1:], strict=True):
@@ -151,13 +151,13 @@ def figure(folder, png):
 
 def cli():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--cell", dest="cell_size", type=float, help="of our grid [m] (default: Matter's own)")
-    parser.add_argument("--split", type=int, default=1, help="parts of an edge of each particle (default: 1)")
+    parser.add_argument("folder", type=Path, help="output folder")
+    parser.add_argument("--cell", dest="cell_size", type=float, help="cell size of the run [m] (default: as in Matter)")
+    parser.add_argument("--split", type=int, default=1, help="particles along each edge of a particle (default: 1)")
     parser.add_argument("--png", type=Path, help="folder for the figure (default: FOLDER)")
     asked = parser.parse_args()
     if not DATA.is_dir():
-        raise SystemExit(f"{DATA} is not there: the scene starts from Matter's own particles")
+        raise SystemExit(f"{DATA} does not exist: the scene starts from particles of Matter")
     changed = {} if asked.cell_size is None else {"cell_size": asked.cell_size}
     record = make(asked.folder, asked.split, **changed)
     print(chain.table(compared(asked.folder), ("", "ours", "Matter", "difference")))

@@ -1,4 +1,4 @@
-"""NHESS 25:3897, supplement S1, through the commands: a block slides down a plane and off a cliff.
+"""NHESS 25:3897, supplement S1, with the commands of mpmgis: a block slides down a plane and over a cliff.
 
 python tests/scenes/s1_block/make.py FOLDER [--cell 0.05] [--png FOLDER]
 """
@@ -19,15 +19,15 @@ from mpmgis.terrain.synthetic import ramp_with_cliff
 
 GRAVITY, SLOPE, LENGTH, CLIFF = 9.81, np.radians(30.0), 22.0, 10.0
 HEIGHT, BLOCK, DENSITY, SHIFT = 0.1, 0.3, 1000.0, 0.02  # [m], [m], [kg m-3], [m] upwards
-EDGE = LENGTH * np.cos(SLOPE)  # from where the tail starts, as x in Eqs S1 to S5
+EDGE = LENGTH * np.cos(SLOPE)  # [m] from the start of the tail, like x in Eqs S1 to S5
 TERMINAL = np.sqrt(2.0 * GRAVITY * LENGTH * np.sin(SLOPE))  # Eq S3
-MARGIN, WIDE, END = 1.0, 3, 32.0  # [m] of plane behind the tail, [cells], [m] beyond the tail's start
-PER_CELL = 2  # points along a cell's side
+MARGIN, WIDE, END = 1.0, 3, 32.0  # [m] of plane behind the tail, [cells], [m] beyond the start of the tail
+PER_CELL = 2  # points along the side of a cell
 BANDS = ("h", "t", "Un", "Ut")
 
 
 def exact(x):
-    """{h, t, Ut, Un} of Eqs S1, S2, S4, S5 at distances `x` [m] from where the tail starts; t is its lower bound."""
+    """{h, t, Ut, Un} of Eqs S1, S2, S4, S5 at distances `x` [m] from the start of the tail; t is its lower bound."""
     flown = np.maximum(x - EDGE, 0.0)
     across = TERMINAL * np.cos(SLOPE)
     flies = x >= EDGE
@@ -41,7 +41,7 @@ def exact(x):
 
 
 def write_terrain(path, cell):
-    """The plane, the cliff at the pixel border nearest to the edge, the floor at 0; x counts from MARGIN."""
+    """Write the plane, the cliff at the pixel border nearest to the edge, and the floor at 0; x starts at MARGIN."""
     columns = round((MARGIN + END) / cell)
     west = EDGE - round((EDGE + MARGIN) / cell) * cell
     x = west + (np.arange(columns) + 0.5) * cell
@@ -50,7 +50,7 @@ def write_terrain(path, cell):
 
 
 def write_block(path, cell):
-    """The block on the plane, its tail's foot at x = 0, SHIFT above it."""
+    """Write the block, SHIFT above the plane, with the foot of its tail at x = 0."""
     spacing = cell / PER_CELL
     axes = [(np.arange(round(side / spacing)) + 0.5) * spacing for side in (BLOCK, WIDE * cell, HEIGHT)]
     along, y, up = (part.ravel() for part in np.meshgrid(*axes, indexing="ij"))
@@ -63,7 +63,7 @@ def write_block(path, cell):
 
 
 def make(folder, cell=0.01, interval=None):
-    """Inputs, `mpmgis run`, `mpmgis export-raster` in `folder`; answers the run's record."""
+    """Write the inputs in `folder`, run and export; returns the record of the run."""
     folder = chain.fresh(folder)
     write_terrain(folder / "dtm.tif", cell)
     write_block(folder / "block.h5", cell)
@@ -75,14 +75,14 @@ def make(folder, cell=0.01, interval=None):
 
 
 def extremes(folder, cell):
-    """x [m] and {h, t, Ut: largest, Un: least} of all times along the strip's middle."""
+    """x [m] and {h, t, Ut: largest, Un: least} of all times along the middle of the strip."""
     line = (-MARGIN, 0.5 * WIDE * cell), (END - 1.0, 0.5 * WIDE * cell)
     x, values = profiles.cells_along(profiles.maxima(folder / "gis"), *line, cell, "h_max", "t_max", "Ut_max", "Un_min")
     return x - MARGIN, {name.split("_")[0]: band for name, band in values.items()}
 
 
 def figures(folder, cell, png):
-    """Figure S1: (a) the start, (b) largest depth and thickness, (c) parallel, (d) normal velocity."""
+    """Draw figure S1: (a) the start, (b) largest depth and thickness, (c) parallel, (d) normal velocity."""
     figure, axes = profiles.picture(2, 2, (10.0, 6.5))
     (start, depth), (parallel, normal) = axes
     first = profiles.steps(folder / "gis")[0]
@@ -111,7 +111,7 @@ def figures(folder, cell, png):
 def compared(folder, cell):
     """Name -> largest error against Eqs S1 to S5, over x from 1 m to 0.5 m before the front lands.
 
-    Two cells at the edge are left out of h, where the cell on the edge holds ground of both levels.
+    Two cells on both sides of the edge are left out, because the cell at the edge has ground of both levels.
     """
     x, found = extremes(folder, cell)
     wanted = exact(x)
@@ -133,8 +133,8 @@ def compared(folder, cell):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--cell", type=float, default=0.01, help="of grid, DTM and export [m]")
+    parser.add_argument("folder", type=Path, help="output folder")
+    parser.add_argument("--cell", type=float, default=0.01, help="cell size of grid, DTM and export [m] (default 0.01)")
     parser.add_argument("--png", type=Path, help="folder for the figure (default: FOLDER)")
     asked = parser.parse_args()
     record = make(asked.folder, asked.cell)

@@ -1,4 +1,4 @@
-"""MOX report 15/2025, 4.4.1, through the commands: water slides down a plane and runs against a wall.
+"""MOX report 15/2025, 4.4.1, with the commands of mpmgis: water flows down a plane and hits a wall.
 
 python tests/scenes/wall/make.py FOLDER [--width 1 --cell 0.1] [--png FOLDER]
 """
@@ -18,31 +18,31 @@ import chain
 import profiles
 import shallow_water
 
-LENGTH, FOOT, FLOOR, WALL = 40.0, 10.0, 6.67, 20.0  # [m]; the paper's domain ends at 25, ours lets the flow go on
+LENGTH, FOOT, FLOOR, WALL = 40.0, 10.0, 6.67, 20.0  # [m]; the domain of the paper ends at 25 m, this one is longer
 RELEASE, SURFACE = (1.5, 5.0), 9.5  # [m]
 DENSITY, GRAVITY = 1000.0, 9.81
-BOX = WALL - 0.25  # [m], where the 3D box of the scene as printed ends: a barrier takes no flow that starts inside it
+BOX = WALL - 0.25  # [m], end of the 3D box of the scene as printed; no flow may start inside a barrier
 PIXEL = 0.1  # [m]
-THIN = 0.01  # [m], depth at which there is a front
-AT_WALL = 1.0  # [m] before the wall, where run-up is looked for
-BERNOULLI = np.sqrt(2.0 * GRAVITY * (SURFACE - FLOOR))  # 7.45 m/s: all the head there is
-SHEET = 0.02  # share of the mass above the height that counts as run-up; what is higher is splash
+THIN = 0.01  # [m], depth at the front
+AT_WALL = 1.0  # [m] before the wall, in which run-up is measured
+BERNOULLI = np.sqrt(2.0 * GRAVITY * (SURFACE - FLOOR))  # 7.45 m/s: speed that the whole head gives
+SHEET = 0.02  # run-up is the height above which this share of the mass is; the higher points are splash
 
 
 class Size(NamedTuple):
-    """How large a making is: width of the channel [m], whole cells; cells of columns and points [m]."""
+    """Width of the channel [m], a whole number of cells, and cell size of columns and points [m]."""
 
     width: float = 5.0
     cell: float = 0.0625
 
 
 def bed(x):
-    """Eq 11 [m]; with its step of 3.3 mm at the foot, as printed."""
+    """Bed of Eq 11 [m], with the step of 3.3 mm at the foot, as printed."""
     return np.where(x < FOOT, 10.0 - x / 3.0, FLOOR)
 
 
 def write_inputs(folder, width):
-    """DTM, surface, release and wall of a channel `width` [m] wide."""
+    """Write DTM, surface, release and wall of a channel `width` [m] wide."""
     x = (np.arange(round(LENGTH / PIXEL)) + 0.5) * PIXEL
     rows = round(width / PIXEL)
     chain.write_raster(folder / "dtm.tif", np.tile(bed(x), (rows, 1)), 0.0, width, PIXEL)
@@ -53,7 +53,7 @@ def write_inputs(folder, width):
 
 
 def scene_in(folder, name, size, **changed):
-    """A folder with the inputs and the scene `name`, its cells of the asked `size`."""
+    """Write the inputs and the scene `name` with the given `size` to `folder`; returns the folder."""
     folder = chain.fresh(folder)
     write_inputs(folder, size.width)
     chain.write_scene(name, folder, cell_size=size.cell, **changed)
@@ -61,30 +61,30 @@ def scene_in(folder, name, size, **changed):
 
 
 def make_free(folder, size):
-    """The scene without a wall; answers its record."""
+    """Run the scene without a wall; returns the record of the run."""
     return chain.run_scene(scene_in(folder, "wall/free", size))[0]
 
 
 def make_wall(folder, size, **changed):
-    """The scene with the wall, columns and then points; answers its record."""
+    """Run the scene with the wall, first columns, then points; returns the record of the run."""
     return chain.run_scene(scene_in(folder, "wall", size, **changed))[0]
 
 
 def make_printed(folder, free, size, **changed):
-    """The scene as printed, from the last frame of the run in `free`; answers its record."""
+    """Run the scene as printed, from the last frame of the run in `free`; returns the record of the run."""
     folder = scene_in(folder, "wall/printed", size, **changed)
     shutil.copy(sorted((free / "results").glob("frame_*.h5"))[-1], folder / "columns.h5")
     return chain.run_scene(folder)[0]
 
 
 def depth_along(x, volume, width, cell):
-    """Depth [m] in cells along the channel, from what lies in each."""
+    """Depth [m] in cells along the channel, from the volumes of particles in them."""
     found = np.bincount((x / cell).astype(int), volume, minlength=round(LENGTH / cell))
     return found / (cell * width)
 
 
 def front_of(depth, cell):
-    """x [m] where water of THIN ends that hangs together with the deepest; lone drops before it do not count."""
+    """x [m] to which the water is at least THIN deep, without a gap from the deepest cell; drops beyond are ignored."""
     deepest = int(np.argmax(depth))
     thin = np.nonzero(depth[deepest:] < THIN)[0]
     return (deepest + (thin[0] if len(thin) else len(depth) - deepest)) * cell
@@ -96,10 +96,10 @@ class Slide(NamedTuple):
     time: np.ndarray  # [s]
     front: np.ndarray  # [m]
     speed: np.ndarray  # [m s-1], mean of |U| over the mass
-    past: np.ndarray  # [1], share of the mass beyond the wall's place
+    past: np.ndarray  # [1], share of the mass beyond the position of the wall
 
     def arrival(self):
-        """Time [s] at which the front is at the wall's place."""
+        """Time [s] at which the front reaches the position of the wall."""
         return float(np.interp(WALL, np.maximum.accumulate(self.front), self.time))
 
 
@@ -123,7 +123,7 @@ def finite_volumes(times, end=LENGTH, cell=0.01):
 
 
 def slide_by_finite_volumes(times):
-    """The Slide of the finite volumes without a wall; speeds are along the bed, as those of columns."""
+    """The Slide of finite volumes without a wall; speeds are along the bed, like those of columns."""
     x, lines = finite_volumes(times)
     cell = x[1] - x[0]
     steep = np.where(x < FOOT, np.hypot(1.0, 1.0 / 3.0), 1.0)
@@ -143,9 +143,9 @@ class Impact(NamedTuple):
     top: np.ndarray  # [m], of the highest point
     splash: np.ndarray  # [1], share of the mass above the release's surface
     fastest: np.ndarray  # [m s-1]
-    over: np.ndarray  # [1], share of the mass faster than all the head allows
+    over: np.ndarray  # [1], share of the mass faster than the whole head allows
     energy: np.ndarray  # [J], kinetic and potential above the floor
-    volume: np.ndarray  # [1], over that at rest
+    volume: np.ndarray  # [1], over the volume at rest
 
 
 def impact_of(folder):
@@ -171,14 +171,14 @@ def impact_of(folder):
 
 
 def height_exceeded(up, mass, near):
-    """Elevation [m] above which SHEET of all the mass is, counting what is `near`; the floor where less is."""
+    """Elevation [m] above which the points that are `near` have SHEET of the total mass; the floor if there is none."""
     order = np.argsort(-up[near])
     above = np.cumsum(mass[near][order]) / mass.sum()
     return float(up[near][order][np.searchsorted(above, SHEET)]) if len(above) and above[-1] > SHEET else FLOOR
 
 
 def load_on_wall(folder):
-    """(time [s], mean normal force since the frame before [N]) of the 3D part, whose table is the last."""
+    """(time [s], mean normal force since the previous frame [N]) of the 3D part, which has the last table."""
     with open(sorted((Path(folder) / "results").glob("barriers*.csv"))[-1], newline="") as file:
         rows = list(csv.DictReader(file))
     return tuple(np.array([float(row[name]) for row in rows]) for name in ("time [s]", "mean normal force [N]"))
@@ -192,7 +192,7 @@ def load_by_finite_volumes(times, width):
 
 
 def side_view(axis, frame, text, fastest, east=22.0):
-    """Points in the channel seen from its south side, coloured by speed; answers what a colour bar needs."""
+    """Draw points in the channel seen from the south, coloured by speed; returns the artist for a colour bar."""
     place, speed = chain.placed(frame), np.linalg.norm(frame.particles.velocity, axis=1)
     some = slice(None, None, max(1, len(speed) // 40_000))
     x = np.linspace(0.0, east, 400)
@@ -208,7 +208,7 @@ def side_view(axis, frame, text, fastest, east=22.0):
 
 
 def nearest(folder, times, origin=0.0):
-    """The frames of a run nearest to `times` [s], of a run that begins at `origin` [s]; of two at one time the last."""
+    """Frames nearest to `times` [s] of a run that begins at `origin` [s]; the last one of two equally near."""
     found = {}
     for frame in chain.frames(folder):
         for time in times:
@@ -219,7 +219,7 @@ def nearest(folder, times, origin=0.0):
 
 
 def sequence_figure(folder, times, png, origin=0.0, fastest=10.0):
-    """Side views at `times` [s]."""
+    """Draw side views at `times` [s]."""
     figure, axes = profiles.picture(len(times), 1, (8.0, 2.6 * len(times)), sharex=True)
     for axis, frame in zip(axes[:, 0], nearest(folder, times, origin), strict=True):
         kind = "columns, at their bed" if frame.dimension == 2 else f"{len(frame.particles)} points"
@@ -230,7 +230,7 @@ def sequence_figure(folder, times, png, origin=0.0, fastest=10.0):
 
 
 def columns_figure(slide, width, png):
-    """Front and speed of the bulk over time: columns, finite volumes, the paper."""
+    """Draw front and mean speed over time: columns, finite volumes, the paper."""
     exact = slide_by_finite_volumes(np.arange(1, 61) * 0.05)
     figure, ((front, speed),) = profiles.picture(1, 2, (10.0, 4.0))
     front.plot(slide.time, slide.front, label="columns")
@@ -249,7 +249,7 @@ def columns_figure(slide, width, png):
 
 
 def rigid_front():
-    """(times [s], places [m]) of a block that slides from x = 5 m without friction and without losing at the foot."""
+    """(times [s], positions [m]) of a block that slides from x = 5 m without friction and without loss at the foot."""
     sine, cosine = 1.0 / np.sqrt(10.0), 3.0 / np.sqrt(10.0)
     slope = (FOOT - RELEASE[1]) / cosine
     at_foot = np.sqrt(2.0 * slope / (GRAVITY * sine))
@@ -260,7 +260,7 @@ def rigid_front():
 
 
 def wall_figure(folder, width, png):
-    """Force on a metre of the wall, run-up and speeds over time."""
+    """Draw force per metre of wall, run-up and speeds over time."""
     impact, (time, force) = impact_of(folder), load_on_wall(folder)
     times = np.arange(1, round(impact.time[-1] / 0.05) + 1) * 0.05
     shallow, depth = load_by_finite_volumes(times, width)
@@ -286,7 +286,7 @@ def wall_figure(folder, width, png):
 
 
 def peaks(folder):
-    """Name -> number of what happens at the wall."""
+    """Name -> largest values at the wall and their times."""
     impact, (time, force) = impact_of(folder), load_on_wall(folder)
     at = int(np.argmax(impact.run_up))
     return {
@@ -305,18 +305,20 @@ def peaks(folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, help="output folder")
     default = Size()
-    parser.add_argument("--width", type=float, default=default.width, help="of the channel [m]")
-    parser.add_argument("--cell", type=float, default=default.cell, help="of columns and points [m]")
+    parser.add_argument("--width", type=float, default=default.width, help="width of the channel [m] (default: 5)")
+    parser.add_argument(
+        "--cell", type=float, default=default.cell, help="cell size of columns and points [m] (default: 0.0625)"
+    )
     parser.add_argument("--png", type=Path, help="folder for the figures (default: FOLDER)")
     asked = parser.parse_args()
     size, folder = Size(asked.width, asked.cell), chain.fresh(asked.folder)
     png = asked.png or folder
     make_free(folder / "free", size)
     slide = slide_of(folder / "free", size.width)
-    print(f"front at the wall's place at {slide.arrival():.2f} s; at 3 s {slide.speed[-1]:.2f} m/s on the mean,")
-    print(f"front at {slide.front[-1]:.1f} m, {100 * slide.past[-1]:.1f} % of the mass past the wall's place")
+    print(f"front at the position of the wall at {slide.arrival():.2f} s; at 3 s mean speed {slide.speed[-1]:.2f} m/s,")
+    print(f"front at {slide.front[-1]:.1f} m, {100 * slide.past[-1]:.1f} % of the mass beyond the position of the wall")
     columns_figure(slide, size.width, png / "wall_columns.png")
     make_wall(folder / "wall", size)
     sequence_figure(folder / "wall", (1.6, 2.2, 2.6, 3.0, 3.4, 4.0), png / "wall_sequence.png")

@@ -1,4 +1,4 @@
-"""NHESS 25:3897, section 3: an ice avalanche over crevasses and a cliff, on synthetic ground, through the commands.
+"""NHESS 25:3897, section 3, with the commands of mpmgis: ice avalanche over crevasses and a cliff (synthetic terrain).
 
 python tests/scenes/whymper/make.py FOLDER [--cell 2] [--end 150] [--law CohesiveMuI] [--no-crevasses] [--estimate]
                                            [--precision float32] [--frame-interval 1] [--evaluate] [--png FOLDER]
@@ -20,14 +20,14 @@ from mpmgis.io.frames import read_frame
 from mpmgis.workflows.run_setup.cost_prediction import predicted_cost, predicted_memory
 from mpmgis.workflows.run_setup.prepare import prepare
 
-CRS, WEST, MIDDLE, HEAD = "EPSG:32632", 343_000.0, 5_081_000.0, 4_000.0  # of a place that the ground is not
-LENGTH, HALF, PIXEL = 1300.0, 200.0, 1.0  # [m] along the flow (east), to each side of its line, of the DTM
-# the bed's slope [degrees] at distances [m] along the flow line, linear in its tangent between them
+CRS, WEST, MIDDLE, HEAD = "EPSG:32632", 343_000.0, 5_081_000.0, 4_000.0  # near the mountain; the terrain is synthetic
+LENGTH, HALF, PIXEL = 1300.0, 200.0, 1.0  # [m]: along the flow (east), to each side of the flow line, pixel of the DTM
+# slope of the bed [degrees] at distances [m] along the flow line; its tangent is linear between them
 SLOPES = (
     (0.0, 48.0), (100.0, 48.0), (170.0, 41.0), (340.0, 38.0), (385.0, 30.0), (399.5, 30.0), (400.5, 74.0),
     (411.5, 74.0), (412.5, 40.0), (520.0, 36.0), (700.0, 26.0), (900.0, 15.0), (1100.0, 8.0), (1300.0, 5.0),
 )  # fmt: skip
-TROUGH = 0.0012  # [m-1] of the valley's parabola across
+TROUGH = 0.0012  # [m-1], coefficient of the parabola across the valley
 CREVASSES, CREVASSE_WIDE, CREVASSE_DEEP, CREVASSE_HALF = (262.0, 282.0, 302.0, 322.0), 8.0, 10.0, 80.0  # [m]
 CLIFF = (400.0, 412.0)  # [m]
 SERAC = (65.0, -40.0, 127.5, 40.0)  # west, south, east, north [m]: 5000 m2
@@ -35,8 +35,8 @@ GLACIERS = ((55.0, 398.0), (414.0, 640.0))  # [m] along the flow
 PERCENTILES = (100, 80, 60, 40, 20)
 PRODUCTS = ("t_vol", "detached", "n")
 MASS = 150_000.0 * 850.0  # [kg]
-# what CohesiveMuI has beside the scene's cone. Not in the paper: mu2 - mu1 and I0 of glass beads (Jop et al. 2006), the
-# density of ice; no measured size of what an ice avalanche breaks into was found
+# Parameters of CohesiveMuI that the scene does not have. They are not in the paper: mu2 - mu1 and I0 are those of glass
+# beads (Jop et al. 2006), the density is that of ice. No measured size of fragments of an ice avalanche was found.
 GRAINS = {"rate_friction": 0.262, "inertial_number": 0.279, "grain_diameter": 0.3, "grain_density": 917.0}
 
 
@@ -52,7 +52,7 @@ def bed(x, y, crevasses=True):
 
 
 def crevasse_depth(x, y):
-    """How deep [m] the glacier is cut: trenches a little askew, their walls as steep as 1.5 m of plan make them."""
+    """Depth [m] of the crevasses: slightly oblique trenches with walls 1.5 m wide in plan."""
     depth = np.zeros(np.broadcast(x, y).shape)
     for place in CREVASSES:
         across = np.abs(x - place - 0.12 * y)
@@ -63,12 +63,12 @@ def crevasse_depth(x, y):
 
 
 def box(west, south, east, north):
-    """A polygon given along and across the flow line, in map coordinates."""
+    """A rectangle in map coordinates, given by distances along and across the flow line."""
     return shapely.box(WEST + west, MIDDLE + south, WEST + east, MIDDLE + north)
 
 
 def write_inputs(folder, crevasses=True):
-    """DTM, release, zones."""
+    """Write DTM, release and zones."""
     x = (np.arange(round(LENGTH / PIXEL)) + 0.5) * PIXEL
     y = HALF - (np.arange(round(2 * HALF / PIXEL)) + 0.5) * PIXEL
     chain.write_raster(folder / "dtm.tif", bed(*np.meshgrid(x, y), crevasses), WEST, MIDDLE + HALF, PIXEL, CRS)
@@ -80,9 +80,9 @@ def write_inputs(folder, crevasses=True):
 def write_all(
     folder, cell=1.0, end=150.0, crevasses=True, law="DruckerPrager", grains=GRAINS, precision="float64", interval=0.2
 ):
-    """Inputs and the scene in `folder`, emptied before; answers the folder.
+    """Write the inputs and the scene to `folder`, which is emptied first; returns the folder.
 
-    `law` is the material's, `grains` what CohesiveMuI has beside the cone, `interval` [s] that of frames.
+    `law` is the material, `grains` are parameters of CohesiveMuI, `interval` [s] is the time between frames.
     """
     folder = chain.fresh(folder)
     write_inputs(folder, crevasses)
@@ -96,9 +96,9 @@ def write_all(
 
 
 def make(folder, cell=1.0, end=150.0, crevasses=True, **given):
-    """Inputs, `mpmgis run`, `mpmgis export-raster` in `folder`; answers (run.json, seconds of run and of export).
+    """Write the inputs in `folder`, run and export; returns (contents of run.json, wall times of run and export [s]).
 
-    `given` goes to `write_all`.
+    `given` is passed to `write_all`.
     """
     folder = write_all(folder, cell, end, crevasses, **given)
     record, running = chain.run_scene(folder)
@@ -106,13 +106,13 @@ def make(folder, cell=1.0, end=150.0, crevasses=True, **given):
 
 
 def export(folder):
-    """`mpmgis export-raster` of the run in `folder`, also one that has not come to its end; answers the seconds."""
+    """`mpmgis export-raster` of the run in `folder`, also of an unfinished one; returns its wall time [s]."""
     interval = chain.record(folder)["scene"]["output"]["frame_interval"]
     return chain.export(folder, "--cs-e", _cell(folder), "--dt-e", interval, "--no-qgis", products=PRODUCTS)[1]
 
 
 def estimate(folder, cell=1.0, end=150.0, threads=2):
-    """(points, predicted seconds, predicted bytes of memory) of a run that is not made."""
+    """(points, predicted time [s], predicted memory [bytes]) of a run that is not started."""
     prepared = prepare(write_all(folder, cell, end) / "scene.toml")
     return (prepared.particles, predicted_cost(prepared, threads), predicted_memory(prepared))
 
@@ -135,7 +135,7 @@ def columns_within(path, between, *names):
 
 
 def clearest_step(folder, between):
-    """(step, area [m2]) in which most of the map `between` two distances [m] holds flow that is clear of the bed."""
+    """(step, area [m2]) with the largest area `between` two distances [m] where the flow is detached from the bed."""
     areas = []
     for step in profiles.steps(folder / "gis"):
         read, cell = columns_within(step.path, between, "detached")
@@ -145,12 +145,12 @@ def clearest_step(folder, between):
 
 
 def jump_step(folder):
-    """The exported step in which most cells between the cliff's edge and 60 m below its foot are clear of the bed."""
+    """The exported step with most detached cells between the edge of the cliff and 60 m beyond its foot."""
     return clearest_step(folder, JUMP)[0]
 
 
 def frame_at(folder, time):
-    """The frame nearest to `time` [s]: places along and across the flow line and elevation [n, 3], mass, speed."""
+    """The frame nearest to `time` [s]: time, positions along and across the flow line and up [n, 3], masses, speeds."""
     record = chain.record(folder)
     interval = record["scene"]["output"]["frame_interval"]
     frame = read_frame(folder / "results" / f"frame_{round(time / interval):06d}.h5", with_state=False)
@@ -159,12 +159,12 @@ def frame_at(folder, time):
 
 
 def angle(start, end):
-    """Degrees below the horizontal from one place (distance, elevation) to another."""
+    """Angle [degrees] below the horizontal from one place (distance, elevation) to another."""
     return float(np.degrees(np.arctan2(start[1] - end[1], end[0] - start[0])))
 
 
 def findings(folder):
-    """What the page tells, as name -> number."""
+    """Name -> number of the results on the page."""
     step = jump_step(folder)
     x, line = along(step.path, "h", "t", "Un", "Ut", "detached")
     over = (x > JUMP[0]) & (x < JUMP[1])
@@ -178,7 +178,7 @@ def findings(folder):
     within = crevasse_depth(last[1][:, 0], last[1][:, 1]) > 0.0
     speeds = frame_at(folder, step.time)[2:]
     breaking, cleared = clearest_step(folder, STRIP)
-    breaking = breaking if cleared else step  # nothing breaks without crevasses: then at the jump
+    breaking = breaking if cleared else step  # without crevasses the flow does not break: use the step of the jump
     strip, _ = columns_within(breaking.path, STRIP, "Un", "Ut")
     return {
         "time of the jump [s]": step.time,
@@ -222,7 +222,7 @@ def percentile_profiles(folder, step, cell):
 
 
 def percentile_findings(profiles_found, step):
-    """What section S3 states about figure S2: the share of h and t at 20 %, in the air and on the ground."""
+    """Results for the statements of section S3 on figure S2: h and t at 20 % over h and t, detached and attached."""
     x, h, t = profiles_found[100]
     _, low_h, low_t = profiles_found[20]
     places, bands = along(step.path, "detached", "n")
@@ -237,7 +237,7 @@ def percentile_findings(profiles_found, step):
 
 
 def _draw_percentiles(found, step, path):
-    """Figures S2 and S3: depth and thickness by percentile, and the number of points in the cells."""
+    """Draw figures S2 and S3: depth and thickness by percentile, and the number of points in the cells."""
     figure, axes = profiles.picture(3, 1, (9.0, 8.0), sharex=True)
     shades = np.linspace(0.15, 0.9, len(found))
     for (percentile, (x, h, t)), shade in zip(found.items(), shades, strict=True):
@@ -256,7 +256,7 @@ def _draw_percentiles(found, step, path):
 
 
 def figures(folder, png, name="whymper"):
-    """All pictures of the page, with `name` in front."""
+    """Draw all figures of the page; their file names begin with `name`."""
     step = jump_step(folder)
     _draw_maps(folder, png / f"{name}_maps.png")
     _draw_jump(folder, step, png / f"{name}_jump.png")
@@ -266,7 +266,7 @@ def figures(folder, png, name="whymper"):
 
 
 def _cell(folder):
-    """Cell size [m] of the run, and of its export."""
+    """Cell size [m] of the run and of its export."""
     return chain.record(folder)["scene"]["numerics"]["cell_size"]
 
 
@@ -274,7 +274,7 @@ ORIGIN = (WEST, MIDDLE)
 
 
 def _draw_maps(folder, path):
-    """What lies where; the largest depth and speed; the deposit."""
+    """Draw the map of the site, the largest depth and speed, and the deposit."""
     figure, axes = profiles.picture(4, 1, (9.0, 9.5), sharex=True)
     extremes = profiles.maxima(folder / "gis")
     for axis in axes[:, 0]:
@@ -298,7 +298,7 @@ def _draw_maps(folder, path):
 
 
 def _draw_jump(folder, step, path):
-    """Figure 2d-g: Un, Ut, t, h round the cliff."""
+    """Draw figure 2d-g: Un, Ut, t, h around the cliff."""
     figure, axes = profiles.picture(2, 2, (10.0, 6.5), sharex=True, sharey=True)
     for axis, (band, label, low, high, cmap) in zip(
         axes.ravel(),
@@ -316,7 +316,7 @@ def _draw_jump(folder, step, path):
 
 
 def _draw_profile(folder, step, path):
-    """Figure 2h, i: velocities, depth and thickness along the flow line, over the ground that they belong to."""
+    """Draw figure 2h, i: velocities, depth, thickness and the bed along the flow line."""
     figure, axes = profiles.picture(3, 1, (9.0, 8.0), sharex=True)
     (speeds,), (heights,), (terrain,) = axes
     x, line = along(step.path, "h", "t", "Un", "Ut", "detached", start=230.0, end=560.0)
@@ -340,7 +340,7 @@ def _draw_profile(folder, step, path):
 
 
 def _draw_sections(folder, jump, path, half=2.0):
-    """Points within `half` [m] of the flow line, seen from the side, at four times."""
+    """Draw points within `half` [m] of the flow line, seen from the side, at four times."""
     last = profiles.steps(folder / "gis")[-1].time
     times = [0.35 * jump, 0.7 * jump, jump, min(1.5 * jump, last)]
     figure, axes = profiles.picture(2, 2, (10.0, 8.5), sharex=True, sharey=True)
@@ -361,16 +361,16 @@ def _draw_sections(folder, jump, path, half=2.0):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--cell", type=float, default=2.0, help="of grid and export [m]; the paper's is 1")
-    parser.add_argument("--end", type=float, default=150.0, help="time at the end [s]")
-    parser.add_argument("--no-crevasses", action="store_true", help="the same slope without them")
-    parser.add_argument("--law", choices=["DruckerPrager", "CohesiveMuI"], default="DruckerPrager")
-    parser.add_argument("--grain", type=float, help="of CohesiveMuI: its grain_diameter [m]")
-    parser.add_argument("--precision", choices=["float64", "float32"], default="float64")
-    parser.add_argument("--frame-interval", type=float, default=0.2, help="[s]")
-    parser.add_argument("--evaluate", action="store_true", help="export and judge the run in FOLDER as far as it is")
-    parser.add_argument("--estimate", action="store_true", help="tell what the run will take, and stop")
+    parser.add_argument("folder", type=Path, help="output folder")
+    parser.add_argument("--cell", type=float, default=2.0, help="cell size of grid and export [m] (paper: 1)")
+    parser.add_argument("--end", type=float, default=150.0, help="end time [s] (default: 150)")
+    parser.add_argument("--no-crevasses", action="store_true", help="the same slope without crevasses")
+    parser.add_argument("--law", choices=["DruckerPrager", "CohesiveMuI"], default="DruckerPrager", help="material")
+    parser.add_argument("--grain", type=float, help="`grain_diameter` of CohesiveMuI [m] (default: 0.3)")
+    parser.add_argument("--precision", choices=["float64", "float32"], default="float64", help="precision of points")
+    parser.add_argument("--frame-interval", type=float, default=0.2, help="time between frames [s] (default: 0.2)")
+    parser.add_argument("--evaluate", action="store_true", help="export and evaluate the existing run in FOLDER")
+    parser.add_argument("--estimate", action="store_true", help="print the predicted time and memory, and exit")
     parser.add_argument("--png", type=Path, help="folder for the figures (default: FOLDER)")
     asked = parser.parse_args()
     if asked.estimate:
