@@ -221,7 +221,7 @@ def shares_of(foot, rise, masses, heaviest):
     away = foot - np.arange(-2.0, 3.0)
     shares = np.zeros(5)
     for n, a in enumerate(away):
-        limit = max(min(1.0 - a / (2.0 + rise), 2.5 - abs(a)), 0.0)
+        limit = max(min(1.0 - 0.5 * a, 2.5 + a), 0.0)
         shares[n] = min(ratio(a, rise) * masses[n] / heaviest, limit)
     weights = np.maximum((1.0 - away) * (2.0 + away), 0.0)
     powers = np.stack((np.ones(5), -away))
