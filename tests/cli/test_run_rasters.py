@@ -94,10 +94,15 @@ def test_the_rasters_are_those_of_an_export(site, name, cell_size):
     assert kept == ["frame_000000.h5", f"frame_{records[0]['frames'] - 1:06d}.h5"]
 
 
+KILLED = [("columns", "often"), ("single", "at the ends"), ("eroded", "often")]
+ALSO_KILLED = [("columns", "at the ends"), ("single", "often"), ("eroded", "at the ends")]
+
+
 @pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-@pytest.mark.parametrize("every", ["often", "at the ends"])
-@pytest.mark.parametrize("name", ["columns", "single", "eroded"])
+@pytest.mark.parametrize(
+    ("name", "every"), [*KILLED, *(pytest.param(*case, marks=pytest.mark.slow) for case in ALSO_KILLED)]
+)
 def test_a_killed_run_goes_on_to_the_same_rasters(site, name, every):
     """Kills at any opening, renaming and removal of a file; frames are kept often, or only at the ends."""
     (site / f"{name}.toml").write_text(with_rasters(SCENES[name]))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from point_ledger import PlainRun
 from point_scenes import block_of, plane, points_on, sorted_points
@@ -69,9 +69,13 @@ def closed(solver, plain):
     assert abs(residual(solver, plain)) <= closes * plain.step
 
 
+# An example takes seconds: no search for a simpler one, which would take minutes of CI for each material.
+AS_FOUND = [phase for phase in Phase if phase not in (Phase.shrink, Phase.explain)]
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("material", SOLIDS)
-@settings(max_examples=2, deadline=None, derandomize=True)
+@settings(max_examples=2, deadline=None, derandomize=True, phases=AS_FOUND)
 @given(**SCENES)
 def test_takers_explain_what_is_lost(material, **scene):
     closed(*both(material, **scene))
