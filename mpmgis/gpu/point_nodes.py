@@ -183,7 +183,7 @@ def couple_layers(
         )  # fmt: skip
 
 
-@capped(single=104, double=152)
+@capped(double=152)
 def press_on_ground(
     run, now, counts, nodes, touched, slots, lowest, free, ground_nodes, folds, exact, zone_values, barriers, yields,
     reports, settings, contact, zones, barrier,

@@ -382,19 +382,22 @@ def press_column(
     heaviest, centre = mass_near(nodes, below, t, above, first, column, level)
     if heaviest <= NO_MASS:
         return
-    if centre < foot:  # sunk: the ground acts where the mass is
-        lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
-        level, foot = level + lower, centre - float(lower)
-    u, v, w, give, here, shares = at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
-    if here < LEAST_SHARE * heaviest or give <= 0.0:
-        return
     law = zones.local(contact, zone_values, jj, ii)
+    rubs = law.kept_slip(1.0, 1.0) < 1.0
+    yielding = rubs and not law.sticks()
+    mass = _mass_above(nodes, slots, place, up, depth, column) if yielding else 0.0  # here: fewer registers on devices
     wall_x, wall_y = 0.0, 0.0
     if wall:
         inward_x, inward_y = edge_at(jj, ii, cells_x, cells_y)
         wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
     if barrier.barrier_active():
         wall_x, wall_y = _face_at(barriers[jj, ii], plane_at(ground.nodes, jj, ii)[0], wall_x, wall_y)
+    if centre < foot:  # sunk: the ground acts where the mass is
+        lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
+        level, foot = level + lower, centre - float(lower)
+    u, v, w, give, here, shares = at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
+    if here < LEAST_SHARE * heaviest or give <= 0.0:
+        return
     into, push_give, turned, across = -(u * nx + v * ny + w * nz), give, 0.0, (0.0, 0.0, 0.0)
     part = across_part(nx, ny, nz)
     if part > 0.0:
@@ -406,12 +409,9 @@ def press_column(
     tx, ty = nx, ny
     if wall_x != 0.0 or wall_y != 0.0:
         u, v, into, push_give, tx, ty = between_faces(u, v, into, push_give, nx, ny, wall_x, wall_y)
-    rubs = law.kept_slip(1.0, 1.0) < 1.0
-    yielding = rubs and not law.sticks()
     back, most, impedance = LAYER * dx / signal_speed, MOST_YIELD * dx, signal_speed * heaviest / (dx * nz)
     yielded_before = yielded = 0.0
     if yielding:
-        mass = _mass_above(nodes, slots, place, up, depth, column)
         weighed = weighed_yield(mass, heaviest, nz, settings)
         yielded_before = carried_yield(yields[(step - 1) % 2], step, jj, ii, u * dt / dx, v * dt / dx, weighed)
     normal = pressed = fx = fy = fz = 0.0
