@@ -17,7 +17,7 @@ LIMIT = 96  # registers of a kernel: 20 warps of 32 threads on a multiprocessor,
 MORE = {
     "grid_to_points": (LIMIT, 166),
     "move_rare_points": (LIMIT, 166),
-    "press_on_ground": (104, 152),
+    "press_on_ground": (LIMIT, 152),
     "hold_at_barriers_": (LIMIT, 104),
     "press_on_crests": (LIMIT, 112),
     "weigh_face": (LIMIT, 136),
