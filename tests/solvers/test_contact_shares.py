@@ -105,7 +105,7 @@ def test_shares_do_not_jump_where_the_ground_passes_the_middle_between_two_nodes
 @settings(max_examples=100, deadline=None)
 @given(st.floats(-0.5, 0.5), st.floats(0.0, 1.0))
 def test_shares_of_a_filled_space_have_the_moment_of_the_ground(foot, rise):
-    """Up to 45 degrees, where no share is limited: the impulse acts at the ground."""
+    """Up to 45 degrees: the impulse acts at the ground."""
     masses = masses_of(foot, rise)
     assert np.array(contact_shares(foot, rise, *masses)) @ LEVELS == pytest.approx(foot, abs=1e-9)
 
@@ -160,18 +160,30 @@ def exact_shares(foot, slope_x, slope_y):
     return shares
 
 
+def shares_and_exact_ones(foot, slope, azimuth):
+    """(shares along the line, across it, `exact_shares`) of a filled space on ground that rises to `azimuth` [rad]."""
+    slope_x, slope_y = slope * np.cos(azimuth), slope * np.sin(azimuth)
+    nz, away = 1.0 / np.hypot(1.0, slope), slope_x * LINE[:, None] + slope_y * LINE + foot
+    masses = [(np.outer(WEIGHTS, WEIGHTS) * np.vectorize(mass_share)(away - k)).sum() for k in LEVELS]
+    both = across(foot, slope, masses, across_part(-slope_x * nz, -slope_y * nz, nz))
+    return *both, exact_shares(foot, slope_x, slope_y)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-0.5, 0.5), st.floats(0.01, 1.0), st.floats(0.0, 2.0 * np.pi))
 def test_a_filled_space_gets_its_exact_shares_on_slopes_to_any_side(foot, slope, azimuth):
     """Up to 45 degrees: both sets against integrals over the space. The limit of light nodes takes up to 0.0135 across
     the line; nodes more than 2 cells below the ground have no share, which changes the others above a slope of 0.8."""
-    slope_x, slope_y = slope * np.cos(azimuth), slope * np.sin(azimuth)
-    exact, nz = exact_shares(foot, slope_x, slope_y), 1.0 / np.hypot(1.0, slope)
-    away = slope_x * LINE[:, None] + slope_y * LINE + foot
-    masses = [(np.outer(WEIGHTS, WEIGHTS) * np.vectorize(mass_share)(away - k)).sum() for k in LEVELS]
-    along, other = across(foot, slope, masses, across_part(-slope_x * nz, -slope_y * nz, nz))
+    along, other, exact = shares_and_exact_ones(foot, slope, azimuth)
     np.testing.assert_allclose(along, exact[2], atol=0.006 if slope <= 0.8 else 0.018)
     np.testing.assert_allclose(other, np.cos(azimuth) ** 2 * exact[0] + np.sin(azimuth) ** 2 * exact[1], atol=0.015)
+
+
+@pytest.mark.xfail(reason="nodes more than 2 cells below the ground have no share: 0.017 off", strict=True)
+def test_a_filled_space_gets_its_exact_shares_on_45_degrees():
+    """The bound of gentler slopes."""
+    along, _, exact = shares_and_exact_ones(0.0, 1.0, 0.0)
+    np.testing.assert_allclose(along, exact[2], atol=0.006)
 
 
 @settings(max_examples=200, deadline=None)
