@@ -113,8 +113,13 @@ def test_the_first_notebook_is_short():
     assert len(statements) <= 20
 
 
+def marked(path):
+    """`path`, for `make validate` if the notebook takes long and others run the same commands."""
+    return pytest.param(path, marks=pytest.mark.slow) if path.stem[:2] in ("04", "07") else path
+
+
 @pytest.mark.thorough
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [marked(path) for path in NOTEBOOKS], ids=lambda path: path.stem)
 def test_runs_and_draws_what_it_promises(path, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")  # the command
     notebook = nbformat.read(path, as_version=4)

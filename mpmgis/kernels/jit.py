@@ -61,6 +61,11 @@ if not numba.config.DISABLE_JIT:
 # between two compilations (measured). "nnan" and "ninf" fold x != x to False, and kernels count non-finite values.
 FASTMATH = {"nsz"}
 
+# Kernels are called from Python and from kernels, never by the address of a C function: numba need not compile that
+# entry as well.
+OPTIONS = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+INNER = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}  # for functions that only kernels call
+
 prange = numba.prange
 
 _kernels = []  # all that have a cache on disk
@@ -97,7 +102,7 @@ def _kept(kernel):
 
 def jit(function):
     """Compile a serial kernel, cached on disk; the GIL is released."""
-    return _kept(numba.njit(cache=True, fastmath=FASTMATH, nogil=True, error_model="numpy")(function))
+    return _kept(numba.njit(**OPTIONS)(function))
 
 
 def jit_inline(function):
@@ -115,8 +120,7 @@ def jit_borrowing(function, **more):
     References to arrays are not counted in it. A count costs as much as twenty additions, and the compiler leaves some
     of them in loops: they took half of the 3D step (measured 2026-11-21). `more` are further options of numba.
     """
-    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "_nrt": False, **more}
-    return _kept(numba.njit(**options)(function))
+    return _kept(numba.njit(**OPTIONS, _nrt=False, **more)(function))
 
 
 def kernel_part(function):
@@ -127,8 +131,7 @@ def kernel_part(function):
 
 def jit_parallel(function):
     """Compile a kernel with `prange` loops, cached on disk. No atomics: each loop writes only its own data."""
-    options = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "parallel": True}
-    return _kept(numba.njit(**options)(function))
+    return _kept(numba.njit(**OPTIONS, parallel=True)(function))
 
 
 def set_threads(count):
@@ -160,18 +163,18 @@ def law_method(name, inlined=False):
     caller whatever its length; otherwise loops over points are not vectorised: 12 ns instead of 130 for
     Drucker-Prager (measured 2026-11-21).
     """
-    options = {"forceinline": True} if inlined else {}
+    options = INNER | ({"forceinline": True} if inlined else {})
 
     @overload_method(types.BaseNamedTuple, name, jit_options=options)
     def specialise(law, *arguments):
         method = of_precision(getattr(law.instance_class, name), (law, *arguments))
-        method = register_jitable(**options)(method) if options else register_jitable(method)
+        method = register_jitable(**options)(method)
         return lambda law, *arguments: method(law, *arguments)
 
 
 def law_function(function, inlined=True):
     """Let laws' methods call the plain `function`; `inlined` as in `law_method`."""
-    options = {"forceinline": True} if inlined else {}
+    options = INNER | ({"forceinline": True} if inlined else {})
 
     @overload(function, jit_options=options, strict=False)
     def specialise(*arguments):
@@ -188,7 +191,7 @@ def for_law(kernel, place, active):
     def called(*arguments):
         return kernel(*arguments)
 
-    @overload(called, strict=False)
+    @overload(called, jit_options=INNER, strict=False)
     def specialise(*arguments):
         if _is_never(active, arguments[place].instance_class):
             return lambda *arguments: None

@@ -93,7 +93,7 @@ def test_a_block_rests_on_a_wall_by_friction_just_under_its_angle(place, azimuth
     assert solver.energy()[0] <= 1e-5 * solver.mass_start * G
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_way_that_a_block_settles_is_its_elastic_deformation():
     """24 degrees: 0.197, 0.047 and 0.012 m in 3 s for 1, 4 and 16 times the stiffness."""
     stiff = Elastic(16.0 * SLAB.bulk_modulus, 16.0 * SLAB.shear_modulus)
