@@ -15,12 +15,14 @@ ENDING = {signal.SIGINT: 130, signal.SIGTERM: 143}
 HEARD, HEAR = os.pipe()
 IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
 # If nothing is compiled yet, one worker compiles the 3D solver and the other one the solver of columns, each for a
-# minute. In any other order both workers compile the same solver.
+# minute. In any other order both workers compile the same solver. Notebooks take minutes in one file: last in the
+# order, they would keep one worker while the other one has nothing left.
 EARLY = (
     "test_points_integration.py",
     "test_columns_exact.py",
     "test_columns_step.py",
     "test_spatial_features_command.py",
+    "test_notebooks.py",
 )
 
 
@@ -45,7 +47,7 @@ def pytest_xdist_auto_num_workers():
 
 
 def pytest_collection_modifyitems(items):
-    """Files that compile kernels of many other files come first; the order within a file stays."""
+    """Files that compile kernels of many other files or take long come first; the order within a file stays."""
     if IS_WORKER:
         items.sort(key=lambda item: EARLY.index(item.path.name) if item.path.name in EARLY else len(EARLY))
 

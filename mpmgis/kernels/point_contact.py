@@ -353,7 +353,7 @@ def _face_at(place, height, wall_x, wall_y):
     return wall_x, wall_y
 
 
-@jit_borrowing
+@jit_inline
 def press_column(
     t, column, grid, window, ground, zone_values, barriers, yields, step, mine, dt, settings, contact, zones, barrier
 ):  # fmt: skip

@@ -116,7 +116,7 @@ def rest_on_top(nodes, below, own, above, first, column, level, foot, place, min
         mine[BARRIER_WORK] -= dot(taken, velocity)
 
 
-@jit_borrowing
+@jit_inline
 def press_at_crest(t, column, grid, window, barriers, mine, booked, settings, barrier):
     """`press_on_crests` for node `column` (0 to 15) of touched block `t`; `mine` and `booked` are its reports."""
     nodes, touched, slots, dx = grid.nodes, grid.touched, window.slots, settings.dx

@@ -47,7 +47,7 @@ def full_mass(settings):
     return settings.density * settings.dx * settings.dx * settings.dx
 
 
-@jit_borrowing
+@jit_inline
 def open_part(j, i, level, ground, yields, step, barriers, barred, settings):
     """Part [1] of the spline of node [j, i] at `level` that is open to the flow, UNKNOWN where it is not known.
 

@@ -515,7 +515,7 @@ def _depth_behind(p, rows, row, column, face):
     return -(east * face[FACE_X] + north * face[FACE_Y])
 
 
-@jit_borrowing
+@jit_inline
 def keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, mine):
     """Move point `p` towards the smooth face that it has passed, along its normal.
 

@@ -161,7 +161,7 @@ def _touches(layers, count):
     return here > 0.0 and here >= LEAST_SHARE * heaviest
 
 
-@jit_borrowing
+@jit_inline
 def couple_column(
     t, column, grid, window, ground, zone_values, barriers, column_mass, layers, report, dt, settings, contact, zones,
     barrier,

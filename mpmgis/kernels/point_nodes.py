@@ -309,7 +309,7 @@ def move_nodes(grid, tiles, sources, gathered, free, ground, barriers, report, d
                 mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))
 
 
-@jit_borrowing
+@jit_inline
 def hold_column(
     t, j, i, grid, ground, zone_values, barriers, column_mass, flow, mine, booked, dt, settings, contact, zones, barrier
 ):  # fmt: skip
@@ -320,13 +320,16 @@ def hold_column(
     jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
     height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
     first, lowest, levels = fold_at(ground.folds, jj, ii)
+    touching = clearance if levels > 0 else -BENEATH * dx * nz
+    beyond = levels == 0 and (float(k_first - GHOSTS) * dx - height) * nz > touching  # even the lowest node
+    if beyond and (not barrier.barrier_active() or barriers[jj, ii, BARRIER] <= 0.0):
+        return
     law, drag = zones.local(contact, zone_values, jj, ii), 0.0
     if contact.drag_active() and levels > 0:
         drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / nz)
     passing = 1.0
     if barrier.barrier_active() and barriers[jj, ii, SHARE] > 0.0:
         passing = passing_share(flow, ground.nodes, barriers, jj, ii, density * dx * dx, gravity, barrier)
-    touching = clearance if levels > 0 else -BENEATH * dx * nz
     for k in range(BLOCK):
         n = ((k * BLOCK + j) * BLOCK + i) * 4
         mass = block[n + NODE_MASS]

@@ -90,7 +90,7 @@ def _folded_mass(own, nodes, window, row, column, nx, ny):
     return mass
 
 
-@jit_borrowing
+@jit_inline
 def note_column_peaks(peaks, j, i, px, py, pz, mass, nodes, window, ground_nodes, time, settings):
     """`accumulate_point_peaks` for node column [j, i] of momentum (px, py, pz) [kg m s-1] and `mass` [kg]."""
     density = settings.density
