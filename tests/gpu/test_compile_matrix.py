@@ -1,5 +1,5 @@
-"""Every kernel compiles for sm_90, in slow tests for sm_80 and in float64 too. It spills no registers, needs no more of them than a
-limit, and has no double precision for float32 points unless it is meant to."""
+"""Every kernel compiles for sm_90, in slow tests for sm_80 and in float64 too. It spills no registers, needs no more of
+them than a limit, and has no double precision for float32 points unless it is meant to."""
 
 import device_kernels
 import pytest
