@@ -32,8 +32,8 @@ PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfil
 test: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "not slow and not thorough"
 
-QUICK = bench conversion effects terrain io interop qgis_plugin scene seeding experiments test_architecture.py
-LONGER = effects/test_kernel_cache.py effects/test_material_compiled.py seeding/test_seed_command.py
+QUICK = bench conversion laws terrain system frames exchange qgis_plugin scene seeding studies test_architecture.py
+LONGER = compiled/test_kernel_cache.py laws/test_material_compiled.py seeding/test_seed_command.py
 
 test-quick: $(ENVIRONMENT)/installed-test
 	@$(PYTEST) -m "not slow and not thorough" $(addprefix tests/,$(QUICK)) $(addprefix --ignore=tests/,$(LONGER))

@@ -2,6 +2,6 @@
 
 import sys
 
-from .cli.main import command
+from .commands.shell.main import command
 
 sys.exit(command())

@@ -1,6 +1,7 @@
-"""The house stands as mpmgis/ARCHITECTURE.md says: the page's own tables are what the imports are compared with."""
+"""The structure of the package is that of mpmgis/ARCHITECTURE.md, by the figures of .ci/structure.py."""
 
 import ast
+import importlib.util
 import re
 import subprocess
 import tomllib
@@ -9,61 +10,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "mpmgis"
-PAGE = (PACKAGE / "ARCHITECTURE.md").read_text(encoding="utf-8")
 TOP_LEVEL = {
     *("pyproject.toml", "mpmgis", "tests", "notebooks", "sample_data", "README.md"),
     *("LICENSE", "Makefile", "CHANGELOG.md"),
 }
 LARGEST_FILE = 3_000_000  # [bytes]
-
-
-def table(heading):
-    """Rows of the first table below `heading` of the page, cells as text."""
-    section = PAGE.split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0]
-    lines = [line for line in section.splitlines() if line.startswith("|")]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
-
-
-def names(cell):
-    return re.findall(r"`([^`]+)`", cell)
-
-
-LAYER = {unit: int(row[0]) for row in table("Layers") for unit in names(row[1])}
-LIBRARIES = {library: set(names(row[1])) for row in table("Libraries") for library in names(row[0])}
-SOURCES = sorted(PACKAGE.rglob("*.py"))
-
-
-def module_name(path):
-    """`terrain/grid` for mpmgis/terrain/grid.py; `geo/__init__` for a package's own file."""
-    return path.relative_to(PACKAGE).with_suffix("").as_posix()
-
-
-def unit_of(name):
-    """The part of the house that a module belongs to: its folder, or itself where it has none."""
-    return name.split("/")[0]
-
-
-def imports(path):
-    """(line, dotted name) of everything that a module imports, wherever in it; relative names made absolute."""
-    package = ["mpmgis", *path.relative_to(PACKAGE).parent.parts]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield node.lineno, alias.name
-        elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else []
-            origin = ".".join([*base, *([node.module] if node.module else [])])
-            for alias in node.names:
-                yield node.lineno, f"{origin}.{alias.name}"
-
-
-def imported_units(path):
-    """(line, unit) of the parts of the house that a module imports; the package's own version is none."""
-    for line, name in imports(path):
-        parts = name.split(".")
-        if parts[0] == "mpmgis" and len(parts) > 1 and not parts[1].startswith("__"):
-            yield line, parts[1]
+SPECIFICATION = importlib.util.spec_from_file_location("structure", ROOT / ".ci" / "structure.py")
+structure = importlib.util.module_from_spec(SPECIFICATION)
+SPECIFICATION.loader.exec_module(structure)
+PACKAGE, SOURCES, module_name = structure.PACKAGE, structure.SOURCES, structure.module_name
 
 
 def tracked_files():
@@ -75,34 +30,31 @@ def tracked_files():
     return [Path(name) for name in listing.split("\0") if name and (ROOT / name).exists()]
 
 
-def test_every_unit_is_in_the_table_of_layers():
-    there = {unit_of(module_name(path)) for path in SOURCES} - {"__init__"}
-    assert there == set(LAYER)
+def test_every_module_is_in_the_table_of_layers():
+    outside = [name for name in structure.MODULES if not structure.within(name, structure.LAYER)]
+    folders = {unit.split("/")[0] for unit in structure.LAYER if "/" in unit}  # with units of their own within
+    assert set(outside) - folders == {"__init__"}
+    assert all((PACKAGE / unit).exists() or (PACKAGE / f"{unit}.py").exists() for unit in structure.LAYER)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=module_name)
-def test_imports_go_down(path):
-    own = unit_of(module_name(path))
-    for line, unit in imported_units(path):
-        assert unit in LAYER, f"{path}:{line} imports mpmgis.{unit}, which is not in ARCHITECTURE.md"
-        down = own != "__init__" and (unit == own or LAYER[unit] < LAYER[own])
-        assert down, f"{path}:{line}: {own} imports {unit}, which is not in a lower layer"
+@pytest.mark.parametrize("title", structure.LIMITS)
+def test_figures_of_the_structure_are_within_their_limits(title):
+    found = structure.figures()[title]
+    assert len(found) <= structure.LIMITS[title], "\n".join(map(str, found))
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=module_name)
 def test_libraries_are_imported_only_by_their_units(path):
-    own = unit_of(module_name(path))
-    for line, name in imports(path):
-        library = name.split(".")[0]
-        if library in LIBRARIES:
-            assert own in LIBRARIES[library], (
-                f"{path}:{line} imports {library}, which only these may import: {sorted(LIBRARIES[library])}"
-            )
+    for line, name in structure.imports(path):
+        allowed = structure.LIBRARIES.get(name.split(".")[0])
+        assert allowed is None or structure.within(module_name(path), allowed), (
+            f"{path}:{line} imports {name}, which only these may import: {sorted(allowed)}"
+        )
 
 
 def test_the_table_of_libraries_has_only_libraries_in_use():
-    used = {name.split(".")[0] for path in SOURCES for _, name in imports(path)}
-    assert set(LIBRARIES) <= used
+    used = {name.split(".")[0] for path in SOURCES for _, name in structure.imports(path)}
+    assert set(structure.LIBRARIES) <= used
 
 
 @pytest.mark.parametrize("path", [path for path in SOURCES if path.name != "__init__.py"], ids=module_name)
@@ -115,7 +67,7 @@ def test_modules_have_docstrings(path):
 
 @pytest.mark.parametrize("path", SOURCES, ids=module_name)
 def test_only_the_command_line_prints(path):
-    if unit_of(module_name(path)) == "cli":
+    if structure.within(module_name(path), ["commands/shell"]):
         return
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         printing = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"

@@ -18,18 +18,18 @@ import rasterio
 import shapely
 
 import mpmgis
-from mpmgis.fields import BAND, PARTICLE
-from mpmgis.interop.declarations import KEYS
-from mpmgis.io.run_folder import BARRIER_FILE, FRAME_PATTERN, RECORD_FILE, SCENE_FILE, TERRAIN_FILE
+from mpmgis.commands.demo_site import sample_folder
+from mpmgis.commands.option import verb_names
+from mpmgis.exchange.declarations import KEYS
+from mpmgis.frames.run_folder import BARRIER_FILE, FRAME_PATTERN, RECORD_FILE, SCENE_FILE, TERRAIN_FILE
+from mpmgis.laws.quantities import BAND, PARTICLE
 from mpmgis.scene.tables import TABLES
-from mpmgis.verbs.option import verb_names
-from mpmgis.workflows.demo import sample_folder
 
 PACKAGE = Path(mpmgis.__file__).parent
 DOCS = PACKAGE / "docs"
 THEORY = (DOCS / "theory.md").read_text(encoding="utf-8")
 ROLE = re.compile(r"\{py:(?P<kind>func|class|meth|mod)\}`~?(?P<name>[\w.]+)`(?:: \*(?P<words>(?:\\\*|[^*])+)\*)?")
-NOT_ON_PAGES = ("cli", "qgis_plugin", "__main__")
+NOT_ON_PAGES = (("commands", "shell"), ("qgis_plugin",), ("__main__",))
 FORMATS = (DOCS / "formats.md").read_text(encoding="utf-8")
 LINKS = list(ROLE.finditer(THEORY))
 
@@ -91,8 +91,8 @@ def modules_by_page():
     pages = {}
     for path in PACKAGE.rglob("*.py"):
         parts = path.relative_to(PACKAGE).with_suffix("").parts
-        if parts[0] not in NOT_ON_PAGES and parts[-1] != "__init__":
-            pages.setdefault(".".join(parts[:-1]) or "mpmgis", set()).add(".".join(parts))
+        if not any(parts[: len(left)] == left for left in NOT_ON_PAGES) and parts[-1] != "__init__":
+            pages.setdefault(".".join(parts[:-1]), set()).add(".".join(parts))
     return pages
 
 

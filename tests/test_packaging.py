@@ -76,7 +76,7 @@ def test_the_recipe_has_the_package_s_version_licence_command_and_builder():
 
 
 def test_extras_are_what_messages_name_and_tests_have_all_of_them():
-    from mpmgis.io.libraries import LIBRARIES
+    from mpmgis.system.optional_libraries import LIBRARIES
 
     extras = PROJECT["optional-dependencies"]
     for extra, library in LIBRARIES.items():

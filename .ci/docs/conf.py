@@ -18,7 +18,7 @@ add_module_names = False
 smartquotes_action = "De"  # dashes and ellipses; quotes remain
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!mpmgis\.).*")]  # words such as `float` in types need no link
-nitpick_ignore = [("py:class", "mpmgis.verbs.values.Request")]  # a type variable
+nitpick_ignore = [("py:class", "mpmgis.commands.option_values.Request")]  # a type variable
 suppress_warnings = ["mystnb.unknown_mime_type"]
 
 autodoc_preserve_defaults = True

@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "mpmgis"
-NOT_DOCUMENTED = {"cli", "qgis_plugin", "__main__", "__init__"}  # the commands have pages of their own
+NOT_DOCUMENTED = (("commands", "shell"), ("qgis_plugin",), ("__main__",))
 PLAIN_TYPES = {float: "number", int: "whole number", str: "text", bool: "true, false", list: "list", dict: "table"}
 
 
@@ -34,7 +34,7 @@ def toctree(names, **options):
 
 def parser_of(verb):
     """The argparse parser of a Verb, as the command makes it."""
-    from mpmgis.cli import main
+    from mpmgis.commands.shell import main
 
     parsers = argparse.ArgumentParser(prog="mpmgis").add_subparsers(parser_class=main.OneLineParser)
     return main.add_verb(parsers, verb)
@@ -42,7 +42,7 @@ def parser_of(verb):
 
 def verbs_by_group():
     """Title -> Verbs, in the order of the command."""
-    from mpmgis.verbs.option import GROUPS, all_verbs
+    from mpmgis.commands.option import GROUPS, all_verbs
 
     groups = {}
     for verb in all_verbs():
@@ -91,7 +91,7 @@ def option(action):
 
 
 def scene_pages():
-    from mpmgis.scene.stages import ONLY
+    from mpmgis.scene.stage_checks import ONLY
     from mpmgis.scene.tables import LISTED, TABLES
 
     parts = [
@@ -156,7 +156,7 @@ def laws_text(laws):
 
 
 def band_pages():
-    from mpmgis.fields import BAND, NODATA, PARTICLE
+    from mpmgis.laws.quantities import BAND, NODATA, PARTICLE
 
     def rows(quantities):
         return [[f"`{q.name}`", cell(q.unit), q.dtype, cell(q.long_name)] for q in quantities.values()]
@@ -178,19 +178,19 @@ def summary_of(path):
 
 
 def modules():
-    """Page name -> modules on it, by the folders of the package; modules at the top share the page `mpmgis`."""
+    """Page name -> modules on it, by the folders of the package."""
     pages = {}
     for path in sorted(PACKAGE.rglob("*.py")):
         parts = path.relative_to(PACKAGE).with_suffix("").parts
-        if parts[0] not in NOT_DOCUMENTED and parts[-1] != "__init__":
-            pages.setdefault(".".join(parts[:-1]) or "mpmgis", []).append((".".join(("mpmgis", *parts)), path))
+        if not any(parts[: len(left)] == left for left in NOT_DOCUMENTED) and parts[-1] != "__init__":
+            pages.setdefault(".".join(parts[:-1]), []).append((".".join(("mpmgis", *parts)), path))
     return pages
 
 
 def api_pages():
     pages = {}
     for name, found in modules().items():
-        title = "Particles, fields, errors" if name == "mpmgis" else f"mpmgis.{name}"
+        title = f"mpmgis.{name}"
         package = PACKAGE.joinpath(*name.split("."), "__init__.py")
         intro = summary_of(package) if package.is_file() else ""
         rows = [[f"[`{module}`](#{module.lower().replace('.', '')})", cell(summary_of(path))] for module, path in found]

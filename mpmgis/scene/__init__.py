@@ -1,11 +1,11 @@
 """The scene: tables, checks, text, and the effects that it requires."""
 
+from .decided_effects import catalogue, resolve
 from .decisions import Decision, TerrainFacts
-from .reading import read_scene, scene_from_tables
-from .resistance import mu_least
-from .resolve import catalogue, resolve
+from .json_schema import json_schema, scene_text, template
+from .material_file import read_scene, scene_from_tables
+from .resistance_effects import mu_least
 from .scene import Scene
-from .text import json_schema, scene_text, template
 
 __all__ = [
     "Decision",

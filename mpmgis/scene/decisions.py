@@ -4,7 +4,7 @@ A decider is a function `(scene, facts, slots) -> Decision`. It reads its table 
 `TerrainFacts`, puts its law into `slots[name of the slot]` if the effect is on, and answers with `by_number` (auto
 compares an indicator with a threshold), `as_asked` (no number decides) or `not_called_for` (not used in the scene).
 To add one: write it beside its kind (`scene/resistance`, `scene/terrain_effects`), give `TerrainFacts` its number
-with None as default, fill that in `workflows/run_setup/prepare`, and name the decider in `resolve.DECIDERS`.
+with None as default, fill that in `preparation`, and name the decider in `decided_effects.DECIDERS`.
 """
 
 from typing import NamedTuple

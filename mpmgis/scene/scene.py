@@ -6,10 +6,10 @@ import math
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
-from ..effects import friction
-from ..effects.own_law import NO_OWN_LAWS, OwnLaws
-from . import materials
-from .stages import ONLY
+from ..laws import friction
+from ..laws.own_law import NO_OWN_LAWS, OwnLaws
+from . import material_table
+from .stage_checks import ONLY
 from .tables import (
     LISTED,
     TABLES,
@@ -95,7 +95,7 @@ class Scene:
         return self.friction_value(friction.DRY) or 0.0
 
     def friction_value(self, role):
-        """Value of the friction law's parameter with `role` (`effects.friction.ROLES`); None where there is none."""
+        """Value of the friction law's parameter with `role` (`friction.ROLES`); None where there is none."""
         if self.friction is None or self.friction.use == "off":
             return None
         return friction.value_of_role(role, self.friction.parameters)
@@ -173,7 +173,7 @@ def friction_laws(solvers, own_laws):
     columns = {**friction.LAWS, **own_laws.laws}
     if "points" not in solvers:
         return columns
-    return {name: law for name, law in materials.CONTACTS.items() if "columns" not in solvers or name in columns}
+    return {name: law for name, law in material_table.CONTACTS.items() if "columns" not in solvers or name in columns}
 
 
 def _plain(table, solvers):

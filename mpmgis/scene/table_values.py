@@ -6,9 +6,9 @@ import sys
 from dataclasses import MISSING, fields
 from pathlib import Path
 
-from ..effects import friction
-from ..effects.own_law import NO_OWN_LAWS
-from ..errors import SceneError, has_control_characters
+from ..laws import friction
+from ..laws.own_law import NO_OWN_LAWS
+from ..system.errors import SceneError, has_control_characters
 from .tables import FrictionTable
 
 KIND_WORDS = {

@@ -5,8 +5,8 @@ A table that is present is an effect in the scene; unknown tables and keys are e
 
 from dataclasses import MISSING, dataclass, field
 
-from ..effects import curvature, entrainment, friction, metric
-from . import materials
+from ..laws import curvature, entrainment, friction, ground_metric
+from . import material_table
 
 USE = ("auto", "on", "off")
 THICKEST, FASTEST = 1e4, 1e3  # [m], [m s-1] of a release; more is a slip of the pen
@@ -141,7 +141,7 @@ class FrictionTable:
 class MaterialTable:
     """Material of a 3D flow."""
 
-    law: str = _key("law of the material", kind=str, choices=tuple(materials.MATERIALS), example="DruckerPrager")
+    law: str = _key("law of the material", kind=str, choices=tuple(material_table.MATERIALS), example="DruckerPrager")
     match: str | None = _key(
         "of DruckerPrager, CohesiveMuI: match of the cone to Mohr-Coulomb; default triaxial (too strong for slides)",
         None, kind=str, choices=("triaxial", "plane_strain"), example="triaxial",
@@ -158,7 +158,7 @@ class MaterialTable:
                                 choices=("linear", "tait"), example="linear")  # fmt: skip
     parameters: dict = field(
         default_factory=dict,
-        metadata={"parameters_of": materials.MATERIALS, "contradiction": materials.contradiction},
+        metadata={"parameters_of": material_table.MATERIALS, "contradiction": material_table.contradiction},
     )
 
 
@@ -316,7 +316,7 @@ class NumericsTable:
     device: str = _key("cpu; cuda: a GPU of NVIDIA; auto: cuda where there is one and particles are many", "cpu", str,
                        choices=DEVICES)  # fmt: skip
     form: str = _key("slope: mass flows on steep ground; swe: water, gentle beds", "slope", str,
-                     choices=tuple(metric.FORMS), solver="columns")  # fmt: skip
+                     choices=tuple(ground_metric.FORMS), solver="columns")  # fmt: skip
     edges: str = _key("edges of the terrain: open (outflow is reported) or wall", "open", str, choices=("open", "wall"))
     cfl: float | None = _key("Courant number; without it 0.6 (0.3 with barriers, erosion, inflow; 3D 0.4, at most 0.9)",
                              None, low=0.0, high=0.9, above=True, example=0.6)  # fmt: skip

@@ -5,8 +5,8 @@ Decision on forest and checks of its tables.
 
 from dataclasses import replace
 
-from ..effects import barrier, curvature, entrainment, forest, friction, metric
-from ..errors import SceneError
+from ..laws import barrier, curvature, entrainment, forest, friction, ground_metric
+from ..system.errors import SceneError
 from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for, use_of
 from .table_values import is_number
 
@@ -56,7 +56,7 @@ FLIGHT_THRESHOLD = 1.0  # U^2 curvature / (g cos): the bed falls away faster tha
 def decide_metric(scene, facts, slots):
     """Lengths along the ground or on the map: as given in the scene, with the number that decides for slope lengths."""
     form = scene.numerics.form
-    slots["metric"] = metric.FORMS[form]()
+    slots["metric"] = ground_metric.FORMS[form]()
     steep = facts.slope_steep**2  # 1 / c^2 - 1
     words = {
         "slope": "form slope: lengths along the ground",
@@ -213,7 +213,7 @@ def decide_still_water(scene, facts, slots):
     level = f"at {table.level:g} m" if not isinstance(table.level, str) else f"at levels of column {table.level!r}"
     decision = as_asked("still_water", table.use, f"lake at rest {level}", facts.lake_ratio)
     if decision.state == "on":
-        slots["still_water"] = metric.StillWater()
+        slots["still_water"] = ground_metric.StillWater()
     return decision
 
 

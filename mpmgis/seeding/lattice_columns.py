@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ..kernels import cell_fill, polygon_cover, polygon_rings
-from ..kernels.polygon_cover import Cover
-from ..kernels.polygon_rings import Edges
+from . import cell_fill, polygon_cover, polygon_points
+from .polygon_cover import Cover
+from .polygon_points import Edges
 
 _SNAP = 1e-9  # [cells] edges this close to a lattice line lie on it, or as close as map coordinates round
 _ULPS = 4.0  # units in the last place by which a map coordinate may be off
@@ -132,17 +132,17 @@ class Outline:
 
     def contains(self, points):
         """bool[n]: which points float64[n, 2] in (u, v) of the window lie inside."""
-        return polygon_rings.inside(np.ascontiguousarray(points), *self.binned_edges)
+        return polygon_points.inside(np.ascontiguousarray(points), *self.binned_edges)
 
     def points_in_squares(self, corners, sizes):
         """float64[n, 2]: a point inside the polygon in each square of lower corner and size float64[n, 2], or NaN."""
         corners, sizes = np.ascontiguousarray(corners), np.ascontiguousarray(sizes)
-        return polygon_rings.points_in_squares(corners, sizes, *self.binned_edges)
+        return polygon_points.points_in_squares(corners, sizes, *self.binned_edges)
 
     @cached_property
     def binned_edges(self):
         """The Edges, by row of cells."""
-        return Edges(self.edges, *polygon_rings.edges_by_row(self.edges, self.window.rows))
+        return Edges(self.edges, *polygon_points.edges_by_row(self.edges, self.window.rows))
 
 
 def _snapped(values, snap):
@@ -300,7 +300,7 @@ class LatticeColumns:
         number = np.arange(len(owner)) - np.searchsorted(owner, owner)
         cell = self._near[owner]
         keys = np.column_stack((cell[:, 1] + self.window.column, cell[:, 0] + self.window.row, number))
-        polygon_rings.scatter_in_pieces(
+        polygon_points.scatter_in_pieces(
             points, cut[:, 0].copy(), cut[:, 1].copy(), keys, self.seed, *self.outline.binned_edges
         )
         pieces[:, :2] = points

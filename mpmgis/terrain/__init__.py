@@ -1,1 +1,1 @@
-"""Grids, terrain, release areas."""
+"""Grid, elevation, CRS; rasters and vector files in and out; reach of a flow."""

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pyproj
 
-from ..errors import GeoreferenceError, InputError, one_line
-from ..messages import log
+from ..system.errors import GeoreferenceError, InputError, one_line
+from ..system.messages import log
 from .grid import Grid
 
 RESAMPLING = "bilinear"

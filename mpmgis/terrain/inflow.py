@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fields import GRAVITY
+from ..laws.quantities import GRAVITY
 
 # columns that the table of a hydrograph may have -> unit
 COLUMNS = {

@@ -11,12 +11,12 @@ from functools import cached_property
 import numpy as np
 import pyproj
 
-from mpmgis.fields import Quantity
-from mpmgis.io.frames import write_frame
-from mpmgis.io.raster_output import write_geotiff
-from mpmgis.particles import Frame, Particles
+from mpmgis.frames.frame_files import write_frame
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.quantities import Quantity
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.raster_output import write_geotiff
 
 GRAVITY = 9.81
 END_TIME, STEP = 150.0, 0.05  # s

@@ -17,10 +17,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from catalogue_scenes import cap_on_slope, energy_drift_in_a_valley, pool_in_bowl, runout_angle
 from column_scenes import dam_break, orders, relative_l1
 
-from mpmgis.effects.curvature import CurvatureTurnOnly
-from mpmgis.effects.metric import WaterMetric
+from mpmgis.laws.curvature import CurvatureTurnOnly
+from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.scene.tables import NumericsTable
-from mpmgis.solvers.columns import CFL_ALONE
+from mpmgis.solvers.columns.column_solver import CFL_ALONE
 
 DEFAULTS = {  # columns along a cell's side and Courant number, as `run` has them
     "per_side": round(NumericsTable().particles_per_cell ** 0.5), "cfl": CFL_ALONE,

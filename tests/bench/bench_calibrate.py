@@ -16,15 +16,15 @@ import numpy as np
 import rasterio.features
 import shapely
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "cli"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "commands"))
 from slope_site import SCENE, write_site
 
-from mpmgis.experiments.calibration import priors
-from mpmgis.experiments.sampling_plan import Plan
-from mpmgis.io.ensemble_folder import read_members
-from mpmgis.workflows import calibrate as calibration
-from mpmgis.workflows.calibrate import CalibrateRequest, calibrate
-from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
+from mpmgis.frames.ensemble_folder import read_members
+from mpmgis.studies import calibration
+from mpmgis.studies.calibration import CalibrateRequest, calibrate
+from mpmgis.studies.calibration_result import priors
+from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
+from mpmgis.studies.sampling_plan import Plan
 
 PAIRS, NEEDED, SEED = 20, 18, 2026
 VARY = ("friction.mu=0.1:0.4", "friction.xi=500:3000")

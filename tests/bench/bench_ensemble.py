@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mpmgis.fields import BAND, MEMBER_BANDS
-from mpmgis.io.ensemble_folder import STACK_BYTES
-from mpmgis.io.raster_output import write_geotiff
+from mpmgis.commands.demo_site import sample_folder
+from mpmgis.frames.ensemble_folder import STACK_BYTES
+from mpmgis.laws.quantities import BAND, MEMBER_BANDS
+from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
 from mpmgis.terrain.grid import Grid
-from mpmgis.workflows.demo import sample_folder
-from mpmgis.workflows.ensemble import EnsembleRequest, ensemble
+from mpmgis.terrain.raster_output import write_geotiff
 
 MEMBERS, END_TIME = 10, 60
 EFFICIENCY = 0.85  # required of two workers
@@ -33,10 +33,10 @@ from functools import partial
 from pathlib import Path
 import pyproj
 from mpmgis.terrain.grid import Grid
-from mpmgis.io.ensemble_folder import MemberStack
-from mpmgis.io.raster_output import write_rows
-from mpmgis.experiments.statistics import Products, statistics
-from mpmgis.fields import MEMBER_BANDS
+from mpmgis.frames.ensemble_folder import MemberStack
+from mpmgis.terrain.raster_output import write_rows
+from mpmgis.studies.ensemble_statistics import Products, statistics
+from mpmgis.laws.quantities import MEMBER_BANDS
 folder, count, side = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
 grid = Grid.north_up(pyproj.CRS.from_epsg(32632), 6e5, 5.2e6, 5.0, (side, side))
 files = sorted(folder.glob("*_max.tif"))

@@ -11,20 +11,20 @@ import numpy as np
 import pyproj
 from avalanche_frames import END_TIME, write_frames
 
-from mpmgis.analysis.cells import Bed, bin_frame, place
-from mpmgis.analysis.frame_values import Averaging, average_frame
-from mpmgis.analysis.sampling import export_grid
-from mpmgis.fields import BAND, Quantity
-from mpmgis.gis.mesh import step_chunks
-from mpmgis.gis.outlines import BANDS, StepSpool, step_outline
-from mpmgis.interop.frame_list import list_frames
-from mpmgis.io.dtm import read_terrain
-from mpmgis.io.frames import write_frame
-from mpmgis.io.raster_output import SparseBands, write_geotiff, write_rows
-from mpmgis.kernels import binning, cell_places
-from mpmgis.particles import Frame, Particles
+from mpmgis.exchange.frame_list import list_frames
+from mpmgis.frames.frame_files import write_frame
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.quantities import BAND, Quantity
+from mpmgis.maps.averaging import binning, cell_places
+from mpmgis.maps.averaging.cells import Bed, bin_frame, place
+from mpmgis.maps.averaging.frame_values import Averaging, average_frame
+from mpmgis.maps.averaging.sampling import export_grid
+from mpmgis.maps.qgis.flow_mesh import step_chunks
+from mpmgis.maps.qgis.outlines import BANDS, StepSpool, step_outline
+from mpmgis.terrain.dtm import read_terrain
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.raster_output import SparseBands, write_geotiff, write_rows
 
 FRAMES, COUNT, REPEATS = 40, 500_000, 15
 BUDGET, STARTUP = 250.0, 1.5  # ns per particle and frame; s

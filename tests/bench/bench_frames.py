@@ -11,7 +11,7 @@ import bench_points
 import bench_solver
 from written_run import write_run
 
-from mpmgis.kernels.jit import set_threads
+from mpmgis.compiled.jit import set_threads
 
 FRAMES, SECONDS = 6, 0.02  # after the first; simulated time [s] between them
 

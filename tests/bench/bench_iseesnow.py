@@ -15,10 +15,10 @@ import time
 from pathlib import Path
 from statistics import median
 
-from mpmgis.workflows.compare import CompareRequest, compare
-from mpmgis.workflows.export_raster import export_raster
-from mpmgis.workflows.requests import CellSampling, ExportFiles, ExportRequest, FrameSource
-from mpmgis.workflows.run import run
+from mpmgis.maps.export.export_request import CellSampling, ExportFiles, ExportRequest, FrameSource
+from mpmgis.maps.export.map_export import export_raster
+from mpmgis.results.comparison_answer import CompareRequest, compare
+from mpmgis.simulation.scene_run import run
 
 DATA = Path(__file__).parents[2] / "../shared/data/iseesnow_idealized"
 THICK, FAST = 0.1, 1.0  # [m], [m s-1] above which the intercomparison counts area and runout

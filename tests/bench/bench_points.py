@@ -11,13 +11,13 @@ import plain_points
 from column_scenes import terrain_of
 from point_scenes import block_of, points_on
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.softening import NoSoftening, softening
-from mpmgis.kernels.block_order import STRIP
-from mpmgis.kernels.jit import set_threads
-from mpmgis.kernels.point_rows import BLOCK_SIZE, TILE_SIZE
+from mpmgis.compiled.block_order import STRIP
+from mpmgis.compiled.jit import set_threads
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.solvers.points.point_rows import BLOCK_SIZE, TILE_SIZE
 
 WANTED = {"float64": 60.0, "float32": 35.0}  # ns on 2 threads, required
 PROTOTYPE = {"float64": 48.0, "float32": 29.0}

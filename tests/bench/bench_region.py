@@ -16,7 +16,7 @@ import rasterio
 import shapely
 from affine import Affine
 
-from mpmgis.workflows.region import RegionRequest, region
+from mpmgis.studies.region_runs import RegionRequest, region
 
 AREAS, SIDE, CELL, WORKERS = 1000, 20_000, 5.0, 2
 SMALL = (4, 3000)  # areas and cells a side of the table

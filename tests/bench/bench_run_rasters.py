@@ -8,10 +8,10 @@ import numpy as np
 import rasterio
 from affine import Affine
 
-from mpmgis.io.run_folder import TERRAIN_FILE, RunFolder
-from mpmgis.messages import muted
-from mpmgis.workflows.run_rasters import RasterWriter
-from mpmgis.workflows.run_setup.prepare import prepare
+from mpmgis.frames.run_folder import TERRAIN_FILE, RunFolder
+from mpmgis.maps.export.run_rasters import RasterWriter
+from mpmgis.simulation.preparation import prepare
+from mpmgis.system.messages import muted
 
 CELLS, PIXEL = 250, 2.0  # pixels of the DTM along a side, and their side [m]
 FRAMES = 5

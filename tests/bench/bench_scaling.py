@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from bench_solver import BYTES, copy_rate, scene
 
-from mpmgis.kernels.jit import set_threads
+from mpmgis.compiled.jit import set_threads
 
 PICTURE = Path(__file__).parents[2] / "sample_data" / "solver_cost.png"
 SIDES = (100, 316, 1000, 3162)  # columns along a side of the sheet: 1e4 to 1e7

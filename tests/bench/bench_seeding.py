@@ -11,11 +11,11 @@ import shapely
 from affine import Affine
 from scipy.interpolate import RegularGridInterpolator
 
-from mpmgis.io.particle_files import write_columns
-from mpmgis.seeding.columns import plan_seed, seed_columns
+from mpmgis.frames.particle_files import write_columns
+from mpmgis.seeding.column_seeding import plan_seed, seed_columns
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.release import ReleaseArea, ReleasePart, ThicknessRaster
+from mpmgis.terrain.release_parts import ReleaseArea, ReleasePart, ThicknessRaster
 
 COUNTS = (10_000, 100_000, 1_000_000, 2_000_000, 4_000_000)
 REPEATS = 7

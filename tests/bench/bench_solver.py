@@ -10,10 +10,10 @@ from numpy_step import numpy_step
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from column_scenes import columns_of, solver_on, terrain_of
 
-from mpmgis.effects.curvature import Curvature
-from mpmgis.effects.friction import Voellmy
-from mpmgis.kernels.block_order import STRIP
-from mpmgis.kernels.jit import set_threads
+from mpmgis.compiled.block_order import STRIP
+from mpmgis.compiled.jit import set_threads
+from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.friction import Voellmy
 
 PROTOTYPE = {1: 40.0, 2: 24.0}  # plain friction, no curvature
 BYTES = 3 * 12 * 8 + 20  # a row is read twice and written once; key and order

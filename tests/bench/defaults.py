@@ -45,19 +45,19 @@ from bench_iseesnow import ABSENT, DATA, THICK
 from exact_solutions import stoker
 from run import machine
 
-from mpmgis.experiments.measures import errors_against_exact, errors_of
-from mpmgis.io.frames import read_frame
-from mpmgis.io.run_folder import RunFolder
-from mpmgis.kernels.jit import set_threads
-from mpmgis.scene.reading import read_toml
-from mpmgis.workflows.compare import CompareRequest, compare
-from mpmgis.workflows.export_raster import export_raster
-from mpmgis.workflows.requests import CellSampling, ExportFiles, ExportRequest, FrameSource
-from mpmgis.workflows.run import integrate_into
-from mpmgis.workflows.run_setup.prepare import prepare
-from mpmgis.workflows.run_setup.sequence import Sequence
-from mpmgis.workflows.run_setup.warmup import warm_up
-from mpmgis.workflows.study import _cells, _thickness
+from mpmgis.compiled.jit import set_threads
+from mpmgis.frames.frame_files import read_frame
+from mpmgis.frames.run_folder import RunFolder
+from mpmgis.maps.export.export_request import CellSampling, ExportFiles, ExportRequest, FrameSource
+from mpmgis.maps.export.map_export import export_raster
+from mpmgis.results.comparison_answer import CompareRequest, compare
+from mpmgis.scene.material_file import read_toml
+from mpmgis.simulation.preparation import prepare
+from mpmgis.simulation.scene_run import integrate_into
+from mpmgis.simulation.stage_sequence import Sequence
+from mpmgis.simulation.warmup import warm_up
+from mpmgis.studies.accuracy_study import _cells, _thickness
+from mpmgis.studies.run_measures import errors_against_exact, errors_of
 
 LOOKS = 4  # times at which flows are compared, the last the end
 COLUMNS, COURANT = (4, 9, 16), (0.3, 0.45, 0.6, 0.75)

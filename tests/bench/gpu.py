@@ -33,18 +33,18 @@ import numba  # noqa: E402
 import numpy as np  # noqa: E402
 from written_run import write_run  # noqa: E402
 
-from mpmgis.effects.barrier import Barrier  # noqa: E402
-from mpmgis.effects.contact import CoulombContact, VoellmyContact  # noqa: E402
-from mpmgis.effects.fluid import Fluid  # noqa: E402
-from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager  # noqa: E402
-from mpmgis.effects.slots import PointEffects  # noqa: E402
-from mpmgis.effects.softening import NoSoftening, softening  # noqa: E402
-from mpmgis.gpu.available import found_device  # noqa: E402
-from mpmgis.particles import Frame, Particles  # noqa: E402
-from mpmgis.solvers.device_points import DevicePointSolver, device_memory  # noqa: E402
-from mpmgis.solvers.point_numerics import PointNumerics  # noqa: E402
-from mpmgis.solvers.points import PointSolver  # noqa: E402
-from mpmgis.system import available_memory  # noqa: E402
+from mpmgis.frames.particles import Frame, Particles  # noqa: E402
+from mpmgis.laws.barrier import Barrier  # noqa: E402
+from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact  # noqa: E402
+from mpmgis.laws.fluid import Fluid  # noqa: E402
+from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager  # noqa: E402
+from mpmgis.laws.slots import PointEffects  # noqa: E402
+from mpmgis.laws.softening import NoSoftening, softening  # noqa: E402
+from mpmgis.solvers.gpu.available import found_device  # noqa: E402
+from mpmgis.solvers.gpu.device_point_solver import DevicePointSolver, device_memory  # noqa: E402
+from mpmgis.solvers.points.point_numerics import PointNumerics  # noqa: E402
+from mpmgis.solvers.points.point_solver import PointSolver  # noqa: E402
+from mpmgis.system.operating_system import available_memory  # noqa: E402
 from mpmgis.terrain.elevation import Terrain  # noqa: E402
 from mpmgis.terrain.grid import Grid  # noqa: E402
 
@@ -123,7 +123,7 @@ def barrier_before(frame):
     """A wall with friction that the slab of `frame` touches when it begins to slide."""
     import shapely
 
-    from mpmgis.spatial.barriers import Wall
+    from mpmgis.solvers.features.walls import Wall
 
     west = float(frame.particles.position[:, 0].max()) + 0.5
     return (Wall("dam", shapely.box(west, -1e4, west + 4.0, 1e4), height=20.0, mu=0.4),)
@@ -253,11 +253,11 @@ def kernel_times(make, particles):
     """
     from numba import cuda
 
-    from mpmgis.gpu import compiled, repeated
+    from mpmgis.solvers.gpu import device_functions, launch_graph
 
     solver, events = make(), []
     solver.advance(1e9, max_steps=WARM_UP)
-    kernel_of, repeat = compiled.Kernel.of, repeated.Repeated.__call__
+    kernel_of, repeat = device_functions.Kernel.of, launch_graph.Repeated.__call__
 
     class Timed:
         def __init__(self, kernel, name):
@@ -273,12 +273,12 @@ def kernel_times(make, particles):
             end.record(sizes[2])
             events.append((self.name, start, end))
 
-    compiled.Kernel.of = lambda self, real: Timed(kernel_of(self, real), self.function.__name__)
-    repeated.Repeated.__call__ = lambda self, times: [self.launches() for _ in range(times)]
+    device_functions.Kernel.of = lambda self, real: Timed(kernel_of(self, real), self.function.__name__)
+    launch_graph.Repeated.__call__ = lambda self, times: [self.launches() for _ in range(times)]
     try:
         solver.advance(1e9, max_steps=STEPS)
     finally:
-        compiled.Kernel.of, repeated.Repeated.__call__ = kernel_of, repeat
+        device_functions.Kernel.of, launch_graph.Repeated.__call__ = kernel_of, repeat
     found, scale = {}, 1e6 / (STEPS * getattr(solver, particles))
     for name, start, end in events:
         end.synchronize()
@@ -288,7 +288,7 @@ def kernel_times(make, particles):
 
 def on_threads(make, particles):
     """Rows of `measured_on_processor` on 1, 2, 4, ... threads, with the speed-up over one thread."""
-    from mpmgis.kernels.jit import set_threads
+    from mpmgis.compiled.jit import set_threads
 
     most, rows, threads, solver = numba.config.NUMBA_NUM_THREADS, [], 1, make()
     while threads <= most:

@@ -35,21 +35,21 @@ from gpu import (  # noqa: E402
     words_of,
 )
 
-from mpmgis.effects.barrier import Barrier  # noqa: E402
-from mpmgis.effects.curvature import Curvature  # noqa: E402
-from mpmgis.effects.entrainment import ErosionEnergy  # noqa: E402
-from mpmgis.effects.forest import FOREST_ENTRIES, Forest  # noqa: E402
-from mpmgis.effects.friction import Bingham, Cohesion, FrictionZones, Voellmy  # noqa: E402
-from mpmgis.effects.internal_stress import InPlaneViscosity, earth_pressure  # noqa: E402
-from mpmgis.effects.metric import StillWater, WaterMetric  # noqa: E402
-from mpmgis.effects.slots import ColumnEffects  # noqa: E402
-from mpmgis.gpu.available import found_device  # noqa: E402
-from mpmgis.kernels import column_barriers as wall  # noqa: E402
-from mpmgis.particles import Frame, Particles  # noqa: E402
-from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver  # noqa: E402
-from mpmgis.solvers.device_columns import DeviceColumnSolver, device_memory_of_columns  # noqa: E402
-from mpmgis.spatial.features import NO_LAKE, Places  # noqa: E402
-from mpmgis.spatial.node_grid import ColumnGrid  # noqa: E402
+from mpmgis.frames.particles import Frame, Particles  # noqa: E402
+from mpmgis.laws.barrier import Barrier  # noqa: E402
+from mpmgis.laws.curvature import Curvature  # noqa: E402
+from mpmgis.laws.entrainment import ErosionEnergy  # noqa: E402
+from mpmgis.laws.forest import FOREST_ENTRIES, Forest  # noqa: E402
+from mpmgis.laws.friction import Bingham, Cohesion, FrictionZones, Voellmy  # noqa: E402
+from mpmgis.laws.ground_metric import StillWater, WaterMetric  # noqa: E402
+from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure  # noqa: E402
+from mpmgis.laws.slots import ColumnEffects  # noqa: E402
+from mpmgis.solvers.columns import column_barriers as wall  # noqa: E402
+from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver  # noqa: E402
+from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places  # noqa: E402
+from mpmgis.solvers.columns.node_grid import ColumnGrid  # noqa: E402
+from mpmgis.solvers.gpu.available import found_device  # noqa: E402
+from mpmgis.solvers.gpu.device_column_solver import DeviceColumnSolver, device_memory_of_columns  # noqa: E402
 from mpmgis.terrain.elevation import Terrain  # noqa: E402
 from mpmgis.terrain.grid import Grid  # noqa: E402
 

@@ -24,8 +24,8 @@ from avaframe_case import AvaframeCase, beside
 from exact_solutions import SimilarityCap, ThackerBowl, mangeney
 from run import machine, markdown
 
-from mpmgis.cli.main import main as mpmgis
-from mpmgis.workflows.demo import sample_folder
+from mpmgis.commands.demo_site import sample_folder
+from mpmgis.commands.shell.main import main as mpmgis
 
 NODATA = -9999.0
 FINE = 25  # points along a pixel's side of which a mean is taken

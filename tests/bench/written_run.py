@@ -4,9 +4,9 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from mpmgis.io.frame_contents import result_after
-from mpmgis.io.frames import FRAMES_WITH_STATE, drop_state, write_frame
-from mpmgis.solvers.integrate import TimeIntegration
+from mpmgis.frames.frame_contents import result_after
+from mpmgis.frames.frame_files import FRAMES_WITH_STATE, drop_state, write_frame
+from mpmgis.simulation.time_integration import TimeIntegration
 
 
 class WrittenRun(NamedTuple):

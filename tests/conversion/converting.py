@@ -3,7 +3,7 @@
 import numpy as np
 from affine import Affine
 
-from mpmgis.particles import Frame, Particles
+from mpmgis.frames.particles import Frame, Particles
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 from converting import columns_on, slope, terrain_of
 
-from mpmgis.conversion.account import account_of_columns, account_of_points
-from mpmgis.conversion.columns import points_to_columns
-from mpmgis.conversion.options import ColumnOptions, PointOptions
-from mpmgis.conversion.points import columns_to_points
+from mpmgis.conversion.columns_to_points import columns_to_points
+from mpmgis.conversion.conversion_account import account_of_columns, account_of_points
+from mpmgis.conversion.conversion_options import ColumnOptions, PointOptions
+from mpmgis.conversion.points_to_columns import points_to_columns
 
 GROUND = terrain_of(slope())
 

@@ -7,12 +7,12 @@ import pytest
 import shapely
 from converting import DENSITY, ORIGIN, columns_on, hills, over_bed, slope, terrain_of
 
-from mpmgis.conversion import ground as geostatic
-from mpmgis.conversion.options import PointOptions
-from mpmgis.conversion.points import columns_to_points
-from mpmgis.conversion.sums import conservation_error
-from mpmgis.errors import InputError
-from mpmgis.particles import Particles
+from mpmgis.conversion import point_groups as geostatic
+from mpmgis.conversion.columns_to_points import columns_to_points
+from mpmgis.conversion.conserved_sums import conservation_error
+from mpmgis.conversion.conversion_options import PointOptions
+from mpmgis.frames.particles import Particles
+from mpmgis.system.errors import InputError
 
 
 def whole(frame):

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from converting import ORIGIN, columns_on, slope, terrain_of
 
-from mpmgis.conversion.columns import points_to_columns
-from mpmgis.conversion.options import PointOptions
-from mpmgis.conversion.points import columns_to_points, velocity_gradient
-from mpmgis.conversion.sums import conservation_error
-from mpmgis.effects.friction import Coulomb
-from mpmgis.effects.slots import ColumnEffects
-from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
+from mpmgis.conversion.columns_to_points import columns_to_points, velocity_gradient
+from mpmgis.conversion.conserved_sums import conservation_error
+from mpmgis.conversion.conversion_options import PointOptions
+from mpmgis.conversion.points_to_columns import points_to_columns
+from mpmgis.frames.frame_files import read_frame, write_frame
+from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.slots import ColumnEffects
+from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 
 RATE = np.array([[0.1, 0.03], [-0.07, 0.02]])
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from converting import columns_on, hills, over_bed, terrain_of
 
-from mpmgis.conversion.options import PointOptions
-from mpmgis.conversion.points import columns_to_points
-from mpmgis.conversion.sums import conservation_error, particle_mass_scatter, points_sum
+from mpmgis.conversion.columns_to_points import columns_to_points
+from mpmgis.conversion.conserved_sums import conservation_error, particle_mass_scatter, points_sum
+from mpmgis.conversion.conversion_options import PointOptions
 
 SPACINGS_X = (0.02, 0.01, 0.005, 0.0033, 0.0025, 0.0017)
 SPACINGS_Z = (0.01, 0.001, 0.0001, 0.00005, 0.00001)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from converting import DENSITY, ORIGIN, columns_on, hills, slope, terrain_of
 
-from mpmgis.conversion.columns import points_to_columns
-from mpmgis.conversion.options import ColumnOptions, PointOptions
-from mpmgis.conversion.points import columns_to_points
-from mpmgis.conversion.sums import conservation_error
-from mpmgis.errors import InputError
+from mpmgis.conversion.columns_to_points import columns_to_points
+from mpmgis.conversion.conserved_sums import conservation_error
+from mpmgis.conversion.conversion_options import ColumnOptions, PointOptions
+from mpmgis.conversion.points_to_columns import points_to_columns
+from mpmgis.system.errors import InputError
 
 
 def moving(ground, **more):

@@ -7,10 +7,10 @@ import pytest
 import shapely
 from converting import DENSITY, ORIGIN, columns_on, over_bed, slope, terrain_of
 
-from mpmgis.conversion.options import PointOptions
-from mpmgis.conversion.points import columns_to_points
-from mpmgis.conversion.switching import switch_to_columns, switch_to_points
-from mpmgis.errors import InputError
+from mpmgis.conversion.columns_to_points import columns_to_points
+from mpmgis.conversion.conversion_options import PointOptions
+from mpmgis.conversion.solver_switch import switch_to_columns, switch_to_points
+from mpmgis.system.errors import InputError
 
 TERRAIN = terrain_of(slope())
 OPTIONS = PointOptions(spacing=0.5, cell=1.0, relevel=True)

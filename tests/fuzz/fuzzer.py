@@ -183,7 +183,7 @@ def everything(folder):
 
 def _child(numbers, seed, kinds, sound, work, sink):
     """Run the cases `numbers` one after the other; a line of JSON before each and after it."""
-    from mpmgis.cli.main import main
+    from mpmgis.commands.shell.main import main
 
     home = os.getcwd()
     for number in numbers:
@@ -369,7 +369,7 @@ def run_whole(number, seed, sound, work, baseline):
 
     Compiled kernels stay where they are, outside of the case's home, in which nothing may be written.
     """
-    from mpmgis.kernels.jit import cache_folder
+    from mpmgis.compiled.jit import cache_folder
 
     case, random = whole_case_of(number, seed)
     folder = work / f"whole_{number}"
@@ -474,20 +474,25 @@ def import_what_commands_import():
     """So that children have it; nothing compiled is run here."""
     import importlib
 
-    answers = ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical", "compare", "export_raster")
-    for name in ("seed", "convert", "run", *answers):
-        importlib.import_module(f"mpmgis.workflows.{name}")
-        importlib.import_module(f"mpmgis.verbs.{name}")
-    for name in ("reports.inspect", "io.particle_files", "gis.folder", "gis.outlines"):
+    from mpmgis.commands.option import verb_of
+    from mpmgis.commands.verb_calls import workflow_of
+
+    for name in ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical", "compare", "export-raster"):
+        workflow_of(verb_of(name))
+    for name in ("seeding.seeded_file", "conversion.frame_conversion", "simulation.scene_run"):
         importlib.import_module(f"mpmgis.{name}")
-    for name in ("files", "simulate", "effects", "info", "answers"):
-        importlib.import_module(f"mpmgis.cli.{name}")
+    for name in ("seed", "convert", "run"):
+        importlib.import_module(f"mpmgis.commands.{name}")
+    for name in ("results.reports.file_facts", "frames.particle_files", "maps.qgis.qgis_files", "maps.qgis.outlines"):
+        importlib.import_module(f"mpmgis.{name}")
+    for name in ("file_verbs", "simulation_verbs", "effects_text", "info_text", "answers"):
+        importlib.import_module(f"mpmgis.commands.shell.{name}")
 
 
 def _needed_whole(sound, work):
     """Address space [bytes] at most of a sound run in a separate process; what is resident is a sixth of it."""
     code = (
-        "import re, sys; from mpmgis.cli.main import main; code = main(sys.argv[1:])\n"
+        "import re, sys; from mpmgis.commands.shell.main import main; code = main(sys.argv[1:])\n"
         "print(re.search(r'VmPeak:\\s+(\\d+)', open('/proc/self/status').read())[1]); sys.exit(code)"
     )
     words = ["run", str(sound / "plain.toml"), "-o", str(work / "sound_run"), "-q"]
@@ -502,7 +507,7 @@ def _show(number, seed, kinds, sound, work):
     print(f"{folder}: {prepared(case, random, sound, folder)}")
     print("mpmgis", *case.words)
     os.chdir(folder)
-    from mpmgis.cli.main import main as command
+    from mpmgis.commands.shell.main import main as command
 
     print("exit code", command([*case.words[:-1], "-v"]))
     return 0

@@ -10,11 +10,11 @@ import rasterio
 import shapely
 from affine import Affine
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "interop"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "exchange"))
 
 import third_party_writers as writers
 
-from mpmgis.cli.main import main
+from mpmgis.commands.shell.main import main
 
 WEST, SOUTH, PIXEL, ROWS, COLUMNS = 400_000.0, 5_100_000.0, 10.0, 24, 40
 CRS = "EPSG:32632"

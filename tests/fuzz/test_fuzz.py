@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mpmgis
-from mpmgis.cli.main import main
+from mpmgis.commands.shell.main import main
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork") or sys.platform != "linux", reason="wants fork and /proc")
 FUZZER = Path(__file__).with_name("fuzzer.py")
@@ -53,10 +53,10 @@ def calls():
 
 # of the compiler's cache, whose folder and checksums are looked at before; of this program's own processes, over pipes
 OWN = {
-    ("kernels/code_cache.py", "pickle.loads"),
-    ("workflows/parallel.py", "pickle.loads"),
-    ("workflows/parallel.py", "pickle.dumps"),
-    ("workflows/parallel.py", "subprocess.Popen"),
+    ("compiled/cache_folder.py", "pickle.loads"),
+    ("system/parallel.py", "pickle.loads"),
+    ("system/parallel.py", "pickle.dumps"),
+    ("system/parallel.py", "subprocess.Popen"),
 }
 
 
@@ -66,7 +66,7 @@ def test_nothing_that_is_read_can_run():
     loading = ("exec_module", "run_path", "run_module", "SourceFileLoader")
     for module, name, keywords in calls():
         if name in forbidden or name.startswith(("pickle.", "subprocess.")) or name.endswith(loading):
-            assert module == "effects/own_law.py" or (module, name) in OWN, (module, name)
+            assert module == "laws/own_law.py" or (module, name) in OWN, (module, name)
         assert keywords.get("allow_pickle", "False") == "False", (module, name)
 
 

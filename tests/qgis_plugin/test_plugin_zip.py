@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import mpmgis
-from mpmgis.cli.main import main
-from mpmgis.gis.plugin_zip import FOLDER, plugin_files
+from mpmgis.commands.shell.main import main
+from mpmgis.maps.qgis.plugin_zip import FOLDER, plugin_files
 
 ROOT = Path(__file__).resolve().parents[2]
 NEEDED_BY_QGIS = {"name", "qgisMinimumVersion", "description", "version", "author", "about"}

@@ -13,15 +13,15 @@ import pytest
 import rasterio
 from affine import Affine
 
-from mpmgis.cli.main import main
-from mpmgis.cli.parser import add_arguments
+from mpmgis.commands.option import verb_names, verb_of
+from mpmgis.commands.qgis_plugin import plugin_forms
+from mpmgis.commands.shell.main import main
+from mpmgis.commands.shell.parser import add_arguments
 from mpmgis.qgis_plugin.mpmgis_qgis import command, forms, scene_form, table_page
 from mpmgis.qgis_plugin.mpmgis_qgis import command as plugin_command
-from mpmgis.reports.hazard import read_matrices
-from mpmgis.reports.intensity import read_guidelines
+from mpmgis.results.hazard.hazard_files import read_matrices
+from mpmgis.results.hazard.intensity_map import read_guidelines
 from mpmgis.scene import read_scene
-from mpmgis.verbs.option import verb_names, verb_of
-from mpmgis.verbs.qgis_plugin import plugin_forms
 
 NAMES = tuple(read_guidelines()), tuple(read_matrices())
 DATA = json.loads(json.dumps(plugin_forms(*NAMES)))  # as the plugin has it from its zip

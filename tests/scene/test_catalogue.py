@@ -4,8 +4,8 @@ from dataclasses import fields
 
 import pytest
 
-from mpmgis.cli.main import main
-from mpmgis.effects import entrainment, friction
+from mpmgis.commands.shell.main import main
+from mpmgis.laws import entrainment, friction
 from mpmgis.scene import catalogue
 from mpmgis.scene.tables import TABLES
 from mpmgis.terrain.inflow import COLUMNS

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
-from mpmgis.cli.main import main
-from mpmgis.errors import SceneError
+from mpmgis.commands.shell.main import main
 from mpmgis.scene import json_schema, scene_from_tables
+from mpmgis.system.errors import SceneError
 
 ROOT = Path(__file__).resolve().parents[2]
 FENCE = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)

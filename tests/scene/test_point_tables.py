@@ -5,17 +5,17 @@ import tomllib
 import numpy as np
 import pytest
 
-from mpmgis.cli.main import main
-from mpmgis.effects.barrier import NoBarrier
-from mpmgis.effects.contact import CoulombContact, StickingContact, VoellmyContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.friction import NoZones
-from mpmgis.effects.material import CohesiveMuI, DruckerPrager, Elastic, MuI
-from mpmgis.effects.softening import LinearSoftening, NoSoftening, Softening
-from mpmgis.errors import SceneError
+from mpmgis.commands.shell.main import main
+from mpmgis.laws.barrier import NoBarrier
+from mpmgis.laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.friction import NoZones
+from mpmgis.laws.material import CohesiveMuI, DruckerPrager, Elastic, MuI
+from mpmgis.laws.softening import LinearSoftening, NoSoftening, Softening
 from mpmgis.scene import TerrainFacts, catalogue, mu_least, resolve, scene_from_tables, scene_text
-from mpmgis.scene.materials import MATERIALS
+from mpmgis.scene.material_table import MATERIALS
 from mpmgis.scene.table_values import meant
+from mpmgis.system.errors import SceneError
 
 MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
 ICE = {"law": "DruckerPrager", **MODULI, "friction_angle": 40, "cohesion": 1000}

@@ -4,8 +4,8 @@ import tomllib
 
 import pytest
 
-from mpmgis.errors import SceneError
 from mpmgis.scene import scene_from_tables, scene_text, template
+from mpmgis.system.errors import SceneError
 
 BLOCK = {"law": "DruckerPrager", "bulk_modulus": 4e6, "shear_modulus": 2e6, "friction_angle": 35}
 COLUMNS, POINTS = {"solver": "columns"}, {"solver": "points"}

@@ -19,8 +19,8 @@ import numpy as np
 import rasterio
 from affine import Affine
 
-from mpmgis.cli.main import main
-from mpmgis.io.frames import read_frame
+from mpmgis.commands.shell.main import main
+from mpmgis.frames.frame_files import read_frame
 
 SCENES = Path(__file__).parent
 

@@ -6,8 +6,8 @@ import shapely
 from affine import Affine
 
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.release import ReleaseArea, ReleasePart, ThicknessRaster
-from mpmgis.terrain.synthetic import plane
+from mpmgis.terrain.release_parts import ReleaseArea, ReleasePart, ThicknessRaster
+from mpmgis.terrain.synthetic_terrain import plane
 
 EAST, NORTH = 500_000.0, 5_100_000.0
 PIXELS = {

@@ -9,7 +9,7 @@ import shapely
 from affine import Affine
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, write_dtm, write_raster
 
-from mpmgis.cli.main import main
+from mpmgis.commands.shell.main import main
 
 X, Y = CENTRE
 
@@ -510,7 +510,7 @@ def test_what_is_left_out_is_asked_for(capfd):
 
 def test_a_read_only_folder(tmp_path, capfd, monkeypatch):
     kitchen = Kitchen(tmp_path)
-    monkeypatch.setattr("mpmgis.io.atomic.Path.mkdir", _denied)
+    monkeypatch.setattr("mpmgis.system.whole_files.Path.mkdir", _denied)
     refused(kitchen, capfd, monkeypatch, "no permission", ["-o", "deep/out.h5"])
 
 

@@ -6,11 +6,11 @@ import shapely
 from affine import Affine
 from seed_sites import CENTRE, PIXELS, area_of, inclined, paper_hump, to_nodes
 
-from mpmgis.messages import collected
-from mpmgis.seeding.columns import seed_columns
+from mpmgis.seeding.column_seeding import seed_columns
+from mpmgis.system.messages import collected
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.release import ReleaseArea, ReleasePart
+from mpmgis.terrain.release_parts import ReleaseArea, ReleasePart
 
 SPACING = 1.0  # of the nodes, the paper's pixels
 

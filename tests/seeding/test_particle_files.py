@@ -14,12 +14,12 @@ import pyogrio
 import pytest
 from seed_sites import PIXELS, area_of, grid_of, ring, two_islands
 
-from mpmgis.errors import OutputError
-from mpmgis.io.frames import read_frame
-from mpmgis.io.particle_files import UNITS, require_format, table, write_columns
-from mpmgis.seeding.columns import plan_seed
+from mpmgis.frames.frame_files import read_frame
+from mpmgis.frames.particle_files import UNITS, require_format, table, write_columns
+from mpmgis.seeding.column_seeding import plan_seed
+from mpmgis.system.errors import OutputError
 from mpmgis.terrain.georeference import parse_crs
-from mpmgis.terrain.synthetic import plane
+from mpmgis.terrain.synthetic_terrain import plane
 
 SUFFIXES = [".h5", ".csv", ".json", ".gpkg", ".parquet", ".vtp"]
 

@@ -4,12 +4,12 @@ import shutil
 
 import pytest
 
-from mpmgis.cli.main import main
-from mpmgis.io.frames import read_frame
-from mpmgis.messages import collected
-from mpmgis.seeding.options import Fixes, report_implausible
-from mpmgis.workflows.demo import sample_folder
-from mpmgis.workflows.run_setup.prepare import prepare
+from mpmgis.commands.demo_site import sample_folder
+from mpmgis.commands.shell.main import main
+from mpmgis.frames.frame_files import read_frame
+from mpmgis.seeding.seeding_options import Fixes, report_implausible
+from mpmgis.simulation.preparation import prepare
+from mpmgis.system.messages import collected
 
 CURES = Fixes("--density", "--thickness", "give more")
 SCENE = """

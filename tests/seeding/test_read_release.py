@@ -9,12 +9,12 @@ import shapely
 from affine import Affine
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, two_islands, write_dtm, write_raster
 
-from mpmgis.errors import FormatError, GeoreferenceError, InputError
-from mpmgis.io.dtm import read_terrain
-from mpmgis.io.release_areas import read_release
-from mpmgis.messages import collected
-from mpmgis.seeding.columns import seed_columns
-from mpmgis.terrain.release import ThicknessRaster
+from mpmgis.seeding.column_seeding import seed_columns
+from mpmgis.seeding.release_areas import read_release
+from mpmgis.system.errors import FormatError, GeoreferenceError, InputError
+from mpmgis.system.messages import collected
+from mpmgis.terrain.dtm import read_terrain
+from mpmgis.terrain.release_parts import ThicknessRaster
 
 X, Y = CENTRE
 

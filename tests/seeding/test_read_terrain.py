@@ -11,12 +11,12 @@ from affine import Affine
 from rasterio.rio.main import main_group as rio
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, area_of, ring, write_dtm, write_raster
 
-from mpmgis.errors import FormatError, GeoreferenceError, InputError
-from mpmgis.io.dtm import read_terrain
-from mpmgis.io.raster import read_raster
-from mpmgis.messages import collected
-from mpmgis.seeding.columns import seed_columns
+from mpmgis.seeding.column_seeding import seed_columns
+from mpmgis.system.errors import FormatError, GeoreferenceError, InputError
+from mpmgis.system.messages import collected
+from mpmgis.terrain.dtm import read_terrain
 from mpmgis.terrain.georeference import metric_equivalent, name_of
+from mpmgis.terrain.raster_input import read_raster
 
 
 @pytest.mark.parametrize("pixels", PIXELS.values(), ids=PIXELS)

@@ -11,9 +11,9 @@ import rasterio
 import shapely
 from seed_sites import ring, write_dtm
 
-from mpmgis.cli.main import main
-from mpmgis.io.dtm import read_terrain
-from mpmgis.io.frames import read_frame
+from mpmgis.commands.shell.main import main
+from mpmgis.frames.frame_files import read_frame
+from mpmgis.terrain.dtm import read_terrain
 
 ROOT = Path(__file__).parents[2]
 PLACES = [ROOT / "sample_data/lava_falls", ROOT / "../shared/data/lava_falls"]
@@ -134,7 +134,7 @@ def test_stdout_is_data_only_in_a_process_of_its_own(site, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "p.h5\n", "")
     code = (
         "import sys; sys.argv = ['mpmgis', 'seed', '--help']\n"
-        "from mpmgis.cli.main import main\n"
+        "from mpmgis.commands.shell.main import main\n"
         "try: main()\nexcept SystemExit: pass\n"
         "print(sorted(set(sys.modules) & {'numpy', 'numba', 'rasterio', 'geopandas', 'h5py'}))"
     )

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seed_sites import CENTRE, PIXELS, area_of, inclined, ring, two_islands
 
-from mpmgis.seeding.columns import plan_seed, seed_columns
+from mpmgis.seeding.column_seeding import plan_seed, seed_columns
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.release import ReleaseArea, ReleasePart
+from mpmgis.terrain.release_parts import ReleaseArea, ReleasePart
 
 CASES = [
     {},

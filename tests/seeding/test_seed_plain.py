@@ -13,7 +13,7 @@ SCRIPT = """
 import json, sys
 import numpy as np
 from seed_sites import PIXELS, area_of, inclined, ring
-from mpmgis.seeding.columns import seed_columns
+from mpmgis.seeding.column_seeding import seed_columns
 answers = []
 for options in json.loads(sys.argv[1]):
     with np.errstate(over="ignore"):  # plain NumPy says that unsigned numbers wrap

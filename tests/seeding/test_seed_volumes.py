@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seed_sites import CENTRE, PIXELS, area_of, grid_of, inclined, ring, two_islands
 
-from mpmgis.errors import InputError
-from mpmgis.seeding.columns import seed_columns
+from mpmgis.seeding.column_seeding import seed_columns
+from mpmgis.system.errors import InputError
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.release import ReleaseArea, ReleasePart, ThicknessRaster
-from mpmgis.terrain.synthetic import bumps, plane
+from mpmgis.terrain.release_parts import ReleaseArea, ReleasePart, ThicknessRaster
+from mpmgis.terrain.synthetic_terrain import bumps, plane
 
 COS30 = np.cos(np.radians(30.0))
 

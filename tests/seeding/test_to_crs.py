@@ -11,11 +11,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from seed_sites import write_raster
 
-from mpmgis.errors import GeoreferenceError, InputError
-from mpmgis.io.dtm import TerrainFile, read_terrain
-from mpmgis.io.frames import read_frame
-from mpmgis.messages import collected
-from mpmgis.workflows.seed import seed_file
+from mpmgis.frames.frame_files import read_frame
+from mpmgis.seeding.seeded_file import seed_file
+from mpmgis.system.errors import GeoreferenceError, InputError
+from mpmgis.system.messages import collected
+from mpmgis.terrain.dtm import TerrainFile, read_terrain
 
 EAST_SLOPE, NORTH_SLOPE, SIDE, PIXELS = 0.3, -0.2, 10.0, 100
 
@@ -108,7 +108,7 @@ def test_a_part_has_the_bits_of_the_whole(tmp_path, longitude):
 def test_a_part_reads_only_the_pixels_under_it(tmp_path, monkeypatch):
     """Damage elsewhere in the file is not even seen."""
     path = in_degrees(tmp_path / "d.tif", 9.0, 46.0, 32632, site(9.0, 46.0, 32632), nodata=-1.0)
-    from mpmgis.io import terrain_warp
+    from mpmgis.terrain import terrain_warp
 
     windows, plain = [], terrain_warp._pixels_under
     monkeypatch.setattr(terrain_warp, "_pixels_under", lambda *a: windows.append(plain(*a)) or windows[-1])

@@ -4,10 +4,10 @@ import numpy as np
 from column_scenes import node_thickness, relative_l1, seeded, solver_on, terrain_of
 from exact_solutions import G, SimilarityCap, ThackerBowl
 
-from mpmgis.effects.curvature import Curvature
-from mpmgis.effects.friction import Coulomb
-from mpmgis.effects.metric import WaterMetric
-from mpmgis.kernels import column_rows as row
+from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.solvers.columns import column_rows as row
 
 BOWL = ThackerBowl(1.0, 10.0)
 CAP = {"slope": np.radians(35), "half_length": 80.0, "half_width": 80.0, "depth": 4.0}

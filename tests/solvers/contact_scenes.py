@@ -5,8 +5,8 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.material import Elastic
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.material import Elastic
 
 FRICTION = 25.0  # [deg] of the bed
 SOIL = Elastic(6.7e6, 4e6)

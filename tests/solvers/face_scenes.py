@@ -8,10 +8,10 @@ from point_scenes import integrate_to, points_on, sorted_points
 from scipy.optimize import brentq
 from test_points_catalogue import cauchy_stress, elastic
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.particles import Frame, Particles
-from mpmgis.spatial.barriers import Wall
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.solvers.features.walls import Wall
 
 DENSITY = 1000.0
 CELL, DEEP, WIDE = 1.0, 10.0, 12.0  # of the basins [m]; they are three cells across

@@ -12,11 +12,11 @@ import shapely.affinity
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 from point_scenes import block_of, points_on
 
-from mpmgis.effects.barrier import Barrier
-from mpmgis.effects.fluid import Fluid
-from mpmgis.spatial.barriers import Wall, wall_nodes
-from mpmgis.spatial.features import Places, barrier_entries
-from mpmgis.spatial.node_grid import ColumnGrid
+from mpmgis.laws.barrier import Barrier
+from mpmgis.laws.fluid import Fluid
+from mpmgis.solvers.columns.feature_arrays import Places, barrier_entries
+from mpmgis.solvers.columns.node_grid import ColumnGrid
+from mpmgis.solvers.features.walls import Wall, wall_nodes
 
 
 def basin(side, thickness, gap, degrees, centre):

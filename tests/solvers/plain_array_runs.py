@@ -9,16 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.friction import Voellmy
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.slots import ColumnEffects, PointEffects
-from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
-from mpmgis.solvers.integrate import TimeIntegration
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
+from mpmgis.frames.frame_files import read_frame, write_frame
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.friction import Voellmy
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.slots import ColumnEffects, PointEffects
+from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

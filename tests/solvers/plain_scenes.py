@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "gpu"))
+sys.path.insert(0, str(Path(__file__).parent / "gpu"))
 from column_slots import SCENES, drawn
 from point_scenes import block_of, plane, points_on
 
-from mpmgis.effects.contact import CoulombContact, VoellmyContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import drucker_prager
-from mpmgis.spatial.barriers import Wall
+from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import drucker_prager
+from mpmgis.solvers.features.walls import Wall
 
 SAND, COULOMB = drucker_prager(6.7e6, 4e6, 35.0, 500.0), CoulombContact(0.3)
 WALL = Wall("dam", shapely.box(14.2, -50.0, 18.2, 80.0), height=20.0, mu=0.3)

@@ -14,8 +14,8 @@ from functools import cache
 import numpy as np
 from plain_points import GHOSTS, compiled_step, plain_step, yields_of
 
-from mpmgis.effects.material import Elastic
-from mpmgis.effects.softening import NoSoftening
+from mpmgis.laws.material import Elastic
+from mpmgis.laws.softening import NoSoftening
 
 without_drag = cache(compiled_step)
 TAKERS = ("ground", "transfers", "steps", "material")

@@ -3,13 +3,13 @@
 import numpy as np
 from column_scenes import terrain_of
 
-from mpmgis.effects.barrier import Barrier
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.slots import PointEffects
-from mpmgis.kernels import points as kernel
-from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.barrier import Barrier
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.slots import PointEffects
+from mpmgis.solvers.points import point_loop as kernel
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
 
 
 def block_of(lengths, spacing, corner=(0.0, 0.0, 0.0), density=1000.0, velocity=(0.0, 0.0, 0.0), turned=0.0):

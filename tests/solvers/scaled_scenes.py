@@ -6,19 +6,19 @@ import numpy as np
 import shapely
 from affine import Affine
 
+from mpmgis.conversion.solver_switch import point_options, points_from
 from mpmgis.conversion.start_stress import kirchhoff_stress
-from mpmgis.conversion.switching import point_options, points_from
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.friction import Coulomb
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.slots import ColumnEffects, PointEffects
-from mpmgis.seeding.columns import seed_columns
-from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.slots import ColumnEffects, PointEffects
+from mpmgis.seeding.column_seeding import seed_columns
+from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.release import ReleaseArea, ReleasePart
+from mpmgis.terrain.release_parts import ReleaseArea, ReleasePart
 
 LONG, WIDE, FALL = 24, 4, 0.5  # cells along and across the strip; tangent of its slope
 SLAB = (4, 14)  # cells along the strip

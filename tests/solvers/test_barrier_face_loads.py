@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import Elastic
-from mpmgis.spatial.barriers import Wall
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import Elastic
+from mpmgis.solvers.features.walls import Wall
 
 LONG, DEEP = 6.0, 3.0  # of the water [m]
 

@@ -7,8 +7,8 @@ import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpmgis.spatial.barriers import WIDENED_IN_3D, Wall, half_thickness, margin_in_3d, wall_nodes
-from mpmgis.spatial.faces import faces_of
+from mpmgis.solvers.features.walls import WIDENED_IN_3D, Wall, half_thickness, margin_in_3d, wall_nodes
+from mpmgis.solvers.points.barrier_faces import faces_of
 
 CELLS = 40
 

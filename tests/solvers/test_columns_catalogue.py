@@ -19,8 +19,8 @@ from catalogue_scenes import (
 from column_scenes import orders, seeded, solver_on, terrain_of
 from exact_solutions import G, bead, steady_bingham_speed
 
-from mpmgis.effects.curvature import Curvature, CurvatureLoadOnly, CurvatureTurnOnly
-from mpmgis.effects.friction import Bingham, Coulomb
+from mpmgis.laws.curvature import Curvature, CurvatureLoadOnly, CurvatureTurnOnly
+from mpmgis.laws.friction import Bingham, Coulomb
 
 ALLOWED = np.sqrt(1.05)  # the solver's own margin on U^2
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
-from mpmgis.effects.friction import Frictionless, Voellmy
-from mpmgis.effects.metric import WaterMetric
-from mpmgis.errors import FormatError, SceneError
-from mpmgis.kernels import columns as kernel
-from mpmgis.kernels.jit import set_threads
-from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.events import Events, inlet_of, secondary_releases
-from mpmgis.solvers.integrate import TimeIntegration
+from mpmgis.compiled.jit import set_threads
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.friction import Frictionless, Voellmy
+from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.simulation.events import Events, inlet_of, secondary_releases
+from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.columns import column_loop as kernel
+from mpmgis.system.errors import FormatError, SceneError
 from mpmgis.terrain.inflow import Hydrograph, batch_times, clearing_time
 
 RUNNY = Voellmy(0.1, 100.0)

@@ -19,11 +19,11 @@ from column_scenes import (
     terrain_of,
 )
 
-from mpmgis.effects.curvature import Curvature
-from mpmgis.effects.friction import Coulomb, Voellmy
-from mpmgis.effects.metric import StillWater, WaterMetric
-from mpmgis.kernels.column_rows import beds_at
-from mpmgis.spatial.features import Places
+from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.friction import Coulomb, Voellmy
+from mpmgis.laws.ground_metric import StillWater, WaterMetric
+from mpmgis.solvers.columns.column_rows import beds_at
+from mpmgis.solvers.columns.feature_arrays import Places
 
 
 def test_v5_ritter_dry_dam_break():

@@ -1,16 +1,12 @@
 """Long validation (`make validate`): the finest dam breaks, and the field's own intercomparison case."""
 
-import sys
-from pathlib import Path
 from statistics import median
 
+import bench_iseesnow
 import pytest
 from column_scenes import dam_break, orders, relative_l1
 
-from mpmgis.effects.metric import WaterMetric
-
-sys.path.append(str(Path(__file__).parents[1] / "bench"))
-import bench_iseesnow
+from mpmgis.laws.ground_metric import WaterMetric
 
 pytestmark = pytest.mark.slow
 

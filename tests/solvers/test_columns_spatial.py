@@ -9,18 +9,18 @@ import shapely
 import shapely.affinity
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
-from mpmgis.effects.barrier import CORE, CORNER, FACE, Barrier
-from mpmgis.effects.curvature import Curvature
-from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
-from mpmgis.effects.friction import Coulomb, FrictionZones, Voellmy
-from mpmgis.effects.metric import StillWater, WaterMetric
-from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
-from mpmgis.kernels.column_rows import beds_at
-from mpmgis.kernels.jit import set_threads
-from mpmgis.spatial.areas import lake_cells, water_depth
-from mpmgis.spatial.barriers import Wall, wall_nodes
-from mpmgis.spatial.features import NO_LAKE, Places, barrier_entries
-from mpmgis.spatial.node_grid import ColumnGrid
+from mpmgis.compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from mpmgis.compiled.jit import set_threads
+from mpmgis.laws.barrier import CORE, CORNER, FACE, Barrier
+from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
+from mpmgis.laws.friction import Coulomb, FrictionZones, Voellmy
+from mpmgis.laws.ground_metric import StillWater, WaterMetric
+from mpmgis.solvers.columns.column_rows import beds_at
+from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries
+from mpmgis.solvers.columns.node_grid import ColumnGrid
+from mpmgis.solvers.features.lakes_and_areas import lake_cells, water_depth
+from mpmgis.solvers.features.walls import Wall, wall_nodes
 
 DX = 5.0
 

@@ -5,14 +5,14 @@ import pytest
 from affine import Affine
 from column_scenes import G, columns_of, dam_break, node_thickness, relative_l1, seeded, solver_on, terrain_of
 
-from mpmgis.effects.curvature import Curvature
-from mpmgis.effects.friction import Coulomb, Frictionless, Voellmy, slowed_speed
-from mpmgis.effects.metric import SlopeMetric, WaterMetric
-from mpmgis.errors import FormatError, SceneError, UnphysicalError
-from mpmgis.kernels.jit import set_threads
-from mpmgis.particles import Frame
-from mpmgis.solvers.columns import ColumnSolver
-from mpmgis.solvers.integrate import TimeIntegration
+from mpmgis.compiled.jit import set_threads
+from mpmgis.frames.particles import Frame
+from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.friction import Coulomb, Frictionless, Voellmy, slowed_speed
+from mpmgis.laws.ground_metric import SlopeMetric, WaterMetric
+from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.columns.column_solver import ColumnSolver
+from mpmgis.system.errors import FormatError, SceneError, UnphysicalError
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 
@@ -426,7 +426,7 @@ def test_ground_next_to_a_rotated_raster_is_outside():
 
 def test_every_particle_is_in_the_tile_of_its_block():
     """Stencil base and block key are rounded in the same way, also if 1/dx is not a binary number."""
-    from mpmgis.kernels.column_rows import block_key, weights
+    from mpmgis.solvers.columns.column_rows import block_key, weights
 
     for dx in (0.3, 1 / 3, 0.6, 0.7, 3.3):
         for cell in (7, 15, 31, 63, 127, 255, 511, 1023):

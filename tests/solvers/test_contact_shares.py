@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from point_scenes import points_on
 from scipy.integrate import quad
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.kernels.contact_shares import (
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.solvers.points.contact_shares import (
     DEEP,
     FAR,
     FAR_WEIGHT,
@@ -31,7 +32,6 @@ from mpmgis.kernels.contact_shares import (
     shares_on_slope,
     spline_at,
 )
-from mpmgis.particles import Frame, Particles
 
 MUD = Fluid(1000.0 * 100.0**2, 2000.0, 0.0)
 LEVELS = np.arange(-2, 3)

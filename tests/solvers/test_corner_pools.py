@@ -13,9 +13,9 @@ from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on
 from test_barrier_face_rows import CELLS, faces_on, place_of
 
-from mpmgis.effects.fluid import Fluid
-from mpmgis.kernels.point_faces import COLUMNS, FACE_FOLLOWS, FACE_NEXT, FACE_TAKEN
-from mpmgis.spatial.barriers import Wall, half_thickness, margin_in_3d
+from mpmgis.laws.fluid import Fluid
+from mpmgis.solvers.features.walls import Wall, half_thickness, margin_in_3d
+from mpmgis.solvers.points.point_faces import COLUMNS, FACE_FOLLOWS, FACE_NEXT, FACE_TAKEN
 
 DENSITY = 1000.0
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from mpmgis.effects.curvature import PARTS, Curvature, CurvatureLoadOnly, CurvatureTurnOnly, NoCurvature
-from mpmgis.errors import SceneError
-from mpmgis.kernels import laws  # noqa: F401  (registers the methods of laws)
-from mpmgis.kernels.jit import jit
+from mpmgis.compiled import law_methods  # noqa: F401  (registers the methods of laws)
+from mpmgis.compiled.jit import jit
+from mpmgis.laws.curvature import PARTS, Curvature, CurvatureLoadOnly, CurvatureTurnOnly, NoCurvature
 from mpmgis.scene import TerrainFacts, resolve, scene_from_tables
+from mpmgis.system.errors import SceneError
 
 STATE = (8.0, -3.0, -0.6, 0.1, -0.4, 0.15)  # u, v, and the bed's gradient before and after
 TABLES = {

@@ -8,17 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_columns_events import area, nothing, table
 
-from mpmgis.effects.barrier import Barrier
-from mpmgis.effects.curvature import Curvature, NoCurvature
-from mpmgis.effects.entrainment import ErosionEnergy, ErosionSpeed
-from mpmgis.effects.friction import FrictionZones, Voellmy
-from mpmgis.effects.metric import SlopeMetric, WaterMetric
-from mpmgis.kernels.column_barriers import BARRIER_ENTRIES
-from mpmgis.solvers.events import Events, inlet_of, secondary_releases
-from mpmgis.solvers.integrate import TimeIntegration
-from mpmgis.spatial.barriers import Wall, wall_nodes
-from mpmgis.spatial.features import Places, barrier_entries
-from mpmgis.spatial.node_grid import ColumnGrid
+from mpmgis.laws.barrier import Barrier
+from mpmgis.laws.curvature import Curvature, NoCurvature
+from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
+from mpmgis.laws.friction import FrictionZones, Voellmy
+from mpmgis.laws.ground_metric import SlopeMetric, WaterMetric
+from mpmgis.simulation.events import Events, inlet_of, secondary_releases
+from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.columns.column_barriers import BARRIER_ENTRIES
+from mpmgis.solvers.columns.feature_arrays import Places, barrier_entries
+from mpmgis.solvers.columns.node_grid import ColumnGrid
+from mpmgis.solvers.features.walls import Wall, wall_nodes
 
 DX, LENGTH, WIDTH = 4.0, 240.0, 48.0
 CLOSES = 1e-3  # of the energy put in

@@ -5,14 +5,14 @@ import pytest
 from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import block_of, integrate_to
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.friction import Coulomb
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.slots import PointEffects
-from mpmgis.errors import SceneError
-from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.slots import PointEffects
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
+from mpmgis.system.errors import SceneError
 
 SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)

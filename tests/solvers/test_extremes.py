@@ -5,9 +5,9 @@ import pytest
 from column_scenes import seeded, solver_on, terrain_of
 from point_scenes import block_of, points_on, sorted_points
 
-from mpmgis.effects.friction import Coulomb
-from mpmgis.effects.material import Elastic
-from mpmgis.effects.metric import SlopeMetric
+from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.ground_metric import SlopeMetric
+from mpmgis.laws.material import Elastic
 
 BOWL = 150.0  # [m] radius of curvature of a hollow that the flow runs into
 

@@ -1,6 +1,6 @@
-"""Kernels, effects and solvers need only Numba, NumPy, SciPy and h5py: machines with a GPU may have no other libraries.
+"""Laws, kernels and solvers need only Numba, NumPy, SciPy and h5py: machines with a GPU may have no other libraries.
 
-The package `gpu` and the benchmarks for a GPU also need numba-cuda and its dependencies.
+The package `solvers.gpu` and the benchmarks for a GPU also need numba-cuda and its dependencies.
 """
 
 import importlib.util
@@ -32,19 +32,19 @@ sys.meta_path.insert(0, OnlyThese())
 EVERY_MODULE = """
 import importlib, pkgutil
 
-for name in ("kernels", "effects", "solvers"):
+for name in ("compiled", "laws", "solvers.columns", "solvers.points"):
     package = importlib.import_module(f"mpmgis.{name}")
     for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
         importlib.import_module(found.name)
         print(found.name)
-importlib.import_module("mpmgis.io.frames")
+importlib.import_module("mpmgis.frames.frame_files")
 """
 EVERY_MODULE_FOR_A_DEVICE = f"""
 import importlib, pkgutil
 
-import mpmgis.gpu
+import mpmgis.solvers.gpu
 
-for found in pkgutil.walk_packages(mpmgis.gpu.__path__, "mpmgis.gpu."):
+for found in pkgutil.walk_packages(mpmgis.solvers.gpu.__path__, "mpmgis.solvers.gpu."):
     importlib.import_module(found.name)
     print(found.name)
 sys.path.insert(0, {str(Path(__file__).parents[1] / "bench")!r})
@@ -71,16 +71,24 @@ def test_the_others_are_absent(name):
     assert imported.split() == [name]
 
 
-def test_every_module_of_kernels_effects_and_solvers_and_that_of_frames_is_imported():
+def test_every_module_of_laws_kernels_and_solvers_and_that_of_frames_is_imported():
     imported = with_few(EVERY_MODULE).split()
-    assert {"mpmgis.kernels.points", "mpmgis.effects.friction", "mpmgis.solvers.points"} <= set(imported)
+    assert {"mpmgis.solvers.points.point_loop", "mpmgis.laws.friction", "mpmgis.solvers.points.point_solver"} <= set(
+        imported
+    )
     assert len(imported) > 60
 
 
 @pytest.mark.skipif(importlib.util.find_spec("numba_cuda") is None, reason="numba-cuda is not installed")
 def test_the_kernels_and_benchmarks_for_a_device_are_imported_with_numba_cuda_too():
     lines = set(with_few(EVERY_MODULE_FOR_A_DEVICE, WITH_CUDA).splitlines())
-    assert {"mpmgis.gpu.points", "mpmgis.gpu.columns", "mpmgis.gpu.laws", "gpu 3", "gpu_columns 64"} <= lines
+    assert {
+        "mpmgis.solvers.gpu.device_point_loop",
+        "mpmgis.solvers.gpu.device_column_loop",
+        "mpmgis.solvers.gpu.device_laws",
+        "gpu 3",
+        "gpu_columns 64",
+    } <= lines
     assert "Drucker-Prager" in lines and "Drucker-Prager at a barrier" not in lines  # which needs shapely
 
 

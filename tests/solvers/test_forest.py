@@ -11,14 +11,14 @@ from column_scenes import G, columns_of, seeded, solver_on, terrain_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mpmgis.effects.curvature import Curvature
-from mpmgis.effects.entrainment import ErosionSpeed
-from mpmgis.effects.forest import FOREST_ENTRIES, Forest, NoForest
-from mpmgis.effects.friction import Voellmy
-from mpmgis.kernels import column_clock, column_detrainment, column_forest
-from mpmgis.kernels.block_order import CHUNKS
-from mpmgis.spatial.features import Places
-from mpmgis.spatial.node_grid import ColumnGrid
+from mpmgis.compiled.block_order import CHUNKS
+from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.entrainment import ErosionSpeed
+from mpmgis.laws.forest import FOREST_ENTRIES, Forest, NoForest
+from mpmgis.laws.friction import Voellmy
+from mpmgis.solvers.columns import column_clock, column_detrainment, column_forest
+from mpmgis.solvers.columns.feature_arrays import Places
+from mpmgis.solvers.columns.node_grid import ColumnGrid
 
 DENSITY = 1000.0
 NEVER = 1e12  # [Pa] strength that no flow here reaches

@@ -6,13 +6,13 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.material import Elastic
-from mpmgis.errors import SceneError
-from mpmgis.kernels.point_ground import AWAY, EXACT_X, FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS
-from mpmgis.kernels.point_rows import GHOSTS
-from mpmgis.solvers import point_ground
-from mpmgis.solvers.point_ground import departure, folded_ground
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.material import Elastic
+from mpmgis.solvers.points import ground_nodes
+from mpmgis.solvers.points.ground_nodes import departure, folded_ground
+from mpmgis.solvers.points.point_ground import AWAY, EXACT_X, FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS
+from mpmgis.solvers.points.point_rows import GHOSTS
+from mpmgis.system.errors import SceneError
 
 ICE = Elastic(6.7e6, 4e6)
 DX, DROP, EDGE = 0.5, 10.0, 12.0
@@ -102,7 +102,7 @@ def test_planes_of_any_slope_have_no_folds(degrees):
 
 def test_ground_too_rough_to_keep_is_refused(monkeypatch):
     """In one line with the share of the terrain that folds."""
-    monkeypatch.setattr(point_ground, "MOST_NODES", 100)
+    monkeypatch.setattr(ground_nodes, "MOST_NODES", 100)
     with pytest.raises(SceneError, match=r"folds within a cell of 0\.5 m on [0-9]+ % of the terrain") as error:
         ground_of(cliff())
     assert "\n" not in str(error.value)

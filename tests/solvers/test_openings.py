@@ -10,12 +10,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from opening_scenes import basin, discharge_of_columns, discharge_of_points, walled_columns
 
-from mpmgis.effects.barrier import Barrier
-from mpmgis.effects.metric import WaterMetric
-from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
-from mpmgis.kernels.jit import set_threads
-from mpmgis.spatial.barriers import Wall, margin_in_3d, wall_nodes
-from mpmgis.spatial.openings import narrow_openings
+from mpmgis.compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from mpmgis.compiled.jit import set_threads
+from mpmgis.laws.barrier import Barrier
+from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.solvers.features.wall_openings import narrow_openings
+from mpmgis.solvers.features.walls import Wall, margin_in_3d, wall_nodes
 
 AXES = np.arange(-1, 62) * 1.0
 LEVEL = np.zeros((63, 63))

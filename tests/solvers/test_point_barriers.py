@@ -9,10 +9,10 @@ from column_scenes import terrain_of
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 from scipy.optimize import brentq
 
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import Elastic
-from mpmgis.kernels import points as kernel
-from mpmgis.spatial.barriers import Wall
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import Elastic
+from mpmgis.solvers.features.walls import Wall
+from mpmgis.solvers.points import point_loop as kernel
 
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 12.0, 2.0)
 DX = 0.5

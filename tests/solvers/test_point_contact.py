@@ -6,10 +6,10 @@ from contact_scenes import FRICTION, SOIL, G, askew_slab, axes_of, slab
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 from test_points_catalogue import level
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.material import Elastic, drucker_prager
-from mpmgis.errors import FormatError
-from mpmgis.kernels.point_contact import MOST_YIELD
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.material import Elastic, drucker_prager
+from mpmgis.solvers.points.point_contact import MOST_YIELD
+from mpmgis.system.errors import FormatError
 
 
 @pytest.mark.parametrize("weighted", [False, True])

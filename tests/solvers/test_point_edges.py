@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mpmgis.kernels import point_lines as line
-from mpmgis.kernels import point_report as entry
-from mpmgis.kernels.point_edges import INSIDE, book_out
-from mpmgis.kernels.point_rows import BLOCK, GHOSTS, Edges
+from mpmgis.solvers.points import point_batch as line
+from mpmgis.solvers.points import point_report as entry
+from mpmgis.solvers.points.point_edges import INSIDE, book_out
+from mpmgis.solvers.points.point_rows import BLOCK, GHOSTS, Edges
 
 AT = st.floats(-1.0, BLOCK + 1.0)  # [cells] beyond the nearest block, as far as a point moves in a step
 

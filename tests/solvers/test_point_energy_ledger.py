@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from point_ledger import PlainRun
 from point_scenes import block_of, plane, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact, VoellmyContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import Elastic, MuI, cohesive_mu_i, drucker_prager
+from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 
 # [s-1] share of the energy put in that no taker explains, over the step: of an elastic body, and of others
 CLOSES_ELASTIC, CLOSES = 0.25, 2.5

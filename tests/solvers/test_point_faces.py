@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_scenes import integrate_to
 
-from mpmgis.effects.barrier import Barrier
-from mpmgis.effects.fluid import Fluid
-from mpmgis.kernels import point_faces
-from mpmgis.kernels.block_order import CHUNKS
-from mpmgis.kernels.point_barriers import POINT_BARRIER_ENTRIES, ROWED
-from mpmgis.kernels.point_blocks import packed
-from mpmgis.kernels.point_contact import MOST_YIELD, between_faces
-from mpmgis.kernels.point_faces import MOST_BACK, keep_before_faces
-from mpmgis.kernels.point_report import BLOCK_EAST, BLOCK_NORTH, HELD_WALL, REPORT
-from mpmgis.kernels.point_rows import GHOSTS, ROW_SHORT, X, Y, Z
+from mpmgis.compiled.block_order import CHUNKS
+from mpmgis.laws.barrier import Barrier
+from mpmgis.laws.fluid import Fluid
+from mpmgis.solvers.points import point_faces
+from mpmgis.solvers.points.point_barriers import POINT_BARRIER_ENTRIES, ROWED
+from mpmgis.solvers.points.point_blocks import packed
+from mpmgis.solvers.points.point_contact import MOST_YIELD, between_faces
+from mpmgis.solvers.points.point_faces import MOST_BACK, keep_before_faces
+from mpmgis.solvers.points.point_report import BLOCK_EAST, BLOCK_NORTH, HELD_WALL, REPORT
+from mpmgis.solvers.points.point_rows import GHOSTS, ROW_SHORT, X, Y, Z
 
 
 @pytest.mark.parametrize("across", [-1.0, -0.1, 0.0, 0.1])

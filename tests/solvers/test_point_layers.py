@@ -8,13 +8,13 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to
 
-from mpmgis.effects import layers
-from mpmgis.effects.contact import VoellmyContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.slots import PointEffects, TurningGradient, WholeGradient
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
+from mpmgis.laws import flow_layers
+from mpmgis.laws.bed_contact import VoellmyContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.slots import PointEffects, TurningGradient, WholeGradient
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
 
 TRANSFERS = {"APIC": WholeGradient(), "RPIC": TurningGradient()}
 MARGIN = 5.0  # [m] before the slab
@@ -34,7 +34,7 @@ class Chute:
         self.drive = np.sin(self.slope) - mu * np.cos(self.slope)
         self.xi, self.chezy = xi, np.sqrt(xi / G)
         self.mean = np.sqrt(xi * deep * self.drive)
-        self.roughness = layers.relative_roughness(self.chezy)
+        self.roughness = flow_layers.relative_roughness(self.chezy)
         length = np.ceil((long + self.mean * seconds + 15.0) / cell) * cell
         self.top = length * np.tan(self.slope) + 2.0 * deep + offset * cell
         terrain = terrain_of(lambda x, y: self.top - np.tan(self.slope) * x, length, self.wide, cell)
@@ -67,7 +67,7 @@ class Chute:
 
     def profile(self, above):
         """Speed over its mean at `above` = z / h."""
-        return np.array([layers.layer_speed(z, self.roughness, self.chezy) for z in np.clip(above, 0.0, 1.0)])
+        return np.array([flow_layers.layer_speed(z, self.roughness, self.chezy) for z in np.clip(above, 0.0, 1.0)])
 
     def middle(self):
         """(heights over the depth [1], speeds over the steady mean of that depth [1]) in the middle of the slab."""

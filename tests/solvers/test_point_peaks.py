@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 from plain_points import plain_step, yields_of
 from point_scenes import block_of, plane, points_on
 
-from mpmgis import peaks as peak_names
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import Elastic, drucker_prager
-from mpmgis.effects.softening import NoSoftening
-from mpmgis.errors import FormatError
-from mpmgis.kernels import jit, point_peaks
-from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.integrate import TimeIntegration
+from mpmgis.compiled import jit
+from mpmgis.frames import peaks as peak_names
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import Elastic, drucker_prager
+from mpmgis.laws.softening import NoSoftening
+from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.points import point_peaks
+from mpmgis.system.errors import FormatError
 
 ELASTIC, SAND = Elastic(6.7e6, 4e6), drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 DENSITY, GRAVITY = 1000.0, 9.81

@@ -5,14 +5,14 @@ import pytest
 from column_scenes import terrain_of
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.material import Elastic
-from mpmgis.errors import FormatError, SceneError
-from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.kernels import points as kernel
-from mpmgis.kernels.jit import set_threads
-from mpmgis.kernels.point_rows import S7
-from mpmgis.solvers.stepping import stepper_of
+from mpmgis.compiled.jit import set_threads
+from mpmgis.frames.frame_files import read_frame, write_frame
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.material import Elastic
+from mpmgis.simulation.stepping import stepper_of
+from mpmgis.solvers.points import point_loop as kernel
+from mpmgis.solvers.points.point_rows import S7
+from mpmgis.system.errors import FormatError, SceneError
 
 ICE = Elastic(6.7e6, 4e6)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)

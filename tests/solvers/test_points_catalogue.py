@@ -11,14 +11,14 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import Elastic, drucker_prager
-from mpmgis.effects.slots import PointEffects
-from mpmgis.kernels import point_rows as row
-from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import Elastic, drucker_prager
+from mpmgis.laws.slots import PointEffects
+from mpmgis.solvers.points import point_rows as row
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
 
 
 def elastic(young, poisson):

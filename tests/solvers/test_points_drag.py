@@ -5,15 +5,15 @@ import pytest
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, plane, points_on
 
-from mpmgis.effects.contact import CoulombContact, VoellmyContact
-from mpmgis.effects.friction import FrictionZones
-from mpmgis.effects.material import Elastic
-from mpmgis.effects.slots import PointEffects
-from mpmgis.kernels import points as kernel
-from mpmgis.kernels.jit import set_threads
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
-from mpmgis.spatial.node_grid import ColumnGrid
+from mpmgis.compiled.jit import set_threads
+from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact
+from mpmgis.laws.friction import FrictionZones
+from mpmgis.laws.material import Elastic
+from mpmgis.laws.slots import PointEffects
+from mpmgis.solvers.columns.node_grid import ColumnGrid
+from mpmgis.solvers.points import point_loop as kernel
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
 
 SLOPE, MU, XI = np.radians(20.0), 0.2, 400.0
 STIFF = Elastic(2e6, 1e6)

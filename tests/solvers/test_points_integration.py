@@ -7,20 +7,20 @@ import pytest
 from column_scenes import terrain_of
 from point_scenes import block_of, plane, points_on
 
+from mpmgis.conversion.solver_switch import standing
 from mpmgis.conversion.start_stress import kirchhoff_stress
-from mpmgis.conversion.switching import standing
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.slots import PointEffects
-from mpmgis.errors import UnphysicalError
-from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.kernels import points as kernel
-from mpmgis.kernels.point_blocks import set_places
-from mpmgis.kernels.point_rows import PX
-from mpmgis.solvers.integrate import TimeIntegration
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
-from mpmgis.solvers.stepping import NEARLY_AT_REST, end_reason
+from mpmgis.frames.frame_files import read_frame, write_frame
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.slots import PointEffects
+from mpmgis.simulation.stepping import NEARLY_AT_REST, end_reason
+from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.points import point_loop as kernel
+from mpmgis.solvers.points.point_blocks import set_places
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_rows import PX
+from mpmgis.solvers.points.point_solver import PointSolver
+from mpmgis.system.errors import UnphysicalError
 
 SAND = drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)

@@ -5,10 +5,10 @@ import pytest
 from plain_points import plain_step, yields_of
 from point_scenes import block_of, plane, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact, VoellmyContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import Elastic, drucker_prager
-from mpmgis.effects.softening import NoSoftening
+from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import Elastic, drucker_prager
+from mpmgis.laws.softening import NoSoftening
 
 MATERIALS = {"elastic": Elastic(6.7e6, 4e6), "frictional": drucker_prager(6.7e6, 4e6, 35.0, 500.0),
              "fluid": Fluid(1e6, 10.0, 0.0)}  # fmt: skip

@@ -9,14 +9,14 @@ from column_scenes import terrain_of
 from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.softening import NoSoftening
-from mpmgis.errors import FormatError
-from mpmgis.kernels import grid_to_points, point_edges, point_lines, point_rows
-from mpmgis.kernels import points as kernel
-from mpmgis.kernels.jit import set_threads
-from mpmgis.kernels.point_rows import Edges, StepFactors
+from mpmgis.compiled.jit import set_threads
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.softening import NoSoftening
+from mpmgis.solvers.points import grid_to_points, point_batch, point_edges, point_rows
+from mpmgis.solvers.points import point_loop as kernel
+from mpmgis.solvers.points.point_rows import Edges, StepFactors
+from mpmgis.system.errors import FormatError
 
 SAND = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
 MU = 0.3
@@ -130,7 +130,7 @@ PARTS = {  # loops over lines -> module, whether they use integers, further argu
 def test_loops_have_no_double_in_them(name):
     """A constant of double precision would halve the speed of its loop."""
     module, uses_integers, further = PARTS[name]
-    scratch, integers = np.zeros(point_lines.LINES, np.float32), np.zeros(point_lines.INTEGERS, np.int32)
+    scratch, integers = np.zeros(point_batch.LINES, np.float32), np.zeros(point_batch.INTEGERS, np.int32)
     given = (scratch, *((integers,) if uses_integers else ()), *further)
     names = ", ".join(f"a{k}" for k in range(len(given)))
     space = {"part": getattr(module, name)}

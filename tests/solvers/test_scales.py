@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scaled_scenes import DENSITY, LONG, SLAB, WIDE, Scene
 
-from mpmgis.conversion.columns import points_to_columns
-from mpmgis.conversion.options import ColumnOptions
-from mpmgis.spatial.node_grid import ColumnGrid
-from mpmgis.terrain.release import require_on_terrain
+from mpmgis.conversion.conversion_options import ColumnOptions
+from mpmgis.conversion.points_to_columns import points_to_columns
+from mpmgis.solvers.columns.node_grid import ColumnGrid
+from mpmgis.terrain.release_parts import require_on_terrain
 
 SAME = 1e-6  # [cells]; [1] of masses
 ONE = Scene(1.0)

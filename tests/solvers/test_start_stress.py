@@ -7,12 +7,12 @@ from hypothesis import example, given
 from hypothesis import strategies as some
 from point_scenes import points_on
 
+from mpmgis.conversion.solver_switch import point_options, points_from
 from mpmgis.conversion.start_stress import USED, kirchhoff_stress, lateral_ratio, stress_of_weight, surface_slopes
-from mpmgis.conversion.switching import point_options, points_from
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import MuI, drucker_prager
-from mpmgis.fields import GRAVITY
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import MuI, drucker_prager
+from mpmgis.laws.quantities import GRAVITY
 
 SLOPES, DIRECTIONS = some.floats(0.0, 0.95), some.floats(0.0, 2.0 * np.pi)
 RATIOS = some.floats(-0.2, 0.49)  # Poisson's

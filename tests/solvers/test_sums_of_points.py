@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_scenes import block_of, points_on
 
-from mpmgis.effects.material import Elastic, drucker_prager
-from mpmgis.kernels import point_clock as clock
-from mpmgis.kernels import point_sums as sums
-from mpmgis.kernels.jit import set_threads
-from mpmgis.kernels.point_blocks import packed
-from mpmgis.kernels.point_rows import MASS, PX, PZ, ROW_LONG, ROW_SHORT, S2, S7, Y, Z
-from mpmgis.particles import Frame
-from mpmgis.solvers import slices
-from mpmgis.solvers.point_balances import PointBalances
+from mpmgis.compiled import particle_slices
+from mpmgis.compiled.jit import set_threads
+from mpmgis.frames.particles import Frame
+from mpmgis.laws.material import Elastic, drucker_prager
+from mpmgis.solvers.points import point_clock as clock
+from mpmgis.solvers.points import point_sums as sums
+from mpmgis.solvers.points.point_balances import PointBalances
+from mpmgis.solvers.points.point_blocks import packed
+from mpmgis.solvers.points.point_rows import MASS, PX, PZ, ROW_LONG, ROW_SHORT, S2, S7, Y, Z
 
 ICE = Elastic(6.7e6, 4e6)
 SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
@@ -105,7 +105,7 @@ def test_the_mass_of_cells_is_linear_between_their_centres(count, dtype, seed):
 
 def test_bits_do_not_depend_on_threads(monkeypatch):
     """Slices have a fixed size, so that sums, frames and states are the same with any number of threads."""
-    monkeypatch.setattr(slices, "SLICE", 1000)
+    monkeypatch.setattr(particle_slices, "SLICE", 1000)
     rows, keys, lowest = random_points(10_500, ROW_LONG, np.float32, 3)
     set_threads(1)
     try:
@@ -131,17 +131,19 @@ def test_the_percentile_of_the_speed_does_not_depend_on_the_precision(mass):
 
 @pytest.mark.parametrize("count", [0, 1, 999, 1000, 1001, 5500])
 def test_slices_cover_each_particle_once(count, monkeypatch):
-    monkeypatch.setattr(slices, "SLICE", 1000)
+    monkeypatch.setattr(particle_slices, "SLICE", 1000)
     seen = np.zeros(count, int)
 
     def look(some):
         seen[some] += 1
         return some.stop - some.start
 
-    assert sum(slices.in_slices(look, count)) == count and (seen == 1).all()
+    assert sum(particle_slices.in_slices(look, count)) == count and (seen == 1).all()
     values = np.random.default_rng(0).normal(size=(count, 3))
     index = np.flatnonzero(values[:, 0] > 0.0)
-    assert (slices.copied(values) == values).all() and (slices.taken(values, index) == values[index]).all()
+    assert (particle_slices.copied(values) == values).all() and (
+        particle_slices.taken(values, index) == values[index]
+    ).all()
 
 
 def test_what_was_computed_is_forgotten_when_the_state_changes():

@@ -1,5 +1,5 @@
 """Splash on thin sheets of a fluid: no point is thrown, little energy is lost, and the limiter of the affine velocity
-acts nowhere else (`kernels.point_edges._limit_point`)."""
+acts nowhere else (`point_edges._limit_point`)."""
 
 import numpy as np
 import pytest
@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.slots import PointEffects
-from mpmgis.effects.softening import NoSoftening
-from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.point_balances import exceeded_by
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.slots import PointEffects
+from mpmgis.laws.softening import NoSoftening
+from mpmgis.solvers.points.point_balances import exceeded_by
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
 
 DENSITY, SOUND = 1300.0, 200.0
 WATER = Fluid(DENSITY * SOUND**2, 0.0, 0.0)

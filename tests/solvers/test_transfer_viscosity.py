@@ -5,11 +5,11 @@ import pytest
 from point_scenes import block_of, integrate_to, sorted_points
 from test_points_catalogue import level
 
-from mpmgis.effects.contact import VoellmyContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.slots import PointEffects, TurningGradient, WholeGradient
-from mpmgis.solvers.point_numerics import PointNumerics
-from mpmgis.solvers.points import PointSolver
+from mpmgis.laws.bed_contact import VoellmyContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.slots import PointEffects, TurningGradient, WholeGradient
+from mpmgis.solvers.points.point_numerics import PointNumerics
+from mpmgis.solvers.points.point_solver import PointSolver
 
 CELL, LONG, TIME = 1.0, 16.0, 0.32  # [m], length of the wave [m], [s]
 

@@ -10,20 +10,20 @@ import numpy as np
 from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import points_on
 
+from mpmgis.conversion.solver_switch import point_options, points_from
 from mpmgis.conversion.start_stress import stress_of_weight
-from mpmgis.conversion.switching import point_options, points_from
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.curvature import Curvature
-from mpmgis.effects.friction import Voellmy
-from mpmgis.effects.metric import SlopeMetric
-from mpmgis.fields import GRAVITY as G
-from mpmgis.kernels import column_rows
-from mpmgis.kernels import columns as column_kernel
-from mpmgis.kernels import points as point_kernel
-from mpmgis.particles import Frame, Particles
-from mpmgis.solvers.point_numerics import LONE_SHARE, courant_number
-from mpmgis.solvers.points import PointSolver
-from mpmgis.spatial.node_grid import ColumnGrid
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.friction import Voellmy
+from mpmgis.laws.ground_metric import SlopeMetric
+from mpmgis.laws.quantities import GRAVITY as G
+from mpmgis.solvers.columns import column_loop as column_kernel
+from mpmgis.solvers.columns import column_rows
+from mpmgis.solvers.columns.node_grid import ColumnGrid
+from mpmgis.solvers.points import point_loop as point_kernel
+from mpmgis.solvers.points.point_numerics import LONE_SHARE, courant_number
+from mpmgis.solvers.points.point_solver import PointSolver
 
 NO_DRAG = 1e12  # xi [m s-2] with which Voellmy's law is Coulomb's: one compiled solver for both
 ROUNDING = 1e-9

@@ -6,12 +6,12 @@ from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import block_of, integrate_to, points_on
 from test_guard import SOIL
 
-from mpmgis.analysis.run_summary import CLIP_SHARE, CLIPPED, account
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.friction import Coulomb
-from mpmgis.kernels import column_rows
-from mpmgis.kernels.point_blocks import set_places
-from mpmgis.solvers import column_state, point_balances
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.friction import Coulomb
+from mpmgis.simulation.run_summary import CLIP_SHARE, CLIPPED, account
+from mpmgis.solvers.columns import column_rows, column_state
+from mpmgis.solvers.points import point_balances
+from mpmgis.solvers.points.point_blocks import set_places
 
 
 def flat(length=40.0, width=20.0):

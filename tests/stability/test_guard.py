@@ -9,13 +9,13 @@ from hard_scenes import Watch, columns_on, stiff_for
 from point_scenes import block_of, points_on
 from slope_site import SCENE, record, run, write_site
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.material import drucker_prager
-from mpmgis.errors import UnphysicalError
-from mpmgis.kernels.jit import set_threads
-from mpmgis.solvers import integrate as marching
-from mpmgis.solvers.integrate import Guard, TimeIntegration
-from mpmgis.solvers.stepping import IntegratedColumns
+from mpmgis.compiled.jit import set_threads
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.material import drucker_prager
+from mpmgis.simulation import time_integration as marching
+from mpmgis.simulation.stepping import IntegratedColumns
+from mpmgis.simulation.time_integration import Guard, TimeIntegration
+from mpmgis.system.errors import UnphysicalError
 
 SOIL = drucker_prager(stiff_for(6.0), 0.6 * stiff_for(6.0), 30.0, 1e4)
 

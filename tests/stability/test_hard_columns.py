@@ -9,12 +9,12 @@ from column_scenes import G, columns_of, terrain_of
 from hard_scenes import Watch, along_the_bed, box_of_columns, columns_on, joined
 from scene_strategies import Box, ColumnScene, Ground
 
-from mpmgis.effects.curvature import Curvature
-from mpmgis.effects.friction import Voellmy
-from mpmgis.effects.slots import ColumnEffects
-from mpmgis.kernels import column_clock
-from mpmgis.solvers.columns import ColumnNumerics, ColumnSolver
-from mpmgis.solvers.integrate import TimeIntegration
+from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.friction import Voellmy
+from mpmgis.laws.slots import ColumnEffects
+from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.columns import column_clock
+from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from mpmgis.terrain.elevation import Terrain
 
 pytestmark = pytest.mark.usefixtures("threads")

@@ -16,12 +16,12 @@ from hard_scenes import Watch, in_the_map, points_of_columns, stiff_for
 from point_scenes import block_of, points_on, sorted_points
 from scene_strategies import Box, Ground, PointScene
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import drucker_prager
-from mpmgis.effects.softening import softening
-from mpmgis.kernels import points as kernel
-from mpmgis.solvers.points import PointSolver
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.softening import softening
+from mpmgis.solvers.points import point_loop as kernel
+from mpmgis.solvers.points.point_solver import PointSolver
 
 ROUNDED = {"float64": 1e-9, "float32": 2e-5}  # [m], [m s-1] of hundreds of steps; measured 1e-5 in single precision
 

@@ -10,14 +10,14 @@ import rasterio
 import shapely
 from affine import Affine
 
-from mpmgis import system
-from mpmgis.cli.main import main
-from mpmgis.errors import InputError, SceneError
-from mpmgis.io.dtm import TerrainFile, read_terrain
-from mpmgis.io.frames import read_frame
-from mpmgis.messages import collected
-from mpmgis.workflows import seed as seeding
-from mpmgis.workflows.run_setup import prepare
+from mpmgis.commands.shell.main import main
+from mpmgis.frames.frame_files import read_frame
+from mpmgis.seeding import seeded_file as seeding
+from mpmgis.simulation import preparation
+from mpmgis.system import operating_system
+from mpmgis.system.errors import InputError, SceneError
+from mpmgis.system.messages import collected
+from mpmgis.terrain.dtm import TerrainFile, read_terrain
 
 SIDE, PIXEL, WEST, NORTH = 10_000, 5.0, 400_000.0, 5_200_000.0
 MIDDLE = WEST + 0.5 * SIDE * PIXEL, NORTH - 0.5 * SIDE * PIXEL
@@ -27,9 +27,9 @@ UPRIGHT = Affine(PIXEL, 0, WEST, 0, PIXEL, NORTH)  # south-up
 # Peak memory [MB] of a child after its imports, after a seed on the DTM, and after reading a window of 2000 x 2000
 CHILD = """
 import resource, sys
-from mpmgis.cli.main import main
-from mpmgis.io.dtm import TerrainFile
-from mpmgis.kernels import raster_values
+from mpmgis.commands.shell.main import main
+from mpmgis.terrain.dtm import TerrainFile
+from mpmgis.compiled import raster_values
 def peak():
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 dem, release, small, x, y = sys.argv[1:]
@@ -146,7 +146,7 @@ def scene_on(dem, folder, window=""):
 
 def test_a_run_reports_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_path, monkeypatch, capsys):
     """14 GB with 8 GB free: refused in one line that suggests `window`; with a window it runs."""
-    monkeypatch.setattr(system, "available_memory", lambda: 8e9)
+    monkeypatch.setattr(operating_system, "available_memory", lambda: 8e9)
     monkeypatch.setattr(TerrainFile, "whole", lambda file: pytest.fail("it was read"))
     assert main(["run", str(scene_on(huge, tmp_path)), "-q"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -154,20 +154,20 @@ def test_a_run_reports_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_pat
     with monkeypatch.context() as patch:  # a window as large as the DTM saves nothing
         patch.setattr(TerrainFile, "part", lambda file, rows, columns: pytest.fail("it was read"))
         with pytest.raises(SceneError, match=r"window of .* has 10000 x 10000 cells, .* 8 GB are free"):
-            prepare.prepare(scene_on(huge, tmp_path, "window = [0, 0, 9e6, 9e6]"))
+            preparation.prepare(scene_on(huge, tmp_path, "window = [0, 0, 9e6, 9e6]"))
     x, y = MIDDLE
     window = f"window = [{x - 500}, {y - 500}, {x + 500}, {y + 500}]"
-    prepared = prepare.prepare(scene_on(huge, tmp_path, window))
+    prepared = preparation.prepare(scene_on(huge, tmp_path, window))
     assert prepared.terrain.elevation.shape == (200, 200)
 
 
 def test_a_run_that_has_the_memory_prints_its_need(tmp_path, monkeypatch):
     dem = written(tmp_path / "dtm.tif", (200, 200), Affine(5, 0, MIDDLE[0] - 500, 0, -5, MIDDLE[1] + 500))
     scene = scene_on(dem, tmp_path)
-    monkeypatch.setattr(prepare, "READ_WHOLE", 10_000)
+    monkeypatch.setattr(preparation, "READ_WHOLE", 10_000)
     with collected() as said:
-        prepare.prepare(scene)
+        preparation.prepare(scene)
     assert any("200 x 200 cells, which need up to 0.0056 GB; [terrain] window" in text for text in said)
-    monkeypatch.setattr(system, "available_memory", lambda: 5e6)
+    monkeypatch.setattr(operating_system, "available_memory", lambda: 5e6)
     with pytest.raises(SceneError, match=r"0\.005 GB are free"):
-        prepare.prepare(scene)
+        preparation.prepare(scene)

@@ -6,10 +6,10 @@ from hard_scenes import STEPPING, Watch, points_on, terrain_of
 from point_scenes import block_of
 from scene_strategies import Box, Ground, PointScene
 
-from mpmgis.effects.contact import CoulombContact
-from mpmgis.effects.fluid import Fluid
-from mpmgis.effects.material import drucker_prager
-from mpmgis.solvers.point_numerics import LONE_SHARE, PointNumerics, courant_number
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.material import drucker_prager
+from mpmgis.solvers.points.point_numerics import LONE_SHARE, PointNumerics, courant_number
 
 SOIL = drucker_prager(2e5, 1.2e5, 0.0, 1e6)
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from test_guard import block, pool
 
-from mpmgis.errors import UnphysicalError
-from mpmgis.kernels import column_rows, point_rows
-from mpmgis.solvers.integrate import TimeIntegration
-from mpmgis.solvers.particle_store import GAIN_STOP, EnergyLook, least_kinetic
+from mpmgis.frames.particle_store import GAIN_STOP, EnergyLook, least_kinetic
+from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.columns import column_rows
+from mpmgis.solvers.points import point_rows
+from mpmgis.system.errors import UnphysicalError
 
 MOTION = {"points": [point_rows.PX, point_rows.PY, point_rows.PZ], "columns": [column_rows.U, column_rows.V]}
 

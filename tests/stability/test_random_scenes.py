@@ -8,7 +8,7 @@ from hard_scenes import EDGES, Watch
 from hypothesis import HealthCheck, given, settings
 from scene_strategies import column_scenes, point_scenes
 
-from mpmgis.kernels.points import LEAKED
+from mpmgis.solvers.points.point_loop import LEAKED
 
 FEW = settings(max_examples=40, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 MANY = settings(FEW, max_examples=600, derandomize=False, print_blob=True)

@@ -5,7 +5,7 @@ import pytest
 from hard_scenes import Watch
 from scene_strategies import Box, ColumnScene, Ground, PointScene
 
-from mpmgis.kernels.jit import set_threads
+from mpmgis.compiled.jit import set_threads
 
 ROUGH = Ground("noise", 35.0, 0.7, 2.0, 0.5, 3, 200.0, 100.0)
 THREE = (

@@ -18,9 +18,9 @@ import hashlib, json, os, sys
 from pathlib import Path
 import numpy as np
 import rasterio
-from mpmgis.cli.main import main
-from mpmgis.io.frame_contents import content_of
-from mpmgis.io.run_folder import RunFolder
+from mpmgis.commands.shell.main import main
+from mpmgis.frames.frame_contents import content_of
+from mpmgis.frames.run_folder import RunFolder
 site, out, threads, stop = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4] == "stop"
 os.chdir(site)
 done, write = {}, RunFolder.write_frame

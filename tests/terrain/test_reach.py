@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from affine import Affine
 
-from mpmgis.fields import GRAVITY
+from mpmgis.laws.quantities import GRAVITY
 from mpmgis.terrain.elevation import Terrain, continued
+from mpmgis.terrain.flow_reach import reach_facts, reach_of, release_facts, steepest_profile
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.reach import reach_facts, reach_of, release_facts, steepest_profile
 
 
 def terrain_of(height, length=2000.0, width=600.0, pixel=10.0):

@@ -5,18 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mpmgis.errors import InputError
-from mpmgis.terrain import synthetic
+from mpmgis.system.errors import InputError
+from mpmgis.terrain import synthetic_terrain
 from mpmgis.terrain.grid import Grid
 
 SURFACES = {
-    "plane": synthetic.plane(33, 110, point=(3, 4), height=7),
-    "bowl": synthetic.bowl(2.0, 30.0, centre=(1, -2)),
-    "ramp": synthetic.ramp_with_cliff(30, 10, edge=(5, 5), azimuth=140),
-    "circle": synthetic.circular_channel(40, 12, 75, bank_angle=50, point=(2, 3)),
-    "v": synthetic.v_channel(25, 10, 200),
-    "bumps": synthetic.bumps(1.5, 25.0, point=(4, 2)),
-    "sum": synthetic.plane(20, 300) + synthetic.bumps(0.5, 12.0),
+    "plane": synthetic_terrain.plane(33, 110, point=(3, 4), height=7),
+    "bowl": synthetic_terrain.bowl(2.0, 30.0, centre=(1, -2)),
+    "ramp": synthetic_terrain.ramp_with_cliff(30, 10, edge=(5, 5), azimuth=140),
+    "circle": synthetic_terrain.circular_channel(40, 12, 75, bank_angle=50, point=(2, 3)),
+    "v": synthetic_terrain.v_channel(25, 10, 200),
+    "bumps": synthetic_terrain.bumps(1.5, 25.0, point=(4, 2)),
+    "sum": synthetic_terrain.plane(20, 300) + synthetic_terrain.bumps(0.5, 12.0),
 }
 
 
@@ -45,27 +45,27 @@ def test_heights_lie_on_the_grid_s_pixel_centres(name):
 
 
 def test_plane_falls_towards_its_azimuth():
-    south = synthetic.plane(30, 180, point=(10, 20), height=100)
+    south = synthetic_terrain.plane(30, 180, point=(10, 20), height=100)
     assert south.height(10, 20) == 100
     assert south.height(10, 10) == pytest.approx(100 - 10 * np.tan(np.radians(30)))
     assert south.height(99, 20) == pytest.approx(100)
 
 
 def test_bowl_is_thackers():
-    surface = synthetic.bowl(3.0, 50.0)
+    surface = synthetic_terrain.bowl(3.0, 50.0)
     assert surface.height(0, 0) == -3
     assert surface.height(30, 40) == pytest.approx(0)
 
 
 def test_ramp_drops_by_the_cliff():
-    surface = synthetic.ramp_with_cliff(30, 10, edge=(19.053, 0), foot=5)
+    surface = synthetic_terrain.ramp_with_cliff(30, 10, edge=(19.053, 0), foot=5)
     assert surface.height(19.052999, 0) - surface.height(19.053, 0) == pytest.approx(10, abs=1e-5)
     assert surface.height(0, 3) == pytest.approx(5 + 10 + 19.053 * np.tan(np.radians(30)))
     assert surface.height(100, -8) == 5
 
 
 def test_channel_is_round_and_its_banks_go_on_straight():
-    surface = synthetic.circular_channel(50, bank_angle=60)
+    surface = synthetic_terrain.circular_channel(50, bank_angle=60)
     assert surface.height(7, 30) == pytest.approx(50 - 40)
     assert surface.height(7, -30) == pytest.approx(50 - 40)
     reach = 50 * np.sin(np.radians(60))
@@ -74,23 +74,26 @@ def test_channel_is_round_and_its_banks_go_on_straight():
 
 
 def test_channels_fall_along_their_beds():
-    for surface in (synthetic.v_channel(30, 10, 90, point=(5, 5), height=9), synthetic.circular_channel(9, 10, 90)):
+    for surface in (
+        synthetic_terrain.v_channel(30, 10, 90, point=(5, 5), height=9),
+        synthetic_terrain.circular_channel(9, 10, 90),
+    ):
         assert surface.gradient(40, 5)[0] == pytest.approx(-np.tan(np.radians(10)))
 
 
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda: synthetic.plane(90),
-        lambda: synthetic.plane(-1),
-        lambda: synthetic.plane(np.nan),
-        lambda: synthetic.bowl(0, 10),
-        lambda: synthetic.bowl(1, np.inf),
-        lambda: synthetic.ramp_with_cliff(30, -1),
-        lambda: synthetic.circular_channel(-5),
-        lambda: synthetic.circular_channel(5, bank_angle=90),
-        lambda: synthetic.v_channel(95),
-        lambda: synthetic.bumps(1, 0),
+        lambda: synthetic_terrain.plane(90),
+        lambda: synthetic_terrain.plane(-1),
+        lambda: synthetic_terrain.plane(np.nan),
+        lambda: synthetic_terrain.bowl(0, 10),
+        lambda: synthetic_terrain.bowl(1, np.inf),
+        lambda: synthetic_terrain.ramp_with_cliff(30, -1),
+        lambda: synthetic_terrain.circular_channel(-5),
+        lambda: synthetic_terrain.circular_channel(5, bank_angle=90),
+        lambda: synthetic_terrain.v_channel(95),
+        lambda: synthetic_terrain.bumps(1, 0),
     ],
 )
 def test_impossible_shapes_are_refused_in_one_line(wrong):

@@ -6,7 +6,7 @@ from affine import Affine
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mpmgis.terrain import synthetic
+from mpmgis.terrain import synthetic_terrain
 from mpmgis.terrain.elevation import Terrain, bilinear
 from mpmgis.terrain.grid import Grid
 
@@ -36,7 +36,7 @@ def test_slope_of_a_plane_at_any_pixel_shape(slope, azimuth, angle, width, heigh
     cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     height = height if mirrored else -height
     transform = Affine(width * cosine, -height * sine, 0, width * sine, height * cosine, 0)
-    surface = synthetic.plane(slope, azimuth)
+    surface = synthetic_terrain.plane(slope, azimuth)
     terrain = surface.terrain(Grid(None, transform, (6, 5)))
     exact = np.stack(surface.gradient(*centres(terrain.grid)), axis=-1)
     assert np.allclose(terrain.gradient, exact, rtol=1e-9, atol=1e-9)
@@ -49,7 +49,7 @@ def test_plane_at_utm_coordinates(transform):
     """The gradient comes from differences, so that a northing of 5e6 m costs no digits of the slope."""
     a, b, c, d, e, f = transform[:6]
     shifted = Affine(a, b, c + 4e5, d, e, f + 5e6)
-    surface = synthetic.plane(35, 200, point=(4e5, 5e6), height=2000)
+    surface = synthetic_terrain.plane(35, 200, point=(4e5, 5e6), height=2000)
     terrain = surface.terrain(Grid(None, shifted, (8, 9)))
     assert np.allclose(terrain.gradient, np.stack(surface.gradient(*centres(terrain.grid)), axis=-1), atol=1e-7)
 
@@ -57,7 +57,7 @@ def test_plane_at_utm_coordinates(transform):
 @any_affine
 def test_quadratics_are_exact_up_to_the_rim(transform):
     """Central differences and the one-sided (-3, 4, -1)/2 are both exact on a paraboloid (X4)."""
-    surface = synthetic.bowl(50, 300, centre=(520, 850))
+    surface = synthetic_terrain.bowl(50, 300, centre=(520, 850))
     terrain = surface.terrain(Grid(None, transform, (9, 11)))
     exact = np.stack(surface.gradient(*centres(terrain.grid)), axis=-1)
     assert np.allclose(terrain.gradient, exact, atol=1e-11)
@@ -66,7 +66,7 @@ def test_quadratics_are_exact_up_to_the_rim(transform):
 
 @any_affine
 def test_gradient_converges_with_order_two(transform):
-    surface = synthetic.bumps(5.0, 400.0) + synthetic.plane(20, 130)
+    surface = synthetic_terrain.bumps(5.0, 400.0) + synthetic_terrain.plane(20, 130)
     worst = []
     for refinement in (1, 2, 4, 8):
         a, b, c, d, e, f = transform[:6]
@@ -84,7 +84,7 @@ def test_gradient_converges_with_order_two(transform):
     st.sampled_from(sorted(AFFINES)),
 )
 def test_sampling_is_exact_on_planes_up_to_the_outer_edge(row, column, name):
-    surface = synthetic.plane(40, 75, point=(500, 900), height=1000)
+    surface = synthetic_terrain.plane(40, 75, point=(500, 900), height=1000)
     grid = Grid(None, AFFINES[name], (7, 5))
     x, y = grid.xy(row, column)
     # A point drawn on the very edge may lie one rounding outside it: it is asked for by pixel, not by map.
@@ -119,7 +119,7 @@ def test_sampling_beside_nodata_is_nan():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (2, 2)])
 def test_tiny_rasters(shape):
     """Where there is one row or column the slope across it is unknown and taken as 0 (X4)."""
-    terrain = synthetic.plane(45, 90).terrain(Grid.north_up(None, 0, 0, 2.0, shape))
+    terrain = synthetic_terrain.plane(45, 90).terrain(Grid.north_up(None, 0, 0, 2.0, shape))
     assert np.allclose(terrain.gradient[..., 0], -1.0 if shape[1] > 1 else 0.0)
     assert np.allclose(terrain.gradient[..., 1], 0.0)
     if shape[1] > 1:
@@ -128,7 +128,7 @@ def test_tiny_rasters(shape):
 
 
 def test_nodata_makes_neighbours_one_sided_and_itself_nan():
-    terrain = synthetic.plane(30, 120).terrain(Grid.north_up(None, 0, 0, 5.0, (9, 9)))
+    terrain = synthetic_terrain.plane(30, 120).terrain(Grid.north_up(None, 0, 0, 5.0, (9, 9)))
     elevation = terrain.elevation.copy()
     elevation[4, 4] = elevation[0, 2] = elevation[8, 6] = np.nan
     holed = Terrain(terrain.grid, elevation)
@@ -156,7 +156,7 @@ def test_a_slope_known_along_one_axis_only_is_no_slope():
 @pytest.mark.parametrize("size", [1.0, 0.5])
 def test_limited_gradient_at_a_cliff_is_that_of_the_ground_beside_it(azimuth, size):
     """X3: no pixel's tangent follows the cliff face; both sides keep their own slope exactly."""
-    surface = synthetic.ramp_with_cliff(30, 10, edge=(0.1, 0.1), azimuth=azimuth)
+    surface = synthetic_terrain.ramp_with_cliff(30, 10, edge=(0.1, 0.1), azimuth=azimuth)
     terrain = surface.terrain(Grid.north_up(None, -10, 10, size, (round(20 / size), round(20 / size))))
     exact = np.stack(surface.gradient(*centres(terrain.grid)), axis=-1)
     assert np.allclose(terrain.limited_gradient, exact, atol=1e-9)
@@ -169,7 +169,7 @@ def test_limited_gradient_at_a_cliff_is_that_of_the_ground_beside_it(azimuth, si
 def test_limited_gradient_at_a_cliff_beside_the_rim(column):
     """The one-sided formula of the rim reaches two pixels in: it must not see the cliff either."""
     grid = Grid.north_up(None, 0, 0, 1.0, (4, 20))
-    surface = synthetic.ramp_with_cliff(20, 30, edge=(column, 0))
+    surface = synthetic_terrain.ramp_with_cliff(20, 30, edge=(column, 0))
     terrain = surface.terrain(grid)
     exact = np.stack(surface.gradient(*centres(grid)), axis=-1)
     inside = np.ones(20, bool)
@@ -180,6 +180,8 @@ def test_limited_gradient_at_a_cliff_beside_the_rim(column):
 
 @any_affine
 def test_limiting_leaves_smooth_ground_alone(transform):
-    terrain = (synthetic.plane(40, 10) + synthetic.bumps(3.0, 150.0)).terrain(Grid(None, transform, (25, 25)))
+    terrain = (synthetic_terrain.plane(40, 10) + synthetic_terrain.bumps(3.0, 150.0)).terrain(
+        Grid(None, transform, (25, 25))
+    )
     assert np.array_equal(terrain.gradient, terrain.limited_gradient)
     assert not terrain.breaks.any()

@@ -13,9 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import chain
 import profiles
 
-from mpmgis.conversion.options import PointOptions
-from mpmgis.conversion.sums import particle_mass_scatter, points_sum
-from mpmgis.io.frames import read_frame
+from mpmgis.conversion.conserved_sums import particle_mass_scatter, points_sum
+from mpmgis.conversion.conversion_options import PointOptions
+from mpmgis.frames.frame_files import read_frame
 
 SPACINGS_X = (0.02, 0.01, 0.005, 0.0033, 0.0025, 0.0017)  # [m], as printed
 SPACINGS_Z = (0.01, 0.001, 0.0001, 0.00005, 0.00001)

@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import chain
 import profiles
 
-from mpmgis.io.frames import write_frame
-from mpmgis.particles import Frame, Particles
+from mpmgis.frames.frame_files import write_frame
+from mpmgis.frames.particles import Frame, Particles
 
 LENGTH, GRAVITY, DENSITY = 0.1, 9.81, 1500.0  # L0 [m], half the length if a column collapses to both sides, or radius
 WIDE, PER_CELL = 3, 2  # cells across a strip, points along the side of a cell

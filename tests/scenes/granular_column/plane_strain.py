@@ -18,9 +18,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import chain
 
-from mpmgis.effects.material import FAR, MuI
-from mpmgis.effects.softening import NoSoftening
-from mpmgis.kernels import laws as _laws  # noqa: F401  (registers the methods of laws)
+from mpmgis.compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from mpmgis.laws.material import FAR, MuI
+from mpmgis.laws.softening import NoSoftening
 
 sand = chain.scene_module("granular_column")
 LAW = tomllib.loads(Path(__file__).with_name("scene.toml").read_text())["material"]

@@ -17,12 +17,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import chain
 import profiles
 
-from mpmgis.cli.main import main
-from mpmgis.interop.declarations import Declarations
-from mpmgis.interop.frame_list import list_frames
-from mpmgis.io.dtm import read_terrain
-from mpmgis.io.frames import read_frame, write_frame
-from mpmgis.particles import Particles
+from mpmgis.commands.shell.main import main
+from mpmgis.exchange.declarations import Declarations
+from mpmgis.exchange.frame_list import list_frames
+from mpmgis.frames.frame_files import read_frame, write_frame
+from mpmgis.frames.particles import Particles
+from mpmgis.terrain.dtm import read_terrain
 
 DATA = Path(__file__).resolve().parents[3] / "../shared/data/matter_terrain"
 CRS, ORIGIN, AXES, DENSITY = "EPSG:32632", (600000.0, 5170000.0, 0.0), ("e", "u", "-n"), 1500.0

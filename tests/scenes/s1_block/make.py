@@ -13,9 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import chain
 import profiles
 
-from mpmgis.io.frames import write_frame
-from mpmgis.particles import Frame, Particles
-from mpmgis.terrain.synthetic import ramp_with_cliff
+from mpmgis.frames.frame_files import write_frame
+from mpmgis.frames.particles import Frame, Particles
+from mpmgis.terrain.synthetic_terrain import ramp_with_cliff
 
 GRAVITY, SLOPE, LENGTH, CLIFF = 9.81, np.radians(30.0), 22.0, 10.0
 HEIGHT, BLOCK, DENSITY, SHIFT = 0.1, 0.3, 1000.0, 0.02  # [m], [m], [kg m-3], [m] upwards

@@ -15,8 +15,8 @@ import shapely
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import chain
 
-from mpmgis.io.frames import write_frame
-from mpmgis.particles import Frame, Particles
+from mpmgis.frames.frame_files import write_frame
+from mpmgis.frames.particles import Frame, Particles
 
 GRAVITY, DENSITY, MU = 9.81, 1379.0, 0.45
 MASS, WIDTH, PATH = 50.0, 0.3, 1.8  # [kg], [m] across, [m] along the floor from the sand's front to the wall

@@ -16,9 +16,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import chain
 import profiles
 
-from mpmgis.io.frames import read_frame
-from mpmgis.workflows.run_setup.cost_prediction import predicted_cost, predicted_memory
-from mpmgis.workflows.run_setup.prepare import prepare
+from mpmgis.frames.frame_files import read_frame
+from mpmgis.simulation.cost_prediction import predicted_cost, predicted_memory
+from mpmgis.simulation.preparation import prepare
 
 CRS, WEST, MIDDLE, HEAD = "EPSG:32632", 343_000.0, 5_081_000.0, 4_000.0  # near the mountain; the terrain is synthetic
 LENGTH, HALF, PIXEL = 1300.0, 200.0, 1.0  # [m]: along the flow (east), to each side of the flow line, pixel of the DTM

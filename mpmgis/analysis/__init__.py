@@ -1,1 +1,0 @@
-"""Cell sums, map quantities, runout, comparison and balances of a result."""

@@ -1,0 +1,1 @@
+"""The verbs of mpmgis, one file each: its options and its Python function."""

@@ -1,0 +1,94 @@
+"""`mpmgis info`: one screen about any file that mpmgis reads or writes."""
+
+from typing import Annotated, Any, Unpack
+
+from ..system.zip_archives import trusting
+from . import shared_options
+from .effects import AnswerArguments
+from .option import Form, Option, PathLike, Verb
+from .option_values import complete
+from .verb_calls import python_words
+
+
+class _Arguments(AnswerArguments, total=False):
+    files: Annotated[
+        tuple[PathLike, ...],
+        Option("any file or folder of the workflow", "FILE", positional="many", kind="file", field="FILE", folded=False,
+               label="File",
+               also=({"name": "FOLDER", "kind": "folder", "label": "or: folder",
+                      "help": "A run, an export, another code's files."},)),
+    ]  # fmt: skip
+    json: Annotated[
+        bool, Option("print one JSON object for each file, one a line, in SI units", default=False, folded=False,
+                     label="As JSON, in SI units")
+    ]  # fmt: skip
+
+
+class Arguments(_Arguments, shared_options.ThirdPartyOptions, total=False):
+    """Options of the command."""
+
+
+VERB = Verb(
+    name="info",
+    place=30,
+    line="one screen about any file of the workflow",
+    options=shared_options.ThirdPartyOptions,
+    arguments=Arguments,
+    trust=True,
+    groups=((shared_options.THIRD_PARTY, shared_options.ThirdPartyOptions),),
+    example="""
+mpmgis info dtm.tif release.shp
+mpmgis info results/
+mpmgis info --json seed.h5 -o seed.json
+mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1500
+""",
+    forms=(
+        Form(
+            "Information about a file",
+            "Maps and answers",
+            "One screen in the log about any file or folder of the workflow: terrain, release, seed, frame, run, "
+            "export.",
+            prints=True,
+            one_of=("FILE", "FOLDER"),
+        ),
+    ),
+)
+
+
+def info(file: PathLike, *, trust: bool = False, **options: Unpack[shared_options.ThirdPartyOptions]) -> dict[str, Any]:
+    """Facts about any file or folder of the workflow, as `mpmgis info --json`.
+
+    Parameters
+    ----------
+    file : path
+    trust : bool
+        Follow links of the file to the network and to other files.
+    **options
+        `shared.ThirdPartyOptions`, for another code's particle files.
+
+    Returns
+    -------
+    dict
+        In SI units, with the key `kind`.
+
+    Raises
+    ------
+    MpmgisError
+        The file cannot be read.
+
+    Examples
+    --------
+    >>> mpmgis.info("results")["end_time"]  # doctest: +SKIP
+    """
+    from ..results.reports.file_facts import inspect
+
+    with python_words(VERB), trusting(trust):
+        facts: dict[str, Any] = inspect(file, terms(complete(VERB, options)))
+    return facts
+
+
+def terms(values: dict[str, Any]) -> Any:
+    """Declarations of options by name."""
+    from ..exchange.declarations import Declarations
+
+    return Declarations.named(values | {"time_step": values["frame_step"]}, values["crs"])

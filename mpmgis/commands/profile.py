@@ -1,0 +1,110 @@
+"""`mpmgis profile`: a flow along a line."""
+
+from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
+
+from . import shared_options
+from .option import Form, Option, PathLike, Verb
+from .verb_calls import Results, answer
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class ProfileLine(TypedDict, total=False):
+    """The line of a profile, a parameter of its own in Python."""
+
+    line: Annotated[
+        PathLike,
+        Option("one line, in any vector format; distances begin at its first vertex", "FILE", required=True,
+               kind="line layer", folded=False, label="Line"),
+    ]  # fmt: skip
+
+
+class ProfileOptions(shared_options.QuestionOptions, total=False):
+    """Options of `mpmgis.profile`."""
+
+    at_times: Annotated[tuple[float, ...], shared_options.AT_TIMES]
+    spacing: Annotated[
+        float,
+        Option("distance between sample points", "M", unit="m", above=0, usual="a cell", folded=False,
+               label="Distance between sample points"),
+    ]  # fmt: skip
+
+
+class ProfileChoices(ProfileLine, ProfileOptions, total=False):
+    """All options of Python."""
+
+
+class Arguments(ProfileChoices, total=False):
+    """Options of the command."""
+
+    frames: Annotated[tuple[PathLike, ...], shared_options.RESULTS]
+    json: Annotated[bool, shared_options.JSON]
+    output: Annotated[PathLike, shared_options.output("profile", "plot (.png) and table (.csv)", "plot and table")]
+
+
+VERB = Verb(
+    name="profile",
+    place=11,
+    line="depth, thickness and velocities along a line at chosen times",
+    workflow="results.profile_answer:profile",
+    options=ProfileChoices,
+    arguments=Arguments,
+    groups=shared_options.GROUPS,
+    example="""
+mpmgis profile results --line line.gpkg
+mpmgis profile results --line line.gpkg --at-times 20,40,60 --cs-e 2 -o profile.csv
+mpmgis profile results_gis --line line.gpkg -o profile.png
+""",
+    description="""
+Flow depth h, thickness t, velocities Un and Ut along a line, with terrain and free surface (bed elevation plus the
+vertical depth), as in figure 2h and i of Vicari et al. (2025). Every sample point has the value of its cell, without
+interpolation. The table has a row for each time and sample point.
+""",
+    forms=(
+        Form(
+            "Profile along a line",
+            "Maps and answers",
+            "Flow depth, thickness and velocities along a line at chosen times, with terrain and free surface: a plot "
+            "(.png) and a table (.csv).",
+            prints=True,
+            plots=True,
+        ),
+    ),
+)
+
+
+def profile(
+    results: Results, line: PathLike, output: PathLike | None = None, **options: Unpack[ProfileOptions]
+) -> "xarray.Dataset":
+    """Flow along a line at chosen times, as `mpmgis profile`.
+
+    Parameters
+    ----------
+    results : path or several
+        Frames or the folder that holds them, or an export.
+    line : path
+        Vector file with one line.
+    output : path, optional
+        Folder for the plot and the table, or one file by its suffix; default ``<name>_profile`` beside the results.
+    **options
+        `ProfileOptions`: at_times [s], spacing [m], cell_size [m], ...
+
+    Returns
+    -------
+    xarray.Dataset
+        h, t [m], Un, Ut [m s-1] and surface [m] over (time, along); elevation [m], x and y over along [m]. Its
+        attribute `files` names what was written.
+
+    Raises
+    ------
+    MpmgisError
+        Unreadable input, a line outside the raster, a time outside the results; nothing is written then.
+
+    Examples
+    --------
+    >>> mpmgis.profile("results", "line.gpkg", at_times=(20, 40)).h.plot(col="time")  # doctest: +SKIP
+    """
+    from ..results.answer_datasets import of_profile
+
+    return of_profile(answer(VERB, results, output, {**options, "line": line}))

@@ -1,0 +1,89 @@
+"""`mpmgis runout`: runout, drop height and angles of a flow."""
+
+from typing import TYPE_CHECKING, Annotated, Unpack
+
+from . import shared_options
+from .option import Form, PathLike, Verb
+from .verb_calls import Results, answer
+
+if TYPE_CHECKING:
+    from ..results.runout_figures import RunoutFound
+
+
+class RunoutOptions(shared_options.QuestionOptions, total=False):
+    """Options of `mpmgis.runout`."""
+
+    line: Annotated[PathLike, shared_options.LINE]
+    threshold: Annotated[float, shared_options.THRESHOLD]
+
+
+class Arguments(RunoutOptions, total=False):
+    """Options of the command."""
+
+    frames: Annotated[tuple[PathLike, ...], shared_options.RESULTS_OR_RASTERS]
+    json: Annotated[bool, shared_options.JSON]
+    output: Annotated[PathLike, shared_options.output("runout", "plot (.png) and tables (.csv)", "profile and tables")]
+
+
+VERB = Verb(
+    name="runout",
+    place=10,
+    line="runout, drop height, angles of energy line and centre of mass",
+    workflow="results.runout_answer:runout",
+    options=RunoutOptions,
+    arguments=Arguments,
+    groups=shared_options.GROUPS,
+    example="""
+mpmgis runout results
+mpmgis runout results --line flow_path.gpkg --threshold 0.5 -o runout
+mpmgis runout results --json -o profile.png
+""",
+    description="""
+Runout along the flow line from the highest to the farthest cell that the flow ever covered, drop height, and angle of
+the energy line (Fahrboeschung) between the two; the same for the deposit; the travel angle of the centre of mass,
+whose tangent is mu for Coulomb friction alone; and the distance that contains 99 % of the mass at the end. Without
+--line the line is the centre line of the flow, from its highest part. Distances are horizontal and along the line;
+runout_straight is the distance in a straight line, runout_along_ground the length along the terrain. The path of the
+mass is not known for an export.
+""",
+    forms=(
+        Form(
+            "Runout and energy line",
+            "Maps and answers",
+            "Runout, drop, angles of the energy line and of the centre of mass, and a longitudinal profile (.png) with "
+            "tables (.csv). The figures are in the log.",
+            prints=True,
+            plots=True,
+        ),
+    ),
+)
+
+
+def runout(results: Results, output: PathLike | None = None, **options: Unpack[RunoutOptions]) -> "RunoutFound":
+    """Runout, drop height, and angles of the energy line and of the centre of mass, as `mpmgis runout`.
+
+    Parameters
+    ----------
+    results : path or several
+        Frames or the folder that holds them, an export, or rasters of peaks of another code.
+    output : path, optional
+        Folder for the plot and the tables, or one file by its suffix; default ``<name>_runout`` beside the results.
+    **options
+        `RunoutOptions`: line, threshold [m], cell_size [m], dem, ...
+
+    Returns
+    -------
+    RunoutFound
+        With `rows()`: (quantity, unit, value) of every figure, and `facts()`: a dictionary for pandas.
+
+    Raises
+    ------
+    MpmgisError
+        Unreadable input, or a flow that reached no cell; nothing is written then.
+
+    Examples
+    --------
+    >>> found = mpmgis.runout("results", line="flow_path.gpkg")  # doctest: +SKIP
+    >>> pandas.DataFrame(found.rows(), columns=["quantity", "unit", "value"])  # doctest: +SKIP
+    """
+    return answer(VERB, results, output, options)

@@ -1,0 +1,243 @@
+"""Verbs that simulate: run, demo, ensemble, region, study."""
+
+import sys
+
+from ...system.errors import InputError
+from ...system.whole_files import refuse_existing
+from ..option import verb_of
+from ..option_values import request
+from ..run import require_one_start
+from . import terminal
+from .parser import values_of
+from .progress import frame_progress, interruptible, member_progress, run_progress, without_bar
+
+
+def run(arguments):
+    """Run the scene, or print the template."""
+    if arguments.template or arguments.schema:
+        _print_help_of_scenes(arguments)
+        return 0
+
+    if arguments.scene is None:
+        raise InputError("no scene is given; give scene.toml, or --template to print one")
+    require_one_start(vars(arguments))
+    from ...simulation.scene_run import run as run_scene
+
+    with run_progress() as shown, interruptible(shown) as watch:
+        summary = run_scene(
+            arguments.scene,
+            arguments.output,
+            overwrite=arguments.overwrite,
+            resume=arguments.resume,
+            threads=arguments.threads,
+            law=arguments.law,
+            device=arguments.device,
+            confirm=lambda question: arguments.yes or confirmed(question),
+            watch=watch,
+        )
+    _print_summary(summary)
+    print(summary.folder)
+    return 0
+
+
+def demo(arguments):
+    """Seed, run, export, draw; prints the QGIS project and the picture."""
+    from ..demo_site import demo as run_demo
+
+    refuse_existing(arguments.output, arguments.overwrite)
+    terminal.note("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, some 40 seconds)")
+    # project and picture have no callback: a signal during these takes effect at the end
+    with run_progress() as shown, interruptible(shown, frame_progress, done=False) as (watch, progress):
+        summary, project, picture = run_demo(
+            arguments.output,
+            overwrite=arguments.overwrite,
+            threads=arguments.threads,
+            watch=watch,
+            progress=progress,
+        )
+    _print_summary(summary)
+    terminal.note("open the project in QGIS (double-click), then press play in the Temporal Controller")
+    print(project)
+    print(picture)
+    return 0
+
+
+def ensemble(arguments):
+    """Run the ensemble; prints the paths of the files."""
+    from ...studies.ensemble_runs import EnsembleRequest
+    from ...studies.ensemble_runs import ensemble as run_ensemble
+
+    verb = verb_of("ensemble")
+    asked_for = request(verb, EnsembleRequest, values_of(arguments, verb))
+    with member_progress() as shown, interruptible(shown) as look:
+        found = run_ensemble(asked_for, confirm=lambda question: arguments.yes or confirmed(question), look=look)
+    _print_counts(found)
+    terminal.list_files(found.files, arguments)
+    return 0
+
+
+def calibrate(arguments):
+    """Calibrate; prints the parameters and the paths of the files."""
+    from ...studies.calibration import CalibrateRequest
+    from ...studies.calibration import calibrate as run_calibration
+
+    verb = verb_of("calibrate")
+    asked_for = request(verb, CalibrateRequest, values_of(arguments, verb))
+    with member_progress() as shown, interruptible(shown) as look:
+        found = run_calibration(asked_for, confirm=lambda question: arguments.yes or confirmed(question), look=look)
+    for line in calibration_lines(found.result):
+        terminal.note(line)
+    terminal.list_files(found.files, arguments)
+    return 0
+
+
+def calibration_lines(result):
+    """Lines of text: the parameters, how well they are known, and what limits the result."""
+    figures = result.parameters()
+    width = max(map(len, (*figures, "parameter"))) + 2
+    lines = [f"{'parameter':<{width}}{'best fit':>10}{'median':>10}{'90 % interval':>22}{'identified':>12}"]
+    for key, one in figures.items():
+        interval = "{:g} to {:g}".format(*one["interval_90"])
+        lines.append(f"{key:<{width}}{one['best_fit']:>10g}{one['median']:>10g}{interval:>22}{one['identified']:>12}")
+    return [*lines, *result.remarks()]
+
+
+def region(arguments):
+    """Run the region; prints the paths of the files."""
+    from ...studies.region_runs import RegionRequest
+    from ...studies.region_runs import region as run_region
+
+    verb = verb_of("region")
+    asked_for = request(verb, RegionRequest, values_of(arguments, verb))
+    with member_progress() as shown, interruptible(shown) as look:
+        found = run_region(asked_for, confirm=lambda question: arguments.yes or confirmed(question), look=look)
+    _print_counts(found, "areas")
+    terminal.list_files(found.files, arguments)
+    return 0
+
+
+def study(arguments):
+    """Run the study; prints the table."""
+    from ...studies.accuracy_study import StudyRequest
+    from ...studies.accuracy_study import study as run_study
+
+    verb = verb_of("study")
+    asked_for = request(verb, StudyRequest, values_of(arguments, verb))
+    with run_progress() as watch:
+        found = run_study(asked_for, confirm=lambda question: arguments.yes or confirmed(question), watch=watch)
+    print("\n".join([*_table(found.study), "", *found.lines, *target_lines(arguments.target_error, found.choice)]))
+    for file in found.files:
+        print(file)
+    return 0
+
+
+def confirmed(question):
+    """Ask on a terminal; False without one."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    with without_bar():
+        print(f"{question}; continue? [y/N] ", end="", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _print_summary(summary):
+    """Print the balances and the cost of a run on stderr."""
+    from ...simulation.run_summary import account, extreme_lines
+
+    terminal.note(f"ended: {summary.reason}")
+    terminal.note(f"t = {summary.time:.1f} s after {summary.steps} steps, {summary.frames} frames")
+    for line in account(summary.balances, summary.solver, summary.mass):
+        terminal.note(line)
+    if summary.mass is not None:
+        for line in extreme_lines(summary.extremes):
+            terminal.note(line)
+    if summary.result_digest:
+        terminal.note(f"digest of the result: {summary.result_digest}")
+    _print_cost(summary)
+    for line in summary.unusable:  # last, so that it is seen
+        terminal.note(line)
+
+
+def _print_help_of_scenes(arguments):
+    """Print the commented scene, or the schema of scenes."""
+    import json
+
+    from ...scene import json_schema, template
+
+    word, file = ("template", "scene.toml") if arguments.template else ("schema", "scene.schema.json")
+    if arguments.template and arguments.schema:
+        raise InputError("--template and --schema exclude each other; give one of them")
+    if arguments.scene is not None or arguments.output is not None:
+        raise InputError(f"--{word} takes neither scene nor -o; use mpmgis run --{word} > {file}")
+    print(template() if arguments.template else json.dumps(json_schema(), indent=1) + "\n", end="")
+
+
+def _print_cost(summary):
+    if not summary.wall_seconds:
+        return
+    rate = summary.particle_steps_per_second / 1e6
+    predicted = summary.predicted_seconds
+    predicted_words = "" if predicted is None else f" (predicted {predicted:.2g} s)"
+    terminal.note(
+        f"wall time {summary.wall_seconds:.1f} s{predicted_words}, {rate:.1f} million particle-steps a second"
+    )
+
+
+def _print_counts(found, what="members"):
+    """Print statuses and cost of the runs on stderr."""
+    counts = ", ".join(f"{number} {status}" for status, number in found.statuses.items())
+    terminal.note(f"{what}: {counts}" + (f"; {found.before} of them finished earlier" if found.before else ""))
+    if found.run_seconds:
+        terminal.note(
+            f"wall time {found.run_seconds:.1f} s for runs of {found.member_seconds:.1f} s, {found.map_seconds:.1f} s "
+            f"for the maps, {found.start_seconds:.1f} s to start"
+        )
+
+
+def _table(study):
+    """Lines of text: a row per setting, the fastest first; * on the front, + other codes."""
+    from ...studies.study_table import value_words
+
+    names = [row.outcome.setting.name for row in study.rows] + [other.name for other in study.beside]
+    width = max(28, *(len(name) + 2 for name in names))
+    head = (
+        f"{'':2}{'setting':<{width}}{'particles':>10}{'steps':>8}{'time [s]':>10}{'spread':>8}{'predicted':>10}"
+        f"{'error':>10}"
+    )
+    lines = []
+    for k, row in enumerate(study.rows):
+        outcome = row.outcome
+        spread = (max(outcome.seconds) - min(outcome.seconds)) / study.seconds[k]
+        lines.append((
+            study.seconds[k],
+            f"{'*' if study.front[k] else '':<2}{names[k]:<{width}}{outcome.particles:>10}{outcome.steps:>8}"
+            f"{study.seconds[k]:>10.3g}{100 * spread:>6.0f} %{outcome.predicted:>10.3g}"
+            f"{value_words(study.measure, study.errors[k]):>10}",
+        ))  # fmt: skip
+    for other, error in zip(study.beside, study.errors_of_others(), strict=True):
+        typical, least, most = other.seconds
+        lines.append((
+            typical,
+            f"{'+':<2}{other.name:<{width}}{'':>18}{typical:>10.3g}{100 * (most - least) / typical:>6.0f} %{'':>10}"
+            f"{value_words(study.measure, error):>10}",
+        ))  # fmt: skip
+    return [head, *(line for _, line in sorted(lines))]
+
+
+def target_lines(error, choice):
+    """Lines of text: the settings for the target `error`."""
+    if error is None:
+        return []
+    if choice is None:
+        return [f"no tested setting reaches an error of {error:g}, and no prediction is possible"]
+    lines = [f"for an error of at most {error:g}: about {choice.seconds:.3g} s of steps"]
+    if choice.estimated:
+        lines[0] += ", extrapolated with the law above: run it as a check"
+    if not choice.changes:
+        return [lines[0] + ", with the scene as it is"]
+    tables = {}
+    for key, value in choice.changes.items():
+        stage, _, own = key.rpartition(".")
+        head = f"[[stage]] number {stage.removeprefix('stage')}" if stage else "[numerics]"
+        tables.setdefault(head, []).append(f"{own} = {value!r}".replace("'", '"'))
+    return [*lines, *(text for head, keys in tables.items() for text in (head, *keys))]

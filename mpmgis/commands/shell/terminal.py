@@ -1,0 +1,111 @@
+"""Messages on stderr, data on stdout; -v prints more messages, -q only errors."""
+
+import logging
+import re
+import sys
+import warnings
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from pathlib import Path
+
+from ...system.messages import log, logged_after_success
+from ..option_values import with_flags
+
+volume = 0
+_flags = str  # a message with flags of the command for names of options
+_LEVELS = {-1: logging.ERROR, 0: logging.INFO, 1: logging.DEBUG}
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+
+
+def name_flags_of(verb):
+    """Write names of options in messages as flags of `verb` from now on."""
+    global _flags
+    _flags = partial(with_flags, verb=verb)
+
+
+def escape_missing_characters():
+    """Write characters that the terminal's encoding lacks as escapes (\\xf6) instead of raising an error."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def escaped(text):
+    """`text` with control characters, which file names can contain and a terminal executes, as escapes."""
+    return _CONTROL.sub(lambda found: f"\\x{ord(found.group()):02x}", str(text))
+
+
+def print_error(text):
+    """Print a line on stderr, also with -q."""
+    print(escaped(_flags(text)), file=sys.stderr, flush=True)
+
+
+def note(text):
+    """Print a line on stderr, unless -q."""
+    if volume >= 0:
+        print_error(text)
+
+
+def add_arguments(parser):
+    """Add -v and -q, which every verb has."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("-v", "--verbose", action="store_true", help="print more messages on stderr")
+    group.add_argument("-q", "--quiet", action="store_true", help="print only errors on stderr")
+
+
+def add_trust(parser):
+    """Add --trust to a verb that reads scenes, frames and files of other people in this process alone."""
+    parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="follow links in scenes, frames and files of other codes: network addresses, virtual rasters with another "
+        "suffix, external links and virtual datasets of HDF5 (default: only the file itself and files on this disk)",
+    )
+
+
+def set_volume(arguments):
+    """Take -v or -q from the parsed arguments."""
+    global volume
+    volume = 1 if getattr(arguments, "verbose", False) else -1 if getattr(arguments, "quiet", False) else 0
+    log.setLevel(_LEVELS[volume])
+
+
+class _OnStderr(logging.Handler):
+    """Prints messages of the package on stderr as they come."""
+
+    def emit(self, record):
+        print_error(record.getMessage())
+
+
+def show_messages():
+    """Print messages of the package's logger on stderr from now on."""
+    if not any(isinstance(handler, _OnStderr) for handler in log.handlers):
+        log.addHandler(_OnStderr())
+
+
+@contextmanager
+def without_font_warnings():
+    """Within this block matplotlib does not warn of letters that its font lacks; a plot has boxes in their place."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from ", UserWarning)
+        yield
+
+
+def notes_after_success():
+    """A context that prints messages after it, so that an error is printed alone; at once with -v."""
+    return nullcontext() if volume > 0 else logged_after_success()
+
+
+def list_files(paths, arguments):
+    """Print the paths of written files: all with --list-files or -v, otherwise the first, and the count as a note."""
+    paths = list(paths)
+    if not paths:
+        return
+    if volume > 0 or getattr(arguments, "list_files", False):
+        print("\n".join(map(str, paths)))
+        return
+    print(paths[0])
+    if len(paths) > 1:
+        folders = {path.parent for path in map(Path, paths)}
+        top = min(folders, key=lambda folder: len(folder.parts))
+        note(f"wrote {len(paths)} files to {top} (--list-files prints their paths)")

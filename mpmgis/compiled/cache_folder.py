@@ -1,0 +1,250 @@
+"""Compiled kernels on disk: a private folder, and checksums that are verified before code is loaded.
+
+Numba unpickles and runs what it finds in its cache: a file that is cut off or damaged ends every run in an error, or
+runs as broken machine code. Here each file begins with a checksum of its name and the rest. What does not fit it is
+removed, and compiled again.
+
+The folder is named by a hash of the package's sources, because numba does not see that a law in another file was
+edited. A user's own laws are in that hash too: the index of a folder names the classes of all its kernels, and could
+not be read by a run without them.
+"""
+
+import atexit
+import hashlib
+import os
+import pickle
+import re
+import shutil
+import stat
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from uuid import uuid4
+
+from numba.core.caching import IndexDataCacheFile
+
+from ..system import operating_system
+
+_LENGTH = hashlib.sha256().digest_size
+
+
+def keep_checked(kernel):
+    """Let `kernel`, which has a cache, keep and read its compiled forms as CheckedFiles."""
+    kernel._cache._cache_file.__class__ = CheckedFiles
+
+
+class CheckedFiles(IndexDataCacheFile):
+    """The index of a kernel's compiled forms, and a file for each of them.
+
+    Every compiled form has a file of a name that no other process can take. Numba numbers these files by the index as
+    it last read it. Of two processes that compile for other laws at a time both then took the same number, and one
+    code of one law remained under the name of the other: in 3 of 12 starts of 8 processes (numba 0.68, measured
+    2026-11-22). Now the worst is an entry that is lost and compiled again.
+    """
+
+    def save(self, key, data):
+        """Keep `data`; not at all where the disk does not take it."""
+        with suppress(OSError):
+            super().save(key, data)
+
+    def _data_name(self, number):
+        return f"{self._index_name.removesuffix('.nbi')}.{uuid4().hex[:16]}.nbc"
+
+    def _load_index(self):
+        kept = self._checked(self._index_path)
+        if not (isinstance(kept, tuple) and kept[:2] == (self._version, self._source_stamp)):
+            return {}
+        return kept[2]
+
+    def _save_index(self, overloads):
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_data(self, name):
+        kept = self._checked(self._data_path(name))
+        if kept is None:
+            raise OSError(f"{name} is not there, or not whole")  # numba compiles then
+        return kept
+
+    def _save_data(self, name, data):
+        self._write(self._data_path(name), data)
+
+    def _write(self, path, what):
+        data = self._dump(what)
+        with self._open_for_write(path) as file:
+            file.write(_checksum(path, data))
+            file.write(data)
+
+    @staticmethod
+    def _checked(path):
+        """Content of the file at `path`; None if it does not exist or has changed, and then it is removed."""
+        try:
+            with open(path, "rb") as file:
+                content = file.read()
+        except OSError:
+            return None
+        data = content[_LENGTH:]
+        if _checksum(path, data) == content[:_LENGTH]:
+            with suppress(Exception):  # it names a class or function that is not there in this process
+                return pickle.loads(data)
+        with suppress(OSError):
+            os.unlink(path)
+        return None
+
+
+def _checksum(path, data):
+    return hashlib.sha256(os.path.basename(path).encode() + b"\0" + data).digest()
+
+
+PACKAGE = Path(__file__).resolve().parent.parent
+CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # distinguishes it from a variable of the user in child processes
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_USES_JIT = re.compile(
+    rb"^from \.[.\w]* import [^#\n]*\b(?:jit\w*|kernel_part|law_function|law_method)\b", re.MULTILINE
+)
+_IMPORT = re.compile(rb"^from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+_NAME = re.compile(rb"\w+")
+_private = []  # the temporary folder of this process, once it is made
+
+
+def source_digest():
+    """Hex digest of all sources that a kernel may be compiled from: modules that use `jit`, and what they import."""
+    digest = hashlib.sha256()
+    for path, source in sorted(_kernel_sources().items()):
+        digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + source)
+    return digest.hexdigest()[:16]
+
+
+def _kernel_sources():
+    """Module that uses `jit`, or is imported by one that does -> its source."""
+    sources = {path: path.read_bytes() for path in PACKAGE.rglob("*.py")}
+    left = [path for path, source in sources.items() if _USES_JIT.search(source)]
+    found = {}
+    while left:
+        path = left.pop()
+        if path not in found and path in sources:
+            found[path] = sources[path]
+            left += _imported(path, sources[path])
+    return found
+
+
+def _imported(path, source):
+    """Modules of the package that a module may import at its top."""
+    for dots, module, names in _IMPORT.findall(source):
+        base = path.parents[len(dots) - 1].joinpath(*module.decode().split("."))
+        yield base.with_suffix(".py")
+        yield from (base / f"{name.decode()}.py" for name in _NAME.findall(names))
+
+
+def cache_folder(own_laws=()):
+    """The folder for compiled kernels: of this user, with mode 0700 and no link, else a private temporary one.
+
+    A private one is removed when this process ends; its child processes use it too.
+
+    Parameters
+    ----------
+    own_laws : iterable of str
+        Digests of the files with users' own laws that this process has loaded.
+    """
+    root = os.environ.get("MPMGIS_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+    root = Path(root) if root else operating_system.cache_root()
+    name = source_digest()
+    if own_laws:
+        name += "-own-" + hashlib.sha256(" ".join(sorted(own_laws)).encode()).hexdigest()[:16]
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        if _may_hold(root) and _own(root / "mpmgis") and _own(root / "mpmgis" / name, emptied=True):
+            return root / "mpmgis" / name
+    except OSError:
+        pass
+    folder = _private_folder() / name
+    folder.mkdir(mode=0o700, exist_ok=True)
+    return folder
+
+
+def is_own(folder):
+    """Whether `folder`, which is no link, is this user's and not writable by others."""
+    found = os.lstat(folder)
+    others = operating_system.modes_count() and found.st_mode & _OTHERS_WRITE
+    return stat.S_ISDIR(found.st_mode) and _is_ours(found) and not others
+
+
+def given_cache_folder():
+    """The folder that the user set for numba; None without one, or if a parent process chose it.
+
+    One that is another user's, or that others can write to, is not used either.
+    """
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if not given or given == os.environ.get(CHOSEN):
+        return None
+    try:
+        Path(given).mkdir(mode=0o700, parents=True, exist_ok=True)
+        return given if is_own(os.path.realpath(given)) else None
+    except OSError:
+        return None
+
+
+def choose(folder):
+    """Let numba keep compiled kernels in `folder`: by the environment too, which it may read again at any time."""
+    os.environ["NUMBA_CACHE_DIR"] = os.environ[CHOSEN] = str(folder)
+
+
+def _may_hold(root):
+    """Whether the content of `root` is protected: others can write there only with the sticky bit."""
+    if not operating_system.modes_count():
+        return True
+    found = os.stat(root)
+    return not found.st_mode & stat.S_IWOTH or bool(found.st_mode & stat.S_ISVTX)
+
+
+def _own(folder, emptied=False):
+    """Make `folder` if it is not there; whether it is this user's, then with mode 0700, and writable.
+
+    With `emptied` a folder that others could write to is emptied.
+    """
+    with suppress(FileExistsError):
+        os.mkdir(folder, 0o700)
+    found = os.lstat(folder)
+    if not (stat.S_ISDIR(found.st_mode) and _is_ours(found)) or _is_junction(found):
+        return False
+    if operating_system.modes_count() and found.st_mode & 0o077:
+        os.chmod(folder, 0o700)
+        if emptied and found.st_mode & _OTHERS_WRITE:
+            _empty(folder)
+    return os.access(folder, os.W_OK)
+
+
+def _is_ours(found):
+    return not hasattr(os, "geteuid") or found.st_uid == os.geteuid()
+
+
+def _is_junction(found):
+    return bool(getattr(found, "st_reparse_tag", 0))
+
+
+def _empty(folder):
+    for entry in os.scandir(folder):
+        if entry.is_dir(follow_symlinks=False):
+            shutil.rmtree(entry.path)
+        else:
+            os.unlink(entry.path)
+
+
+def _private_folder():
+    """A new temporary folder of this process; in a process that it started the same one."""
+    if not _private:
+        parent = os.environ.get(CHOSEN)
+        parent = Path(parent).parent if parent else None
+        try:
+            inherited = parent is not None and parent.name.startswith("mpmgis-private-") and is_own(parent)
+        except OSError:
+            inherited = False
+        if not inherited:
+            parent = Path(tempfile.mkdtemp(prefix="mpmgis-private-"))
+            atexit.register(_remove, parent, os.getpid())
+        _private.append(parent)
+    return _private[0]
+
+
+def _remove(folder, number):
+    if os.getpid() == number:  # not in a process that was forked off
+        shutil.rmtree(folder, ignore_errors=True)

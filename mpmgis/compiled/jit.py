@@ -1,0 +1,241 @@
+"""Compiler interface: `jit`, `jit_parallel`, their disk cache, and laws as arguments of kernels.
+
+Where compiled kernels are kept, `cache_folder` decides. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1
+to run every kernel as plain Python.
+"""
+
+import os
+from pathlib import Path
+from types import FunctionType
+
+from .cache_folder import cache_folder, choose, given_cache_folder
+
+# Waiting threads spin for some tens of microseconds and then sleep. Without spinning, 25 600 columns take 0.83 ms per
+# step on 2 threads instead of 0.23, because waking takes a tenth of a millisecond; with unlimited spinning 7.4 ms
+# instead of 1.7 on busy cores (measured 2026-11-21). Read by GCC's OpenMP runtime at its start.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("GOMP_SPINCOUNT", "2000")
+# OpenMP before TBB, which numba would prefer if it is installed: late in a session of tests a step of 500 columns took
+# about 80 ms with TBB; two simultaneous runs take 0.8 ms, with OpenMP 0.3 (measured 2026-11-22).
+os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
+
+GIVEN_CACHE_DIR = given_cache_folder()
+if GIVEN_CACHE_DIR is None:
+    choose(cache_folder())
+
+import numba  # noqa: E402  (the cache folder must be known before numba is imported)
+import numpy as np  # noqa: E402
+from numba import types  # noqa: E402
+from numba.extending import overload, overload_method, register_jitable  # noqa: E402
+
+from .cache_folder import keep_checked  # noqa: E402
+
+# numba may have been imported before this module.
+numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
+numba.config.THREADING_LAYER_PRIORITY = os.environ["NUMBA_THREADING_LAYER_PRIORITY"].split()
+# LLVM's SLP pass stays off, the default of numba: it vectorises parts of loops, which then cannot be vectorised as a
+# whole. With it the 3D step takes 190 ns instead of 105, the depth-averaged one 48 instead of 44 (measured 2026-11-21).
+
+
+def _without_a_look_at_blas():
+    """Import numba's functions of arrays, which it needs at the first kernel, without scipy.linalg (0.2 s).
+
+    It is imported there to detect a BLAS. SciPy is a dependency, so there is one; code that calls BLAS imports it when
+    it is compiled.
+    """
+    from numba.np import linalg
+
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        from numba.np import arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+if not numba.config.DISABLE_JIT:
+    _without_a_look_at_blas()
+
+# Only flags that keep IEEE 754 results. "contract" lets the compiler choose which product of a*b + c*d goes
+# into a fused multiply-add; numba's order of instructions varies from process to process, and so would the last bits
+# between two compilations (measured). "nnan" and "ninf" fold x != x to False, and kernels count non-finite values.
+FASTMATH = {"nsz"}
+
+# Kernels are called from Python and from kernels, never by the address of a C function: numba need not compile that
+# entry as well.
+OPTIONS = {"cache": True, "fastmath": FASTMATH, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+INNER = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}  # for functions that only kernels call
+
+prange = numba.prange
+
+_kernels = []  # all that have a cache on disk
+_single = {}  # function -> the same with constants of single precision
+_own_laws = set()  # digests of the files of user-defined laws in this process
+
+
+def include_own_laws(sha256):
+    """Use a separate cache folder from now on, whose name includes the digest of a file of user-defined laws.
+
+    Must be called before the first kernel is compiled with one of these laws; compiled kernels stay valid.
+    """
+    if sha256 in _own_laws:
+        return
+    _own_laws.add(sha256)
+    folder = cache_folder(_own_laws)
+    if GIVEN_CACHE_DIR is not None:
+        folder = Path(GIVEN_CACHE_DIR) / folder.name
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    choose(folder)
+    numba.config.CACHE_DIR = str(folder)
+    for kernel in _kernels:
+        kernel.enable_caching()
+        keep_checked(kernel)
+
+
+def _kept(kernel):
+    """`kernel`, registered if it has a cache (it has none with NUMBA_DISABLE_JIT)."""
+    if hasattr(kernel, "enable_caching"):
+        _kernels.append(kernel)
+        keep_checked(kernel)
+    return kernel
+
+
+def jit(function):
+    """Compile a serial kernel, cached on disk; the GIL is released."""
+    return _kept(numba.njit(**OPTIONS)(function))
+
+
+def jit_inline(function):
+    """Compile a function as `jit_borrowing` does, which LLVM inlines wherever kernels call it.
+
+    Its types are inferred once. With numba's own inlining, which copies its source into every caller and infers the
+    types there again, `update_nodes` of columns took 9 s to compile instead of 3 (measured 2026-11-25).
+    """
+    return jit_borrowing(function, forceinline=True)
+
+
+def jit_borrowing(function, **more):
+    """Compile a serial function that works on its array arguments only: it neither creates nor returns arrays.
+
+    References to arrays are not counted in it. A count costs as much as twenty additions, and the compiler leaves some
+    of them in loops: they took half of the 3D step (measured 2026-11-21). `more` are further options of numba.
+    """
+    return _kept(numba.njit(**OPTIONS, _nrt=False, **more)(function))
+
+
+def kernel_part(function):
+    """A part of kernels for both precisions; its constants have single precision if its first array has."""
+    law_function(function, inlined=False)
+    return function
+
+
+def jit_parallel(function):
+    """Compile a kernel with `prange` loops, cached on disk. No atomics: each loop writes only its own data."""
+    return _kept(numba.njit(**OPTIONS, parallel=True)(function))
+
+
+def set_threads(count):
+    """Use `count` threads (None: all that there are); returns the number in use."""
+    available = numba.config.NUMBA_NUM_THREADS
+    numba.set_num_threads(available if count is None else max(1, min(int(count), available)))
+    return numba.get_num_threads()
+
+
+def threads_in_use():
+    """Number of threads that parallel kernels use in the calling thread."""
+    return numba.get_num_threads()
+
+
+def ready_threads():
+    """Start the threads before a kernel from the disk cache is called.
+
+    A cached kernel does not start them if its parallel loops came from the cache when it was compiled (for example
+    after an interrupted first run); called without them, the process crashes.
+    """
+    numba.get_num_threads()
+
+
+def law_method(name, inlined=False):
+    """Let kernels call method `name` of any law.
+
+    A law is a NamedTuple of numbers with plain methods; the kernel is specialised by the law's type, so that an
+    absent law has no cost and new parameter values need no compilation. `inlined` puts it into the loop of the
+    caller whatever its length; otherwise loops over points are not vectorised: 12 ns instead of 130 for
+    Drucker-Prager (measured 2026-11-21).
+    """
+    options = INNER | ({"forceinline": True} if inlined else {})
+
+    @overload_method(types.BaseNamedTuple, name, jit_options=options)
+    def specialise(law, *arguments):
+        method = of_precision(getattr(law.instance_class, name), (law, *arguments))
+        method = register_jitable(**options)(method)
+        return lambda law, *arguments: method(law, *arguments)
+
+
+def law_function(function, inlined=True):
+    """Let laws' methods call the plain `function`; `inlined` as in `law_method`."""
+    options = INNER | ({"forceinline": True} if inlined else {})
+
+    @overload(function, jit_options=options, strict=False)
+    def specialise(*arguments):
+        return of_precision(function, arguments)
+
+
+def for_law(kernel, place, active):
+    """`kernel` for callers that call it only where the law at argument `place` is active.
+
+    Where the law's method `active` returns False whatever the law's values, the call is left out when the caller is
+    compiled: an absent law then takes no time to compile either.
+    """
+
+    def called(*arguments):
+        return kernel(*arguments)
+
+    @overload(called, jit_options=INNER, strict=False)
+    def specialise(*arguments):
+        if _is_never(active, arguments[place].instance_class):
+            return lambda *arguments: None
+        return lambda *arguments: kernel(*arguments)
+
+    return called
+
+
+def _is_never(active, law):
+    """Whether the method `active` of the class `law` returns False without any values of a law."""
+    try:
+        return not getattr(law, active)(None)
+    except (AttributeError, TypeError):  # it depends on them
+        return False
+
+
+def of_precision(function, arguments):
+    """`function`, or where it works in single precision the same with float32 for every constant in it.
+
+    So laws write 0.5 once: of a float32 and a Python float numba would make a float64, at half the speed.
+    """
+    if not _is_single(arguments):
+        return function
+    if function not in _single:
+        code = function.__code__.replace(co_consts=tuple(map(_single_precision, function.__code__.co_consts)))
+        names = {name: _single_precision(value) for name, value in function.__globals__.items()}
+        rest = function.__name__, function.__defaults__, function.__closure__
+        _single[function] = FunctionType(code, names, *rest)
+    return _single[function]
+
+
+def _is_single(arguments):
+    """Whether the first array is of float32, or without one there is a float32 and no float64."""
+    arrays = [kind.dtype for kind in arguments if isinstance(kind, types.Array)]
+    if arrays:
+        return arrays[0] == types.float32
+    given = set()
+    for kind in arguments:
+        given.update(kind.types if isinstance(kind, types.BaseTuple) else [kind])
+    return types.float32 in given and types.float64 not in given
+
+
+def _single_precision(value):
+    """The float, or the floats in the tuple, `value` as float32; anything else as it is."""
+    if type(value) is tuple:
+        return tuple(map(_single_precision, value))
+    return np.float32(value) if type(value) is float else value

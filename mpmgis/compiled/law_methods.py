@@ -1,0 +1,155 @@
+"""Methods that kernels call on laws, and the check that a compiled user law gives the same results."""
+
+import math
+
+import numba
+import numpy as np
+
+from ..laws import flow_layers, hencky, softening
+from ..laws.own_law import tried_inputs
+from ..system.errors import SceneError, one_line
+from .jit import FASTMATH, include_own_laws, law_function, law_method
+
+METHODS = (
+    "dry_stress",  # friction
+    "viscous_coefficient",
+    "drag_coefficient",
+    "at_node",
+    "basal_stress",
+    "plug_ratio",  # friction and viscosity
+    "local",  # zones
+    "cohesive_stress",  # cohesion
+    "metric_gradient",  # metric
+    "curvature_active",  # curvature
+    "turned_velocity",
+    "centrifugal_acceleration",
+    "effective_gravity",
+    "still_water_active",  # still water
+    "reference_depth",
+    "earth_pressure_active",  # earth pressure
+    "pressure_factor",
+    "largest_factor",
+    "viscosity_active",  # viscosity in the plane
+    "apparent_viscosity",
+    "entrainment_active",  # entrainment
+    "erosion_rate",
+    "bed_lowering",
+    "forest_active",  # forest
+    "forest_breaks",
+    "forest_only_detrains",
+    "forest_detrained",
+    "barrier_active",  # barriers
+    "weir_discharge",
+    "opening_discharge",
+    "deflected",
+    "let_through",
+    "stress_step_far",  # material
+    "stored_energy",
+    "volume_ratio",
+    "follows_density",
+    "gap_at_density",
+    "kept_slip",  # contact of points with the ground
+    "sticks",
+    "drag_active",
+    "kept_by_drag",
+    "layer_friction",
+    "layer_roughness",
+    "kept_along",  # barriers of points
+    "only_turns",  # transfer of points
+)
+
+# called for every point in every step, and therefore inlined into the loops of kernels
+INLINED_METHODS = (
+    "stress_step",  # material
+    "returned_strain",
+    "pressure",
+    "softened_cone",  # softening
+)
+
+INLINED_FUNCTIONS = (
+    hencky.determinant_of_step,
+    hencky.pushed_forward,
+    hencky.squared,
+    hencky.determinant,
+    hencky.squared_norm,
+    hencky.cayley,
+    hencky.hencky_strain,
+    hencky.times_square,
+    hencky.exponential_less_unit,
+    softening.decay,
+    softening.sine_cosine,
+    softening.faded,
+    softening.matched_cone,
+)
+FUNCTIONS = (hencky.rotation, hencky.turned, hencky.principal, hencky.assembled, hencky.principal_strain)
+FUNCTIONS += (flow_layers.relative_roughness, flow_layers.chezy_number, flow_layers.turbulent_link)
+
+for _name in METHODS:
+    law_method(_name)
+for _name in INLINED_METHODS:
+    law_method(_name, inlined=True)
+for _function in INLINED_FUNCTIONS:
+    law_function(_function)
+for _function in FUNCTIONS:
+    law_function(_function, inlined=False)
+
+
+TOLERANCE = 1e-9  # of compiled against plain: the compiler may take another root or power
+
+
+def use_own_laws(own_laws):
+    """Prepare the compilation of kernels with `own_laws` (`own_law.OwnLaws`), in a separate cache."""
+    if own_laws.laws:
+        include_own_laws(own_laws.sha256)
+
+
+def require_compiled(law, name):
+    """Refuse a law that does not compile, or whose compiled results differ.
+
+    Raises
+    ------
+    SceneError
+        With the most informative line of the message of the compiler.
+    """
+    clash = sorted(set(law._fields) & set(METHODS))
+    if clash:
+        raise SceneError(
+            f"{name}: a parameter cannot be called {clash[0]!r}, which is a method of the solver; rename it"
+        )
+    node = np.array([[[*map(float, law)]]])
+    try:
+        compiled = numba.njit(fastmath=FASTMATH, error_model="numpy")(_stresses)
+        for inputs in tried_inputs():
+            _require_same(_stresses(law, node, *inputs), compiled(law, node, *inputs), inputs, name)
+    except numba.core.errors.NumbaError as error:
+        fix = "use arithmetic, math and if only, and no other functions"
+        raise SceneError(f"{name} does not compile: {_informative_line(error)}; {fix}") from error
+
+
+def _stresses(law, node, density, gravity, normal_stress, thickness_normal, speed):
+    """All results of a law that the solver uses, directly and with the parameters of a node."""
+    law_here = law.at_node(node, 0, 0)
+    return (
+        law.dry_stress(density, gravity, normal_stress, thickness_normal, speed),
+        law.viscous_coefficient(density, gravity, normal_stress, thickness_normal, speed),
+        law.drag_coefficient(gravity, thickness_normal, speed),
+        law_here.dry_stress(density, gravity, normal_stress, thickness_normal, speed),
+    )
+
+
+def _require_same(plain, compiled, inputs, name):
+    for a, b in zip(plain, compiled, strict=True):
+        if not math.isclose(a, b, rel_tol=TOLERANCE, abs_tol=1e-300):
+            where = ", ".join(f"{value:.4g}" for value in inputs)
+            raise SceneError(
+                f"{name} is {a:.6g} in Python and {b:.6g} compiled at density, gravity, normal_stress, "
+                f"thickness_normal, speed = {where}; does it depend on something that changes?"
+            )
+
+
+def _informative_line(error):
+    """The line of the message of the compiler that names the unsupported construct."""
+    lines = [one_line(line) for line in str(error).splitlines() if line.strip()]
+    words = ("Untyped", "Unknown attribute", "No implementation", "not defined", "nsupported", "Cannot", "Invalid use")
+    informative = [line for line in lines if any(word in line for word in words)]
+    return (informative or lines)[-1][:200]

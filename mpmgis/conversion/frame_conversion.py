@@ -1,0 +1,230 @@
+"""`mpmgis convert`: a frame of columns to one of points, and back."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..exchange.frame_list import OWN, list_frames
+from ..frames.frame_files import read_frame, write_frame
+from ..frames.particle_files import is_point_cloud, require_format, require_point_cloud, write_columns, write_las
+from ..maps.averaging.sampling import require_cells_within
+from ..maps.export.export_inputs import run_terrain
+from ..maps.export.export_request import FrameSource
+from ..system import operating_system
+from ..system.errors import InputError, OutputError
+from ..system.messages import log
+from ..system.operating_system import memory_lack
+from ..system.whole_files import refuse_existing
+from .columns_to_points import columns_to_points
+from .conversion_account import account_of_columns, account_of_points
+from .conversion_options import ColumnOptions, PointOptions
+from .points_to_columns import points_to_columns
+
+BYTES_PER_POINT = 320  # at most, with a velocity gradient and the frame's file
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertRequest:
+    """A conversion: the file of a frame, the `output` (None: `<name>_points.h5` or `<name>_columns.h5` in the current
+    folder), the time `at_time` [s] of one of several frames, and the declarations about DTM and frames."""
+
+    source: Path
+    output: Path | None = None
+    overwrite: bool = False
+    at_time: float | None = None
+    declared: FrameSource = field(default_factory=FrameSource)
+
+
+@dataclass(frozen=True)
+class Written:
+    """The file of the converted frame, the file of points that remain points (or None), and the report."""
+
+    path: Path
+    rest: Path | None
+    report: object
+
+
+def convert_to_points(request, options=None):
+    """Convert the columns in `request.source` to points with PointOptions `options`.
+
+    Raises
+    ------
+    MpmgisError
+        Before anything is written.
+    """
+    options = options or PointOptions()
+    path = _output(request, "points")
+    if is_point_cloud(path):
+        require_point_cloud(path)
+    elif path.suffix.lower() != ".h5":
+        raise OutputError(f"{path}: points are written as frames, expected a name that ends in .h5 or .las")
+    frame, terrain = _inputs(request, path, 2)
+    require_cells_within(terrain.grid, options.cell, north_up=True, option="`cell`")
+    require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
+    points = columns_to_points(frame, terrain, options)
+    header = points.frame.header | {
+        "converted_outside_columns": points.report.outside.count, "converted_outside_mass": points.report.outside.mass
+    }  # fmt: skip
+    state = {name: values.astype(np.float32) for name, values in points.frame.state.items()}
+    frame = _with_terrain(replace(points.frame, header=header, state=state), terrain, path)
+    (write_las if is_point_cloud(path) else write_frame)(path, frame)
+    for line in account_of_points(points.report, options):
+        log.info(line)
+    return Written(path, None, points.report)
+
+
+def write_point_cloud(request):
+    """Write the points in `request.source` unchanged to the .las file `request.output`.
+
+    Raises
+    ------
+    MpmgisError
+        Before anything is written.
+    """
+    path, entry = _output(request, "points"), _entry(request)
+    require_point_cloud(path)
+    if entry.reader == OWN and request.declared.crs is not None:
+        raise InputError(f"{entry.path} is a frame of mpmgis, which contains its CRS; leave `crs` out")
+    frame = whole_frame(entry)
+    if frame.crs is None:
+        log.info(f"{path}: the frame has no CRS, so the point cloud has none")
+    write_las(path, frame)
+    return Written(path, None, None)
+
+
+def convert_to_columns(request, options=None):
+    """Convert the points in `request.source` to columns with ColumnOptions `options`.
+
+    Points that remain points are written to `<output>_points.h5` beside the output.
+
+    Raises
+    ------
+    MpmgisError
+        Before anything is written.
+    """
+    path = _output(request, "columns")
+    require_format(path)
+    rest = path.with_name(f"{path.stem}_points.h5")
+    refuse_existing(rest, request.overwrite)
+    frame, terrain = _inputs(request, path, 3)
+    _refuse_replacing(rest, request, terrain)
+    options = options or ColumnOptions()
+    require_cells_within(terrain.grid, options.cell, north_up=True, option="`cell`")
+    columns = points_to_columns(frame, terrain, options)
+    _write_both(columns, path, rest, terrain)
+    for line in account_of_columns(columns.report, options):
+        log.info(line)
+    return Written(path, rest if columns.rest is not None else None, columns.report)
+
+
+def _write_both(columns, path, rest, terrain):
+    """Write the columns to `path` and the remaining points to `rest`, both or none."""
+    if columns.rest is not None:
+        write_frame(rest, _with_terrain(columns.rest, terrain, rest))
+    particles = columns.frame.particles
+    try:
+        write_columns(path, _with_terrain(columns.frame, terrain, path), len(particles), [particles])
+    except BaseException:
+        rest.unlink(missing_ok=True)
+        raise
+
+
+def dimension_of(request):
+    """2 if the frame to convert contains columns, 3 if points."""
+    return _entry(request).header.dimension
+
+
+def listed(sources, terms):
+    """The FrameEntries of some files, of mpmgis or another code, by time.
+
+    Raises
+    ------
+    FormatError, InputError
+        As `list_frames`; a density for frames that have their own.
+    """
+    entries = list_frames(sources, terms)
+    if entries[0].reader == OWN and terms.density is not None:
+        raise InputError(f"{entries[0].path} is a frame of mpmgis, which contains its density; leave `density` out")
+    return entries
+
+
+def whole_frame(entry):
+    """The Frame of a FrameEntry, with all data of its file."""
+    if entry.reader == OWN:
+        return read_frame(entry.path)
+    frame = entry.read()
+    return replace(frame, header={name: value for name, value in frame.header.items() if name != "count"})
+
+
+def _entry(request):
+    """The FrameEntry to convert: the only one, or that at `at_time`."""
+    entries = listed([request.source], request.declared.terms())
+    if request.at_time is not None:
+        return entry_at(entries, request.at_time)
+    if len(entries) > 1:
+        raise InputError(
+            f"{request.source} contains {len(entries)} frames, from {entries[0].time:g} to {entries[-1].time:g} s; "
+            "choose one with `at_time`"
+        )
+    return entries[0]
+
+
+def entry_at(entries, time):
+    """The FrameEntry of a time [s].
+
+    Raises
+    ------
+    InputError
+        There is none; the nearest is named.
+    """
+    nearest = min(entries, key=lambda entry: abs(entry.time - time))
+    if not np.isclose(nearest.time, time, rtol=1e-6, atol=1e-9):
+        raise InputError(f"no frame at {time:g} s; the nearest, {nearest.path.name}, is at {nearest.time:.9g} s")
+    return nearest
+
+
+def _output(request, kind):
+    path = Path(request.output) if request.output is not None else Path(f"{Path(request.source).stem}_{kind}.h5")
+    refuse_existing(path, request.overwrite)
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder, expected the name of a file; give another `output`")
+    return path
+
+
+def _inputs(request, path, dimension):
+    """(the frame, its terrain); an error if the output would replace one of their files."""
+    entry = _entry(request)
+    source, is_of = entry.path, entry.header.dimension
+    if is_of != dimension:
+        kinds = {2: "columns", 3: "points"}
+        raise InputError(f"{source} already contains {kinds[is_of]}; `to={kinds[is_of]}` requires {kinds[dimension]}")
+    terrain = run_terrain(request.declared, [entry], path)
+    _refuse_replacing(path, request, terrain)
+    frame = whole_frame(entry)
+    if "assumed_density" in frame.header:
+        log.info(
+            f"{source} contains only mass or volume; a density of {frame.header['assumed_density']:g} kg m-3 is assumed"
+        )
+    return frame, terrain
+
+
+def _refuse_replacing(path, request, terrain):
+    """Refuse to replace an input, even with `overwrite`."""
+    for given in (request.source, terrain.path):
+        if given and path.exists() and Path(given).exists() and path.samefile(given):
+            raise OutputError(f"{path} is an input and would be replaced; give another `output`")
+
+
+def require_point_memory(count, spacing):
+    """Refuse, before the work, more points than the memory of this machine allows."""
+    if lack := memory_lack(count * BYTES_PER_POINT):
+        raise InputError(
+            f"{count:.3g} points at a spacing of {spacing:g} m need {lack}; use a wider `spacing`, or larger cells"
+        )
+
+
+def _with_terrain(frame, terrain, path):
+    """The frame with its terrain's CRS, and with the terrain's path relative to the frame's file."""
+    crs = frame.crs if frame.crs is not None else terrain.grid.crs
+    return replace(frame, crs=crs, dem=operating_system.slashed(terrain.path, path.parent), dem_sha256=terrain.sha256)

@@ -1,0 +1,332 @@
+"""Points to columns: the inverse of Algorithm 2 of MOX report 15/2025."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..frames.particles import Frame, Particles
+from ..laws.quantities import GRAVITY
+from ..system.errors import InputError
+from .conserved_sums import NOTHING, Sums, sums_of
+from .conversion_options import LAY, REFUSE, ColumnOptions
+from .point_groups import Ground, Groups, PointsOverGround, cells_of, grouped, slope_cosine
+
+GAP_CELLS = 2.0  # cells of the 3D code that a column may be clear of the bed
+WIDEST_SLICE = 1.5  # largest number of spacings that a single point can represent
+NORMAL_SHARE = 0.2  # of the speed along the slope that may be across it
+LIFT_CELLS = 0.1  # cells that a speed across the slope must be able to lift the flow to count: rest is no flight
+_FLAT = 1e-9  # determinant of the points' spread, over its squared trace, below which no gradient can be computed
+
+
+@dataclass(frozen=True)
+class ColumnsReport:
+    """What a conversion to columns did.
+
+    Parameters
+    ----------
+    before, after, outside, detached : Sums
+        Of all points; of the columns; of points with no ground under them; of points that leave the bed or are clear of
+        it. The masses and horizontal momenta of the last three add up to the first's.
+    by : str
+        "parent" or "cell".
+    cell_area : float or None [m2]
+        Of the cells that points were gathered in.
+    apart : float
+        Share of the mass of columns whose points have moved apart, for points with parents, else 0.
+    vertical_momentum_lost : float [kg m s-1]
+        Sum of m (w - u . grad b): a column's velocity is tangent to its bed.
+    kinetic_lost : float [J]
+        Of the points' motion about their columns'.
+    laid : float [kg]
+        Mass above the bed or leaving it that was moved onto it.
+    """
+
+    before: Sums
+    after: Sums
+    outside: Sums
+    detached: Sums
+    by: str
+    cell_area: float | None
+    apart: float
+    vertical_momentum_lost: float
+    kinetic_lost: float
+    laid: float = 0.0
+
+
+@dataclass(frozen=True)
+class Columns:
+    """`frame` of columns, `rest` a frame of the points that stay points (None: there are none), `report`."""
+
+    frame: Frame
+    rest: Frame | None
+    report: ColumnsReport
+
+
+def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
+    """Gather the points of `frame` into columns on `terrain`.
+
+    A column has the mass, the centre and the horizontal momentum of its points, to rounding. By parent its thickness is
+    twice their mean height over the bed (exact for points of `columns_to_points`) and its area their volume over it;
+    by cell its area is that of the cell and its thickness that of the mass at the density of the release.
+    `state` of the result has `velocity_gradient` float64[n, 2, 2] [s-1].
+
+    Parameters
+    ----------
+    frame : Frame
+        Dimension 3, in the terrain's CRS.
+    terrain : Terrain
+    options : ColumnOptions
+    gravity : float [m s-2]
+        Of the energies in the report.
+
+    Returns
+    -------
+    Columns
+        Points off the terrain, and detached ones if these are to be kept, are its `rest`.
+
+    Raises
+    ------
+    InputError
+        No points, values that are not finite, no mass on the terrain, mass that has left the bed, points by parent
+        without parents or below their bed.
+    """
+    options = options or ColumnOptions()
+    _require_points(frame)
+    x, y, near = *frame.particles.position[:, :2].T, terrain.moved(-frame.origin[0], -frame.origin[1])
+    ground = Ground.under(near, x, y)
+    bed = ground.height(x, y)
+    on_ground = np.isfinite(bed)
+    if not on_ground.any():
+        raise InputError(
+            f"none of the {len(x)} points is over {terrain.path or 'the terrain'}; use the terrain of this frame"
+        )
+    here = np.flatnonzero(on_ground)
+    over = PointsOverGround(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
+    groups, by, cell_area, apart = grouped(over, x[here], y[here], near, options)
+    detached, laid = _detached(over, groups, _point_cell(frame, options)), 0.0
+    if options.detached == LAY:
+        laid, detached = float(over.mass[groups.spread(detached)].sum()), np.zeros(len(groups), bool)
+    if detached.any() and options.detached == REFUSE:
+        raise InputError(_detachment(over, groups, detached))
+    if detached.all():
+        raise InputError("all of the flow is clear of the bed or leaves it; no columns can be made")
+    staying = groups.spread(detached)
+    stays = np.ones(len(x), bool)
+    stays[here[~staying]] = False
+    rest = _rest(frame, stays)
+    over, groups = over.take(~staying), groups.without(detached)
+    columns, lost = _frame_of(frame, over, groups, by, cell_area, near)
+    report = _report(frame, columns, here[staying], ~on_ground, by, cell_area, apart, lost, gravity)
+    return Columns(columns, rest, replace(report, laid=laid))
+
+
+def unsettled_share(frame, terrain, cell, normal_share):
+    """Share of the mass [1] that columns cannot represent: clear of the bed, or moving across it.
+
+    Parameters
+    ----------
+    frame : Frame
+        Points, in the terrain's CRS.
+    terrain : Terrain
+    cell : float [m]
+        Side of the columns' cells.
+    normal_share : float [1]
+        Of the speed along the slope that the speed across it may be.
+    """
+    x, y, near = *frame.particles.position[:, :2].T, terrain.moved(-frame.origin[0], -frame.origin[1])
+    ground = Ground.under(near, x, y)
+    bed = ground.height(x, y)
+    here = np.flatnonzero(np.isfinite(bed))
+    if not len(here):
+        return 0.0
+    over = PointsOverGround(frame, here, bed[here], *(slope[here] for slope in ground.gradient(x, y)))
+    groups = Groups(cells_of(x[here], y[here], near.grid, cell)[0])
+    unsettled = _detached(over, groups, _point_cell(frame, ColumnOptions()), normal_share)
+    return float(over.mass[groups.spread(unsettled)].sum() / frame.particles.mass.sum())
+
+
+def _require_points(frame):
+    particles = frame.particles
+    if frame.dimension != 3:
+        raise InputError("expected points (dimension 3), got columns; to points is the inverse (--to points)")
+    if len(particles) == 0:
+        raise InputError("the frame has no point")
+    for name in ("position", "velocity", "mass", "volume"):
+        values = getattr(particles, name).reshape(len(particles), -1)
+        bad = ~np.isfinite(values).all(axis=1)
+        if name in ("mass", "volume"):
+            bad |= values[:, 0] <= 0
+        if bad.any():
+            row = int(np.argmax(bad))
+            wanted = "above 0" if name in ("mass", "volume") else "finite"
+            raise InputError(f"{name} of point {row} is {values[row].tolist()}, expected {wanted}")
+
+
+def _point_cell(frame, options):
+    """Grid spacing of the 3D code [m]: as given, from the frame, or with the usual 8 points a cell."""
+    if options.point_cell is not None:
+        return options.point_cell
+    declared = frame.header.get("cell_size")
+    return float(declared) if declared is not None else 2.0 * float(np.cbrt(frame.particles.volume.mean()))
+
+
+def _flight(over, groups):
+    """(gap [m], Un, Ut [m s-1]) of each column: the distance of its lowest slice from the bed, its mean velocity."""
+    mass = groups.sum(over.mass)
+    slopes = [groups.sum(over.mass * slope) / mass for slope in (over.slope_east, over.slope_north)]
+    cosine = slope_cosine(*slopes)
+    u, v, w = (groups.sum(over.mass * over.velocity[:, axis]) / mass for axis in range(3))
+    across = (w - u * slopes[0] - v * slopes[1]) * cosine
+    along = np.sqrt(np.maximum(u * u + v * v + w * w - across**2, 0.0))
+    clear = np.maximum(groups.least(over.height) - _half_slice(over.frame), 0.0)
+    return clear * cosine, across, along
+
+
+def _half_slice(frame):
+    """Height [m] of the lowest point of a column above the bed because it is in the middle of its slice.
+
+    Points directly after a conversion are in slices of up to 1.5 times its spacing (`PointOptions.points_in`): a
+    thinner column is one point, half its thickness above the bed. For other points it is unknown.
+    """
+    spacing = frame.header.get("converted_spacing")
+    return 0.0 if spacing is None else 0.5 * WIDEST_SLICE * float(spacing)
+
+
+def _detached(over, groups, point_cell, normal_share=NORMAL_SHARE):
+    """bool[m]: columns that are clear of the bed, or leave it or land fast enough to matter."""
+    gap, across, along = _flight(over, groups)
+    lifts = across**2 > 2.0 * GRAVITY * LIFT_CELLS * point_cell
+    return (gap > GAP_CELLS * point_cell) | ((np.abs(across) > normal_share * along) & lifts)
+
+
+def _detachment(over, groups, detached):
+    """The error for mass that has left the bed, with its worst column."""
+    gap, across, along = _flight(over, groups)
+    mass = groups.sum(over.mass)
+    share = 100.0 * mass[detached].sum() / mass.sum()
+    worst = np.flatnonzero(detached)[np.argmax(mass[detached])]
+    point = over.position[np.flatnonzero(groups.of == worst)].mean(axis=0)
+    east, north = point[0] + over.frame.origin[0], point[1] + over.frame.origin[1]
+    return (
+        f"{int(detached.sum())} of {len(groups)} columns with {share:.2g} % of the mass would be clear of the bed or "
+        f"moving across it, the heaviest at E {east:.1f} N {north:.1f} ({gap[worst]:.2g} m clear, "
+        f"{across[worst]:.2g} m/s across, {along[worst]:.2g} m/s along); convert later, "
+        "or keep these points in 3D (--detached keep)"
+    )
+
+
+def _rest(frame, stays):
+    """The points that stay points with their state, None where there are none."""
+    if not stays.any():
+        return None
+    n = len(stays)
+    state = {name: value[stays] for name, value in frame.state.items() if np.shape(value)[:1] == (n,)}
+    return replace(frame, particles=frame.particles.take(stays), state=state, maxima={})
+
+
+def _frame_of(frame, over, groups, by, cell_area, terrain):
+    """(the columns as a Frame, (vertical momentum, kinetic energy) that they do not have)."""
+    mass = groups.sum(over.mass)
+    centre = np.column_stack([groups.sum(over.mass * over.position[:, axis]) / mass for axis in (0, 1)])
+    u, v = (groups.sum(over.mass * over.velocity[:, axis]) / mass for axis in (0, 1))
+    density = _density(frame)
+    if by == "parent":
+        volume, thickness = groups.sum(over.volume), 2.0 * groups.sum(over.mass * over.height) / mass
+        _require_thickness(thickness, groups)
+        area = volume / thickness
+    else:
+        volume, area = mass / density, np.full(len(groups), cell_area)
+        thickness = volume / area
+    bed, slope_east, slope_north = _bed_at(over, groups, mass, centre, terrain)
+    climb = u * slope_east + v * slope_north
+    particles = Particles(
+        np.column_stack([centre, bed - frame.origin[2]]),
+        np.column_stack([u, v, climb]),
+        mass,
+        volume,
+        thickness,
+        area,
+        groups.key.astype(np.uint64) if by == "parent" else np.arange(len(groups), dtype=np.uint64),
+    )
+    lost = (
+        float((over.mass * over.velocity[:, 2]).sum() - (mass * climb).sum()),
+        0.5 * float((over.mass * (over.velocity**2).sum(axis=1)).sum() - (mass * (u * u + v * v + climb**2)).sum()),
+    )
+    header = {k: v for k, v in frame.header.items() if k != "cell_size" and not k.startswith("converted_")}
+    header |= {"density": density, "converted_by": by}
+    state = {"velocity_gradient": _gradients(over, groups, mass, centre, u, v)}
+    columns = replace(frame, particles=particles, dimension=2, solver="convert", header=header, maxima={}, state=state)
+    return columns, lost
+
+
+def _density(frame):
+    declared = frame.header.get("density")
+    return float(declared) if declared is not None else float(frame.particles.mass.sum() / frame.particles.volume.sum())
+
+
+def _require_thickness(thickness, groups):
+    low = thickness <= 0
+    if low.any():
+        raise InputError(
+            f"the points of {int(low.sum())} of {len(groups)} columns are below the bed, the first of parent "
+            f"{int(groups.key[np.argmax(low)])}; bin them on cells (by cell)"
+        )
+
+
+def _bed_at(over, groups, mass, centre, terrain):
+    """Bed [m] and its gradient under the centres; the mean under the points where a centre has no ground."""
+    x, y = centre[:, :2].T
+    ground = Ground.under(terrain, x, y)
+    found = (ground.height(x, y), *ground.gradient(x, y))
+    means = (groups.sum(over.mass * values) / mass for values in (over.bed, over.slope_east, over.slope_north))
+    return [np.where(np.isfinite(a), a, b) for a, b in zip(found, means, strict=True)]
+
+
+def _gradients(over, groups, mass, centre, u, v):
+    """float64[m, 2, 2] [s-1]: velocity gradient of each column, the least-squares fit of its points' velocities.
+
+    Where they are above each other, so that no fit is possible, the mean of the points, else 0.
+    """
+    dx, dy = (over.position[:, axis] - groups.spread(centre[:, axis]) for axis in (0, 1))
+    xx, xy, yy = (groups.sum(over.mass * a) / mass for a in (dx * dx, dx * dy, dy * dy))
+    determinant = xx * yy - xy * xy
+    fits = determinant > _FLAT * (xx + yy) ** 2
+    inverse = np.divide(1.0, determinant, out=np.zeros(len(groups)), where=fits)
+    gradient = np.empty((len(groups), 2, 2))
+    for i, mean in enumerate((u, v)):
+        off = over.mass * (over.velocity[:, i] - groups.spread(mean))
+        ax, ay = groups.sum(off * dx) / mass, groups.sum(off * dy) / mass
+        gradient[:, i, 0], gradient[:, i, 1] = (ax * yy - ay * xy) * inverse, (ay * xx - ax * xy) * inverse
+    own = over.frame.particle_state("affine", 3, 3)
+    if own is not None:
+        for i in (0, 1):
+            for j in (0, 1):
+                mean = groups.sum(over.mass * own[over.index, i, j]) / mass
+                gradient[:, i, j] = np.where(fits, gradient[:, i, j], mean)
+    return gradient
+
+
+def _report(frame, columns, detached, outside, by, cell_area, apart, lost, gravity):
+    particles = frame.particles
+
+    def points(index):
+        if not len(particles.mass[index]):
+            return NOTHING
+        return sums_of(
+            particles.mass[index], particles.velocity[index], particles.position[index, 2] + frame.origin[2], gravity
+        )
+
+    after = columns.particles
+    return ColumnsReport(
+        before=points(slice(None)),
+        after=sums_of(
+            after.mass, after.velocity, after.position[:, 2] + frame.origin[2] + 0.5 * after.thickness, gravity
+        ),
+        outside=points(outside),
+        detached=points(detached),
+        by=by,
+        cell_area=cell_area,
+        apart=apart,
+        vertical_momentum_lost=lost[0],
+        kinetic_lost=lost[1],
+    )

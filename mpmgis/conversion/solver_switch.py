@@ -1,0 +1,252 @@
+"""Transfer of a flow from one solver to the other during a run, with its balances.
+
+Initial state of a 3D run: columns converted to points that fill its grid, and the stress of their weight.
+"""
+
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+import shapely
+
+from ..frames.particles import Particles
+from ..laws.quantities import GRAVITY
+from ..system.errors import InputError
+from .columns_to_points import columns_to_points, velocity_gradient
+from .conserved_sums import NOTHING, Sums, conservation_error, sums_of
+from .conversion_options import LAY, ColumnOptions, PointOptions
+from .points_to_columns import points_to_columns
+
+
+def point_options(cell_size, points_per_side):
+    """PointOptions that fill cells of `cell_size` [m] with `points_per_side` points along each side."""
+    return PointOptions(spacing=cell_size / points_per_side, cell=cell_size)
+
+
+def points_from(columns, terrain, options, window=None):
+    """The Points of a frame of `columns` on `terrain`, of those in `window` (shapely.Polygon) or of all.
+
+    Raises
+    ------
+    InputError
+        As `columns_to_points`; columns to convert without ground below them.
+    """
+    points = columns_to_points(columns, terrain, options, window)
+    lost = 0 if points.rest is None else int(_bare(points.rest, terrain, window).sum())
+    if lost:
+        raise InputError(
+            f"{lost} of {len(columns.particles)} columns have no ground below them; use a larger DTM, or a [terrain] "
+            "window that contains them"
+        )
+    return points
+
+
+def _bare(rest, terrain, window):
+    """bool[n]: columns off the terrain, or in the window."""
+    x, y = rest.map_xy()
+    bare = ~np.isfinite(terrain.sample(x, y))
+    return bare if window is None else bare & shapely.contains_xy(window, x, y)
+
+
+def lying_in(frame, window):
+    """`frame` with its particles in `window` (shapely.Polygon); InputError if there are none."""
+    inside = shapely.contains_xy(window, *frame.map_xy())
+    if not inside.any():
+        raise InputError(f"none of the {len(inside)} particles is in [release] window; move it or remove it")
+    return replace(frame, particles=frame.particles.take(inside), state=_rows_of(frame.state, inside))
+
+
+def _rows_of(state, inside):
+    """The arrays of `state` that have a row for each particle, of those `inside`."""
+    return {name: values[inside] for name, values in state.items() if np.shape(values)[:1] == inside.shape}
+
+
+def standing(frame, terrain, cell_size):
+    """`frame` of points as columns with the thickness of all mass in their cells of `cell_size` [m].
+
+    For decisions on effects: thickness and place of the flow.
+    """
+    particles = frame.particles
+    west, _, _, north = terrain.grid.bounds
+    x, y = frame.map_xy()
+    cell = np.column_stack([np.floor((x - west) / cell_size), np.floor((north - y) / cell_size)]).astype(np.int64)
+    _, number = np.unique(cell, axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    thickness = (np.bincount(number, particles.volume) / cell_size**2)[number]
+    seen = replace(particles, thickness=thickness, area=particles.volume / thickness)
+    return replace(frame, particles=seen, dimension=2, state={})
+
+
+@dataclass(frozen=True)
+class SwitchAccount:
+    """Balance of a switch: sums over the flow before and after it.
+
+    Parameters
+    ----------
+    before, after : Sums
+        Of the flow of the solver before, and of the next one.
+    outside : Sums
+        Of the flow outside the window.
+    off : Sums
+        Of flow without ground or without a whole cell of the next solver below it, which has left the terrain.
+    laid : float [kg]
+        Part of `after` that was above the bed, or moved across it, and was moved onto it.
+    """
+
+    before: Sums
+    after: Sums
+    outside: Sums = NOTHING
+    off: Sums = NOTHING
+    laid: float = 0.0
+
+    def errors(self):
+        """Relative errors of (mass, horizontal momentum) [1]."""
+        return conservation_error(self.before, self.after, self.outside, self.off)
+
+    def as_numbers(self):
+        """All of it as plain numbers for a record."""
+        mass, momentum = self.errors()
+        sums = {name: getattr(self, name)._asdict() for name in ("before", "after", "outside", "off")}
+        return {**sums, "laid_mass": self.laid, "mass_error_relative": mass, "momentum_error_relative": momentum}
+
+    def lines(self, outside="booked and gone"):
+        """Report lines; `outside` describes what happens to the part outside the window."""
+        before, after, (mass, momentum) = self.before, self.after, self.errors()
+        lines = [
+            f"{before.count} particles became {after.count}; mass {before.mass:.9g} kg and horizontal momentum "
+            f"({before.momentum[0]:.6g}, {before.momentum[1]:.6g}) kg m s-1 are kept to {mass:.1e} and {momentum:.1e}",
+            f"vertical momentum {before.momentum[2]:.6g}, now {after.momentum[2]:.6g} kg m s-1; kinetic energy "
+            f"{before.kinetic:.6g}, now {after.kinetic:.6g} J",
+        ]
+        parts = ((self.outside, f"outside the window, {outside}"), (self.off, "outside the terrain of the next solver"))
+        for part, what in parts:
+            if part.count:
+                momentum = ", ".join(f"{value:.6g}" for value in part.momentum)
+                lines.append(
+                    f"{what}: {part.mass:.9g} kg ({100 * part.mass / before.mass:.3g} %), momentum ({momentum}) "
+                    f"kg m s-1, kinetic energy {part.kinetic:.6g} J"
+                )
+        if self.laid:
+            lines.append(f"{self.laid:.6g} kg above the bed, or moving across it, were moved onto it")
+        return lines
+
+
+@dataclass(frozen=True)
+class Switched:
+    """Start of a solver: `frame`; of points `vertical_stress` [n] [Pa], of both the velocity `gradient` [n, k, k]
+    [s-1] (None: not known); `rest`, the Frame of columns outside the window (None: there are none); the `account`."""
+
+    frame: object
+    vertical_stress: np.ndarray | None
+    gradient: np.ndarray | None
+    rest: object
+    account: SwitchAccount
+
+
+def switch_to_points(frame, terrain, options, holds, window=None):
+    """The columns of `frame` as points on `terrain`, those in `window` (shapely.Geometry) or all.
+
+    Parameters
+    ----------
+    options : PointOptions
+    holds : callable
+        Frame -> bool[n]: particles on the next solver's grid.
+
+    Returns
+    -------
+    Switched
+
+    Raises
+    ------
+    InputError
+        Nothing in the window, or on the terrain.
+    """
+    points, gravity = columns_to_points(frame, terrain, options, window), options.gravity
+    kept, off = _parted(points.frame, holds, gravity)
+    rest, bare = _on_ground(points.rest, terrain, gravity)
+    outside = NOTHING if rest is None else _sums(rest, gravity)
+    account = SwitchAccount(points.report.before, _sums(kept, gravity), outside, _together(off, bare))
+    state = kept.state
+    return Switched(replace(kept, state={}), state["vertical_stress"], state.get("affine"), rest, account)
+
+
+def switch_to_columns(frame, terrain, cell, holds, beside=None, gravity=GRAVITY):
+    """The points of `frame` as columns of the cells of `cell` [m] on `terrain`; see `switch_to_points`.
+
+    `beside` is a Frame of columns that continue unchanged.
+    """
+    parts = [_gathered(frame, terrain, cell, gravity)] if len(frame.particles) else []
+    if beside is not None and len(beside.particles):
+        beside = replace(beside, state={"velocity_gradient": velocity_gradient(beside)}, maxima={})
+        parts.append((beside, _sums(beside, gravity), NOTHING, 0.0))
+    before, bare = (_total(part[k] for part in parts) for k in (1, 2))
+    columns = _one_frame([part[0] for part in parts])
+    kept, off = _parted(columns, holds, gravity)
+    account = SwitchAccount(before, _sums(kept, gravity), off=_together(off, bare), laid=sum(part[3] for part in parts))
+    return Switched(replace(kept, state={}), None, kept.state["velocity_gradient"], None, account)
+
+
+def _gathered(frame, terrain, cell, gravity):
+    """(Frame of columns, Sums of the points before, of those without ground, mass moved onto the bed)."""
+    columns = points_to_columns(frame, terrain, ColumnOptions(by="cell", cell=cell, detached=LAY), gravity)
+    report = columns.report
+    return columns.frame, report.before, report.outside, report.laid
+
+
+def _one_frame(frames):
+    """One Frame of the columns of all `frames`, renumbered, relative to the origin of the first."""
+    first = frames[0]
+    if len(frames) == 1:
+        return first
+    names = [name for name in first.particles.arrays() if name not in ("id", "parent")]
+    moved = [
+        replace(frame.particles, position=frame.particles.position + np.subtract(frame.origin, first.origin))
+        for frame in frames
+    ]
+    arrays = {name: np.concatenate([getattr(particles, name) for particles in moved]) for name in names}
+    gradient = np.concatenate([frame.state["velocity_gradient"] for frame in frames])
+    ids = np.arange(len(gradient), dtype=np.uint64)
+    return replace(first, particles=Particles(**arrays, id=ids), state={"velocity_gradient": gradient})
+
+
+def _parted(frame, holds, gravity):
+    """(`frame` with the particles on the grid of the next solver, Sums of the others)."""
+    held = holds(frame)
+    if held.all():
+        return frame, NOTHING
+    if not held.any():
+        raise InputError("no flow is on the grid of the next [[stage]]; use a larger DTM")
+    rows = {name: values[held] for name, values in frame.state.items() if np.shape(values)[:1] == held.shape}
+    kept = replace(frame, particles=frame.particles.take(held), state=rows)
+    return kept, _sums(replace(frame, particles=frame.particles.take(~held)), gravity)
+
+
+def _on_ground(rest, terrain, gravity):
+    """(those of the Frame `rest` with ground under them or None, Sums of the others)."""
+    if rest is None:
+        return None, NOTHING
+    known = np.isfinite(terrain.sample(*rest.map_xy()))
+    rows = {name: values[known] for name, values in rest.state.items()}
+    kept = replace(rest, particles=rest.particles.take(known), state=rows)
+    bare = NOTHING if known.all() else _sums(replace(rest, particles=rest.particles.take(~known)), gravity)
+    return kept if known.any() else None, bare
+
+
+def _sums(frame, gravity):
+    particles = frame.particles
+    middle = particles.position[:, 2] + frame.origin[2]
+    if particles.thickness is not None:
+        middle = middle + 0.5 * particles.thickness
+    return sums_of(particles.mass, particles.velocity, middle, gravity)
+
+
+def _together(one, other):
+    momentum = tuple(a + b for a, b in zip(one.momentum, other.momentum, strict=True))
+    return Sums(
+        one.count + other.count, one.mass + other.mass, momentum, one.kinetic_horizontal + other.kinetic_horizontal,
+        one.kinetic_vertical + other.kinetic_vertical, one.potential + other.potential,
+    )  # fmt: skip
+
+
+def _total(sums):
+    return reduce(_together, sums, NOTHING)

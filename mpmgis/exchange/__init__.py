@@ -1,0 +1,1 @@
+"""Files of other codes: readers of particles, writers of start files."""

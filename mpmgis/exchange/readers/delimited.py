@@ -1,0 +1,181 @@
+"""Text tables with a header and one row per particle: CSV with commas, semicolons, tabs or blanks.
+
+A column of times (`time`, or --columns time=COLUMN) separates several times in one file.
+"""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ...system.errors import FormatError
+from .reader_interface import Reader
+from .record_parsing import (
+    BLANK,
+    Form,
+    frame_of_rows,
+    frames_of_tables,
+    mapped,
+    plainly_named,
+    read_rows,
+    require_few_times,
+    require_rows,
+    rows_of_time,
+    time_column_of,
+)
+
+SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+DELIMITERS = (",", ";", "\t")
+LONGEST_HEADER = 1 << 16  # [bytes]
+AT_ONCE = 1 << 24  # [bytes]
+OWN_COLUMNS = {"z_bed", "z_surface"}  # of a seed that mpmgis wrote
+
+
+def header_of(head):
+    """The Form of a table whose first bytes are `head`.
+
+    Lines before the header begin with #; the header may begin with # too.
+
+    Raises
+    ------
+    ValueError
+        There is no header.
+    """
+    at, names = 0, None
+    while True:
+        stop = head.find(b"\n", at)
+        if stop < 0:
+            raise ValueError("no header followed by numbers")
+        line = head[at:stop].decode("utf-8-sig" if at == 0 else "utf-8").strip()
+        if line and not line.startswith("#") and _is_number(_cells(line, _delimiter(line))[0]):
+            break  # numbers: the header was the last comment line
+        if line:
+            names = line
+            if not line.startswith("#"):
+                at = stop + 1
+                break
+        at = stop + 1
+    if names is None:
+        raise ValueError("no header before the numbers")
+    delimiter = _delimiter(names.lstrip("# "))
+    cells = _cells(names.lstrip("# "), delimiter)
+    row = head[at : head.find(b"\n", at)] if head.find(b"\n", at) > 0 else head[at:]
+    decimal = "," if delimiter == ";" and b"," in row else "."
+    if not all(cells) or len(set(cells)) != len(cells):
+        raise ValueError("a column name is empty or occurs twice")
+    return Form(tuple(cells), delimiter, decimal, at)
+
+
+def _delimiter(line):
+    return max(DELIMITERS, key=line.count) if any(sign in line for sign in DELIMITERS) else BLANK
+
+
+def _cells(line, delimiter):
+    cells = line.split() if delimiter == BLANK else line.split(delimiter)
+    return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def _is_number(word):
+    try:
+        float(word.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def fits(path, head):
+    """True for a text table with a header, by its suffix and its first lines."""
+    if Path(path).suffix.lower() not in SUFFIXES or b"\0" in head:
+        return False
+    try:
+        return len(header_of(head).columns) >= 3
+    except ValueError:
+        return False
+
+
+def recognises(path, head):
+    """True for a table with columns of position and velocity."""
+    if not fits(path, head):
+        return False
+    names = header_of(head).columns
+    return {"x", "y", "z", "vx", "vy", "vz"} <= set(plainly_named(dict.fromkeys(names, 1)))
+
+
+def open_file(path, time_column=None):
+    """The ThirdPartyFrames in one table, separated by `time_column`, or else by a column named time.
+
+    Raises
+    ------
+    FormatError
+        No table, a row of another length, invalid numbers in the column of times.
+    """
+    with mapped(path) as content:
+        head = content[:LONGEST_HEADER]
+    try:
+        form = header_of(head)
+    except ValueError as error:
+        raise FormatError(f"{path} is not a table with a header ({error})") from None
+    columns, column_map = form.columns, plainly_named(dict.fromkeys(form.columns, 1))
+    if set(columns) >= OWN_COLUMNS:
+        raise FormatError(f"{path} is a seed of columns by mpmgis; export its frame (.h5) instead")
+    time_column = time_column_of(path, columns, column_map, time_column)
+    parts = _whole(path, form) if time_column is None else _parts(path, form, time_column)
+    if not parts or parts[0][1] == 0:
+        raise FormatError(f"{path}: contains no particle")
+    reads = (partial(_read, path, first, last, form, time_column, time, count) for time, count, first, last in parts)
+    return [
+        frame_of_rows(path, columns, column_map, time, count, read)
+        for (time, count, *_), read in zip(parts, reads, strict=True)
+    ]
+
+
+def _whole(path, form):
+    """All rows as one part."""
+    count, last = 0, b"\n"
+    with mapped(path) as content:
+        for at in range(form.start, len(content), AT_ONCE):
+            values = np.frombuffer(last + content[at : at + AT_ONCE].replace(b"\r", b""), np.uint8)
+            count += int(np.count_nonzero((values[1:] != 10) & (values[:-1] == 10)))
+            last = b"\n" if values[-1] == 10 else b"x"
+        return [(None, count, form.start, len(content))]
+
+
+def _parts(path, form, time_column):
+    """(Time [s], rows, first byte, last byte) of every time; rows in between may belong to other times."""
+    times = read_rows(path, form.start, None, form, (time_column,))[time_column]
+    if not np.isfinite(times).all():
+        raise FormatError(f"{path}: a time in row {int(np.flatnonzero(~np.isfinite(times))[0])} is missing or infinite")
+    found, first, counts = np.unique(times, return_index=True, return_counts=True)
+    require_few_times(path, found)
+    last = len(times) - 1 - np.unique(times[::-1], return_index=True)[1]
+    rows = np.concatenate([first, last + 1])
+    with mapped(path) as content:
+        bounds = _bytes_of_rows(content, form.start, len(times), rows) if len(times) else rows
+    n = len(found)
+    return [(float(found[k]), int(counts[k]), int(bounds[k]), int(bounds[n + k])) for k in range(n)]
+
+
+def _bytes_of_rows(content, start, count, rows):
+    """First byte of some rows; the whole table where blank lines prevent counting rows by lines."""
+    wanted, found, lines = np.sort(np.unique(rows)), {}, 0
+    for at in range(start, len(content), AT_ONCE):
+        ends = np.flatnonzero(np.frombuffer(content[at : at + AT_ONCE], np.uint8) == 10)
+        for row in wanted[
+            np.searchsorted(wanted, lines + 1) : np.searchsorted(wanted, lines + len(ends), side="right")
+        ]:
+            found[int(row)] = at + int(ends[row - lines - 1]) + 1
+        lines += len(ends)
+    found[0] = start
+    found.setdefault(count, len(content))
+    if not count - 1 <= lines <= count or content[start : start + 2].strip() == b"":
+        return np.where(rows < rows.max(), start, len(content))
+    return np.array([found[int(row)] for row in rows])
+
+
+def _read(path, start, stop, form, time_column, time, count, names):
+    wanted = tuple(dict.fromkeys((*names, *([time_column] if time is not None else []))))
+    found = read_rows(path, start, stop, form, wanted)
+    return require_rows(path, rows_of_time(found, time_column, time), names, count)
+
+
+READER = Reader("csv", recognises, frames_of_tables(open_file), fits)

@@ -1,0 +1,162 @@
+"""NumPy archives (.npz): arrays one by one, never unpickled; and the reader of general ones."""
+
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...system.errors import FormatError, one_line
+from ...system.zip_archives import MAGIC, opened_zip, require_unpacked_fits
+from .reader_interface import Reader, ThirdPartyFrame, frame_of_each, number_of, require_readable
+from .record_parsing import columns_of, picked, plainly_named
+
+MOST_COMPONENTS = 100
+LONGEST_HEADER = 10_000  # [bytes] as the limit of NumPy; a header can declare 4 GB
+
+
+class Member(NamedTuple):
+    """An array of numbers in the archive: start of its values [bytes], shape, dtype and order."""
+
+    name: str
+    start: int
+    shape: tuple
+    dtype: str
+    fortran: bool
+
+
+def read_members(path):
+    """Dict of name and Member of all arrays of numbers; arrays of (pickled) objects are omitted.
+
+    Raises
+    ------
+    FormatError
+        No archive of arrays, damaged.
+    """
+    found = {}
+    require_readable(path)
+    with opened_zip(path, ".npz") as archive:
+        for info in archive.infolist():
+            if info.filename.endswith(".npy") and not info.flag_bits & 1:
+                member = _member(path, archive, info)
+                if member is not None:
+                    found[info.filename.removesuffix(".npy")] = member
+    if not found:
+        raise FormatError(f"{path} contains no arrays of numbers (.npy)")
+    return found
+
+
+def _member(path, archive, info):
+    """The Member of an entry; None where it has other types than numbers."""
+    with archive.open(info) as file:
+        stream = BytesIO(file.read(LONGEST_HEADER + 12))
+        try:
+            version = np.lib.format.read_magic(stream)
+            read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+            shape, fortran, dtype = read(stream, max_header_size=LONGEST_HEADER)
+        except (ValueError, KeyError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError) as error:
+            raise FormatError(f"{path}: {info.filename} is not an array of NumPy ({one_line(error)[:60]})") from error
+        start = stream.tell()
+    if dtype.kind not in "fiub" or dtype.hasobject:
+        return None
+    if min(shape, default=0) < 0 or start + _size(shape) * dtype.itemsize != info.file_size:
+        raise FormatError(f"{path}: {info.filename} of {info.file_size} bytes cannot hold {shape} of {dtype}; damaged")
+    return Member(info.filename, start, shape, dtype.str, fortran)
+
+
+def _size(shape):
+    size = 1
+    for length in shape:
+        size *= int(length)
+    return size
+
+
+def read_array(path, member):
+    """float64[n, components] of one Member; components are all axes after the first.
+
+    Raises
+    ------
+    FormatError
+        Damaged: truncated, or another checksum.
+    """
+    size = _size(member.shape)
+    bytes_each = 2 * np.dtype(member.dtype).itemsize + 8  # compressed, ordered, as float64
+    require_unpacked_fits(f"{path}: {member.name}", size * bytes_each)
+    with opened_zip(path, ".npz") as archive, archive.open(member.name) as stream:
+        stream.read(member.start)
+        raw = stream.read(size * np.dtype(member.dtype).itemsize)
+        stream.read(1)  # zipfile checks the checksum at the end
+    values = np.frombuffer(raw, member.dtype, size)
+    values = values.reshape(member.shape, order="F" if member.fortran else "C")
+    return values.astype(np.float64).reshape(member.shape[0] if member.shape else 1, -1)
+
+
+def read_columns(path, members, names):
+    """Name -> float64[n] of some columns of `members` (name -> Member)."""
+    return picked(lambda name: read_array(path, members[name]), component_counts(members), names)
+
+
+def component_counts(members):
+    """Dict of name and components of each Member."""
+    return {name: _size(member.shape[1:]) for name, member in members.items()}
+
+
+def rowed(members, count):
+    """The `members` with a row for each of `count` particles."""
+    rows = {name: member for name, member in members.items() if member.shape[:1] == (count,)}
+    counts = component_counts(rows)
+    return {name: member for name, member in rows.items() if 0 < counts[name] <= MOST_COMPONENTS}
+
+
+def single(path, members, *names):
+    """The number in the first of the arrays `names` that exists with one value; None without a finite one."""
+    for name in names:
+        if name in members and _size(members[name].shape) == 1:
+            value = float(read_array(path, members[name])[0, 0])
+            return value if np.isfinite(value) else None
+    return None
+
+
+def fits(path, head):
+    """True for any archive of arrays."""
+    return head.startswith(MAGIC) and head[30:200].split(b".npy")[0] != head[30:200]
+
+
+def recognises(path, head):
+    """True for an archive with position and velocity."""
+    if not fits(path, head):
+        return False
+    try:
+        frame = open_file(path)
+    except FormatError:
+        return False
+    return {"x", "vx"} <= set(frame.column_map)
+
+
+def open_file(path, column_map=None, count=None):
+    """The ThirdPartyFrame in an archive; `column_map` of the code, `count` particles.
+
+    Raises
+    ------
+    FormatError
+    """
+    path, members = Path(path), read_members(path)
+    if count is None:
+        count = max((member.shape[0] for member in members.values() if member.shape), default=0)
+    members_of_rows = rowed(members, count)
+    if count == 0 or not members_of_rows:
+        raise FormatError(f"{path}: contains no particle")
+    components = component_counts(members_of_rows)
+    return ThirdPartyFrame(
+        path=path,
+        count=count,
+        columns=tuple(columns_of(components)),
+        read=partial(read_columns, path, members_of_rows),
+        column_map=plainly_named(components) if column_map is None else column_map,
+        number=number_of(path),
+        time=single(path, members, "t_current", "time", "TimeValue", "t"),
+    )
+
+
+READER = Reader("npz", recognises, frame_of_each(open_file), fits)

@@ -1,0 +1,61 @@
+"""ParaView: one .vtp per frame and a .pvd with their times."""
+
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from ...frames.particle_files import write_vtp
+from ..readers.vtk_xml import POINTS, read_array, read_layout
+from .start_files import SolverFiles
+
+SERIES = "points.pvd"
+
+
+def name_of(number):
+    """The file of a frame."""
+    return f"points_{number:04d}.vtp"
+
+
+def write(start, folder, number):
+    """Write the points of a SolverStart to `folder`."""
+    data = {
+        "id": start.ids, "mass": start.mass, "volume": start.current_volume, "velocity": start.velocity,
+        "speed": np.sqrt((start.velocity**2).sum(axis=1)),
+    }  # fmt: skip
+    if start.vertical_stress is not None:
+        data["vertical_stress"] = start.vertical_stress
+    fields = {"TimeValue": [start.time], "origin": list(start.box.origin)}
+    write_vtp(folder / name_of(number), start.position, data, fields, "written by mpmgis")
+
+
+def finish(folder, times):
+    """Write the .pvd with the files and their `times` [s]."""
+    rows = "".join(
+        f'<DataSet timestep={quoteattr(repr(float(time)))} part="0" file={quoteattr(name_of(number))}/>\n'
+        for number, time in enumerate(times)
+    )
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n<Collection>\n'
+    (folder / SERIES).write_text(f"{head}{rows}</Collection>\n</VTKFile>\n", encoding="utf-8", newline="\n")
+
+
+def read_back(folder, number):
+    """(position, volume) of the points."""
+    path = folder / name_of(number)
+    layout = read_layout(path)
+    (piece,) = layout.pieces
+    return read_array(path, layout, piece[POINTS]), read_array(path, layout, piece["volume"])[:, 0]
+
+
+FILES = SolverFiles(
+    name="paraview",
+    title="ParaView",
+    write=write,
+    read_back=read_back,
+    files=f"{SERIES} with points_0000.vtp and on",
+    start=f"paraview {SERIES}, then File > Open terrain.stl",
+    keeps="volume, velocity, id",
+    takes_stress=True,
+    now=True,
+    finish=finish,
+    results=SERIES,
+)

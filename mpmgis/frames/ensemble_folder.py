@@ -1,0 +1,358 @@
+"""The folder of an ensemble: plan, results of the members, and windows of all members' rasters.
+
+Results of the members of an ensemble: values of the varied keys, figures, and the raster of each.
+"""
+
+import csv
+import json
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rasterio
+
+from ..scene.json_schema import toml_value
+from ..system.errors import FormatError, OutputError, one_line
+from ..system.folder_lock import LOCK_FILE, one_of, refuse_links, remove, sole_writer, within
+from ..system.whole_files import output_error, refuse_other, whole_file
+from ..system.zip_archives import require_file, require_undisguised
+from ..terrain.grid import Grid
+from ..terrain.hydrograph_file import write_records
+from ..terrain.raster_input import band_values, grid_of, open_raster
+from ..terrain.raster_output import BLOCK
+from .run_folder import versions
+
+
+@dataclass(frozen=True)
+class Members:
+    """Members of an ensemble in the order of their numbers.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the ensemble.
+    rows : tuple of dict
+        Column -> text, of `members.csv`.
+    """
+
+    folder: Path
+    rows: tuple
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def values(self, keys) -> np.ndarray:
+        """float64[n, len(keys)]: values of varied keys."""
+        return np.array([[float(row[key]) for key in keys] for row in self.rows]).reshape(len(self), len(keys))
+
+    def figure(self, name: str) -> np.ndarray:
+        """float64[n]: a figure by its column, NaN where it is missing."""
+        return np.array([float(row[name] or "nan") for row in self.rows])
+
+    @property
+    def finished(self) -> np.ndarray:
+        """bool[n]."""
+        return np.array([row["status"] == "finished" for row in self.rows])
+
+    def raster(self, k: int) -> Path:
+        """Path of the maxima of member `k`, from 0."""
+        return member_files(self.folder / MEMBERS, self.rows[k]["digest"])[1]
+
+    def deposit(self, k: int) -> Path:
+        """Path of the deposit of member `k`, from 0."""
+        return deposit_file(self.folder / MEMBERS, self.rows[k]["digest"])
+
+    def band(self, k: int, name: str) -> np.ndarray:
+        """float64[rows, columns] of member `k`, NaN without flow."""
+        return read_band(self.raster(k), name)
+
+    def grid(self) -> Grid:
+        """Grid of the rasters of all members."""
+        path = self.raster(int(np.argmax(self.finished)))
+        with open_raster(path) as source:
+            return grid_of(source, path)
+
+
+def read_band(path: Path, name: str) -> np.ndarray:
+    """float64[rows, columns] of the band `name` of a raster of this program, NaN without a value."""
+    with open_raster(path) as source:
+        names = [text.split(" [")[0] for text in source.descriptions]
+        return band_values(source, path, names.index(name) + 1, may_be_empty=True)
+
+
+def read_members(folder: Path) -> Members:
+    """The Members of the ensemble in `folder`.
+
+    Raises
+    ------
+    FormatError
+    """
+    path = Path(folder) / TABLE_FILE
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            return Members(Path(folder), tuple(csv.DictReader(file)))
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path} cannot be read ({one_line(error)}); expected the members of an ensemble") from error
+
+
+PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS = "plan.toml", "ensemble.json", "members.csv", "members", "maps"
+STACK_BYTES = 64_000_000  # of members' values in memory at a time, all threads together
+FINAL = ("finished", "unphysical")  # final states of a member: a repetition gives the same
+
+
+class EnsembleFolder:
+    """One ensemble on disk; every file in it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    digest : str
+        Of the plan and the scene; a folder with another digest is not continued.
+    overwrite : bool
+        Replace the ensemble of another plan.
+
+    Raises
+    ------
+    OutputError
+        The folder holds other content, or another ensemble without `overwrite`; it is a link or contains one under
+        a name that the ensemble uses.
+    """
+
+    def __init__(self, path, digest, overwrite=False):
+        self.path, self.digest = Path(path), digest
+        self._refuse_links()
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(f"{self.path} is a file, expected a folder; give another -o")
+        record = read_ensemble_record(self.path)
+        if record is None:
+            self._refuse_filled()
+        elif record.get("digest") != digest and not overwrite:
+            raise OutputError(
+                f"{self.path} holds an ensemble of another plan or scene; give another -o, or --overwrite to replace "
+                "it (members that are in both are kept)"
+            )
+
+    def _refuse_links(self):
+        refuse_links(self.path, (LOCK_FILE, PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS))
+        refuse_links(self.members)
+
+    def spare(self, inputs):
+        """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
+
+        Raises
+        ------
+        OutputError
+        """
+        if not self.path.is_dir():
+            return
+        inputs = list(inputs)
+        given = within(self.members, inputs) or within(self.maps, inputs)
+        for name in (LOCK_FILE, PLAN_FILE, RECORD_FILE, TABLE_FILE):
+            given = given or one_of(self.path / name, inputs)
+        if given is not None:
+            raise OutputError(f"{self.path} contains the input {given}; give another -o")
+
+    def _refuse_filled(self):
+        if self.path.is_dir() and all(entry.name == LOCK_FILE for entry in self.path.iterdir()):
+            return
+        refuse_other(self.path, "an ensemble")
+
+    @property
+    def members(self):
+        """The folder of the members' results."""
+        return self.path / MEMBERS
+
+    @property
+    def plan(self):
+        """Path of the plan."""
+        return self.path / PLAN_FILE
+
+    @property
+    def maps(self):
+        """The folder of the maps."""
+        return self.path / MAPS
+
+    @contextmanager
+    def held(self):
+        """Create the folder and lock it for this block.
+
+        Raises
+        ------
+        OutputError
+            Another process has locked it.
+        """
+        try:
+            self.members.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise output_error(self.path, error) from error
+        with sole_writer(self.path):
+            self._refuse_links()
+            yield
+
+    def keep_members(self, digests):
+        """Remove the results of all other members."""
+        kept = set(digests)
+        for entry in self.members.iterdir():
+            if entry.name.split(".")[0].removesuffix("_max").removesuffix("_deposit") in kept:
+                continue
+            remove(entry)
+
+    def write_plan(self, tables, note):
+        """Write the plan as a TOML file for --plan."""
+        with whole_file(self.plan) as part:
+            part.write_text(plan_text(tables, note), encoding="utf-8", newline="\n")
+
+    def write_record(self, **record):
+        """Write `ensemble.json`: request, versions, progress."""
+        whole = {"format": "mpmgis-ensemble", "format_version": 1, "digest": self.digest, "versions": versions()}
+        with whole_file(self.path / RECORD_FILE) as part:
+            text = json.dumps(whole | record, indent=1, allow_nan=False) + "\n"
+            part.write_text(text, encoding="utf-8", newline="\n")
+
+    def write_table(self, names, rows):
+        """Write `members.csv`; returns its path."""
+        write_records(self.path / TABLE_FILE, names, rows)
+        return self.path / TABLE_FILE
+
+
+def read_ensemble_record(folder):
+    """The record of the last start in `folder`; None where there is none.
+
+    Raises
+    ------
+    FormatError
+        The record cannot be read.
+    """
+    file = Path(folder) / RECORD_FILE
+    if not file.is_file():
+        return None
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); give another folder") from error
+    return record if isinstance(record, dict) else {}
+
+
+def plan_text(tables, note):
+    """A plan as TOML text."""
+    lines = [f"# {note}"]
+    lines += [f"{key} = {toml_value(value)}" for key, value in tables.items() if not isinstance(value, dict)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{name}]"] + [f'"{key}" = {toml_value(value)}' for key, value in table.items()]
+    return "\n".join(lines) + "\n"
+
+
+def member_files(folder, digest):
+    """Paths (record, raster of maxima, folder of frames) of the member with a digest."""
+    folder = Path(folder)
+    return folder / f"{digest}.json", folder / f"{digest}_max.tif", folder / digest
+
+
+def deposit_file(folder, digest):
+    """Path of the deposit of the member with a digest."""
+    return Path(folder) / f"{digest}_deposit.tif"
+
+
+def read_member(folder, digest, frames=False, deposit=False):
+    """The record of a member in a final state; None where there is none, or results are missing."""
+    record_file, raster, kept = member_files(folder, digest)
+    require_file(record_file)
+    try:
+        record = json.loads(record_file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(record, dict) or record.get("status") not in FINAL or record.get("digest") != digest:
+        return None
+    if record["status"] == "finished" and not (raster.is_file() and (kept.is_dir() or not frames)):
+        return None
+    if record["status"] == "finished" and deposit and not deposit_file(folder, digest).is_file():
+        return None
+    return record
+
+
+def write_member(folder, record):
+    """Write the record of a member after its results: a member with a record is complete."""
+    with whole_file(member_files(folder, record["digest"])[0]) as part:
+        part.write_text(json.dumps(record, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
+
+
+class MemberStack:
+    """The maxima of many members on one grid, read a window at a time.
+
+    Memory is bounded by the window, whose size follows from the number of members.
+
+    Parameters
+    ----------
+    paths : list of Path
+    grid : Grid
+    extent : (int, int, int, int) or None
+        First and one past the last row, first and one past the last column that any member reached.
+    bands : sequence of str
+        Names of the bands in each raster, in order.
+    threads : int
+    """
+
+    def __init__(self, paths, grid, extent, bands, threads=1):
+        self.paths, self.grid, self.extent, self.bands = list(paths), grid, extent, list(bands)
+        self.threads = max(1, threads)
+
+    def windows(self, first, last):
+        """[(row, row end, column, column end)] that cover the reached cells of some rows, small enough for memory."""
+        if self.extent is None:
+            return []
+        top, bottom, left, right = self.extent
+        first, last = max(first, top), min(last, bottom)
+        cells = max(1, STACK_BYTES // (4 * len(self.paths) * self.threads))
+        width = min(BLOCK, cells)
+        height = max(1, cells // width)
+        rows = [(row, min(row + height, last)) for row in range(first, last, height)]
+        columns = [(column, min(column + width, right)) for column in range(left - left % width, right, width)]
+        return [(*row, max(column, left), end) for row in rows for column, end in columns]
+
+    def read(self, band, window):
+        """float32[members, rows, columns] of a band by name, NaN where there is no data."""
+        row, row_end, column, column_end = window
+        number = self.bands.index(band) + 1
+        stack = np.empty((len(self.paths), row_end - row, column_end - column), np.float32)
+        for values, path in zip(stack, self.paths, strict=True):
+            require_undisguised(path)
+            with rasterio.open(path) as source:
+                source.read(number, window=((row, row_end), (column, column_end)), out=values)
+                values[values == np.float32(source.nodata)] = np.nan
+        return stack
+
+    def rows_of(self, count, sources, compute):
+        """A function for `raster_output.write_rows` with `count` bands.
+
+        Parameters
+        ----------
+        sources : sequence of str
+            Bands of the members to read.
+        compute : callable
+            (source, stack) -> {number of a band: float32[rows, columns]}.
+        """
+        strip = {}
+
+        def rows(band, first, last):
+            if strip.get("rows") != (first, last):
+                strip["rows"], strip["values"] = (first, last), self._strip(count, sources, compute, first, last)
+            return strip["values"][band]
+
+        return rows
+
+    def _strip(self, count, sources, compute, first, last):
+        """float32[count, rows, columns] of a strip of rows."""
+        strip = np.full((count, last - first, self.grid.shape[1]), np.nan, np.float32)
+
+        def fill(window):
+            row, row_end, column, column_end = window
+            for source in sources:
+                for number, values in compute(source, self.read(source, window)).items():
+                    strip[number, row - first : row_end - first, column:column_end] = values
+
+        with ThreadPoolExecutor(self.threads) as threads:
+            list(threads.map(fill, self.windows(first, last)))
+        return strip

@@ -1,0 +1,392 @@
+"""Contents of a frame: particles and solver maxima, with checks of shape, type and range.
+
+Digests (checksums) of frames and of a whole result, to detect changes after writing.
+"""
+
+import hashlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..laws.quantities import PARTICLE
+from ..system.errors import FormatError, one_line
+from ..system.hdf5_reading import opened_whole, require_memory, require_numbers_that_fit
+from .particles import Particles
+from .peaks import PEAK_NAMES as MAXIMA
+from .peaks import lattices_of
+
+CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # attributes of a frame
+BED_CHANGE = "bed_change"
+DIGESTED = ("particles", "maxima", BED_CHANGE)  # groups; the restart state is removed later
+AS_WRITTEN = "as written"
+
+
+class ContentDigest:
+    """Digest of the time and the arrays of a frame, in their stored types, slab by slab."""
+
+    def __init__(self, time, step):
+        self._head = f"{float(time).hex()} {int(step)}"
+        self._arrays = {}
+
+    def add(self, name, values):
+        """Add the next rows of the array `name`."""
+        values = np.ascontiguousarray(values)
+        if name not in self._arrays:
+            self._arrays[name] = hashlib.sha256(f"{values.dtype.str} {values.shape[1:]} ".encode())
+        self._arrays[name].update(values.view(np.uint8).reshape(-1) if values.size else b"")
+
+    def hexdigest(self):
+        """64 hexadecimal digits."""
+        lines = [f"{name} {digest.hexdigest()}" for name, digest in sorted(self._arrays.items())]
+        return hashlib.sha256("\n".join([self._head, *lines]).encode()).hexdigest()
+
+
+def state_digest(content, state):
+    """Digest of the restart `state` (dict) in a frame with the digest `content`."""
+    digest = hashlib.sha256(content.encode())
+    for name, values in sorted(state.items()):
+        values = np.ascontiguousarray(values)
+        digest.update(f"\n{name} {values.dtype.str} {values.shape} ".encode())
+        digest.update(values.view(np.uint8).reshape(-1) if values.size else b"")
+    return digest.hexdigest()
+
+
+def result_after(before, content):
+    """Digest of a result after a frame with the digest `content`; `before` is '' at the first frame."""
+    return hashlib.sha256(f"{before} {content}".encode()).hexdigest()
+
+
+def stored(path):
+    """(content, result) digests stored in the frame at `path`; '' where one is missing."""
+    return _read_attributes(path, CONTENT, RESULT)
+
+
+def _read_attributes(path, *names):
+    try:
+        with opened_whole(path) as file:
+            return tuple(str(file.attrs.get(name, "")) for name in names)
+    except (OSError, RuntimeError, ValueError, TypeError) as error:
+        raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
+
+
+def content_of(path):
+    """Digest of the present content of the frame at `path`."""
+    try:
+        with opened_whole(path) as file:
+            digest = ContentDigest(file.attrs["time"], file.attrs["step"])
+            for group in DIGESTED:
+                require_numbers_that_fit(path, file, group)
+                for name, values in file.get(group, {}).items():
+                    digest.add(f"{group}/{name}", values[()])
+            return digest.hexdigest()
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
+
+
+def check_content(path):
+    """AS_WRITTEN, or a description of the change in the frame at `path`; None where it has no digest."""
+    content, _ = stored(path)
+    if not content:
+        return None
+    return AS_WRITTEN if content_of(path) == content else "changed since it was written"
+
+
+def require_restartable(path, before):
+    """Whether the frame at `path` contains a valid restart state.
+
+    Parameters
+    ----------
+    path : Path
+    before : Path
+        The previous frame of the run; where it exists, its result digest must fit that of `path`.
+
+    Raises
+    ------
+    FormatError
+        The frame was changed, belongs to another result, or has a state without a digest.
+    """
+    content, result, state = _read_attributes(path, CONTENT, RESULT, STATE)
+    kept = state_of(path)
+    if not kept:
+        return False
+    fix = "remove it to continue from the previous frame, or start with --overwrite"
+    if not (content and state):
+        raise FormatError(f"{path} has no digest of the restart state (written by an older mpmgis); {fix}")
+    if content_of(path) != content or state_digest(content, kept) != state:
+        raise FormatError(f"{path} was changed since it was written, a run cannot continue from it; {fix}")
+    last = stored(before)[1] if before.is_file() else ""
+    if result and last and result_after(last, content) != result:
+        raise FormatError(f"{path} does not follow {before.name}: they belong to different runs; {fix}")
+    return True
+
+
+def state_of(path):
+    """The restart state in the frame at `path`, by name; {} where it has none."""
+    try:
+        with opened_whole(path) as file:
+            group = file.get("state", {})
+            require_numbers_that_fit(path, file, "state")
+            return {name: values[()] for name, values in group.items()} | dict(getattr(group, "attrs", {}))
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
+
+
+def check_result(paths, recorded):
+    """AS_WRITTEN, or a description of the change in the ordered frames `paths` of one run; None without digests.
+
+    `recorded` is the digest in the record of the run, '' where the run has not ended.
+    """
+    result = ""
+    for number, path in enumerate(map(Path, paths)):
+        if path.stem.rpartition("_")[2] != f"{number:06d}":
+            return f"frame {number} is missing"
+        _, stored_result = stored(path)
+        if not stored_result:
+            return None
+        result = result_after(result, content_of(path))
+        if result != stored_result:
+            return f"{path.name} was changed, or belongs to another run"
+    return AS_WRITTEN if recorded in ("", result) else f"frames after {Path(paths[-1]).name} are missing"
+
+
+def check_kept(paths, recorded):
+    """As `check_result` for the frames that a run with rasters keeps: each by itself, and the last one's result."""
+    for path in map(Path, paths):
+        found = check_content(path)
+        if found != AS_WRITTEN:
+            return found and f"{path.name} was {found}"
+    return AS_WRITTEN if recorded in ("", stored(paths[-1])[1]) else f"frames after {Path(paths[-1]).name} are missing"
+
+
+def require_bed_change(path, kept):
+    """`kept` if it is what a frame holds of its bed: masses of at least 0 on north-up squares, a density above 0.
+
+    Forest adds further arrays of the same shape, which are of at least 0 too.
+
+    Raises
+    ------
+    FormatError
+    """
+    mass, transform, density = (np.asarray(kept.get(name)) for name in ("eroded_mass", "transform", "bed_density"))
+    if mass.ndim != 2 or mass.dtype.kind != "f" or not (np.isfinite(mass).all() and (mass >= 0).all()):
+        raise FormatError(f"{path}: bed_change/eroded_mass is not an array (rows, columns) of numbers of at least 0")
+    for name in set(kept) & {"detrained_mass", "broken_forest"}:
+        found = np.asarray(kept[name])
+        sound = found.shape == mass.shape and found.dtype.kind == "f"
+        if not (sound and np.isfinite(found).all() and (found >= 0).all()):
+            raise FormatError(f"{path}: bed_change/{name} is not an array {list(mass.shape)} of numbers of at least 0")
+    if transform.shape != (6,) or transform.dtype.kind != "f" or not np.isfinite(transform).all():
+        raise FormatError(f"{path}: bed_change/transform is not (dx, 0, west, 0, dx, south)")
+    dx, shear, _, turn, dy, _ = transform.tolist()
+    if not (dx > 0 and dx == dy and shear == turn == 0):
+        raise FormatError(f"{path}: bed_change/transform is {transform.tolist()}, expected (dx, 0, west, 0, dx, south)")
+    if density.size != 1 or density.dtype.kind not in "fiu" or not (np.isfinite(density).all() and density > 0):
+        raise FormatError(f"{path}: bed_change/bed_density is {one_line(density)[:40]}, expected kg m-3 above 0")
+    return kept
+
+
+def require_maxima(path, kept):
+    """`kept` (arrays and numbers by name, from the file at `path`) if every lattice of peaks in it is complete.
+
+    Raises
+    ------
+    FormatError
+    """
+    for lattice in lattices_of(kept):
+        _require_lattice(path, lattice)
+    return kept
+
+
+def _require_lattice(path, kept):
+    missing = [name for name in (*MAXIMA, "transform") if name not in kept]
+    if missing:
+        raise FormatError(f"{path}: its maxima lack {missing[0]!r}, expected {', '.join(MAXIMA)} and transform")
+    shape = np.shape(kept["thickness"])
+    for name in MAXIMA:
+        values = np.asarray(kept[name])
+        if values.shape != shape or values.ndim != 2 or values.dtype.kind not in "fiu":
+            raise FormatError(
+                f"{path}: maxima/{name} has shape {values.shape}, expected numbers of shape (rows, columns)"
+            )
+        if not (np.isfinite(values) & (values >= (-1 if name == "arrival_time" else 0))).all():
+            raise FormatError(f"{path}: maxima/{name} contains negative, NaN or infinite values")
+    t = np.asarray(kept["transform"], float).ravel()
+    if t.size != 6 or not np.isfinite(t).all() or not t[0] == t[4] > 0 or t[1] != 0 or t[3] != 0:
+        raise FormatError(f"{path}: maxima/transform is {t.tolist()}, expected (dx, 0, west, 0, dx, south)")
+    threshold = np.asarray(kept.get("arrival_thickness", 0.0))
+    if threshold.size != 1 or threshold.dtype.kind not in "fiu" or not 0 <= threshold.item() < np.inf:
+        raise FormatError(
+            f"{path}: maxima/arrival_thickness is {one_line(threshold)[:40]}, expected a number of metres"
+        )
+
+
+_WIDTH = {"position": 3, "velocity": 3}
+_POSITIVE = ("mass", "volume", "area")
+_LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: above any flow; sums of squares stay finite
+_LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # quotients of two stay finite; smallest positive value
+_IDENTITY = ("id", "parent")
+
+
+def stored_type(name, dimension):
+    """Type of the quantity `name` in a frame; 3D frames store real numbers in float32."""
+    dtype = PARTICLE[name].dtype
+    return np.dtype("float32" if dimension == 3 and dtype == "float64" else dtype)
+
+
+def create_dataset(group, name, count, dimension):
+    """An empty dataset of the quantity `name`, in its `stored_type`."""
+    quantity = PARTICLE[name]
+    shape = (count, _WIDTH[name]) if name in _WIDTH else (count,)
+    dataset = group.create_dataset(name, shape, stored_type(name, dimension))
+    dataset.attrs.update(units=quantity.unit, long_name=quantity.long_name)
+
+
+def particle_count(group):
+    """Number of particles in their HDF5 `group`; 0 where it has no positions."""
+    position = group.get("position")
+    return len(position) if isinstance(position, h5py.Dataset) and position.ndim else 0
+
+
+def read_particles(path, group, dimension, header, density, memory, names):
+    """Particles of the HDF5 `group` of a frame; the other arguments as in `frames.read_frame`.
+
+    `header` gets the `assumed_density` where mass or volume is missing; `memory` is a dict.
+
+    Raises
+    ------
+    FormatError
+    """
+    arrays = {}
+    if dimension == 2 and "area" not in group:
+        names = None
+    for name in PARTICLE:
+        if name in group and (names is None or name in names):
+            count = len(arrays["position"]) if "position" in arrays else None
+            _require_shape(path, name, group[name], count)
+            arrays[name] = _array(path, name, group[name], memory)
+    for name in ("position", "velocity"):
+        if name not in arrays and (names is None or name in names):
+            raise FormatError(f"{path}: no particles/{name}")
+    if len(arrays["position"]) == 0:
+        raise FormatError(f"{path}: contains no particle")
+    if names is not None:
+        return Particles(**dict.fromkeys(("velocity", "mass", "volume")) | arrays)
+    _complete_mass(path, arrays, header, density)
+    if dimension == 2:
+        _complete_columns(path, arrays)
+    return Particles(**arrays)
+
+
+def require_particles_fit(path, group, memory, names):
+    """Refuse arrays that do not fit into memory as float64, plus one array as it is stored."""
+    read = {name: group[name] for name in PARTICLE if name in group and (names is None or name in names)}
+    new = {
+        name: some
+        for name, some in read.items()
+        if isinstance(some, h5py.Dataset) and some.size and np.shape(memory.get(name)) != some.shape
+    }
+    if new:
+        rows = max(some.shape[0] if some.shape else 1 for some in new.values())
+        size = sum(8 * some.size for some in new.values())
+        require_memory(f"{path}: particles", rows, size / max(rows, 1), *new.values())
+
+
+def _require_shape(path, name, dataset, count):
+    """Refuse a dataset that is no array of numbers of the right width for `count` particles (None: any number)."""
+    if not isinstance(dataset, h5py.Dataset):
+        raise FormatError(f"{path}: particles/{name} is not a dataset")
+    shape = np.shape(dataset)
+    count = (shape[0] if shape else 0) if count is None else count
+    wanted = (count, _WIDTH[name]) if name in _WIDTH else (count,)
+    if shape != wanted or dataset.dtype.kind not in "fiu":
+        raise FormatError(
+            f"{path}: particles/{name} has shape {shape} of {dataset.dtype}, expected numbers of shape {wanted}"
+        )
+
+
+def _array(path, name, dataset, memory):
+    """The values of a dataset: ids as uint64, all others as finite float64 in the valid range."""
+    if name not in _IDENTITY:
+        values = _filled(dataset, name, memory)
+        _require_possible(path, name, values)
+        return values
+    values = dataset[()]
+    if values.dtype.kind == "f" or values.min(initial=0) < 0:
+        raise FormatError(f"{path}: particles/{name} must contain integers of at least 0")
+    return values.astype(np.uint64, copy=False)
+
+
+def _complete_mass(path, arrays, header, density):
+    """Mass from volume, or volume from mass, with a `density` [kg m-3] that is recorded in `header`."""
+    if "mass" in arrays and "volume" in arrays:
+        return
+    if "mass" not in arrays and "volume" not in arrays:
+        raise FormatError(f"{path}: neither particles/mass nor particles/volume; one of them is needed")
+    header["assumed_density"] = density
+    arrays.setdefault("mass", arrays.get("volume", 0.0) * density)
+    arrays.setdefault("volume", arrays["mass"] / density)
+
+
+def _complete_columns(path, arrays):
+    """Area from thickness, or thickness from area, with the volume of the columns."""
+    if "thickness" not in arrays and "area" not in arrays:
+        raise FormatError(f"{path}: dimension 2 needs particles/thickness or particles/area")
+    if "area" not in arrays:
+        _require_above_zero(path, "thickness", arrays["thickness"])
+        arrays["area"] = arrays["volume"] / arrays["thickness"]
+    if "thickness" not in arrays:
+        with np.errstate(over="ignore"):
+            arrays["thickness"] = arrays["volume"] / arrays["area"]
+        _require_possible(path, "thickness", arrays["thickness"])
+
+
+def _filled(dataset, name, memory):
+    """The dataset as float64, in the array of `memory` if its shape fits."""
+    if name not in memory or memory[name].shape != dataset.shape:
+        memory[name] = np.empty(dataset.shape)
+    values = stored = memory[name]
+    if dataset.dtype != values.dtype:  # NumPy converts the type four times as fast as HDF5
+        stored = _scratch(memory, dataset.nbytes).view(dataset.dtype).reshape(dataset.shape)
+    if values.size:
+        dataset.read_direct(stored)
+    if stored is not values:
+        values[...] = stored
+    return values
+
+
+def _scratch(memory, size):
+    """uint8[size] of the scratch array in `memory`."""
+    if "scratch" not in memory or len(memory["scratch"]) < size:
+        memory["scratch"] = np.empty(size, np.uint8)
+    return memory["scratch"][:size]
+
+
+def _require_possible(path, name, values):
+    largest = float(max(values.max(), -values.min())) if values.size else 0.0  # NaN where one is
+    if not np.isfinite(largest):
+        bad = ~np.isfinite(values)
+        raise FormatError(
+            f"{path}: particles/{name} contains {int(bad.sum())} values that are NaN or infinite, the first in row "
+            f"{int(np.argwhere(bad)[0][0])}"
+        )
+    limit = _LARGEST.get(name, _LARGEST_OF_OTHERS)
+    if largest > limit:
+        row = int(np.argwhere(np.abs(values) == largest)[0][0])
+        raise FormatError(
+            f"{path}: particles/{name} reaches {largest:g} {PARTICLE[name].unit} in row {row}, expected at most "
+            f"{limit:g}"
+        )
+    if name in _POSITIVE:
+        _require_above_zero(path, name, values)
+    if name == "thickness" and values.size and values.min() < 0:
+        row = int(values.argmin())
+        raise FormatError(f"{path}: particles/thickness is {values.min():g} in row {row}, expected 0 or more")
+
+
+def _require_above_zero(path, name, values):
+    if values.size and values.min() < _SMALLEST:
+        row = int(values.argmin())
+        raise FormatError(
+            f"{path}: particles/{name} is {values[row]:g} in row {row}, expected above 0 ({_SMALLEST:g} at least)"
+        )

@@ -1,0 +1,242 @@
+"""Particle arrays, energies and sums common to both solvers."""
+
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiled.particle_slices import copied, taken
+from ..system.errors import FormatError
+from .state_check import LEFT_STATE, StateCheck
+from .watched_features import EAST, NORTH, STATE, TAKEN, TIME, block_marks, marks_reached
+
+
+class Flow(NamedTuple):
+    """Arrays float64[n], one entry per column or point."""
+
+    x: np.ndarray  # [m] on the map
+    y: np.ndarray
+    u: np.ndarray  # [m s-1] to the east
+    v: np.ndarray  # to the north
+    speed: np.ndarray  # [m s-1] with its vertical part
+    depth: np.ndarray  # [m] of the flow there, vertical
+    mass: np.ndarray  # [kg]
+
+    def __len__(self):
+        return len(self.mass)
+
+    def take(self, index):
+        """The entries that `index` (bool, int or slice) picks."""
+        return Flow(*(values[index] for values in self))
+
+
+GAIN_STOP = 0.1  # largest accepted gain of energy since the last look, over kinetic energy and work
+REST_SHARE = 0.01  # of the largest kinetic energy so far, below which a flow is at rest; smallest reference for gains
+REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the smallest reference for gains
+
+
+class EnergyLook(NamedTuple):
+    """Energies [J] at one moment.
+
+    Parameters
+    ----------
+    made : float
+        Present and outflown energy minus all energy input since the start: negative by the losses, and increasing only
+        by errors.
+    kinetic : float
+        Of the particles on the terrain.
+    least : float
+        Smallest kinetic energy for comparison, see `least_kinetic`.
+    work : tuple of float
+        Work since the start by weight, by stress, and of the recorded losses; and kinetic energy input.
+    time : float [s]
+    """
+
+    made: float
+    kinetic: float
+    least: float
+    work: tuple
+    time: float
+
+    def gained_since(self, last):
+        """Energy gained since the EnergyLook `last`: (share of kinetic energy and work [1], gain [J])."""
+        made = self.made - last.made
+        work = sum(abs(now - before) for now, before in zip(self.work, last.work, strict=True))
+        return made / max(max(last.kinetic, last.least) + work, 1e-300), made
+
+
+def least_kinetic(peak, mass, gravity, cell_size):
+    """Smallest kinetic energy [J] for comparison: 1 % of its `peak` [J], or lifting `mass` [kg] by 1 % of a cell.
+
+    Rounding of single precision is below a tenth of that.
+    """
+    return max(REST_SHARE * peak, mass * gravity * REST_LIFT * cell_size)
+
+
+EDGE_NAMES = ("west", "south", "east", "north", "nodata")
+NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
+
+
+class ParticleStore:
+    """Rows, ids and keys of particles; clock and counts.
+
+    Attributes
+    ----------
+    kernel : module
+        Module of the compiled loop; its constants are the indices in rows, clock and counts.
+    """
+
+    kernel = None
+    _watch, _watched = None, NOTHING_WATCHED
+    _computed = MappingProxyType({})  # name -> what was computed from the present state
+
+    @property
+    def time(self):
+        """Simulated time [s]."""
+        return float(self._clock[self.kernel.TIME])
+
+    @property
+    def step(self):
+        """Number of steps taken."""
+        return int(self._counts[self.kernel.STEP])
+
+    def wait(self, until):
+        """Set the time to `until` [s] on a terrain without particles."""
+        self._clock[self.kernel.TIME] = until
+
+    def share_step(self, share):
+        """Use steps of `share` [1] of their normal length, from the next step that is not chosen yet."""
+        whole = self._whole_step
+        self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
+
+    def watch(self, watch):
+        """Watch the features of `watch` (Watch); `advance` stops before the flow touches one of them."""
+        self._watch = watch
+        self._mark_watched()
+
+    @property
+    def taken_in(self):
+        """tuple of TakenIn: features that were off and that the flow has reached."""
+        return () if self._watch is None else self._watch.taken_in
+
+    def take_in(self):
+        """Switch on the features that the flow is about to touch; tuple of TakenIn."""
+        rows, _, keys = self._seen()
+        reached = marks_reached(self._watched, *self.kernel.rows_and_columns(keys))
+        state, before = self._watch.state, self._watch.taken_in
+        for k in range(len(state)):
+            first = np.flatnonzero(reached & (1 << k))[:1]
+            if first.size:
+                east, north = self._map_places(rows[first], keys[first])[0]
+                state[k, [TAKEN, TIME, EAST, NORTH]] = 1.0, self.time, east, north
+        self._integrate_with_inflow()
+        return tuple(taken for taken in self._watch.taken_in if taken not in before)
+
+    def _integrate_with_inflow(self):
+        """Continue with the effects and places of the features that are switched on."""
+        self._integrate_with(*self._watch.with_effects(tuple(taken.effect for taken in self._watch.taken_in)))
+        self._mark_watched()
+
+    def _mark_watched(self):
+        marks = None if self._watch is None else self._watch.marks()
+        if marks is None:
+            self._watched = NOTHING_WATCHED
+        else:
+            self._watched = block_marks(self._on_kernel_nodes(marks), self.kernel.BLOCK)
+
+    def _watch_state(self):
+        """State of the watch for a frame, by name; empty without a watch."""
+        return {} if self._watch is None else {STATE: self._watch.state.copy()}
+
+    def _restore_watch(self, frame):
+        """Continue with the effects that were on at `frame`."""
+        if self._watch is None:
+            return
+        state = np.asarray(frame.state.get(STATE, np.zeros(0)))
+        if state.shape != self._watch.state.shape:
+            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        check = StateCheck(frame.time, frame.state)
+        check.array(STATE, np.float64, state.shape)
+        check.require(np.isin(state[:, TAKEN], (0.0, 1.0)).all(), f"{STATE} has values other than 0 and 1")
+        if not np.array_equal(state, self._watch.state):
+            self._watch.state[:] = state
+            self._integrate_with_inflow()
+
+    def _once(self, name, compute):
+        """`compute()`, computed once for the present state. Code that changes the state calls `_forget_computed`."""
+        if name not in self._computed:
+            self._computed = {**self._computed, name: compute()}
+        return self._computed[name]
+
+    def _forget_computed(self):
+        """Forget what was computed from the state, because the state is about to change."""
+        self._computed = {}
+
+    def _alive(self):
+        """Rows, ids and keys of the particles that are on the terrain, which later steps do not change."""
+        seen = self._seen()
+        return seen if self._have_left() else tuple(copied(array) for array in seen)
+
+    def _seen(self):
+        """As `_alive`, valid until the next step: without copies where no particle has left."""
+        n = self._counts[self.kernel.ROWS]
+        arrays = self._rows[:n], self._ids[:n], self._keys[:n]
+        return self._once("seen", lambda: self._on_terrain(arrays)) if self._have_left() else arrays
+
+    def _have_left(self):
+        """Whether rows are of particles that have left the terrain."""
+        return self._counts[self.kernel.ALIVE] != self._counts[self.kernel.ROWS]
+
+    def _on_terrain(self, arrays):
+        here = np.flatnonzero(arrays[2] != self.kernel.GONE)
+        return tuple(taken(array, here) for array in arrays)
+
+    def _counts_of_rows(self):
+        """Counts for a restart, whose rows are contiguous: independent of the history of the run."""
+        counts = self._counts.copy()
+        counts[self.kernel.ROWS] = counts[self.kernel.ALIVE]
+        return counts
+
+    def _no_mass_left(self, grid):
+        """Empty sums of the outflow by blocks of the cells of `grid`, see `block_order`."""
+        rows, columns = (n // self.kernel.LEFT_BLOCK + 1 for n in grid.inside.shape)
+        return np.zeros((self.kernel.WAYS, rows, columns, self.kernel.LEFT_ENTRIES))
+
+    @property
+    def peaks(self):
+        """float64[rows, columns, PEAK_ENTRIES]: running peaks at the nodes."""
+        return self._peaks
+
+    @property
+    def left_sums(self):
+        """float64[ways, block rows, block columns, entries]: outflow, see `block_order`."""
+        return self._left
+
+    def _left_state(self):
+        """Sums of the blocks with outflow."""
+        sums = self._left.reshape(-1, self._left.shape[-1])
+        blocks = np.flatnonzero(sums[:, 0])
+        return dict(zip(LEFT_STATE, (blocks, sums[blocks]), strict=True))
+
+    def _restore_left(self, state):
+        """Restore the result of `_left_state`."""
+        blocks, sums = (state[name] for name in LEFT_STATE)
+        self._left[:] = 0.0
+        self._left.reshape(-1, self._left.shape[-1])[blocks] = sums
+
+    def _require_room(self, count):
+        """Extend the arrays to at least `count` rows."""
+        there = len(self._rows)
+        if count <= there:
+            return
+        more = max(count, int(1.5 * there)) - there
+        self._rows, self._ids, self._keys = (
+            np.concatenate([array, np.zeros((more, *array.shape[1:]), array.dtype)])
+            for array in (self._rows, self._ids, self._keys)
+        )
+        self._order = np.zeros(len(self._rows), np.int32)
+
+
+def named_sums(names, rows, sums):
+    """Name -> (name of a sum -> number): `rows` float[n, m] have the m `sums` of each of the n `names`."""
+    return {name: dict(zip(sums, map(float, row), strict=True)) for name, row in zip(names, rows, strict=True)}

@@ -1,0 +1,126 @@
+"""Rasters that a run writes itself, in `maps/` of its folder, laid out as an export."""
+
+import re
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+import rasterio
+
+from ..system import operating_system
+from ..system.errors import OutputError
+from ..system.folder_lock import refuse_links
+from ..system.whole_files import output_error, whole_file
+from ..terrain.raster_output import NAMESPACE
+
+MAPS, RASTERS, TERRAIN = "maps", "rasters", "dtm.tif"
+_FIRST, _SUMMARIES = "_0000.tif", ("max", "deposit", "bed", "surface")  # the first step is the first raster of a run
+_OWN = re.compile(rf"(.*)_(\d{{4,}}|{'|'.join(_SUMMARIES)})\.(tif|qml)", re.DOTALL)
+_LEFT_OVER = tuple(f"{place}.*.part[0-9]*.{suffix}" for place in ("", f"{RASTERS}/") for suffix in ("tif", "qml"))
+
+
+def map_names(folder):
+    """Names with which the rasters of the run in `folder` begin, sorted; more than one only if files were added."""
+    first = sorted((Path(folder) / MAPS / RASTERS).glob(f"*{_FIRST}"))
+    return [path.name.removesuffix(_FIRST) for path in first if _is_of_a_run(path)]
+
+
+def _is_of_a_run(path):
+    """Whether a run or an export wrote the raster at `path`."""
+    try:
+        with rasterio.open(path) as source:
+            return "digest" in source.tags(ns=NAMESPACE)
+    except rasterio.errors.RasterioError:
+        return False
+
+
+def map_files(folder):
+    """Paths of the rasters of a run in its `folder`, the first step last; files with other names are not of the run."""
+    maps = Path(folder) / MAPS
+    if not maps.is_dir():
+        return []
+    names = {*map_names(folder), Path(folder).resolve().name}  # the latter if the first step is damaged
+    left_over = (path for pattern in _LEFT_OVER for path in maps.glob(pattern))
+    rasters = (path for path in (maps / RASTERS).glob("*") if _name_of(path) in names)
+    terrain = (path for suffix in ("tif", "qml") for path in maps.glob(f"{Path(TERRAIN).stem}.{suffix}"))
+    return sorted({*left_over, *rasters, *terrain}, key=lambda path: (path.name.endswith(_FIRST), path))
+
+
+def _name_of(path):
+    """The name of the run in the name of one of its rasters; None for other files."""
+    found = _OWN.fullmatch(path.name)
+    return found and found[1]
+
+
+def refuse_other_maps(folder, record):
+    """Refuse links in `maps/`, and a `maps/` that the run of the `record` did not write.
+
+    Raises
+    ------
+    OutputError
+    """
+    maps = Path(folder) / MAPS
+    if not maps.exists() and not maps.is_symlink():
+        return
+    refuse_links(folder, (MAPS,))
+    if not maps.is_dir() or not has_rasters(record):
+        raise OutputError(
+            f"{maps} was not written by the run in {folder}, --overwrite will not replace it; move it, or give another "
+            "-o"
+        )
+    refuse_links(maps)
+    refuse_links(maps / RASTERS)
+
+
+def has_rasters(record):
+    """Whether the run of a `record` wrote rasters, and particles only for a restart."""
+    output = (record.get("scene") or {}).get("output")
+    return isinstance(output, dict) and output.get("rasters") is True
+
+
+def run_of_maps(folder):
+    """The folder of the run that wrote the rasters in `folder`; None for other folders."""
+    place = Path(folder).resolve()
+    return place.parent if place.name == MAPS and (place.parent / "run.json").is_file() else None
+
+
+def remove_maps(folder):
+    """Remove the rasters of a run in its `folder`, and folders that are then empty."""
+    for path in map_files(folder):
+        path.unlink()
+    for place in (Path(folder) / MAPS / RASTERS, Path(folder) / MAPS):
+        with suppress(OSError):
+            place.rmdir()
+
+
+def remove_summaries(folder, name):
+    """Remove the rasters of all steps of the run `name`, which are those until its last end."""
+    for word in _SUMMARIES:
+        for suffix in ("tif", "qml"):
+            path = Path(folder) / MAPS / RASTERS / f"{name}_{word}.{suffix}"
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                raise output_error(path, error) from error
+
+
+def move_maps(source, folder):
+    """Move the rasters of a run from the folder `source` to `folder`."""
+    for path in map_files(source):
+        if path.name.startswith("."):  # of a killed process
+            continue
+        place = Path(folder) / path.relative_to(source)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        operating_system.replace(path, place)
+
+
+def assign_maps(folder, digest):
+    """Set the `digest` of the scene in the rasters of the run in `folder`, each atomically."""
+    for path in map_files(folder):
+        if path.suffix != ".tif" or path.name.startswith("."):
+            continue
+        with whole_file(path) as part:
+            shutil.copyfile(path, part)
+            with rasterio.open(part, "r+") as target:
+                if "digest" in target.tags(ns=NAMESPACE):
+                    target.update_tags(ns=NAMESPACE, digest=digest)

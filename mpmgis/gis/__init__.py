@@ -1,1 +1,0 @@
-"""Files for QGIS: project, styles, mesh, outlines."""

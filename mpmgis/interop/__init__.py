@@ -1,1 +1,0 @@
-"""Files of other codes: readers of results, writers of start files."""

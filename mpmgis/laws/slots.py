@@ -1,0 +1,64 @@
+"""The slots of each solver, each with a law or a null law without cost.
+
+Part of the velocity gradient of a point that the 3D transfer keeps for the next step (Jiang et al. 2015).
+"""
+
+from typing import Any, NamedTuple
+
+from .barrier import NoBarrier
+from .bed_contact import CoulombContact
+from .curvature import NoCurvature
+from .entrainment import NoEntrainment
+from .forest import NoForest
+from .friction import Frictionless, NoCohesion, NoZones
+from .ground_metric import NoStillWater, SlopeMetric
+from .internal_stress import NoEarthPressure, NoViscosity
+from .softening import NoSoftening
+
+
+class WholeGradient(NamedTuple):
+    """APIC: the whole gradient. Exact for linear fields."""
+
+    null: float = 0.0  # the compiler requires a field
+
+    def only_turns(self):
+        return False
+
+
+class TurningGradient(NamedTuple):
+    """RPIC: only the antisymmetric part, its rotation. Angular momentum is conserved, strain rates diffuse.
+
+    Not available in scenes; used in tests of results that must not depend on the transfer.
+    """
+
+    null: float = 0.0  # the compiler requires a field
+
+    def only_turns(self):
+        return True
+
+
+class ColumnEffects(NamedTuple):
+    """Effects on the columns of the depth-averaged solver; defaults are the null forms."""
+
+    friction: Any = Frictionless()
+    zones: Any = NoZones()
+    cohesion: Any = NoCohesion()
+    metric: Any = SlopeMetric()
+    curvature: Any = NoCurvature()
+    still_water: Any = NoStillWater()
+    earth_pressure: Any = NoEarthPressure()
+    viscosity: Any = NoViscosity()
+    entrainment: Any = NoEntrainment()
+    barrier: Any = NoBarrier()
+    forest: Any = NoForest()
+
+
+class PointEffects(NamedTuple):
+    """Effects on the points of the 3D solver; the material has no null form."""
+
+    material: Any
+    softening: Any = NoSoftening()
+    contact: Any = CoulombContact(0.0)
+    zones: Any = NoZones()
+    barrier: Any = NoBarrier()
+    transfer: Any = WholeGradient()

@@ -1,0 +1,181 @@
+"""Permanent loss of strength with plastic shear strain: the slot `softening` of Drucker-Prager.
+
+`softened_cone(slope, strength, plastic_strain)` gives the yield cone q <= slope p + strength (slope [1], strength [Pa])
+after the accumulated deviatoric plastic strain e_d [1] = sum of sqrt(2/3) |de_p|. In a code that sums |de_p|
+(Matter) e_d is larger by sqrt(3/2): multiply its coefficient by that for a comparison.
+
+Evidence for the exponential is indirect: Vicari et al. (2025) give a coefficient and no formula; Matter and GeoTaichi
+use this form. Strength is lost over the width of one cell: a coefficient is valid for a cell size.
+"""
+
+from math import cos, radians, sin, sqrt, tan
+from typing import NamedTuple
+
+from ..system.errors import InputError
+
+# Of a cone through Mohr-Coulomb's hexagon: slope = factor sin / (1 - share sin), strength = factor c cos / (same).
+MATCHES = {
+    "triaxial": (2.0, 1.0 / 3.0),  # at its corners of triaxial compression: 6 sin / (3 - sin)
+    "plane_strain": (sqrt(3.0), 0.0),  # plane strain at constant volume: sqrt(3) sin
+}
+
+
+def decay(y):
+    """exp(-y) [1] within 1e-14, y clipped to 0..40, by + - * alone: Taylor's exp(-y / 32), squared five times."""
+    z = min(max(y, 0.0), 40.0) * -0.03125
+    power = z * (1.0 / 3628800.0) + 1.0 / 362880.0
+    power = power * z + 1.0 / 40320.0
+    power = power * z + 1.0 / 5040.0
+    power = power * z + 1.0 / 720.0
+    power = power * z + 1.0 / 120.0
+    power = power * z + 1.0 / 24.0
+    power = power * z + 1.0 / 6.0
+    power = power * z + 0.5
+    power = power * z + 1.0
+    power = power * z + 1.0
+    power = power * power
+    power = power * power
+    power = power * power
+    power = power * power
+    return power * power
+
+
+def sine_cosine(angle):
+    """sin and cos [1] of `angle` [rad] in 0..pi/2, within 1e-12, of + - * alone: Taylor's series of half the angle."""
+    half = 0.5 * angle
+    y = half * half
+    sine = y * (1.0 / 6227020800.0) - 1.0 / 39916800.0
+    sine = sine * y + 1.0 / 362880.0
+    sine = sine * y - 1.0 / 5040.0
+    sine = sine * y + 1.0 / 120.0
+    sine = sine * y - 1.0 / 6.0
+    sine = half + half * y * sine
+    cosine = y * (1.0 / 479001600.0) - 1.0 / 3628800.0
+    cosine = cosine * y + 1.0 / 40320.0
+    cosine = cosine * y - 1.0 / 720.0
+    cosine = cosine * y + 1.0 / 24.0
+    cosine = cosine * y - 0.5
+    cosine = cosine * y + 1.0
+    return 2.0 * sine * cosine, 1.0 - 2.0 * sine * sine
+
+
+def faded(initial, residual, left):
+    """Strength between `initial` (`left` = 1) and `residual` (`left` = 0)."""
+    return residual + (initial - residual) * left
+
+
+def matched_cone(sine, cosine, cohesion, factor, share):
+    """Slope [1] and strength [Pa] of the cone for sin and cos of the friction angle and a cohesion [Pa]."""
+    scale = factor / (1.0 - share * sine)
+    return scale * sine, scale * cosine * cohesion
+
+
+class NoSoftening(NamedTuple):
+    """Constant strength: the null law of the slot."""
+
+    null: float = 0.0  # the compiler requires a field
+
+    def softened_cone(self, slope, strength, plastic_strain):
+        return slope, strength
+
+
+class Softening(NamedTuple):
+    """X = X_r + (X_i - X_r) exp(-xi_s e_d) for the friction angle and the cohesion.
+
+    xi_s = 10 loses 90 % by e_d = 0.23. Vicari et al. (2025), ice avalanche on cells of 1 m: 40 to 20 degrees, 1 kPa to
+    0, xi_s = 10.
+    """
+
+    friction_angle: float  # [rad]
+    cohesion: float  # [Pa]
+    residual_friction_angle: float  # [rad]
+    residual_cohesion: float  # [Pa]
+    coefficient: float  # xi_s [1]
+    factor: float  # of MATCHES
+    share: float
+
+    def softened_cone(self, slope, strength, plastic_strain):
+        left = decay(self.coefficient * plastic_strain)
+        sine, cosine = sine_cosine(faded(self.friction_angle, self.residual_friction_angle, left))
+        cohesion = faded(self.cohesion, self.residual_cohesion, left)
+        return matched_cone(sine, cosine, cohesion, self.factor, self.share)
+
+
+class TangentSoftening(NamedTuple):
+    """`Softening` of tan(phi) instead of phi; the difference is below 1.5 degrees from 40 to 20 degrees."""
+
+    tangent: float  # tan(phi) [1]
+    cohesion: float  # [Pa]
+    residual_tangent: float  # [1]
+    residual_cohesion: float  # [Pa]
+    coefficient: float  # xi_s [1]
+    factor: float  # of MATCHES
+    share: float
+
+    def softened_cone(self, slope, strength, plastic_strain):
+        left = decay(self.coefficient * plastic_strain)
+        tangent = faded(self.tangent, self.residual_tangent, left)
+        cosine = 1.0 / sqrt(1.0 + tangent * tangent)
+        cohesion = faded(self.cohesion, self.residual_cohesion, left)
+        return matched_cone(tangent * cosine, cosine, cohesion, self.factor, self.share)
+
+
+class LinearSoftening(NamedTuple):
+    """Friction angle and cohesion decrease linearly between two plastic strains, as in CB-Geo's Mohr-Coulomb."""
+
+    friction_angle: float  # [rad]
+    cohesion: float  # [Pa]
+    residual_friction_angle: float  # [rad]
+    residual_cohesion: float  # [Pa]
+    peak_strain: float  # e_d [1] up to which there is no loss
+    residual_strain: float  # e_d [1], above peak_strain, from which on the strength is residual
+    factor: float  # of MATCHES
+    share: float
+
+    def softened_cone(self, slope, strength, plastic_strain):
+        way = (self.residual_strain - plastic_strain) / (self.residual_strain - self.peak_strain)
+        left = min(max(way, 0.0), 1.0)
+        sine, cosine = sine_cosine(faded(self.friction_angle, self.residual_friction_angle, left))
+        cohesion = faded(self.cohesion, self.residual_cohesion, left)
+        return matched_cone(sine, cosine, cohesion, self.factor, self.share)
+
+
+def cone(friction_angle, cohesion, match="triaxial"):
+    """Slope [1] and strength [Pa] of the cone q <= slope p + strength for phi [deg] and cohesion [Pa].
+
+    Raises
+    ------
+    InputError
+        No such match.
+    """
+    if match not in MATCHES:
+        raise InputError(f"the cone's match is {match!r}, expected one of {', '.join(MATCHES)}")
+    phi = radians(friction_angle)
+    return matched_cone(sin(phi), cos(phi), cohesion, *MATCHES[match])
+
+
+def softening(initial, residual, coefficient, form="exponential", match="triaxial", peak_strain=0.0):
+    """The law of softening from `initial` to `residual`, each a friction angle [deg] and a cohesion [Pa].
+
+    `form` is `exponential`, `tangent` (both with xi_s as `coefficient`) or `linear`, with a loss of strength between
+    the plastic strains `peak_strain` and `peak_strain + 1 / coefficient`.
+
+    Raises
+    ------
+    InputError
+        No such form or match, or a linear form whose coefficient is not above 0.
+    """
+    if match not in MATCHES:
+        raise InputError(f"the cone's match is {match!r}, expected one of {', '.join(MATCHES)}")
+    (angle, cohesion), (residual_angle, residual_cohesion) = initial, residual
+    start, end = radians(angle), radians(residual_angle)
+    if form == "exponential":
+        return Softening(start, cohesion, end, residual_cohesion, coefficient, *MATCHES[match])
+    if form == "tangent":
+        return TangentSoftening(tan(start), cohesion, tan(end), residual_cohesion, coefficient, *MATCHES[match])
+    if form != "linear":
+        raise InputError(f"softening has no form {form!r}, expected exponential, tangent or linear")
+    if not coefficient > 0.0:
+        raise InputError(f"linear softening has coefficient {coefficient:g}, expected above 0; or remove softening")
+    lost = peak_strain + 1.0 / coefficient
+    return LinearSoftening(start, cohesion, end, residual_cohesion, peak_strain, lost, *MATCHES[match])

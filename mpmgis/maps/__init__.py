@@ -1,0 +1,1 @@
+"""Particles to maps: averages over cells, the folder of an export, QGIS."""

@@ -1,0 +1,344 @@
+"""Sums of particle quantities over raster cells, for points and columns, and the bed (NHESS 25:3897, Eqs 2-7)."""
+
+import threading
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...frames.particles import Frame
+from ...terrain.elevation import Terrain
+from ...terrain.grid import Grid
+from . import binning, cell_places
+from .column_field import SPLINE_REACH, Lattice, column_sums
+
+
+@dataclass(frozen=True)
+class Bed:
+    """The DTM as the reference surface of Eqs 3 to 7.
+
+    Parameters
+    ----------
+    grid : Grid
+    elevation : float64[rows, columns] [m], NaN where there is no data
+    gradient : float64[rows, columns, 2] [1], (db/dE, db/dN)
+    kind : str
+        "bilinear": elevation between pixel centres, slopes limited at cliff edges; "plane": tangent plane of the
+        pixel, central differences, as in the paper.
+    standoff : float [m]
+        Distance, normal to the bed, at which the source code lets particles rest; subtracted from all distances.
+    clamped : bool
+        Points outside the DTM count in the nearest edge cell (Eq 5); otherwise they are ignored.
+    """
+
+    grid: Grid
+    elevation: np.ndarray
+    gradient: np.ndarray
+    kind: str = "bilinear"
+    standoff: float = 0.0
+    clamped: bool = False
+
+    @classmethod
+    def of(cls, terrain: Terrain, kind: str = "bilinear", standoff: float = 0.0, clamped: bool = False) -> "Bed":
+        """The bed of `terrain`; the other parameters as in the class."""
+        gradient = terrain.gradient if kind == "plane" else terrain.limited_gradient
+        return cls(
+            terrain.grid,
+            np.ascontiguousarray(terrain.elevation),
+            np.ascontiguousarray(gradient),
+            kind,
+            standoff,
+            clamped,
+        )
+
+    @cached_property
+    def gradient_by_pixel(self) -> np.ndarray:
+        """float64[pixels, 2]: `gradient` by flat index."""
+        return self.gradient.reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Location of a frame's particles: `pixel` int64[n] (flat, -1 outside), `distance` float64[n] [m] (NaN unknown).
+
+    `moved` is the number of outside particles that were moved to the edge of a clamped bed.
+    """
+
+    pixel: np.ndarray
+    distance: np.ndarray
+    moved: int = 0
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """bool[n]: particles on the DTM."""
+        return self.pixel >= 0
+
+
+def place(frame: Frame, bed: Bed) -> Placed:
+    """Find the DTM pixel under every particle of `frame` and its distance d_p from the bed (Eqs 2, 5, 6)."""
+    n = len(frame.particles)
+    pixel, distance = np.empty(n, np.int64), np.empty(n)
+    moved = cell_places.place(
+        frame.particles.position,
+        np.asarray(frame.origin, float),
+        bed.grid.corner,
+        bed.grid.axes,
+        bed.grid.matrix,
+        bed.elevation,
+        bed.gradient,
+        bed.kind == "plane",
+        bed.clamped and frame.dimension == 3,
+        bed.standoff,
+        pixel,
+        distance,
+    )
+    return Placed(pixel, distance, int(moved))
+
+
+_buffers = threading.local()
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Sums over the particles of one frame in every export cell that has particles.
+
+    Parameters
+    ----------
+    index : int64[k]
+        Flat index of the cell in the export grid, ascending.
+    top, lowest : float64[k] [m]
+        Largest (or percentile) and smallest distance from the bed; NaN where the bed slope is unknown under all
+        particles. For a column: its thickness normal to the bed, and 0.
+    count : int64[k]
+        Particles whose position lies in the cell.
+    sums : float64[k, SUMS]
+        Mass-weighted sums; column numbers are constants of `binning`.
+    cell_area : float [m2]
+    density : float [kg m-3]
+        Of the release.
+    spacing : float [m]
+        Grid spacing of the solver that made the particles; 0 for columns (they never leave the bed).
+    outside, mass_outside, without_slope : int, float [kg], int
+        Particles outside the DTM, their mass, and particles on DTM pixels without a slope.
+    """
+
+    index: np.ndarray
+    top: np.ndarray
+    lowest: np.ndarray
+    count: np.ndarray
+    sums: np.ndarray
+    cell_area: float
+    density: float
+    spacing: float
+    outside: int
+    mass_outside: float
+    without_slope: int
+
+    def mean(self, column: int) -> np.ndarray:
+        """Mass-weighted mean of a column of `sums`; NaN where the bed slope is unknown under all particles."""
+        weight = self.sums[:, binning.SLOPED]
+        return np.divide(self.sums[:, column], weight, out=np.full(len(weight), np.nan), where=weight > 0)
+
+    def mean_vector(self, column: int) -> np.ndarray:
+        """float64[k, 3]: `mean` of the three columns from `column`."""
+        return np.stack([self.mean(column + axis) for axis in range(3)], axis=1)
+
+
+def bin_frame(
+    frame: Frame, placed: Placed, bed: Bed, grid: Grid, density: float, percentile: float = 100.0, spread: bool = True
+) -> Cells:
+    """Sum the particles of `frame` into the cells of the export `grid`.
+
+    Parameters
+    ----------
+    frame : Frame
+    placed : Placed
+        Location of its particles on `bed`.
+    bed : Bed
+    grid : Grid
+        May be rotated, with rectangular cells. Columns are squares along its axes.
+    density : float [kg m-3]
+    percentile : float
+        Mass-weighted percentile of the points' distances, in (0, 100]; not used for columns.
+    spread : bool
+        True: columns of a run are spread with their solver's B-splines. False: each column fills the square of its
+        area; sums over cells stay sharper (for comparing runs of different cell sizes), but fine cells have gaps.
+
+    Returns
+    -------
+    Cells
+    """
+    row, column, bounds = _cells_of(frame, placed, grid, bed.clamped and frame.dimension == 3)
+    outside, mass_outside, without_slope = cell_places.left_out(row, placed.distance, frame.particles.mass)
+    totals = {
+        "cell_area": grid.cell_area,
+        "density": density,
+        "outside": int(outside),
+        "mass_outside": float(mass_outside),
+        "without_slope": int(without_slope),
+    }
+    if frame.dimension == 3:
+        return _bin_points(frame, placed, bed, grid, row, column, bounds, percentile, totals)
+    if spread and column_spacing(frame) is not None:
+        return _bin_field(frame, placed, bed, grid, row, column, totals)
+    return _bin_squares(frame, placed, bed, grid, row, column, totals)
+
+
+def _sides_of_cells(grid):
+    """float64[2] [m]: width and height of the rectangle with a cell's area and the proportions of its sides."""
+    width, height = grid.sides
+    return np.array([width, height]) * np.sqrt(grid.cell_area / (width * height))
+
+
+def _cells_of(frame, placed, grid, clamped):
+    n = len(frame.particles)
+    row, column, bounds = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(4, np.int64)
+    origin = np.asarray(frame.origin, float)
+    cell_places.cells_of_points(
+        frame.particles.position, placed.pixel, origin, grid.corner, grid.axes, grid.shape, clamped, row, column, bounds
+    )
+    return row, column, bounds
+
+
+def flat_cells(frame: Frame, placed: Placed, grid: Grid, clamped: bool = False) -> np.ndarray:
+    """int64[n]: flat number of the cell of `grid` that each particle counts in; -1 outside."""
+    row, column, _ = _cells_of(frame, placed, grid, clamped and frame.dimension == 3)
+    return np.where(row >= 0, row.astype(np.int64) * grid.shape[1] + column, -1)
+
+
+def _numbered(marker, bounds, grid):
+    """Number the cells that `marker` (a function of the empty window) marks: (window, flat index of each)."""
+    window = np.zeros((max(bounds[1] - bounds[0], 0), max(bounds[3] - bounds[2], 0)), np.int32)
+    marker(window)
+    cells = np.empty(int(np.count_nonzero(window)), np.int64)
+    binning.number_cells(window, bounds, grid.shape[1], cells)
+    return window, cells
+
+
+def _bin_points(frame, placed, bed, grid, row, column, bounds, percentile, totals):
+    particles = frame.particles
+    window, cells = _numbered(lambda mark: binning.mark_points(row, column, bounds, mark), bounds, grid)
+    k, n = len(cells), len(particles)
+    tiles = [-(-length // binning.TILE) for length in window.shape]
+    table = _work_array("table", (k, binning.ROW))
+    records = _work_array("records", (min(n, binning.SLAB), binning.RECORD))
+    binning.bin_points(
+        row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel, particles.velocity,
+        particles.mass, particles.volume, table, records, np.empty(tiles[0] * tiles[1] + 1, np.int64),
+    )  # fmt: skip
+    sums, count = np.empty((binning.SUMS, k)), np.empty(k, np.int64)
+    top, lowest = np.empty(k), np.empty(k)
+    binning.by_quantity(table, sums, top, lowest, count)
+    if percentile < 100:
+        slot = np.empty(n, np.int64)
+        binning.numbers_of_points(row, column, bounds, window, placed.distance, slot)
+        _take_percentile(top, slot, placed.distance, particles.mass, percentile)
+    return Cells(cells, top, lowest, count, sums.T, spacing=grid_spacing(frame), **totals)
+
+
+def _work_array(name, shape):
+    """float64 work array of `shape`, reused for every frame of a thread, because new pages cost as much as the work.
+
+    Returned values must not refer to it.
+    """
+    kept, size = vars(_buffers), shape[0] * shape[1]
+    if name not in kept or len(kept[name]) < size:
+        kept[name] = np.empty(size)
+    return kept[name][:size].reshape(shape)
+
+
+def lower_percentile(distance: np.ndarray, mass: np.ndarray, percentile: float) -> float:
+    """Smallest of the distances float64[n] [m] with `percentile` % of the mass at or below it; 0 without particles."""
+    top = np.zeros(1)
+    _take_percentile(top, np.zeros(len(distance), np.int64), distance, np.asarray(mass, float), percentile)
+    return float(top[0])
+
+
+def _take_percentile(top, slot, distance, mass, percentile):
+    start, order = np.empty(len(top) + 1, np.int64), np.empty(int(np.count_nonzero(slot >= 0)), np.int64)
+    binning.group_by_cell(slot, start, order)
+    binning.cell_quantiles(start, order, distance, mass, percentile / 100.0, top)
+
+
+def column_spacing(frame: Frame) -> float | None:
+    """Node spacing [m] of the depth-averaged run that made the columns of `frame`; None for all other particles.
+
+    Columns of a run sample the flow, and its solver spreads them over nodes. Columns of a seed, of a conversion or
+    of another code cover the ground without gaps: each fills the square of its area.
+    """
+    spacing = frame.header.get("cell_size") if frame.dimension == 2 else None
+    return None if spacing is None else float(spacing)
+
+
+def column_side(frame: Frame) -> float:
+    """Resolution [m] of the columns of `frame`: node spacing of the run, else the side of the mean column's square.
+
+    0 for points.
+    """
+    if frame.dimension == 3:
+        return 0.0
+    spacing = column_spacing(frame)
+    return float(np.sqrt(frame.particles.area.mean())) if spacing is None else spacing
+
+
+def column_reach(frame: Frame) -> np.ndarray:
+    """float64[n] [m]: distance from its position up to which each column of `frame` contributes to cells."""
+    spacing = column_spacing(frame)
+    if spacing is None:
+        return 0.5 * np.sqrt(frame.particles.area)
+    return np.full(len(frame.particles), SPLINE_REACH * spacing)
+
+
+def _bin_field(frame, placed, bed, grid, row, column, totals):
+    lattice = Lattice.of_solver(column_spacing(frame), bed.grid, grid)
+    found, count = column_sums(frame, placed, bed, grid, row, column, lattice)
+    sloped = found.sums[:, binning.SLOPED] > 0
+    top = np.where(sloped, found.top / totals["density"], np.nan)
+    return Cells(found.index, top, np.where(sloped, 0.0, np.nan), count, found.sums, spacing=0.0, **totals)
+
+
+def _bin_squares(frame, placed, bed, grid, row, column, totals):
+    particles = frame.particles
+    footprint, bounds = np.empty((len(particles), 4)), np.empty(4, np.int64)
+    origin = np.asarray(frame.origin, float)
+    binning.footprints(
+        particles.position,
+        particles.area,
+        row,
+        origin,
+        grid.corner,
+        grid.axes,
+        _sides_of_cells(grid),
+        grid.shape,
+        footprint,
+        bounds,
+    )
+    window, cells = _numbered(lambda mark: binning.mark_footprints(footprint, bounds, mark), bounds, grid)
+    k = len(cells)
+    sums, count = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64)
+    binning.bin_columns(
+        footprint, row, column, bounds, window, placed.pixel, bed.gradient_by_pixel,
+        particles.velocity, particles.mass, particles.volume, sums, count,
+    )  # fmt: skip
+    covered = np.minimum(sums[:, binning.COVERED], 1.0)
+    volume = sums[:, binning.UPRIGHT] / totals["density"]
+    top = np.where(sums[:, binning.SLOPED] > 0, volume / (totals["cell_area"] * covered), np.nan)
+    lowest = np.where(np.isnan(top), np.nan, 0.0)
+    return Cells(cells, top, lowest, count, sums, spacing=0.0, **totals)
+
+
+def grid_spacing(frame: Frame) -> float:
+    """Grid spacing [m] of the solver that made `frame`: from its header, else estimated from the particles.
+
+    The estimate assumes 8 points or 4 x 4 columns per cell, and is rounded to two digits.
+    """
+    spacing = frame.header.get("cell_size")
+    if spacing is not None:
+        return float(spacing)
+    if frame.dimension == 2:
+        return _two_digits(4.0 * float(np.sqrt(frame.particles.area.mean())))
+    return _two_digits(2.0 * float(np.cbrt(frame.particles.volume.mean())))
+
+
+def _two_digits(value):
+    return float(f"{value:.2g}")

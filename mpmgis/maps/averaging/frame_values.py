@@ -1,0 +1,324 @@
+"""Cell values of one frame, the survey of all frames before an export, and values of selected cells."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...frames.particles import Frame
+from ...terrain.grid import Grid
+from . import cell_places
+from .band_products import PRODUCTS, HeightLayers, cell_values, height_layers, map_speed, volume_thickness
+from .cells import Bed, bin_frame, column_reach, column_side, column_spacing, grid_spacing, place
+from .maxima import least_depth
+from .sampling import FrameFacts, export_axes, export_grid
+
+_ROUNDING = 1e-3  # share of the solver cell; particles less than this below the bed are on it
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """Settings for averaging frames, the same for all frames.
+
+    Parameters
+    ----------
+    bed : Bed
+    grid : Grid
+        Export grid.
+    density : float [kg m-3]
+        Of the release.
+    names : tuple of str
+        Products to compute.
+    percentile : float
+        In (0, 100].
+    min_depth : float [m]
+    second_grid : Grid or None
+        Second grid to average on; `second_names` are its products.
+    layers : tuple of float [m]
+        Edges of layers of height over the bed; empty: no layers.
+    """
+
+    bed: Bed
+    grid: Grid
+    density: float
+    names: tuple
+    percentile: float = 100.0
+    min_depth: float = 0.05
+    second_grid: Grid | None = None
+    second_names: tuple = ()
+    layers: tuple = ()
+
+
+@dataclass(frozen=True)
+class FrameValues:
+    """Cell values of one frame.
+
+    Parameters
+    ----------
+    time : float [s]
+    count, mass : int, float [kg]
+        Particles in the frame.
+    index : int64[k]
+        Flat index in the export grid of the cells with particles, ascending.
+    values : dict of str to float32[k]
+        By product.
+    second : (int64[m], dict of str to float32[m]) or None
+        The same on the second grid.
+    outside, mass_outside, without_slope : int, float [kg], int
+        Particles outside the DTM, their mass, and particles on DTM pixels without a slope.
+    moved : int
+        Particles outside the DTM that were moved to the edge of a clamped bed.
+    below, lowest : float, float [m]
+        Share of the mass below the DTM (points), and the smallest distance from it, without the standoff.
+    column_side : float [m]
+        Resolution of columns: node spacing of the run, else the side of the mean column; 0 for points.
+    least : float [m]
+        Depth below which a cell has only the tail of column splines; 0 for particles without splines.
+    point_side : float [m]
+        Cell size of Eq 15: cube root of the mean current volume of points; 0 for columns.
+    fastest : float [m s-1]
+        Largest depth-averaged horizontal speed where the flow is at least min_depth deep.
+    layers : HeightLayers or None
+        Of `Averaging.layers`.
+    """
+
+    time: float
+    count: int
+    mass: float
+    index: np.ndarray
+    values: dict
+    second: tuple | None
+    outside: int
+    mass_outside: float
+    without_slope: int
+    moved: int
+    below: float
+    lowest: float
+    column_side: float
+    least: float
+    point_side: float
+    fastest: float
+    layers: HeightLayers | None = None
+
+
+def average_frame(frame: Frame, averaging: Averaging) -> FrameValues:
+    """Average `frame` with the settings `averaging`.
+
+    Returns
+    -------
+    FrameValues
+    """
+    placed = place(frame, averaging.bed)
+    cells = _bin(frame, placed, averaging, averaging.grid)
+    second = None
+    if averaging.second_grid is not None:
+        there = _bin(frame, placed, averaging, averaging.second_grid)
+        second = there.index, _stored(cell_values(there, averaging.second_names, averaging.min_depth))
+    values = cell_values(cells, averaging.names, averaging.min_depth)
+    mass = float(frame.particles.mass.sum())
+    below, lowest = _below_terrain(frame, placed, averaging.bed.standoff, cells.spacing, mass)
+    return FrameValues(
+        time=frame.time,
+        count=len(frame.particles),
+        mass=mass,
+        index=cells.index,
+        values=_stored(values),
+        second=second,
+        outside=cells.outside,
+        mass_outside=cells.mass_outside,
+        without_slope=cells.without_slope,
+        moved=placed.moved,
+        below=below,
+        lowest=lowest,
+        column_side=column_side(frame),
+        least=0.0 if column_spacing(frame) is None else least_depth(averaging.min_depth),
+        point_side=float(np.cbrt(frame.particles.volume.mean())) if frame.dimension == 3 else 0.0,
+        fastest=_fastest(cells, values["h"], averaging.min_depth),
+        layers=_layers(frame, placed, averaging),
+    )
+
+
+def _layers(frame, placed, averaging):
+    if not averaging.layers:
+        return None
+    return height_layers(frame, placed, averaging.bed, averaging.grid, averaging.layers)
+
+
+def _bin(frame, placed, averaging, grid):
+    return bin_frame(frame, placed, averaging.bed, grid, averaging.density, averaging.percentile)
+
+
+def _stored(values):
+    return {name: value.astype(np.float32) for name, value in values.items()}
+
+
+def _fastest(cells, depth, min_depth):
+    speed = map_speed(cells)[depth >= min_depth]
+    return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
+
+
+def _below_terrain(frame, placed, standoff, spacing, mass):
+    """(share of the mass below the DTM, smallest distance [m]) of points; (0, 0) for columns."""
+    if frame.dimension == 2:
+        return 0.0, 0.0
+    below, lowest = cell_places.below(placed.distance, frame.particles.mass, -_ROUNDING * spacing - standoff)
+    return (float(below / mass), float(lowest + standoff)) if np.isfinite(lowest) else (0.0, 0.0)
+
+
+RESTING_BELOW = 0.01  # share of the mass below the bed; above it an offset of the solver is assumed
+
+
+def reached(frame: Frame, bed: Bed, axes: Grid) -> tuple | None:
+    """Bounds (first column, first row, last column, last row) [m] of the flow on the DTM; None without flow.
+
+    Parameters
+    ----------
+    frame : Frame
+        Only `position` of its particles is used, and `area` of columns (their full ground area counts).
+    bed : Bed
+    axes : Grid
+        `export_axes` of the bounds.
+    """
+    particles, bounds = frame.particles, np.empty(4)
+    half = column_reach(frame) if frame.dimension == 2 else np.zeros(1)
+    origin = np.asarray(frame.origin, float)
+    count = cell_places.reach(
+        particles.position, half, origin, bed.grid.corner, bed.grid.axes, bed.elevation,
+        bed.clamped and frame.dimension == 3, axes.corner, axes.axes, bounds,
+    )  # fmt: skip
+    return tuple(bounds.tolist()) if count else None
+
+
+def survey_frame(frame: Frame, bed: Bed, density: float, axes: Grid | None = None) -> FrameFacts:
+    """Data of `frame` for the choice of the cell size and the standoff.
+
+    Parameters
+    ----------
+    frame : Frame
+    bed : Bed
+    density : float [kg m-3]
+        Of the release.
+    axes : Grid, optional
+        `export_axes` of the bounds (default: north-up).
+
+    Returns
+    -------
+    FrameFacts
+    """
+    placed, particles = place(frame, bed), frame.particles
+    inside = placed.inside
+    if not inside.any():
+        return FrameFacts(None, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    released = particles.mass / density
+    volume = float(released.mean())
+    below, offset = 0.0, 0.0
+    if frame.dimension == 3:
+        below, offset = resting_offset(placed.distance[inside], particles.mass[inside])
+    return FrameFacts(
+        bounds=reached(frame, bed, export_axes(bed.grid) if axes is None else axes),
+        particle_volume=volume,
+        dilation=min(1.0, float(np.quantile(released / particles.volume, 0.1))),
+        thickness=_median_thickness(frame, placed, bed, density),
+        spacing=grid_spacing(frame),
+        below=below,
+        offset=offset,
+        column_side=float(np.sqrt(particles.area.mean())) if frame.dimension == 2 else 0.0,
+    )
+
+
+def _median_thickness(frame, placed, bed, density):
+    cells = bin_frame(frame, placed, bed, export_grid(bed.grid), density)
+    thickness = volume_thickness(cells)
+    thickness = thickness[thickness > 0]
+    return float(np.median(thickness)) if len(thickness) else 0.0
+
+
+def resting_offset(distance: np.ndarray, mass: np.ndarray) -> tuple[float, float]:
+    """Depth below the DTM at which a grid-based code lets particles rest.
+
+    Parameters
+    ----------
+    distance : float[n] [m]
+        From the bed, NaN where unknown.
+    mass : float[n] [kg]
+
+    Returns
+    -------
+    (float, float)
+        Share of the mass below the bed, and the distance [m] with 1 % of the mass below it.
+    """
+    known = np.isfinite(distance)
+    distance, mass = distance[known], mass[known]
+    below = distance < 0
+    share = float(mass[below].sum() / mass.sum()) if len(mass) else 0.0
+    if share < RESTING_BELOW:
+        return share, 0.0
+    order = np.flatnonzero(below)[np.argsort(distance[below], kind="stable")]
+    rank = np.searchsorted(np.cumsum(mass[order]), RESTING_BELOW * mass.sum())
+    return share, float(distance[order[min(rank, len(order) - 1)]])
+
+
+def automatic_standoff(facts: Sequence) -> float:
+    """The standoff [m] of the frame with the largest share of its mass below the bed; 0 if the share is under 1 %.
+
+    It is the distance with 1 % of that frame's mass below it. Grid-based codes apply the bed condition at nodes and
+    not at the DTM, so particles rest up to a cell below the DTM, and all distances are too small by this offset.
+    """
+    deepest = max(facts, key=lambda fact: fact.below)
+    return deepest.offset if deepest.below >= RESTING_BELOW else 0.0
+
+
+def fastest_mean(frame: Frame, bed: Bed, grid: Grid, density: float) -> float:
+    """Largest depth-averaged horizontal speed [m s-1] over the cells of `grid` (for Eq 17)."""
+    speed = map_speed(bin_frame(frame, place(frame, bed), bed, grid, density))
+    return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
+
+
+NOWHERE = -1  # cell number of a point outside the grid
+
+
+def cells_of(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """int64[n]: flat number of the cell of `grid` that contains each map point [m]; NOWHERE outside the grid."""
+    row, column = (np.floor(place + 0.5).astype(np.int64) for place in grid.rowcol(x, y))
+    rows, columns = grid.shape
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    return np.where(inside, row * columns + column, NOWHERE)
+
+
+def pick(index: np.ndarray, values: np.ndarray, empty: float, cells: np.ndarray) -> np.ndarray:
+    """Values of selected `cells`.
+
+    Parameters
+    ----------
+    index : int64[k]
+        Flat numbers of the cells with a value, ascending.
+    values : float[k]
+    empty : float
+        Value of the grid's other cells.
+    cells : int64[n]
+        Flat numbers, or NOWHERE.
+
+    Returns
+    -------
+    float64[n]
+        NaN outside the grid.
+    """
+    result = np.where(cells == NOWHERE, np.nan, empty)
+    if len(index):
+        at = np.minimum(np.searchsorted(index, cells), len(index) - 1)
+        known = index[at] == cells
+        result[known] = values[at[known]]
+    return result
+
+
+def frame_at_cells(frame: Frame, averaging: Averaging, cells: np.ndarray) -> dict:
+    """Product -> float64[n] of `cells` of `averaging.grid`, averaged as in the export's rasters."""
+    found = average_frame(frame, averaging)
+    return {name: pick(found.index, found.values[name], PRODUCTS[name].empty, cells) for name in averaging.names}
+
+
+def nearest_times(times: np.ndarray, wanted: np.ndarray) -> list[int]:
+    """Ascending numbers of the frames nearest to the `wanted` times [s], without repetition; the earlier of two
+    equally near ones."""
+    gaps = np.abs(np.asarray(times, float)[None, :] - np.asarray(wanted, float)[:, None])
+    return sorted({int(k) for k in np.argmin(gaps, axis=1)})

@@ -1,0 +1,185 @@
+"""Results in memory: folders and frames as xarray datasets, averaged as `mpmgis export-raster` does."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...exchange.frame_list import list_frames
+from ...exchange.readers.reader_list import OWN
+from ...frames.particles import Frame
+from ...laws.quantities import BAND
+from ...system.errors import GeoreferenceError, InputError
+from ...system.parallel import frame_pool
+from ...terrain.elevation import Terrain
+from ...terrain.georeference import name_of, same_place
+from ..averaging.band_products import PRODUCTS, choose_products
+from ..averaging.exported_folder import is_export
+from ..averaging.frame_values import Averaging, average_frame
+from ..averaging.maxima import RunningMaxima, SolverPeaks
+from .export_inputs import refuse_nowhere, run_terrain
+from .export_plan import make_plan
+from .xarray_datasets import ELEVATION, averaged_step, averaged_steps, computed_bands, gridded, open_export, terrain_of
+
+
+@dataclass(frozen=True)
+class GivenFrame:
+    """A Frame in memory with the interface of a FrameEntry."""
+
+    frame: Frame
+    path: Path = Path("the frame")
+    reader: str = OWN
+
+    @property
+    def header(self):
+        """The frame without its particles."""
+        return replace(self.frame, particles=None, header=self.frame.header | {"count": self.count})
+
+    @property
+    def time(self):
+        """Time [s]."""
+        return self.frame.time
+
+    @property
+    def count(self):
+        """Number of particles."""
+        return len(self.frame.particles)
+
+    def read(self, density=1000.0):
+        """The frame, which has mass and volume: `density` is not used."""
+        return self.frame
+
+    def read_positions(self):
+        """The frame."""
+        return self.frame
+
+    def read_maxima(self):
+        """Running peaks of the solver."""
+        return self.frame.maxima
+
+    def read_bed_change(self):
+        """What the flow took from its bed."""
+        return self.frame.bed_change
+
+
+@dataclass(frozen=True)
+class AveragedSteps:
+    """Callable: FrameValues of a step, read and averaged at each call; `entries` of the steps, on `terrain`."""
+
+    entries: tuple
+    averaging: Averaging
+    terrain: Terrain
+
+    def __call__(self, step):
+        entry = self.entries[step]
+        values = average_frame(entry.read(self.averaging.density), self.averaging)
+        if values.outside == values.count:
+            refuse_nowhere(entry, self.terrain)
+        return values
+
+
+@dataclass(frozen=True)
+class SolverMaxima:
+    """Callable: the solver's maxima over all steps on the cells of `averaging`, band name -> float32."""
+
+    peaks: SolverPeaks
+    averaging: Averaging
+
+    @property
+    def names(self):
+        """Names of the maxima bands."""
+        return self.peaks.bands(self.averaging.min_depth)
+
+    def __call__(self):
+        grid, min_depth = self.averaging.grid, self.averaging.min_depth
+        maxima = RunningMaxima(grid.shape[0] * grid.shape[1], min_depth)
+        for index, values in self.peaks.on(grid, self.averaging.bed, min_depth):
+            maxima.absorb_peaks(index, values)
+        return {name: maxima.rows(name, 0, *grid.shape) for name in self.names}
+
+
+def open_results(folder, request, dem=None, given=()):
+    """A folder as a lazy xarray.Dataset: an export, or frames that are averaged when values are needed.
+
+    Parameters
+    ----------
+    folder : str or Path
+    dem : as of `depth_average`
+    request : ExportRequest
+        Of frames.
+    given : sequence of str
+        Names of the options given, which are an error for an exported folder.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    folder = Path(folder)
+    if is_export(folder):
+        idle = [*(["dem"] if dem is not None else []), *given]
+        if idle:
+            raise InputError(f"{folder} is an exported folder with fixed cells; {', '.join(idle)} requires frames")
+        return open_export(folder)
+    return _dataset(request, list_frames([folder], request.source.terms()), dem, lazy=True)
+
+
+def depth_average(frame, request, dem=None):
+    """One frame, a file's path or a Frame, depth-averaged onto cells (NHESS Eqs 2 to 14), in memory.
+
+    Parameters
+    ----------
+    frame : str, Path or Frame
+    dem : path, Terrain or xarray.DataArray (rioxarray), optional
+        Default: the DTM named in the frame.
+    request : ExportRequest
+
+    Returns
+    -------
+    xarray.Dataset
+        Without a dimension of time.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    given = isinstance(frame, Frame)
+    entries = (GivenFrame(frame),) if given else list_frames([frame], request.source.terms())
+    if len(entries) > 1:
+        raise InputError(f"{frame} contains {len(entries)} frames, expected one; mpmgis.open_results averages them all")
+    return _dataset(request, entries, dem, lazy=False).isel(time=0)
+
+
+def _dataset(request, entries, dem, lazy):
+    """The steps, averaged when needed, with the solver's maxima; if not `lazy` the first step in memory."""
+    products = choose_products(request.files.products)
+    if dem is None or isinstance(dem, (str, Path)):
+        terrain = run_terrain(replace(request.source, dem=None if dem is None else Path(dem)), entries, None)
+    else:
+        terrain = _terrain_in_memory(dem, entries[0])
+    with frame_pool() as pool:
+        plan = make_plan(request, entries, terrain, products, pool)
+    grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
+    quantities = [(BAND[name], PRODUCTS[name].empty) for name in products]
+    averaged = AveragedSteps(steps, plan.averaging, terrain)
+    if lazy:
+        variables = averaged_steps(len(steps), quantities, grid, averaged)
+    else:
+        variables = averaged_step(quantities, grid, averaged(0))
+    if lazy and plan.peaks is not None:
+        kept = SolverMaxima(plan.peaks, plan.averaging)
+        variables |= computed_bands([BAND[name] for name in kept.names], grid, kept)
+    variables[ELEVATION.name] = ELEVATION, plan.terrain.rows_on(grid, 0, grid.shape[0]).astype(np.float32)
+    return gridded(
+        grid, variables, [entry.time for entry in steps], title=plan.name, density=plan.averaging.density,
+        min_depth=plan.averaging.min_depth,
+    )  # fmt: skip
+
+
+def _terrain_in_memory(dem, entry):
+    terrain = dem if isinstance(dem, Terrain) else terrain_of(dem)
+    if entry.header.crs is not None and not same_place(entry.header.crs, terrain.grid.crs):
+        raise GeoreferenceError(
+            f"{entry.path} is in {name_of(entry.header.crs)}, but the DTM given is in {name_of(terrain.grid.crs)}; "
+            "reproject it (dem.rio.reproject)"
+        )
+    return terrain

@@ -1,0 +1,83 @@
+"""Rasters of what a flow made of its bed: eroded depth and rate, deposit, forest, new bed and surface."""
+
+import numpy as np
+
+from ...laws.quantities import BAND
+from ...system.messages import log
+from ...terrain.raster_output import SparseBands, write_geotiff
+from ..averaging.bed_change import eroded_depth, largest_rate, on_cells, share_beyond
+
+BED_BANDS = ("eroded", "erosion_rate_max", "deposit")
+FOREST_BANDS = ("detrained", "broken_forest")
+SURFACE_BANDS = ("surface_new", "bed_new")
+BEYOND_SHARE = 1e-3  # of a mass that lies beyond the edge of the DTM, above which it is reported
+
+
+def bed_bands(change):
+    """Names of the bands of `<name>_bed.tif` for what the last frame stores of the bed."""
+    return () if not change else (*BED_BANDS, *(FOREST_BANDS if "detrained_mass" in change else ()))
+
+
+def write_bed_rasters(plan, rasters, values, tags, cog, rate=None):
+    """Write `<name>_bed.tif` and `<name>_surface.tif` where the frames tell of erosion or forest.
+
+    Parameters
+    ----------
+    plan : Plan
+    rasters : Path
+        Folder of the rasters.
+    values : FrameValues
+        Of the last frame, with `mass`.
+    tags : dict
+    cog : bool
+    rate : float64[rows, columns], optional [m s-1]
+        Largest speed at which the bed receded; without it, that between the frames of the plan.
+
+    Returns
+    -------
+    dict of str to float
+        Largest value of each band; empty where nothing was written.
+    """
+    change = plan.bed_change
+    if not change:
+        return {}
+    grid = plan.averaging.grid
+    _log_beyond(change, grid)
+    eroded = eroded_depth(change, grid)
+    times = [entry.time for entry in plan.entries]
+    if rate is None:
+        rate = largest_rate((entry.read_bed_change() for entry in plan.entries), times, grid)
+    mass = SparseBands(grid, values.index, [(values.values["mass"], 0.0)])(0, 0, grid.shape[0])
+    deposit = np.nan_to_num(mass / plan.averaging.density, nan=0.0)
+    bed = plan.terrain.rows_on(grid, 0, grid.shape[0]) - eroded
+    named = tags | {
+        "time": times[-1],
+        "bed_density": float(np.asarray(change["bed_density"])),
+        "depths": "vertical",
+    }
+    bands = dict(zip(BED_BANDS, (eroded, rate, deposit), strict=True)) | _forest_bands(change, plan, grid)
+    bands |= dict(zip(SURFACE_BANDS, (bed + deposit + bands.get("detrained", 0.0), bed), strict=True))
+    for word, names in (("bed", bed_bands(change)), ("surface", SURFACE_BANDS)):
+        arrays = [(BAND[name], bands[name].astype(np.float32)) for name in names]
+        write_geotiff(rasters / f"{plan.name}_{word}.tif", grid, arrays, named, cog)
+    return {name: float(np.nanmax(bands[name])) for name in bed_bands(change)}
+
+
+def _log_beyond(change, grid):
+    """Report mass at nodes on the edge of the DTM, which the rasters have only in part."""
+    for key, words in (("eroded_mass", "eroded mass"), ("detrained_mass", "mass that stopped in forest")):
+        share = share_beyond(change, change[key], grid) if key in change else 0.0
+        if share > BEYOND_SHARE:
+            log.info(
+                f"{100 * share:.2g} % of the {words} is not in the rasters: the outermost nodes stand for half a cell "
+                "beyond the edge of the DTM"
+            )
+
+
+def _forest_bands(change, plan, grid):
+    """Thickness [m] of the mass that stopped in forest, and the share of each cell whose forest is broken."""
+    if "detrained_mass" not in change:
+        return {}
+    thickness = np.asarray(change["detrained_mass"], dtype=float) / plan.averaging.density
+    arrays = (thickness, np.asarray(change["broken_forest"], dtype=float))
+    return {name: on_cells(change, values, grid) for name, values in zip(FOREST_BANDS, arrays, strict=True)}

@@ -1,0 +1,346 @@
+"""The rasters of an export: one pass over the frames writes the steps, then maxima and deposit are written."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ... import __version__
+from ...laws.quantities import BAND, Quantity
+from ...system import operating_system
+from ...terrain.raster_output import SparseBands, StepFiles, StepStacks, finished, write_ascii_grid, write_rows
+from ..averaging.band_products import PRODUCTS, layer_quantities
+from ..averaging.exported_folder import ExportedRun
+from ..averaging.frame_values import average_frame
+from ..averaging.maxima import MAXIMA_BANDS, PEAKS, Peak, RunningMaxima
+from ..averaging.result_bands import DEPOSIT
+from ..qgis.outlines import shown_particles, step_outline
+from .bed_rasters import SURFACE_BANDS, bed_bands, write_bed_rasters
+from .export_inputs import refuse_nowhere, release_name, solver_peaks
+
+DEPOSIT_BANDS = ("h", "t", "t_vol")
+ARROW_BANDS = ("Ut_E", "Ut_N")
+TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
+# ISeeSnow: peak flow thickness [m], peak flow velocity [m s-1], peak pressure [kPa]
+ISEESNOW = {"pft": Peak("t_vol", True), "pfv": Peak("Ut", True), "ppr": Peak("p", True)}
+ISEESNOW_PRODUCTS = ("h", "Ut", "t_vol", "p")
+PASCAL_PER_KILOPASCAL = 1000.0
+DIGEST_LENGTH = 10  # as in other codes of the intercomparison
+
+
+@dataclass(frozen=True)
+class StepShapes:
+    """Features of an exported frame in the GeoPackage: its outline and the particles to show."""
+
+    outline: object
+    shown: dict
+
+
+def average_entry(entry, averaging, totals):
+    """The values of one frame on disk and its shapes (None without `totals`).
+
+    Particles are thinned for a total of `totals[dimension]`, separately for columns and points.
+    """
+    frame = entry.read(averaging.density)
+    values = average_frame(frame, averaging)
+    if not totals:
+        return values, None
+    bands = values.values
+    outline = step_outline(values.index, bands["h"], bands["Ut"], averaging.grid, averaging.min_depth)
+    return values, StepShapes(outline, shown_particles(frame, totals[frame.dimension]))
+
+
+@dataclass
+class Tally:
+    """The worst frame for each message, and the largest values."""
+
+    outside: tuple = (0, 0.0, "")
+    without_slope: tuple = (0, "")
+    below: tuple = (0.0, 0.0, "")
+    moved: tuple = (0, "")
+    column_side: float = 0.0
+    point_side: tuple = (0.0, "")
+    speeds: list = field(default_factory=list)  # [m s-1] largest mean speed on the map of each frame
+    largest: dict = field(default_factory=dict)
+    frames: list = field(default_factory=list)  # (particles, mass [kg], share of it below the bed) of each
+
+    def add(self, name, values):
+        """Add the values of the frame named `name`."""
+        self.frames.append((values.count, values.mass, values.below))
+        self.outside = max(self.outside, (values.outside, values.mass_outside, name))
+        self.without_slope = max(self.without_slope, (values.without_slope, name))
+        self.moved = max(self.moved, (values.moved, name))
+        self.below = max(self.below, (values.below, values.lowest, name))
+        self.column_side = max(self.column_side, values.column_side)
+        self.point_side = max(self.point_side, (values.point_side, name))
+        self.speeds.append(values.fastest)
+
+    def add_step(self, values):
+        """Add the values of an exported step."""
+        for name, value in values.values.items():
+            largest = float(np.fmax.reduce(np.abs(value), initial=0.0))
+            self.largest[name] = max(self.largest.get(name, 0.0), largest)
+
+
+def write_rasters(request, plan, folder, pool, spool, progress):
+    """Average every frame of `plan` and write all rasters into `folder`.
+
+    Parameters
+    ----------
+    request : ExportRequest
+    plan : Plan
+    folder : Path
+        Being written.
+    pool : FramePool
+    spool : StepSpool or None
+        For the QGIS files.
+    progress : callable
+        Called with (frames done, frames in all).
+
+    Returns
+    -------
+    (ExportedRun, Tally)
+    """
+    rasters = folder / "rasters"
+    rasters.mkdir()
+    averaging, grid = plan.averaging, plan.averaging.grid
+    maxima = RunningMaxima(grid.shape[0] * grid.shape[1], averaging.min_depth)
+    second = _second_maxima(averaging)
+    tally, step_of = Tally(), {frame: step for step, frame in enumerate(plan.steps)}
+    totals = {entry.header.dimension: entry.count for entry in reversed(plan.entries)} if spool is not None else {}
+    with finished(_step_writer(request, plan, rasters, pool)) as writer:
+        results = pool.map(average_entry, plan.entries, averaging, totals)
+        for frame, (entry, (values, shapes)) in enumerate(zip(plan.entries, results, strict=True)):
+            peaks = _absorb(plan, frame, values, tally, maxima, second)
+            if frame in step_of:
+                tally.add_step(values)
+                write_step(plan, writer, step_of[frame], entry, values, maxima, peaks)
+                _write_layers(plan, folder, step_of[frame], entry, values, request.files.cog)
+                if spool is not None:
+                    spool.add(values.index, values.values, shapes.outline, shapes.shown)
+            progress(frame + 1, len(plan.entries))
+    write_maxima(plan, rasters / f"{plan.name}_max.tif", maxima, tally, request.files.cog)
+    # of the last frame, whatever the steps
+    write_deposit(plan, rasters / f"{plan.name}_deposit.tif", values, request.files.cog)
+    write_terrain(plan, folder / "dtm.tif", request.files.cog)
+    tally.largest |= write_bed_rasters(plan, rasters, values, run_tags(plan), request.files.cog)
+    if second is not None:
+        _write_iseesnow(plan, rasters, second)
+    return exported(plan, folder, writer.files, maxima, tally), tally
+
+
+def frame_maxima(plan, pool, progress):
+    """Maxima and deposit of the frames of `plan`, in memory.
+
+    Returns
+    -------
+    (dict of str to float32[rows, columns], Tally)
+        Bands as in an export, those of the deposit with the suffix DEPOSIT; NaN where there was no flow.
+    """
+    averaging, grid = plan.averaging, plan.averaging.grid
+    rows, columns = grid.shape
+    maxima, tally = RunningMaxima(rows * columns, averaging.min_depth), Tally()
+    for frame, (values, _) in enumerate(pool.map(average_entry, plan.entries, averaging, {})):
+        _absorb(plan, frame, values, tally, maxima, None)
+        progress(frame + 1, len(plan.entries))
+    bands = {name: maxima.rows(name, 0, rows, columns) for name in MAXIMA_BANDS}
+    last = SparseBands(grid, values.index, [(values.values[name], PRODUCTS[name].empty) for name in DEPOSIT_BANDS])
+    return bands | {name + DEPOSIT: last(band, 0, rows) for band, name in enumerate(DEPOSIT_BANDS)}, tally
+
+
+def _absorb(plan, frame, values, tally, maxima, second):
+    """Add the values of frame number `frame` to `tally` and the maxima; the solver's maxima up to it, or None."""
+    entry, averaging = plan.entries[frame], plan.averaging
+    if values.count in (values.outside, values.moved):
+        refuse_nowhere(entry, plan.terrain)
+    tally.add(entry.path.name, values)
+    maxima.absorb(values.index, values.values, values.time, values.least)
+    if second is not None:
+        second.absorb(*values.second, values.time, values.least)
+    peaks = _peaks_up_to(plan, frame)
+    absorb_peaks(averaging, peaks, maxima, second)
+    return peaks
+
+
+def _second_maxima(averaging):
+    if averaging.second_grid is None:
+        return None
+    rows, columns = averaging.second_grid.shape
+    return RunningMaxima(rows * columns, averaging.min_depth, ISEESNOW)
+
+
+def _peaks_up_to(plan, frame):
+    """The solver's maxima up to a frame: for the last one, and for each if the steps contain running maxima."""
+    if frame == len(plan.entries) - 1:
+        return plan.peaks
+    return solver_peaks(plan.entries[frame]) if set(plan.bands) & set(PEAKS) else None
+
+
+def absorb_peaks(averaging, peaks, maxima, second=None):
+    """Add the solver's maxima to the maxima on the export's grid and on the second one."""
+    if peaks is None:
+        return
+    for store, grid in ((maxima, averaging.grid), (second, averaging.second_grid)):
+        if store is not None:
+            for index, values in peaks.on(grid, averaging.bed, averaging.min_depth):
+                store.absorb_peaks(index, values)
+
+
+def _maxima_tags(plan, peaks):
+    """Tags: source of the maxima, and names of those stored by the solver."""
+    if peaks is None:
+        return {"maxima": "frames"}
+    return {
+        "maxima": "solver, every step",
+        "maxima_solver": ", ".join(peaks.bands(plan.averaging.min_depth)),
+        "maxima_arrival_thickness": f"{peaks.arrival_thickness:g}",
+    }
+
+
+def _step_writer(request, plan, rasters, pool):
+    quantities = [BAND[name] for name in plan.bands]
+    grid, times = plan.averaging.grid, [plan.entries[frame].time for frame in plan.steps]
+    if request.files.layout == "stacks":
+        return StepStacks(rasters, plan.name, grid, quantities, times, run_tags(plan), request.files.cog)
+    return StepFiles(rasters, plan.name, grid, quantities, len(times), request.files.cog, pool.threads, pool.workers)
+
+
+def write_step(plan, writer, step, entry, values, maxima, peaks):
+    """Write the bands of step number `step`, the FrameValues of the FrameEntry `entry`, with `writer`."""
+    products = [name for name in plan.bands if name in PRODUCTS]
+    running = plan.bands[len(products) :]
+    known = SparseBands(
+        plan.averaging.grid, values.index, [(values.values[name], PRODUCTS[name].empty) for name in products]
+    )
+
+    def rows_of(band, first, last):
+        if band < len(products):
+            return known(band, first, last)
+        return maxima.rows(running[band - len(products)], first, last, known.columns)
+
+    tags = run_tags(plan) | {
+        "time": values.time,
+        "step": step,
+        "frame": entry.path.name,
+        "particles": values.count,
+        "particles_outside": values.outside,
+        "mass_outside": values.mass_outside,
+    }
+    tags |= _maxima_tags(plan, peaks) if running else {}
+    writer.write(step, tags, rows_of, at_once=bool(running))
+
+
+def _write_layers(plan, folder, step, entry, values, cog):
+    """Density and pressure of a step by height over the bed, where they are asked for."""
+    grid, edges = plan.averaging.grid, plan.averaging.layers
+    if not edges:
+        return
+    tags = run_tags(plan) | {"time": values.time, "step": step, "frame": entry.path.name}
+    tags["layers"] = ",".join(f"{edge:g}" for edge in edges)
+    found = values.layers
+    rows_of = SparseBands(grid, found.index, [(band.astype(np.float32), 0.0) for band in found.bands()])
+    (folder / "layers").mkdir(exist_ok=True)
+    write_rows(folder / "layers" / f"{plan.name}_{step:04d}.tif", grid, layer_quantities(edges), tags, rows_of, cog)
+
+
+def write_maxima(plan, path, maxima, tally, cog):
+    """Write the maxima of a run, as RunningMaxima, to `path`."""
+    columns = plan.averaging.grid.shape[1]
+    tags = run_tags(plan) | _maxima_tags(plan, plan.peaks)
+    tags |= {"particles_outside": tally.outside[0], "mass_outside": tally.outside[1]}
+    write_rows(
+        path,
+        plan.averaging.grid,
+        [BAND[name] for name in MAXIMA_BANDS],
+        tags,
+        lambda band, first, last: maxima.rows(MAXIMA_BANDS[band], first, last, columns),
+        cog,
+    )
+
+
+def write_deposit(plan, path, values, cog):
+    """Write the deposit, the FrameValues of the last frame, to `path`."""
+    bands = [(values.values[name], PRODUCTS[name].empty) for name in DEPOSIT_BANDS]
+    write_rows(
+        path,
+        plan.averaging.grid,
+        [BAND[name] for name in DEPOSIT_BANDS],
+        run_tags(plan)
+        | {"time": values.time, "particles_outside": values.outside, "mass_outside": values.mass_outside},
+        SparseBands(plan.averaging.grid, values.index, bands),
+        cog,
+    )
+
+
+def write_terrain(plan, path, cog):
+    """Write the elevation of the cells to `path`."""
+    grid, tags = plan.averaging.grid, {"dem": Path(plan.terrain.path).name, "dem_sha256": plan.terrain.sha256}
+    tags |= _tags_of_reprojection(plan.terrain)
+    rows_of = partial(_elevation, plan.terrain, grid)
+    write_rows(path, grid, [TERRAIN_BAND], tags, rows_of, cog)
+
+
+def _elevation(terrain, grid, band, first, last):
+    return terrain.rows_on(grid, first, last)
+
+
+def _write_iseesnow(plan, rasters, maxima):
+    """Peaks on the DTM's grid with the names of the model intercomparison; 0 where there was no flow."""
+    grid, header = plan.averaging.second_grid, plan.entries[0].header
+    release, digest = release_name(plan.entries), header.digest[:DIGEST_LENGTH] or "unknown"
+    rows, columns = grid.shape
+    on_terrain = np.isfinite(plan.terrain.rows_on(grid, 0, rows))
+    for kind in ISEESNOW:
+        values = np.nan_to_num(maxima.rows(kind, 0, rows, columns), nan=0.0)
+        values = values / PASCAL_PER_KILOPASCAL if kind == "ppr" else values
+        file = f"{operating_system.file_name(f'{release}_{digest}')}_null_mpmgis_{kind}.asc"
+        write_ascii_grid(rasters / file, grid, np.where(on_terrain, values, np.nan))
+
+
+def _tags_of_reprojection(terrain):
+    """How the DTM was brought to metres; nothing where its file is in metres."""
+    how = terrain.reprojection
+    return {} if how is None else {f"dem_{name}": value for name, value in how.facts().items()}
+
+
+def run_tags(plan):
+    """Tags of every raster of the export: version, inputs and settings."""
+    averaging, first = plan.averaging, plan.entries[0]
+    return _tags_of_reprojection(plan.terrain) | {
+        "version": __version__,
+        "digest": first.header.digest,
+        "dem": Path(plan.terrain.path).name,
+        "cs_e": float(f"{averaging.grid.cell_size:.12g}"),  # without rounding errors
+        "dt_e": "every frame" if plan.time_step is None else plan.time_step,
+        "percentile": averaging.percentile,
+        "min_depth": averaging.min_depth,
+        "bed": averaging.bed.kind,
+        "standoff": averaging.bed.standoff,
+        "outside": "in the nearest cell of the rim" if averaging.bed.clamped else "left out",
+        "density": averaging.density,
+        "thickness": "normal to the bed",
+        "frames": plan.frames_text,
+    }
+
+
+def exported(plan, folder, step_files, maxima, tally):
+    """The ExportedRun of the rasters of `plan` in `folder`."""
+    largest = tally.largest | {name: maxima.largest(name) for name in MAXIMA_BANDS}
+    return ExportedRun(
+        folder=folder,
+        name=plan.name,
+        grid=plan.averaging.grid,
+        terrain_file="dtm.tif",
+        times=tuple(plan.entries[frame].time for frame in plan.steps),
+        step_files=tuple(f"rasters/{file}" for file in step_files),
+        step_bands=tuple(BAND[name] for name in plan.bands),
+        maxima_file=f"rasters/{plan.name}_max.tif",
+        maxima_bands=tuple(BAND[name] for name in MAXIMA_BANDS),
+        deposit_file=f"rasters/{plan.name}_deposit.tif",
+        deposit_bands=tuple(BAND[name] for name in DEPOSIT_BANDS),
+        largest={name: value for name, value in largest.items() if name in BAND},
+        min_depth=plan.averaging.min_depth,
+        bed_bands=tuple(BAND[name] for name in bed_bands(plan.bed_change)),
+        surface_bands=tuple(BAND[name] for name in SURFACE_BANDS if plan.bed_change),
+    )

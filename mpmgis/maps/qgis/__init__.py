@@ -1,0 +1,1 @@
+"""Files for QGIS and other viewers: project, styles, mesh, outlines, KMZ, STAC."""

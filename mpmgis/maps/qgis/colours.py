@@ -1,0 +1,179 @@
+"""Colours of bands: one colour map for each quantity, and class limits that span the values of a run.
+
+Each map is ordered in lightness and safe for colour-blind readers, and its dark end is light enough for a hillshade to
+show through it. They are parts of the maps of Crameri (2018, doi:10.5281/zenodo.1243862, MIT licence), as hex values,
+because the direction of a colour map differs between its releases. Limits are those of AvaFrame where they fit the run,
+for comparison of results.
+"""
+
+import math
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from ...laws.quantities import Quantity
+
+LAJOLLA = ("#fffecb", "#f7dc77", "#eeb355", "#e68f52", "#de6b4f", "#bb4b48", "#7d3b35")  # depth
+BATLOW = ("#011959", "#144d62", "#3c6d56", "#818232", "#d29343", "#fdac9e", "#faccfa")  # lines in plots
+BATLOW_REVERSED = ("#faccfa", "#fdb3b1", "#ef9b67", "#b98f32", "#787f36", "#426f52", "#1b5962")  # speed
+HAWAII_REVERSED = ("#b3f2fd", "#5fe2bb", "#80c55f", "#9c961c", "#996330", "#94394d", "#8c0273")  # pressure
+ACTON_REVERSED = ("#ebd7eb", "#e2b5d1", "#d88fb2", "#c56d95", "#9b658f", "#77628d", "#57517e")  # probability
+DAVOS_REVERSED = ("#f5f5d7", "#cfd6a2", "#9baf88", "#7a978d", "#5f8598", "#43709d", "#285190")  # mass, number
+NUUK = ("#05598c", "#386982", "#6f878d", "#a1a698", "#bab98d", "#d1d084", "#fefeb2")  # time of arrival
+VIK = ("#05528a", "#4289af", "#9dc4d6", "#ece5e0", "#dfb298", "#c87c51", "#a74310")  # signed velocities
+
+DEPTH_LIMITS = (0.5, 1, 2, 3, 4, 5)  # [m]
+SPEED_LIMITS = (1, 5, 10, 15, 20, 25, 30)  # [m/s]
+PRESSURE_LIMITS = (1, 10, 25, 50, 100)  # [kPa]
+PROBABILITY_LIMITS = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9)
+CLASS_STEPS = (1, 2, 2.5, 5, 10)  # times a power of ten
+MOST_CLASSES = 7  # of equal width
+BEYOND_HAZARD = 1.25  # times the last hazard class: the largest typical value that keeps the hazard classes
+OPACITY = 0.75  # of a flow over the hillshade
+
+
+class Look(NamedTuple):
+    """Display style of one band.
+
+    `words`: name in the layer list; `unit`: displayed unit, with values `factor` times the band's; `ramp`: colours from
+    low to high; `limits`: hazard classes in `unit` (empty: classes of the run); `shown`: "depth" (hidden below the
+    smallest depth), "size" (hidden at zero), "rate" (shown from zero) or "signed" (symmetric about zero).
+    """
+
+    words: str
+    unit: str
+    ramp: tuple
+    shown: str
+    limits: tuple = ()
+    factor: float = 1.0
+
+    def title(self, name: str) -> str:
+        """Name of a dataset: words, symbol and unit."""
+        return f"{self.words} {name}" + (f" ({self.unit})" if self.unit else "")
+
+    def layer_name(self, name: str) -> str:
+        """Name in the layer list, with what differs first, for example "h max [m]: largest flow depth (normal)"."""
+        return f"{symbol(name)}{self.bracket}: {self.words}"
+
+    @property
+    def bracket(self) -> str:
+        """The unit in brackets, after a blank; "" without one."""
+        unit = self.unit.partition(";")[0]
+        return f" [{unit}]" if unit and ":" not in unit else ""
+
+
+NORMAL_SIGN = "+ away from it, - into it"
+LOOKS = {
+    "h": Look("flow depth (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
+    "t": Look("flow thickness (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
+    "Un": Look("velocity normal to the slope", f"m/s; {NORMAL_SIGN}", VIK, "signed"),
+    "Ut": Look("speed along the slope", "m/s", BATLOW_REVERSED, "rate", SPEED_LIMITS),
+    "Ut_E": Look("velocity along the slope, to the east", "m/s", VIK, "signed"),
+    "Ut_N": Look("velocity along the slope, to the north", "m/s", VIK, "signed"),
+    "t_vol": Look("thickness by volume (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
+    "n": Look("number of particles", "", DAVOS_REVERSED, "size"),
+    "mass": Look("mass per plan area", "kg/m2", DAVOS_REVERSED, "size"),
+    "p": Look("impact pressure", "kPa", HAWAII_REVERSED, "rate", PRESSURE_LIMITS, 1e-3),
+    "detached": Look("clear of the bed", "1: yes", HAWAII_REVERSED, "size", (1,)),
+    "h_max": Look("largest flow depth (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
+    "t_max": Look("largest flow thickness (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
+    "Un_max": Look("largest velocity away from the slope", "m/s", VIK, "signed"),
+    "Un_min": Look("largest velocity into the slope", "m/s; negative", VIK, "signed"),
+    "Ut_max": Look("largest speed along the slope", "m/s", BATLOW_REVERSED, "rate", SPEED_LIMITS),
+    "p_max": Look("largest impact pressure", "kPa", HAWAII_REVERSED, "rate", PRESSURE_LIMITS, 1e-3),
+    "t_arrival": Look("time of arrival", "s", NUUK, "rate"),
+    "eroded": Look("eroded depth (vertical)", "m", LAJOLLA, "size"),
+    "erosion_rate_max": Look("largest rate of erosion (vertical)", "mm/s", LAJOLLA, "size", (), 1e3),
+    "deposit": Look("deposit (vertical)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
+    "detrained": Look("stopped in forest (vertical)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
+    "broken_forest": Look("broken forest", "1: all of the cell", HAWAII_REVERSED, "size", (1,)),
+    "surface_new": Look("ground at the end", "m", NUUK, "rate"),
+    "bed_new": Look("bed after erosion", "m", NUUK, "rate"),
+}
+
+
+PROBABILITY = "P_"  # prefix of probability bands
+STATISTIC = re.compile(r"max|min|mean|arrival|p\d+(\.\d+)?")  # last part of a band's name
+
+
+def symbol(name: str) -> str:
+    """A band's name as a symbol: "h max", "Ut p95", "P(h >= 0.5 m)", "P(arrival)"."""
+    of, _, last = name.removeprefix(PROBABILITY).rpartition("_")
+    if not name.startswith(PROBABILITY):
+        return f"{of} {last}" if of and STATISTIC.fullmatch(last) else name
+    unit = {"h": "m", "Ut": "m/s", "p": "Pa"}.get(of)
+    return f"P({of} >= {last} {unit})" if unit else f"P({last})"
+
+
+def look_of(quantity: Quantity) -> Look:
+    """The Look of a band; a band outside the table is shown by size.
+
+    Probabilities have their own classes; an ensemble statistic (`h_mean`, `p_p95`) has the look of its quantity.
+    """
+    if quantity.name.startswith(PROBABILITY):
+        return Look(quantity.long_name, "", ACTON_REVERSED, "size", PROBABILITY_LIMITS)
+    of = LOOKS.get(quantity.name.rpartition("_")[0])
+    plain = Look(quantity.long_name, quantity.unit.replace(" s-1", "/s"), LAJOLLA, "size")
+    return LOOKS.get(quantity.name, plain if of is None else of._replace(words=quantity.long_name))
+
+
+def class_limits(look: Look, typical: float) -> tuple:
+    """Upper limits of all classes except the last, in the look's unit, for values up to `typical` (the band's unit).
+
+    The hazard classes if `typical` lies between the third limit and 1.25 times the last; else classes of equal width
+    (1, 2, 2.5 or 5 times a power of ten) with the first one halved, and the last one open below `typical`.
+    """
+    reached = typical * look.factor
+    hazard = look.limits
+    if hazard and (len(hazard) < 3 or hazard[2] <= reached <= BEYOND_HAZARD * hazard[-1]):
+        return hazard
+    step, count = _equal_classes(reached)
+    return tuple(float(f"{step * k:.6g}") for k in (0.5, *range(1, count + 1)))
+
+
+def _equal_classes(reached):
+    """(Width, number of limits) of the fewest classes, from 4 to MOST_CLASSES, that span 0 to `reached`."""
+    if not 1e-300 < reached < 1e300:
+        return 0.2, 5
+    power = 10.0 ** math.floor(math.log10(reached / MOST_CLASSES))
+    step = next(m * power for m in CLASS_STEPS if reached <= m * power * MOST_CLASSES * (1 + 1e-9))
+    return step, max(math.ceil(reached / step - 1e-9) - 1, 1)
+
+
+def round_up(value: float) -> float:
+    """The next 1, 2 or 5 times a power of ten at or above `value`; 1 if `value` is not positive or not finite."""
+    if not 1e-300 < value < 1e300:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return float(f"{next(m for m in (1, 2, 5, 10) if value <= m * power * (1 + 1e-9)) * power:.6g}")
+
+
+def ramp_colours(ramp: tuple, count: int) -> list[str]:
+    """`count` hex colours spread evenly over a ramp, ends included."""
+    stops = np.array([[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in ramp], dtype=float)
+    at = np.linspace(0, len(ramp) - 1, count)
+    channels = [np.interp(at, np.arange(len(ramp)), stops[:, k]) for k in range(3)]
+    return ["#" + "".join(f"{round(c):02x}" for c in colour) for colour in zip(*channels, strict=True)]
+
+
+class ColourClass(NamedTuple):
+    """One legend class: values up to `upper` [the band's unit] in `colour` (None: transparent)."""
+
+    upper: float
+    colour: str | None
+    label: str
+
+
+def colour_classes(look: Look, typical: float, min_depth: float = 0.0) -> list[ColourClass]:
+    """List of ColourClass for all values of a band, from a transparent class (if any) to "> limit"."""
+    limits = class_limits(look, typical)
+    floor = min_depth if look.shown == "depth" and min_depth < limits[0] else 0.0
+    classes = [] if look.shown == "rate" else [ColourClass(floor, None, f"up to {floor:g} (not drawn)")]
+    lowest = f"{floor:g}"
+    for limit, colour in zip((*limits, math.inf), ramp_colours(look.ramp, len(limits) + 1), strict=True):
+        unit = look.unit.partition(";")[0]
+        label = f"> {lowest} {unit}" if math.isinf(limit) else f"{lowest} - {limit:g} {unit}"
+        classes.append(ColourClass(limit / look.factor, colour, label.strip()))
+        lowest = f"{limit:g}"
+    return classes

@@ -1,0 +1,222 @@
+"""The QGIS project of a region: its maps by scenario, the release areas and their footprints, over the terrain.
+
+Footprints of the release areas of a region: which areas reach a place, by a click in QGIS or an overlay.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import rasterio
+
+from ... import __version__
+from ...frames.region_folder import FOOTPRINTS, LARGEST, AreaRaster, write_footprint_layer
+from ...frames.region_folder import LAYER as AREAS
+from ...laws.quantities import BAND, MEMBER_BANDS
+from ...terrain.grid import Grid
+from ..averaging.exported_folder import TYPICAL_PERCENTILE
+from .colours import ACTON_REVERSED, DAVOS_REVERSED, PROBABILITY_LIMITS, Look, look_of
+from .outlines import mask_outline
+from .print_layout import print_layout
+from .project import project_document, title_settings, write_archive
+from .project_layers import Group, Layer, map_layer
+from .raster_styles import hillshade_pipe, style_document, value_renderer, write_sidecar
+from .vector_styles import OUTLINE, RELEASE, outline_renderer
+from .xml_markup import node
+
+
+def write_footprints(
+    path: Path, areas: Sequence[AreaRaster], scenarios: Sequence, grid: Grid, min_depth: float
+) -> None:
+    """Write a GeoPackage with a polygon of the affected ground of each area, where its largest depth is `min_depth`.
+
+    Columns: `number`, `scenario`, `frequency` [a-1], `area_m2` [m2], `h_max_m` [m]. Polygons of areas that reach the
+    same place overlap there. Outlines are smoothed with their area kept, as those of exports.
+
+    Parameters
+    ----------
+    path : Path
+    areas : sequence of AreaRaster
+    scenarios : sequence
+        Of each area; None for all where no scenarios were requested.
+    grid : Grid
+        Of the DTM.
+    min_depth : float [m]
+
+    Raises
+    ------
+    OutputError
+    """
+    names = ("number", "scenario", "frequency", "area_m2", "h_max_m")
+    rows, shapes = [], []
+    for area, scenario in zip(areas, scenarios, strict=True):
+        depth = _largest_depth(area)
+        reached = depth >= np.float32(min_depth)
+        top, _, left, _ = area.place
+        outline = mask_outline(reached, grid.part(top, left, reached.shape).transform, smooth=True)
+        if outline is not None:
+            shapes.append(outline)
+            rows.append((area.number, scenario, area.frequency, outline.area, float(depth[reached].max())))
+    columns = dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
+    if all(scenario is None for scenario in scenarios):
+        del columns["scenario"]
+    write_footprint_layer(path, shapes, columns, grid.crs)
+
+
+def _largest_depth(area):
+    """float32[rows, columns] [m] of the largest depth in the extent of an area; -1 without flow."""
+    top, bottom, left, right = area.extent
+    with rasterio.open(area.path) as source:
+        depth = source.read(MEMBER_BANDS.index("h_max") + 1, window=((top, bottom), (left, right)))
+        return np.where(depth == np.float32(source.nodata), np.float32(-1.0), np.nan_to_num(depth, nan=-1.0))
+
+
+SAMPLED = 64  # areas, evenly chosen, whose values determine the classes
+MARGIN = 0.08  # around the flow, as a share of its longer side
+COUNT_LIMITS = (1, 2, 3, 5, 10, 20)
+FREQUENCY_LIMITS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)  # [a-1]
+COUNTED = Look("number of release areas that reach the cell", "", DAVOS_REVERSED, "size", COUNT_LIMITS)
+OFTEN = Look("events a year that reach the cell", "1/year", ACTON_REVERSED, "size", FREQUENCY_LIMITS)
+PROBABLE = Look("probability of at least one event in a year", "", ACTON_REVERSED, "size", PROBABILITY_LIMITS)
+TERRAIN_SUFFIXES = (".tif", ".tiff", ".vrt", ".img", ".asc")
+
+
+@dataclass(frozen=True)
+class RegionProject:
+    """A region's maps in `folder` while it is written.
+
+    Parameters
+    ----------
+    folder : Path
+    grid : Grid
+        Of the DTM.
+    areas : dict of str to list of AreaRaster
+        Areas with flow, by name of their maps ("all", "scenario_30").
+    min_depth : float [m]
+    frequency : bool
+        Whether there are maps of frequency and probability.
+    terrain : str or None
+        Path of the DTM relative to the final folder, for the hillshade.
+    """
+
+    folder: Path
+    grid: Grid
+    areas: Mapping[str, Sequence[AreaRaster]]
+    min_depth: float
+    frequency: bool
+    terrain: str | None
+    name: str = "region"
+    project_file: str = field(default="region.qgz", init=False)
+
+    @cached_property
+    def typical(self) -> dict[str, float]:
+        """Typical size of the largest values by band name; all scenarios have the same classes."""
+        areas = self.areas.get("all", ())
+        chosen = np.unique(np.linspace(0, len(areas) - 1, min(SAMPLED, len(areas))).round().astype(int))
+        values = {key: [] for key in LARGEST}
+        for number in chosen:
+            area = areas[number]
+            top, bottom, left, right = area.extent
+            with rasterio.open(area.path) as source:
+                bands = [MEMBER_BANDS.index(key) + 1 for key in LARGEST]
+                for key, read in zip(LARGEST, source.read(bands, window=((top, bottom), (left, right))), strict=True):
+                    values[key].append(read[(read != np.float32(source.nodata)) & (read > 0.0)])
+        flat = {key: np.concatenate(parts) if parts else np.empty(0) for key, parts in values.items()}
+        return {key: float(np.percentile(own, TYPICAL_PERCENTILE)) if own.size else 0.0 for key, own in flat.items()}
+
+    def view(self) -> tuple[float, float, float, float]:
+        """(west, south, east, north) [m] around all cells with flow; the whole grid without flow."""
+        places = np.array([area.place for area in self.areas.get("all", ())])
+        if not len(places):
+            return self.grid.bounds
+        (top, _, left, _), (_, bottom, _, right) = places.min(axis=0), places.max(axis=0)
+        west, south, east, north = self.grid.part(top, left, (bottom - top, right - left)).bounds
+        rim = MARGIN * max(east - west, north - south)
+        return west - rim, south - rim, east + rim, north + rim
+
+
+def write_region_project(project: RegionProject) -> list[Path]:
+    """Write the project and a style beside each raster; their paths, the project first.
+
+    Raises
+    ------
+    OutputError
+    """
+    polygons = [
+        _polygons(project, AREAS, "../areas.gpkg", "release areas", RELEASE, shown=True),
+        _polygons(project, FOOTPRINTS, "all_footprints.gpkg", "footprints of the areas", OUTLINE, shown=False),
+    ]
+    groups = [_maps(project, name, shown=name == "all") for name in sorted(project.areas)]
+    terrain = _terrain(project)
+    groups = [Group("areas", polygons), *groups, *([terrain] if terrain else [])]
+    count, view = len(project.areas.get("all", ())), project.view()
+    title = f"{project.name}: largest values of {count} release areas"
+    shown = [polygons[0], *(group.rows[0] for group in groups[1:] if group.shown)]
+    notes = f"Computed with mpmgis {__version__} (Material Point Method). Each area is a run of its own."
+    page = print_layout(project, view, Group("map", shown), title, notes)
+    write_archive(project, project_document(project, groups, view, title_settings(title), [page]))
+    styles = [_style(project, file, looked) for name in project.areas for file, looked in _files(project, name).items()]
+    return [project.folder / project.project_file, *styles]
+
+
+def _files(project, name):
+    """File of each map -> (band name, look, typical size) of its bands that are drawn."""
+    drawn = {f"{name}_{key}.tif": [(key, look_of(BAND[key]), project.typical[key])] for key in LARGEST}
+    drawn[f"{name}_areas.tif"] = [("areas", COUNTED, COUNT_LIMITS[-1])]
+    if project.frequency:
+        largest = max(area.frequency for area in project.areas[name])
+        often, probable = ("frequency", OFTEN, largest), ("probability", PROBABLE, PROBABILITY_LIMITS[-1])
+        drawn[f"{name}_probability.tif"] = [often, probable]
+    return drawn
+
+
+def _pipe(project, look, typical, band):
+    return node("pipe", None, value_renderer(look, typical, project.min_depth, band))
+
+
+def _maps(project, name, shown):
+    """The maps of one scenario; the largest depth is visible."""
+    rows = []
+    for file, bands in _files(project, name).items():
+        for number, (key, look, typical) in enumerate(bands, 1):
+            title, pipe = look.layer_name(key), _pipe(project, look, typical, number)
+            layer = map_layer(project, "raster", f"{name}_{key}", file, title, "gdal", None, pipe)
+            rows.append(Layer(title, layer, not rows, not rows))
+    count = len(project.areas[name])
+    words = "all areas" if name == "all" else name.replace("_", " ", 1)
+    return Group(f"{words} ({count} with flow)", rows, shown=shown, unfolded=shown, exclusive=True)
+
+
+def _polygons(project, layer, file, title, pen, shown):
+    maplayer = map_layer(
+        project, "vector", f"areas_{layer}", f"{file}|layername={layer}", title, "ogr", None, outline_renderer(pen)
+    )
+    maplayer.set("geometry", "Polygon")
+    return Layer(title, maplayer, shown)
+
+
+def _terrain(project):
+    """The DTM as a hillshade; None without its path."""
+    if project.terrain is None:
+        return None
+    layer = map_layer(project, "raster", "terrain", project.terrain, "hillshade", "gdal", None, hillshade_pipe())
+    return Group("terrain", [Layer("hillshade", layer, True)], unfolded=False)
+
+
+def _style(project, file, bands):
+    _, look, typical = bands[0]
+    write_sidecar(project, file, style_document(_pipe(project, look, typical, 1)))
+    return (project.folder / file).with_suffix(".qml")
+
+
+def terrain_path(dem: Path, band: int | None, folder: Path) -> str | None:
+    """Path of the DTM relative to `folder` for a layer; None where QGIS would not show it as the run reads it."""
+    if not dem.is_file() or dem.suffix.lower() not in TERRAIN_SUFFIXES or band not in (None, 1):
+        return None
+    try:
+        return Path(os.path.relpath(dem.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # another drive of Windows
+        return None

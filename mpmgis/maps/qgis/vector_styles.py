@@ -1,0 +1,162 @@
+"""Styles of outlines and particles, and their storage inside a GeoPackage."""
+
+import math
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from ...system.errors import OutputError, one_line
+from ..averaging.exported_folder import ExportedRun
+from .colours import LOOKS, colour_classes
+from .xml_markup import node, options, qgis_document
+
+OUTLINE = ("10,10,10,255", 0.5, "solid")
+ENVELOPE = ("10,10,10,255", 0.4, "dash")
+RELEASE = ("0,70,200,255", 0.6, "solid")
+
+
+def outline_renderer(pen: tuple) -> Element:
+    """`renderer-v2` of a polygon without fill; `pen`: colour, width [mm] and line style."""
+    symbol = node("symbol", {"type": "fill", "name": "0", "alpha": 1}, _line(*pen))
+    return node("renderer-v2", _RENDERER | {"type": "singleSymbol"}, node("symbols", None, symbol))
+
+
+def speed_renderer(run: ExportedRun) -> Element:
+    """`renderer-v2` of points by their attribute `speed`, in the classes and colours of the speed rasters.
+
+    With rules, because a common project checker treats every `range` element as a time range.
+    """
+    classes = colour_classes(LOOKS["Ut"], run.typical.get("Ut", 0.0))
+    lower, rules = None, []
+    for k, entry in enumerate(classes):
+        above = [] if lower is None else [f"speed > {lower:g}"]
+        below = [] if math.isinf(entry.upper) else [f"speed <= {entry.upper:g}"]
+        rules.append((" AND ".join(above + below), entry.label, _dot(k, entry.colour)))
+        lower = entry.upper
+    return _rule_renderer("speed", rules)
+
+
+def class_renderer(attribute: str, classes: list[tuple]) -> Element:
+    """`renderer-v2` of polygons by the integers in `attribute`; `classes` are (number, label, colour #rrggbb)."""
+    return _rule_renderer(
+        attribute,
+        [(f'"{attribute}" = {number}', label, _filled(k, colour)) for k, (number, label, colour) in enumerate(classes)],
+    )
+
+
+def _rule_renderer(key, rules):
+    """A renderer of rules (filter, label, symbol); symbols are named by number."""
+    entries = [
+        node("rule", {"key": f"{key}_{k}", "filter": condition, "symbol": k, "label": label})
+        for k, (condition, label, _) in enumerate(rules)
+    ]
+    return node(
+        "renderer-v2",
+        _RENDERER | {"type": "RuleRenderer"},
+        node("rules", {"key": key}, *entries),
+        node("symbols", None, *(symbol for _, _, symbol in rules)),
+    )
+
+
+def feature_times() -> Element:
+    """`temporal` of a vector layer with features visible from `t_qgis` to `t_qgis_end`."""
+    return node(
+        "temporal",
+        {
+            "enabled": 1,
+            "mode": 2,
+            "startField": "t_qgis",
+            "endField": "t_qgis_end",
+            "durationField": "",
+            "fixedDuration": 0,
+            "durationUnit": "s",
+            "accumulate": 0,
+            "limitMode": 0,
+        },
+    )
+
+
+def vector_style_document(renderer: Element, geometry: int) -> str:
+    """Text of a style for a vector layer; `geometry` is the QGIS type number: 0 points, 2 polygons."""
+    return qgis_document(
+        node(
+            "qgis",
+            {"version": "3.22.0", "styleCategories": "AllStyleCategories"},
+            renderer,
+            node("blendMode", text=0),
+            node("layerGeometryType", text=geometry),
+        )
+    )
+
+
+_RENDERER = {"symbollevels": 0, "enableorderby": 0, "forceraster": 0}
+
+
+def _line(colour, width, style):
+    pen = {"line_color": colour, "line_width": width, "line_width_unit": "MM", "line_style": style}
+    pen |= {"joinstyle": "round", "capstyle": "round"}
+    return node("layer", {"class": "SimpleLine", "enabled": 1, "pass": 0, "locked": 0}, *options(pen))
+
+
+def _filled(name, colour):
+    fill = {"color": f"{_rgb(colour)},255", "style": "solid", "outline_style": "solid"}
+    fill |= {"outline_color": "40,40,40,255", "outline_width": 0.15, "outline_width_unit": "MM", "joinstyle": "round"}
+    layer = node("layer", {"class": "SimpleFill", "enabled": 1, "pass": 0, "locked": 0}, *options(fill))
+    return node("symbol", {"type": "fill", "name": name, "alpha": 0.8}, layer)
+
+
+def _rgb(colour):
+    return ",".join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))
+
+
+def _dot(name, colour):
+    marker = {
+        "name": "circle",
+        "color": f"{_rgb(colour)},255",
+        "size": 1.6,
+        "size_unit": "MM",
+        "outline_color": "40,40,40,255",
+        "outline_width": 0.15,
+        "outline_width_unit": "MM",
+        "outline_style": "solid",
+    }
+    layer = node("layer", {"class": "SimpleMarker", "enabled": 1, "pass": 0, "locked": 0}, *options(marker))
+    return node("symbol", {"type": "marker", "name": name, "alpha": 1}, layer)
+
+
+def write_layer_styles(path: Path, styles: dict) -> None:
+    """Add the table of default layer styles for QGIS; `styles` has the style text of each layer.
+
+    Raises
+    ------
+    OutputError
+        The table cannot be written.
+    """
+    if not styles:
+        return
+    try:
+        with closing(sqlite3.connect(path)) as database, database:
+            _fill(database, styles)
+    except sqlite3.Error as error:
+        raise OutputError(f"{path}: styles cannot be written ({one_line(error)}); is the disk full?") from error
+
+
+def _fill(database, styles):
+    database.execute(
+        "CREATE TABLE layer_styles (id INTEGER PRIMARY KEY AUTOINCREMENT, f_table_catalog TEXT(256), "
+        "f_table_schema TEXT(256), f_table_name TEXT(256), f_geometry_column TEXT(256), styleName TEXT(30), "
+        "styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, owner TEXT(30), ui TEXT(30), "
+        "update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')))"
+    )
+    database.execute(
+        "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id) "
+        "VALUES ('layer_styles', 'attributes', 'layer_styles', 0)"
+    )
+    for name, style in styles.items():
+        database.execute(
+            "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, "
+            "styleName, styleQML, styleSLD, useAsDefault, description, owner) "
+            "VALUES ('', '', ?, 'geom', 'mpmgis', ?, '', 1, 'written by mpmgis', 'mpmgis')",
+            (name, style),
+        )

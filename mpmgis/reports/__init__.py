@@ -1,1 +1,0 @@
-"""Plots, maps, tables and HTML pages; facts about files for `mpmgis info`."""

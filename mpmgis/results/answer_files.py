@@ -1,0 +1,90 @@
+"""Output of verbs about results: a folder of files, or one file chosen by the suffix of -o."""
+
+import re
+from pathlib import Path
+
+from ..system.errors import InputError, OutputError
+from ..system.folder_lock import is_above
+from ..system.whole_files import refuse_existing, whole_folder
+from .opened_results import result_name
+
+FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder named run_1.5
+
+
+def answer_output(request, word, files):
+    """Output path: that of the request, else the folder `<name>_<word>` beside the results.
+
+    Parameters
+    ----------
+    request : AnswerRequest
+    word : str
+    files : sequence of str
+        Names of the output files.
+
+    Raises
+    ------
+    InputError, OutputError
+        As `checked_output`.
+    """
+    frames, output = request.results.frames, request.output
+    if output is None:
+        path = Path(str(frames[0]))
+        folder = path if path.is_dir() else path.parent
+        folder = folder if folder.name not in ("", "..") else folder.resolve()
+        output = folder.parent / f"{result_name(request.results)}_{word}"
+    return checked_output(output, files, request.overwrite, (*frames, *request.paths()))
+
+
+def checked_output(output, files, overwrite, read):
+    """`output` as a Path, checked before any work.
+
+    Parameters
+    ----------
+    output : path
+        A folder for all `files`, or one file with the suffix of one of them.
+    files : sequence of str
+        Names of the output files.
+    overwrite : bool
+    read : iterable of path
+        The inputs.
+
+    Raises
+    ------
+    InputError, OutputError
+        None of the files has this suffix; the output exists; it contains an input.
+    """
+    output = Path(output)
+    suffixes = list(dict.fromkeys(Path(name).suffix for name in files))
+    if output.suffix.lower() not in suffixes and FILE_SUFFIX.fullmatch(output.suffix):
+        raise InputError(f"`output={output}`: expected {', '.join(suffixes)} or a folder for all of {', '.join(files)}")
+    refuse_existing(output, overwrite)
+    for path in read:
+        if is_above(output, Path(path).resolve()):
+            raise OutputError(f"{output} contains the input {path} and would be replaced; give another `output`")
+    return output
+
+
+def write_answer(request, output, writers):
+    """Write the output files, all or none.
+
+    Parameters
+    ----------
+    request : AnswerRequest or another one with `overwrite`
+    output : Path
+        From `answer_output` or `checked_output`.
+    writers : dict of str to callable
+        File name -> function of the path to write; if `output` is one file, the first with its suffix is called.
+
+    Returns
+    -------
+    tuple of Path
+    """
+    suffix = output.suffix.lower()
+    single = next((write for name, write in writers.items() if Path(name).suffix == suffix), None)
+    if single is not None:
+        single(output)
+        return (output,)
+    with whole_folder(output, request.overwrite) as folder:
+        for name, write in writers.items():
+            write(folder / name)
+    return tuple(output / name for name in writers)

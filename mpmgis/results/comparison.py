@@ -1,0 +1,319 @@
+"""Comparison of two results: matching bands, footprints, overlap, differences, distance between outlines."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from affine import Affine
+
+from ..maps.averaging.result_bands import SAME_QUANTITY
+from ..system.errors import InputError
+from ..terrain.grid import Grid
+
+FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "h_deposit")  # in order of preference
+SMALLEST_COUNTS = ("Un_min",)  # bands whose peak is their smallest value
+PERCENTILE = 99.0
+MOST_CELLS = 100_000_000  # of the grid on which two footprints are compared
+THICKNESS, DIFFERENCE, MASK, ELEVATION = "thickness", "difference of DEMs", "mask", "elevations"  # kinds of raster
+_ONES = (1.0, 255.0)  # mask values inside the footprint
+_NO_THICKNESS = 10.0  # [m] no flow exceeds this thickness in every cell of a raster
+_NEGATIVE_SHARE = 1e-3  # share of non-zero cells; more negative values than this are not noise
+_ON_THE_CELL = 1e-6  # [cells] tolerance for cell centres on a cell border of the other grid
+_ROWS_AT_ONCE = 256
+
+
+class Overlap(NamedTuple):
+    """Plan areas [m2] covered by `both` footprints, `only_first` and `only_second`."""
+
+    both: float
+    only_first: float
+    only_second: float
+
+    @property
+    def either(self) -> float:
+        """Area [m2] of the union."""
+        return self.both + self.only_first + self.only_second
+
+    @property
+    def iou(self) -> float:
+        """Intersection over union, 0 to 1; NaN where both footprints are empty."""
+        return self.both / self.either if self.either > 0 else math.nan
+
+
+class Difference(NamedTuple):
+    """First minus second where both have flow: mean and root mean square; NaN without common cells."""
+
+    mean: float
+    rms: float
+
+
+# ------------------------------------------------------------------------------------------------------------- bands
+
+
+def matched_bands(first: Sequence, second: Sequence) -> list[tuple]:
+    """Pairs of band names of the same quantity, in the order of `first`; None for a missing partner.
+
+    An identical name has priority over an equivalent one (`SAME_QUANTITY`).
+    """
+    pairs = [(name, name if name in second else None) for name in first]
+    taken = {other for _, other in pairs}
+    for k, (name, other) in enumerate(pairs):
+        for twin in () if other else _twins(name):
+            if twin in second and twin not in taken:
+                pairs[k] = (name, twin)
+                taken.add(twin)
+    pairs += [(None, name) for name in second if name not in taken]
+    return pairs
+
+
+def _twins(name):
+    return [other for group in SAME_QUANTITY if name in group for other in group if other != name]
+
+
+def kind_of_raster(values: np.ndarray) -> str:
+    """Most likely content of a raster without metadata: MASK, DIFFERENCE, ELEVATION or THICKNESS.
+
+    A mask has one value (1 or 255) and 0 or nodata; a difference of DEMs has both signs; elevations exceed
+    _NO_THICKNESS [m] in every cell.
+    """
+    known = values[np.isfinite(values)]
+    nonzero = known[known != 0]
+    if nonzero.size == 0:
+        return THICKNESS
+    if nonzero.min() == nonzero.max() and nonzero[0] in _ONES:
+        return MASK
+    if np.count_nonzero(nonzero < 0) > _NEGATIVE_SHARE * nonzero.size:
+        return DIFFERENCE
+    return ELEVATION if known.min() > _NO_THICKNESS else THICKNESS
+
+
+def require_present_name(asked: str | None) -> None:
+    """Reject a band name of earlier versions; the error gives the present name.
+
+    Raises
+    ------
+    InputError
+    """
+    if asked is not None and asked.startswith("deposit_"):
+        now = f"{asked.removeprefix('deposit_')}_deposit"
+        raise InputError(f"--band {asked!r} is now named {now!r}; use that name")
+
+
+def footprint_bands(pairs: list, asked: str | None = None, complete: bool = True) -> tuple:
+    """The pair of bands whose footprints are compared: the one named `asked`, else peak thickness.
+
+    With `complete` both results must have it. The only band of a result is compared whatever its name.
+
+    Raises
+    ------
+    InputError
+        No such pair.
+    """
+    whole = [pair for pair in pairs if None not in pair] if complete else pairs
+    if asked is not None:
+        found = next((pair for pair in whole if asked in pair), None) or _with_only_band(pairs, asked)
+        if found is None:
+            raise InputError(f"--band {asked!r} is not in both results; {_choices(pairs, whole)}")
+        return found
+    found = next((pair for name in FOOTPRINT_BANDS for pair in whole if name in pair), None)
+    if found is None and complete:
+        found = _only_bands(pairs)
+    if found is None and len(whole) == 1:
+        found = whole[0]
+    if found is None:
+        raise InputError(f"no band of peak thickness in both results; {_choices(pairs, whole)}")
+    return found
+
+
+def _with_only_band(pairs, asked):
+    """The band `asked` of one result with the only, otherwise unmatched, band of the other; else None."""
+    names = [[pair[k] for pair in pairs if pair[k] is not None] for k in (0, 1)]
+    for k in (0, 1):
+        if asked in names[k] and len(names[1 - k]) == 1 and all(None in pair for pair in pairs):
+            return (asked, names[1][0]) if k == 0 else (names[0][0], asked)
+    return None
+
+
+def _only_bands(pairs):
+    """The only band of one result with the peak thickness or only band of the other; None if both have several."""
+    first = [a for a, _ in pairs if a is not None]
+    second = [b for _, b in pairs if b is not None]
+    if min(len(first), len(second)) != 1:
+        return None
+    chosen = [names[0] if len(names) == 1 else _thickest(names) for names in (first, second)]
+    return None if None in chosen else tuple(chosen)
+
+
+def _thickest(names):
+    return next((name for name in FOOTPRINT_BANDS if name in names), None)
+
+
+def _choices(pairs, whole):
+    if whole:
+        return f"use --band with one of {', '.join(a or b for a, b in whole)}"
+    first, second = (", ".join(pair[k] for pair in pairs if pair[k]) or "none" for k in (0, 1))
+    return f"the first has {first}; the second has {second}"
+
+
+def peak(values: np.ndarray, name: str = "") -> float:
+    """Largest finite value of a band (smallest for `SMALLEST_COUNTS`); NaN without finite values."""
+    finite = values[np.isfinite(values)]
+    if finite.size == 0:
+        return math.nan
+    return float(finite.min() if name in SMALLEST_COUNTS else finite.max())
+
+
+def high_percentile(values: np.ndarray, name: str = "") -> float:
+    """99th percentile of the cells with flow (finite and not 0): a peak that does not depend on a single cell."""
+    flowing = values[np.isfinite(values) & (values != 0)]
+    if flowing.size == 0:
+        return math.nan
+    return float(np.percentile(flowing, 100 - PERCENTILE if name in SMALLEST_COUNTS else PERCENTILE))
+
+
+def difference(first: np.ndarray, second: np.ndarray, where: np.ndarray) -> Difference:
+    """Difference of two bands [their unit] on the same grid in the cells of bool[rows, columns] `where`."""
+    gap = (first - second)[where]
+    gap = gap[np.isfinite(gap)]
+    if gap.size == 0:
+        return Difference(math.nan, math.nan)
+    with np.errstate(over="ignore"):  # values of a damaged file
+        return Difference(float(gap.mean()), float(np.sqrt((gap**2).mean())))
+
+
+# -------------------------------------------------------------------------------------------------------- footprints
+
+
+def footprint(values: np.ndarray, threshold: float) -> np.ndarray:
+    """bool[rows, columns]: cells above `threshold`; nodata (NaN) is no flow."""
+    with np.errstate(invalid="ignore"):
+        return values > threshold
+
+
+def mask_corners(mask: np.ndarray, grid: Grid) -> np.ndarray:
+    """float64[4, 2] [m]: corners of the bounding window of the True cells; empty [0, 2] without True cells."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if rows.size == 0:
+        return np.empty((0, 2))
+    row = np.array([rows[0] - 0.5, rows[0] - 0.5, rows[-1] + 0.5, rows[-1] + 0.5])
+    column = np.array([columns[0] - 0.5, columns[-1] + 0.5, columns[-1] + 0.5, columns[0] - 0.5])
+    return np.stack(grid.xy(row, column), axis=-1)
+
+
+def joint_grid(grids: Sequence, points: np.ndarray) -> Grid:
+    """Common grid of a comparison: the finest of `grids`, cropped or extended to contain all `points`.
+
+    Parameters
+    ----------
+    grids : sequence of Grid
+        The first of those with the smallest cells is used.
+    points : float[n, 2] [m]
+        Map coordinates, n at least 1.
+
+    Raises
+    ------
+    InputError
+        More than 1e8 cells: the points are too far apart for this cell size.
+    """
+    finest = min(grids, key=lambda grid: round(grid.cell_size, 9))
+    row, column = finest.rowcol(*np.asarray(points, float).T)
+    top, left = (math.floor(round(float(v.min()) + 0.5, 6)) for v in (row, column))
+    bottom, right = (math.ceil(round(float(v.max()) + 0.5, 6)) for v in (row, column))
+    shape = (max(bottom - top, 1), max(right - left, 1))
+    if shape[0] * shape[1] > MOST_CELLS:
+        raise InputError(
+            f"the footprints span {shape[0]} x {shape[1]} cells of {finest.cell_size:g} m, expected at most "
+            f"{MOST_CELLS:g} cells; check that both cover the same area, or use coarser rasters"
+        )
+    return Grid(finest.crs, finest.transform * Affine.translation(left, top), shape)
+
+
+def nearest(values: np.ndarray, grid: Grid, onto: Grid, outside: float = np.nan) -> np.ndarray:
+    """`values` [rows, columns] of `grid` at the cell centres of the grid `onto`; `outside` beyond the raster.
+
+    Nearest-neighbour resampling: with target cells that are not larger, peaks are kept and borders move by half a
+    cell at most. A centre on the border of two cells belongs to the larger row and column.
+    """
+    rows, columns = values.shape
+    result = np.full(onto.shape, outside, dtype=values.dtype)
+    for first in range(0, onto.shape[0], _ROWS_AT_ONCE):
+        part = result[first : first + _ROWS_AT_ONCE]
+        place = np.ogrid[first : first + len(part), : onto.shape[1]]
+        row, column = (np.floor(v + (0.5 + _ON_THE_CELL)) for v in grid.rowcol(*onto.xy(*place)))
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        row, column = (np.broadcast_to(v, inside.shape)[inside].astype(np.intp) for v in (row, column))
+        part[inside] = values[row, column]
+    return result
+
+
+def upright(grid: Grid) -> Grid:
+    """A north-up grid with square cells of the same size that covers `grid`; `grid` itself if it is north-up."""
+    if grid.is_north_up:
+        return grid
+    west, south, east, north = grid.bounds
+    size = grid.cell_size
+    shape = tuple(math.ceil(round(span / size, 6)) for span in (north - south, east - west))
+    return Grid.north_up(grid.crs, west, north, size, shape)
+
+
+def overlap(first: np.ndarray, second: np.ndarray, cell_area: float) -> Overlap:
+    """Overlap of two footprints, bool[rows, columns] on the same grid with cells of `cell_area` [m2]."""
+    counts = (np.count_nonzero(first & second), np.count_nonzero(first & ~second), np.count_nonzero(second & ~first))
+    return Overlap(*(count * cell_area for count in counts))
+
+
+HIGH_SHARE = 95.0  # percentile that does not depend on a single spur
+MOST_PLACES = 200_000  # sample points on an outline
+
+
+class OutlineDistances(NamedTuple):
+    """Distances [m] between two outlines, from evenly spaced points on one to the nearest point on the other.
+
+    `first_mean` and `second_mean`: from points on the first and on the second outline; `mean`: of both, weighted by
+    length; `high`: 95th percentile of both; `largest`: maximum of both (Hausdorff distance).
+    """
+
+    first_mean: float
+    second_mean: float
+    mean: float
+    high: float
+    largest: float
+
+
+def outline_distances(first: shapely.Geometry, second: shapely.Geometry, spacing: float) -> OutlineDistances | None:
+    """The OutlineDistances of two polygonal geometries; None if one is empty.
+
+    Parameters
+    ----------
+    first, second : shapely geometry [m]
+        Polygons; holes have outlines too.
+    spacing : float [m]
+        Largest distance between sample points on an outline.
+    """
+    outlines = [shapely.boundary(shape) for shape in (first, second)]
+    if any(outline.is_empty for outline in outlines):
+        return None
+    found, weights = [], []
+    for outline, other in (outlines, outlines[::-1]):
+        places, weight = _places_on(outline, max(spacing, outline.length / MOST_PLACES))
+        shapely.prepare(other)
+        found.append(shapely.distance(places, other))
+        weights.append(weight)
+    means = [float(np.average(distance, weights=weight)) for distance, weight in zip(found, weights, strict=True)]
+    every, weight = np.concatenate(found), np.concatenate(weights)
+    order = np.argsort(every, kind="stable")
+    below = np.cumsum(weight[order])
+    high = every[order][np.searchsorted(below, HIGH_SHARE / 100.0 * below[-1])]
+    return OutlineDistances(*means, float(np.average(every, weights=weight)), float(high), float(every.max()))
+
+
+def _places_on(outline, spacing):
+    """(points, length [m] represented by each): evenly spaced on every ring, at most `spacing` [m] apart."""
+    places, weights = [], []
+    for ring in shapely.get_parts(outline):
+        count = max(1, math.ceil(ring.length / spacing))
+        places.append(shapely.line_interpolate_point(ring, np.arange(count) * (ring.length / count)))
+        weights.append(np.full(count, ring.length / count))
+    return np.concatenate(places), np.concatenate(weights)

@@ -1,0 +1,1 @@
+"""Hazard maps: intensity guidelines, hazard levels, scenarios, the printed map."""

@@ -1,0 +1,262 @@
+"""Matrices of hazard levels, and the raster, style, zones and table of a hazard map."""
+
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import geopandas
+import numpy as np
+import rasterio
+import rasterio.features
+import shapely
+from rasterio.enums import ColorInterp
+
+from ...laws.quantities import Quantity
+from ...maps.qgis.outlines import POLYGONS, mask_outline
+from ...maps.qgis.raster_styles import style_document
+from ...maps.qgis.vector_styles import class_renderer, outline_renderer, vector_style_document, write_layer_styles
+from ...maps.qgis.xml_markup import node
+from ...system.errors import InputError
+from ...system.optional_libraries import GEOPACKAGE
+from ...system.whole_files import whole_file
+from ...terrain.grid import Grid
+from ...terrain.hydrograph_file import write_records
+from ...terrain.raster_output import BLOCK, NAMESPACE, write_geotiff
+from .hazard_levels import NOT_ASSESSED, Hazard, HazardMatrix, parse_matrices
+from .intensity_map import read_guidelines, read_tables
+from .zone_outlines import Generalized, polygons
+
+SHIPPED = Path(__file__).with_name("hazard_matrices.toml")
+NOT_ASSESSED_COLOUR, NOT_ASSESSED_WORDS = "#8c8c8c", "not assessed: no data"
+LEAST, MOST = 0.1, 0.9  # shares of runs between which an outline is uncertain
+HEADINGS = ("level", "name", "meaning", "area_m2", "zone_area_m2", "scenarios", "matrix", "source")
+BAND_PEN = ("40,40,40,255", 0.3, "dash")
+
+
+@dataclass(frozen=True)
+class HazardMap:
+    """All contents of a hazard map.
+
+    Parameters
+    ----------
+    matrix : HazardMatrix
+    grid : Grid
+    hazard : Hazard
+    scenarios : list of results.hazard.hazard_scenarios.Scenario
+    zones : Generalized
+    shares : float32[levels, rows, columns] or None
+        Share of runs with at least a level; None without an ensemble.
+    scale, least : float
+        Denominator of the map scale; minimum mapping area [m2].
+    title : str
+    facts : tuple of (str, str)
+        Source and parameters.
+    """
+
+    matrix: HazardMatrix
+    grid: Grid
+    hazard: Hazard
+    scenarios: list
+    zones: Generalized
+    shares: np.ndarray | None
+    scale: float
+    least: float
+    title: str
+    facts: tuple = ()
+
+    def areas(self) -> np.ndarray:
+        """float64[levels] [m2]: plan area of the cells of each level."""
+        counts = np.bincount(self.hazard.level.ravel(), minlength=len(self.matrix.levels) + 1)[1:]
+        return counts * self.grid.cell_area
+
+    def bands(self) -> list[shapely.MultiPolygon | None]:
+        """For each level the band between the outlines that LEAST and MOST of the runs reach with at least this level.
+
+        Empty without an ensemble.
+        """
+        if self.shares is None:
+            return []
+        return [self._band(share) for share in self.shares]
+
+    def _band(self, share):
+        outer, inner = (
+            mask_outline(share >= np.float32(least), self.grid.transform, smooth=True) for least in (LEAST, MOST)
+        )
+        if outer is None:
+            return None
+        band = outer if inner is None else polygons(shapely.difference(outer, inner))
+        return None if band.is_empty else band
+
+    def not_assessed(self) -> shapely.MultiPolygon | None:
+        """Outline of the cells without data."""
+        return mask_outline(self.hazard.unknown, self.grid.transform)
+
+
+def read_matrices(own: Path | None = None, guidelines: Path | None = None) -> dict[str, HazardMatrix]:
+    """Matrices by name: of the shipped table, and of the file `own`, which have priority.
+
+    Raises
+    ------
+    FormatError, InputError
+        A file is missing, not TOML, or not a table of matrices.
+    """
+    known = read_guidelines(guidelines)
+    matrices = parse_matrices(read_tables(SHIPPED), known, SHIPPED.name)
+    return matrices if own is None else matrices | parse_matrices(read_tables(own), known, own)
+
+
+def choose_matrix(name: str, own: Path | None = None, guidelines: Path | None = None) -> HazardMatrix:
+    """The HazardMatrix called `name`.
+
+    Raises
+    ------
+    FormatError, InputError
+    """
+    matrices = read_matrices(own, guidelines)
+    if name not in matrices:
+        raise InputError(f"--map {name!r} is unknown; choose from {', '.join(matrices)}")
+    return matrices[name]
+
+
+def _entries(matrix):
+    """(number, label, colour) of the levels, then of cells without data."""
+    named = [(k, level.meaning or level.name, level.colour) for k, level in enumerate(matrix.levels, 1)]
+    return [*named, (NOT_ASSESSED, NOT_ASSESSED_WORDS, NOT_ASSESSED_COLOUR)]
+
+
+def write_hazard_raster(path: Path, made: HazardMap, tags: dict) -> None:
+    """Write uint8 levels as GeoTIFF with colours and names; NOT_ASSESSED without data, 0 is nodata (no hazard)."""
+    grid, matrix = made.grid, made.matrix
+    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
+    rows, columns = grid.shape
+    profile = {
+        "driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "uint8", "nodata": 0, "crs": crs,
+        "transform": grid.transform, "compress": "deflate", "tiled": True, "blockxsize": BLOCK, "blockysize": BLOCK,
+    }  # fmt: skip
+    entries = _entries(matrix)
+    colours = {number: (*(int(colour[k : k + 2], 16) for k in (1, 3, 5)), 255) for number, _, colour in entries}
+    meaning = {f"class_{number}": label for number, label, _ in entries}
+    with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
+        target.write(made.hazard.coded(), 1)
+        target.write_colormap(1, {0: (0, 0, 0, 0)} | colours)
+        target.colorinterp = [ColorInterp.palette]
+        target.set_band_description(1, "hazard level [1]")
+        source = {"matrix": matrix.name, "title": matrix.title, "source": matrix.source}
+        target.update_tags(ns=NAMESPACE, **source, **meaning, **tags)
+
+
+def write_hazard_style(path: Path, matrix: HazardMatrix) -> None:
+    """Write the .qml of the raster for QGIS."""
+    entries = [
+        node("paletteEntry", {"value": number, "color": colour, "alpha": 255, "label": label})
+        for number, label, colour in _entries(matrix)
+    ]
+    renderer = node(
+        "rasterrenderer",
+        {"type": "paletted", "band": 1, "opacity": 0.8, "alphaBand": -1, "nodataColor": ""},
+        node("colorPalette", None, *entries),
+    )
+    with whole_file(path) as part:
+        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8", newline="\n")
+
+
+def write_shares(path: Path, made: HazardMap, tags: dict) -> None:
+    """Write the share of runs with at least each level, a band for each level."""
+    bands = [
+        (Quantity(f"P_{level.name}", "1", f"share of runs with at least level {level.name}", "float32"), share)
+        for level, share in zip(made.matrix.levels, made.shares, strict=True)
+    ]
+    write_geotiff(path, made.grid, bands, tags)
+
+
+def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
+    """Write a GeoPackage: `zones` with the scenarios that decide, `uncertainty`, `not_assessed`."""
+    layers = {"zones": _zone_rows(made), "uncertainty": _band_rows(made), "not_assessed": _gap_rows(made)}
+    classes = [(k, label, colour) for k, label, colour in _entries(made.matrix)[:-1]]
+    styles = {
+        "zones": class_renderer("level", classes), "uncertainty": outline_renderer(BAND_PEN),
+        "not_assessed": class_renderer("level", _entries(made.matrix)[-1:]),
+    }  # fmt: skip
+    crs = None if made.grid.crs is None else made.grid.crs.to_wkt()
+    written = {}
+    with whole_file(path) as part, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a missing CRS is allowed
+        for name, (rows, shapes) in layers.items():
+            if shapes or name == "zones":
+                columns = {key: [row[key] for row in rows] for key in (rows[0] if rows else _zone_row(made, 1, "", 0))}
+                table = geopandas.GeoDataFrame(columns | tags, geometry=shapes, crs=crs) if rows else (
+                    geopandas.GeoDataFrame(columns, geometry=[], crs=crs))  # fmt: skip
+                older = {} if part.exists() else {"dataset_options": GEOPACKAGE}
+                table.to_file(part, layer=name, driver="GPKG", engine="pyogrio", **older)
+                written[name] = vector_style_document(styles[name], POLYGONS)
+        write_layer_styles(part, written)
+
+
+def _zone_row(made, number, scenarios, area):
+    level = made.matrix.levels[number - 1]
+    return {
+        "level": number, "name": level.name, "meaning": level.meaning, "area_m2": round(float(area), 3),
+        "scenarios": scenarios, "matrix": made.matrix.name, "guideline": made.matrix.source,
+    }  # fmt: skip
+
+
+def _zone_rows(made):
+    """Rows and polygons of the zones, one for each part."""
+    rows, shapes = [], []
+    for number, zone in enumerate(made.zones.zones, 1):
+        parts = [] if zone is None else list(shapely.get_parts(zone))
+        deciding = _deciding(made, number, parts)
+        rows += [_zone_row(made, number, words, part.area) for part, words in zip(parts, deciding, strict=True)]
+        shapes += [shapely.MultiPolygon([part]) for part in parts]
+    return rows, shapes
+
+
+def _deciding(made, number, parts):
+    """For each part of a zone the return periods of the scenarios that give its cells their level, as text."""
+    if not parts:
+        return []
+    cells = rasterio.features.rasterize(
+        zip(parts, range(1, len(parts) + 1), strict=True), made.grid.shape, transform=made.grid.transform,
+        all_touched=True, dtype="int32",
+    )  # fmt: skip
+    found = [set() for _ in range(len(parts) + 1)]
+    for scenario in made.scenarios:
+        for part in np.unique(cells[_gives(made, scenario, number)]):
+            found[part].add(scenario.years)
+    return [", ".join(f"{years:g}" for years in sorted(years)) for years in found[1:]]
+
+
+def _gives(made, scenario, number):
+    """bool[rows, columns]: cells of a level that a scenario has too, and no scenario a higher one."""
+    return (made.hazard.level == number) & (scenario.level == number)
+
+
+def _band_rows(made):
+    rows, shapes = [], []
+    for level, (number, shape) in zip(made.matrix.levels, enumerate(made.bands(), 1), strict=False):
+        if shape is not None:
+            rows.append({"level": number, "name": level.name, "share_from": LEAST, "share_to": MOST,
+                         "area_m2": round(shape.area, 3)})  # fmt: skip
+            shapes.append(shape)
+    return rows, shapes
+
+
+def _gap_rows(made):
+    shape = made.not_assessed()
+    if shape is None:
+        return [], []
+    return [{"level": NOT_ASSESSED, "name": NOT_ASSESSED_WORDS, "area_m2": round(shape.area, 3)}], [shape]
+
+
+def write_hazard_table(path: Path, made: HazardMap) -> None:
+    """Write the areas of the levels, and of cells without data, as CSV."""
+    rows = []
+    for number, (level, area) in enumerate(zip(made.matrix.levels, made.areas(), strict=True), 1):
+        zone = made.zones.zones[number - 1]
+        years = [f"{scenario.years:g}" for scenario in made.scenarios if _gives(made, scenario, number).any()]
+        rows.append((number, level.name, level.meaning, float(area), 0.0 if zone is None else zone.area,
+                     ", ".join(dict.fromkeys(years)), made.matrix.name, made.matrix.source))  # fmt: skip
+    gap = float(np.count_nonzero(made.hazard.unknown) * made.grid.cell_area)
+    rows.append((NOT_ASSESSED, "not assessed", NOT_ASSESSED_WORDS, gap, math.nan, "", made.matrix.name, ""))
+    write_records(path, HEADINGS, rows)

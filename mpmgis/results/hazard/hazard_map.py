@@ -1,0 +1,247 @@
+"""`mpmgis report --map`: scenarios to hazard levels of a guideline, as raster, zones and printed map."""
+
+import datetime
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from ... import __version__
+from ...maps.export.export_inputs import terrain_of_rasters
+from ...system.errors import InputError
+from ...system.messages import log
+from ...terrain.elevation import Terrain
+from ...terrain.georeference import name_of
+from ...terrain.grid import Grid
+from ...terrain.raster_input import open_raster
+from ..answer_files import checked_output, write_answer
+from .guideline_classes import UNREAD
+from .hazard_files import (
+    LEAST,
+    MOST,
+    HazardMap,
+    choose_matrix,
+    write_hazard_raster,
+    write_hazard_style,
+    write_hazard_table,
+    write_shares,
+    write_zones,
+)
+from .hazard_levels import HazardMatrix, combined
+from .hazard_scenarios import read_scenarios, scenario_of
+from .hazard_sheet import Print, Sheet, sheet_for
+from .zone_outlines import default_area, generalized_zones
+
+RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE = "hazard.tif", "hazard.qml", "hazard.gpkg", "hazard.csv"
+PRINT_FILE, PICTURE_FILE, SHARES_FILE = "hazard.pdf", "hazard.png", "hazard_probability.tif"
+FILES = (RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE, PRINT_FILE, PICTURE_FILE)
+FOLDER = "hazard_map"
+ROWS = 512  # of the terrain at a time
+
+
+@dataclass(frozen=True, kw_only=True)
+class HazardOptions:
+    """What makes a report a hazard map; `mpmgis.commands` describes the options."""
+
+    map: str | None = None
+    scenario: tuple = ()
+    scale: str | None = None
+    min_area: float | None = None  # [m2]
+    sheet: str = "A4"
+    matrices: Path | None = None
+    guidelines: Path | None = None
+
+    def given(self) -> list[str]:
+        """Names of the given options."""
+        return [one.name for one in fields(self) if getattr(self, one.name) != one.default]
+
+
+@dataclass(frozen=True)
+class HazardFound:
+    """The `matrix`, the plan `areas` float64[levels] [m2], the area `not_assessed` [m2], and the `files`."""
+
+    matrix: HazardMatrix
+    areas: np.ndarray
+    not_assessed: float
+    files: tuple
+
+
+def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
+    """Hazard levels of several scenarios.
+
+    Raises
+    ------
+    MpmgisError
+        Unknown matrix, unreadable scenario, or no cell with a level; nothing is written then.
+    """
+    options = request.hazard
+    matrix = choose_matrix(options.map, options.matrices, options.guidelines)
+    scale = scale_of(options.scale)
+    output = _output(request)
+    scenarios = read_scenarios(request, matrix, progress)
+    terrain = _terrain(request, scenarios)
+    grid = scenarios[0].grid
+    hazard = combined(
+        [scenario.level for scenario in scenarios], [scenario.known for scenario in scenarios],
+        _terrain_known(terrain, grid), len(matrix.levels),
+    )  # fmt: skip
+    if not hazard.level.any():
+        raise InputError(f"no cell has a hazard level of {matrix.name}; check the scenarios, or the `min_depth`")
+    shares = shares_of(scenarios, len(matrix.levels))
+    sheet = sheet_for(_bounds(hazard.level > 0, grid), options.sheet, scale)
+    least = default_area(sheet.scale) if options.min_area is None else options.min_area
+    zones = generalized_zones(hazard.level, len(matrix.levels), grid.transform, sheet.scale, least)
+    title = request.title or matrix.title or f"Hazard map: {matrix.name}"
+    facts = _facts(request, matrix, scenarios, terrain, sheet, least)
+    made = HazardMap(matrix, grid, hazard, scenarios, zones, shares, sheet.scale, least, title, facts)
+    _log(made, sheet)
+    files = write_answer(request, output, _writers(made, terrain, sheet))
+    return HazardFound(matrix, made.areas(), float(np.count_nonzero(hazard.unknown) * grid.cell_area), files)
+
+
+def shares_of(scenarios: list, highest: int) -> np.ndarray | None:
+    """float32[levels, rows, columns]: share of runs with at least each level; None without an ensemble.
+
+    The largest of all scenarios; a scenario of one run counts as certain.
+    """
+    if all(scenario.shares is None for scenario in scenarios):
+        return None
+    numbers = np.arange(1, highest + 1, dtype=np.uint8)[:, None, None]
+    return np.maximum.reduce([
+        (scenario.level >= numbers).astype(np.float32) if scenario.shares is None else scenario.shares
+        for scenario in scenarios
+    ])  # fmt: skip
+
+
+def scale_of(text: str | None) -> float | None:
+    """Denominator of a scale "1:5000"; None without one.
+
+    Raises
+    ------
+    InputError
+    """
+    if text is None:
+        return None
+    one, colon, number = str(text).partition(":")
+    try:
+        scale = float(number)
+    except ValueError:
+        scale = 0.0
+    if not (one.strip() == "1" and colon and np.isfinite(scale) and scale >= 1):
+        raise InputError(f"`scale={text}`: expected a map scale, for example 1:5000")
+    return scale
+
+
+def _output(request):
+    """The checked output; by default a folder beside the results of the first scenario."""
+    if not request.hazard.scenario:
+        raise InputError("`map` needs at least one `scenario=T=RESULTS`, for example 100=results_100")
+    paths = [scenario_of(text)[1] for text in request.hazard.scenario]
+    options = request.hazard
+    own = [path for path in (options.matrices, options.guidelines) if path is not None]
+    output = request.output or paths[0].resolve().parent / FOLDER
+    return checked_output(output, FILES, request.overwrite, (*paths, *own, *request.paths()))
+
+
+def _terrain(request, scenarios) -> Terrain | None:
+    """The Terrain of the map: of --dem, else the largest one of the scenarios; None where none is known."""
+    source = request.results.source
+    of_scenarios = [entry.terrain for entry in scenarios if entry.terrain is not None]
+    known = source.dem or max(of_scenarios, key=_extent, default=None)
+    if known is None:
+        log.info("no DTM is known: the map has no hillshade, and gaps of the DTM cannot be distinguished from cells "
+                 "without hazard; give it with `dem`")  # fmt: skip
+        return None
+    if isinstance(known, Terrain):
+        return known
+    crs = next((entry.grid.crs for entry in scenarios if entry.grid.crs is not None), None)
+    return terrain_of_rasters(known, crs, source.dem_band, source.to_crs)
+
+
+def _extent(terrain):
+    """Area [m2] of the bounds of a Terrain, or of the raster at a path; that of an export can be a part of the DTM."""
+    if isinstance(terrain, Terrain):
+        west, south, east, north = terrain.grid.bounds
+    else:
+        with open_raster(terrain) as source:
+            west, south, east, north = source.bounds
+    return abs((east - west) * (north - south))
+
+
+def _terrain_known(terrain, grid: Grid) -> np.ndarray:
+    """bool[rows, columns]: cells with an elevation; all where there is no terrain."""
+    if terrain is None:
+        return np.ones(grid.shape, bool)
+    rows = range(0, grid.shape[0], ROWS)
+    parts = [np.isfinite(terrain.rows_on(grid, first, min(first + ROWS, grid.shape[0]))) for first in rows]
+    return np.concatenate(parts)
+
+
+def _bounds(mask, grid):
+    """(west, south, east, north) [m] of the True cells."""
+    row, column = np.nonzero(mask)
+    corners = [grid.xy(row + down, column + right) for down in (-0.5, 0.5) for right in (-0.5, 0.5)]
+    x, y = (np.concatenate([corner[k] for corner in corners]) for k in (0, 1))
+    return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+
+
+def _facts(request, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
+    """(name, text) of the block of sources and parameters."""
+    unread = f"; marked '{UNREAD}' in part: check the document" if matrix.is_unread else ""
+    missing = matrix.missing([scenario.years for scenario in scenarios])
+    depth = request.results.averaging.min_depth
+    ensemble = any(scenario.shares is not None for scenario in scenarios)
+    facts = [
+        ("guideline", f"{matrix.source}{unread}"), ("note", matrix.note),
+        ("no scenario", ", ".join(f"{period.name} ({period.words()})" for period in missing)),
+        ("DTM", "" if terrain is None else Path(str(terrain.path)).name),
+        ("CRS", name_of(scenarios[0].grid.crs)),
+        *((f"{scenario.years:g} years", scenario.facts) for scenario in scenarios),
+        ("cells", f"{scenarios[0].grid.cell_size:g} m; reached from a depth of {depth:g} m"),
+        ("zones", f"outlines for 1:{sheet.scale:g}, areas from {least:.4g} m2"),
+        ("uncertainty", f"hatched: {LEAST:.0%} to {MOST:.0%} of the runs of the ensemble" if ensemble else
+         "not shown: no ensemble among the scenarios"),
+        ("made by", f"mpmgis {__version__}, {datetime.date.today().isoformat()}; simulated, not checked in the field"),
+    ]  # fmt: skip
+    return tuple((name, words) for name, words in facts if words)
+
+
+def _log(made: HazardMap, sheet: Sheet) -> None:
+    """Report all that could make a level too low, and what generalization changed."""
+    cell = made.grid.cell_area
+    for cells, words in (
+        (made.hazard.unknown, "are not assessed: a scenario or the DTM has no data there"),
+        (made.hazard.partly, "have a level that a scenario without data there could raise"),
+    ):
+        count = np.count_nonzero(cells)
+        if count:
+            log.info(f"{count} cells ({count * cell / 1e4:.3g} ha) {words}")
+    for period in made.matrix.missing([scenario.years for scenario in made.scenarios]):
+        log.info(f"no scenario of {period.name} ({period.words()}): levels that it would give are not in the map")
+    if made.zones.filled or made.zones.enlarged:
+        log.info(
+            f"minimum mapping area {made.least:.4g} m2: {made.zones.filled} gaps filled and {made.zones.enlarged} "
+            "parts enlarged in the zones, which errs to the higher level; the raster is unchanged"
+        )
+    if any(zone is not None and not shapely.box(*sheet.view).contains(zone) for zone in made.zones.zones):
+        log.info("the sheet cuts off enlarged parts of zones; give a smaller `min_area`, or a smaller scale")
+
+
+def _writers(made: HazardMap, terrain, sheet) -> dict:
+    printed = Print(made, terrain, sheet)
+    tags = {
+        "version": __version__, "scenarios": "; ".join(scenario.words() for scenario in made.scenarios),
+        "date": datetime.date.today().isoformat(), "scale": f"1:{made.scale:g}",
+    }  # fmt: skip
+    writers = {
+        RASTER_FILE: lambda path: write_hazard_raster(path, made, tags),
+        STYLE_FILE: lambda path: write_hazard_style(path, made.matrix),
+        ZONES_FILE: lambda path: write_zones(path, made, {"program": f"mpmgis {__version__}", "date": tags["date"]}),
+        TABLE_FILE: lambda path: write_hazard_table(path, made),
+        PRINT_FILE: lambda path: printed.save(path, "pdf"),
+        PICTURE_FILE: lambda path: printed.save(path, "png"),
+    }
+    if made.shares is not None:
+        writers[SHARES_FILE] = lambda path: write_shares(path, made, tags)
+    return writers

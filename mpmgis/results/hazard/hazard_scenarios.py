@@ -1,0 +1,325 @@
+"""Scenarios of a hazard map: hazard levels of each, from frames, exports, rasters of other codes or ensembles.
+
+Facts about the results of a scenario for the block of sources of a printed map.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from affine import Affine
+
+from ...frames.ensemble_folder import MEMBERS, read_ensemble_record
+from ...frames.run_folder import read_record
+from ...frames.run_maps import run_of_maps
+from ...maps.averaging.result_bands import open_result
+from ...system.errors import FormatError, GeoreferenceError, InputError, MpmgisError
+from ...system.messages import log
+from ...terrain.elevation import Terrain
+from ...terrain.georeference import name_of, same_place, warp_command
+from ...terrain.grid import Grid
+from ...terrain.raster_input import open_raster
+from ...terrain.raster_output import NAMESPACE
+from ..comparison import joint_grid, nearest
+from ..opened_results import peaks_of
+from .hazard_levels import HazardMatrix, Period, levels_of
+from .intensity_answer import bands_of
+
+TAGS = (("release", "release {}"), ("density", "density {} kg/m3"), ("digest", "digest {:.8}"))  # of an export
+MOVING_ENERGY, MOVING_SPEED = 0.01, 0.1  # of the peak; [m s-1]: more at the end of a run is reported
+FRICTION_SKIPPED = ("law", "use")
+
+
+def facts_of(path: Path, result=None) -> str:
+    """Release, friction and end of a run or ensemble; what the tags of an export name; "" where nothing is known."""
+    record = _record_at(path)
+    if isinstance(record.get("scene"), dict):
+        return "; ".join(filter(None, _of_record(record)))
+    return _of_tags(result)
+
+
+def _record_at(path):
+    """The record of the run or ensemble in a folder; {} for anything else."""
+    try:
+        record = read_ensemble_record(path) if path.is_dir() else None
+        return record or (read_record(run_of_maps(path) or path) if path.is_dir() else {})
+    except MpmgisError:
+        return {}
+
+
+def end_of(path: Path) -> str:
+    """How a run ended that had not come to rest; "" for others, and where nothing is known of it.
+
+    It moves if its kinetic energy is above MOVING_ENERGY of its peak, and its mass faster than MOVING_SPEED in the
+    mean.
+    """
+    record = _record_at(path)
+    if record.get("state") not in (None, "finished"):
+        return f"is {record['state']}"
+    names = ("kinetic_energy", "kinetic_energy_peak", "mass_now")
+    energy, peak, mass = ((record.get("balances") or {}).get(name) for name in names)
+    if not all(isinstance(value, int | float) for value in (energy, peak, mass)) or mass <= 0:
+        return ""
+    speed = math.sqrt(2.0 * energy / mass)
+    if energy <= MOVING_ENERGY * peak or speed <= MOVING_SPEED:
+        return ""
+    return f"ended at t = {record.get('time', math.nan):.4g} s with a mean speed of {speed:.2g} m/s"
+
+
+def _of_record(record):
+    scene = record["scene"]
+    release, friction = scene.get("release") or {}, scene.get("friction") or {}
+    thickness, density = release.get("thickness"), release.get("density")
+    yield f"release {Path(str(release['source'])).name}" if release.get("source") else ""
+    yield f"thickness {thickness:g} m" if isinstance(thickness, int | float) else ""
+    yield f"density {density:g} kg/m3" if isinstance(density, int | float) else ""
+    numbers = (f"{name} {_text(value)}" for name, value in friction.items() if name not in FRICTION_SKIPPED)
+    yield " ".join([str(friction.get("law", "")), *numbers]).strip()
+    varied = (record.get("plan") or {}).get("vary") or {}
+    yield f"varied: {', '.join(map(str, varied))}" if varied else ""
+    yield f"ended: {record['reason']}" if record.get("reason") else ""
+    yield f"digest {str(record['digest'])[:8]}" if record.get("digest") else ""
+
+
+def _text(value):
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _of_tags(result):
+    band = None if result is None or isinstance(result.terrain, Terrain) else next(iter(result.bands.values()), None)
+    if band is None:
+        return ""
+    with open_raster(band.path) as source:
+        tags = source.tags(ns=NAMESPACE)
+    return "; ".join(words.format(tags[name]) for name, words in TAGS if tags.get(name))
+
+
+INSET = 0.49  # [cells] from the centre of a cell to the outermost places where other rasters are read
+WHOLE = ("export", "run")  # kinds of results in which nodata is a cell without flow
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One scenario on its own grid.
+
+    Parameters
+    ----------
+    years : float
+        Return period.
+    path : Path
+    period : Period
+    grid : Grid
+    level : uint8[rows, columns]
+        The largest of all members.
+    known : bool[rows, columns]
+        False where the results have no data.
+    shares : float32[levels, rows, columns] or None
+        Of an ensemble: share of its members with at least a level, from the lowest.
+    terrain : Terrain, Path or None
+    facts : str
+        Release and parameters, as far as the results name them.
+    members : int
+    whole : bool
+        Whether the rasters hold all of the flow, so that cells beyond them are dry.
+    """
+
+    years: float
+    path: Path
+    period: Period
+    grid: Grid
+    level: np.ndarray
+    known: np.ndarray
+    shares: np.ndarray | None
+    terrain: object
+    facts: str = ""
+    members: int = 1
+    whole: bool = False
+
+    def words(self) -> str:
+        """Return period and name."""
+        more = f", largest of {self.members} runs" if self.shares is not None else ""
+        return f"{self.years:g} years: {self.path.name}{more}"
+
+    def on(self, grid: Grid) -> "Scenario":
+        """The scenario on another grid with cells that are not larger, each with the highest level it meets."""
+        if same_cells(grid, self.grid):
+            return self
+        known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, self.whole)))
+        level = np.maximum.reduce(list(_around(self.level, self.grid, grid, 0)))
+        shares = None
+        if self.shares is not None:
+            shares = np.stack([np.maximum.reduce(list(_around(share, self.grid, grid, 0))) for share in self.shares])
+        return replace(self, grid=grid, level=level, known=known, shares=shares)
+
+
+def same_cells(first: Grid, second: Grid) -> bool:
+    """Whether two grids have the same cells."""
+    return first.shape == second.shape and first.transform == second.transform
+
+
+def _in_cells_of(part: Grid, whole: Grid) -> bool:
+    """Whether the cells of one grid are cells of the lattice of another one, to a thousandth of a cell."""
+    place = np.array(whole.rowcol(*part.xy([0, part.shape[0]], [0, part.shape[1]])))
+    same_sides = np.allclose(part.matrix, whole.matrix, rtol=1e-9)
+    return bool(same_sides and np.allclose(place, np.rint(place), atol=1e-3, rtol=0))
+
+
+def _around(values, grid, onto, outside):
+    """`values` of `grid` at the centres, sides and corners of the cells of `onto`."""
+    for right in (-INSET, 0.0, INSET):
+        for down in (-INSET, 0.0, INSET):
+            moved = Grid(onto.crs, onto.transform * Affine.translation(right, down), onto.shape)
+            yield nearest(values, grid, moved, outside)
+
+
+def scenario_of(text: str, option: str = "scenario") -> tuple[float, Path]:
+    """(return period [years], path) of "T=RESULTS".
+
+    Raises
+    ------
+    InputError
+    """
+    years, equals, path = str(text).partition("=")
+    try:
+        number = float(years)
+    except ValueError:
+        number = math.nan
+    if not (equals and path.strip() and math.isfinite(number) and number > 0):
+        raise InputError(f"`{option}={text}`: expected a return period in years and results, for example 100=results")
+    return number, Path(path.strip())
+
+
+def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: None) -> list[Scenario]:
+    """The scenarios of a request, all on one grid.
+
+    Raises
+    ------
+    MpmgisError
+        Unreadable results, bands that the guideline needs are missing, different CRSs, or a return period that the
+        matrix does not have.
+    """
+    given = sorted((scenario_of(text) for text in request.hazard.scenario), key=lambda entry: entry[0])
+    periods = [matrix.period(years) for years, _ in given]
+    found = [
+        _scenario(request, years, path, period, len(matrix.levels), progress)
+        for (years, path), period in zip(given, periods, strict=True)
+    ]
+    found = _in_one_crs(found)
+    grids = [scenario.grid for scenario in found]
+    if all(same_cells(grid, grids[0]) for grid in grids):
+        return found
+    grid = joint_grid(grids, np.concatenate([grid.corners() for grid in grids]))
+    if not all(_in_cells_of(own, grid) for own in grids):
+        log.info(
+            f"the scenarios have different cells; the map has cells of {grid.cell_size:.6g} m, each with the highest "
+            "level of the cells that meet it"
+        )
+    return [scenario.on(grid) for scenario in found]
+
+
+def _in_one_crs(found):
+    """The scenarios, all with the CRS of the first one that has one; GeoreferenceError where they have several."""
+    first = next((scenario for scenario in found if scenario.grid.crs is not None), found[0])
+    for other in found:
+        if None not in (first.grid.crs, other.grid.crs) and not same_place(first.grid.crs, other.grid.crs):
+            code = first.grid.crs.to_epsg() or "n"
+            raise GeoreferenceError(
+                f"{other.path} is in {name_of(other.grid.crs)}, {first.path} in {name_of(first.grid.crs)}; reproject "
+                f"its rasters: {warp_command(other.path, f'EPSG:{code}', 'nearest')}"
+            )
+        if (first.grid.crs is None) != (other.grid.crs is None):
+            log.info(f"{other.path} has no CRS; that of {first.path}, {name_of(first.grid.crs)}, is assumed")
+    return [replace(entry, grid=replace(entry.grid, crs=first.grid.crs)) for entry in found]
+
+
+def _scenario(request, years, path, period, highest, progress):
+    if path.is_dir() and read_ensemble_record(path) is not None:
+        return _of_ensemble(request, years, path, period, highest, progress)
+    results = replace(request.results, source=replace(request.results.source, frames=(path,)))
+    of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
+    result = peaks_of(results, progress, ("min_depth",), of_rasters)
+    end = end_of(path)
+    if end:
+        log.info(f"{path} {end}: levels that its flow would give later are not in the map")
+    level, known, grid, whole = _levels(result, period, request.results)
+    return Scenario(
+        years, path, period, grid, level, known, None, result.terrain, facts_of(path, result), whole=whole
+    )  # fmt: skip
+
+
+def _levels(result, period, results):
+    """Of one Result: (uint8[rows, columns] levels, bool[rows, columns] cells with data, Grid, whether it is whole)."""
+    bands, grid = bands_of(result, period.guideline, results.source.density)
+    depth = bands["h_max"]
+    known = _known(result, depth)
+    reached = np.nan_to_num(depth) >= results.averaging.min_depth
+    level, lacking = levels_of(period, bands, reached)
+    if lacking:
+        log.info(
+            f"{result.name}: {lacking} cells with flow have no value of {' or '.join(period.guideline.bands)}; they "
+            "have the highest level that their other values allow"
+        )
+    return level, known, grid, result.kind in WHOLE and not _meets_edge(depth)
+
+
+def _meets_edge(depth):
+    """Whether flow reaches the outermost cells of a raster, so that it may continue beyond."""
+    return any((np.nan_to_num(side) > 0).any() for side in (depth[0], depth[-1], depth[:, 0], depth[:, -1]))
+
+
+def _known(result, depth):
+    """Cells with data: in exports nodata is dry; in other rasters it is unknown where dry cells are written as 0."""
+    missing = np.isnan(depth)
+    if result.kind in WHOLE or not missing.any():
+        return np.ones(depth.shape, bool)
+    if missing.all():
+        log.info(f"{result.name}: all cells are nodata; cells that no other result covers are not assessed")
+        return ~missing
+    if (depth == 0).any():
+        log.info(f"{result.name}: {np.count_nonzero(missing)} cells are nodata, dry ones are 0; nodata is not assessed")
+        return ~missing
+    log.info(f"{result.name}: no cell is 0, so its {np.count_nonzero(missing)} cells of nodata are taken as dry")
+    return np.ones(depth.shape, bool)
+
+
+def _of_ensemble(request, years, path, period, highest, progress):
+    """The largest level of all members of an ensemble, and the share of members with each level."""
+    record = read_ensemble_record(path)
+    _refuse_options_of_frames(request.results, path)
+    rasters = sorted((path / MEMBERS).glob("*_max.tif"))
+    _require_finished(path, record, len(rasters))
+    level = known = counts = grid = None
+    whole = True
+    for done, raster in enumerate(rasters, 1):
+        member, seen, its_grid, inside = _levels(replace(open_result(raster), kind="run"), period, request.results)
+        if grid is not None and not same_cells(grid, its_grid):
+            raise FormatError(f"{raster} has other cells than {rasters[0].name}; run the ensemble again")
+        above = member[None] >= np.arange(1, highest + 1, dtype=np.uint8)[:, None, None]
+        if grid is None:
+            level, known, counts, grid = member, seen, above.astype(np.uint32), its_grid
+        else:
+            level, known, counts = np.maximum(level, member), known & seen, counts + above
+        whole = whole and inside
+        progress(done, len(rasters))
+    shares = (counts / len(rasters)).astype(np.float32)
+    terrain = next(iter(sorted(path.glob("maps/dtm.tif"))), None)
+    return Scenario(years, path, period, grid, level, known, shares, terrain, facts_of(path), len(rasters), whole)
+
+
+def _refuse_options_of_frames(results, path):
+    given = [name for name in results.options_of_frames() if name not in ("min_depth", "density")]
+    if given:
+        words = ", ".join(f"`{name}`" for name in given)
+        raise InputError(f"{path} is an ensemble, whose rasters are already averaged; {words} requires frames")
+
+
+def _require_finished(path, record, count):
+    if not count:
+        raise FormatError(f"{path} is an ensemble without members ({MEMBERS}/*_max.tif); run it again")
+    if record.get("state") != "finished":
+        raise InputError(f"{path} is an ensemble that has not finished; run it again, finished members are kept")
+    members = record.get("members")
+    lost = sum(members.values()) - members.get("finished", 0) if isinstance(members, dict) else 0
+    if lost:
+        log.info(f"{path}: {lost} members of the ensemble gave no result and are not in the map")

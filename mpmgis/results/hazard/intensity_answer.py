@@ -1,0 +1,225 @@
+"""`mpmgis intensity`: classes of a named guideline on a map.
+
+Loads of a flow on the buildings of a polygon layer: frames or an export in, loads of each building out.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ... import __version__
+from ...maps.averaging.exported_folder import is_export
+from ...maps.averaging.frame_values import cells_of
+from ...maps.averaging.result_bands import Result
+from ...maps.export.export_inputs import terrain_of_rasters
+from ...maps.export.export_request import AnswerRequest, CellAveraging
+from ...system.errors import InputError
+from ...system.messages import log
+from ...terrain.elevation import Terrain
+from ...terrain.grid import Grid
+from ..answer_files import answer_output, write_answer
+from ..barrier_loads import BANDS, largest_loads, outline_of
+from ..building_layer import read_buildings, write_buildings
+from ..opened_results import open_flow, peaks_of, read_peaks
+from .guideline_classes import Guideline, class_areas, classify, without_value
+from .intensity_map import (
+    choose_guideline,
+    write_class_map,
+    write_class_polygons,
+    write_class_raster,
+    write_class_style,
+    write_class_table,
+)
+
+
+def building_loads(results, path, drag, min_depth, output, progress=lambda done, total: None):
+    """Estimates of the largest loads on the buildings at `path`.
+
+    Parameters
+    ----------
+    results : Results
+        Frames, or an export whose steps have the bands Ut_E and Ut_N.
+    path : Path
+        Polygons.
+    drag : float [1]
+        C_d of the dynamic pressure.
+    min_depth : float [m]
+        Flow shallower than this does not load.
+    output : Path
+        Where the answer goes.
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    (list of Feature, list of dict, Terrain)
+        Buildings, their loads (`barrier_loads.FIELDS`), terrain.
+
+    Raises
+    ------
+    MpmgisError
+        Largest values only, no velocities by direction, no density, not polygons.
+    """
+    if any(is_export(one) for one in results.frames):  # its cells have their minimum depth already
+        results = replace(results, averaging=CellAveraging())
+    flow = open_flow(results, output)
+    if flow.density is None:
+        raise InputError(f"{flow.name}: its density is not known, which `buildings` needs; name the frames instead")
+    buildings = read_buildings(path, flow.terrain)
+    if not buildings:
+        raise InputError(f"{path} has no polygon; give a layer of buildings")
+    outlines = [outline_of(building.shape, flow.grid.cell_size) for building in buildings]
+    ends = np.cumsum([len(outline.x) for outline in outlines])
+    pieces = cells_of(flow.grid, *(np.concatenate([getattr(one, axis) for one in outlines]) for axis in "xy"))
+    cells, places = np.unique(pieces, return_inverse=True)
+    found = flow.at_cells(cells, BANDS, range(len(flow.times)), progress)
+    loads = []
+    outside = [float((part < 0).mean()) for part in np.split(pieces, ends[:-1])]
+    for outline, place, share in zip(outlines, np.split(places, ends[:-1]), outside, strict=True):
+        values = {name: found[name][:, place] for name in BANDS}
+        own = largest_loads(outline, flow.times, values, flow.density, drag, min_depth)
+        loads.append(dict.fromkeys(own, math.nan) if share == 1.0 and flow.entries else own)
+    _log_outside(flow, outside)
+    hit = sum(one["flow_force"] > 0 for one in loads)
+    log.info(
+        f"{hit} of {len(buildings)} buildings are reached; their loads are estimates from the undisturbed flow "
+        f"(C_d = {drag:g})"
+    )
+    return buildings, loads, flow.terrain
+
+
+def _log_outside(flow, shares):
+    """Report buildings of whose outline `shares` are outside the cells: frames cover the DTM, exports their flow."""
+    whole, partly = sum(share == 1.0 for share in shares), sum(0.0 < share < 1.0 for share in shares)
+    if not whole and not partly:
+        return
+    where, how = ("DTM", "without loads") if flow.entries else ("cells of the export", "as not reached")
+    log.info(
+        f"{whole} of {len(shares)} buildings are outside the {where} and are written {how}; of {partly} a part is "
+        "outside, which is not loaded"
+    )
+
+
+RASTER_FILE, STYLE_FILE = "intensity.tif", "intensity.qml"
+POLYGON_FILE, TABLE_FILE = "intensity.gpkg", "intensity.csv"
+MAP_FILE, BUILDING_FILE = "intensity.png", "buildings.gpkg"
+FILES = (RASTER_FILE, STYLE_FILE, POLYGON_FILE, TABLE_FILE, MAP_FILE)
+WORD = "intensity"
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntensityRequest(AnswerRequest):
+    """A question about results; `mpmgis.commands` describes its options."""
+
+    guideline: str
+    guidelines: Path | None = None
+    buildings: Path | None = None
+    drag: float = 2.0  # [1] C_d
+
+
+@dataclass(frozen=True)
+class IntensityFound:
+    """The result's `name`, the `guideline`, plan `areas` float64[classes] [m2], and the `files`."""
+
+    name: str
+    guideline: Guideline
+    areas: np.ndarray
+    files: tuple
+
+
+def intensity(request: IntensityRequest, progress=lambda done, total: None) -> IntensityFound:
+    """Classes of the largest values of each cell, as raster, polygons and areas.
+
+    Returns
+    -------
+    IntensityFound
+
+    Raises
+    ------
+    MpmgisError
+        An unknown guideline, unreadable input, or a flow that reached no cell; nothing is written then.
+    """
+    guideline = choose_guideline(request.guideline, request.guidelines)
+    output = answer_output(request, WORD, FILES)
+    _require_folder(request, output)
+    of_rasters = ("density",) if "p_max" in guideline.bands else ()
+    result = peaks_of(request.results, progress, ("min_depth",), of_rasters)
+    bands, grid = bands_of(result, guideline, request.results.source.density)
+    reached = np.nan_to_num(bands["h_max"]) >= request.results.averaging.min_depth
+    if not reached.any():
+        least = request.results.averaging.min_depth
+        raise InputError(f"{result.name}: no cell was ever {least:g} m deep; give a smaller `min_depth`")
+    numbers = classify(guideline, bands, reached)
+    _log_gaps(result, guideline, np.count_nonzero(without_value(guideline, bands, reached)))
+    areas = class_areas(guideline, numbers, grid.cell_area)
+    tags = {"version": __version__, "result": result.name, "min_depth": f"{request.results.averaging.min_depth:g}"}
+    writers = {
+        RASTER_FILE: lambda path: write_class_raster(path, grid, numbers, guideline, tags),
+        STYLE_FILE: lambda path: write_class_style(path, guideline),
+        POLYGON_FILE: lambda path: write_class_polygons(path, grid, numbers, guideline, areas),
+        TABLE_FILE: lambda path: write_class_table(path, guideline, areas),
+    }
+    terrain = _terrain(request, result, grid, output)
+    if terrain is not None:
+        writers[MAP_FILE] = lambda path: write_class_map(path, terrain, grid, numbers, guideline, areas, result.name)
+    if request.buildings is not None:
+        least = request.results.averaging.min_depth
+        loaded = building_loads(request.results, request.buildings, request.drag, least, output)
+        writers[BUILDING_FILE] = lambda path: write_buildings(path, *loaded)
+    return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
+
+
+def _log_gaps(result, guideline, cells):
+    """Report cells whose class can be too low, because a value is missing."""
+    if cells:
+        log.info(
+            f"{result.name}: {cells} cells with flow have no value of {' or '.join(guideline.bands)}; their class is "
+            "that of their other values, which can be too low"
+        )
+
+
+def _require_folder(request, output):
+    """Refuse buildings where -o is one file, which would not be theirs."""
+    if request.buildings is not None and output.suffix.lower() in {Path(name).suffix for name in FILES}:
+        raise InputError(f"`output={output}` is one file, and `buildings` adds {BUILDING_FILE}; give a folder")
+
+
+def _terrain(request, result, grid, output):
+    """The Terrain of the map; None where no DTM is known, which leaves the map out."""
+    if isinstance(result.terrain, Terrain):
+        return result.terrain
+    path = request.results.source.dem or result.terrain
+    if path is not None:
+        return terrain_of_rasters(path, grid.crs, request.results.source.dem_band)
+    if output.suffix.lower() == Path(MAP_FILE).suffix:
+        raise InputError(f"{result.name}: no DTM is known, which {output.name} needs; give it with `dem`")
+    log.info(f"{result.name}: no DTM is known, so there is no {MAP_FILE}; give it with `dem`")
+    return None
+
+
+def bands_of(result: Result, guideline: Guideline, density: float | None) -> tuple[dict, Grid]:
+    """(band -> float[rows, columns], their Grid) of depth and of all bands of the guideline.
+
+    Raises
+    ------
+    InputError
+        A band is missing.
+    """
+    names = tuple(dict.fromkeys(("h_max", *guideline.bands)))
+    bands, grid = read_peaks(result, names, density)
+    missing = [name for name in names if name not in bands]
+    if missing:
+        raise InputError(
+            f"{result.name} has no {', '.join(missing)}, which {guideline.name} requires; {_FIXES[missing[0]]}"
+        )
+    return bands, grid
+
+
+_FIXES = {  # by missing band
+    "h_max": "expected an export, or rasters named <name>_pft",
+    "Ut_max": "expected an export, or rasters named <name>_pft and <name>_pfv, given by the beginning of their names",
+    "p_max": "expected an export, rasters named <name>_ppr [kPa], or `density` and <name>_pfv",
+    "h_deposit": "expected an export with its last step",
+}

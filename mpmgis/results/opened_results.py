@@ -1,0 +1,297 @@
+"""Opened results: frames of any code, an exported folder, or rasters; cells averaged as in an export."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..exchange.frame_list import list_frames
+from ..maps.averaging.band_products import PRODUCTS
+from ..maps.averaging.cells import Bed
+from ..maps.averaging.exported_folder import ExportedSteps, is_export, open_steps
+from ..maps.averaging.frame_values import Averaging, cells_of, frame_at_cells
+from ..maps.averaging.result_bands import names_rasters, open_result
+from ..maps.averaging.sampling import export_grid, require_cells_within
+from ..maps.export.export_inputs import log_unused_options, release_density, run_terrain, terrain_of_rasters
+from ..maps.export.map_export import peaks_of_frames
+from ..system.errors import FormatError, InputError
+from ..system.messages import log
+from ..system.parallel import frame_pool
+from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
+
+SAME_CELLS = 0.01  # [cells] by which the corners of rasters of one result may differ
+
+
+@dataclass(frozen=True)
+class FrameFlow:
+    """A flow as frames on disk: `entries` by time, their `terrain`, and the averaging of their cells."""
+
+    name: str
+    entries: tuple
+    terrain: Terrain
+    averaging: Averaging
+
+    @property
+    def times(self):
+        """float64[frames] [s]."""
+        return np.array([entry.time for entry in self.entries])
+
+    @property
+    def grid(self):
+        """Grid of the cells."""
+        return self.averaging.grid
+
+    @property
+    def density(self):
+        """Of the release [kg m-3]."""
+        return self.averaging.density
+
+    @property
+    def min_depth(self):
+        """Depth [m] from which there are velocities."""
+        return self.averaging.min_depth
+
+    def at_cells(self, cells, names, steps, progress=lambda done, total: None):
+        """Values of the flat `cells` of the grid at the numbered `steps`.
+
+        Returns
+        -------
+        dict of str to float64[steps, cells]
+            Of the products `names`; NaN off the grid, and velocities where the flow is too shallow.
+        """
+        averaging = replace(self.averaging, names=tuple(name for name in PRODUCTS if name in names or name == "h"))
+        found = []
+        with frame_pool() as pool:
+            entries = [self.entries[step] for step in steps]
+            for values in pool.map(_entry_at_cells, entries, averaging, cells):
+                found.append(values)
+                progress(len(found), len(entries))
+        return {name: np.array([values[name] for values in found]) for name in names}
+
+
+def _entry_at_cells(entry, averaging, cells):
+    return frame_at_cells(entry.read(averaging.density), averaging, cells)
+
+
+@dataclass(frozen=True)
+class ExportFlow:
+    """A flow as the exported `steps`, with its `terrain`."""
+
+    name: str
+    steps: ExportedSteps
+    terrain: Terrain
+    entries = ()
+
+    @property
+    def times(self):
+        """float64[steps] [s]."""
+        return np.array(self.steps.times)
+
+    @property
+    def grid(self):
+        """Grid of the cells."""
+        return self.steps.grid
+
+    @property
+    def density(self):
+        """Of the release [kg m-3]; None if the export has no such tag."""
+        return self._number("density")
+
+    @property
+    def min_depth(self):
+        """Depth [m] from which there are velocities."""
+        return self._number("min_depth") or 0.0
+
+    def _number(self, tag):
+        try:
+            return float(self.steps.tags.get(tag))
+        except (TypeError, ValueError):
+            return None
+
+    def at_cells(self, cells, names, steps, progress=lambda done, total: None):
+        """As `FrameFlow.at_cells`, from the rasters."""
+        missing = [name for name in names if name not in self.steps.bands]
+        if missing:
+            raise InputError(
+                f"{self.name}: the exported steps have no {', '.join(missing)}; give the frames instead, or export "
+                f"with `products={','.join(missing)}`"
+            )
+        found = []
+        for step in steps:
+            found.append(self.steps.read(step, names, cells))
+            progress(len(found), len(steps))
+        return {name: np.array([values[name] for values in found]) for name in names}
+
+
+@dataclass(frozen=True)
+class RasterFlow:
+    """A flow known only by rasters of its largest values, as other codes write them, on a `terrain`."""
+
+    name: str
+    terrain: Terrain
+    grid: Grid
+    density: float | None
+    min_depth: float
+    entries = ()
+    times = np.empty(0)
+
+
+def open_flow(request, output, peaks_do=False, used=()):
+    """The flow of `request` (Results): frames, one exported folder, or rasters of its largest values.
+
+    `output` is the output path, which must not contain the DTM. `peaks_do`: largest values are sufficient.
+    `used`: options of frames that also apply to rasters of largest values.
+
+    Returns
+    -------
+    FrameFlow, ExportFlow or RasterFlow
+
+    Raises
+    ------
+    MpmgisError
+    """
+    if any(is_export(path) for path in request.frames):
+        return _open_export(request)
+    if any(names_rasters(path) for path in request.frames):
+        return _open_rasters(request, peaks_do, used)
+    return open_frames(request, output)
+
+
+def open_frames(request, output, why=""):
+    """As `open_flow`, for frames only; `why` is the reason in the error for rasters."""
+    for path in request.frames:
+        if is_export(path):
+            raise InputError(f"{path} is an export: {why}; give the folder of its frames")
+        if names_rasters(path):
+            raise InputError(f"{path} are rasters: {why}; give the code's frames of particles")
+    entries = list_frames(request.frames, request.source.terms())
+    terrain = run_terrain(request.source, entries, output)
+    density = release_density(request.source, entries)
+    log_unused_options(request.averaging, entries)
+    require_cells_within(terrain.grid, request.sampling.cell_size, north_up=True)
+    averaging = Averaging(
+        bed=Bed.of(terrain, request.averaging.bed, request.averaging.standoff),
+        grid=export_grid(terrain.grid, request.sampling.cell_size),
+        density=density,
+        names=(),
+        percentile=request.averaging.percentile,
+        min_depth=request.averaging.min_depth,
+    )
+    return FrameFlow(result_name(request), entries, terrain, averaging)
+
+
+def result_name(request):
+    """Name of a result: that of the folder of its frames or of the export, or the common beginning of its rasters."""
+    path = Path(str(request.frames[0])).absolute()
+    if not path.is_dir() and names_rasters(path):
+        return path.stem
+    folder = path if path.is_dir() else path.parent
+    return folder.resolve().name or "frames"
+
+
+def _open_export(request):
+    _require_alone(request)
+    _refuse_options_of_frames(request)
+    steps = open_steps(request.frames[0])
+    path = request.source.dem or steps.terrain
+    return ExportFlow(
+        steps.name, steps, terrain_of_rasters(path, steps.grid.crs, request.source.dem_band, request.source.to_crs)
+    )
+
+
+def _open_rasters(request, peaks_do, used):
+    """The RasterFlow of rasters with standard names."""
+    path = request.frames[0]
+    if not peaks_do:
+        raise InputError(f"{path} are rasters of largest values without times; give frames, or an export")
+    _require_alone(request)
+    _refuse_options_of_frames(request, used)
+    result = open_result(path)
+    dem = request.source.dem or result.terrain
+    if dem is None:
+        raise InputError(f"{path}: there is no DTM beside these rasters; give it with `dem`")
+    _, grid = next(iter(result.bands.values())).read()
+    terrain = terrain_of_rasters(dem, grid.crs, request.source.dem_band, request.source.to_crs)
+    return RasterFlow(result_name(request), terrain, grid, request.source.density, request.averaging.min_depth)
+
+
+def _require_alone(request):
+    if len(request.frames) > 1:
+        raise InputError(
+            f"{request.frames[0]} and {request.frames[1]}: give one export or set of rasters at a time, without frames"
+        )
+
+
+def _refuse_options_of_frames(request, used=()):
+    """Refuse options of reading and averaging frames, except those in `used`: they have no effect on rasters."""
+    given = [name for name in request.options_of_frames() if name not in used]
+    if given:
+        raise InputError(
+            f"{request.frames[0]} contains rasters, which are already averaged; "
+            f"{', '.join(f'`{name}`' for name in given)} requires frames"
+        )
+
+
+def peaks_of(request, progress=lambda done, total: None, used=(), used_of_rasters=()):
+    """The Result (maxima, deposit, terrain) of an export or other rasters, or of frames, in memory.
+
+    `used` are names of options of frames that also apply to an export, `used_of_rasters` to other rasters.
+    """
+    exported = any(is_export(path) for path in request.frames)
+    if exported or any(names_rasters(path) for path in request.frames):
+        _require_alone(request)
+        _refuse_options_of_frames(request, used if exported else (*used, *used_of_rasters))
+        return replace(open_result(request.frames[0]).with_export_names(), name=result_name(request))
+    return replace(peaks_of_frames(request, progress), name=result_name(request))
+
+
+def read_peaks(result, names, density=None):
+    """(Band -> float[rows, columns] of the `names` that exist in a Result, their Grid).
+
+    A missing pressure is computed from the largest speed and the `density` [kg m-3].
+
+    Raises
+    ------
+    MpmgisError
+        An unreadable raster, or rasters on several grids.
+    """
+    bands, grid = {}, None
+    for name in names:
+        if name in result.bands:
+            bands[name], own = result.read(name, grid)
+            grid = grid or own
+            _require_same_cells(result, name, own, grid, next(iter(bands)))
+    if density is None or result.kind in ("export", "run") or "p_max" not in names:
+        return bands, grid
+    if "p_max" in bands:
+        log.info(f"{result.name} contains the pressure; `density={density:g}` is not used")
+    elif "Ut_max" in result.bands:
+        speed, own = result.read("Ut_max", grid)
+        grid = grid or own
+        _require_same_cells(result, "Ut_max", own, grid, next(iter(bands), "Ut_max"))
+        bands["p_max"] = density * speed**2
+    return bands, grid
+
+
+def _require_same_cells(result, name, grid, first, first_name):
+    """Refuse a raster whose corners are off those of the first one by more than SAME_CELLS."""
+    if grid.shape == first.shape and np.abs(grid.corners() - first.corners()).max() <= SAME_CELLS * first.cell_size:
+        return
+    words = (f"{band} {own.shape[0]} x {own.shape[1]} cells of {own.cell_size:.6g} m from E {own.bounds[0]:.8g} "
+             f"N {own.bounds[1]:.8g}" for band, own in ((first_name, first), (name, grid)))  # fmt: skip
+    raise FormatError(f"{result.name}: its rasters have different grids ({', '.join(words)}); export them on one grid")
+
+
+def require_on_grid(flow, x, y, names, what):
+    """Flat cells of map points [m]; InputError for the first outside the raster."""
+    cells = cells_of(flow.grid, x, y)
+    off = np.flatnonzero(cells < 0)
+    if off.size:
+        west, south, east, north = flow.grid.bounds
+        k = int(off[0])
+        raise InputError(
+            f"{what} {str(names[k])!r} (E {x[k]:.1f}, N {y[k]:.1f}) is outside {flow.terrain.path} (E {west:.0f} to "
+            f"{east:.0f}, N {south:.0f} to {north:.0f}); move it, or check its CRS"
+        )
+    return cells

@@ -1,0 +1,114 @@
+"""`mpmgis profile`: the flow along a line."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from ..maps.averaging.frame_values import NOWHERE, cells_of, nearest_times
+from ..maps.export.export_request import AnswerRequest
+from ..system.errors import InputError
+from ..system.messages import log
+from ..terrain.observations import read_line
+from .answer_files import answer_output, write_answer
+from .flow_line import vertex_distances
+from .opened_results import open_flow
+from .profiles import PROFILE_PRODUCTS, ProfileFound, free_surface
+from .runout_figures import line_profile
+from .runout_plots import write_profile_plot, write_rows
+
+PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
+WORD = "profile"
+USUAL_TIMES = 5
+MOST_PLACES = 200_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileRequest(AnswerRequest):
+    """A question about results; `mpmgis.commands` describes its options."""
+
+    line: Path
+    at_times: tuple | None = None  # [s]
+    spacing: float | None = None  # [m]
+
+
+def profile(request: ProfileRequest, progress=lambda done, total: None) -> ProfileFound:
+    """Depth, thickness and velocities along a line, in the cells that it crosses, with terrain and free surface.
+
+    Returns
+    -------
+    ProfileFound
+
+    Raises
+    ------
+    MpmgisError
+        Unreadable input, a line outside the raster, a time outside the results; nothing is written then.
+    """
+    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
+    flow = open_flow(request.results, output)
+    line = read_line(request.line, flow.terrain.grid)
+    steps = chosen_steps(flow.times, request.at_times)
+    length = float(vertex_distances(line)[-1])
+    spacing = request.spacing or flow.grid.cell_size
+    if length > MOST_PLACES * spacing:
+        raise InputError(
+            f"{request.line}: {length:.6g} m with a spacing of {spacing:g} m make {length / spacing:.3g} sample "
+            f"points, expected at most {MOST_PLACES}; give a larger `spacing`"
+        )
+    if spacing > length and request.spacing is not None:
+        raise InputError(
+            f"`spacing` is {spacing:g} m, expected at most the length of {request.line}, {length:.6g} m; give a "
+            "smaller `spacing`"
+        )
+    along, x, y, elevation, _ = line_profile(line, flow.terrain, 0.0, length, spacing)
+    cells = cells_of(flow.grid, x, y)
+    _log_outside(request.line, flow, cells, line)
+    values = flow.at_cells(cells, PROFILE_PRODUCTS, steps, progress)
+    surface = free_surface(flow.terrain, x, y, values["h"])
+    found = ProfileFound(flow.name, along, x, y, elevation, flow.times[steps], surface, values)
+    if not (values["h"] > 0).any():
+        log.info(f"{request.line}: no flow along it at these times")
+    writers = {
+        PLOT_FILE: lambda path: write_profile_plot(path, found),
+        TABLE_FILE: lambda path: write_rows(path, found),
+    }
+    return replace(found, files=write_answer(request, output, writers))
+
+
+def chosen_steps(times, requested):
+    """Numbers of the steps nearest to the `requested` times [s]; evenly spread ones for None.
+
+    Raises
+    ------
+    InputError
+        A time before the first or after the last.
+    """
+    if requested is None:
+        requested = np.linspace(times[0], times[-1], USUAL_TIMES)
+    else:
+        tolerance = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        beyond = [time for time in requested if not times[0] - tolerance <= time <= times[-1] + tolerance]
+        if beyond:
+            raise InputError(
+                f"`at_times`: {beyond[0]:g} s is outside the results, which go from {times[0]:g} to {times[-1]:g} s"
+            )
+        moved = [time for time in requested if np.abs(times - time).min() > 1e-6 * max(1.0, abs(time))]
+        if moved:
+            log.info(
+                f"no frame at {', '.join(f'{time:g}' for time in moved)} s; the nearest frames are used, each once"
+            )
+    return nearest_times(times, requested)
+
+
+def _log_outside(path, flow, cells, line):
+    off = cells == NOWHERE
+    if off.all():
+        west, south, east, north = flow.grid.bounds
+        raise InputError(
+            f"{path} is outside the raster (E {west:.0f} to {east:.0f}, N {south:.0f} to {north:.0f}); draw it again, "
+            "or check its CRS"
+        )
+    if off.any():
+        beyond = shapely.LineString(line).difference(shapely.box(*flow.grid.bounds)).length
+        log.info(f"{path}: {beyond:.0f} m of it are outside the raster and have no values")

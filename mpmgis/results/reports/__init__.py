@@ -1,0 +1,1 @@
+"""The page about a run, and facts about any file for `mpmgis info`."""

@@ -1,0 +1,128 @@
+"""A report as one HTML file: sections of tables, pictures and lines."""
+
+import base64
+from collections.abc import Iterable
+from html import escape
+from pathlib import Path
+from typing import NamedTuple
+
+from ...system.whole_files import whole_file
+
+
+class Table(NamedTuple):
+    """Rows of texts under `headings`; the first column is the row label."""
+
+    headings: tuple
+    rows: tuple
+
+
+class Picture(NamedTuple):
+    """A PNG as bytes, with a `caption`."""
+
+    png: bytes
+    caption: str
+
+
+class Lines(NamedTuple):
+    """Lines of text, as a bullet list."""
+
+    texts: tuple
+
+
+class Source(NamedTuple):
+    """Preformatted text."""
+
+    text: str
+
+
+class Section(NamedTuple):
+    """A `title` and its blocks: Table, Picture, Lines or Source; a `page` of its own in print."""
+
+    title: str
+    blocks: tuple
+    page: bool = False
+
+
+def section(title: str, *blocks, page: bool = False) -> Section:
+    """A Section of the blocks that are not empty."""
+    return Section(title, tuple(block for block in blocks if block is not None and any(block)), page)
+
+
+def figure_rows(facts: Iterable[tuple]) -> tuple:
+    """Table rows of (name, value, unit) with numbers in five digits; rows without a value are omitted."""
+    return tuple((what, _text(value), unit) for what, value, unit in facts if value == value and value is not None)
+
+
+def _text(value):
+    return value if isinstance(value, str) else f"{value:.5g}"
+
+
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; color: #222; max-width: 62em; margin: 2em auto; padding: 0 1em; }
+h1 { font-size: 1.7em; margin-bottom: 0.1em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 1px solid #bbb; }
+.under { color: #555; margin-top: 0; } figure { margin: 1em 0; break-inside: avoid; }
+img { max-width: 100%; height: auto; } figcaption { color: #555; font-size: 0.9em; }
+table { border-collapse: collapse; margin: 0.8em 0; font-size: 0.92em; }
+th, td { text-align: left; vertical-align: top; padding: 0.2em 0.9em 0.2em 0; border-bottom: 1px solid #e2e2e2; }
+th { border-bottom: 1px solid #888; } tr { break-inside: avoid; }
+pre { background: #f4f2ee; padding: 0.8em; font-size: 0.85em; white-space: pre-wrap; overflow-wrap: anywhere; }
+td, li { overflow-wrap: anywhere; }
+@page { size: A4; margin: 16mm; }
+@media print {
+  h2.page { break-before: page; }
+  body { font-size: 10.5pt; margin: 0; max-width: none; } h2 { break-after: avoid; } img { max-height: 200mm; }
+}
+"""
+
+
+def write_report(path: Path, title: str, under: str, sections: Iterable[Section], language: str = "en") -> None:
+    """Write the report (atomically).
+
+    Parameters
+    ----------
+    path : Path
+    title, under : str
+        Heading, and the line below it.
+    sections : sequence of Section
+    language : str
+    """
+    parts = [
+        f'<!DOCTYPE html>\n<html lang="{language}">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        f'<h1>{escape(title)}</h1>\n<p class="under">{escape(under)}</p>'
+    ]
+    for section in sections:
+        if section.blocks:
+            own = ' class="page"' if section.page else ""
+            parts += [f"<h2{own}>{escape(section.title)}</h2>", *map(_block, section.blocks)]
+    with whole_file(path) as part:
+        part.write_text("\n".join([*parts, "</body>\n</html>\n"]), encoding="utf-8", newline="\n")
+
+
+def _block(block):
+    return _FORMS[type(block)](block)
+
+
+def _table(block):
+    heads = "".join(f"<th>{escape(text)}</th>" for text in block.headings)
+    rows = "\n".join("<tr>" + "".join(f"<td>{escape(str(text))}</td>" for text in row) + "</tr>" for row in block.rows)
+    return f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>"
+
+
+def _picture(block):
+    data, caption = base64.b64encode(block.png).decode("ascii"), escape(block.caption)
+    return (
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">\n<figcaption>{caption}</figcaption></figure>'
+    )
+
+
+def _lines(block):
+    return "<ul>\n" + "\n".join(f"<li>{escape(text)}</li>" for text in block.texts) + "\n</ul>"
+
+
+def _source(block):
+    return f"<pre>{escape(block.text)}</pre>"
+
+
+_FORMS = {Table: _table, Picture: _picture, Lines: _lines, Source: _source}

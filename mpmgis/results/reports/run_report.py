@@ -1,0 +1,348 @@
+"""`mpmgis report`: one HTML file about a run."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ... import __version__
+from ...frames.run_folder import SCENE_FILE, read_record, versions
+from ...frames.run_maps import run_of_maps
+from ...maps.export.band_map import write_band_map
+from ...maps.export.export_inputs import release_outlines
+from ...maps.export.export_request import AnswerRequest
+from ...simulation.run_summary import account, extreme_lines, peak_lines, resolution_words, volume_words
+from ...system.errors import InputError, MpmgisError, one_line
+from ...system.messages import collected, log
+from ..answer_files import answer_output, write_answer
+from ..comparison import footprint, high_percentile, peak
+from ..hazard.hazard_map import HazardFound, HazardOptions, hazard_map
+from ..opened_results import ExportFlow, open_flow, peaks_of, read_peaks
+from ..runout_answer import RunoutRequest, found_runout
+from ..runout_plots import write_runout_plot
+from .html_page import Lines, Picture, Source, Table, figure_rows, section, write_report
+from .report_pages import barrier_sections, places_section
+
+REPORT_FILE = "report.html"
+WORD = "report"
+MAPS = (  # band of the result, style of the map, title
+    ("h_max", "h_max", "Largest flow depth"),
+    ("Ut_max", "Ut_max", "Largest speed along the slope"),
+    ("p_max", "p_max", "Largest impact pressure"),
+    ("h_deposit", "h", "Depth in the last frame"),
+)
+USED_OF_RASTERS = ("density", "min_depth")  # options of frames, for the pressure and the maps
+PASCAL_PER_KILOPASCAL = 1000.0
+SQUARE_METRES_PER_HECTARE = 1e4
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportRequest(AnswerRequest):
+    """A question about results; `mpmgis.commands` describes its options."""
+
+    title: str | None = None
+    line: Path | None = None
+    threshold: float = 0.1  # [m]
+    hazard: HazardOptions
+
+
+@dataclass(frozen=True)
+class _Gathered:
+    """Contents of a report: the `flow`, the `peaks` of its cells by band on `grid`, the run's `record`."""
+
+    flow: object
+    peaks: dict
+    grid: object
+    record: dict
+    scene: str
+    runout: object
+    notes: tuple
+
+
+def report(request: ReportRequest, progress=lambda done, total: None) -> tuple[Path, ...] | HazardFound:
+    """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
+
+    With `hazard.map` a hazard map of several scenarios instead.
+
+    Returns
+    -------
+    tuple of Path, or HazardFound
+
+    Raises
+    ------
+    MpmgisError
+    """
+    _require_one_kind(request)
+    if request.hazard.map is not None:
+        return hazard_map(request, progress)
+    output = answer_output(request, WORD, (REPORT_FILE,))
+    gathered = _gather(request, output, progress)
+    title = request.title or f"{gathered.flow.name}: report of a simulated flow"
+    with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
+        sections = (
+            section("Result", _key_figures(request, gathered)),
+            section("Maps", *_maps(gathered, Path(folder))),
+            places_section(gathered, Path(folder)),
+            section("Runout", *_runout(gathered, Path(folder))),
+            *barrier_sections(gathered, Path(folder)),
+            section("Balances", _balances(gathered.record, gathered.flow), Lines(_checks(gathered.record))),
+            section("Warnings", _warnings(gathered)),
+            section("Effects, and why", *_effects(gathered.record)),
+            section("Parameters", Source(gathered.scene) if gathered.scene else None),
+            section("Origin", _origin(gathered)),
+        )
+    under = f"made by mpmgis {__version__} from {_made_from(gathered.flow)}"
+    writers = {REPORT_FILE: lambda path: write_report(path, title, under, filter(None, sections))}
+    return write_answer(request, output, writers)
+
+
+def _require_one_kind(request):
+    """Refuse options of a hazard map in a report of one run, and the other way round."""
+    frames, options = request.results.frames, request.hazard
+    if options.map is None:
+        if options.given():
+            raise InputError(f"`{options.given()[0]}` is for hazard maps; give `map` too, for example swiss-avalanche")
+        if not frames:
+            raise InputError("no results were given; give a folder of frames, an export or rasters")
+    elif frames:
+        raise InputError(f"{frames[0]}: a hazard map takes its results by `scenario`, for example 100={frames[0]}")
+    for name in ("line", "threshold"):
+        if options.map is not None and getattr(request, name) != getattr(ReportRequest, name):
+            raise InputError(f"`{name}` is for the report of one run; a hazard map takes `min_depth`")
+
+
+def _gather(request, output, progress):
+    with collected() as notes:
+        flow = open_flow(request.results, output, peaks_do=True, used=USED_OF_RASTERS)
+        result = peaks_of(request.results, progress, used_of_rasters=USED_OF_RASTERS)
+        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.source.density)
+        asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
+        try:
+            runout = found_runout(asked, flow, values, grid)
+        except MpmgisError as error:  # a report without runout
+            if request.line is not None:
+                raise
+            log.info(f"no runout: {error}")
+            runout = None
+    return _Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
+
+
+def _of_the_run(flow):
+    """(run.json, text of the scene) of the frames, or of rasters that a run wrote; else ({}, "")."""
+    folder = flow.entries[0].path.parent if flow.entries else None
+    if isinstance(flow, ExportFlow):
+        folder = run_of_maps(flow.steps.terrain.parent)
+    if folder is None:
+        return {}, ""
+    scene = folder / SCENE_FILE
+    return read_record(folder), scene.read_text(encoding="utf-8", errors="replace") if scene.is_file() else ""
+
+
+def _made_from(flow):
+    """Source of a flow in words."""
+    if flow.entries:
+        return f"{len(flow.entries)} frames"
+    return f"an export of {len(flow.times)} steps" if len(flow.times) else "rasters of its largest values"
+
+
+def _key_figures(request, gathered):
+    flow, peaks, record = gathered.flow, gathered.peaks, gathered.record
+    first = gathered.runout.states[0].mass if gathered.runout and gathered.runout.states else np.nan
+    facts = [
+        ("solver", _solver(flow, record), ""),
+        ("mass of the first frame", first, "kg"),
+        ("volume of the first frame at the density of the release", first / (flow.density or np.nan), "m3"),
+        ("density of the release", flow.density, "kg m-3"),
+        ("last frame at", float(flow.times[-1]) if len(flow.times) else None, "s"),
+    ]
+    if "h_max" in peaks:
+        reached = np.count_nonzero(footprint(peaks["h_max"], request.threshold)) * gathered.grid.cell_area
+        facts.append((f"area deeper than {request.threshold:g} m", float(reached) / SQUARE_METRES_PER_HECTARE, "ha"))
+    for band, unit, factor, words in (
+        ("h_max", "m", 1.0, "flow depth"),
+        ("Ut_max", "m/s", 1.0, "speed along the slope"),
+        ("p_max", "kPa", 1 / PASCAL_PER_KILOPASCAL, "impact pressure"),
+        ("h_deposit", "m", 1.0, "depth in the last frame"),
+    ):
+        words += _direction(band, flow)
+        if band in peaks:
+            facts.append((f"largest {words}", peak(peaks[band]) * factor, unit))
+            facts.append((f"largest {words}, at", _place_of_peak(peaks[band], gathered.grid), ""))
+            facts.append((f"{words}, of 99 % of the cells at most", high_percentile(peaks[band]) * factor, unit))
+    ended = [("ended", f"{record['state']}: {record['reason']}", "")] if record.get("reason") else []
+    return Table(("figure", "value", "unit"), figure_rows([*facts, *ended]))
+
+
+def _direction(band, flow):
+    """Direction of the depth of a band; "" for rasters of other codes, where it is unknown."""
+    depth = band in ("h_max", "h_deposit")
+    return " (normal to the slope)" if depth and (flow.entries or len(flow.times)) else ""
+
+
+def _place_of_peak(values, grid):
+    """Map coordinates of the cell with the largest of float[rows, columns] `values`; None without values."""
+    if not np.isfinite(values).any():
+        return None
+    x, y = grid.xy(*np.unravel_index(np.nanargmax(values), values.shape))
+    return f"E {float(x):.1f} N {float(y):.1f}"
+
+
+def _solver(flow, record):
+    """Name of the solver; None if only rasters are known."""
+    if not flow.entries:
+        return None
+    first = flow.entries[0]
+    if record.get("stages"):
+        return ", then ".join(str(stage.get("solver")) for stage in record["stages"])
+    return (record.get("scene") or {}).get("solver", first.header.solver or first.reader)
+
+
+def _maps(gathered, folder):
+    """Pictures of the bands of the flow."""
+    flow = gathered.flow
+    release = release_outlines(flow.entries, flow.terrain) if flow.entries else None
+    release = None if release is None else list(release)
+    for band, look, title in MAPS:
+        values = gathered.peaks.get(band)
+        if values is not None and np.isfinite(values).any():
+            path = folder / f"{band}.png"
+            write_band_map(path, flow.terrain, gathered.grid, values, look, title, release, flow.min_depth)
+            title += _direction(band, flow)
+            yield Picture(path.read_bytes(), f"{title}, on cells of {gathered.grid.cell_size:g} m")
+
+
+def _runout(gathered, folder):
+    found = gathered.runout
+    if found is None:
+        return
+    path = folder / "runout.png"
+    write_runout_plot(path, found)
+    yield Picture(path.read_bytes(), f"Longitudinal profile along {found.line_source}")
+    rows = [(what.replace("_", " "), value, "" if unit == "1" else unit) for what, unit, value in found.rows()]
+    yield Table(("figure", "value", "unit"), figure_rows(rows))
+
+
+def _balances(record, flow):
+    """Balances that the run stored at its end."""
+    balances = record.get("balances")
+    if not balances:
+        why = "no run.json beside the frames" if flow.entries else "rasters have no balances"
+        return Lines((f"{why}: balances are not known",))
+    solver = "points" if "momentum_error_relative" in balances else "columns"
+    try:
+        mass = record.get("mass")
+        of_stages = [] if mass is None else extreme_lines(record["extremes"])
+        return Lines((*account(balances, solver, mass), *of_stages, *peak_lines(record.get("maxima"))))
+    except (KeyError, TypeError, ValueError) as error:  # balances of another version
+        known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
+        return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; it contains:", *known))
+
+
+def _checks(record):
+    """Lines for each stage of points: number of cells over the depth at its start, volume of points at its end."""
+    lines, stages = [], record.get("stages") or [record]
+    for number, stage in enumerate(stages, start=1):
+        words = ((name, stage.get(name)) for name in _CHECKS)
+        found = [_check(name, numbers) for name, numbers in words if numbers]
+        lines += [f"stage {number}: {line}" for line in found] if len(stages) > 1 else found
+    return tuple(lines)
+
+
+def _check(name, numbers):
+    try:
+        return _CHECKS[name](numbers)
+    except (KeyError, TypeError, ValueError) as error:  # numbers of another version
+        return f"run.json is of another version of mpmgis, its {name} has no {one_line(error)}"
+
+
+_CHECKS = {"resolution": resolution_words, "volume": volume_words}
+
+
+def _warnings(gathered):
+    """Problems and assumptions of the run and of reading its frames."""
+    record = gathered.record
+    lines = [*(record.get("troubles") or ()), *gathered.notes]
+    lines += [_against_its_number(decision) for stage in _stages(record) for decision in stage.get("effects") or ()]
+    lines += [line for line in _balances(record, gathered.flow).texts if line.startswith("beyond the model")]
+    lines += [line for line in _checks(record) if "too coarse" in line]
+    return Lines(tuple(dict.fromkeys(filter(None, map(str, lines)))) or ("none",))
+
+
+def _against_its_number(decision):
+    """Text about an effect that is off although its number is beyond the threshold; '' for others."""
+    number, threshold = decision.get("indicator"), decision.get("threshold")
+    if decision.get("state") != "off" or not all(isinstance(value, int | float) for value in (number, threshold)):
+        return ""
+    if not number > threshold:
+        return ""
+    return (
+        f"{decision.get('effect')} is off although its number {number:.3g} is beyond {threshold:g}: "
+        f"{decision.get('reason')}"
+    )
+
+
+def _stages(record):
+    """The records of the stages; one without stages."""
+    return record.get("stages") or [{"effects": record.get("effects")}]
+
+
+def _effects(record):
+    """A table of decisions for each stage; those that are on come first."""
+    stages = _stages(record)
+    for number, stage in enumerate(stages, start=1):
+        if len(stages) > 1:
+            yield Lines((f"stage {number}: {stage.get('solver', '')}",))
+        decisions = sorted(stage.get("effects") or (), key=lambda decision: decision.get("state") == "off")
+        rows = tuple(tuple(_word(decision.get(key)) for key in _EFFECT_COLUMNS) for decision in decisions)
+        if rows:
+            yield Table(tuple(_EFFECT_COLUMNS.values()), rows)
+
+
+_EFFECT_COLUMNS = {
+    "effect": "effect",
+    "state": "state",
+    "decided_by": "decided by",
+    "indicator": "number",
+    "threshold": "threshold",
+    "reason": "reason",
+}
+
+
+def _word(value):
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _origin(gathered):
+    flow, record = gathered.flow, gathered.record
+    wall = record.get("wall_seconds")
+    rows = [
+        *_source_rows(flow),
+        ("terrain", Path(flow.terrain.path).name),
+        ("sha256 of the terrain", flow.terrain.sha256),
+        ("CRS", "local" if flow.terrain.grid.crs is None else flow.terrain.grid.crs.name),
+        ("digest of the result", record.get("result_digest") or ""),
+        *((f"computed with {name}", version) for name, version in (record.get("versions") or {}).items()),
+        *((f"reported with {name}", version) for name, version in versions().items()),
+        ("wall time", f"{wall:.3g} s" if isinstance(wall, int | float) else ""),
+    ]
+    return Table(("what", "is"), tuple((what, value) for what, value in rows if value))
+
+
+def _source_rows(flow):
+    """Rows of a table about the inputs."""
+    if flow.entries:
+        first = flow.entries[0]
+        folder = first.path.resolve().parent.name
+        return (
+            ("frames", f"{len(flow.entries)} in {folder}, read as {first.reader}"),
+            ("digest of the scene", first.header.digest),
+        )
+    if len(flow.times):
+        tags = flow.steps.tags
+        return (
+            ("export", f"{flow.name}, {len(flow.times)} steps; frames: {tags.get('frames', '')}"),
+            ("digest of the scene", tags.get("digest", "")),
+            ("exported with mpmgis", tags.get("version", "")),
+        )
+    return (("rasters", flow.name),)

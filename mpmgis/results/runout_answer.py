@@ -1,0 +1,192 @@
+"""`mpmgis runout`: runout, drop height and angles of a flow, along a given line or the centre line."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..maps.averaging.frame_values import cells_of
+from ..maps.export.export_request import AnswerRequest
+from ..system.errors import InputError
+from ..system.messages import log
+from ..system.parallel import frame_pool
+from ..terrain.observations import read_line
+from .answer_files import answer_output, write_answer
+from .comparison import footprint
+from .flow_line import centre_line, distance_to_line
+from .opened_results import open_flow, peaks_of, read_peaks
+from .runout_figures import (
+    Place,
+    RunoutFound,
+    ends_along,
+    energy_line,
+    farthest_place,
+    heights_under,
+    line_profile,
+    mass_state,
+)
+from .runout_plots import write_figures, write_over_time, write_profile, write_runout_plot
+
+
+def given_line(path, flowed, grid, terrain):
+    """float64[n, 2] [m]: the line in the file `path`, from its upper end.
+
+    Parameters
+    ----------
+    path : Path
+    flowed : bool[rows, columns]
+        Cells of `grid` that the flow reached; the line must pass within two cells of one.
+    grid : Grid
+    terrain : Terrain or None
+        Without it the direction is not changed.
+
+    Raises
+    ------
+    MpmgisError
+    """
+    line = read_line(path, grid)
+    distance = distance_to_line(line, flowed, grid)
+    if distance > 2 * grid.cell_size:
+        raise InputError(f"{path} is {distance:.0f} m away from the flow; give the path of the flow")
+    if terrain is not None:
+        begin, end = terrain.sample(*line[[0, -1]].T)
+        if begin < end:
+            log.info(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is reversed")
+            return line[::-1]
+    return line
+
+
+PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
+FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
+WORD = "runout"
+CENTRE_LINE = "centre line of the flow"
+STRAIGHT_OVER_ALONG = 1.5  # a toe as far from the line as along it gives 1.41
+_MARGIN = 0.08  # of the profile beyond both ends, over the runout
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunoutRequest(AnswerRequest):
+    """A question about results; `mpmgis.commands` describes its options."""
+
+    line: Path | None = None
+    threshold: float = 0.1  # [m]
+
+
+def runout(request: RunoutRequest, progress=lambda done, total: None) -> RunoutFound:
+    """Find runout, drop, angles of the energy line and of the centre of mass; write the figures.
+
+    Returns
+    -------
+    RunoutFound
+
+    Raises
+    ------
+    MpmgisError
+        Unreadable input, or a flow that reached no cell; nothing is written then.
+    """
+    output = answer_output(request, WORD, FILES)
+    flow = open_flow(request.results, output, peaks_do=True)
+    peaks = peaks_of(request.results, progress)
+    bands, grid = read_peaks(peaks, ("h_max", "h_deposit"))
+    found = found_runout(request, flow, bands, grid)
+    return replace(found, files=_write(request, output, found))
+
+
+def found_runout(request, flow, bands, grid):
+    """The RunoutFound, without files, of largest depth and, if known, last depth [m] in `bands` on `grid`."""
+    if "h_max" not in bands:
+        raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), which the runout requires")
+    depth, deposit = bands["h_max"], bands.get("h_deposit", np.full(grid.shape, np.nan))
+    mask = footprint(depth, request.threshold)
+    if not mask.any():
+        raise InputError(
+            f"{flow.name}: no cell was ever deeper than `threshold={request.threshold:g}` m; give a lower one"
+        )
+    elevation = heights_under(mask, grid, flow.terrain)
+    if not np.isfinite(elevation).any():
+        raise InputError(
+            f"{flow.terrain.path} has no elevations under the flow; give the DTM of the results with `dem`"
+        )
+    line, source = _line(request, flow, mask, depth, elevation, grid)
+    top, toe = ends_along(mask, elevation, grid, line)
+    lying = footprint(deposit, request.threshold)
+    spacing = 0.5 * min(grid.cell_size, flow.terrain.grid.cell_size)
+    reached = energy_line(top, toe, line, flow.terrain, spacing)
+    if reached is None:
+        raise InputError(
+            f"{flow.name}: the flow does not move beyond its highest point along {source}; give another `line`"
+        )
+    if reached.straight > STRAIGHT_OVER_ALONG * reached.length:
+        log.info(
+            f"{source}: the flow's toe is {reached.straight:.0f} m from its top, but only {reached.length:.0f} m "
+            "along the line, which does not follow the flow; give another `line`"
+        )
+    states = _states(flow, line)
+    return RunoutFound(
+        name=flow.name,
+        threshold=request.threshold,
+        line=line,
+        line_source=source,
+        flow=reached,
+        deposit=energy_line(top, farthest_place(lying & mask, elevation, grid, line), line, flow.terrain, spacing),
+        states=states,
+        farthest_mass=_farthest_mass(states, line, flow.terrain),
+        profile=_profile(reached, line, flow.terrain, spacing, depth, deposit, grid),
+    )
+
+
+def _line(request, flow, mask, depth, elevation, grid):
+    """(vertices, description) of the line along which runout is measured."""
+    if request.line is not None:
+        return given_line(request.line, mask, grid, flow.terrain), str(request.line)
+    line = centre_line([mask], [depth], elevation, grid)
+    if line is None:
+        raise InputError(
+            f"{flow.name}: the flow is one cell, or has no elevations under it; give `line`, or smaller `cell_size`"
+        )
+    return line, CENTRE_LINE
+
+
+def _states(flow, line):
+    """MassState of every frame; () of rasters."""
+    if not flow.entries:
+        return ()
+    with frame_pool() as pool:
+        return tuple(state for state in pool.map(_entry_state, flow.entries, flow.averaging, line) if state is not None)
+
+
+def _entry_state(entry, averaging, line):
+    return mass_state(entry.read(averaging.density), averaging, line)
+
+
+def _farthest_mass(states, line, terrain):
+    """Point on the line up to which 99 % of the last frame's mass lie; None without frames."""
+    if not states:
+        return None
+    along = float(states[-1].quantiles[-1])
+    (_, x, y, elevation, _) = line_profile(line, terrain, along, along + 1e-3, 1.0)
+    return Place(along, float(x[0]), float(y[0]), float(elevation[0]))
+
+
+def _profile(reached, line, terrain, spacing, depth, deposit, grid):
+    """The columns of PROFILE_COLUMNS, from a little above the top to a little beyond the toe."""
+    margin = _MARGIN * reached.length
+    begin, end = reached.top.along - margin, reached.toe.along + margin
+    along, x, y, elevation, ground = line_profile(line, terrain, begin, end, 2 * spacing)
+    share = (along - reached.top.along) / reached.length
+    falling = np.where((share >= 0) & (share <= 1), reached.top.z - share * reached.drop, np.nan)
+    cells = cells_of(grid, x, y)
+    values = [np.where(cells >= 0, band.reshape(-1)[np.maximum(cells, 0)], np.nan) for band in (depth, deposit)]
+    return (along, ground, x, y, elevation, falling, *values)
+
+
+def _write(request, output, found):
+    writers = {
+        PLOT_FILE: lambda path: write_runout_plot(path, found),
+        FIGURES_FILE: lambda path: write_figures(path, found),
+        TIME_FILE: lambda path: write_over_time(path, found),
+        PROFILE_FILE: lambda path: write_profile(path, found),
+    }
+    if not found.states:
+        del writers[TIME_FILE]
+    return write_answer(request, output, writers)

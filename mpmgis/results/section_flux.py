@@ -1,0 +1,307 @@
+"""Discharge through a section over time, from particles that cross it and from the momentum of its cells.
+
+The position of a particle with an id is known at two frames. The straight path between them crosses the section or
+not, so the mass that crossed is a sum over particles. It is exact if the section spans the whole flow, because then
+only the sides matter. The momentum flux of the section's cells at frame times, integrated with the trapezoidal rule,
+needs no ids; its accuracy depends on the frame interval.
+"""
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from ..frames.particles import Frame
+from ..maps.averaging.binning import MASS, MOMENTUM, VOLUME
+from ..maps.averaging.cells import bin_frame, place
+from ..maps.averaging.frame_values import Averaging, cells_of, pick
+
+COLUMNS = (
+    ("time", "s"), ("discharge", "m3 s-1"), ("mass_discharge", "kg s-1"), ("volume", "m3"), ("mass", "kg"),
+    ("cells_discharge", "m3 s-1"), ("cells_mass_discharge", "kg s-1"), ("cells_volume", "m3"), ("cells_mass", "kg"),
+)  # fmt: skip
+
+
+RASTER_BANDS = ("mass", "Un", "Ut_E", "Ut_N")  # of an exported step, for the flux of its cells
+
+
+@dataclass(frozen=True)
+class SectionState:
+    """State of one frame relative to a section.
+
+    Parameters
+    ----------
+    time : float [s]
+    dimension : int
+    flux : (float, float)
+        Volume [m3 s-1] and mass [kg s-1] per second through the section's cells, to the right of its direction.
+    ids : uint64[n] or None
+        Ascending; None without ids, or with duplicate ids.
+    xy, mass, volume : float64[n, 2] [m], float64[n] [kg], float64[n] [m3]
+        In the order of `ids`.
+    """
+
+    time: float
+    dimension: int
+    flux: tuple
+    ids: np.ndarray | None
+    xy: np.ndarray
+    mass: np.ndarray
+    volume: np.ndarray
+
+
+@dataclass(frozen=True)
+class Crossed:
+    """Amounts that crossed between two frames, to the right of the section's direction.
+
+    `volume` [m3] and `mass` [kg] through the section; `round_mass` [kg] around its ends; `began` and `ended` [kg]: mass
+    of particles only in the later or only in the earlier frame; `began_beyond` [kg]: began minus ended on the right
+    of the section, including mass that particles entrained there.
+    """
+
+    volume: float
+    mass: float
+    round_mass: float
+    began: float
+    ended: float
+    began_beyond: float
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Sources of the mass beyond the section [kg]; `beyond` is its change from the first frame to the last."""
+
+    beyond: float
+    crossed: float
+    round_ends: float
+    began: float
+
+    @property
+    def error(self) -> float:
+        """Residual [kg] after mass that crossed, went around the ends, or began there."""
+        return self.beyond - self.crossed - self.round_ends - self.began
+
+    def turned(self) -> "Balance":
+        """The same for the opposite direction."""
+        return Balance(*(-value for value in (self.beyond, self.crossed, self.round_ends, self.began)))
+
+
+@dataclass(frozen=True)
+class HydrographFound:
+    """A hydrograph; positive in the direction of the net mass, towards `azimuth` [degrees from north].
+
+    Parameters
+    ----------
+    name : str
+    times : float64[k] [s]
+    volume, mass : float64[k - 1] [m3], [kg]
+        Crossed from each time to the next.
+    by_particles : bool[k - 1]
+        True: from particles; False: from the flux of the cells.
+    cells : float64[k, 2] [m3 s-1], [kg s-1]
+        Flux of the section's cells at each time.
+    azimuth : float
+    balance : Balance or None
+        None if an interval is not from particles, or if the section cannot be extended at its ends.
+    unseen : float [kg]
+        Largest mass that began or ended between two frames.
+    files : tuple of Path
+    """
+
+    name: str
+    times: np.ndarray
+    volume: np.ndarray
+    mass: np.ndarray
+    by_particles: np.ndarray
+    cells: np.ndarray
+    azimuth: float
+    balance: Balance | None
+    unseen: float = 0.0
+    files: tuple = field(default=())
+
+    def rows(self) -> list[tuple]:
+        """Rows of COLUMNS: rates are means since the previous time, volume and mass are cumulative."""
+        lasting = np.diff(self.times)
+        totals = np.cumsum(np.r_[0.0, self.volume]), np.cumsum(np.r_[0.0, self.mass])
+        rates = np.r_[math.nan, self.volume / lasting], np.r_[math.nan, self.mass / lasting]
+        return list(zip(self.times, *rates, *totals, *self.cells.T, *self.cells_totals().T, strict=True))
+
+    def cells_totals(self) -> np.ndarray:
+        """float64[k, 2] [m3], [kg]: cumulative flux of the cells, by the trapezoidal rule."""
+        return np.vstack([np.zeros(2), np.cumsum(trapezoids(self.times, self.cells), axis=0)])
+
+    def peak(self) -> tuple[float, float]:
+        """(largest mean discharge [m3 s-1], the time at which its interval ends [s])."""
+        rates = self.volume / np.diff(self.times)
+        k = int(np.argmax(rates))
+        return float(rates[k]), float(self.times[k + 1])
+
+
+def trapezoids(times: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """float64[k - 1, ...]: integral of `rates` [k, ...] from each of the `times` to the next."""
+    return 0.5 * (rates[1:] + rates[:-1]) * np.diff(times)[:, None]
+
+
+def crossings(section: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Net number of crossings of straight paths over a line, from its left to its right.
+
+    Consecutive paths add up; a path through a vertex crosses once.
+
+    Parameters
+    ----------
+    section : float64[m, 2] [m]
+    before, after : float64[n, 2] [m]
+        Both ends of each path.
+
+    Returns
+    -------
+    int64[n]
+    """
+    count = np.zeros(len(before), np.int64)
+    for a, b in pairwise(section):
+        left_before, left_after = (_cross(b - a, ends - a) >= 0 for ends in (before, after))
+        changed = np.flatnonzero(left_before != left_after)
+        start, path = before[changed], after[changed] - before[changed]
+        within = (_cross(path, a - start) >= 0) != (_cross(path, b - start) >= 0)
+        hit = changed[within]
+        count[hit] += np.where(left_before[hit], 1, -1)
+    return count
+
+
+def _cross(first, second):
+    return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+
+
+def continued(section: np.ndarray, length: float) -> np.ndarray:
+    """float64[m, 2]: the section with its first and last piece extended straight by `length` [m]."""
+    ends = []
+    for end, inner in ((section[0], section[1]), (section[-1], section[-2])):
+        direction = (end - inner) / np.linalg.norm(end - inner)
+        ends.append(end + length * direction)
+    return np.vstack([ends[0], section[1:-1], ends[1]])
+
+
+def azimuth_to_the_right(section: np.ndarray) -> float:
+    """Direction [degrees from north] across the section, to its right."""
+    east, north = section[-1] - section[0]
+    return math.degrees(math.atan2(north, -east)) % 360.0
+
+
+def section_pieces(section: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """(places float64[n, 2], normals float64[n, 2]) of pieces of at most `spacing` [m] of the section.
+
+    A normal points to the right and is as long as its piece [m].
+    """
+    places, normals = [], []
+    for a, b in pairwise(section):
+        count = max(1, math.ceil(np.linalg.norm(b - a) / spacing))
+        share = (np.arange(count) + 0.5)[:, None] / count
+        places.append(a + share * (b - a))
+        normals.append(np.tile(np.array([b[1] - a[1], a[0] - b[0]]) / count, (count, 1)))
+    return np.concatenate(places), np.concatenate(normals)
+
+
+def cells_flux(frame: Frame, averaging: Averaging, section: np.ndarray) -> tuple[float, float]:
+    """(volume [m3 s-1], mass [kg s-1]) through the cells of the section, to its right.
+
+    Mass flux: momentum per plan area of each cell. Volume flux: the same times volume over mass of the cell.
+    """
+    places, normals = section_pieces(section, 0.25 * averaging.grid.cell_size)
+    cells = bin_frame(frame, place(frame, averaging.bed), averaging.bed, averaging.grid, averaging.density)
+    where = cells_of(averaging.grid, *places.T)
+    across = sum(
+        np.nan_to_num(pick(cells.index, cells.sums[:, MOMENTUM + axis] / cells.cell_area, 0.0, where))
+        * normals[:, axis]
+        for axis in (0, 1)
+    )
+    mass = cells.sums[:, MASS]
+    bulk = np.divide(cells.sums[:, VOLUME], mass, out=np.zeros(len(mass)), where=mass > 0)
+    return float(np.sum(across * np.nan_to_num(pick(cells.index, bulk, 0.0, where)))), float(across.sum())
+
+
+def raster_flux(values: dict, normals: np.ndarray, slopes: tuple, density: float) -> tuple[float, float]:
+    """(volume [m3 s-1], mass [kg s-1]) through a section's pieces, from the bands of an exported step.
+
+    The flow has the velocity Ut + Un n (n: bed normal). Equal to `cells_flux`, except for cells that are too shallow
+    for a velocity.
+
+    Parameters
+    ----------
+    values : dict of str to float64[n]
+        RASTER_BANDS at the pieces, in their units; NaN without flow.
+    normals : float64[n, 2] [m]
+        From `section_pieces`.
+    slopes : (float64[n], float64[n])
+        Terrain gradient to the east and to the north.
+    density : float [kg m-3]
+    """
+    steep = np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2)
+    across = sum(
+        (values[name] - values["Un"] * slope / steep) * normals[:, axis]
+        for axis, (name, slope) in enumerate(zip(("Ut_E", "Ut_N"), slopes, strict=True))
+    )
+    mass = float(np.nansum(values["mass"] * across))
+    return mass / density, mass
+
+
+def section_state(frame: Frame, averaging: Averaging, section: np.ndarray) -> SectionState:
+    """The SectionState of a frame."""
+    particles = frame.particles
+    xy = np.stack([np.asarray(values, float) for values in frame.map_xy()], axis=1)
+    mass, volume = (np.array(values, float) for values in (particles.mass, particles.volume))
+    ids = particles.id
+    if ids is not None:
+        order = np.argsort(ids, kind="stable")
+        ids, xy, mass, volume = ids[order], xy[order], mass[order], volume[order]
+        if (ids[1:] == ids[:-1]).any():
+            ids = None
+    return SectionState(frame.time, frame.dimension, cells_flux(frame, averaging, section), ids, xy, mass, volume)
+
+
+def crossed_between(
+    section: np.ndarray, whole: np.ndarray, before: SectionState, after: SectionState
+) -> Crossed | None:
+    """Amounts that crossed between two SectionStates; None without usable ids.
+
+    `whole` is the section extended beyond the flow at both ends.
+
+    Returns
+    -------
+    Crossed or None
+    """
+    if before.ids is None or after.ids is None or before.dimension != after.dimension:
+        return None
+    _, i, j = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
+    mass, volume = (0.5 * (v[i] + w[j]) for v, w in ((before.mass, after.mass), (before.volume, after.volume)))
+    sides = [is_beyond(whole, state.xy) for state in (before, after)]
+    through = crossings(section, before.xy[i], after.xy[j])
+    beyond = sides[1][j].astype(int) - sides[0][i]
+    alone = [np.setdiff1d(np.arange(len(state.mass)), k) for state, k in ((before, i), (after, j))]
+    ended, began = (state.mass[k] for state, k in zip((before, after), alone, strict=True))
+    grown = 0.5 * np.sum((sides[0][i] + sides[1][j].astype(int)) * (after.mass[j] - before.mass[i]))
+    return Crossed(
+        volume=float(np.sum(through * volume)),
+        mass=float(np.sum(through * mass)),
+        round_mass=float(np.sum((beyond - through) * mass)),
+        began=float(began.sum()),
+        ended=float(ended.sum()),
+        began_beyond=float(grown + began[sides[1][alone[1]]].sum() - ended[sides[0][alone[0]]].sum()),
+    )
+
+
+def is_beyond(whole: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """bool[n]: points on the right of an extended section; the path from far on its left crosses it once."""
+    return crossings(whole, np.broadcast_to(far_left(whole), xy.shape), xy) > 0
+
+
+def mass_beyond(whole: np.ndarray, state: SectionState) -> float:
+    """Mass [kg] of a SectionState on the right of an extended section."""
+    return float(state.mass[is_beyond(whole, state.xy)].sum())
+
+
+def far_left(whole: np.ndarray) -> np.ndarray:
+    """float64[2] [m]: a point to the left of an extended section, outside the flow."""
+    along = whole[-1] - whole[0]
+    middle = 0.5 * (whole[0] + whole[-1])
+    return middle + 0.4 * np.array([-along[1], along[0]])

@@ -1,0 +1,80 @@
+"""`mpmgis timeseries`: the flow at points over time."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..maps.export.export_request import AnswerRequest
+from ..system.errors import InputError
+from ..system.messages import log
+from ..terrain.observations import read_points
+from .answer_files import answer_output, write_answer
+from .opened_results import FrameFlow, open_flow, require_on_grid
+from .profiles import SERIES_PRODUCTS, SeriesFound
+from .runout_plots import write_rows, write_series_plot
+
+PLOT_FILE, TABLE_FILE = "timeseries.png", "timeseries.csv"
+WORD = "timeseries"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeseriesRequest(AnswerRequest):
+    """A question about results; `mpmgis.commands` describes its options."""
+
+    points: Path | None = None
+    at: tuple = ()  # (E, N) [m]
+
+
+def timeseries(request: TimeseriesRequest, progress=lambda done, total: None) -> SeriesFound:
+    """Depth, thickness, velocities and impact pressure over time, in the cells of points.
+
+    Returns
+    -------
+    SeriesFound
+
+    Raises
+    ------
+    MpmgisError
+        Unreadable input, no point, a point outside the raster; nothing is written then.
+    """
+    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
+    flow = open_flow(request.results, output)
+    names, x, y = given_points(request.points, request.at, flow)
+    cells = require_on_grid(flow, x, y, names, "point")
+    values = flow.at_cells(cells, _products(flow), range(len(flow.times)), progress)
+    found = SeriesFound(flow.name, names, x, y, flow.times, values)
+    writers = {
+        PLOT_FILE: lambda path: write_series_plot(path, found),
+        TABLE_FILE: lambda path: write_rows(path, found),
+    }
+    return replace(found, files=write_answer(request, output, writers))
+
+
+def _products(flow):
+    """Products of a series; for an export those that it contains."""
+    if isinstance(flow, FrameFlow):
+        return SERIES_PRODUCTS
+    there = tuple(name for name in SERIES_PRODUCTS if name in flow.steps.bands)
+    if there != SERIES_PRODUCTS:
+        missing = ", ".join(name for name in SERIES_PRODUCTS if name not in there)
+        log.info(
+            f"{flow.name}: this export's steps have no {missing}; export with `products={missing}`, or give the frames"
+        )
+    return there
+
+
+def given_points(path, places, flow):
+    """(names, x float64[n], y float64[n]) of the points in a file, and of those given as (E, N).
+
+    Raises
+    ------
+    InputError
+        There is no point.
+    """
+    names, x, y = ((), np.empty(0), np.empty(0)) if path is None else read_points(path, flow.terrain.grid)
+    if len(names) + len(places) == 0:
+        raise InputError("no point is given; give `points=FILE` or `at=E,N`")
+    given = np.reshape(np.array(places, float), (-1, 2))
+    named = tuple(f"{east:.12g},{north:.12g}" for east, north in given)
+    return (*names, *named), np.concatenate([x, given[:, 0]]), np.concatenate([y, given[:, 1]])

@@ -1,0 +1,231 @@
+"""Scenes as TOML text, and the commented template.
+
+JSON Schema (draft 2020-12) of scene.toml, made from the tables of the scene and the laws, for editors and programs.
+
+It holds what can be said of one key or one law: kinds, ranges, choices, unknown keys and parameters. What several
+tables decide together (`checks`) is left to the program.
+"""
+
+import json
+from dataclasses import MISSING, fields
+from typing import Any
+
+from ..laws import friction
+from . import material_table
+from .material_file import REQUIRED, SOLVERS
+from .material_table import CONTACTS
+from .stage_checks import ONLY, UNTIL
+from .tables import LISTED, TABLES
+
+_SHOWN_TABLES = ("terrain", "release", "friction", "numerics", "output")
+_SHOWN = ("source", "thickness", "cell_size")  # optional keys that the template shows in use
+_EXAMPLES = {
+    "mu": 0.2, "xi": 1000.0, "erosion_energy": 5000.0,
+    "bulk_modulus": 6.7e6, "shear_modulus": 4e6, "friction_angle": 40.0, "cohesion": 1000.0,
+}  # fmt: skip
+
+
+def toml_value(value):
+    """`value` as TOML writes it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml_value(part)}" for key, part in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return repr(value)
+
+
+def scene_text(scene, note=""):
+    """The scene as TOML text that `read_scene` reads back to the same scene."""
+    lines = [f"# {note}"] if note else []
+    for name, values in scene.as_tables().items():
+        if name not in TABLES:
+            lines.append(f"{name} = {toml_value(values)}")
+            continue
+        for table in values if name in LISTED else [values]:
+            lines += ["", _heading(name)] + [f"{key} = {toml_value(value)}" for key, value in table.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _heading(name):
+    return f"[[{name}]]" if name in LISTED else f"[{name}]"
+
+
+def template():
+    """A commented scene made from the tables; lines with a leading # are optional and show their default."""
+    lines = [
+        "# A scene for `mpmgis run`. Paths are relative to this file; SI units. Lines with # are optional.",
+        "",
+        'solver = "columns"  # depth-averaged; "points": 3D; not with [[stage]], where each stage has its own',
+    ]
+    for name, kind in TABLES.items():
+        shown = name in _SHOWN_TABLES
+        only = f" With solver = {ONLY[name][0]!r}." if name in ONLY else ""
+        lines += ["", f"# {kind.__doc__.strip()}{only}", f"{'' if shown else '# '}{_heading(name)}"]
+        for f in fields(kind):
+            if "kind" in f.metadata:
+                lines.append(_template_line(f, shown))
+            elif "by_place" in f.metadata:
+                lines.append(f"{'# ' + f.metadata['by_place']:<34} # parameters of the law: number, column or raster")
+            elif "parameters_of" in f.metadata:
+                law = next(f for f in fields(kind) if f.name == "law").metadata["example"]
+                lines += _template_parameters(f.metadata["parameters_of"], law, shown)
+    return "\n".join(lines) + "\n"
+
+
+def _template_line(f, shown):
+    value = f.metadata["example"] if f.default in (MISSING, None) else f.default
+    optional = "" if shown and (f.default is MISSING or f.name in _SHOWN) else "# "
+    choices = f" ({' | '.join(map(str, f.metadata['choices']))})" if f.metadata["choices"] else ""
+    return f"{optional + f.name + ' = ' + toml_value(value):<34} # {f.metadata['doc']}{choices}"
+
+
+def _template_parameters(laws, example, shown):
+    """The parameters of the `example` law, then a line for each law."""
+    for name, (unit, doc, *_) in laws[example][1].items():
+        yield f"{('' if shown else '# ') + name + ' = ' + toml_value(_EXAMPLES[name]):<34} # [{unit}] {doc}"
+    for law, (_, parameters) in laws.items():
+        yield f"# law = {law!r} takes {', '.join(parameters)}"
+    if laws is friction.LAWS:
+        for name, (parameter, (unit, doc, *_)) in friction.IN_PLACE_OF.items():
+            value = toml_value(round(friction.turbulent_coefficient(_EXAMPLES[parameter]), 5))
+            yield f"{'# ' + name + ' = ' + value:<34} # [{unit}] {doc}; in place of {parameter}"
+        yield f"# with solver = 'points': {', '.join(CONTACTS)}"
+
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+OWN_LAW = r"\.py:[A-Za-z_][A-Za-z0-9_]*$"
+_TYPES = {float: "number", int: "integer", str: "string", bool: "boolean", dict: "object"}
+
+Schema = dict[str, Any]
+
+
+def json_schema() -> Schema:
+    """The schema as a dictionary."""
+    laws = _friction_laws()
+    properties: Schema = {"solver": {"enum": list(SOLVERS), "description": "columns: depth-averaged; points: 3D"}}
+    for name, kind in TABLES.items():
+        table = _table(name, kind)
+        properties[name] = {"type": "array", "items": table} if name in LISTED else table
+    return {
+        "$schema": DIALECT,
+        "title": "Scene of mpmgis",
+        "description": "A simulation of mpmgis run; all values in SI units, angles in degrees.",
+        "type": "object",
+        "properties": properties,
+        "required": list(REQUIRED),
+        "anyOf": [{"required": ["release"]}, {"required": ["hydrograph"]}],
+        "allOf": [_zones_of(law, parameters) for law, parameters in laws.items()],
+        "additionalProperties": False,
+    }
+
+
+def _friction_laws() -> dict[str, Schema]:
+    """Name -> parameters (name -> schema) of the laws of friction of both solvers, with what may be given instead."""
+    found: dict[str, Schema] = {}
+    for laws in (friction.LAWS, material_table.CONTACTS):
+        for law, (_, parameters) in laws.items():
+            own = found.setdefault(law, {})
+            for name, parameter in parameters.items():
+                own.setdefault(name, _parameter(parameter))
+            for name, (_, parameter) in friction.given_instead(law).items():
+                own.setdefault(name, _parameter(parameter))
+    return found
+
+
+def _parameter(parameter: Any) -> Schema:
+    schema = {"type": "number", "description": f"{parameter.meaning} [{parameter.unit}]"}
+    return schema | _bounds(parameter.smallest, parameter.largest, above=False)
+
+
+def _bounds(low: float | None, high: float | None, above: bool) -> Schema:
+    found = {} if low is None else {"exclusiveMinimum" if above else "minimum": low}
+    return found if high is None else found | {"maximum": high}
+
+
+def _table(name: str, kind: Any) -> Schema:
+    keys = {f.name: f for f in fields(kind) if "kind" in f.metadata}
+    properties = {key: _key(f) for key, f in keys.items()}
+    required = [key for key, f in keys.items() if f.default is MISSING]
+    schema: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
+    schema["description"] = (kind.__doc__ or "").strip().splitlines()[0]
+    if required:
+        schema["required"] = required
+    if name == "friction":
+        return _with_laws(schema, _friction_laws(), {}, own=True)
+    by_law = next((f.metadata["parameters_of"] for f in fields(kind) if "parameters_of" in f.metadata), None)
+    if by_law is not None:
+        laws = {law: {key: _parameter(p) for key, p in parameters.items()} for law, (_, parameters) in by_law.items()}
+        needed = {law: [key for key, p in ps.items() if p.default is None] for law, (_, ps) in by_law.items()}
+        return _with_laws(schema, laws, needed, own=False)
+    if any("by_place" in f.metadata for f in fields(kind)):  # parameters of the law of [friction]: see _zones_of
+        schema["additionalProperties"] = {"type": ["number", "string"]}
+    return schema
+
+
+def _key(f: Any) -> Schema:
+    checks = f.metadata
+    kinds = checks["kind"] if isinstance(checks["kind"], tuple) else (checks["kind"],)
+    options = [_of_kind(kind, f) for kind in kinds]
+    schema = options[0] if len(options) == 1 else {"anyOf": options}
+    schema = schema | {"description": checks["doc"]}
+    if f.default is not MISSING and f.default is not None:
+        schema["default"] = list(f.default) if isinstance(f.default, tuple) else f.default
+    return schema
+
+
+def _of_kind(kind: Any, f: Any) -> Schema:
+    checks = f.metadata
+    if kind is list:
+        count = len(f.default if isinstance(f.default, tuple) else checks["example"])
+        return {"type": "array", "items": {"type": "number"}, "minItems": count, "maxItems": count}
+    if kind is dict:
+        return {"type": "object", "properties": {key: {"type": ["number", "string"]} for key in UNTIL},
+                "additionalProperties": False}  # fmt: skip
+    schema: Schema = {"type": _TYPES[kind]}
+    if kind in (float, int):
+        schema |= _bounds(checks["low"], checks["high"], checks["above"])
+    if checks["choices"]:
+        schema["enum"] = list(checks["choices"])
+    return schema
+
+
+def _with_laws(schema: Schema, laws: dict[str, Schema], needed: dict[str, list[str]], own: bool) -> Schema:
+    """A table with parameters of the law that it names; `own`: the law may be in a Python file, with any numbers."""
+    keys = dict(schema["properties"])
+    named: Schema = {"enum": list(laws)}
+    described = {"description": keys["law"]["description"]}
+    keys["law"] = described | ({"anyOf": [named, {"type": "string", "pattern": OWN_LAW}]} if own else named)
+    every = {name: {"type": "number"} for parameters in laws.values() for name in parameters}
+    branches = []
+    for law, parameters in laws.items():
+        then: Schema = {"properties": parameters, "propertyNames": {"enum": [*keys, *parameters]}}
+        if needed.get(law):
+            then["required"] = needed[law]
+        branches.append({"if": _law_is(law), "then": then})
+    return schema | {
+        "properties": every | keys,
+        "allOf": branches,
+        "additionalProperties": {"type": "number"} if own else False,
+    }
+
+
+def _law_is(law: str) -> Schema:
+    return {"properties": {"law": {"const": law}}, "required": ["law"]}
+
+
+def _zones_of(law: str, parameters: Schema) -> Schema:
+    """With a built-in law of friction zones have its parameters only: numbers, columns or rasters."""
+    own = [f.name for f in fields(TABLES["zones"]) if "kind" in f.metadata]
+    values = {
+        name: {"anyOf": [schema, {"type": "string"}], "description": schema["description"]}
+        for name, schema in parameters.items()
+    }
+    items = {"properties": values, "propertyNames": {"enum": [*own, *parameters]}}
+    return {
+        "if": {"properties": {"friction": _law_is(law)}, "required": ["friction"]},
+        "then": {"properties": {"zones": {"items": items}}},
+    }

@@ -1,0 +1,126 @@
+"""Materials of the 3D solver by name: parameters in a scene with units and ranges, and their laws."""
+
+from math import radians, tan
+
+from ..laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from ..laws.fluid import Fluid
+from ..laws.friction import LAWS as FRICTION_LAWS
+from ..laws.friction import Parameter
+from ..laws.material import CohesiveMuI, DruckerPrager, Elastic, MuI, cohesive_mu_i, drucker_prager
+from ..laws.softening import NoSoftening, softening
+
+_BULK = Parameter("Pa", "bulk modulus K", 1.0, 1e12)
+_SHEAR = Parameter("Pa", "shear modulus G, at most 1.5 K", 1.0, 1e12)
+_CONE = {
+    "bulk_modulus": _BULK,
+    "shear_modulus": _SHEAR,
+    "friction_angle": Parameter("degrees", "internal friction angle phi", 0.0, 80.0),
+    "cohesion": Parameter("Pa", "cohesion c", 0.0, 1e9, 0.0),
+}
+_GRAINS = {
+    "inertial_number": Parameter("1", "I0, where friction is halfway between the two", 1e-6, 100.0, 0.279),
+    "grain_diameter": Parameter("m", "diameter of a grain", 1e-6, 100.0),
+    "grain_density": Parameter("kg m-3", "density of a grain", 1.0, 30000.0),
+}
+
+# name in a scene -> (law, {parameter: Parameter})
+MATERIALS = {
+    "DruckerPrager": (DruckerPrager, _CONE),
+    "MuI": (
+        MuI,
+        {
+            "bulk_modulus": _BULK,
+            "shear_modulus": _SHEAR,
+            "mu1": Parameter("1", "internal friction coefficient at rest", 0.0, 10.0),
+            "mu2": Parameter("1", "internal friction coefficient of fast flow, above mu1", 0.0, 10.0),
+            **_GRAINS,
+        },
+    ),
+    "CohesiveMuI": (
+        CohesiveMuI,
+        {
+            **_CONE,
+            "rate_friction": Parameter("1", "mu2 - mu1, added to internal friction in fast flow", 0.0, 10.0),
+            **_GRAINS,
+        },
+    ),
+    "Fluid": (
+        Fluid,
+        {
+            "bulk_modulus": _BULK,
+            "viscosity": Parameter("Pa s", "dynamic viscosity", 0.0, 1e9, 0.0),
+        },
+    ),
+    "Elastic": (Elastic, {"bulk_modulus": _BULK, "shear_modulus": _SHEAR}),
+}
+CONES = ("DruckerPrager", "CohesiveMuI")  # laws with friction angle, cohesion and softening
+# keys of [material] that are not parameters -> (laws that have it, default)
+OPTIONS = {
+    "match": (CONES, "triaxial"),
+    "tension_limit": (CONES, None),
+    "volume_correction": ((*CONES, "MuI"), True),
+    "pressure": (("Fluid",), "linear"),
+}
+# contact laws of the 3D solver: name -> (law, {parameter: Parameter})
+CONTACTS = {
+    "Coulomb": (CoulombContact, FRICTION_LAWS["Coulomb"][1]),
+    "Voellmy": (VoellmyContact, FRICTION_LAWS["Voellmy"][1]),
+    "Sticking": (StickingContact, {}),
+}
+
+
+def contradiction(name, parameters):
+    """Message for parameters of material `name` that are valid separately but not together; '' for none."""
+    bulk, shear = parameters["bulk_modulus"], parameters.get("shear_modulus", 0.0)
+    if shear > 1.5 * bulk:
+        return (
+            f"shear_modulus = {shear:g} is above 1.5 bulk_modulus = {1.5 * bulk:g} Pa, a negative Poisson's ratio; "
+            "correct one of them"
+        )
+    if name == "MuI" and parameters["mu2"] <= parameters["mu1"]:
+        return f"mu2 = {parameters['mu2']:g} is not above mu1 = {parameters['mu1']:g}; friction grows with the rate"
+    return ""
+
+
+def made_material(table):
+    """The law of a MaterialTable."""
+    values = table.parameters
+    chosen = {key: default if getattr(table, key) is None else getattr(table, key)
+              for key, (laws, default) in OPTIONS.items() if table.law in laws}  # fmt: skip
+    if table.law == "DruckerPrager":
+        return drucker_prager(**values, **chosen)
+    if table.law == "CohesiveMuI":
+        return cohesive_mu_i(**values, **chosen)
+    if table.law == "MuI":
+        return MuI(**values, volume_correction=1.0 if chosen["volume_correction"] else 0.0)
+    if table.law == "Fluid":
+        return Fluid(values["bulk_modulus"], values["viscosity"], 1.0 if chosen["pressure"] == "tait" else 0.0)
+    return Elastic(**values)
+
+
+def made_softening(table, material):
+    """The law of a SofteningTable for the cone of a MaterialTable; the null law without loss of strength."""
+    initial = material.parameters["friction_angle"], material.parameters["cohesion"]
+    residual = table.residual_friction_angle, table.residual_cohesion
+    if initial == residual:
+        return NoSoftening()
+    return softening(initial, residual, table.coefficient, table.form, material.match or "triaxial", table.peak_strain)
+
+
+def stiffened(material, bulk_modulus):
+    """`material` with this bulk modulus [Pa], and its shear modulus, if it has one, in the same ratio to it."""
+    changed = {"bulk_modulus": bulk_modulus}
+    if hasattr(material, "shear_modulus"):
+        changed["shear_modulus"] = material.shear_modulus * bulk_modulus / material.bulk_modulus
+    return material._replace(**changed)
+
+
+def least_internal_friction(table, softening_table):
+    """tan of the smallest friction angle of a material [1], None for one that does not yield."""
+    values = table.parameters
+    if table.law in CONES:
+        angles = [values["friction_angle"]]
+        if softening_table is not None and softening_table.use != "off":
+            angles.append(softening_table.residual_friction_angle)
+        return tan(radians(min(angles)))
+    return {"MuI": values.get("mu1"), "Fluid": 0.0}.get(table.law)

@@ -1,0 +1,223 @@
+"""Effects of the 3D solver, as decisions: material, stiffness, softening, contact with the bed."""
+
+from math import atan, cos, radians, sqrt, tan
+
+from ..laws.barrier import Barrier
+from ..laws.quantities import GRAVITY
+from ..laws.softening import NoSoftening
+from .decisions import Decision, as_asked, by_number, not_called_for
+from .material_table import CONES, least_internal_friction, made_material, made_softening, stiffened
+from .terrain_effects import use_of_several
+
+MACH_THRESHOLD = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
+FEWEST_CELLS = 3.0  # over the depth of a flow, and over the height of a wall, for a resolved 3D flow
+JUDGED_ALIKE = 1.5  # times by which the largest speed may differ from the expected one before it is reported
+SCALED_MACH = 0.1  # of a scaled stiffness: densities within 1 %
+COHESION_THRESHOLD = 0.02  # of the load of the release
+# Columns as high as long on 8 and 16 cells: 99 % of the mass within 0.95 and 1.22 lengths, measured 1.2; on mu(I) 1.01
+# and 1.14 (tests/scenes/granular_column)
+COLLAPSE = (
+    "runout of a free collapse depends on the cell size, by 30 % from 8 to 16 cells over the height (MuI with "
+    "volume_correction = false: by 13 %)"
+)
+MU_I_THRESHOLD = 0.1  # I / I0, below which flow is so slow that friction is mu1
+VISCOUS_REYNOLDS = 1e4  # above which viscosity has no effect
+
+
+def mu_least_of_points(scene):
+    """Smallest friction of a 3D flow [1]: on its bed or, if it yields, in its interior."""
+    inside = least_internal_friction(scene.material, scene.softening)
+    table = scene.friction
+    if table is None or table.use == "off":
+        return 0.0
+    found = [] if table.law == "Sticking" else [scene.dry_friction()]
+    return min(found + ([] if inside is None else [inside]), default=0.0)
+
+
+def decide_material(scene, facts, slots):
+    """The law of the material; without it there is no 3D run."""
+    table = scene.material
+    slots["material"] = made_material(table)
+    values = ", ".join(f"{name} = {value:g}" for name, value in table.parameters.items())
+    return as_asked("material", "auto", f"{table.law}: {values}")
+
+
+def decide_stiffness(scene, facts, slots):
+    """Moduli as given, or limited to those for a Mach number near 0.1."""
+    material, speed = slots["material"], largest_speed(facts)
+    waves = material.wave_speed(facts.density)
+    mach, enough = speed / waves, facts.density * (speed / SCALED_MACH) ** 2
+    scaled = scene.numerics.stiffness == "scaled"
+    if scaled and 0.0 < enough < material.bulk_modulus:
+        slots["material"] = stiffened(material, enough)
+        moduli = f"bulk modulus {enough:.3g} in place of {material.bulk_modulus:.3g} Pa"
+        return Decision("stiffness", "on", "scene", mach, None, f"{moduli}; the number is Mach, U / c_p, as given")
+    word = "as given"
+    if mach > MACH_THRESHOLD:
+        word = f"the flow is compressed; a bulk modulus of {enough:.2g} Pa would limit this to 1 %"
+    elif mach < 0.5 * SCALED_MACH and not scaled:
+        word = f"[numerics] stiffness = 'scaled' would take steps {SCALED_MACH / mach:.1f} times as long"
+    reason = f"Mach, U / c_p = {speed:.0f} m/s of the energy line over {waves:.0f} m/s of waves: {word}"
+    return Decision("stiffness", "off", "auto", mach, None, reason)
+
+
+def largest_speed(facts):
+    """U [m s-1]: speed of the energy line with the head 2 h0 of a front driven by the thickness of the release.
+
+    At rest on level ground it is the front speed of a dam break, 2 sqrt(g h0) (Ritter, 1892).
+    """
+    return sqrt(facts.speed**2 + 4.0 * GRAVITY * max(facts.release_thickness, 0.0))
+
+
+def stiffness_in_hindsight(facts, density, fastest, mach):
+    """Line that compares the speed assumed for the stiffness with that of the run; '' if they are similar.
+
+    `fastest` [m s-1] is the largest speed of the run, `mach` its share of the speed of pressure waves.
+    """
+    expected = largest_speed(facts)
+    if fastest <= 0.0 or expected / JUDGED_ALIKE < fastest < expected * JUDGED_ALIKE:
+        return ""
+    return (
+        f"the stiffness was chosen for {expected:.0f} m/s before the run; the flow had at most {fastest:.3g} m/s, Mach "
+        f"{mach:.2f}: a bulk modulus of {density * (fastest / SCALED_MACH) ** 2:.2g} Pa limits density changes to 1 %"
+    )
+
+
+def decide_elasticity(scene, facts, slots):
+    """Compression of the flow by its weight."""
+    squeezed = facts.density * GRAVITY * facts.release_thickness / slots["material"].bulk_modulus
+    return Decision("elasticity", "on", "scene", squeezed, None, "compression by its weight, rho g h0 / K")
+
+
+def decide_plasticity(scene, facts, slots):
+    """Plastic yielding of solids."""
+    table, values = scene.material, scene.material.parameters
+    if table.law not in (*CONES, "MuI"):
+        return not_called_for("plasticity", f"{table.law} does not yield")
+    inside = tan(radians(values["friction_angle"])) if table.law in CONES else values["mu1"]
+    reason = "mu1 over the slope" if table.law == "MuI" else "internal friction, tan(phi), over the slope"
+    if table.law == "DruckerPrager":
+        reason = f"internal friction, tan(phi), over the slope; {COLLAPSE}"
+    return as_asked("plasticity", "auto", reason, inside / max(facts.slope_median, 1e-6))
+
+
+def decide_point_cohesion(scene, facts, slots):
+    """Cohesion of the material relative to the load of the release; it has no cost and is always on."""
+    cohesion = scene.material.parameters.get("cohesion", 0.0)
+    if cohesion <= 0.0:
+        return not_called_for("cohesion", "no cohesion in [material]")
+    ratio = cohesion / (facts.density * GRAVITY * max(facts.release_thickness, 1e-6))
+    felt = "" if ratio > COHESION_THRESHOLD else "; too little to be felt"
+    return as_asked("cohesion", "auto", f"cohesion over rho g h0{felt}", ratio)
+
+
+def decide_softening(scene, facts, slots):
+    """Strength lost for good, if there is any to lose."""
+    table, material = scene.softening, scene.material
+    if table is None:
+        return not_called_for("softening", "no [softening] in the scene")
+    law = made_softening(table, material)
+    lost = _lost(material.parameters, table)
+    reason = f"share of tan(phi) or of cohesion that shearing takes away ({table.form}, xi_s {table.coefficient:g})"
+    decision = by_number("softening", table.use, lost, 0.0, reason)
+    if decision.state == "on" and isinstance(law, NoSoftening):
+        return decision._replace(state="off", reason="no loss: the residual strength is that of the material")
+    if decision.state == "on":
+        slots["softening"] = law
+    return decision
+
+
+def _lost(values, table):
+    """The larger share [1] of tan(phi) and cohesion that softening takes away."""
+    pairs = (
+        (tan(radians(values["friction_angle"])), tan(radians(table.residual_friction_angle))),
+        (values["cohesion"], table.residual_cohesion),
+    )
+    return max((1.0 - residual / initial for initial, residual in pairs if initial > 0.0), default=0.0)
+
+
+def decide_mu_i(scene, facts, slots):
+    """Whether the flow is fast enough for friction to grow with its rate."""
+    table = scene.material
+    if "grain_diameter" not in table.parameters or table.parameters.get("rate_friction") == 0.0:
+        return not_called_for("mu_i", "the material's friction does not depend on its rate")
+    values, cosine = table.parameters, cos(atan(facts.slope_median))
+    depth = max(facts.release_thickness * cosine, 1e-6)
+    number = 2.5 * largest_speed(facts) * values["grain_diameter"] / (depth * sqrt(GRAVITY * depth * cosine))
+    slower = "DruckerPrager with tan(phi) = mu1" if table.law == "MuI" else "DruckerPrager"
+    felt = "" if number > MU_I_THRESHOLD * values["inertial_number"] else f"; {slower} would do"
+    reason = f"I / I0 of a flow at the energy line's speed{felt}"
+    return as_asked("mu_i", "auto", reason, number / values["inertial_number"])
+
+
+def decide_fluid_viscosity(scene, facts, slots):
+    """Viscosity of a fluid, against its inertia."""
+    viscosity = slots["material"].viscosity()
+    if viscosity <= 0.0:
+        return not_called_for("fluid_viscosity", "the material has none")
+    reynolds = facts.density * largest_speed(facts) * facts.release_thickness / viscosity
+    felt = "" if reynolds < VISCOUS_REYNOLDS else "; hardly felt, viscosity = 0 would do"
+    reason = f"1 / Reynolds number at the energy line's speed{felt}"
+    return as_asked("fluid_viscosity", "auto", reason, 1.0 / max(reynolds, 1e-300))
+
+
+def decide_volume_correction(scene, facts, slots):
+    """Whether material that was pulled apart remembers it."""
+    table = scene.material
+    if table.law not in (*CONES, "MuI"):
+        return not_called_for("vol_correction", "the material remembers no gaps")
+    use = "off" if table.volume_correction is False else "auto"
+    return as_asked("vol_correction", use, "material that was pulled apart bears load only after compression")
+
+
+def decide_contact(scene, facts, slots):
+    """Friction on the bed."""
+    table = scene.friction
+    if table is None:
+        return not_called_for("friction", "no [friction] in the scene: the flow slides freely on its bed")
+    values = ", ".join(f"{name} = {value:g}" for name, value in table.parameters.items())
+    ratio = scene.dry_friction() / max(facts.slope_median, 1e-6) if table.parameters else None
+    decision = as_asked("friction", table.use, f"{table.law}: {values}" if values else table.law, ratio)
+    if decision.state == "on":
+        slots["contact"] = scene.laws[table.law][0](**table.parameters)
+    return decision
+
+
+def decide_depth_cells(scene, facts, slots):
+    """Whether the cells resolve the depth of the release; a stage that begins later reports that of the flow."""
+    size = scene.numerics.cell_size
+    reason = f"cells of {size:g} m over the release's mean thickness of {facts.release_thickness:.3g} m"
+    return _resolved("cells_over_depth", facts.release_thickness / size, reason)
+
+
+def decide_wall_cells(scene, facts, slots):
+    """Whether the cells resolve the height of the lowest barrier in reach."""
+    height, size = facts.barrier_height, scene.numerics.cell_size
+    if height is None or "barrier" not in slots:
+        return not_called_for("cells_over_wall", "no barrier in reach")
+    reason = f"cells of {size:g} m over the lowest crest in reach, {height:.3g} m above the ground"
+    return _resolved("cells_over_wall", height / size, reason)
+
+
+def _resolved(name, cells, reason):
+    """A Decision that is on where there are enough `cells`."""
+    few = "" if cells > FEWEST_CELLS else "; too few for a 3D run: take a smaller cell_size, or solver = 'columns'"
+    return by_number(name, "auto", cells, FEWEST_CELLS, reason + few)
+
+
+def decide_point_barrier(scene, facts, slots):
+    """Rigid barriers, if the flow can get to one of them."""
+    if not scene.barrier:
+        return not_called_for("barrier", "no [[barrier]] in the scene")
+    use, height = use_of_several(scene.barrier), facts.barrier_height_ratio
+    if facts.barrier_distance is None:
+        return as_asked("barrier", "off", "")
+    touched = facts.barrier_distance <= 0.0
+    on = use == "on" or (use == "auto" and touched)
+    if on:
+        slots["barrier"] = Barrier()
+    reason = (
+        f"in reach; the lowest crest is {height or 0.0:.2g} times flow depth and energy head there"
+        if touched else f"the energy line ends {facts.barrier_distance:.0f} m before the nearest"
+    )  # fmt: skip
+    return Decision("barrier", "on" if on else "off", "auto" if use == "auto" else "forced", height, None, reason)

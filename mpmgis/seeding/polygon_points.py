@@ -1,0 +1,110 @@
+"""Points inside a polygon: its edges by rows of cells, and a point of the polygon in each square."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiled.jit import jit, jit_inline
+from .random_numbers import uniform
+
+
+class Edges(NamedTuple):
+    """Edges of a polygon: `ends` float64[n, 4] (u0, v0, u1, v1), and by rows of cells `start`, `index`: the edges that
+    touch row r are ``index[start[r]:start[r + 1]]``."""
+
+    ends: np.ndarray
+    start: np.ndarray
+    index: np.ndarray
+
+
+@jit
+def edges_by_row(edges, rows):
+    """(starts int64[rows + 1], index int64[m]): the edges in each row of cells."""
+    starts = np.zeros(rows + 1, np.int64)
+    for e in range(edges.shape[0]):
+        low, high = min(edges[e, 1], edges[e, 3]), max(edges[e, 1], edges[e, 3])
+        for row in range(math.floor(low), min(math.floor(high), rows - 1) + 1):
+            starts[row + 1] += 1
+    for row in range(rows):
+        starts[row + 1] += starts[row]
+    index, at = np.empty(starts[rows], np.int64), starts[:-1].copy()
+    for e in range(edges.shape[0]):
+        low, high = min(edges[e, 1], edges[e, 3]), max(edges[e, 1], edges[e, 3])
+        for row in range(math.floor(low), min(math.floor(high), rows - 1) + 1):
+            index[at[row]] = e
+            at[row] += 1
+    return starts, index
+
+
+@jit_inline
+def is_inside(u, v, edges, starts, index):
+    """Even-odd rule with half-open edges: a point on a vertex has one owner."""
+    row = math.floor(v)
+    if row < 0 or row >= starts.size - 1:
+        return False
+    odd = False
+    for i in range(starts[row], starts[row + 1]):
+        e = index[i]
+        u0, v0, u1, v1 = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
+        if (v0 > v) != (v1 > v) and u < u0 + (u1 - u0) * ((v - v0) / (v1 - v0)):
+            odd = not odd
+    return odd
+
+
+@jit
+def inside(points, edges, starts, index):
+    """bool[n]: whether the points float64[n, 2] are inside the polygon of `edges`."""
+    result = np.empty(points.shape[0], np.bool_)
+    for n in range(points.shape[0]):
+        result[n] = is_inside(points[n, 0], points[n, 1], edges, starts, index)
+    return result
+
+
+@jit
+def points_in_squares(corners, sizes, edges, starts, index):
+    """float64[n, 2]: a point of the polygon in each square, the middle of the longest stretch on seven lines across it.
+
+    `corners` float64[n, 2] are the squares' lower corners, `sizes` float64[n, 2] their sides; NaN where none is found.
+    """
+    points = np.full((corners.shape[0], 2), np.nan)
+    for n in range(corners.shape[0]):
+        low, high, longest = corners[n, 0], corners[n, 0] + sizes[n, 0], 0.0
+        row = math.floor(corners[n, 1] + 0.5 * sizes[n, 1])
+        if row < 0 or row >= starts.size - 1:
+            continue
+        crossings = np.empty(starts[row + 1] - starts[row])
+        for line in range(1, 8):
+            v = corners[n, 1] + 0.125 * line * sizes[n, 1]
+            m = 0
+            for i in range(starts[row], starts[row + 1]):
+                e = index[i]
+                if (edges[e, 1] > v) != (edges[e, 3] > v):
+                    along = (v - edges[e, 1]) / (edges[e, 3] - edges[e, 1])
+                    crossings[m] = edges[e, 0] + (edges[e, 2] - edges[e, 0]) * along
+                    m += 1
+            crossings[:m].sort()
+            for k in range(0, m - 1, 2):
+                u0, u1 = max(crossings[k], low), min(crossings[k + 1], high)
+                if u1 - u0 > longest:
+                    longest = u1 - u0
+                    points[n, 0], points[n, 1] = 0.5 * (u0 + u1), v
+    return points
+
+
+@jit
+def scatter_in_pieces(points, width, height, keys, seed, edges, starts, index):
+    """Move each boundary point to a random place of its sub-square inside the polygon; it stays if 32 trials fail.
+
+    `points` float64[n, 2] is changed in place; the squares of `width` x `height` [cells] hold them; `keys` int64[n, 3]
+    are (cell column, cell row, number) for the random numbers.
+    """
+    for n in range(points.shape[0]):
+        u0, v0 = math.floor(points[n, 0] / width[n]) * width[n], math.floor(points[n, 1] / height[n]) * height[n]
+        for attempt in range(32):
+            counter = (keys[n, 2] + 1) * 1024 + attempt * 2
+            u = u0 + width[n] * uniform(seed, keys[n, 0], keys[n, 1], counter)
+            v = v0 + height[n] * uniform(seed, keys[n, 0], keys[n, 1], counter + 1)
+            if is_inside(u, v, edges, starts, index):
+                points[n, 0], points[n, 1] = u, v
+                break

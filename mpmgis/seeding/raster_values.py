@@ -1,0 +1,54 @@
+"""Bilinear values of rasters at fractional rows and columns."""
+
+import math
+
+import numpy as np
+
+from ..compiled.jit import jit_inline, jit_parallel, prange
+
+
+@jit_inline
+def linear_at(values, row, column):
+    """Bilinear value at fractional (row, column), whole numbers being centres; extended linearly beyond the last."""
+    rows, columns = values.shape
+    i = min(max(math.floor(row), 0), rows - 2)
+    j = min(max(math.floor(column), 0), columns - 2)
+    fi, fj = row - i, column - j
+    top = values[i, j] * (1 - fj) + values[i, j + 1] * fj
+    bottom = values[i + 1, j] * (1 - fj) + values[i + 1, j + 1] * fj
+    return top * (1 - fi) + bottom * fi
+
+
+@jit_inline
+def valid_at(values, row, column):
+    """Bilinear value of the valid (not NaN) neighbours, weights renormalised; 0 where none is valid."""
+    rows, columns = values.shape
+    row = min(max(row, 0.0), rows - 1.0)
+    column = min(max(column, 0.0), columns - 1.0)
+    i, j = min(int(row), max(rows - 2, 0)), min(int(column), max(columns - 2, 0))
+    i1, j1 = min(i + 1, rows - 1), min(j + 1, columns - 1)
+    fi, fj = row - i, column - j
+    top = values[i, j] * (1 - fj) + values[i, j1] * fj
+    bottom = values[i1, j] * (1 - fj) + values[i1, j1] * fj
+    mean = top * (1 - fi) + bottom * fi
+    if mean == mean:
+        return mean
+    total, weight = 0.0, 0.0
+    for r, wr in ((i, 1 - fi), (i1, fi)):
+        for c, wc in ((j, 1 - fj), (j1, fj)):
+            value = values[r, c]
+            if value == value:
+                total += wr * wc * value
+                weight += wr * wc
+    if weight <= 0.0:
+        return 0.0
+    return total / weight
+
+
+@jit_parallel
+def valid_values(values, row, column):
+    """float64[n]: `valid_at` at each fractional (row, column)."""
+    result = np.empty(row.size)
+    for n in prange(row.size):
+        result[n] = valid_at(values, row[n], column[n])
+    return result

@@ -1,0 +1,185 @@
+"""Release areas from a vector file or a raster, with their thickness."""
+
+import difflib
+import math
+from pathlib import Path
+
+from ..system.errors import InputError
+from ..system.messages import log, muted
+from ..terrain.raster_input import file_sha256
+from ..terrain.release_parts import NORMAL, VERTICAL, ReleaseArea, ReleasePart, require_on_terrain, without_overlaps
+from ..terrain.spatial_inputs import RASTER_SUFFIXES, is_raster, repaired, to_terrain
+from ..terrain.vector_table import LAYER, names_of, read_table, require_polygons
+from .release_rasters import area_of_raster, surface_thickness, thickness_raster, within_thickness
+
+USUAL_COLUMNS = ("thickness", "d0", "relth")
+
+
+def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=None):
+    """The release areas at `path`, in the terrain's CRS, with their thickness.
+
+    Parameters
+    ----------
+    path : str or Path
+        Vector file (polygons; ``file.gpkg|layername=name`` selects a layer) or raster (mask, or thickness per cell).
+    terrain : Terrain or TerrainFile
+    thickness : float, str or Path, optional
+        A number [m], the name of a column, or the path of a raster. Default: the first of the columns thickness, d0,
+        relth, or the values of a release raster.
+    thickness_mode : {"normal", "vertical"}
+    surface : str or Path, optional
+        Raster of the material's surface [m]: vertical thickness is surface minus bed, clipped at 0.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    from .release_bed import bed_under  # imports the kernels of seeding; not needed for outlines
+
+    if surface is not None and thickness is not None:
+        raise InputError("--thickness and --surface exclude each other; give only one")
+    wanted = _Thickness.parse(thickness, surface)
+    if is_raster(path):
+        features, own = area_of_raster(path, terrain, wanted)
+    else:
+        features, own = _vector_features(path, terrain, wanted), None
+    record = {}
+    for part in features:
+        require_on_terrain(part, terrain.grid)
+    bed_under(features, terrain)
+    if wanted.raster is not None:
+        own = (
+            surface_thickness(wanted.raster, terrain, features, record)
+            if surface is not None
+            else (thickness_raster(wanted.raster, terrain))
+        )
+    if own is not None:
+        features = [within_thickness(part, own) for part in features]
+    plain = Path(str(path).split(LAYER)[0])
+    return ReleaseArea(
+        without_overlaps(features),
+        VERTICAL if surface is not None else thickness_mode,
+        name=plain.stem,
+        path=str(plain),
+        sha256=file_sha256(plain),
+        record=record,
+    )
+
+
+@muted()
+def read_outlines(path, terrain):
+    """Polygons of the release areas at `path` in the terrain's CRS, without overlaps; as in `read_release`.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    wanted = _Thickness(number=1.0)
+    if is_raster(path):
+        features, _ = area_of_raster(path, terrain, wanted)
+    else:
+        features = _vector_features(path, terrain, wanted)
+    for part in features:
+        require_on_terrain(part, terrain.grid)
+    return [part.polygon for part in without_overlaps(features)]
+
+
+def parts_of(path, terrain, thickness=None, surface=None):
+    """ReleasePart per polygon of a vector file, overlaps included; thickness NaN where a raster gives it.
+
+    Parameters as in `read_release`.
+    """
+    if is_raster(path):
+        raise InputError(f"{path} is a raster, expected polygons; convert it in QGIS: Polygonize")
+    return _vector_features(path, terrain, _Thickness.parse(thickness, surface))
+
+
+class _Thickness:
+    """The thickness by --thickness or --surface: a number, the name of a column, or a raster."""
+
+    def __init__(self, number=None, column=None, raster=None):
+        self.number, self.column, self.raster = number, column, raster
+
+    @classmethod
+    def parse(cls, thickness, surface):
+        if surface is not None:
+            return cls(raster=Path(surface))
+        if thickness is None:
+            return cls()
+        try:
+            return cls(number=require_thickness(float(thickness), "--thickness"))
+        except (TypeError, ValueError):
+            pass
+        text = str(thickness)
+        if Path(text).exists() or Path(text).suffix.lower() in RASTER_SUFFIXES or "/" in text:
+            return cls(raster=Path(text))
+        return cls(column=text)
+
+
+def require_thickness(value, where):
+    """`value` [m] if it is a finite number above 0; `where` is for the error message."""
+    if not math.isfinite(value) or value <= 0:
+        raise InputError(f"{where}: thickness is {value:g}, expected a number of metres above 0")
+    return value
+
+
+def _vector_features(path, terrain, wanted):
+    """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster gives it later."""
+    table = read_table(path)
+    table = require_polygons(table, path)
+    names = names_of(table, path)
+    heights = _feature_thickness(table, names, path, wanted)
+    shapes = to_terrain(table.geometry, table.crs, terrain, path)
+    shapes = [repaired(shape, name, path) for shape, name in zip(shapes, names, strict=True)]
+    return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
+
+
+def _feature_thickness(table, names, path, wanted):
+    """Thickness [m] per feature: the number or the values of the column; NaN where a raster gives it later."""
+    if wanted.raster is not None:
+        return [math.nan] * len(names)
+    if wanted.number is not None:
+        if found := _usual_column(table):
+            log.info(f"{path}: a thickness of {wanted.number:g} m is used, column {found!r} is not")
+        return [wanted.number] * len(names)
+    column = _thickness_column(table, path, wanted.column)
+    values = table.columns[column]
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"{path}: column {column!r} contains {_kind(values)}, expected numbers (thickness in metres)")
+    values = values.astype(float).tolist()
+    return [require_thickness(v, f"{path}: '{name}', column {column!r}") for name, v in zip(names, values, strict=True)]
+
+
+def _usual_column(table):
+    """The first of USUAL_COLUMNS that the table has; None without one."""
+    lower = {c.lower(): c for c in reversed(list(table.columns))}
+    return next((lower[name] for name in USUAL_COLUMNS if name in lower), None)
+
+
+def _kind(values):
+    return "text" if any(isinstance(value, str) for value in values) else str(values.dtype)
+
+
+def _thickness_column(table, path, asked):
+    """The thickness column: `asked`, or the first of USUAL_COLUMNS with a message."""
+    columns = list(table.columns)
+    if asked is None:
+        found = _usual_column(table)
+        if found is None:
+            raise InputError(
+                f"{path} has none of the columns {', '.join(USUAL_COLUMNS)} ({_listing(columns)}); give --thickness, "
+                f"or thickness in the table of the scene, as a number of metres, a column or a raster"
+            )
+        log.info(f"{path}: thickness is read from column {found!r}")
+        return found
+    if asked in columns:
+        return asked
+    near = difflib.get_close_matches(asked, columns, 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise InputError(
+        f"--thickness {asked!r} is neither a number, a raster nor a column of {path}; {hint}{_listing(columns)}"
+    )
+
+
+def _listing(columns):
+    return f"it has {', '.join(columns[:8])}" if columns else "it has no columns"

@@ -1,0 +1,129 @@
+"""`mpmgis seed`: columns from a DTM and release areas."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..frames.particle_files import require_format, write_columns
+from ..frames.particles import Particles
+from ..system import operating_system
+from ..system.errors import OutputError
+from ..system.messages import log
+from ..system.whole_files import refuse_existing
+from ..terrain.dtm import READ_WHOLE, TerrainFile, read_terrain
+from ..terrain.release_parts import NORMAL
+from ..terrain.spatial_inputs import with_crs_hint
+from .column_seeding import plan_seed
+from .release_areas import read_release
+from .seeding_options import Fixes, report_implausible
+
+_FIXES = Fixes("`density`", "`thickness`", "give a larger `per_cell` or `count`, a smaller `spacing`, or a finer DTM")
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """The file, the number of columns, and the record of the seeding."""
+
+    path: Path
+    count: int
+    record: dict
+
+
+def seed_file(
+    dem,
+    release,
+    output=None,
+    *,
+    crs=None,
+    dem_band=None,
+    fill_nodata=None,
+    to_crs=None,
+    thickness=None,
+    thickness_mode=NORMAL,
+    surface=None,
+    overwrite=False,
+    **options,
+):
+    """Seed `release` on `dem` and write the columns to `output`.
+
+    Parameters
+    ----------
+    dem, release : str or Path
+    output : str or Path, optional
+        Its suffix picks the format; default ``<release name>_particles.h5`` in the current folder.
+    crs, dem_band, fill_nodata, to_crs : as for `read_terrain`
+    thickness, thickness_mode, surface : as for `read_release`
+    overwrite : bool
+    **options
+        As in `SeedOptions`.
+
+    Returns
+    -------
+    Seeded
+    """
+    if output is not None:
+        require_format(output)
+        refuse_existing(output, overwrite)
+    terrain = with_crs_hint(release, lambda: _terrain(dem, crs, dem_band, fill_nodata, to_crs))
+    area = read_release(release, terrain, thickness, thickness_mode, surface)
+    path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
+    refuse_existing(path, overwrite)
+    _refuse_replacing(path, (dem, release, thickness, surface))
+    seed = _planned(terrain, area, options)
+    frame = replace(seed.empty_frame(), dem=operating_system.slashed(terrain.path, path.parent))
+    write_columns(path, frame, seed.count, seed.slabs())
+    return Seeded(path, seed.count, seed.record)
+
+
+def _terrain(dem, crs, band, fill_nodata, to_crs):
+    """The DTM, or for a very large one its file, of which only the part under the release is read.
+
+    To fill holes the whole DTM is read, because a part may not contain a whole hole.
+    """
+    file = TerrainFile(dem, crs, band, fill_nodata, to_crs)
+    if file.pixels <= READ_WHOLE or fill_nodata is not None:
+        return file.whole()
+    rows, columns = file.grid.shape
+    log.info(f"{dem} has {rows} x {columns} cells; only those around the release are read and checked")
+    return file
+
+
+def seed_frame(
+    dem,
+    release,
+    *,
+    crs=None,
+    dem_band=None,
+    fill_nodata=None,
+    to_crs=None,
+    thickness=None,
+    thickness_mode=NORMAL,
+    surface=None,
+    **options,
+):
+    """As `seed_file` in memory: (Frame of columns, Terrain, name of the release, record of the seeding)."""
+    terrain = with_crs_hint(
+        release, lambda: read_terrain(dem, crs=crs, band=dem_band, fill_nodata=fill_nodata, to_crs=to_crs)
+    )
+    area = read_release(release, terrain, thickness, thickness_mode, surface)
+    seed = _planned(terrain, area, options)
+    slabs = [particles.arrays() for particles in seed.slabs()]
+    particles = Particles(**{name: np.concatenate([slab[name] for slab in slabs]) for name in slabs[0]})
+    return replace(seed.empty_frame(), particles=particles), terrain, area.name, seed.record
+
+
+def _planned(terrain, area, options):
+    """The Seed of a release on a terrain; implausible values are logged."""
+    seed = plan_seed(terrain, area, **options)
+    mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
+    report_implausible(seed.count, seed.record["density"], mean_thickness, _FIXES)
+    return seed
+
+
+def _refuse_replacing(path, inputs):
+    """Refuse to replace an input, even with `overwrite`."""
+    for given in inputs:
+        named = Path(str(given).partition("|")[0])
+        if path.exists() and named.exists() and path.samefile(named):
+            raise OutputError(f"{path} is an input and would be replaced; give another `output`")

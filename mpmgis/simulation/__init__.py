@@ -1,0 +1,1 @@
+"""One scene: prepared, run by stages, stopped and restarted; prediction of time and memory."""

@@ -1,0 +1,291 @@
+"""Points in a window and columns around it, advanced together; columns that enter the window become points."""
+
+import json
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..frames.particle_store import Flow
+from ..frames.particles import Particles
+from ..frames.peaks import together
+from ..solvers.columns import column_clock
+from ..solvers.points import point_loop as point_kernel
+from ..system.errors import FormatError
+
+EXCHANGE_SECONDS = 0.1  # simulated time between two checks for columns that entered the window
+PREFIX = "outside_"  # of the columns' state in a frame
+SHOWN_ID = 1 << 60  # from here on ids are of columns that a frame shows as points
+MOST_SHOWN = 16  # bits of the number of such a point in its column
+RUNNING, REACHED_TIME, ALL_LEFT = point_kernel.RUNNING, point_kernel.REACHED_TIME, point_kernel.ALL_LEFT
+OF_COLUMNS = 1000  # added to the reasons of columns to stop, which differ from those of points
+_TIME = 1e-9  # [s], and in exchanges, by which a time may be missed for rounding
+
+
+class _Ids(NamedTuple):
+    id: np.ndarray
+
+
+class _Kept(NamedTuple):
+    """As much of a frame as a solver is restored from."""
+
+    time: float
+    state: dict
+    particles: _Ids
+
+
+class CoupledSolver:
+    """A PointSolver `points` with the ColumnSolver `columns` of the flow outside its window.
+
+    Both have the same time after each call. Columns do not interact with points until they enter the window, where they
+    are converted to points. Points remain points everywhere. A frame contains points only, so that it is read as one
+    flow; the state of the columns is in its `state`.
+
+    Parameters
+    ----------
+    points : PointSolver
+    columns : ColumnSolver
+    inside : callable
+        (x, y) [m] -> bool[n]: places at which columns become points.
+    as_points : callable
+        Frame of columns -> Frame of points, with the state that `columns_to_points.columns_to_points` gives.
+    stress_of : callable
+        That Frame of points -> float64[n, 6] [Pa], their stress.
+    """
+
+    def __init__(self, points, columns, inside, as_points, stress_of):
+        self.points_solver, self.columns_solver = points, columns
+        self.inside, self.as_points, self.stress_of = inside, as_points, stress_of
+        self.exchanged_mass, self.exchanged_columns, self.exchanged_energy = 0.0, 0, 0.0
+        self._next_id = len(points.frame().particles)
+
+    effects = property(lambda self: self.points_solver.effects)
+    numerics = property(lambda self: self.points_solver.numerics)
+    speed_max = property(lambda self: max(self.points_solver.speed_max, self._column_speed()))
+    mach = property(lambda self: self.points_solver.mach)
+    step = property(lambda self: self.points_solver.step)
+    time = property(lambda self: min(self.points_solver.time, self.columns_solver.time))
+    grid = property(lambda self: self.columns_solver.grid)
+
+    def _column_speed(self):
+        return self.columns_solver.speed_max if self.columns_solver.columns else 0.0
+
+    @property
+    def particles(self):
+        """Number of points and columns on the terrain now."""
+        return self.points_solver.points + self.columns_solver.columns
+
+    # ------------------------------------------------------------------------------------------------- between steps
+
+    def insert(self, frame, window, slab=True):
+        """As `ColumnSolver.insert`."""
+        self.columns_solver.insert(frame, window, slab)
+
+    def arm(self, number, nodes, thickness):
+        """As `ColumnSolver.arm`."""
+        self.columns_solver.arm(number, nodes, thickness)
+
+    def fired(self, number, nodes):
+        """As `ColumnSolver.fired`."""
+        return self.columns_solver.fired(number, nodes)
+
+    def wait(self, until):
+        """Set the time to `until` [s] on an empty terrain."""
+        self.points_solver.wait(until)
+        self.columns_solver.wait(until)
+
+    # -------------------------------------------------------------------------------------------------------- marching
+
+    def advance(self, until, after, max_steps):
+        """Advance both to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points.
+
+        Answers RUNNING, REACHED_TIME, ALL_LEFT, the points' trouble, or the columns' reason and OF_COLUMNS.
+        """
+        first = self.step
+        while self.time < until - _TIME:
+            if not self.particles:
+                return ALL_LEFT
+            exchange = _next_exchange(self.time)
+            target = exchange if exchange < until - _TIME else until
+            then = min(after if target == until else until, _next_exchange(target))
+            code = self._integrate_points(target, then, max_steps - (self.step - first))
+            if code == REACHED_TIME:
+                code = self._integrate_columns(target)
+            if code != REACHED_TIME:
+                return code
+            if abs(target - exchange) < _TIME:
+                self._exchange()
+            if self.step - first >= max_steps and target != until:
+                return RUNNING
+        return REACHED_TIME
+
+    def _integrate_points(self, target, then, max_steps):
+        solver = self.points_solver
+        if solver.time >= target - _TIME:
+            return REACHED_TIME
+        code = solver.advance(target, then, max(max_steps, 1)) if solver.points else ALL_LEFT
+        if code == ALL_LEFT:
+            solver.wait(target)
+            return REACHED_TIME
+        return code
+
+    def _integrate_columns(self, target):
+        solver = self.columns_solver
+        code = solver.advance(target, may_stop=False)
+        if code == column_clock.ALL_LEFT:
+            solver.wait(target)
+            return REACHED_TIME
+        return code if code == column_clock.REACHED_TIME else OF_COLUMNS + code
+
+    def _exchange(self):
+        """Convert columns that entered the window to points."""
+        taken = self.columns_solver.take_out(self.inside) if self.columns_solver.columns else None
+        if taken is None:
+            return
+        frame = self.as_points(taken)
+        stress, gradient = self.stress_of(frame), frame.state.get("affine")
+        ids = np.arange(self._next_id, self._next_id + len(frame.particles), dtype=np.uint64)
+        self._next_id += len(ids)
+        self.points_solver.insert(replace(frame, particles=replace(frame.particles, id=ids)), stress, gradient)
+        self.exchanged_mass += float(taken.particles.mass.sum())
+        self.exchanged_columns += len(taken.particles)
+        self.exchanged_energy += self._energy_of(taken) - self._energy_of(frame)
+
+    def _energy_of(self, frame):
+        """Kinetic and potential energy [J] of columns or points, from elevation 0."""
+        particles = frame.particles
+        middle = particles.position[:, 2] + frame.origin[2]
+        if particles.thickness is not None:
+            middle = middle + 0.5 * particles.thickness
+        speed2 = (particles.velocity**2).sum(axis=1)
+        return float((particles.mass * (0.5 * speed2 + self.numerics.gravity * middle)).sum())
+
+    # --------------------------------------------------------------------------------------------- frames and balances
+
+    def flow(self):
+        """The Flow now, of both."""
+        parts = [solver.flow() for solver, count in self._both() if count]
+        return Flow(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+    def _both(self):
+        return (self.points_solver, self.points_solver.points), (self.columns_solver, self.columns_solver.columns)
+
+    def frame(self):
+        """Points, and columns outside as points of the same mass and momentum, with the columns' state in addition."""
+        points, columns = self.points_solver.frame(), self.columns_solver.frame()
+        state = points.state | {f"{PREFIX}{name}": values for name, values in columns.state.items()}
+        state |= {f"{PREFIX}ids": columns.particles.id, f"{PREFIX}origin": np.asarray(columns.origin)}
+        state[f"{PREFIX}started"] = np.frombuffer(json.dumps(self.started()).encode(), np.uint8)
+        if not len(columns.particles):
+            return replace(points, maxima=self.maxima(), state=state)
+        shown = self.as_points(columns)
+        return replace(points, particles=_together(points, shown), maxima=self.maxima(), state=state)
+
+    def maxima(self):
+        """Running peaks of both, as a frame has them."""
+        return together(self.points_solver.maxima(), self.columns_solver.maxima())
+
+    def parts(self):
+        """(Frame of the points, Frame of the columns) now."""
+        return self.points_solver.frame(), self.columns_solver.frame()
+
+    def started(self):
+        """Initial sums of both solvers, and the mass and energy exchanged so far."""
+        return {
+            "points": self.points_solver.started(), "columns": self.columns_solver.started(), "next_id": self._next_id,
+            "exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns,
+            "exchanged_energy": self.exchanged_energy,
+        }  # fmt: skip
+
+    def start_from(self, started):
+        """As that of both solvers."""
+        self.points_solver.start_from(started["points"])
+        self.columns_solver.start_from(started["columns"])
+        self._next_id = started["next_id"]
+        self.exchanged_mass, self.exchanged_columns = started["exchanged_mass"], started["exchanged_columns"]
+        self.exchanged_energy = started["exchanged_energy"]
+
+    def restore(self, frame, known=False):
+        """Go on from a `frame` of this run that carries the state of both; checked unless it is `known`."""
+        own, state = _states(frame)
+        ids = frame.particles.id[: len(own["rows"])]
+        self.points_solver.restore(_Kept(frame.time, own, _Ids(ids)), known)
+        self.columns_solver.restore(_Kept(frame.time, state, _Ids(np.asarray(state["ids"]))), known)
+        self.start_from(json.loads(bytes(state["started"])))
+
+    def share_step(self, share):
+        """Use steps of `share` [1] of their normal length from now on."""
+        self.points_solver.share_step(share)
+        self.columns_solver.share_step(share)
+
+    def resting_for(self, share):
+        """For how long [s] the points have rested (see `PointSolver`); not at all while the columns do not."""
+        rests = self.points_solver.resting_for(share)
+        return rests if self.columns_solver.energy()[0] <= share * self.points_solver.kinetic_peak else 0.0
+
+    def balances(self):
+        """Balances of the points, with masses of both; `outside_columns` are those of the columns."""
+        points, columns = self.points_solver.balances(), self.columns_solver.balances()
+        both = {name: points[name] + columns[name] for name in ("mass_start", "mass_now", "mass_out")}
+        both["mass_released"] = points["mass_start"] + columns["mass_released"]
+        both["mass_entrained"] = columns["mass_entrained"]
+        places = points["left_places"] + columns["left_places"]
+        both["left_places"] = sorted(places, key=lambda place: -place["mass"])
+        found, come = both["mass_now"] + both["mass_out"], both["mass_released"] + both["mass_entrained"]
+        kept = ("mass_now", "mass_out", "outflow", "left_places", "barriers", "clips", "particle_steps")
+        energies = ("kinetic_energy", "kinetic_energy_peak", "potential_energy")
+        peaks = (f"{name}_max{what}" for name in ("thickness", "speed") for what in ("", "_at", "_time"))
+        kept = {*kept, *energies, *peaks}
+        outside = {name: value for name, value in columns.items() if name in kept or name.startswith("energy_")}
+        outside |= {"exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns}
+        outside["exchanged_energy_lost"] = self.exchanged_energy
+        return points | both | {"mass_error_relative": (found - come) / come, "outside_columns": outside}
+
+
+def parts_of(frame):
+    """(Frame of the points, Frame of the columns) that a coupled `frame` with its state shows.
+
+    Of the columns only state and ids are restored.
+
+    Raises
+    ------
+    FormatError
+    """
+    own, state = _states(frame)
+    particles, n = frame.particles, len(own["rows"])
+    points = replace(frame, particles=particles.take(slice(0, n)), state=own)
+    ids, origin = np.asarray(state["ids"]), tuple(np.asarray(state["origin"]).tolist())
+    first = np.zeros(len(ids), int)  # positions are in rows
+    columns = replace(particles.take(first), id=ids, thickness=np.ones(len(ids)), area=np.ones(len(ids)))
+    return points, replace(frame, particles=columns, dimension=2, origin=origin, state=state)
+
+
+def _states(frame):
+    """(state of the points, state of the columns with `ids`, `origin` and `started` in it) of a coupled `frame`."""
+    names = [name for name in frame.state if name.startswith(PREFIX)]
+    if f"{PREFIX}started" not in names or "rows" not in frame.state:
+        raise FormatError(
+            f"the frame at t = {frame.time:g} s has no state of the columns outside the window; start with --overwrite"
+        )
+    own = {name: values for name, values in frame.state.items() if name not in names}
+    return own, {name.removeprefix(PREFIX): frame.state[name] for name in names}
+
+
+def _next_exchange(time):
+    return (math.floor(time / EXCHANGE_SECONDS + _TIME) + 1) * EXCHANGE_SECONDS
+
+
+def _together(points, shown):
+    """Particles of the Frame `points`, and behind them those of `shown`, numbered by their columns."""
+    own, others = points.particles, shown.particles
+    row = np.arange(len(others))
+    begins = np.append(True, others.parent[1:] != others.parent[:-1])
+    number = row - np.maximum.accumulate(np.where(begins, row, 0))
+    ids = np.uint64(SHOWN_ID) + (others.parent << np.uint64(MOST_SHOWN)) + number.astype(np.uint64)
+    shift = np.subtract(shown.origin, points.origin)
+    return Particles(
+        np.concatenate([own.position, others.position + shift]), np.concatenate([own.velocity, others.velocity]),
+        np.concatenate([own.mass, others.mass]), np.concatenate([own.volume, others.volume]),
+        id=np.concatenate([own.id, ids]),
+    )  # fmt: skip

@@ -1,0 +1,164 @@
+"""Input files of a scene; reads its spatial features onto the solver's grid."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from ..solvers.features.feature_placement import (
+    ENTRY,
+    PlacedFiles,
+    erodible_mass,
+    forest_values,
+    lake_levels,
+    painted_zones,
+    standing_walls,
+    walls_of,
+)
+from ..solvers.features.features_by_place import KnownByPlace
+from ..system.errors import MpmgisError
+from ..terrain.raster_input import raster_files
+from ..terrain.spatial_inputs import is_raster, read_placed_raster, read_polygons, read_walls
+
+VIRTUAL = b"<VRTDataset"  # at the start of a virtual raster
+
+
+def input_files(given, scene, laws=None):
+    """Yield the path of every existing file that a run of `scene` reads.
+
+    Parameters
+    ----------
+    given : path or Mapping
+        Source of the scene.
+    scene : Scene
+    laws : path, optional
+        File with the user's own friction laws.
+    """
+    if not isinstance(given, Mapping):
+        yield Path(given)
+    if laws is not None:
+        yield Path(laws)
+    for name in scene.files():
+        yield from _with_companions(scene.path(name.partition("|")[0]))
+
+
+def _with_companions(path):
+    """`path` or the files in this folder, files with the same stem, and the sources of a virtual raster."""
+    if path.is_dir():
+        yield from (entry for entry in path.rglob("*") if entry.is_file())
+        return
+    if not path.exists():
+        return
+    yield path
+    stem = path.name.partition(".")[0]
+    yield from (entry for entry in path.parent.iterdir() if entry.name.startswith(f"{stem}.") and entry.is_file())
+    with suppress(MpmgisError, OSError), open(path, "rb") as file:
+        if VIRTUAL in file.read(1000):
+            yield from raster_files(path)
+
+
+def read_spatial_features(scene, terrain, grid, start, everything):
+    """Read all spatial features of `scene`; a KnownByPlace.
+
+    Parameters
+    ----------
+    scene : Scene
+    terrain : Terrain
+    grid : ColumnGrid
+        Of the solver.
+    start, everything : Frame
+        The columns at the start, and all that are ever released.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read or does not match terrain, release and scene.
+    """
+    walls, nodes = standing_walls(_barriers(scene, terrain), grid, everything)
+    return KnownByPlace(
+        grid, scene, _zones(scene, terrain, grid), _erodible(scene, terrain, grid, everything), walls, nodes,
+        _lakes(scene, terrain, grid, start), _forest(scene, terrain, grid),
+    )  # fmt: skip
+
+
+def trial_parameters(scene):
+    """Parameters for a trial of the scene's law: of [friction], else the first of zones, else the least value."""
+    law = scene.laws[scene.friction.law][1]
+    numbers = {}
+    for zone in scene.zones:
+        numbers = {name: v for name, v in zone.parameters.items() if not isinstance(v, str)} | numbers
+    return {name: scene.friction.parameters.get(name, numbers.get(name, allowed[2])) for name, allowed in law.items()}
+
+
+def _used(table):
+    return table is not None and table.use != "off"
+
+
+def _spatial_file(path, terrain):
+    """Polygons or the raster at `path`."""
+    if is_raster(path):
+        return PlacedFiles(raster=read_placed_raster(path, terrain))
+    return PlacedFiles(features=read_polygons(path, terrain))
+
+
+def _zones(scene, terrain, grid):
+    """Parameter -> values at the nodes; {} without zones."""
+    used = [(k, zone) for k, zone in enumerate(scene.zones, 1) if _used(zone)]
+    if not used or not _used(scene.friction):
+        return {}
+    read = ((number, zone, _zone_files(scene, zone, terrain)) for number, zone in used)
+    return painted_zones(scene, read, grid)
+
+
+def _forest(scene, terrain, grid):
+    """Values of the trees at the nodes; None without [[forest]]."""
+    used = [(k, table) for k, table in enumerate(scene.forest, 1) if _used(table)]
+    if not used:
+        return None
+    given = ((k, table, {key: getattr(table, key) for key in ENTRY}) for k, table in used)
+    return forest_values(
+        ((k, table, _files_by_place(scene, table.source, values, terrain)) for k, table, values in given), grid
+    )
+
+
+def _zone_files(scene, zone, terrain):
+    """Polygons or mask of a zone, and the rasters that its parameters name."""
+    return _files_by_place(scene, zone.source, zone.parameters, terrain)
+
+
+def _files_by_place(scene, source, parameters, terrain):
+    """Polygons or mask of `source`, and the rasters that `parameters` (name -> number, column or raster) name."""
+    values = {
+        name: read_placed_raster(scene.path(value), terrain) for name, value in parameters.items()
+        if isinstance(value, str) and (Path(value).suffix or scene.path(value).exists())
+    }  # fmt: skip
+    where = PlacedFiles() if source is None else _spatial_file(scene.path(source), terrain)
+    return PlacedFiles(where.features, where.raster, values)
+
+
+def scene_walls(scene, terrain):
+    """Tuple of Wall of the scene's barriers, with the names of its results."""
+    return walls_of(_barriers(scene, terrain))
+
+
+def _barriers(scene, terrain):
+    """(table, its files) of every barrier that is not off."""
+    for table in filter(_used, scene.barrier):
+        yield table, PlacedFiles(features=read_walls(scene.path(table.source), terrain, table.width))
+
+
+def _erodible(scene, terrain, grid, frame):
+    """Erodible mass at the nodes [kg m-2]; None without [entrainment]."""
+    table = scene.entrainment
+    if not _used(table):
+        return None
+    path = scene.path(table.source)
+    return erodible_mass(table, _spatial_file(path, terrain), path, grid, frame.header["density"])
+
+
+def _lakes(scene, terrain, grid, start):
+    """Still level in the cells [m]; None without [still_water]."""
+    table = scene.still_water
+    if not _used(table):
+        return None
+    features = None if table.source is None else read_polygons(scene.path(table.source), terrain)
+    return lake_levels(table, PlacedFiles(features), grid, start)

@@ -1,0 +1,412 @@
+"""`mpmgis run`: simulates a scene into a folder of frames; also the decisions about its effects with their cost."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..compiled.jit import set_threads
+from ..frames.peaks import largest_peaks
+from ..frames.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
+from ..scene import scene_text
+from ..scene.material_file import read_toml
+from ..scene.point_effects import MACH_THRESHOLD
+from ..scene.tables import CPU
+from ..solvers.columns.column_state import BARRIER_SUMS as COLUMN_BARRIER_SUMS
+from ..solvers.points.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
+from ..system import operating_system
+from ..system.errors import InputError, SceneError, UnphysicalError
+from ..system.messages import details, log
+from ..system.operating_system import available_memory
+from ..terrain.hydrograph_file import BarrierTable
+from .cost_prediction import OwnPace, at_most, need, predicted, prediction_line
+from .effect_cost import MEMORY_SHARE, effect_costs, under_way
+from .later_end import differences, earlier_run, go_on, goes_on
+from .preparation import prepare
+from .run_device import devices_record, require_devices
+from .run_summary import extremes, unusable_lines
+from .scene_files import input_files
+from .stage_sequence import Sequence
+from .warmup import warm_up
+
+ANEW, RESUMED, FINISHED = range(3)  # start of a run
+PARTICLES_PER_THREAD = 10_000
+BARRIER_SUMS = {"columns": COLUMN_BARRIER_SUMS, "points": POINT_BARRIER_SUMS}
+ASK_SECONDS = 3600.0
+TRIAL_FROM = 0.1 * ASK_SECONDS  # [s] on a typical machine; no machine is ten times slower
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """Result of a run: its folder, the reason of its end, its balances and its cost."""
+
+    folder: Path
+    reason: str
+    frames: int
+    steps: int
+    time: float
+    wall_seconds: float
+    particle_steps_per_second: float
+    balances: dict
+    predicted_seconds: float | None  # of the whole run; None without a prediction
+    solver: str = "columns"
+    mass: dict | None = None  # account of a run in several stages
+    result_digest: str | None = None
+    extremes: dict | None = None  # place and time of the largest thickness and speed
+    unusable: tuple = ()  # warnings about points that have lost their volume
+
+
+def use_threads(particles, number=None):
+    """Set the `number` of threads (default: one for every PARTICLES_PER_THREAD of `particles`); returns it.
+
+    More threads for few particles are slower, especially on a busy machine; the result does not depend on them.
+    """
+    return set_threads(number or max(1, min(set_threads(None), particles // PARTICLES_PER_THREAD)))
+
+
+def require_affordable(prepared, threads, confirm):
+    """Log the predicted cost of a run; ask `confirm(question)` over an hour or most of the memory.
+
+    A run that may need the question is predicted from a trial of its steps. Returns the Prediction.
+    """
+    ahead, available = predicted(prepared, threads, TRIAL_FROM), available_memory()
+    log.info(prediction_line(ahead))
+    if ahead.longest < ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
+        return ahead
+    question = f"this run is predicted to take {need(ahead)}{at_most(ahead)} ({available / 1e9:.1f} GB are free)"
+    if not confirm(question):
+        fewer = "or fewer particles_per_cell"
+        if "points" in prepared.scene.solvers:
+            fewer = "or [numerics] stiffness = 'scaled' for longer steps"
+        raise SceneError(f"{question}; give `yes` to run it, or use larger cells {fewer}")
+    return ahead
+
+
+def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=None, device=None,
+        confirm=lambda question: True, watch=lambda solver, end_time: None):  # fmt: skip
+    """Simulate a scene into the folder `output` (default `results/` beside the scene).
+
+    `scene` is the path of a scene.toml, or its tables as a mapping, with paths relative to the current folder.
+    `watch(solver, end_time)` is called a few times a second; `confirm(question)` decides on very large runs. With
+    `resume` the run continues after its last complete frame, with the same bits as without a stop; an empty or missing
+    folder starts at the beginning; a finished run is not changed, unless [output] end_time is larger than before: then
+    it continues to that time, with the same result as one run. `law` is the path of a Python file with the user's own
+    friction laws, which the scene can name; it is executed. `device` replaces [numerics] device; a run that began on
+    another device continues, and its record names both.
+
+    Returns
+    -------
+    RunSummary
+
+    Raises
+    ------
+    InputError, SceneError, OutputError
+        Before the first step; nothing is written.
+    UnphysicalError
+        The run stopped; all earlier frames are complete.
+    """
+    if not isinstance(scene, Mapping):
+        read_toml(scene)  # a missing scene is reported before an existing folder
+    output = output or Path("" if isinstance(scene, Mapping) else scene).parent / "results"
+    folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
+    if resume and not folder.record():
+        log.info(f"{output} contains no run to continue: this one starts from the beginning")
+    prepared = prepare(scene, law, device)
+    device = require_devices(prepared)
+    if prepared.scene.output.rasters:
+        _require_rasters(prepared)
+    folder.spare(input_files(scene, prepared.scene, law))
+    used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
+    ahead = require_affordable(prepared, used, confirm)
+    if not ahead.compiled:
+        warm_up(prepared)
+    sequence, pace = Sequence(prepared, _with_mach_warning(watch)), OwnPace(prepared, used, ahead)
+    if not ahead.compiled and not resume:
+        sequence.observe = pace.watching(sequence, sequence.observe)
+    _log_stages(prepared)
+    threads_word = "1 thread" if used == 1 else f"{used} threads"
+    to_come = prepared.particles - len(prepared.frame.particles)
+    particles = f"{len(prepared.frame.particles)} {prepared.scene.solver}" + (f", {to_come} to come" if to_come else "")
+    log.info(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
+    if device != CPU:
+        log.info(f"steps: {device}")
+    with folder.held():
+        start = _restored(folder, sequence) if resume else ANEW
+        _warn_of_missing_frames(folder, prepared.scene)
+        if start == FINISHED:
+            return _summary(folder, sequence, folder.record()["reason"], 0.0)
+        folder.open(anew=start == ANEW)
+        try:
+            return integrate_into(folder, sequence, start == RESUMED, pace, device)
+        except KeyboardInterrupt:
+            log.info(f"{folder.path} contains the results until now; `resume` continues after its last complete frame")
+            raise
+
+
+def _log_stages(prepared):
+    """Log each stage with its end condition, and the effects that are called for."""
+    for number, stage in enumerate(prepared.stages, 1):
+        if stage.table is not None:
+            log.info(f"stage {number}: {stage.words()}")
+        for decision in stage.decisions:
+            if decision.called_for:
+                log.info(decision.line())
+
+
+def _restored(folder, sequence):
+    """Set the sequence to the last complete frame; returns RESUMED, ANEW without a frame, or FINISHED."""
+    record, digest = folder.record(), sequence.prepared.digest
+    if not record:
+        return ANEW
+    if record.get("digest") != digest:
+        return _restored_earlier(folder, sequence, record)
+    frame = folder.last_frame(digest)
+    if frame is None:
+        return ANEW
+    sequence.restore(frame)
+    if record.get("state") == "finished":
+        log.info(f"{folder.path} is finished: {record.get('reason')}")
+        return FINISHED
+    log.info(f"continuing after frame {folder.frames - 1}, t = {frame.time:g} s")
+    return RESUMED
+
+
+def _warn_of_missing_frames(folder, scene):
+    """Warn of frames before the one that a run continues from; rasters replace those of a run that writes rasters."""
+    missing = [] if scene.output.rasters else folder.missing_frames()
+    if not missing:
+        return
+    first = f"frame {missing[0]} is missing" if len(missing) == 1 else f"{len(missing)} frames are missing"
+    which = "" if len(missing) == 1 else f", the first is frame {missing[0]}"
+    log.info(
+        f"{folder.path}: {first}{which}; maps and results of this run lack this time, `overwrite` computes it again"
+    )
+
+
+def _restored_earlier(folder, sequence, record):
+    """As `_restored`, for a folder with a run of this scene to an earlier end_time; other runs are refused."""
+    prepared = sequence.prepared
+    earlier = earlier_run(prepared, record)
+    if earlier is None:
+        raise InputError(
+            f"{folder.path} contains a run of another scene or of changed inputs: "
+            f"{differences(record, prepared.scene)}; only [output] end_time can be larger than before; give another "
+            "`output`, or `overwrite`"
+        )
+    before, now = earlier.scene.output.end_time, prepared.scene.output.end_time
+    if not goes_on(record):
+        last = folder.last_frame(earlier.digest)
+        if last is not None:
+            sequence.restore(last)
+        log.info(f"{folder.path} is finished: {record.get('reason')}; the later end_time = {now:g} s has no effect")
+        return FINISHED
+    frame = go_on(folder, sequence, earlier)
+    log.info(
+        f"end_time = {before:g} s is now {now:g} s: continuing after frame {folder.frames - 1}, t = {frame.time:g} s"
+    )
+    return RESUMED
+
+
+def _with_mach_warning(watch):
+    """`watch` with one warning when a 3D flow is so fast that its stiffness affects it."""
+    warned = []
+
+    def watching(now, end_time):
+        mach = getattr(now, "mach", 0.0)
+        if not warned and mach > MACH_THRESHOLD:
+            warned.append(True)
+            log.info(
+                f"t = {now.time:.1f} s: the flow moves at {mach:.2f} times the speed of pressure waves (more than "
+                f"{MACH_THRESHOLD:g}): it is compressed, and impacts are too soft; give a larger [material] "
+                "bulk_modulus"
+            )
+        watch(now, end_time)
+
+    return watching
+
+
+def _summary(folder, sequence, reason, wall, expected=None):
+    solver, steps = sequence.solver, sequence.particle_steps
+    mass = sequence.mass_account() if sequence.prepared.scene.stage else None
+    return RunSummary(
+        folder.path, reason, folder.frames, sequence.steps, solver.time, wall, steps / wall if wall else 0.0,
+        solver.balances(), expected, sequence.stage.scene.solver, mass, folder.result, extremes(sequence.balances()),
+        tuple(unusable_lines(_record_of_stages(sequence))),
+    )  # fmt: skip
+
+
+def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
+    """Integrate in time and write into a locked RunFolder; its record always shows the state of the run.
+
+    `pace` is an OwnPace, whose prediction is recorded, or None. `device` computes the steps, in words.
+    """
+    prepared, began = sequence.prepared, time.perf_counter()
+    devices = devices_record(folder.record().get("devices", ()) if resumed else (), sequence.solver.time, device)
+    if len(devices) > 1:
+        log.info("the run began on another device: its numbers agree with those of one device to rounding only")
+    barriers = _BarrierTables(folder, sequence, sequence.solver.time if resumed else None)
+
+    def record(state):
+        wall, solver = time.perf_counter() - began, sequence.solver
+        folder.write_record(
+            state=state, reason=sequence.reason, digest=prepared.digest, time=solver.time, steps=sequence.steps,
+            frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
+            predicted_seconds=None if pace is None else pace.seconds, scene=prepared.scene.as_tables(),
+            effects=[decision._asdict() for decision in sequence.stage_now(0).decisions],
+            terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
+            extremes=extremes(sequence.balances()), maxima=largest_peaks(sequence.maxima()),
+            events=prepared.events.record(), troubles=sequence.troubles, taken_in=sequence.taken_in,
+            devices=devices, terrain=_record_of_terrain(prepared.terrain), nodata=_record_of_nodata(prepared),
+            unusable=unusable_lines(_record_of_stages(sequence)),
+            **_record_of_stages(sequence),
+        )  # fmt: skip
+        return wall
+
+    record("running")  # the first file: a folder with a record can be resumed
+    folder.write_scene(scene_text(_with_paths_from(prepared.scene, folder.path), "resolved by mpmgis run"))
+    sha256 = folder.write_terrain(prepared.terrain)
+    writer = _frame_writer(folder, prepared, sha256, resumed)
+    number = sequence.number
+    try:
+        for frame in sequence:
+            folder.require()
+            barriers.add(frame)  # before its frame: a resumed run drops later rows
+            writer.add(replace(frame, dem=TERRAIN_FILE, dem_sha256=sha256))
+            if sequence.number != number:
+                number = sequence.number
+                record("running")
+        writer.finish()
+    except KeyboardInterrupt:
+        writer.finish()
+        record("interrupted")
+        raise
+    except UnphysicalError:
+        writer.finish()
+        record("unphysical")
+        raise
+    except InputError:  # at a switch
+        writer.finish()
+        record("refused")
+        raise
+    expected = None if resumed or pace is None else pace.seconds
+    return _summary(folder, sequence, sequence.reason, record("finished"), expected)
+
+
+def _require_rasters(prepared):
+    """Refuse, before the run, rasters of unknown bands or with too many cells."""
+    from ..maps.export.run_rasters import bands_of, raster_grid
+
+    output = prepared.scene.output
+    bands_of(output.raster_products)
+    raster_grid(prepared.terrain.grid, output.raster_cell_size)
+
+
+class _Frames:
+    """Writer of every frame."""
+
+    def __init__(self, folder):
+        self.add = folder.write_frame
+
+    def finish(self):
+        """Nothing is left to write."""
+
+
+def _frame_writer(folder, prepared, sha256, resumed):
+    """What writes the frames of a run into its `folder`: all of them, or their rasters."""
+    if not prepared.scene.output.rasters:
+        return _Frames(folder)
+    from ..maps.export.run_rasters import RasterWriter
+
+    terrain = replace(prepared.terrain, path=folder.place / TERRAIN_FILE, sha256=sha256)
+    return RasterWriter(folder, prepared, terrain, resumed)
+
+
+def _record_of_terrain(terrain):
+    """What a record holds of the DTM: its file, its digest, and how it was brought to metres."""
+    how = terrain.reprojection
+    return {"dem": terrain.path, "sha256": terrain.sha256, "reprojection": None if how is None else how.facts()}
+
+
+def _record_of_nodata(prepared):
+    """Record of cells without elevation: filled cells, and the largest number in reach of a stage."""
+    in_reach = max((stage.nodata for stage in prepared.stages), key=lambda found: sum(h.cells for h in found.holes))
+    return {"filled": None if prepared.fill is None else asdict(prepared.fill), "in_reach": in_reach.as_numbers()}
+
+
+def _record_of_stages(sequence):
+    """Record of several stages: effects and checks of each, data at the end of finished ones, the mass account."""
+    stages = sequence.prepared.stages
+    if stages[0].table is None:
+        return sequence.checks
+    effects = [[decision._asdict() for decision in sequence.stage_now(n).decisions] for n in range(len(stages))]
+    records = [{"solver": stage.scene.solver, "effects": e} for stage, e in zip(stages, effects, strict=True)]
+    records[sequence.number].update(sequence.checks)
+    for stage, past in zip(records, sequence.past, strict=False):
+        stage.update(past)
+    return {"stages": records, "mass": sequence.mass_account()}
+
+
+class _BarrierTables:
+    """The tables of forces on barriers: one file, or one for each stage."""
+
+    def __init__(self, folder, sequence, resumed):
+        self._folder, self._sequence = folder, sequence
+        self._number, self._table = sequence.number, self._opened(resumed)
+
+    def _opened(self, resumed):
+        number = self._sequence.number
+        stage = self._sequence.stage_now(number)
+        name = BARRIER_FILE if stage.table is None else STAGE_BARRIER_FILE.format(number + 1)
+        names, sums = stage.places.barrier_names, BARRIER_SUMS[stage.scene.solver]
+        return BarrierTable(self._folder.place / name, names, sums, resumed) if names else None
+
+    def add(self, frame):
+        """Add the rows of a `frame` before it is written; a finished stage gets a last row at its end."""
+        if self._sequence.number != self._number:
+            if self._table is not None:
+                self._table.path = self._folder.place / self._table.path.name
+                past = self._sequence.past[-1]
+                taken = past["balances"]["barriers"].values()
+                self._table.add(past["time"], np.array([[one[name] for name in self._table.sums] for one in taken]))
+            self._number, self._table = self._sequence.number, self._opened(None)
+        if self._table is None and "barriers" in frame.state:  # barriers that the flow has reached since
+            self._table = self._opened(None)
+        if self._table is not None:
+            self._table.path = self._folder.place / self._table.path.name  # the folder may have been replaced
+            self._table.add(frame.time, frame.state["barriers"])
+
+
+def _with_paths_from(scene, folder):
+    """The scene with its paths relative to `folder`, where it is written."""
+
+    def moved(name):
+        path, bar, layer = name.partition("|")  # file.gpkg|layername=name
+        if not scene.path(path).exists():
+            return name
+        return operating_system.slashed(scene.path(path).resolve(), folder.resolve()) + bar + layer
+
+    return scene.with_files(moved)
+
+
+def decided(scene_path, laws=None):
+    """((description of the stage, decisions), ...) of the scene at `scene_path`, with the user's own `laws`.
+
+    Nothing is run. A scene without [[stage]] is one stage with the description "".
+    """
+    with details():
+        stages = prepare(scene_path, laws).stages
+    return tuple(("" if stage.table is None else stage.words(), stage.decisions) for stage in stages)
+
+
+def measured(scene_path, laws=None):
+    """(decisions, EffectCosts): the scene's first steps are run with and without each of its effects."""
+    with details():
+        prepared = prepare(scene_path, laws)
+    if prepared.scene.solvers != {"columns"}:
+        raise SceneError("`measure` times the effects of solver = 'columns' only; leave it out")
+    use_threads(prepared.particles)
+    solver = prepared.solver()
+    start = under_way(solver, prepared.events, prepared.scene.output.end_time)
+    return prepared.decisions, effect_costs(solver, start)

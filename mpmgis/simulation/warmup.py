@@ -1,0 +1,82 @@
+"""Warm-up: a few particles pass all stages of a run before its start, so that all kernels are compiled."""
+
+import threading
+from contextlib import contextmanager
+from contextvars import copy_context
+from dataclasses import replace
+
+import numpy as np
+
+from ..system.errors import MpmgisError
+from ..system.messages import log
+
+FEW = 16  # particles that pass the stages
+LOG_SECONDS = 3.0  # a message is logged if a stage takes longer; loading takes less
+
+
+def warm_up(prepared, first=0):
+    """Compile, or load from the disk cache, the kernels of the stages from number `first` on, by a step in each.
+
+    The run is not changed. An error at a switch ends the warm-up; the run will raise it again.
+
+    Returns
+    -------
+    list of Frame
+        The last frame of each stage.
+    """
+    frames, stages = [], prepared.stages
+    frame, vertical_stress, gradient = sample_of(prepared, FEW)
+    for number, stage in enumerate(stages):
+        with _logged_if_slow(_words(stage, number, len(stages)) if number >= first else ""):
+            if number:
+                try:
+                    switched = switched_sample(stage, stages[number - 1], frame, prepared.terrain)
+                except MpmgisError:
+                    break
+                frame, vertical_stress, gradient = switched.frame, switched.vertical_stress, switched.gradient
+            solver = stage.solver(prepared.terrain, frame, vertical_stress, gradient)
+            if number >= first:
+                solver.advance(np.inf, max_steps=1)  # a frame after a step needs more kernels than one before
+                solver.balances()  # sums over the particles have kernels too
+            frame = replace(solver.frame(), maxima={})
+            following = stages[number + 1] if number + 1 < len(stages) else None
+            end = stage.end(prepared.terrain, following)
+            if number >= first and end.unsettled is not None:
+                end.unsettled(frame)
+        frames.append(frame)
+    return frames
+
+
+def switched_sample(stage, before, frame, terrain):
+    """The Switched of a `frame` of stage `before` for `stage`, without its window."""
+    return replace(stage, window=None).switched_from(before, frame, terrain)
+
+
+def sample_of(prepared, most):
+    """(Frame, vertical stress, velocity gradient) of at most `most` particles, those in the middle.
+
+    They are taken from the start of the first stage, or from later releases if it starts empty.
+    """
+    frame = prepared.frame if len(prepared.frame.particles) else prepared.seen
+    middle = np.abs(np.subtract(frame.map_xy(), np.median(frame.map_xy(), axis=1)[:, None])).max(axis=0)
+    few = np.sort(np.argsort(middle, kind="stable")[:most])
+    stress, affine = ((None if of is None else of[few]) for of in (prepared.vertical_stress, prepared.affine))
+    return replace(frame, particles=frame.particles.take(few), state={}, maxima={}), stress, affine
+
+
+def _words(stage, number, stages):
+    which = f"stage {number + 1} of {stages} ({stage.scene.solver})" if stages > 1 else stage.scene.solver
+    return f"preparing {which}: kernels of a new kind of run are compiled once, half a minute or more"
+
+
+@contextmanager
+def _logged_if_slow(words):
+    """Log `words`, if any, when this block has taken LOG_SECONDS."""
+    waiting = threading.Timer(LOG_SECONDS, copy_context().run, (log.info, words))
+    waiting.daemon = True
+    if words:
+        waiting.start()
+    try:
+        yield
+    finally:
+        waiting.cancel()

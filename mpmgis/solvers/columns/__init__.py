@@ -1,0 +1,1 @@
+"""The depth-averaged step: columns, grid, laws at nodes, ColumnSolver."""

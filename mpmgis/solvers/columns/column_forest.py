@@ -1,0 +1,134 @@
+"""Forest on the grid: where it is reached, where it breaks, its resistance, and the mass that stops behind trees.
+
+A pass over the nodes before their update finds the trees that are reached and broken, one after it the share of the
+mass at each node that stops. The columns give that share to the nodes at the end of the step (`column_detrainment`).
+"""
+
+from math import sqrt
+
+from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled.block_order import CHUNKS
+from ...compiled.jit import jit, jit_inline, jit_parallel, prange
+from ...laws.forest import DETRAINMENT, DRAG, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
+from ...laws.ground_metric import cosine_squared
+from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
+
+# state of a node: mass that stopped there [kg], and its trees: not reached yet, standing in the flow, broken, or
+# standing within limits of speed and thickness, where they only take mass or only brake
+STOPPED, TREES, FOREST_STATE = range(3)
+STANDING, BROKEN, TAKING, BRAKING = 1.0, 2.0, 3.0, 4.0
+# sums over a run: mass that stopped [kg], with its kinetic energy and its potential energy from elevation 0 [J], energy
+# lost to added resistance [J], nodes with broken forest, columns that stopped as a whole
+DETRAINED, KINETIC, POTENTIAL, RESISTED, BROKEN_NODES, STOPPED_COLUMNS, FOREST_SUMS = range(7)
+
+_cosine_squared = jit_inline(cosine_squared)
+
+
+@jit_parallel
+def break_forest(nodes, fields, touched, n_touched, window, report, settings, forest, metric):
+    """Mark trees that the flow reaches, and break those whose strength its pressure reaches.
+
+    Flow is what is thicker than `wet_thickness`: a film before the front neither breaks trees nor is slowed by them.
+    Its speed is that of the columns before the forces of this step, or with them where that is less. The nodes have
+    momentum; `report` float64[CHUNKS] becomes the number of nodes that broke.
+    """
+    values, state, node_gradient = fields.forest, fields.forest_state, fields.gradient
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    west, south, width = window
+    for c in prange(CHUNKS):
+        report[c] = 0.0
+        for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            j_first = (touched[k] // (width + 1) + south) * BLOCK
+            i_first = (touched[k] % (width + 1) + west) * BLOCK
+            for j in range(j_first, min(j_first + BLOCK, rows)):
+                for i in range(i_first, min(i_first + BLOCK, columns)):
+                    report[c] += break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric)
+
+
+@jit_inline
+def break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric):
+    """`break_forest` at node [j, i]; answers 1 where trees broke, else 0."""
+    density = settings.density
+    mass, least = nodes[j, i, NODE_MASS], density * settings.dx * settings.dx * settings.wet_thickness
+    if mass <= least or values[j, i, STRENGTH] == 0.0 or state[j, i, TREES] == BROKEN:
+        return 0.0
+    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
+    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    w = u * mx + v * my
+    before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
+    speed = min(sqrt(u * u + v * v + w * w), before)
+    thickness = mass / (density * settings.dx * settings.dx) * sqrt(_cosine_squared(mx, my))
+    slow, thin = values[j, i, SLOW], values[j, i, THIN]
+    state[j, i, TREES] = STANDING
+    if slow > 0.0 or thin > 0.0:
+        only_detrains = forest.forest_only_detrains(slow, thin, thickness, speed)
+        state[j, i, TREES] = TAKING if only_detrains else BRAKING
+    if forest.forest_breaks(values[j, i, STRENGTH], values[j, i, TOO_THICK], density, thickness, speed):
+        state[j, i, TREES] = BROKEN
+        return 1.0
+    return 0.0
+
+
+@jit_inline
+def added_resistance(values, state, j, i, normal_gravity):
+    """(deceleration of added friction [m s-2], added drag [m-1]) at node [j, i]; `normal_gravity` is g_n [m s-2]."""
+    if state[j, i, TREES] != STANDING and state[j, i, TREES] != BRAKING:
+        return 0.0, 0.0
+    return values[j, i, FRICTION] * normal_gravity, values[j, i, DRAG]
+
+
+@jit_inline
+def share_of_resistance(dry, drag, all_dry, viscous, all_drag, speed):
+    """Share [1] of friction `dry` [m s-2] and `drag` [m-1] in the deceleration by all resistance at `speed` [m s-1]."""
+    square = speed * speed
+    return (dry + drag * square) / max(all_dry + viscous * speed + all_drag * square, 1e-300)
+
+
+@jit_parallel
+def find_shares(nodes, fields, touched, n_touched, window, dt, settings, forest, metric, entrainment):
+    """`fields.forest_share` [1] at the touched nodes: of their mass, what stops in the step `dt` [s]; 0 elsewhere.
+
+    The nodes have the velocity in the middle of the step.
+    """
+    values, state, share, node_gradient = fields.forest, fields.forest_state, fields.forest_share, fields.gradient
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    west, south, width = window
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(j_first, min(j_first + BLOCK, rows)):
+            for i in range(i_first, min(i_first + BLOCK, columns)):
+                find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment)
+
+
+@jit_inline
+def find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment):
+    """`find_shares` at node [j, i]."""
+    mass = nodes[j, i, NODE_MASS]
+    if mass <= 0.0 or (state[j, i, TREES] != STANDING and state[j, i, TREES] != TAKING):
+        return
+    u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
+    if entrainment.entrainment_active():  # the mass taken up is at rest
+        u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
+    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    w = u * mx + v * my
+    speed = sqrt(u * u + v * v + w * w)
+    stopping = forest.forest_detrained(values[j, i, DETRAINMENT], speed, dt)  # per area of the ground
+    share[j, i] = min(stopping * settings.dx * settings.dx / (sqrt(_cosine_squared(mx, my)) * mass), 1.0)
+
+
+@jit_parallel
+def clear_shares(share, touched, n_touched, west, south, width):
+    """Zero the shares of the touched blocks, so that none of this step is left in a block that the next one misses."""
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        share[j_first : j_first + BLOCK, i_first : i_first + BLOCK] = 0.0
+
+
+@jit
+def collect_forest(broken, node_report, loss, sums):
+    """Add the chunks' numbers of broken nodes, and the entry `loss` of the nodes' reports, in their order."""
+    for c in range(CHUNKS):
+        sums[RESISTED] += node_report[c, loss]
+        sums[BROKEN_NODES] += broken[c]

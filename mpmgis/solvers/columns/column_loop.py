@@ -1,0 +1,341 @@
+"""Compiled loops of the depth-averaged MPM.
+
+Particles are rows of consecutive floats. Each step sorts their indices by blocks of 8 x 8 nodes; a block sums its
+particles into a private tile (particles to grid), the grid gathers the tiles that overlap a node in a fixed order, is
+updated, and the block's particles read it back (grid to particles). Nothing is shared between loops and every sum has
+a fixed order, so that results are bitwise the same for any number of threads. Only blocks that hold particles cost.
+
+Nodes lie on cell corners: array index k + 1 is the node at k * dx from the domain's south-west corner, so that there
+is one ghost node outside each edge. Weights are quadratic B-splines (Steffen et al. 2008).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiled.block_order import (
+    CHUNKS,
+    GONE,
+    LEFT_BLOCK,
+    LEFT_ENTRIES,
+    REORDER_STEPS,
+    STRIP,
+    WAYS,
+    book_left,
+    reorder,
+    split_evenly,
+)
+from ...compiled.jit import jit
+from .column_barriers import BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
+from .column_clock import (
+    ALIVE,
+    ALL_LEFT,
+    BAD,
+    BARRIER_TOTAL,
+    BOUND_BED,
+    BOUND_ENERGY,
+    EAST,
+    KICK_BEFORE,
+    LAST_DT,
+    NORTH,
+    NOT_FINITE_STATE,
+    REACHED_TIME,
+    ROWS,
+    RUNNING,
+    SIGNAL,
+    SINCE_REORDER,
+    SOUTH,
+    SPEED,
+    STEP,
+    TIME,
+    TOO_FAST,
+    TRIGGER_REACHED,
+    WATCHED_REACHED,
+    WEST,
+    WET,
+    WILD_NOW,
+    collect,
+    note_deepest,
+    note_fastest,
+    stop_rule,
+)
+from .column_detrainment import detrain
+from .column_forest import break_forest, clear_shares, collect_forest, find_shares
+from .column_nodes import (
+    ARMED,
+    FOREST_LOSS,
+    NODE_REPORT,
+    REACHED,
+    accumulate_peaks,
+    clear_ghosts,
+    fold_walls,
+    mirror_walls,
+    regrade,
+    update_nodes,
+)
+from .column_report import REPORT
+from .column_rows import (
+    AREA,
+    BLOCK,
+    GX,
+    GY,
+    MASS,
+    ROW,
+    TILE,
+    U,
+    V,
+    X,
+    Y,
+    beds_at,
+    comes_near,
+    grid_areas,
+    initial_keys,
+    rows_and_columns,
+    settle_areas,
+    sort_by_block,
+    touched_blocks,
+)
+from .columns_to_grid import gather_tiles, particles_to_grid
+from .grid_to_columns import grid_to_particles
+
+__all__ = [  # used by the solver through this module
+    "AREA",
+    "ARMED",
+    "BARRIER_SUMS",
+    "BLOCK",
+    "GONE",
+    "GX",
+    "GY",
+    "LEFT_BLOCK",
+    "LEFT_ENTRIES",
+    "MASS",
+    "REACHED",
+    "ROW",
+    "WAYS",
+    "WET",
+    "U",
+    "V",
+    "X",
+    "Y",
+    "advance",
+    "beds_at",
+    "grid_areas",
+    "initial_keys",
+    "rows_and_columns",
+    "settle_areas",
+]
+
+
+class Settings(NamedTuple):
+    """Settings that are constant during the time integration."""
+
+    dx: float  # [m]
+    density: float  # [kg m-3]
+    gravity: float  # [m s-2]
+    cfl: float
+    fixed_dt: float  # [s]; 0: by the Courant number
+    move_limit: float  # largest share of a cell that a column moves in a step
+    fall_limit: float  # [s] C times the time in which the steepest ground moves a resting column by a cell
+    clamp: float
+    thickness_floor: float  # [m]
+    wet_thickness: float  # [m]
+    arrival_thickness: float  # [m]
+    wild_stop: float  # share of the mass
+    wall: bool
+    holes: bool  # the terrain has cells without elevation
+    stop_at_rest: bool
+    keep_peaks: bool
+
+
+class NodeFields(NamedTuple):
+    """Spatial fields at the nodes [ny + 3, nx + 3] or in the cells [ny, nx]; one entry where not in use."""
+
+    bed: np.ndarray  # [m]
+    gradient: np.ndarray  # [..., 2]
+    inside: np.ndarray  # cells; 1 where there is terrain
+    zone_values: np.ndarray  # [..., parameters of the friction law]
+    erodible: np.ndarray  # [kg m-2] that can still be taken up
+    barriers: np.ndarray  # [..., BARRIER_ENTRIES]
+    lake_level: np.ndarray  # cells; [m]
+    forest: np.ndarray  # [..., FOREST_ENTRIES] values of the trees; all 0: none
+    forest_state: np.ndarray  # [..., FOREST_STATE] mass that stopped [kg], and whether the trees are broken
+    forest_share: np.ndarray  # share of a node's mass that stops in this step
+    forest_sums: np.ndarray  # [FOREST_SUMS] over the run
+    trigger_thickness: np.ndarray  # [areas that the flow releases]; [m] that has to reach each
+
+
+@jit
+def next_time_step(clock, step, settings):
+    """C dx / max(|u| + sqrt(g h)), at most `move_limit` dx / |u|, growing by at most 1.5."""
+    dt = min(
+        settings.cfl * settings.dx / max(clock[SIGNAL], 1e-300),
+        settings.move_limit * settings.dx / max(clock[SPEED], 1e-300),
+        settings.fall_limit,
+    )
+    return dt if step == 0 else min(dt, 1.5 * clock[LAST_DT])
+
+
+@jit
+def choose_step(clock, counts, until, settings):
+    """(length of the step, time of its kick, time of the last step before it not driven yet [s], whether it is the last
+    before the time `until`); the clock keeps what the next step needs.
+
+    Leapfrog: velocities are driven from the middle of the last step to the middle of this one, and up to its end where
+    a frame is due; second order in time, also where steps change.
+    """
+    dt = settings.fixed_dt if settings.fixed_dt > 0.0 else next_time_step(clock, counts[STEP], settings)
+    clock[LAST_DT] = dt
+    left = until - clock[TIME]
+    last = dt >= left * (1.0 - 1e-12)
+    if last:
+        dt = left
+    elif dt > 0.5 * left:  # two equal steps instead of one whole and one tiny
+        dt = 0.5 * left
+    behind = clock[KICK_BEFORE]
+    kick = behind + (dt if last else 0.5 * dt)
+    clock[KICK_BEFORE] = 0.0 if last else 0.5 * dt
+    return dt, kick, behind, last
+
+
+@jit
+def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
+    """Add the columns that left in this step of `dt` [s] to `left_cells` at their new places (see `book_left`)."""
+    for q in range(alive):
+        p = order[q]
+        if keys[p] == GONE:
+            x, y = rows[p, X] + dt * rows[p, U], rows[p, Y] + dt * rows[p, V]
+            book_left(left_cells, shape, x, y, dx, rows[p, MASS])
+
+
+@jit
+def advance(
+    rows, ids, keys, order, nodes, wet, clock, counts, ledger, peaks, barrier_sums,
+    left_cells, until, max_steps, settings, fields, effects, watched,
+):  # fmt: skip
+    """Advance to time `until` [s] or by `max_steps`; the whole loop is compiled, for any number of particles.
+
+    It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
+    empty where nothing is watched.
+
+    Everything that changes is in the arrays (clock, counts, rows...): a call continues exactly where the last one
+    ended. Returns the reason to stop.
+    """
+    dx, density, gravity, wall = settings.dx, settings.density, settings.gravity, settings.wall
+    report = np.zeros((CHUNKS, REPORT))
+    node_report = np.zeros((CHUNKS, NODE_REPORT))
+    barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], BARRIER_LOSS + 1))
+    broken = np.zeros(CHUNKS)
+    bounds = np.zeros(CHUNKS + 1, np.int64)
+    histogram = np.zeros((CHUNKS, 16), np.int32)
+    slot = np.zeros(16, np.int32)
+    block = np.zeros(16, np.int32)
+    start = np.zeros(17, np.int64)
+    touched = np.zeros(64, np.int32)
+    tiles, lowered = np.zeros((16, TILE * TILE * 4)), np.zeros((1, BLOCK * BLOCK))
+    strip, names = np.empty((counts[ROWS], STRIP)), np.empty((counts[ROWS], 2), np.int64)
+    for _ in range(max_steps):
+        if clock[TIME] >= until:
+            return REACHED_TIME
+        if counts[ALIVE] == 0:
+            return ALL_LEFT
+        n = counts[ROWS]
+        west, south, east, north = counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH]
+        width, height = east - west + 1, north - south + 1
+        window = west, south, width
+        if width * height > slot.size:
+            size = 2 * width * height
+            histogram = np.zeros((CHUNKS, size), np.int32)
+            slot, block, start = np.zeros(size, np.int32), np.zeros(size, np.int32), np.zeros(size + 1, np.int64)
+            touched = np.zeros(2 * size + 2 * (width + height) + 64, np.int32)
+        active, alive = sort_by_block(keys, n, west, south, east, north, histogram, order, slot, block, start)
+        if alive == 0:
+            return ALL_LEFT
+        n_touched = touched_blocks(slot, width, height, touched)
+        if watched.size > 0 and comes_near(touched, n_touched, west, south, width, watched):
+            return WATCHED_REACHED
+        if counts[SINCE_REORDER] >= REORDER_STEPS:
+            reorder(rows, ids, keys, order, alive, strip, names)
+            counts[ROWS], counts[SINCE_REORDER] = alive, 0
+            for p in range(alive):
+                order[p] = p
+        counts[SINCE_REORDER] += 1
+        if active > tiles.shape[0]:
+            tiles = np.zeros((active + active // 2, TILE * TILE * 4))
+        if effects.entrainment.bed_lowering() > 0.0 and n_touched > lowered.shape[0]:
+            lowered = np.zeros((n_touched + n_touched // 2, BLOCK * BLOCK))
+        split_evenly(start, active, bounds)
+
+        dt, kick, behind, last = choose_step(clock, counts, until, settings)
+        particles_to_grid(
+            rows, order, start, block, bounds, window, tiles, fields, report, kick, settings, effects.metric,
+            effects.still_water, effects.earth_pressure, effects.viscosity,
+        )  # fmt: skip
+        if wall:
+            clear_ghosts(nodes)
+        gather_tiles(nodes, tiles, slot, west, south, width, height, touched, n_touched)
+        if wall:
+            fold_walls(nodes)
+        if effects.barrier.barrier_active():
+            hold_at_barriers(
+                nodes, fields.bed, fields.gradient, slot, touched, n_touched, west, south, width, height,
+                barrier_report, dx, kick, density, gravity, wall, fields.barriers, effects.barrier, effects.metric,
+            )  # fmt: skip
+        if effects.forest.forest_active():
+            break_forest(
+                nodes, fields, touched, n_touched, window, broken, settings, effects.forest, effects.metric
+            )  # fmt: skip
+        update_nodes(
+            nodes, fields, wet, touched, n_touched, window, lowered, node_report, kick, settings, effects.friction,
+            effects.zones, effects.cohesion, effects.metric, effects.curvature, effects.entrainment,
+            effects.forest,
+        )  # fmt: skip
+        if effects.forest.forest_active():
+            find_shares(
+                nodes, fields, touched, n_touched, window, dt, settings, effects.forest, effects.metric,
+                effects.entrainment,
+            )  # fmt: skip
+            collect_forest(broken, node_report, FOREST_LOSS, fields.forest_sums)
+        if effects.entrainment.bed_lowering() > 0.0:
+            regrade(
+                fields.bed, fields.gradient, touched, n_touched, west, south, width, dx, lowered, effects.entrainment
+            )
+        if settings.keep_peaks:
+            accumulate_peaks(
+                peaks, nodes, fields.gradient, touched, n_touched, west, south, width, dx, density, clock[TIME] + dt,
+                settings.arrival_thickness, effects.metric, effects.entrainment,
+            )  # fmt: skip
+        if wall:
+            mirror_walls(nodes)
+        grid_to_particles(
+            rows, keys, order, start, bounds, nodes, fields, report, (dt, behind, clock[KICK_BEFORE]), settings,
+            (clock[BOUND_BED], clock[BOUND_ENERGY], effects.earth_pressure.largest_factor()),
+            effects.metric, effects.curvature, effects.entrainment,
+        )  # fmt: skip
+
+        counts[STEP] += 1
+        clock[TIME] = until if last else clock[TIME] + dt
+        note_deepest(node_report, clock, nodes, touched, n_touched, west, south, width, dx)
+        note_fastest(report, clock, rows, keys, order, start, bounds, effects.metric)
+        gone, triggered = collect(report, node_report, ledger, clock, counts)
+        if effects.barrier.barrier_active():
+            clock[BARRIER_TOTAL] += collect_barriers(barrier_report, barrier_sums, kick)
+        if counts[BAD] > 0:
+            return NOT_FINITE_STATE
+        if gone > 0:
+            book_columns_left(rows, keys, order, alive, dt, dx, fields.inside.shape, left_cells)
+        if effects.forest.forest_active():
+            detrain(
+                rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, effects.metric
+            )  # fmt: skip
+            clear_shares(fields.forest_share, touched, n_touched, west, south, width)
+        if clock[WILD_NOW] > settings.wild_stop:
+            return TOO_FAST
+        if counts[ALIVE] == 0:
+            return ALL_LEFT
+        if triggered:
+            return TRIGGER_REACHED
+        if settings.stop_at_rest:
+            reason = stop_rule(clock, counts)
+            if reason != RUNNING:
+                return reason
+    return REACHED_TIME if clock[TIME] >= until else RUNNING

@@ -1,0 +1,292 @@
+"""Grid update between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
+
+from math import sqrt
+
+from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled.block_order import CHUNKS
+from ...compiled.jit import jit, jit_inline, jit_parallel, prange
+from ...laws.friction import slowed_speed
+from ...laws.ground_metric import cosine_squared
+from .column_barriers import share_within
+from .column_forest import added_resistance, share_of_resistance
+from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at
+
+# report of each chunk of the node loop; energies [J]: lost to friction on the bed, to the entrained mass, which is at
+# rest, and the potential energy that the flow loses where the bed is lowered; masses [kg] that are
+# thinner than friction takes them for, and that would have taken up more than MOST_GAIN in one step; energy lost to
+# trees
+(
+    WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, FRICTION_LOSS, MERGING_LOSS, LOWERING_LOSS, THIN_MASS, GREEDY_MASS,
+    FOREST_LOSS, NODE_REPORT,
+) = range(11)  # fmt: skip
+# a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
+# reached releases
+REACHED, ARMED = 1, 2
+CHORDS = 5  # evaluations of a viscous law, each at the speed after the last one: Bingham within 0.2 %
+MOST_GAIN = 1.0  # of a node's mass by erosion in one step
+
+_slowed_speed = jit_inline(slowed_speed)
+_cosine_squared = jit_inline(cosine_squared)
+
+
+@jit
+def clear_ghosts(nodes):
+    """Zero the ghost ring, which untouched blocks leave as an earlier step had it."""
+    nodes[0, :, :] = 0.0
+    nodes[-1, :, :] = 0.0
+    nodes[:, 0, :] = 0.0
+    nodes[:, -1, :] = 0.0
+
+
+@jit
+def fold_walls(nodes):
+    """Walls on all four edges: the ghost nodes are mirrored inwards.
+
+    Mass and tangential momentum are added, normal momentum is subtracted; on the wall itself the mirror image doubles
+    mass and tangential momentum and takes away the normal one.
+    """
+    for i in range(nodes.shape[1]):
+        fold_column(nodes, i)
+    for j in range(nodes.shape[0]):
+        fold_row(nodes, j)
+
+
+@jit_inline
+def fold_column(nodes, i):
+    """Southern and northern wall at column `i` of the nodes; all columns come before `fold_row`."""
+    ny = nodes.shape[0]
+    for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
+        for e in range(4):
+            nodes[wall, i, e] *= 2.0
+            nodes[inner, i, e] += -nodes[ghost, i, e] if e == NODE_Y else nodes[ghost, i, e]
+        nodes[wall, i, NODE_Y] = 0.0
+
+
+@jit_inline
+def fold_row(nodes, j):
+    """Western and eastern wall at row `j` of the nodes."""
+    nx = nodes.shape[1]
+    for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
+        for e in range(4):
+            nodes[j, wall, e] *= 2.0
+            nodes[j, inner, e] += -nodes[j, ghost, e] if e == NODE_X else nodes[j, ghost, e]
+        nodes[j, wall, NODE_X] = 0.0
+
+
+@jit
+def mirror_walls(nodes):
+    """Give the ghosts the mirrored state of the inner nodes, so that particles at a wall see no flow through it."""
+    for j in range(nodes.shape[0]):
+        mirror_row(nodes, j)
+    for i in range(nodes.shape[1]):
+        mirror_column(nodes, i)
+
+
+@jit_inline
+def mirror_row(nodes, j):
+    """Ghosts beyond the western and eastern wall at row `j` of the nodes; all rows come before `mirror_column`."""
+    nx = nodes.shape[1]
+    for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
+        nodes[j, wall, NODE_X] = 0.0
+        nodes[j, ghost, NODE_MASS] = nodes[j, inner, NODE_MASS]
+        nodes[j, ghost, NODE_GAIN] = nodes[j, inner, NODE_GAIN]
+        nodes[j, ghost, NODE_X] = -nodes[j, inner, NODE_X]
+        nodes[j, ghost, NODE_Y] = nodes[j, inner, NODE_Y]
+
+
+@jit_inline
+def mirror_column(nodes, i):
+    """Ghosts beyond the southern and northern wall at column `i` of the nodes."""
+    ny = nodes.shape[0]
+    for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
+        nodes[wall, i, NODE_Y] = 0.0
+        nodes[ghost, i, NODE_MASS] = nodes[inner, i, NODE_MASS]
+        nodes[ghost, i, NODE_GAIN] = nodes[inner, i, NODE_GAIN]
+        nodes[ghost, i, NODE_X] = nodes[inner, i, NODE_X]
+        nodes[ghost, i, NODE_Y] = -nodes[inner, i, NODE_Y]
+
+
+@jit_parallel
+def update_nodes(
+    nodes, fields, wet, touched, n_touched, window, lowered, report, dt, settings, friction, zones, cohesion, metric,
+    curvature, entrainment, forest,
+):  # fmt: skip
+    """Momentum to velocity; basal friction and resistance of trees, semi-implicit in the metric of the ground.
+
+    An impulse J of friction takes the energy J (U_before + U_after) / 2, with the speed of the columns before the
+    step's forces and that of the node after the step: of second order in time, as the step is. Mass that is taken up
+    at rest takes the rest, m gain U_before U_after / 2.
+
+    Erosion books its share of a node's mass in NODE_GAIN, which the columns read with the velocity, so that together
+    they gain what the bed loses. The mass taken up is at rest: velocities here are those of the mass before, whose
+    momentum the columns share out over both.
+
+    `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns. Where erosion lowers the
+    bed, `lowered` [n_touched, BLOCK * BLOCK] is the mass eroded [kg m-2]: `regrade` lowers the bed after all nodes have
+    read it for its bending.
+    """
+    # arrays come out of `fields` before the loop: numba drops what a loop writes to arrays that it takes from a tuple
+    bed, node_gradient, zone_values, erodible = fields.bed, fields.gradient, fields.zone_values, fields.erodible
+    trees, state, trigger_thickness = fields.forest, fields.forest_state, fields.trigger_thickness
+    west, south, width = window
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    for c in prange(CHUNKS):
+        part = report[c]
+        part[:] = 0.0
+        for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            j_first = (touched[k] // (width + 1) + south) * BLOCK
+            i_first = (touched[k] % (width + 1) + west) * BLOCK
+            for j in range(j_first, min(j_first + BLOCK, rows)):
+                for i in range(i_first, min(i_first + BLOCK, columns)):
+                    eroded = update_node(
+                        nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i,
+                        part, dt, settings, friction, zones, cohesion, metric, curvature, entrainment, forest,
+                    )  # fmt: skip
+                    if entrainment.bed_lowering() > 0.0:
+                        lowered[k, (j - j_first) * BLOCK + i - i_first] = eroded
+
+
+@jit_inline
+def update_node(
+    nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i, report, dt, settings,
+    friction, zones, cohesion, metric, curvature, entrainment, forest,
+):  # fmt: skip
+    """`update_nodes` at node [j, i], into `report` float64[NODE_REPORT]; answers the mass eroded [kg m-2]."""
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
+    thickness_floor, wet_thickness, wall = settings.thickness_floor, settings.wet_thickness, settings.wall
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    per_area = 1.0 / (density * dx * dx)
+    mass = nodes[j, i, NODE_MASS]
+    if mass <= 0.0:
+        return 0.0
+    u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
+    grid_thickness = mass * per_area
+    report[DEEPEST] = max(report[DEEPEST], grid_thickness)
+    if grid_thickness > wet_thickness and wet[j, i] != REACHED:
+        _reach(wet, j, i, grid_thickness, trigger_thickness, report)
+    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    c2 = _cosine_squared(mx, my)
+    w = u * mx + v * my
+    speed = sqrt(u * u + v * v + w * w)
+    centrifugal = 0.0
+    if curvature.curvature_active():
+        bend_xx, bend_xy, bend_yy = bending_at(bed, j, i, 1.0 / dx)
+        centrifugal = curvature.centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy)
+    effective = curvature.effective_gravity(gravity, centrifugal)
+    if effective == 0.0:
+        report[AIRBORNE_MASS] += mass
+    gain = eroded = 0.0
+    if speed > 0.0:
+        law = zones.local(friction, zone_values, j, i)
+        thickness = max(grid_thickness, thickness_floor)
+        if grid_thickness < thickness_floor:
+            report[THIN_MASS] += mass
+        normal_thickness = thickness * sqrt(c2)
+        normal_stress = density * thickness * effective * c2
+        dry = law.dry_stress(density, gravity, normal_stress, normal_thickness, speed)
+        dry += cohesion.cohesive_stress()
+        viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, speed)
+        drag = law.drag_coefficient(gravity, normal_thickness, speed)
+        per_mass = 1.0 / (density * normal_thickness)
+        own = mass * share_within(j, i, rows, columns, wall)
+        before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
+        decelerated, drawn = dry * per_mass, drag / normal_thickness
+        if forest.forest_active():
+            trees_dry, trees_drag = added_resistance(trees, state, j, i, effective * sqrt(c2))
+            decelerated += trees_dry
+            drawn += trees_drag
+        slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
+        for _ in range(CHORDS - 1):
+            if viscous > 0.0 and slowed > 0.0:
+                viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, slowed)
+                slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
+        u, v = u * (slowed / speed), v * (slowed / speed)
+        if entrainment.entrainment_active():
+            basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
+            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / sqrt(c2)
+            covered = min(grid_thickness / wet_thickness, 1.0)  # no erosion at the margin
+            most = MOST_GAIN * mass / (dx * dx)
+            if min(covered * wanted, erodible[j, i]) > most:
+                report[GREEDY_MASS] += mass
+            eroded = min(covered * wanted, erodible[j, i], most)
+            gain = eroded * dx * dx / mass
+            erodible[j, i] -= eroded
+            report[LOWERING_LOSS] += own * gravity * eroded * entrainment.bed_lowering()
+        after = slowed / (1.0 + gain)
+        loss = 0.5 * own * (speed - slowed) * (before + after)
+        if forest.forest_active():
+            share = share_of_resistance(trees_dry, trees_drag, decelerated, viscous * per_mass, drawn, slowed)
+            report[FOREST_LOSS] += share * loss
+            loss -= share * loss
+        report[FRICTION_LOSS] += loss
+        report[MERGING_LOSS] += 0.5 * own * gain * before * after
+    nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = u, v
+    if entrainment.entrainment_active():
+        nodes[j, i, NODE_MASS] = mass * (1.0 + gain)
+        nodes[j, i, NODE_GAIN] = gain
+    return eroded
+
+
+@jit
+def _reach(wet, j, i, thickness, trigger_thickness, report):
+    """Mark a node that the flow has reached, and fire it where it is armed and the flow is thick enough."""
+    if wet[j, i] & REACHED == 0:
+        report[WET_NEW] += 1.0
+        wet[j, i] |= REACHED
+    if wet[j, i] >= ARMED and thickness > trigger_thickness[wet[j, i] // ARMED - 1]:
+        report[TRIGGERED] += 1.0
+        wet[j, i] = REACHED
+
+
+@jit_parallel
+def regrade(bed, node_gradient, touched, n_touched, west, south, width, dx, lowered, entrainment):
+    """Lower the bed by what was eroded (see `update_nodes`), and recompute the gradients at the touched nodes."""
+    rows, columns = bed.shape[0], bed.shape[1]
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(j_first, min(j_first + BLOCK, rows)):
+            for i in range(i_first, min(i_first + BLOCK, columns)):
+                bed[j, i] -= lowered[k, (j - j_first) * BLOCK + i - i_first] * entrainment.bed_lowering()
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(max(j_first, 1), min(j_first + BLOCK, rows - 1)):
+            for i in range(max(i_first, 1), min(i_first + BLOCK, columns - 1)):
+                _, node_gradient[j, i, 0], node_gradient[j, i, 1] = bed_at(bed, (i - 1) * dx, (j - 1) * dx, 1.0 / dx)
+
+
+@jit_parallel
+def accumulate_peaks(
+    peaks, nodes, node_gradient, touched, n_touched, west, south, width, dx, density, time, arrival_thickness, metric,
+    entrainment,
+):  # fmt: skip
+    """Running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], and first arrival [s].
+
+    Speed and pressure count where the flow is at least `arrival_thickness` [m] deep, so that empty rims do not.
+    """
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    for k in prange(n_touched):
+        j_first = (touched[k] // (width + 1) + south) * BLOCK
+        i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for j in range(j_first, min(j_first + BLOCK, rows)):
+            for i in range(i_first, min(i_first + BLOCK, columns)):
+                note_node(peaks, nodes, node_gradient, j, i, dx, density, time, arrival_thickness, metric, entrainment)
+
+
+@jit_inline
+def note_node(peaks, nodes, node_gradient, j, i, dx, density, time, arrival_thickness, metric, entrainment):
+    """`accumulate_peaks` at node [j, i]."""
+    thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
+    peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
+    if thickness >= arrival_thickness:
+        u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
+        if entrainment.entrainment_active():
+            u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
+        mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+        w = u * mx + v * my
+        speed2 = u * u + v * v + w * w
+        peaks[j, i, 1] = max(peaks[j, i, 1], sqrt(speed2))
+        peaks[j, i, 2] = max(peaks[j, i, 2], density * speed2)
+        if peaks[j, i, 3] < 0.0:
+            peaks[j, i, 3] = time

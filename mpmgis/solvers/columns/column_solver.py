@@ -1,0 +1,386 @@
+"""The depth-averaged solver: initial state, time integration, frames."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...compiled.block_order import REORDER_STEPS
+from ...compiled.jit import ready_threads
+from ...compiled.particle_slices import in_slices
+from ...frames.particles import Particles
+from ...frames.peaks import no_peaks
+from ...laws.ground_metric import SlopeMetric, WaterMetric
+from ...laws.quantities import GRAVITY
+from ...system.errors import SceneError
+from . import column_clock, column_report
+from . import column_loop as kernel
+from .column_rows import CXX
+from .column_state import INSERTED, INSERTED_COLUMNS, ColumnState
+from .feature_arrays import Places
+from .node_grid import ColumnGrid
+
+NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks with columns if there are none
+LAID_OVER = 1.05  # a column overlaps others where the grid is thicker than the column by this factor
+NO_WALLS = (-9, -9, -9, -9)
+SHOWN_RANGE = 2.0
+THIN_SHARE = 1e-3  # of the reference thickness, below which friction takes a column for that thick
+WILD_STOP = 0.05  # share of the mass with over twice the speed that energy allows, at which a run stops
+CFL_ALONE = 0.6  # Courant number of a flow without walls, entrainment and inflow
+SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all go with the length of a step
+
+
+@dataclass(frozen=True)
+class ColumnNumerics:
+    """Numerical settings of the columns; the effects are in `ColumnEffects`.
+
+    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's. `time_step`
+    fixes the step [s] (None: by CFL).
+    `reference_thickness` [m] is the reference for thin flow (None: the mean over the columns at the start).
+    """
+
+    cell_size: float
+    cfl: float = 0.3
+    move_limit: float = 0.5
+    edges: str = "open"
+    clamp: float = 0.0
+    gravity: float = GRAVITY
+    density: float = 1000.0
+    stop_at_rest: bool = True
+    time_step: float | None = None
+    maxima: bool = False
+    arrival_thickness: float = 0.05
+    reference_thickness: float | None = None
+
+
+class ColumnSolver(ColumnState):
+    """Advances the columns of `frame` over `terrain`.
+
+    Parameters
+    ----------
+    frame : Frame
+        Dimension 2, in the terrain's CRS.
+    terrain : Terrain
+    effects : ColumnEffects
+    numerics : ColumnNumerics
+    places : Places
+        Spatial features of the effects on the grid of this solver.
+    grid : ColumnGrid, optional
+        That of `terrain` and the cell size, where it is known already.
+    gradient : float64[n, 2, 2], optional [s-1]
+        Velocity gradient du_i/dx_j that the columns start with; default none.
+    """
+
+    kernel = kernel
+
+    def __init__(self, frame, terrain, effects, numerics, places=None, grid=None, gradient=None):
+        if frame.dimension != 2 or frame.particles.area is None:
+            raise SceneError("the depth-averaged solver requires columns (dimension 2), got points")
+        self.effects, self.numerics, self._start = effects, numerics, frame
+        self.grid = ColumnGrid.on(terrain, numerics.cell_size) if grid is None else grid
+        self.places = places or Places()
+        self.fields = self.places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
+        if isinstance(effects.metric, WaterMetric) and effects.curvature.curvature_active():
+            raise SceneError("[curvature] requires form = 'slope'; remove it, or set use = 'off'")
+        self._load(frame, gradient)
+
+    def _load(self, frame, gradient):
+        """The state of a run that starts with the columns of `frame`; there may be none yet."""
+        grid, numerics = self.grid, self.numerics
+        self._rows = np.zeros((0, kernel.ROW))
+        self._ids = np.zeros(0, np.uint64)
+        self._keys = np.zeros(0, np.int32)
+        self._order = np.zeros(0, np.int32)
+        shape = grid.bed.shape
+        self._nodes = np.zeros((*shape, 4))
+        self._wet = np.zeros(shape, np.uint8)
+        self._peaks = no_peaks(shape, numerics.maxima)
+        self._ledger = np.zeros((column_report.EDGES, column_report.OUT_ENTRIES))
+        self._left = self._no_mass_left(grid)
+        self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
+        self._clock = np.zeros(column_clock.CLOCK)
+        self._clock[column_clock.TIME] = frame.time
+        self._clock[column_clock.BOUND_BED] = grid.bed.min()
+        self._counts = np.zeros(column_clock.COUNTS, np.int64)
+        self._counts[column_clock.WEST : column_clock.NORTH + 1] = NO_WINDOW
+        self._inserted = np.zeros(INSERTED)
+        ids = frame.particles.id if frame.particles.id is not None else np.arange(len(frame.particles))
+        self._first_new_id = int(ids.max()) + 1 if len(ids) else 0
+        self.bed_start = self._add(frame, ids)
+        if gradient is not None:
+            self._rows[: len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
+        self.mass_start = float(self._clock[column_clock.TOTAL_MASS])
+        self._settings = self._made_settings(frame.particles)
+        self._whole_step = {name: getattr(self._settings, name) for name in SHORTENED}
+        self.energy_start = self.energy()
+
+    def _made_settings(self, particles):
+        """Settings that are constant during the time integration."""
+        grid, numerics = self.grid, self.numerics
+        reference = numerics.reference_thickness
+        if reference is None:
+            thickness = particles.mass / (numerics.density * particles.area)
+            reference = float((particles.mass * thickness).sum() / self.mass_start)
+        slope = np.hypot(grid.gradient[..., 0], grid.gradient[..., 1])
+        if isinstance(self.effects.metric, SlopeMetric):
+            slope = slope / (1.0 + slope * slope)  # g sin cos along the ground, seen from above
+        fall = np.sqrt(2.0 * grid.cell_size / (numerics.gravity * max(float(slope.max()), 1e-3)))
+        return kernel.Settings(
+            dx=grid.cell_size,
+            density=float(numerics.density),
+            gravity=float(numerics.gravity),
+            cfl=float(numerics.cfl),
+            fixed_dt=float(numerics.time_step or 0.0),
+            move_limit=float(numerics.move_limit),
+            fall_limit=float(numerics.cfl * fall),
+            clamp=float(numerics.clamp),
+            thickness_floor=THIN_SHARE * reference if reference > 0.0 else 1e-3,
+            wet_thickness=0.01 * reference,
+            arrival_thickness=float(numerics.arrival_thickness),
+            wild_stop=WILD_STOP,
+            wall=numerics.edges == "wall",
+            holes=not grid.inside.all(),
+            stop_at_rest=bool(numerics.stop_at_rest),
+            keep_peaks=bool(numerics.maxima),
+        )
+
+    def _from_corner(self, frame):
+        """x, y [m] from the domain's corner of columns that start; refused where there is no whole cell of terrain."""
+        grid = self.grid
+        x, y = grid.from_corner(frame)
+        off = ~grid.covers(x, y)
+        if off.any():
+            at = int(np.argmax(off))
+            raise SceneError(
+                f"{int(off.sum())} of {len(x)} columns start outside the terrain's whole cells, the first at "
+                f"E {x[at] + grid.x0:.1f} N {y[at] + grid.y0:.1f}; move the release inwards or use a larger DTM"
+            )
+        return x, y
+
+    def insert(self, frame, window, slab=True):
+        """Insert the columns of `frame` at the present time.
+
+        Columns that overlap others would each be too thin: in the cells of `window` (CellWindow) areas are set to those
+        that the grid gives for all of them together. Of a `slab` only those that overlap others, so that its own rim
+        stays as steep as it is. Ids go on after those that are there.
+        """
+        first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
+        bed = self._add(frame, np.arange(first, first + n))
+        count = int(self._counts[column_clock.ROWS])
+        kinetic, potential = self._energy_of(self._rows[count - n : count], bed)
+        self._inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
+        self._forget_computed()
+
+    def _add(self, frame, ids):
+        """Append the columns of `frame` and update the clock; returns the bed under them [m]."""
+        particles, counts, clock = frame.particles, self._counts, self._clock
+        x, y = self._from_corner(frame)
+        bed, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)
+        n, first = len(particles), int(counts[column_clock.ROWS])
+        if n == 0:
+            return bed
+        self._require_room(first + n)
+        new = slice(first, first + n)
+        rows, keys = self._rows[new], self._keys[new]
+        rows[:] = 0.0
+        rows[:, kernel.X], rows[:, kernel.Y] = x, y
+        rows[:, kernel.U], rows[:, kernel.V] = particles.velocity[:, 0], particles.velocity[:, 1]
+        rows[:, kernel.MASS], rows[:, kernel.AREA] = particles.mass, particles.area
+        rows[:, kernel.GX], rows[:, kernel.GY] = gradient_x, gradient_y
+        self._ids[new] = ids
+        west, south, east, north = kernel.initial_keys(rows, keys, self.grid.cell_size)
+        seen = counts[column_clock.WEST : column_clock.NORTH + 1]
+        seen[:] = min(seen[0], west), min(seen[1], south), max(seen[2], east), max(seen[3], north)
+        counts[column_clock.ROWS] += n
+        counts[column_clock.ALIVE] += n
+        clock[column_clock.TOTAL_MASS] += float(particles.mass.sum())
+        clock[column_clock.BOUND_BED] = max(clock[column_clock.BOUND_BED], bed.max())
+        thickness = particles.mass / (self.numerics.density * particles.area)
+        speed2 = (particles.velocity**2).sum(axis=1)
+        self._note_start(x, y, thickness, speed2)
+        self._expect(thickness, np.hypot(*particles.velocity[:, :2].T), speed2.max())
+        self._forget_peaks()
+        return bed
+
+    def _note_start(self, x, y, thickness, speed2):
+        """Record a new largest thickness or speed of columns that are inserted at `x`, `y` [m]."""
+        clock = self._clock
+        for values, at, largest in (
+            (thickness, column_clock.DEEPEST_X, clock[column_clock.DEPTH_WORST]),
+            (np.sqrt(speed2), column_clock.FASTEST_X, clock[column_clock.FASTEST]),
+        ):
+            k = int(np.argmax(values))
+            if values[k] > largest or not self.step:
+                clock[at : at + 3] = x[k], y[k], self.time
+        clock[column_clock.FASTEST] = max(clock[column_clock.FASTEST], np.sqrt(speed2.max()))
+
+    def take_out(self, chosen):
+        """Take the columns that `chosen`, (x, y) [m] -> bool[n], picks out of the flow, now; a Frame of them, with
+        `velocity_gradient` in its state, or None where there are none.
+
+        Mass and energy at the start are reduced by those of the removed columns.
+        """
+        rows, _, _ = self._seen()
+        out = chosen(rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0)
+        if not out.any():
+            return None
+        gradient = rows[out, CXX : CXX + 4].reshape(-1, 2, 2)
+        frame = self.frame()
+        taken = replace(frame, particles=frame.particles.take(out), state={"velocity_gradient": gradient}, maxima={})
+        bed = kernel.beds_at(
+            self.fields.bed, rows[out, kernel.X].copy(), rows[out, kernel.Y].copy(), self.grid.cell_size
+        )[0]
+        lost = float(rows[out, kernel.MASS].sum()), self._energy_of(rows[out], bed)
+        n, counts = self._counts[column_clock.ROWS], self._counts
+        gone = np.flatnonzero(self._keys[:n] != kernel.GONE)[out]
+        self._keys[gone] = kernel.GONE
+        counts[column_clock.ALIVE] -= len(gone)
+        self._forget_computed()
+        counts[column_clock.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
+        self._clock[column_clock.TOTAL_MASS] -= lost[0]
+        self.mass_start -= lost[0]
+        self.energy_start = tuple(a - b for a, b in zip(self.energy_start, lost[1], strict=True))
+        return taken
+
+    def _expect(self, thickness, speed, speed2):
+        """Ready the clock for columns of `thickness` [m] with |u| = `speed` and at most |U|^2 = `speed2`."""
+        clock, gravity = self._clock, self.numerics.gravity
+        wave = np.sqrt(self.effects.earth_pressure.largest_factor() * gravity * thickness)
+        deepest = np.max(thickness)
+        for entry, value in (
+            (column_clock.SPEED, np.max(speed)),
+            (column_clock.SIGNAL, np.max(speed + wave)),
+            (column_clock.BOUND_ENERGY, 4 * gravity * deepest + speed2),
+            (column_clock.DEPTH_NOW, deepest),
+            (column_clock.DEPTH_WORST, deepest),
+        ):
+            clock[entry] = max(clock[entry], value)
+
+    def _forget_peaks(self):
+        """Reset the stop rules, which compare with past peaks: inserted columns have none yet."""
+        clock = self._clock
+        clock[column_clock.KINETIC_PEAK] = clock[column_clock.MOVING_PEAK] = 0.0
+        clock[column_clock.KINETIC_LOW_SINCE] = -1.0
+        clock[column_clock.FOOTPRINT_MARK_TIME], clock[column_clock.FOOTPRINT_MARK] = (
+            self.time,
+            float(self._counts[column_clock.WET]),
+        )
+
+    def _settle(self, window, least):
+        """Areas in the cells of `window` as the grid sees them, of columns that become at least `least` times as thick;
+        returns the added potential energy [J]."""
+        n = self._counts[column_clock.ROWS]
+        ny, nx = self.grid.inside.shape
+        walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
+        thickest, fastest, lifted = kernel.settle_areas(
+            self._rows[:n], self._keys[:n], kernel.GONE, window.marked, window.row, window.column, walls,
+            self.grid.cell_size, self._settings.density, least, isinstance(self.effects.metric, SlopeMetric),
+        )  # fmt: skip
+        if thickest > self._clock[column_clock.DEPTH_WORST]:
+            rows, keys = self._rows[:n], self._keys[:n]
+            thickness = np.where(keys != kernel.GONE, rows[:, kernel.MASS] / rows[:, kernel.AREA], 0.0)
+            k = int(np.argmax(thickness))
+            self._clock[column_clock.DEEPEST_X : column_clock.DEEPEST_TIME + 1] = (
+                rows[k, kernel.X],
+                rows[k, kernel.Y],
+                self.time,
+            )
+        self._expect(thickest, fastest, 0.0)
+        return 0.5 * self.numerics.gravity * lifted
+
+    def arm(self, number, nodes, thickness):
+        """Let `advance` stop with TRIGGER_REACHED when flow thicker than `thickness` [m] reaches one of `nodes`.
+
+        `number`, from 1, identifies the area; `nodes` are (rows, columns) of the node arrays. A `thickness` of None, or
+        below what counts as flow, means any flow.
+        """
+        self._wet[nodes] |= np.uint8(kernel.ARMED * number)
+        self.fields.trigger_thickness[number - 1] = max(thickness or 0.0, self._settings.wet_thickness)
+
+    def fired(self, number, nodes):
+        """Has the flow reached the area armed as `number`? If so it is armed no more."""
+        if (self._wet[nodes] // kernel.ARMED == number).all():
+            return False
+        self._wet[nodes] &= np.uint8(kernel.REACHED)
+        return True
+
+    @property
+    def columns(self):
+        """Number of columns on the terrain now."""
+        return int(self._counts[column_clock.ALIVE])
+
+    @property
+    def speed_max(self):
+        """Largest horizontal speed now [m s-1]."""
+        return float(self._clock[column_clock.SPEED])
+
+    def advance(self, until, max_steps=1 << 62, may_stop=True):
+        """Advance to time `until` [s] or by `max_steps`; returns the kernel's reason to stop.
+
+        Without `may_stop` the stop rules are off (more inflow follows).
+        """
+        if not self.columns:
+            return column_clock.ALL_LEFT
+        self._forget_computed()
+        settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
+        return self._take_steps(float(until), int(max_steps), settings)
+
+    def _take_steps(self, until, max_steps, settings):
+        ready_threads()
+        return kernel.advance(
+            self._rows, self._ids, self._keys, self._order, self._nodes, self._wet, self._clock, self._counts,
+            self._ledger, self._peaks, self._barrier_sums, self._left, until, max_steps, settings, self.fields,
+            self.effects, self._watched,
+        )  # fmt: skip
+
+    def _integrate_with(self, effects, places, walls):
+        """Continue with other `effects` and `places`; the state of the bed and sums of unchanged barriers are kept."""
+        before, trigger = self._changing(), self.fields.trigger_thickness
+        self.effects, self.places = effects, places
+        fields = places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
+        self.fields = fields._replace(trigger_thickness=trigger)
+        self._barrier_sums = np.zeros((len(places.barrier_names), kernel.BARRIER_SUMS + 1))
+        for name, array in self._changing().items():
+            if name in before:
+                array[:] = before[name]
+
+    @staticmethod
+    def _on_kernel_nodes(values):
+        """`values` [ny + 3, nx + 3] at the nodes of the blocks."""
+        return values
+
+    def _map_places(self, rows, keys):
+        """float64[n, 2] [m]: map E, N of columns."""
+        return rows[:, [kernel.X, kernel.Y]] + (self.grid.x0, self.grid.y0)
+
+    def frame(self):
+        """The present columns as a Frame: z is the bed, velocities are tangent to it.
+
+        After the first step areas are limited to a factor of SHOWN_RANGE of those of the grid: a column that was
+        stretched to a hundred cells is a thin line on the ground, not a square of that area. Masses are exact.
+        """
+        header = {"density": self.numerics.density, "cell_size": self.grid.cell_size}
+        return replace(
+            self._start, particles=self._particles(), time=self.time, step=self.step, solver="columns", header=header,
+            maxima=self.maxima(), state=self.state(), bed_change=self.bed_change(),
+        )  # fmt: skip
+
+    def _particles(self):
+        rows, ids, _ = self._seen()
+        grid, origin, n = self.grid, self._start.origin, len(rows)
+        corner = grid.corner_from(origin)
+        position, velocity, mass, area = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
+
+        def fill(some):
+            position[some, :2] = rows[some][:, [kernel.X, kernel.Y]] + corner
+            position[some, 2] = self._beds_under(rows[some]) - origin[2]
+            u, v = rows[some, kernel.U], rows[some, kernel.V]
+            velocity[some, 0], velocity[some, 1] = u, v
+            velocity[some, 2] = u * rows[some, kernel.GX] + v * rows[some, kernel.GY]
+            mass[some], area[some] = rows[some, kernel.MASS], rows[some, kernel.AREA]
+
+        in_slices(fill, n)
+        if self.step:
+            seen = kernel.grid_areas(rows, grid.bed.shape, grid.cell_size)
+            area = np.clip(area, seen / SHOWN_RANGE, seen * SHOWN_RANGE)
+        volume = mass / self.numerics.density
+        return Particles(position, velocity, mass, volume, volume / area, area, ids.copy())

@@ -1,0 +1,361 @@
+"""State of the depth-averaged solver: for a restart, and as sums, energies and balances.
+
+What a flow made of its bed, as frames store it: mass per area at the nodes, eroded and stopped in forest.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ...compiled.particle_slices import in_slices
+from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
+from ...frames.peaks import PEAK_STATE, fits, maxima_of, peaks_state, restore_peaks
+from ...frames.state_check import LEFT_STATE
+from ...frames.watched_features import left_places
+from ...laws.forest import STRENGTH
+from ...laws.ground_metric import cosine_squared
+from ...system.errors import FormatError
+from . import column_clock, column_forest, column_report
+from . import column_loop as kernel
+from .column_restart import require_column_state
+
+DETRAINED, BROKEN = "detrained_mass", "broken_forest"
+MASS, TRANSFORM, DENSITY = "eroded_mass", "transform", "bed_density"
+
+
+def bed_change_of(eroded, forest, west, south, spacing):
+    """What a frame stores of the bed, cut to the nodes where anything changed.
+
+    Parameters
+    ----------
+    eroded : float64[rows, columns] [kg m-2]
+        Per plan area at the nodes, row 0 in the south; a node stands for the square of side `spacing` around it.
+    forest : (float64[rows, columns], float64[rows, columns]) or None
+        Mass that stopped in forest [kg m-2], and 1 where forest is broken.
+    west, south : float [m]
+        Map position of the first node.
+    spacing : float [m]
+
+    Returns
+    -------
+    dict
+        eroded_mass float64[rows, columns] [kg m-2] and the affine `transform` of the nodes' squares; with forest also
+        detrained_mass [kg m-2] and broken_forest [1].
+    """
+    arrays = {MASS: eroded} if forest is None else {MASS: eroded, DETRAINED: forest[0], BROKEN: forest[1]}
+    j, i = np.nonzero(np.any([values > 0 for values in arrays.values()], axis=0))
+    window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
+    corner = west + (window[1].start - 0.5) * spacing, south + (window[0].start - 0.5) * spacing
+    transform = np.array([spacing, 0.0, corner[0], 0.0, spacing, corner[1]])
+    return {name: values[window].copy() for name, values in arrays.items()} | {TRANSFORM: transform}
+
+
+def with_density(eroded: dict[str, Any], density: float) -> dict[str, Any]:
+    """The same with the density [kg m-3] of the bed, which makes depths of masses; nothing stays nothing."""
+    return eroded | {DENSITY: float(density)} if eroded else {}
+
+
+# outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
+LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
+# sums of a barrier [N s, N s, N s, kg, N]; the force is the largest of a single step
+BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
+# what came in after the start: columns, and their energy when they did [J]
+INSERTED_COLUMNS, INSERTED_KINETIC, INSERTED_POTENTIAL, INSERTED = range(4)
+LOSSES = {  # energy losses of a flow, and their clock entries
+    "ground": column_clock.FRICTION_TOTAL,
+    "eroded_mass": column_clock.MERGING_TOTAL,
+    "barriers": column_clock.BARRIER_TOTAL,
+    "speed_limit": column_clock.LIMITED_TOTAL,
+}
+CLIPS = {  # limits on the state of columns, and the clock entries that count the column-steps in which they acted
+    "area_factor": column_clock.STRETCH_TOTAL,
+    "thinnest_column": column_clock.THIN_AREA_TOTAL,
+    "thickness_clamp": column_clock.CLAMPED_TOTAL,
+    "speed_bound": column_clock.SPEED_TOTAL,
+    "held_at_walls": column_clock.WALL_TOTAL,
+    "viscosity_capped": column_clock.STIFF_TOTAL,
+    "thinner_than_friction": column_clock.THIN_TOTAL,
+    "erosion_of_a_step": column_clock.GREEDY_TOTAL,
+    "weightless": column_clock.AIRBORNE_TOTAL,
+}
+
+
+class ColumnState(ParticleStore):
+    """State of columns for a restart, and its balances; see `column_solver.ColumnSolver`."""
+
+    def state(self):
+        """State for a restart in addition to the frame's particles: the arrays that change, unmodified."""
+        rows, _, _ = self._alive()
+        arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
+        if self.numerics.maxima:
+            arrays |= peaks_state(self._peaks)
+        arrays |= self._watch_state()
+        reached = np.packbits(self._wet & kernel.REACHED, axis=1)
+        return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
+
+    def _changing(self):
+        """Name -> array of the state other than rows and reached nodes, as far as this scene has it."""
+        arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
+        if self.effects.barrier.barrier_active():
+            arrays["barriers"] = self._barrier_sums
+        if self.effects.entrainment.entrainment_active():
+            arrays["erodible"] = self.fields.erodible
+            if self.effects.entrainment.bed_lowering() > 0.0:
+                arrays |= {"bed": self.fields.bed, "gradient": self.fields.gradient}
+        if self.effects.forest.forest_active():
+            arrays |= {"forest": self.fields.forest_state, "forest_sums": self.fields.forest_sums}
+        return arrays
+
+    def restore(self, frame, known=False):
+        """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
+
+        The state is checked unless it is `known`: one that never left this process.
+
+        Raises
+        ------
+        FormatError
+            No state in it, or the state of another run.
+        """
+        self._forget_computed()
+        self._restore_watch(frame)
+        state, ids = frame.state, frame.particles.id
+        changing = self._changing()
+        peaks = set(PEAK_STATE) if self.numerics.maxima else set()
+        if not {"rows", "reached", *LEFT_STATE, *peaks, *changing} <= set(state) or ids is None:
+            at = f"t = {frame.time:g} s"
+            raise FormatError(f"the frame at {at} has no state for a restart; start with --overwrite")
+        rows = state["rows"]
+        shapes = {name: array.shape for name, array in changing.items()}
+        shapes |= {"rows": (len(ids), self._rows.shape[1]), "reached": np.packbits(self._wet, axis=1).shape}
+        if (peaks and not fits(self._peaks, state)) or any(
+            state[name].shape != shape for name, shape in shapes.items()
+        ):
+            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
+        if not known:
+            require_column_state(frame, self, changing)
+        self._require_room(len(rows))
+        self._wet &= np.uint8(255 - kernel.REACHED)
+        self._rows[: len(rows)], self._ids[: len(rows)] = rows, ids
+        self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
+        for name, array in changing.items():
+            array[:] = state[name]
+        self._restore_left(state)
+        if self.numerics.maxima:
+            restore_peaks(self._peaks, state)
+        self._counts[column_clock.ROWS] = len(rows)
+        kernel.initial_keys(self._rows[: len(rows)], self._keys, self.grid.cell_size)
+
+    def started(self):
+        """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
+        return {"mass": self.mass_start, "energy": list(self.energy_start), "first_new_id": self._first_new_id}
+
+    def start_from(self, started):
+        """Count from the start that `started()` returned: this solver was made of a later frame of the same run."""
+        self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
+        self._first_new_id = started["first_new_id"]
+
+    def flow(self):
+        """The Flow now."""
+        rows, _, _ = self._seen()
+        u, v = rows[:, kernel.U].copy(), rows[:, kernel.V].copy()
+        speed = np.sqrt(u * u + v * v + (u * rows[:, kernel.GX] + v * rows[:, kernel.GY]) ** 2)
+        mass, x, y = rows[:, kernel.MASS].copy(), rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
+        return Flow(x, y, u, v, speed, mass / (self.numerics.density * rows[:, kernel.AREA]), mass)
+
+    def maxima(self):
+        """Running peaks at the nodes that the flow reached, row 0 in the south, with the affine of their cells.
+
+        thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m] that
+        all but the thickness are of; empty unless enabled.
+        """
+        if not self.numerics.maxima:
+            return {}
+        grid, inner = self.grid, self._peaks[1:-1, 1:-1]
+        return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, self.numerics.arrival_thickness)
+
+    def bed_change(self):
+        """What the flow made of its bed so far (`column_state`); empty without erosion and forest."""
+        erodes, forest = self.effects.entrainment.entrainment_active(), None
+        if not (erodes or self.effects.forest.forest_active()):
+            return {}
+        grid, inner = self.grid, (slice(1, -1), slice(1, -1))
+        if self.effects.forest.forest_active():
+            state = self.fields.forest_state[inner]
+            broken = (state[..., column_forest.TREES] == column_forest.BROKEN).astype(float)
+            forest = state[..., column_forest.STOPPED] / grid.cell_size**2, broken
+        eroded = np.zeros((grid.bed.shape[0] - 2, grid.bed.shape[1] - 2))
+        if erodes:
+            eroded = self.places.erodible[inner] - self.fields.erodible[inner]
+        return bed_change_of(eroded, forest, grid.x0, grid.y0, grid.cell_size)
+
+    def energy(self):
+        """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid.
+
+        The middle of a column lies h / 2 above the bed in the form `swe`, c^2 h / 2 in the form `slope`, where mass
+        stands normal to the bed: that is the energy whose gradient the pressure force is.
+        """
+        return self._once("energy", self._energy_now)
+
+    def _energy_now(self):
+        rows, _, _ = self._seen()
+        energies = in_slices(lambda some: self._energy_of(rows[some], self._beds_under(rows[some])), len(rows))
+        kinetic, potential = np.reshape(energies, (-1, 2)).sum(axis=0)
+        return float(kinetic), float(potential)
+
+    def _beds_under(self, rows):
+        """float64[n] [m]: elevation of the bed under the columns of `rows`."""
+        x, y = rows[:, kernel.X].copy(), rows[:, kernel.Y].copy()
+        return kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0]
+
+    def _energy_of(self, rows, bed):
+        mass, gravity = rows[:, kernel.MASS], self.numerics.gravity
+        u, v = rows[:, kernel.U], rows[:, kernel.V]
+        mx, my = self.effects.metric.metric_gradient(rows[:, kernel.GX], rows[:, kernel.GY])
+        w = u * mx + v * my
+        thickness = mass / (self.numerics.density * rows[:, kernel.AREA]) * cosine_squared(mx, my)
+        potential = mass * gravity * (bed - self.grid.bed.min() + 0.5 * thickness)
+        return float(0.5 * (mass * (u * u + v * v + w * w)).sum()), float(potential.sum())
+
+    def balances(self):
+        """Mass, energy and outflow so far as plain numbers [kg, J, kg m s-1], with relative errors."""
+        rows, _, _ = self._seen()
+        mass_now = float(rows[:, kernel.MASS].sum())
+        mass_out = float(self._ledger[:, 0].sum())
+        clock = self._clock
+        released = float(clock[column_clock.TOTAL_MASS] - clock[column_clock.ENTRAINED_TOTAL])
+        over_edges = named_sums(EDGE_NAMES, self._ledger, LEDGER)
+        forest = self._forest_balance(mass_now)
+        return {
+            "mass_start": self.mass_start,
+            "mass_now": mass_now,
+            "mass_out": mass_out,
+            "mass_released": released,
+            "mass_entrained": float(clock[column_clock.ENTRAINED_TOTAL]),
+            "mass_error_relative": (
+                mass_now + mass_out + forest.get("mass_detrained", 0.0) - clock[column_clock.TOTAL_MASS]
+            )
+            / (clock[column_clock.TOTAL_MASS] or 1.0),
+            "outflow": {edge: sums for edge, sums in over_edges.items() if sums["particles"] > 0},
+            "left_places": left_places(self.grid, self._left),
+            **self._energy_balance(),
+            "speed_max_now": float(clock[column_clock.SPEED]),
+            "speed_bound_ratio": float(np.sqrt(clock[column_clock.BOUND_WORST])),
+            "thickness_max_now": float(clock[column_clock.DEPTH_NOW]),
+            "thickness_max": float(clock[column_clock.DEPTH_WORST]),
+            "thickness_max_at": self._place_of(column_clock.DEEPEST_X),
+            "thickness_max_time": float(clock[column_clock.DEEPEST_TIME]),
+            "speed_max": float(clock[column_clock.FASTEST]),
+            "speed_max_at": self._place_of(column_clock.FASTEST_X),
+            "speed_max_time": float(clock[column_clock.FASTEST_TIME]),
+            "moving_share": float(clock[column_clock.MOVING_SHARE]),
+            "speed_limited_share_max": float(clock[column_clock.LIMITED_WORST]),
+            "airborne_share_max": float(clock[column_clock.AIRBORNE_WORST]),
+            "particle_steps": int(clock[column_clock.COLUMN_STEPS]),
+            "clips": {name: float(clock[entry]) for name, entry in CLIPS.items()},
+            "thickness_clamps": int(clock[column_clock.CLAMPED_TOTAL]),
+            "viscosity_capped_share_max": float(clock[column_clock.STIFF_WORST]),
+            "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),
+            "footprint_area": float(self._counts[column_clock.WET]) * self.grid.cell_size**2,
+            **forest,
+        }
+
+    def _forest_balance(self, mass_now):
+        """Mass that stopped in forest, that stands still and that flows [kg], broken area; empty without forest.
+
+        `mass_at_rest` is that of columns slower than MOVING_SPEED.
+        """
+        if not self.effects.forest.forest_active():
+            return {}
+        flow, sums = self.flow(), self.fields.forest_sums
+        at_rest = float(flow.mass[flow.speed <= column_report.MOVING_SPEED].sum())
+        cell = self.grid.cell_size**2
+        return {
+            "mass_detrained": float(sums[column_forest.DETRAINED]),
+            "mass_at_rest": at_rest,
+            "mass_flowing": mass_now - at_rest,
+            "forest_area": float((self.fields.forest[..., STRENGTH] > 0.0).sum()) * cell,
+            "forest_broken_area": float(sums[column_forest.BROKEN_NODES]) * cell,
+        }
+
+    def _losses(self):
+        """Energy taken from the flow so far [J], by what took it."""
+        forest = {}
+        if self.effects.forest.forest_active():
+            forest = {"forest": float(self.fields.forest_sums[column_forest.RESISTED])}
+        return {name: float(self._clock[entry]) for name, entry in LOSSES.items()} | forest
+
+    def _energy_gone(self):
+        """(kinetic, potential) energy [J] of the mass that left the terrain or stopped in forest."""
+        ledger, sums, datum = self._ledger, self.fields.forest_sums, self.numerics.gravity * float(self.grid.bed.min())
+        kinetic, potential = float(ledger[:, 3].sum()), float(ledger[:, 4].sum() - ledger[:, 0].sum() * datum)
+        if self.effects.forest.forest_active():
+            kinetic += float(sums[column_forest.KINETIC])
+            potential += float(sums[column_forest.POTENTIAL] - sums[column_forest.DETRAINED] * datum)
+        return kinetic, potential
+
+    def energy_look(self):
+        """The present EnergyLook, of kinetic energy and of the work of weight and pressure: heights need no guard, see
+        `_energy_balance`."""
+        clock, kinetic = self._clock, self.energy()[0]
+        work, taken = clock[column_clock.WORK_TOTAL], sum(self._losses().values())
+        put_in = self.energy_start[0] + self._inserted[INSERTED_KINETIC]
+        made = kinetic + self._energy_gone()[0] - work - put_in
+        gravity, cell_size = self.numerics.gravity, self.numerics.cell_size
+        least = least_kinetic(clock[column_clock.KINETIC_PEAK], clock[column_clock.TOTAL_MASS], gravity, cell_size)
+        work = float(work), float(taken), float(put_in)
+        return EnergyLook(float(made), kinetic, float(least), work, self.time)
+
+    def _energy_balance(self):
+        """Energy that came in, that is there and that left [J], and what took the rest.
+
+        What the velocities lose to the transfers between columns and grid, to shocks and to internal friction is the
+        kinetic energy that the work of weight and pressure leaves unexplained (`mixing`). Changes of c^2 h / 2, the
+        height of a column's middle, go to `bends`, with a negative sign where slopes ease: a thin layer has no force
+        for them. The error is what is left then: the potential energy that came in and is gone, less that work, over
+        all energy that came in.
+        """
+        clock, gravity = self._clock, self.numerics.gravity
+        (kinetic, potential), (kinetic_start, potential_start) = self.energy(), self.energy_start
+        datum = gravity * float(self.grid.bed.min())
+        kinetic_out, potential_out = self._energy_gone()
+        kinetic_later, potential_later = (float(self._inserted[k]) for k in (INSERTED_KINETIC, INSERTED_POTENTIAL))
+        taken = float(clock[column_clock.ENTRAINED_POTENTIAL_TOTAL] - clock[column_clock.ENTRAINED_TOTAL] * datum)
+        lost_to = self._losses()
+        work = float(clock[column_clock.WORK_TOTAL])
+        lost_to["mixing"] = work + kinetic_start + kinetic_later - kinetic - kinetic_out - sum(lost_to.values())
+        lost_to["bends"] = -float(clock[column_clock.BENT_TOTAL])
+        put_in = kinetic_start + potential_start + kinetic_later + potential_later + taken
+        lost = put_in - kinetic - potential - kinetic_out - potential_out
+        return {
+            "energy_start": kinetic_start + potential_start,
+            "energy_released_later": kinetic_later + potential_later,
+            "energy_entrained": taken,
+            "energy_out": kinetic_out + potential_out,
+            "kinetic_energy": kinetic,
+            "kinetic_energy_peak": max(kinetic, float(clock[column_clock.KINETIC_PEAK])),
+            "potential_energy": potential,
+            "energy_lost": lost,
+            **{f"energy_lost_to_{name}": joules for name, joules in lost_to.items()},
+            "energy_error_relative": (lost - sum(lost_to.values())) / (put_in or 1.0),
+        }
+
+    def _place_of(self, entry):
+        """[E, N] [m] of the place that the clock keeps from `entry` on."""
+        return [float(self._clock[entry]) + self.grid.x0, float(self._clock[entry + 1]) + self.grid.y0]
+
+    def fastest(self):
+        """Map E, N [m] and speed [m s-1] of the fastest column."""
+        flow = self.flow()
+        k = int(np.argmax(flow.speed))
+        return float(flow.x[k]), float(flow.y[k]), float(flow.speed[k])
+
+    def trouble(self):
+        """Where a run stopped: map E, N, columns not finite, largest speed over its bound, share of mass over twice."""
+        clock = self._clock
+        return (
+            float(clock[column_clock.BOUND_NOW_X]) + self.grid.x0,
+            float(clock[column_clock.BOUND_NOW_Y]) + self.grid.y0,
+            int(self._counts[column_clock.BAD]),
+            float(np.sqrt(clock[column_clock.BOUND_NOW])),
+            float(clock[column_clock.WILD_NOW]),
+        )

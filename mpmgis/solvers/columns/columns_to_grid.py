@@ -1,0 +1,219 @@
+"""Transfer of the depth-averaged MPM from columns to grid.
+
+A block sums its columns into a private tile, and the grid gathers the tiles that overlap a node in a fixed order.
+No array is shared between loops, so results are bitwise the same for any number of threads.
+"""
+
+import numpy as np
+
+from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled.block_order import CHUNKS
+from ...compiled.jit import jit, jit_inline, jit_parallel, prange
+from ...compiled.lanes import get, load, multiply_add, put, put_four, store
+from ...laws.ground_metric import cosine_squared
+from .column_report import STIFF
+from .column_rows import (
+    BATCH,
+    BLOCK,
+    L_AREA,
+    L_CXX,
+    L_CXY,
+    L_CYX,
+    L_CYY,
+    L_GX,
+    L_GY,
+    L_MASS,
+    L_U,
+    L_V,
+    L_WX0,
+    L_WX1,
+    L_WX2,
+    L_WY0,
+    L_WY1,
+    L_WY2,
+    L_X,
+    L_Y,
+    LINES,
+    QUAD,
+    QUADS,
+    TILE,
+    bed_at,
+    take_rows,
+    weights,
+)
+
+compiled_cosine_squared = jit_inline(cosine_squared)
+
+
+@jit
+def _impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, dx, dt, density, gravity,
+              metric, lake, earth_pressure, viscosity):  # fmt: skip
+    """Contribution of columns to nodes, as weights and four-number groups; returns how many viscosities it capped.
+
+    Node (i, j) gets wy_j * column_i + wx_i * line_j of (mass, momentum east, north, kinetic energy before the step).
+    """
+    inverse_dx = 1.0 / dx
+    stiff = 0
+    for k in range(count):
+        mass, area = get(scratch, L_MASS, k), get(scratch, L_AREA, k)
+        slope_x, slope_y = get(scratch, L_GX, k), get(scratch, L_GY, k)
+        x, y = get(scratch, L_X, k), get(scratch, L_Y, k)
+        u, v = get(scratch, L_U, k), get(scratch, L_V, k)
+        i0, fx, wx0, wx1, wx2 = weights(x, inverse_dx)
+        j0, fy, wy0, wy1, wy2 = weights(y, inverse_dx)
+        put(place, 0, k, ((j0 - j_block) * TILE + i0 - i_block) * 4)
+        metric_x, metric_y = metric.metric_gradient(slope_x, slope_y)
+        c2 = compiled_cosine_squared(metric_x, metric_y)
+        pressed, driven = mass * mass / (density * area), mass  # A rho h^2, and m
+        if lake.still_water_active():
+            level = lake_level[int(y * inverse_dx), int(x * inverse_dx)]
+            bed_here = bed_at(bed, x, y, inverse_dx)[0]
+            still = density * area * lake.reference_depth(bed_here, level)
+            pressed -= still * still / (density * area)
+            driven -= still
+        cxx, cxy, cyx, cyy = (
+            get(scratch, L_CXX, k), get(scratch, L_CXY, k), get(scratch, L_CYX, k), get(scratch, L_CYY, k),
+        )  # fmt: skip
+        if earth_pressure.earth_pressure_active():
+            pressed *= earth_pressure.pressure_factor(_stretching_rate(u, v, cxx, cxy + cyx, cyy), dt)
+        push = dt * 0.5 * gravity * c2 * pressed * inverse_dx
+        along_xx, along_xy = 1.0 - c2 * metric_x * metric_x, -c2 * metric_x * metric_y
+        along_yy = 1.0 - c2 * metric_y * metric_y
+        push_xx, push_xy, push_yx, push_yy = push * along_xx, push * along_xy, push * along_xy, push * along_yy
+        if viscosity.viscosity_active():
+            dxy = 0.5 * (cxy + cyx)
+            apparent = viscosity.apparent_viscosity(mass / (density * area), u, v, cxx, dxy, cyy)
+            largest = 0.125 * density * dx * dx / dt  # explicit diffusion is stable below four times that
+            stiff += apparent > largest
+            drawn = 2.0 * min(apparent, largest) * dt * inverse_dx * mass / density
+            push_xx -= drawn * (cxx * along_xx + dxy * along_xy)
+            push_xy -= drawn * (cxx * along_xy + dxy * along_yy)
+            push_yx -= drawn * (dxy * along_xx + cyy * along_xy)
+            push_yy -= drawn * (dxy * along_xy + cyy * along_yy)
+        pull = dt * driven * gravity * c2
+        w = u * metric_x + v * metric_y
+        kinetic = 0.5 * mass * (u * u + v * v + w * w)
+        mdx = mass * dx
+        cxx, cxy, cyx, cyy = mdx * cxx, mdx * cxy, mdx * cyx, mdx * cyy
+        # momentum at the place of the column, extrapolated to the first node: -f cells away in each axis
+        qx = mass * u - pull * slope_x - fx * cxx - fy * cxy
+        qy = mass * v - pull * slope_y - fx * cyx - fy * cyy
+        put(scratch, L_WX0, k, wx0)
+        put(scratch, L_WX1, k, wx1)
+        put(scratch, L_WX2, k, wx2)
+        put(scratch, L_WY0, k, wy0)
+        put(scratch, L_WY1, k, wy1)
+        put(scratch, L_WY2, k, wy2)
+        put_four(
+            quads, 0 * QUAD, k, wx0 * mass, wx0 * qx + push_xx * (fx - 1.5),
+            wx0 * qy + push_yx * (fx - 1.5), wx0 * kinetic,
+        )  # fmt: skip
+        put_four(
+            quads, 1 * QUAD, k, wx1 * mass, wx1 * (qx + cxx) + push_xx * (2.0 - 2.0 * fx),
+            wx1 * (qy + cyx) + push_yx * (2.0 - 2.0 * fx), wx1 * kinetic,
+        )  # fmt: skip
+        put_four(
+            quads, 2 * QUAD, k, wx2 * mass, wx2 * (qx + 2.0 * cxx) + push_xx * (fx - 0.5),
+            wx2 * (qy + 2.0 * cyx) + push_yx * (fx - 0.5), wx2 * kinetic,
+        )  # fmt: skip
+        put_four(quads, 3 * QUAD, k, 0.0, push_xy * (fy - 1.5), push_yy * (fy - 1.5), 0.0)
+        line = 2.0 - 2.0 * fy
+        put_four(quads, 4 * QUAD, k, 0.0, wy1 * cxy + push_xy * line, wy1 * cyy + push_yy * line, 0.0)
+        line = fy - 0.5
+        put_four(quads, 5 * QUAD, k, 0.0, 2.0 * wy2 * cxy + push_xy * line, 2.0 * wy2 * cyy + push_yy * line, 0.0)
+    return stiff
+
+
+@jit
+def _spread(scratch, quads, place, count, tile):
+    """Add each column's nine products to the block's tile.
+
+    Columns from the two halves of the batch take turns: neighbours add to the same nodes, and would wait for each
+    other's sums.
+    """
+    half = (count + 1) // 2
+    for k in range(half):
+        _spread_one(scratch, quads, place, k, tile)
+        if k + half < count:
+            _spread_one(scratch, quads, place, k + half, tile)
+
+
+@jit_inline
+def _spread_one(scratch, quads, place, k, tile):
+    t, q = place[k], 4 * k
+    wx0, wx1, wx2 = get(scratch, L_WX0, k), get(scratch, L_WX1, k), get(scratch, L_WX2, k)
+    node0, node1, node2 = load(quads, q), load(quads, q + QUAD), load(quads, q + 2 * QUAD)
+    for j in range(3):
+        wy = get(scratch, L_WY0 + j * BATCH, k)
+        line = load(quads, q + (3 + j) * QUAD)
+        store(tile, t, multiply_add(wy, node0, multiply_add(wx0, line, load(tile, t))))
+        store(tile, t + 4, multiply_add(wy, node1, multiply_add(wx1, line, load(tile, t + 4))))
+        store(tile, t + 8, multiply_add(wy, node2, multiply_add(wx2, line, load(tile, t + 8))))
+        t += TILE * 4
+
+
+@jit_parallel
+def particles_to_grid(
+    rows, order, start, block, bounds, window, tiles, fields, report, dt, settings, metric, lake, earth_pressure,
+    viscosity,
+):  # fmt: skip
+    """Sum mass, momentum and impulse of each block's particles into its tile (weak form).
+
+    f_i = sum_p A_p rho g c^2 K h_p^2 / 2 P grad N_i - A_p h_p sigma_p P grad N_i - m_p g c^2 grad b N_i, with
+    P = I - c^2 grad b grad b^T and momentum sum_p N_i m_p (u_p + C_p (x_i - x_p)) (APIC, Jiang et al. 2015).
+
+    `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns.
+    """
+    bed, lake_level, (west, south, width) = fields.bed, fields.lake_level, window
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
+    for c in prange(CHUNKS):
+        scratch = np.empty(LINES)
+        quads = np.empty(QUADS)
+        place = np.empty(BATCH, np.int64)
+        stiff = 0
+        for a in range(bounds[c], bounds[c + 1]):
+            tile = tiles[a]
+            tile[:] = 0.0
+            i_block = (block[a] % width + west) * BLOCK
+            j_block = (block[a] // width + south) * BLOCK
+            for first in range(start[a], start[a + 1], BATCH):
+                count = min(BATCH, start[a + 1] - first)
+                take_rows(rows, order, first, count, order.size, scratch, True)
+                stiff += _impulses(
+                    scratch, quads, place, count, i_block, j_block, bed, lake_level, dx, dt, density, gravity,
+                    metric, lake, earth_pressure, viscosity,
+                )  # fmt: skip
+                _spread(scratch, quads, place, count, tile)
+        report[c, STIFF] = stiff
+
+
+@jit_inline
+def _stretching_rate(u, v, dxx, two_dxy, dyy):
+    """Stretching rate of the flow along its direction [s-1]; its divergence at rest."""
+    speed2 = u * u + v * v
+    along = u * u * dxx + u * v * two_dxy + v * v * dyy
+    return along / speed2 if speed2 > 1e-12 else dxx + dyy
+
+
+@jit_parallel
+def gather_tiles(nodes, tiles, slot, west, south, width, height, touched, n_touched):
+    """Sum the up to four tiles that overlap each node of the touched blocks, always in the same order."""
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    for k in prange(n_touched):
+        bi, bj = touched[k] % (width + 1), touched[k] // (width + 1)
+        j_first, i_first = (bj + south) * BLOCK, (bi + west) * BLOCK
+        for j in range(j_first, min(j_first + BLOCK, rows)):
+            for i in range(i_first, min(i_first + BLOCK, columns)):
+                nodes[j, i, :] = 0.0
+        for back_j in range(2):
+            for back_i in range(2):
+                oi, oj = bi - back_i, bj - back_j
+                if oi < 0 or oj < 0 or oi >= width or oj >= height or slot[oj * width + oi] < 0:
+                    continue
+                tile = tiles[slot[oj * width + oi]]
+                for j in range(TILE - BLOCK if back_j else BLOCK):
+                    for i in range(TILE - BLOCK if back_i else BLOCK):
+                        if j_first + j < rows and i_first + i < columns:
+                            t = ((j + BLOCK * back_j) * TILE + i + BLOCK * back_i) * 4
+                            for e in range(4):
+                                nodes[j_first + j, i_first + i, e] += tile[t + e]

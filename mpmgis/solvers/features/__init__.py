@@ -1,0 +1,1 @@
+"""Features of the map on the grid of a solver: zones, walls, openings, forest, lakes."""

@@ -1,0 +1,210 @@
+"""Spatial features of a scene on the solver's grid, and the numbers by which effects are decided."""
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from ...frames.watched_features import Feature
+from ...laws.forest import STRENGTH
+from ...laws.friction import FrictionZones
+from ...scene import mu_least
+from ...scene.terrain_effects import TABLE_OF, ZONE_THRESHOLD
+from ...system.errors import SceneError
+from ..columns.feature_arrays import Places, barrier_entries
+from .lakes_and_areas import spread
+
+LEAST_OF = ("xi",)  # parameters whose smallest value gives the largest effect; for others the mean is used
+
+
+@dataclass(frozen=True)
+class KnownByPlace:
+    """Spatial features of a scene before its effects are decided; None or empty without them.
+
+    Parameters
+    ----------
+    grid : ColumnGrid
+    scene : Scene
+    zones : dict
+        Parameter of friction -> float64 at the nodes, NaN where it is not given.
+    erodible : float64 at the nodes [kg m-2]
+    walls : tuple of Wall
+    wall_nodes : WallNodes
+    lake_level : float64 in the cells [m]
+    forest : float64 at the nodes [..., FOREST_ENTRIES]
+    """
+
+    grid: object
+    scene: object
+    zones: dict
+    erodible: np.ndarray | None
+    walls: tuple
+    wall_nodes: object
+    lake_level: np.ndarray | None
+    forest: np.ndarray | None = None
+
+    def mu_least(self):
+        """The least that friction can be anywhere [1]."""
+        if not self.zones:
+            return mu_least(self.scene)
+        ends = {name: {np.nanmin(values), np.nanmax(values)} for name, values in self.zones.items()}
+        corners = itertools.product(*([(name, value) for value in sorted(found)] for name, found in ends.items()))
+        return min(mu_least(_with_friction(self.scene, dict(corner))) for corner in corners)
+
+    def facts(self, terrain, reach, frame, depth):
+        """The entries of `TerrainFacts` on spatial features; `depth` [m] is the release's, `frame` its columns.
+
+        Raises
+        ------
+        SceneError
+            Ground in reach of the flow without friction.
+        """
+        x, y = self.grid.node_points()
+        inside, near = reach.at(terrain.grid, x, y)
+        facts = {}
+        if self.zones:
+            within_domain = self.grid.domain_nodes()
+            self._require_no_gap(reach.below_line(terrain.grid, x, y) & within_domain, x, y)
+            facts["zone_spread"] = max(spread(values, inside & within_domain) for values in self.zones.values())
+        if self.erodible is not None:
+            mass = self.erodible[inside].sum() * self.grid.cell_size**2
+            facts["erodible_ratio"] = float(mass / frame.particles.mass.sum())
+        if self.forest is not None:
+            trees = self.forest[..., STRENGTH] > 0.0
+            areas = (nodes.sum() * self.grid.cell_size**2 for nodes in (trees, trees & inside))
+            facts["forest_areas"] = tuple(float(area) for area in areas)
+        if self.walls:
+            facts |= self._wall_facts(terrain, reach, inside | near, x, y, depth)
+        if self.lake_level is not None:
+            facts["lake_ratio"] = self._lake_volume() / float(frame.particles.volume.sum())
+        return facts
+
+    def completed(self, reach, terrain):
+        """The scene with a friction that represents its zones, for decisions on effects."""
+        if not self.zones:
+            return self.scene
+        x, y = self.grid.node_points()
+        inside = reach.below_line(terrain.grid, x, y) & self.grid.domain_nodes()
+        if not inside.any():  # a line that is shorter than a cell
+            i, j = np.nonzero(reach.line)
+            east, north = terrain.grid.xy(i * reach.step, j * reach.step)
+            row, column = (np.rint((v - v0) / self.grid.cell_size).astype(int) + 1
+                           for v, v0 in ((north, self.grid.y0), (east, self.grid.x0)))  # fmt: skip
+            inside[np.clip(row, 1, inside.shape[0] - 2), np.clip(column, 1, inside.shape[1] - 2)] = True
+        representative = {}
+        for name, values in self.zones.items():
+            chosen = values[inside] if np.isfinite(values[inside]).any() else values
+            representative[name] = float(np.nanmin(chosen) if name in LEAST_OF else np.nanmean(chosen))
+        return _with_friction(self.scene, representative)
+
+    def on_grid(self, effects):
+        """The Places of a run in which `effects` are on."""
+        barriers, names = None, ()
+        if effects.barrier.barrier_active():
+            barriers, names = barrier_entries(self.wall_nodes), tuple(wall.name for wall in self.walls)
+        return Places(
+            zone_values=self._zone_values(effects.zones, effects.friction),
+            erodible=self.erodible if effects.entrainment.entrainment_active() else None,
+            barriers=barriers,
+            barrier_names=names,
+            lake_level=self.lake_level if effects.still_water.still_water_active() else None,
+            forest=self.forest if effects.forest.forest_active() else None,
+        )
+
+    def in_3d(self, effects):
+        """The Places of a 3D run in which `effects` are on; its solver makes nodes of the walls by itself."""
+        walls = self.walls if effects.barrier.barrier_active() else ()
+        return Places(
+            zone_values=self._zone_values(effects.zones, effects.contact),
+            barriers=barrier_entries(self.wall_nodes) if walls else None,
+            barrier_names=tuple(wall.name for wall in walls),
+        )
+
+    def watched(self, law, decisions):
+        """tuple of Feature that are off by their indicator only; `law` is the friction used instead."""
+        off = {decision.effect: _why_off(decision) for decision in decisions
+               if decision.effect in TABLE_OF and (decision.state, decision.decided_by) == ("off", "auto")}  # fmt: skip
+        where = {"zones": self._zone_nodes, "entrainment": self._erodible_nodes, "barrier": self._standing_nodes}
+        features = []
+        for effect, why in off.items():
+            words, nodes = where[effect](law)
+            if nodes.any():
+                features.append(Feature(effect, f"{words}, off until now ({why})", nodes))
+        return tuple(features)
+
+    def _zone_nodes(self, law):
+        """Nodes at which a parameter differs from that of `law` significantly."""
+        differs = np.zeros(self.grid.bed.shape, bool)
+        for name in law._fields:
+            used = getattr(law, name)
+            differs |= np.abs(_filled(self.zones[name]) - used) > ZONE_THRESHOLD * abs(used)
+        return "a zone of other friction", differs
+
+    def _erodible_nodes(self, law):
+        return "erodible ground", self.erodible > 0.0
+
+    def _standing_nodes(self, law):
+        names = ", ".join(f"'{wall.name}'" for wall in self.walls)
+        return f"barrier {names}", self.wall_nodes.number > 0
+
+    def _zone_values(self, zones, law):
+        """Parameters of the friction `law` at the nodes, in the order of its fields; None where zones are off."""
+        if not isinstance(zones, FrictionZones):
+            return None
+        return np.stack([_filled(self.zones[name]) for name in law._fields], axis=-1)
+
+    def _require_no_gap(self, inside, x, y):
+        for name, values in self.zones.items():
+            gap = inside & ~np.isfinite(values)
+            if gap.any():
+                at = tuple(np.argwhere(gap)[0])
+                area = gap.sum() * self.grid.cell_size**2
+                raise SceneError(
+                    f"[[zones]]: {name} has no value on {area:.4g} m2 that the flow can reach, for example at "
+                    f"E {x[at]:.1f} N {y[at]:.1f}; extend the zones or fill the raster there, or give [friction] {name}"
+                )
+
+    def _wall_facts(self, terrain, reach, reached, x, y, depth):
+        """How far walls are from reachable ground, and how high the lowest is against flow and energy head there."""
+        stands = self.wall_nodes.number > 0
+        touched = stands & reached
+        if not touched.any():
+            apart = ndimage.distance_transform_edt(~reached) if reached.any() else np.full(x.shape, max(x.shape))
+            return {"barrier_distance": float(apart[stands].min() * self.grid.cell_size)}
+        row, column = terrain.grid.rowcol(x[touched], y[touched])
+        i, j = (np.clip(np.rint(v / reach.step).astype(int), 0, n - 1)
+                for v, n in zip((row, column), reach.height.shape, strict=True))  # fmt: skip
+        head = depth + np.maximum(np.nan_to_num(reach.height[i, j]), 0.0)
+        above = self.wall_nodes.crest[touched] - self.grid.bed[touched]
+        ratio = float((above / np.maximum(head, 1e-6)).min())
+        return {"barrier_distance": 0.0, "barrier_height_ratio": ratio, "barrier_height": float(above.min())}
+
+    def _lake_volume(self):
+        bed = self.grid.bed[1:-1, 1:-1]
+        mean = 0.25 * (bed[:-1, :-1] + bed[:-1, 1:] + bed[1:, :-1] + bed[1:, 1:])
+        return float(np.maximum(self.lake_level - mean, 0.0).sum() * self.grid.cell_size**2)
+
+
+def _why_off(decision):
+    """Reason of a decision without features in reach."""
+    if decision.indicator is None:
+        return decision.reason.partition(";")[0]
+    if decision.indicator == 0.0:
+        return "none in reach of the energy line"
+    return f"{decision.indicator:.3g} in reach of the energy line, the threshold is {decision.threshold:g}"
+
+
+def _with_friction(scene, values):
+    """`scene` with these parameters of friction, in the order of its law."""
+    table = scene.friction
+    known = {**table.parameters, **values}
+    ordered = {name: known[name] for name in scene.laws[table.law][1] if name in known}
+    return replace(scene, friction=replace(table, parameters=ordered))
+
+
+def _filled(values):
+    """`values` with missing values taken from the nearest node that has one."""
+    known = np.isfinite(values)
+    return values if known.all() else values[tuple(ndimage.distance_transform_edt(~known, return_distances=False,
+                                                                                  return_indices=True))]  # fmt: skip

@@ -1,0 +1,1 @@
+"""Both steps on a CUDA device with numba-cuda (extra `mpmgis[gpu]`)."""

@@ -1,0 +1,111 @@
+"""The depth-averaged solver with its columns on a CUDA device.
+
+The arrays of the host are those of `ColumnSolver`. They are copied from the device when they are read after a step, and
+to it before a step once they were changed: a frame costs one copy, a step none.
+"""
+
+from ..columns.column_solver import ColumnSolver
+from .available import require_device
+from .device_arrays import OnDevice
+
+BYTES_PER_COLUMN = 350  # row, id, key and order; strips and lists of the sort; tiles of blocks with 64 columns
+BYTES_PER_COLUMN_IN_FOREST = 100  # a second sort, and what columns lose
+BYTES_PER_NODE = 48  # mass and velocity, and the bed twice, in addition to the arrays of the solver
+BYTES_OF_REPORTS = 100_000_000  # of all threads, on a device with up to 200 multiprocessors
+
+
+def device_memory_of_columns(columns, nodes, bytes_at_nodes, effects):
+    """Memory [bytes] on the device of a number of `columns`, estimated from above.
+
+    `bytes_at_nodes` is the size of the arrays of the solver at its `nodes`.
+    """
+    each = BYTES_PER_COLUMN + (BYTES_PER_COLUMN_IN_FOREST if effects.forest.forest_active() else 0)
+    return columns * each + bytes_at_nodes + nodes * BYTES_PER_NODE + BYTES_OF_REPORTS
+
+
+class DeviceColumnSolver(ColumnSolver):
+    """As `ColumnSolver`, with the steps on a CUDA device.
+
+    Parameters
+    ----------
+    frame, terrain, effects, numerics, ...
+        As of `ColumnSolver`.
+
+    Raises
+    ------
+    SceneError
+        There is no device, or it has too little memory.
+    """
+
+    _device, _ahead = None, False  # DeviceColumns, and whether its arrays are newer than those of the host
+    _rows, _ids, _keys, _wet, _ledger, _left, _peaks, _barrier_sums, fields = (OnDevice() for _ in range(9))
+
+    def __init__(self, frame, terrain, effects, numerics, places=None, grid=None, gradient=None):
+        require_device()
+        super().__init__(frame, terrain, effects, numerics, places, grid, gradient)
+
+    def download(self):
+        """Copy what the device has computed into the arrays of the host."""
+        if self._ahead:
+            self._ahead = False
+            self._device.download()
+
+    def _forget(self):
+        """Leave the device with what it has computed, because the host is about to change arrays or effects."""
+        self.download()
+        self._device = None
+
+    def _take_steps(self, until, max_steps, settings):
+        if self._device is None:
+            self._device = self._on_device(settings)
+        self._device.settings, self._ahead = settings, True
+        return self._device.advance(until, max_steps)
+
+    def _on_device(self, settings):
+        """The DeviceColumns of the present arrays."""
+        from . import device_laws  # noqa: F401  (kernels call methods of laws)
+        from .device_column_loop import ColumnArrays, DeviceColumns
+
+        at_nodes = sum(array.nbytes for array in (*self.fields, self._wet, self._peaks, self._left))
+        needed = device_memory_of_columns(len(self._rows), self.fields.bed.size, at_nodes, self.effects)
+        require_device(needed, "columns")
+        state = ColumnArrays(
+            self._rows, self._ids, self._keys, self._wet, self._clock, self._counts, self._ledger, self._peaks,
+            self._barrier_sums, self._left,
+        )  # fmt: skip
+        return DeviceColumns(state, settings, self.fields, self.effects, self._watched)
+
+    def insert(self, frame, window, slab=True):
+        """As of `ColumnSolver`."""
+        self._forget()
+        super().insert(frame, window, slab)
+
+    def take_out(self, chosen):
+        """As of `ColumnSolver`."""
+        self._forget()
+        return super().take_out(chosen)
+
+    def arm(self, number, nodes, thickness):
+        """As of `ColumnSolver`."""
+        self._forget()
+        super().arm(number, nodes, thickness)
+
+    def fired(self, number, nodes):
+        """As of `ColumnSolver`."""
+        fired = super().fired(number, nodes)
+        if fired:  # its marks have changed on the host
+            self._device = None
+        return fired
+
+    def _integrate_with(self, effects, places, walls):
+        self._forget()
+        super()._integrate_with(effects, places, walls)
+
+    def _mark_watched(self):
+        self._forget()
+        super()._mark_watched()
+
+    def restore(self, frame, known=False):
+        """As of `ColumnSolver`; the frame may be of a run on the processor."""
+        self._forget()
+        super().restore(frame, known)

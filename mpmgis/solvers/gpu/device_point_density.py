@@ -1,0 +1,72 @@
+"""Correction of the volumes of fluid points on the device (see `point_density`)."""
+
+from numba import cuda, int32
+
+from ..points import point_density
+from ..points.point_clock import STEP
+from ..points.point_density import (
+    EVERY,
+    TILE_NODES,
+    correct_point,
+    full_mass,
+    node_of_tile,
+    open_part,
+    place_in_tile,
+    relaxation_time,
+)
+from ..points.point_ground import Ground
+from ..points.point_rows import BLOCK, NODE_MASS, TILE
+from .device_functions import Part, capped, real, stand_in
+from .device_point_steps import stencil
+from .launch import ACTIVE, STATUS
+
+
+@Part
+def _interpolated(values, x, y, z):
+    """As `point_density.interpolated`, in loops, which need half of its registers."""
+    i, _, wx0, wx1, wx2 = stencil(x)
+    j, _, wy0, wy1, wy2 = stencil(y)
+    k, _, wz0, wz1, wz2 = stencil(z)
+    wx, wy, wz = (wx0, wx1, wx2), (wy0, wy1, wy2), (wz0, wz1, wz2)
+    first, total = (int32(k) * TILE + int32(j)) * TILE + int32(i), real(0.0)
+    for c in range(3):
+        for b in range(3):
+            share, n = wz[c] * wy[b], first + (c * TILE + b) * TILE
+            for a in range(3):
+                total += share * wx[a] * values[n + a]
+    return total
+
+
+# there is no floor of NumPy on the device
+stand_in((point_density,), {"stencil": stencil, "interpolated": _interpolated})
+
+
+@capped()
+def correct_density(
+    run, counts, rows, order, start, blocks, targets, nodes, free, ground_nodes, folds, exact, yields, barriers,
+    reports, settings, material, barrier,
+):  # fmt: skip
+    """Set the rates of correction of all volumes in every EVERY-th step; a thread block per block of points."""
+    if run[STATUS] != 0 or counts[STEP] % EVERY != 0:
+        return
+    thread, threads, step = int32(cuda.threadIdx.x), int32(cuda.blockDim.x), counts[STEP] + 1
+    masses = cuda.shared.array(TILE_NODES, real)
+    parts = cuda.shared.array(TILE_NODES, real)  # on a line of its own, by which the simulator tells arrays apart
+    after = yields[step % 2]
+    ground, barred, mine = Ground(ground_nodes, folds, exact), barrier.barrier_active(), reports[cuda.grid(1)]
+    time, full = relaxation_time(settings), full_mass(settings)
+    for a in range(int32(cuda.blockIdx.x), int32(run[ACTIVE]), int32(cuda.gridDim.x)):
+        for n in range(thread, TILE_NODES, threads):
+            t, node = node_of_tile(n, targets[a])
+            masses[n], parts[n] = nodes[t, 4 * node + NODE_MASS], real(1.0)
+            if free[t] == 0:
+                i, j, k = place_in_tile(n)
+                j, i, k = blocks[a, 1] * BLOCK + j, blocks[a, 0] * BLOCK + i, blocks[a, 2] * BLOCK + k
+                parts[n] = open_part(j, i, k, ground, after, step, barriers, barred, settings)
+        cuda.syncthreads()
+        for s in range(int32(start[a]) + thread, int32(start[a + 1]), threads):
+            correct_point(
+                rows, order[s], masses, parts, (False, False), full, settings.density_band, time, settings, material,
+                mine,
+            )  # fmt: skip
+        cuda.syncthreads()

@@ -1,0 +1,488 @@
+"""Time loop of the 3D MPM on a CUDA device; what `point_loop.advance` is on the CPU.
+
+Interface (used by the solver):
+
+    device = DevicePoints(state, places, settings, effects)   # copies everything to the device
+    reason = device.advance(until, after, max_steps)          # as `point_loop.advance`; rows stay on the device
+    device.download()                                         # all of `state` on the host is current again
+
+`state` holds the solver's own host arrays: `advance` keeps `clock` and `counts` current in them, `download` all others.
+After any change of the host arrays (insertion, restart, other laws) make a new DevicePoints.
+
+Arrays whose size depends on the flow grow when a step does not fit: nothing of the step is done before that is known.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numba import cuda
+
+from ...compiled.block_order import LEFT_MASS
+from ...laws.barrier import NoBarrier
+from ...system.errors import SceneError
+from ..points import point_clock as entry
+from ..points.point_barriers import BLOCK_FLOW
+from ..points.point_layers import LAYER_ENTRIES
+from ..points.point_nodes import BLOCK_COLUMNS, COLUMN_MASSES, NODE_REPORT
+from ..points.point_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_TALL, BLOCK_WEST
+from ..points.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
+from . import (
+    device_barriers,
+    device_grid_to_points,
+    device_point_density,
+    device_point_nodes,
+    device_point_reports,
+    device_point_sort,
+    device_point_steps,
+    device_points_to_grid,
+    rare_points,
+)
+from .launch import (
+    ACTIVE,
+    AFTER,
+    DEPTH,
+    NEEDS_ROOM,
+    NOW_ENTRIES,
+    ROOM_ACTIVE,
+    ROOM_DEPTH,
+    ROOM_PLACES,
+    ROOM_TOUCHED,
+    RUN_ENTRIES,
+    SIZE,
+    STAGE_ENTRIES,
+    STATUS,
+    TOUCHED,
+    UNTIL,
+    checked,
+    default_launch,
+)  # fmt: skip
+from .launch_graph import Repeated
+
+LAST_STEP = 1 << 24  # numbers of steps, kept with the yield of the ground, are exact in float32 up to here
+EXACT = 2.0**52  # whole numbers below it are exact in float64: sums of outflow pass between host and device unchanged
+COLUMNS = device_point_nodes.COLUMNS
+
+
+class PointState(NamedTuple):
+    """Arrays of a run that change, as in `point_loop.advance`; they belong to the host and keep their identity."""
+
+    rows: np.ndarray
+    ids: np.ndarray
+    keys: np.ndarray
+    clock: np.ndarray
+    counts: np.ndarray
+    ledger: np.ndarray
+    left_cells: np.ndarray
+    peaks: np.ndarray
+    yields: np.ndarray
+    barrier_sums: np.ndarray
+    face_yields: np.ndarray
+
+
+class PointPlaces(NamedTuple):
+    """Ground and map of a run, as in `point_loop.advance`."""
+
+    ground: NamedTuple  # `point_ground.Ground`
+    lowest: np.ndarray
+    inside: np.ndarray
+    zone_values: np.ndarray
+    watched: np.ndarray
+    barriers: np.ndarray
+    faces: np.ndarray
+
+
+class DevicePoints:
+    """The points of a run on the device.
+
+    Parameters
+    ----------
+    state : PointState
+    places : PointPlaces
+    settings : solvers.points.point_rows.Settings
+    effects : PointEffects
+        Material and softening in the precision of the rows.
+    launch : Launch, optional
+        Sizes of launches; by default those for a GPU, in the simulator small ones.
+    """
+
+    def __init__(self, state, places, settings, effects, launch=None):
+        self._barred = effects.barrier.barrier_active() and len(state.barrier_sums) > 0
+        if not self._barred:
+            effects = effects._replace(barrier=NoBarrier())
+        self._launch = checked(launch or default_launch())
+        self._real = state.rows.dtype.type
+        laws = {name: self._law(getattr(effects, name)) for name in ("transfer", "contact", "zones", "barrier")}
+        self.state, self._settings, self._effects = state, settings, effects._replace(**laws)
+        self._node_settings = self._law(settings)
+        self._drags = effects.contact.drag_active()
+        self._upload(places)
+        self._make_reports()
+        self._run = np.zeros(RUN_ENTRIES, np.int64)
+        self._stage = np.zeros(STAGE_ENTRIES)
+        self._d_run, self._d_stage = cuda.to_device(self._run), cuda.to_device(self._stage)
+        self._now = self._to_device(np.zeros(NOW_ENTRIES))
+        self._steps = Repeated(self._step)
+        self._grow()
+
+    def _law(self, values):
+        """`values`, a law or settings, with its floats in the precision of the points."""
+        return type(values)(*(self._real(value) if isinstance(value, float) else value for value in values))
+
+    def _to_device(self, values):
+        """An array of floats on the device, in the precision of the points."""
+        return cuda.to_device(np.ascontiguousarray(values, self._real))
+
+    def _upload(self, places):
+        """Copy state and map to the device."""
+        state = self.state
+        for name in ("rows", "ids", "keys", "clock", "counts", "ledger"):
+            setattr(self, f"_{name}", cuda.to_device(np.ascontiguousarray(getattr(state, name))))
+        self._peaks, self._yields = self._to_device(state.peaks), self._to_device(state.yields)
+        n = len(state.rows)
+        self._order, self._loose, self._mixed = (cuda.device_array(n, np.int32) for _ in range(3))
+        self._cells = cuda.device_array(n, np.uint8)
+        self._strip = cuda.device_array((n, device_point_sort.STRIP), self._real)
+        self._names = cuda.device_array((n, 2), np.int64)
+        ground = places.ground
+        folds = cuda.to_device(np.ascontiguousarray(ground.folds))
+        self._ground = self._to_device(ground.nodes), folds, self._to_device(ground.exact)
+        settings, nodes = self._settings, ground.nodes
+        self._planes = cuda.to_device(device_point_steps.planes_of(nodes, settings.dx, self._real))
+        self._domain = device_point_steps.Domain(settings.cells_x, settings.cells_y, settings.wall)
+        self._rare, self._scales = (
+            cuda.device_array(n, np.uint8),
+            cuda.device_array(device_point_steps.SCALES, self._real),
+        )
+        self._lowest, self._inside = cuda.to_device(places.lowest), cuda.to_device(places.inside.astype(np.uint8))
+        self._zone_values = self._to_device(places.zone_values)
+        watched = places.watched if places.watched.size else np.zeros((1, 1), np.uint8)
+        self._watched = cuda.to_device(np.ascontiguousarray(watched.astype(np.uint8)))
+        arrays = places.barriers, places.faces, state.barrier_sums, state.face_yields
+        self._barriers = device_barriers.DeviceBarriers(*arrays, self._real)
+        rows, columns = ground.nodes.shape[:2] if self._drags else (1, 1)
+        self._column_mass = self._to_device(np.zeros((rows, columns, COLUMN_MASSES)))
+        self._units = left_units(
+            state.left_cells, state.clock[entry.TOTAL_MASS], places.inside.shape, self._settings.dx
+        )
+        self._left = cuda.to_device(np.rint(state.left_cells / self._units).astype(np.int64))
+        self._d_units = cuda.to_device(self._units)
+
+    def _make_reports(self):
+        """Reports of all threads, and the arrays in which they are summed."""
+        threads = self._launch.workers * self._launch.width
+        self._pieces = cuda.to_device(np.zeros((self._launch.scanners * self._launch.width, 2), np.int64))
+        threads, *fewer = self._summed(threads)
+        self._node_sums = [self._to_device(np.zeros((threads, NODE_REPORT)))]
+        self._node_sums += [cuda.to_device(np.zeros((n, NODE_REPORT))) for n in fewer]
+        self._marks = cuda.device_array((threads, device_point_steps.RARE_MARKS), self._real)
+        self._mark_counts = cuda.device_array((threads, device_point_steps.RARE_COUNTS), np.int32)
+        nothing = np.zeros(device_point_steps.POINT_REPORT)
+        nothing[[BLOCK_WEST, BLOCK_SOUTH]] = 1 << 40
+        nothing[[BLOCK_EAST, BLOCK_NORTH, BLOCK_TALL, device_point_steps.STAY2_OF_ALL]] = -1.0
+        self._point_sums = [cuda.to_device(np.tile(nothing, (n, 1))) for n in (threads, *fewer)]
+
+    @staticmethod
+    def _summed(rows):
+        """Numbers of rows of reports, from those of all threads to one."""
+        numbers = [rows]
+        while numbers[-1] > 1:
+            numbers.append(-(-numbers[-1] // device_point_reports.GROUP))
+        return numbers
+
+    def _grow(self):
+        """Make arrays in which the present step fits, with half as much in addition."""
+        run, old, few = self._run, self._run.copy(), self._launch.room
+        for room, needed, least in (
+            (ROOM_PLACES, SIZE, 16 * few), (ROOM_ACTIVE, ACTIVE, few), (ROOM_TOUCHED, TOUCHED, 4 * few),
+            (ROOM_DEPTH, DEPTH, min(few, 8)),
+        ):  # fmt: skip
+            if run[needed] > run[room] or not old[room]:
+                run[room] = max(int(run[needed]) * 3 // 2, least)
+        if self._drags and self._real is np.float32 and run[ROOM_TOUCHED] > LAST_STEP:
+            raise SceneError(
+                f"device = 'cuda' with precision = 'float32' and Voellmy's drag takes at most {LAST_STEP} blocks of "
+                "nodes; take larger cells, or precision = 'float64'"
+            )
+        if run[ROOM_PLACES] != old[ROOM_PLACES]:
+            size = int(run[ROOM_PLACES])
+            self._histogram, self._flags, self._slots = (cuda.device_array(size, np.int32) for _ in range(3))
+        if run[ROOM_ACTIVE] != old[ROOM_ACTIVE]:
+            size = int(run[ROOM_ACTIVE])
+            self._block, self._start = cuda.device_array(size, np.int32), cuda.device_array(size + 1, np.int64)
+            self._targets, self._blocks = (cuda.device_array((size, k), np.int32) for k in (8, 3))
+            self._rare_blocks = cuda.device_array(size, np.uint8)
+            self._tiles = cuda.device_array((size, TILE_SIZE), self._real)
+        if run[ROOM_TOUCHED] != old[ROOM_TOUCHED]:
+            size = int(run[ROOM_TOUCHED])
+            self._nodes, self._free = (
+                cuda.device_array((size, BLOCK_SIZE), self._real),
+                cuda.device_array(size, np.uint8),
+            )
+            self._touched, self._sources = (cuda.device_array((size, k), np.int32) for k in (3, 8))
+            self._masses = cuda.device_array((size if self._drags else 1, BLOCK_COLUMNS), self._real)
+            self._flows = cuda.device_array((size if self._barriers.opens else 1, BLOCK_FLOW), self._real)
+        if run[ROOM_DEPTH] != old[ROOM_DEPTH]:
+            threads = min(self._launch.couplers, self._launch.workers * self._launch.width) if self._drags else 1
+            levels = int(run[ROOM_DEPTH]) * BLOCK if self._drags else 1
+            self._layers = cuda.device_array((threads, levels, LAYER_ENTRIES), self._real)
+        run[STATUS] = 0
+        self._d_run.copy_to_device(run)
+        self._steps.forget()
+
+    def advance(self, until, after=np.inf, max_steps=1 << 62):
+        """Advance to time `until` [s] or by `max_steps`; returns the reason to stop, as `point_loop.advance`.
+
+        `clock` and `counts` of the host state are current afterwards; the other arrays after `download`.
+
+        Raises
+        ------
+        SceneError
+            More than LAST_STEP steps of float32 points.
+        """
+        state, first = self.state, int(self.state.counts[entry.STEP])
+        self._clock.copy_to_device(state.clock)
+        self._counts.copy_to_device(state.counts)
+        self._stage[UNTIL], self._stage[AFTER] = until, after
+        self._d_stage.copy_to_device(self._stage)
+        self._run[STATUS] = 0
+        self._d_run.copy_to_device(self._run)
+        while state.counts[entry.STEP] - first < max_steps:
+            self._require_exact_steps()
+            self._steps(min(self._launch.batch, int(max_steps - (state.counts[entry.STEP] - first))))
+            self._d_run.copy_to_host(self._run)
+            self._counts.copy_to_host(state.counts)
+            if self._run[STATUS] == NEEDS_ROOM:
+                self._grow()
+            elif self._run[STATUS] != 0:
+                break
+        self._clock.copy_to_host(state.clock)
+        if self._run[STATUS] != 0:
+            return int(self._run[STATUS])
+        return entry.REACHED_TIME if state.clock[entry.TIME] >= until else entry.RUNNING
+
+    def _require_exact_steps(self):
+        """Raise SceneError if the numbers of the next steps are not exact in the precision of the points."""
+        if self._real is np.float32 and self.state.counts[entry.STEP] + self._launch.batch >= LAST_STEP:
+            raise SceneError(
+                f"device = 'cuda' with precision = 'float32' takes at most {LAST_STEP} steps, which are reached at "
+                f"t = {self.state.clock[entry.TIME]:g} s; continue with --resume --device cpu"
+            )
+
+    def download(self):
+        """Copy all that changes into the arrays of the host state.
+
+        Not `clock` and `counts`, which `advance` has copied: the host may have changed them since.
+        """
+        state = self.state
+        for name in ("rows", "ids", "keys", "ledger", "peaks", "yields"):
+            values = getattr(state, name)
+            values[...] = getattr(self, f"_{name}").copy_to_host()
+        state.left_cells[...] = self._left.copy_to_host() * self._units
+        state.barrier_sums[...] = self._barriers.sums.copy_to_host()
+        state.face_yields[...] = self._barriers.face_yields.copy_to_host()
+
+    def _all(self, kernel, *arguments):
+        """Launch a kernel whose threads share the work."""
+        kernel.of(self._real)[self._launch.workers, self._launch.width, self._steps.stream](*arguments)
+
+    def _pieces_of(self, kernel, *arguments):
+        """Launch a kernel each of whose threads has a piece of the window."""
+        kernel.of(self._real)[self._launch.scanners, self._launch.width, self._steps.stream](*arguments)
+
+    def _scan(self, values, points):
+        """Sums of `values` at the places of the window before each piece of it."""
+        self._pieces_of(device_point_sort.sum_pieces, self._d_run, values, self._pieces)
+        scanners = min(device_point_sort.SCANNERS, len(self._pieces))
+        device_point_sort.scan_pieces.of(self._real)[1, scanners, self._steps.stream](self._d_run, self._pieces, points)
+
+    def _one(self, kernel, *arguments):
+        """Launch a kernel of one thread."""
+        kernel.of(self._real)[1, 1, self._steps.stream](*arguments)
+
+    def _step(self):
+        """Launch the kernels of one step."""
+        self._sort()
+        self._reorder()
+        self._sum_to_nodes()
+        self._contact()
+        self._move_points()
+
+    def _sort(self):
+        run, lowest = self._d_run, self._lowest
+        self._one(device_point_sort.begin_step, run, self._d_stage, self._now, self._clock, self._counts)
+        self._all(device_point_sort.clear_window, run, self._histogram, self._flags)
+        self._all(
+            device_point_sort.count_points, run, self._counts, self._rows, self._keys, self._histogram, self._cells
+        )
+        self._scan(self._histogram, True)
+        self._pieces_of(device_point_sort.rank_places, run, self._histogram, self._pieces, self._block, self._start)
+        self._all(device_point_sort.scatter_points, run, self._counts, self._keys, self._histogram, self._loose)
+        self._all(device_point_sort.rank_points, run, self._start, self._loose, self._cells, self._mixed, self._order)
+        self._all(device_point_sort.mark_touched, run, self._block, lowest, self._flags)
+        self._scan(self._flags, False)
+        self._pieces_of(
+            device_point_sort.rank_touched, run, self._flags, self._pieces, lowest, self._watched, self._slots, self._touched,
+            self._sources,
+        )  # fmt: skip
+        self._all(
+            device_point_sort.link_blocks,
+            run,
+            self._block,
+            lowest,
+            self._slots,
+            self._sources,
+            self._targets,
+            self._blocks,
+        )
+
+    def _reorder(self):
+        run, rows, ids, keys = self._d_run, self._rows, self._ids, self._keys
+        self._one(device_point_sort.decide_order, run, self._counts)
+        for first in range(0, rows.shape[1], device_point_sort.STRIP):
+            self._all(device_point_sort.take_strip, run, rows, ids, keys, self._order, self._strip, self._names, first)
+            self._all(device_point_sort.give_strip, run, rows, ids, keys, self._strip, self._names, first)
+        self._all(device_point_sort.note_order, run, self._counts, self._order)
+
+    def _sum_to_nodes(self):
+        run, settings, launch = self._d_run, self._node_settings, self._launch
+        device_points_to_grid.points_to_grid.of(self._real)[
+            8 * launch.workers, launch.groups * device_points_to_grid.GROUP, self._steps.stream
+        ](run, self._rows, self._order, self._start, self._tiles)
+        self._all(device_point_nodes.gather_nodes, run, self._tiles, self._sources, self._nodes)
+        if self._drags:
+            self._all(
+                device_point_nodes.weigh_contact, run, self._nodes, self._touched, *self._ground, self._masses, settings
+            )
+            self._spread(self._masses, self._column_mass)
+        if self._barriers.opens:
+            self._all(device_barriers.weigh_flow, run, self._nodes, self._flows)
+            self._spread(self._flows, self._barriers.flow)
+        self._all(device_point_nodes.move_nodes, run, self._now, self._nodes, settings)
+
+    def _spread(self, masses, columns):
+        """Sum `masses` of blocks' node columns into `columns` of the ground."""
+        self._all(
+            device_point_nodes.spread_contact, self._d_run, masses, self._touched, self._slots, self._lowest, columns
+        )  # fmt: skip
+
+    def _contact(self):
+        """Ground, barriers, walls and layers; then peaks, and the length of the next step."""
+        run, now, settings, ground = self._d_run, self._now, self._node_settings, self._ground
+        laws = settings, self._effects.contact, self._effects.zones, self._effects.barrier
+        nodes, touched, slots, lowest = self._nodes, self._touched, self._slots, self._lowest
+        reports, free, barred = self._node_sums[0], self._free, self._barriers
+        places = *ground, self._zone_values, barred.values
+        self._all(
+            device_point_nodes.find_contacts, run, nodes, touched, free, *ground, barred.values, reports, settings,
+            self._effects.barrier,
+        )  # fmt: skip
+        if self._drags:
+            self._all(
+                device_point_nodes.couple_layers, run, now, nodes, touched, slots, lowest, *places, self._column_mass,
+                self._layers, reports, *laws,
+            )  # fmt: skip
+        self._all(
+            device_point_nodes.press_on_ground, run, now, self._counts, nodes, touched, slots, lowest, free, *places,
+            self._yields, reports, *laws,
+        )  # fmt: skip
+        if self._barred and len(barred.faces):
+            around, lines = (nodes, touched, slots, lowest, *ground), (barred.faces, barred.lines)
+            yields, step = (self._yields, barred.face_yields), (run, now, self._counts)
+            self._all(device_barriers.share_face_rows, run, nodes, touched, slots, lowest, *lines, settings)
+            self._all(device_barriers.weigh_face_rows, *step, *around, *lines, yields[1], settings)
+            self._all(device_barriers.weigh_face_columns, *step, *around, *lines, yields[0], settings)
+            self._all(device_barriers.settle_faces, run, now, *around, self._zone_values, *lines, *laws)
+            self._all(
+                device_barriers.book_faces,
+                run,
+                self._counts,
+                *around,
+                *lines,
+                *yields,
+                barred.booked,
+                reports,
+                settings,
+            )
+        if self._barred:
+            self._all(
+                device_barriers.press_on_crests, run, barred.columns, nodes, touched, slots, lowest, barred.values,
+                barred.booked, reports, settings, self._effects.barrier,
+            )  # fmt: skip
+        self._all(
+            device_point_nodes.hold_nodes, run, now, nodes, touched, free, *places, self._column_mass, barred.flow,
+            barred.booked, reports, *laws,
+        )  # fmt: skip
+        if self._barred:
+            self._all(
+                device_barriers.hold_at_barriers, run, now, barred.columns, nodes, touched, slots, lowest, *places,
+                self._column_mass, barred.flow, barred.booked, reports, *laws,
+            )  # fmt: skip
+        self._all(device_point_nodes.finish_nodes, run, nodes, touched, free, *ground, reports, settings)
+        if self._effects.material.follows_density():
+            self._all(
+                device_point_density.correct_density, run, self._counts, self._rows, self._order, self._start,
+                self._blocks, self._targets, nodes, free, *ground, self._yields, barred.values, reports, settings,
+                self._effects.material, self._effects.barrier,
+            )  # fmt: skip
+        if self._drags:
+            self._all(device_point_nodes.clear_contact, run, touched, self._column_mass)
+        if barred.opens:
+            self._all(device_point_nodes.clear_contact, run, touched, barred.flow)
+        if settings.keep_peaks:
+            self._all(
+                device_point_nodes.note_peaks, run, now, nodes, touched, slots, lowest, ground[0], self._peaks, settings
+            )
+        self._add_up(device_point_reports.sum_node_reports, self._node_sums)
+        if self._barred:
+            self._all(device_barriers.sum_booked, run, barred.booked, barred.start, barred.report)
+            self._all(device_barriers.collect_barriers, run, self._d_stage, barred.report, barred.sums)
+        self._one(
+            device_point_reports.choose_step, run, self._d_stage, self._clock, self._counts, self._node_sums[-1],
+            self._scales, self._settings,
+        )  # fmt: skip
+
+    def _move_points(self):
+        run, stage, settings, effects = self._d_run, self._d_stage, self._settings, self._effects
+        laws = effects.material, effects.softening, effects.transfer
+        blocks = self._order, self._start, self._blocks
+        around = *blocks, self._targets, self._nodes
+        rare = self._rare, self._rare_blocks, self._marks, self._mark_counts
+        self._all(
+            device_grid_to_points.grid_to_points, run, self._scales, self._rows, self._keys, *around, self._planes,
+            self._lowest, self._inside, *rare, self._domain, *laws,
+        )  # fmt: skip
+        self._all(
+            rare_points.move_rare_points, run, self._scales, self._rows, *around, self._ground[0], *rare, self._domain,
+            self._node_settings, *laws,
+        )  # fmt: skip
+        self._all(rare_points.begin_reports, run, *rare[2:], self._point_sums[0], settings)
+        self._all(
+            rare_points.settle_rare_points, run, self._rows, self._keys, *blocks, self._ground[0], self._lowest,
+            self._inside, self._left, self._d_units, *rare[:2], self._point_sums[0], self._domain, settings,
+        )  # fmt: skip
+        if self._barred and len(self._barriers.faces):
+            self._all(
+                device_barriers.keep_before_faces, run, self._counts, self._rows, self._keys, self._lowest,
+                self._inside, self._barriers.faces, self._barriers.values, self._point_sums[0], self._node_settings,
+            )  # fmt: skip
+        self._add_up(device_point_reports.sum_point_reports, self._point_sums)
+        self._one(
+            device_point_reports.finish_step, run, stage, self._clock, self._counts, self._ledger, self._point_sums[-1],
+            self._rows, self._keys, self._lowest, settings,
+        )  # fmt: skip
+
+    def _add_up(self, kernel, sums):
+        """Sum the reports of all threads, from one array of `sums` to the next."""
+        for many, few in pairwise(sums):
+            kernel.of(self._real)[few.shape[0], few.shape[1], self._steps.stream](self._d_run, many, few)
+
+
+def left_units(left_cells, mass, cells, dx):
+    """float64[LEFT_ENTRIES]: units [kg, kg m, kg m], powers of two, in which outflow is summed in whole numbers.
+
+    Sums of twice the `mass` [kg] of a run on a domain of `cells` [ny, nx] of `dx` [m] stay exact in float64.
+    """
+    ny, nx = cells
+    most = 2.0 * max(float(mass), float(left_cells[..., LEFT_MASS].sum()), 1e-300)
+    return np.array([2.0 ** np.ceil(np.log2(most * length / EXACT)) for length in (1.0, nx * dx, ny * dx)])

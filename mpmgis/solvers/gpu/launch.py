@@ -1,0 +1,82 @@
+"""Sizes of launches, entries of the run on the device, and loops that all kernels share."""
+
+from typing import NamedTuple
+
+from numba import cuda
+
+from .device_functions import SIMULATED
+
+# int64 entries of a run on the device: reason to stop (0: none); window of blocks; numbers of blocks with points, of
+# points in them and of touched blocks of nodes; 1 if the rows are put in order in this step; then the room of arrays:
+# places of the window, blocks with points, touched blocks, levels of a column
+(
+    STATUS, SIZE, WIDTH, HEIGHT, DEPTH, WEST_NOW, SOUTH_NOW, ACTIVE, SORTED, TOUCHED, REORDER,
+    ROOM_PLACES, ROOM_ACTIVE, ROOM_TOUCHED, ROOM_DEPTH, RUN_ENTRIES,
+) = range(16)  # fmt: skip
+NEEDS_ROOM = 100  # status in addition to the kernel's reasons: the host enlarges arrays and repeats the step
+# float64 entries: length of this step and time at its end [s]; time of the request and the one after it [s]. Kernels of
+# nodes read the first two in the precision of the points, from an array `now` of NOW_ENTRIES
+DT, END, UNTIL, AFTER, STAGE_ENTRIES = range(5)
+NOW_ENTRIES = 2
+
+
+class Launch(NamedTuple):
+    """Sizes of launches, and their stream.
+
+    Sums of reports depend on the sizes in the last bits, the motion of points does not.
+
+    Parameters
+    ----------
+    workers : int
+        Thread blocks of loops over points, nodes and blocks.
+    width : int
+        Threads of each of them, a power of two from 8 to WIDEST.
+    groups : int
+        Groups of threads of `points_to_grid` that share the points of a block, at most MOST_GROUPS.
+    scanners : int
+        Thread blocks of loops over the places of the window, each thread of which has a piece of it.
+    couplers : int
+        Threads that solve for the layers of node columns; each has a work array.
+    batch : int
+        Steps between two looks at the reason to stop.
+    room : int
+        Blocks with points for which there is room at the start; arrays grow with the flow.
+    stream : numba.cuda stream or 0
+        0: the default stream.
+    """
+
+    workers: int = 512
+    width: int = 128
+    groups: int = 4
+    scanners: int = 64
+    couplers: int = 4096
+    batch: int = 20
+    room: int = 64
+    stream: object = 0
+
+
+SMALL = Launch(2, 8, 1, 2, 4, 4)  # for the simulator, where each thread of the device is one of the host
+WIDEST, MOST_GROUPS = 128, 4  # largest width and groups, which the shared arrays of kernels have room for
+WORKERS_PER_MULTIPROCESSOR = 5  # of 128 threads with 96 registers each
+
+
+def default_launch():
+    """Sizes for the device of this machine: the same for all devices of one type."""
+    if SIMULATED:
+        return SMALL
+    return Launch(workers=WORKERS_PER_MULTIPROCESSOR * cuda.get_current_device().MULTIPROCESSOR_COUNT)
+
+
+def checked(launch):
+    """`launch`, if kernels can be launched with it.
+
+    Raises
+    ------
+    ValueError
+        Its width or number of groups is none that the kernels divide their work by.
+    """
+    if launch.width not in (8, 16, 32, 64, WIDEST):
+        raise ValueError(f"Launch.width got {launch.width}; expected a power of two from 8 to {WIDEST}")
+    if not 1 <= launch.groups <= MOST_GROUPS:
+        raise ValueError(f"Launch.groups got {launch.groups}; expected 1 to {MOST_GROUPS}")
+    return launch

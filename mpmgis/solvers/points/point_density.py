@@ -1,0 +1,233 @@
+"""Correction of the volumes of fluid points whose density is not that of the nodes around them.
+
+A point of a fluid has J, its volume over the stress-free volume, which follows the divergence of the velocity at the
+point. How densely points lie follows their motion. Both drift apart, because the nodes do not resolve how points crowd
+within a cell: in front of a wall that stops a stream, and in a pool with a slow circulation, the density reached six
+times that of the fluid while J was 0.99.
+
+The mass at the nodes gives the density around a point: the interpolated mass over the interpolated open part of the
+nodes' splines, which is above the ground, before barriers and inside walls on the edges. Where its product with J
+differs from 1 by more than a band, J relaxes towards the band, evenly over the steps until it is compared again: a
+change at once would be a peak of the pressure. A low density may be that of a free surface: J increases
+only where all nodes around a point are nearly full. The density of irregular points varies by less than the band.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled.block_order import CHUNKS
+from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
+from .contact_shares import mass_share, mass_share_on_slope
+from .point_barriers import FILLED, FILLED_TOP, SHARE
+from .point_contact import YIELD, YIELD_STEP
+from .point_ground import GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, fold_at
+from .point_nodes import CORRECTED, CORRECTED_ENERGY
+from .point_rows import BLOCK, GHOSTS, INDEX_MASK, MASS, NODE_MASS, S0, S1, S2, TILE, X, Y, Z, stencil
+
+EVERY = 16  # steps for which a rate of correction holds
+RELAXATION = 20.0  # time of the relaxation, in cells over the speed of pressure waves
+NEARLY_FULL = 0.9  # of the mass of a full node, from which no free surface is near
+SMALL_PART = 0.1  # open part of a node behind a wall or under the ground, below which its mass tells nothing
+LEAST_OPEN = 0.3  # open part of the splines around a point, below which its density is not known
+UNKNOWN = -1.0  # open part of a node on folded ground or in an opening
+TILE_NODES = TILE * TILE * TILE
+
+
+@jit_inline
+def relaxation_time(settings):
+    """Time [s] in which J would close its gap at the rate of a correction."""
+    return RELAXATION * settings.dx / settings.signal_speed
+
+
+@jit_inline
+def full_mass(settings):
+    """Mass [kg] of a node around which the fluid is free of stress."""
+    return settings.density * settings.dx * settings.dx * settings.dx
+
+
+@jit_inline
+def open_part(j, i, level, ground, yields, step, barriers, barred, settings):
+    """Part [1] of the spline of node [j, i] at `level` that is open to the flow, UNKNOWN where it is not known.
+
+    `yields` [rows, columns, YIELD_ENTRIES] of the ground are those after `step`; with `barred` there are `barriers`.
+    """
+    j, i = min(j, ground.nodes.shape[0] - 1), min(i, ground.nodes.shape[1] - 1)
+    if fold_at(ground.folds, j, i)[2] > 0:
+        return UNKNOWN
+    dx, east, north = settings.dx, ground.nodes[j, i, GROUND_SLOPE_X], ground.nodes[j, i, GROUND_SLOPE_Y]
+    height, slope2, above = ground.nodes[j, i, GROUND_HEIGHT], east * east + north * north, float(level - GHOSTS)
+    if yields[j, i, YIELD_STEP] == float(step + 1):
+        height -= yields[j, i, YIELD] * sqrt(1.0 + slope2)
+    part = mass_share_on_slope(height / dx - above, sqrt(slope2))
+    if barred:
+        if barriers[j, i, SHARE] > 0.0:
+            return UNKNOWN
+        if barriers[j, i, FILLED] > 0.0:
+            part *= 1.0 - barriers[j, i, FILLED] * (1.0 - mass_share(barriers[j, i, FILLED_TOP] / dx - above))
+    if settings.wall:
+        east, north = float(i - GHOSTS), float(j - GHOSTS)
+        part *= mass_share(-east) * mass_share(east - float(settings.cells_x))
+        part *= mass_share(-north) * mass_share(north - float(settings.cells_y))
+    return part
+
+
+@jit_inline
+def _line(values, n, w0, w1, w2):
+    return w0 * values[n] + w1 * values[n + 1] + w2 * values[n + 2]
+
+
+@jit_inline
+def _plane(values, n, wx0, wx1, wx2, wy0, wy1, wy2):
+    first, second = _line(values, n, wx0, wx1, wx2), _line(values, n + TILE, wx0, wx1, wx2)
+    return wy0 * first + wy1 * second + wy2 * _line(values, n + 2 * TILE, wx0, wx1, wx2)
+
+
+@jit_inline
+def interpolated(values, x, y, z):
+    """Value at a place in a block, of values at the nodes of its tile."""
+    i, _, wx0, wx1, wx2 = stencil(x)
+    j, _, wy0, wy1, wy2 = stencil(y)
+    k, _, wz0, wz1, wz2 = stencil(z)
+    n = (int(k) * TILE + int(j)) * TILE + int(i)
+    first = _plane(values, n, wx0, wx1, wx2, wy0, wy1, wy2)
+    second = _plane(values, n + TILE * TILE, wx0, wx1, wx2, wy0, wy1, wy2)
+    third = _plane(values, n + 2 * TILE * TILE, wx0, wx1, wx2, wy0, wy1, wy2)
+    return wz0 * first + wz1 * second + wz2 * third
+
+
+@jit_borrowing
+def density_at(masses, parts, surely, full, x, y, z):
+    """The density over that of the fluid at a place in a block, 0 where it is not known.
+
+    `masses` [kg] and `parts` are those of the nodes of the block's tile; an open node of the mass `full` [kg] is full.
+    `surely` tells whether all parts are 1, and whether all are known, where this was found before.
+    """
+    all_open, all_known = surely
+    mass = interpolated(masses, x, y, z)
+    if all_open:
+        return mass / full
+    part = interpolated(parts, x, y, z)
+    if part < LEAST_OPEN or not (all_known or are_known(parts, x, y, z)):
+        return 0.0 * mass
+    return mass / (part * full)
+
+
+@jit_borrowing
+def _first_node(x, y, z):
+    """Index of the first of the 27 nodes around a place in a block, in its tile."""
+    return (int(stencil(z)[0]) * TILE + int(stencil(y)[0])) * TILE + int(stencil(x)[0])
+
+
+@jit_borrowing
+def are_known(parts, x, y, z):
+    """Whether the open parts of all nodes around a place are known."""
+    first = _first_node(x, y, z)
+    for c in range(3):
+        for b in range(3):
+            for a in range(3):
+                if parts[first + (c * TILE + b) * TILE + a] < 0.0:
+                    return False
+    return True
+
+
+@jit_borrowing
+def are_nearly_full(masses, parts, full, x, y, z):
+    """Whether all nodes around a place are nearly full, or behind a wall or under the ground."""
+    first = _first_node(x, y, z)
+    for c in range(3):
+        for b in range(3):
+            for a in range(3):
+                n = first + (c * TILE + b) * TILE + a
+                if masses[n] < NEARLY_FULL * full * parts[n] and parts[n] >= SMALL_PART:
+                    return False
+    return True
+
+
+@jit_borrowing
+def correct_point(rows, p, masses, parts, surely, full, band, time, settings, material, mine):
+    """Set the rate at which J of point `p` relaxes in `time` [s], and book the energy that the last one supplied.
+
+    `masses`, `parts` and `surely` are those of its block as in `density_at`, `mine` is the report of its chunk.
+    """
+    x, y, z = rows[p, X], rows[p, Y], rows[p, Z]
+    density = density_at(masses, parts, surely, full, x, y, z)
+    low = rows[p, S0] * density < 1.0 - band  # a free surface may be near
+    inside = density > 0.0 and (not low or are_nearly_full(masses, parts, full, x, y, z))
+    gap = material.gap_at_density(rows[p, S0], density, inside, band)
+    mine[CORRECTED] += 1.0 if gap != 0.0 else 0.0
+    mine[CORRECTED_ENERGY] += rows[p, MASS] / settings.density * rows[p, S2]
+    rows[p, S1], rows[p, S2] = gap / time, 0.0
+
+
+@jit_inline
+def place_in_tile(n):
+    """(column, row, level) of node `n` in a tile."""
+    return n % TILE, (n // TILE) % TILE, n // (TILE * TILE)
+
+
+@jit_inline
+def node_of_tile(n, targets):
+    """(block, node in it) of node `n` of a tile that overlaps the blocks `targets`."""
+    i, j, k = place_in_tile(n)
+    t = targets[(i // BLOCK) + 2 * (j // BLOCK) + 4 * (k // BLOCK)]
+    return t, ((k % BLOCK) * BLOCK + j % BLOCK) * BLOCK + i % BLOCK
+
+
+@jit_parallel
+def _open_parts(parts, grid, free, ground, yields, step, barriers, barred, settings):
+    """The `open_part` of all nodes, into `parts` float[touched blocks, nodes of a block]."""
+    for c in prange(CHUNKS):
+        for t in range(c * grid.count // CHUNKS, (c + 1) * grid.count // CHUNKS):
+            row, column, level = grid.touched[t, 0], grid.touched[t, 1], grid.touched[t, 2]
+            for n in range(BLOCK * BLOCK * BLOCK):
+                i, j, k = n % BLOCK, (n // BLOCK) % BLOCK, n // (BLOCK * BLOCK)
+                part = 1.0
+                if free[t] == 0:
+                    part = open_part(
+                        row * BLOCK + j, column * BLOCK + i, level * BLOCK + k, ground, yields, step, barriers, barred,
+                        settings,
+                    )  # fmt: skip
+                parts[t, n] = part
+
+
+@jit_parallel
+def correct_density(
+    points, blocks, grid, free, ground, yields, step, barriers, report, settings, material, barrier
+):  # fmt: skip
+    """Set the rates at which the volumes of all points are corrected in EVERY steps, the first of which is this one.
+
+    Parameters
+    ----------
+    points : SortedPoints
+    blocks : ActiveBlocks
+    grid : NodeBlocks
+        With the masses of this step.
+    free : uint8[n_touched]
+        1 for blocks whose nodes touch nothing.
+    ground : Ground
+    yields : float64[2, rows, columns, YIELD_ENTRIES]
+        Yield of the ground after this and after the last step.
+    step : int
+        Number of this step.
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    report : float64[CHUNKS, NODE_REPORT]
+    """
+    real, after, barred = points.rows.dtype.type, yields[step % 2], barrier.barrier_active()
+    parts_of = np.empty((grid.count, BLOCK * BLOCK * BLOCK), points.rows.dtype)
+    _open_parts(parts_of, grid, free, ground, after, step, barriers, barred, settings)
+    time, full, band = real(relaxation_time(settings)), real(full_mass(settings)), real(settings.density_band)
+    for c in prange(CHUNKS):
+        masses, parts = np.zeros(TILE_NODES, points.rows.dtype), np.zeros(TILE_NODES, points.rows.dtype)
+        for a in range(points.bounds[c], points.bounds[c + 1]):
+            all_open = all_known = True
+            for n in range(TILE_NODES):
+                t, node = node_of_tile(n, blocks.targets[a])
+                masses[n], parts[n] = grid.nodes[t, 4 * node + NODE_MASS], parts_of[t, node]
+                all_open, all_known = all_open and parts[n] == 1.0, all_known and parts[n] >= 0.0
+            for s in range(points.start[a], points.start[a + 1]):
+                correct_point(
+                    points.rows, points.order[s] & INDEX_MASK, masses, parts, (all_open, all_known), full, band, time,
+                    settings, material, report[c],
+                )  # fmt: skip

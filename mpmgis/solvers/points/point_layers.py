@@ -1,0 +1,217 @@
+"""Layers of a 3D flow with Voellmy's drag: drag on the mean of each node column, and stress between its layers.
+
+The law is that of `effects/layers`. On each column of nodes that touches smooth ground the drag of the mean speed U
+acts on the nodes at the bed, and tangential momentum passes between neighbours by Coulomb friction and turbulence. The
+solution is implicit in the speeds, with links from the speeds at the start of the step: stable at any step, exact in
+momentum, without gain of energy.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled.block_order import CHUNKS
+from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
+from ...laws.flow_layers import turbulent_link
+from .contact_shares import foot_of, spline_at
+from .point_barriers import BARRIER, EDGE, HELD
+from .point_contact import LEAST_SHARE, is_column_of_block
+from .point_ground import fold_at, plane_at
+from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK, bed_under
+from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
+
+# entries of a layer: touched block and place in it; mass [kg]; height above the bed, along its normal [m]; weight at
+# the bed; its part of the drag [N s]; tangential velocity before and after [m s-1]; link to the next [kg]; elimination
+SLOT, PLACE, LAYER_MASS, HEIGHT, AT_BED, PUSH_X, PUSH_Y, PUSH_Z, OLD_X, OLD_Y, OLD_Z, LINK, CARRY = range(13)
+NEW_X, NEW_Y, NEW_Z, LAYER_ENTRIES = range(13, 17)
+HOLLOW = 0.25  # share of the mass of a full node: above a lighter node, a heavier one belongs to another flow
+MIXED = 0.5  # [cells] above the bed, up to which the flow is one layer
+CREEP = 1e-3  # slip between layers over sqrt(g dx), below which Coulomb friction is proportional to the slip
+
+
+@jit_borrowing
+def _take(nodes, slots, place, depth, lowest, column, level, foot, full, top, layers):
+    """Read the contiguous nodes of a column from the bed up into `layers`; returns their number.
+
+    `place` is the index in `slots` of the lowest block of the column, `lowest` the lowest level of that block; `full`
+    [kg] is the mass of a node inside the flow, `top` the highest level of the column.
+    """
+    count, before = 0, 0.0
+    for k in range(level - 1, min(lowest + depth * BLOCK, top + 1)):
+        up = (k - lowest) // BLOCK
+        slot = slots[place + up] if k >= lowest else -1
+        mass = 0.0
+        entry = ((k - lowest - up * BLOCK) * BLOCK * BLOCK + column) * 4
+        if slot >= 0:
+            mass = float(nodes[slot, entry + NODE_MASS])
+        if mass <= 0.0:
+            if count > 0 or k > level:
+                break
+            continue
+        if count > 0 and k > level + 1 and before < HOLLOW * full and mass > before:
+            break
+        layers[count, SLOT], layers[count, PLACE], layers[count, LAYER_MASS] = slot, entry, mass
+        layers[count, HEIGHT] = float(k - level) - foot
+        layers[count, AT_BED] = spline_at(foot, k - level) if k - level <= 1 else 0.0
+        before, count = mass, count + 1
+    return count
+
+
+@jit_inline
+def _read_speeds(nodes, layers, count, nx, ny, nz):
+    """Tangential velocities of the layers; returns their mass [kg], momentum [N s], and mass weighted at the bed."""
+    mass = px = py = pz = at_bed = 0.0
+    for k in range(count):
+        slot, entry, own = int(layers[k, SLOT]), int(layers[k, PLACE]), layers[k, LAYER_MASS]
+        u, v, w = nodes[slot, entry + NODE_X], nodes[slot, entry + NODE_Y], nodes[slot, entry + NODE_Z]
+        off = u * nx + v * ny + w * nz
+        u, v, w = u - off * nx, v - off * ny, w - off * nz
+        layers[k, OLD_X], layers[k, OLD_Y], layers[k, OLD_Z] = u, v, w
+        mass += own
+        px += own * u
+        py += own * v
+        pz += own * w
+        at_bed += own * layers[k, AT_BED]
+    return mass, px, py, pz, at_bed
+
+
+@jit_inline
+def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, creep, dt):
+    """Links [kg] between neighbours, stress times bed area and time over slip, from the present speeds.
+
+    The stress of a steady flow decreases from the bed upwards with the mass above; `weight` [N] is mu times the load.
+    """
+    above = mass
+    rough = roughness * mass / (density * bed)
+    for k in range(count - 1):
+        above -= layers[k, LAYER_MASS]
+        du, dv = layers[k + 1, OLD_X] - layers[k, OLD_X], layers[k + 1, OLD_Y] - layers[k, OLD_Y]
+        dw = layers[k + 1, OLD_Z] - layers[k, OLD_Z]
+        slip = sqrt(du * du + dv * dv + dw * dw)
+        lower = rough + spacing * max(layers[k, HEIGHT], MIXED)
+        upper = rough + spacing * max(layers[k + 1, HEIGHT], MIXED)
+        carried = density * bed * turbulent_link(slip, lower, upper) + weight / max(slip, creep)
+        layers[k, LINK] = dt * max(above, 0.0) / mass * carried
+    layers[count - 1, LINK] = 0.0
+
+
+@jit_inline
+def _solve(layers, count):
+    """New tangential velocities: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
+    link = carry = x = y = z = 0.0
+    for k in range(count):
+        mass = layers[k, LAYER_MASS]
+        diagonal = mass + layers[k, LINK] + link * (1.0 - carry)
+        x = (mass * layers[k, OLD_X] + layers[k, PUSH_X] + link * x) / diagonal
+        y = (mass * layers[k, OLD_Y] + layers[k, PUSH_Y] + link * y) / diagonal
+        z = (mass * layers[k, OLD_Z] + layers[k, PUSH_Z] + link * z) / diagonal
+        link = layers[k, LINK]
+        carry = link / diagonal
+        layers[k, CARRY], layers[k, NEW_X], layers[k, NEW_Y], layers[k, NEW_Z] = carry, x, y, z
+    for k in range(count - 2, -1, -1):
+        layers[k, NEW_X] += layers[k, CARRY] * layers[k + 1, NEW_X]
+        layers[k, NEW_Y] += layers[k, CARRY] * layers[k + 1, NEW_Y]
+        layers[k, NEW_Z] += layers[k, CARRY] * layers[k + 1, NEW_Z]
+
+
+@jit_inline
+def _give(nodes, layers, count, report):
+    """Write the velocities of the layers to their nodes; add drag, its work and the loss in the links to `report`."""
+    for k in range(count):
+        slot, entry, mass = int(layers[k, SLOT]), int(layers[k, PLACE]), layers[k, LAYER_MASS]
+        u, v, w = layers[k, NEW_X], layers[k, NEW_Y], layers[k, NEW_Z]
+        du, dv, dw = u - layers[k, OLD_X], v - layers[k, OLD_Y], w - layers[k, OLD_Z]
+        nodes[slot, entry + NODE_X] += du
+        nodes[slot, entry + NODE_Y] += dv
+        nodes[slot, entry + NODE_Z] += dw
+        report[GROUND_X] += layers[k, PUSH_X]
+        report[GROUND_Y] += layers[k, PUSH_Y]
+        report[GROUND_Z] += layers[k, PUSH_Z]
+        drag = layers[k, PUSH_X] * u + layers[k, PUSH_Y] * v + layers[k, PUSH_Z] * w
+        report[GROUND_WORK] -= drag
+        report[LAYER_WORK] -= mass * (du * u + dv * v + dw * w) - drag
+
+
+@jit_borrowing
+def _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report):
+    """Drag and links of one column, whose flow covers the share `covered` of its bed."""
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
+    mass, px, py, pz, at_bed = _read_speeds(nodes, layers, count, nx, ny, nz)
+    bed = covered * dx * dx / nz
+    speed = sqrt(px * px + py * py + pz * pz) / mass
+    lost = 1.0 - law.kept_by_drag(speed, density * gravity * dt * bed / mass)
+    for k in range(count):
+        share = lost * layers[k, AT_BED] * layers[k, LAYER_MASS] / at_bed
+        layers[k, PUSH_X], layers[k, PUSH_Y], layers[k, PUSH_Z] = -share * px, -share * py, -share * pz
+    weight = settings.slack * law.layer_friction() * mass * gravity * nz
+    creep = CREEP * sqrt(gravity * dx) + 1e-300
+    _link_layers(layers, count, mass, dx * nz, bed, density, weight, law.layer_roughness(gravity), creep, dt)
+    _solve(layers, count)
+    _give(nodes, layers, count, report)
+
+
+@jit_inline
+def _touches(layers, count):
+    """Whether enough of the mass of the interior is at the bed for the flow to touch it."""
+    here = heaviest = 0.0
+    for k in range(min(count, 4)):
+        heaviest = max(heaviest, layers[k, LAYER_MASS])
+        here += layers[k, AT_BED] * layers[k, LAYER_MASS]
+    return here > 0.0 and here >= LEAST_SHARE * heaviest
+
+
+@jit_inline
+def couple_column(
+    t, column, grid, window, ground, zone_values, barriers, column_mass, layers, report, dt, settings, contact, zones,
+    barrier,
+):  # fmt: skip
+    """`couple_layers` for node `column` (0 to 15) of touched block `t`; `layers` is a work array."""
+    nodes, touched = grid.nodes, grid.touched
+    slots, depth, lowest, dx = window.slots, window.depth, window.lowest, settings.dx
+    row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
+    first, base = block_level * BLOCK, lowest[row, block_column, 0]
+    place = ((row - window.south) * window.width + block_column - window.west) * depth
+    below = slots[place + block_level - base - 1] if block_level > base else -1
+    jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
+    ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
+    height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
+    level, foot = foot_of(height, dx)
+    if not is_column_of_block(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
+        return
+    covered, top = bed_under(column_mass, jj, ii, 1.0), 1 << 30
+    if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
+        top = int((barriers[jj, ii, HELD] + barriers[jj, ii, EDGE]) / dx) + GHOSTS
+    full = covered * settings.density * dx * dx * dx
+    count = _take(nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers)
+    if count == 0 or covered <= 0.0 or not _touches(layers, count):
+        return
+    law = zones.local(contact, zone_values, jj, ii)
+    _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report)
+
+
+@jit_parallel
+def couple_layers(
+    grid, window, ground, zone_values, barriers, column_mass, report, dt, settings, contact, zones, barrier
+):  # fmt: skip
+    """Voellmy's drag, and links between the layers of a flow, on velocities at the nodes of all touched blocks.
+
+    Each column is computed in the block of the node nearest to the ground, as in `press_on_ground`, which follows.
+    Columns on folds are skipped. In a barrier a column ends at its crest. `settings.slack` is 1 where the links
+    transfer mu p, 0 where the material has a strength of its own.
+
+    Parameters
+    ----------
+    grid : NodeBlocks
+    window : BlockWindow
+    column_mass : float64[rows, columns, COLUMN_MASSES] [kg]
+    """
+    n_touched, depth = grid.count, window.depth
+    for c in prange(CHUNKS):
+        layers = np.zeros((depth * BLOCK, LAYER_ENTRIES))
+        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            for column in range(BLOCK * BLOCK):
+                couple_column(
+                    t, column, grid, window, ground, zone_values, barriers, column_mass, layers, report[c], dt,
+                    settings, contact, zones, barrier,
+                )  # fmt: skip

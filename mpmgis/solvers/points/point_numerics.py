@@ -1,0 +1,93 @@
+"""Numerical parameters of the 3D solver, its Courant number and the settings of its kernel."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...laws.quantities import GRAVITY
+from .point_peaks import LONE_SHARE as LONE_NODE_SHARE
+from .point_rows import Settings
+
+LONE_SHARE = 0.85  # of the step at which a single point oscillates with growing amplitude; 0.95 fails if steps change
+BAND_OF_ONE = 0.13  # density band of one point per cell; a smaller noise of more points narrows it by their root
+MOST_BAND = 0.25  # widest density band
+LEAK_STOP = 1e-3  # share of the mass found more than a cell below the ground in one step, at which a run stops
+LEAK_POINTS = 4.5  # times the mass of the heaviest point: up to four points do not stop a run
+PRECISIONS = {"float64": np.float64, "float32": np.float32}
+
+
+@dataclass(frozen=True)
+class PointNumerics:
+    """Numerical parameters of the 3D solver; its laws are in `PointEffects`.
+
+    `cfl` is limited by the stability of a single point, see `courant_number`. `clearance` [cells] is the height above
+    the ground up to which a node on a fold of it (a cliff, a kink) is in contact with it. `time_step` fixes the step
+    [s] (None: by the Courant number). `stop_at_rest` is used by the time integration. `precision` is that of points and
+    grid; sums, time and balances are always float64. `maxima`: store running peaks, of flow at least
+    `arrival_thickness` [m] thick.
+    """
+
+    cell_size: float
+    cfl: float = 0.4
+    edges: str = "open"
+    gravity: float = GRAVITY
+    density: float = 1000.0
+    clearance: float = 0.5
+    time_step: float | None = None
+    stop_at_rest: bool = False
+    precision: str = "float64"
+    maxima: bool = False
+    arrival_thickness: float = 0.05
+
+
+def courant_number(material, numerics):
+    """Courant number [1] of a run: that of `numerics`, or the stability limit of a single point.
+
+    A single point strains with the nodes around it, C' = -(4 / dx^2) tau / rho, and oscillates at 2 / dx
+    sqrt(max(3 K, 2 G) / rho), faster than a wave crosses cells; explicit steps are stable up to 2 over that, dx /
+    sqrt(max(3 K, 2 G) / rho). The limit is 0.58 for fluids and 0.77 for solids with G = 0.6 K: at 0.9 one such point on
+    the ground had three times its energy after a second. Closer to the limit than LONE_SHARE, a change of the step
+    excites the oscillation: at 0.95 a point on rough ground gained 1 % of its energy by two changes, at 0.85 none.
+    """
+    stiffest = max(3.0 * material.bulk_modulus, 2.0 * getattr(material, "shear_modulus", 0.0))
+    lone = material.wave_speed(numerics.density) / np.sqrt(stiffest / numerics.density)
+    return float(min(numerics.cfl, LONE_SHARE * lone))
+
+
+def kernel_settings(numerics, material, inside, heaviest, mass):
+    """`Settings` of the kernel for cells `inside` [ny, nx], the `heaviest` point [kg] and the total `mass` [kg]."""
+    dx, viscosity = numerics.cell_size, float(material.viscosity())
+    ny, nx = inside.shape
+    return Settings(
+        dx=float(dx),
+        density=float(numerics.density),
+        gravity=float(numerics.gravity),
+        cfl=courant_number(material, numerics),
+        signal_speed=float(material.wave_speed(numerics.density)),
+        viscous_limit=numerics.density * dx * dx / (6.0 * viscosity) if viscosity > 0.0 else np.inf,
+        fixed_dt=float(numerics.time_step or 0.0),
+        clearance=float(numerics.clearance * dx),
+        cells_x=nx,
+        cells_y=ny,
+        wall=numerics.edges == "wall",
+        holes=not inside.all(),
+        keep_peaks=bool(numerics.maxima),
+        arrival_thickness=float(numerics.arrival_thickness),
+        slack=0.0 if getattr(material, "shear_modulus", 0.0) else 1.0,
+        **mass_limits(numerics, heaviest, mass),
+    )
+
+
+def mass_limits(numerics, heaviest, mass):
+    """Entries of `Settings` that depend on the `heaviest` point [kg] and on the total `mass` [kg].
+
+    The density band follows the variation of the density of irregular points. The leak limit is never below the share
+    of four points: in a flow with a plane of symmetry, points that creep below the ground in front of a wall are moved
+    back two or four at a time. `lone_thickness` is that of a single point at a node.
+    """
+    fill = heaviest / (numerics.density * numerics.cell_size**3)  # [cells] of a point
+    return {
+        "density_band": min(BAND_OF_ONE * float(np.sqrt(fill)), MOST_BAND),
+        "leak_stop": max(LEAK_STOP, LEAK_POINTS * heaviest / max(mass, 1e-300)),
+        "lone_thickness": float(LONE_NODE_SHARE * heaviest / (numerics.density * numerics.cell_size**2)),
+    }

@@ -1,0 +1,424 @@
+"""The 3D solver: initial state, time integration, frames and restart."""
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from ...compiled.jit import ready_threads
+from ...compiled.particle_slices import in_slices
+from ...frames.particle_store import EDGE_NAMES
+from ...frames.particles import Particles
+from ...frames.peaks import maxima_of, no_peaks, peaks_state, restore_peaks
+from ...frames.state_check import LEFT_STATE, YIELD_STATE
+from ...system.errors import FormatError, SceneError
+from ..columns.node_grid import ColumnGrid
+from . import point_clock as entry
+from . import point_loop as kernel
+from . import point_rows as row
+from .ground_nodes import NO_FACES, barrier_nodes, folded_ground, ground_nodes, padded, press_faces, press_ground
+from .point_balances import LEDGER, PointBalances
+from .point_barriers import POINT_BARRIER_SUMS
+from .point_blocks import EAST, lowest_blocks, set_places, window_of
+from .point_clock import set_next_step
+from .point_contact import YIELD, YIELD_ENTRIES, YIELD_STEP
+from .point_numerics import PRECISIONS, kernel_settings, mass_limits
+from .point_restart import require_point_state
+from .point_rows import volume_ratios
+from .point_sums import MOMENTUM_X, MOMENTUM_Z
+
+STENCIL_CELLS = 27.0  # cells of the stencil of a point: a larger volume of a point is not resolved
+TIME_ROUNDING = 1e-9  # relative
+NO_PLACES = np.zeros((1, 1, 1))  # for spatially varying values where there are none
+
+
+class PointSolver(PointBalances):
+    """Time integration of the points of `frame` on `terrain`.
+
+    Parameters
+    ----------
+    frame : Frame
+        Dimension 3, in the CRS of the terrain.
+    terrain : Terrain
+    effects : PointEffects
+    numerics : PointNumerics
+    stress : float64[n, 6], optional [Pa]
+        Initial Kirchhoff stress of the points: xx, yy, zz, xy, xz, yz; default none.
+    zone_values : float64[rows, columns, k], optional
+        Parameters of the contact law at the nodes, for `FrictionZones`.
+    walls : sequence of Wall
+        Rigid barriers, for `Barrier`; computed with a thickness of at least three cells.
+    affine : float64[n, 3, 3], optional [s-1]
+        Initial velocity gradient dv_i/dx_j of the points; default none.
+
+    Raises
+    ------
+    SceneError
+    """
+
+    kernel = kernel
+
+    def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
+        if frame.dimension != 3:
+            raise SceneError("the 3D solver requires points (dimension 3), got columns; `mpmgis convert` makes points")
+        self.effects, self.numerics, self._start = effects, numerics, frame
+        self._real = PRECISIONS[numerics.precision]
+        laws = {name: self._in_precision(getattr(effects, name)) for name in ("material", "softening")}
+        self._effects = effects._replace(**laws)
+        grid = ColumnGrid.on(terrain, numerics.cell_size)
+        self.grid = grid
+        self._set_ground()
+        self._zone_values = NO_PLACES if zone_values is None else padded(zone_values)
+        self.walls = tuple(walls)
+        self._set_barriers()
+        self._peaks = no_peaks(self._ground.shape[:2], numerics.maxima)
+        self._affine = None if affine is None else np.asarray(affine, float)
+        self._load(frame, stress)
+        self._press_contacts(frame, stress)
+
+    def _in_precision(self, law):
+        """`law` with parameters in the precision of the points: compiled, float32 with float64 gives float64."""
+        return type(law)(*map(self._real, law))
+
+    def _set_ground(self):
+        """Elevation above the lowest level, slopes, folds and yields at all nodes that points can reach."""
+        grid, dx = self.grid, self.numerics.cell_size
+        self.floor, self._ground = ground_nodes(grid, dx)
+        terrain_height = padded(grid.bed[..., None] - self.floor)[..., 0]
+        self._known_ground = folded_ground(self._ground, terrain_height, dx, self.numerics.clearance)
+        self._yields = np.zeros((2, *self._ground.shape[:2], YIELD_ENTRIES))
+        self._lowest = lowest_blocks(self._ground[..., 0], dx)
+
+    def _set_barriers(self):
+        """Set the barriers at node columns and their faces; the sums of their loads start at zero."""
+        self._barriers, self._faces, levels = NO_PLACES, NO_FACES, 0
+        if self.walls:
+            self._barriers, self._faces, levels = barrier_nodes(
+                self.walls, self.grid, self.floor, self._ground, self._known_ground.folds,
+                self.effects.material.follows_density(),
+            )  # fmt: skip
+        self._barrier_sums = np.zeros((len(self.walls), POINT_BARRIER_SUMS + 1))
+        self._face_yields = np.zeros((2, len(self._faces) + 2, levels + 2, YIELD_ENTRIES))
+
+    def _corner_from(self, origin):
+        """float64[3] [m]: origin of places, relative to the map place `origin` (E, N, H)."""
+        return np.append(self.grid.corner_from(origin), self.floor - origin[2])
+
+    def _load(self, frame, stress):
+        """Set the initial state of a run that starts with the points of `frame`."""
+        self._forget_computed()
+        particles, material, numerics = frame.particles, self.effects.material, self.numerics
+        place = particles.position - self._corner_from(frame.origin)
+        off = ~self.grid.covers(*place[:, :2].T)
+        if off.any():
+            x, y = (values[int(np.argmax(off))] for values in frame.map_xy())
+            raise SceneError(
+                f"{int(off.sum())} of {len(off)} points start outside the terrain's whole cells, the first at "
+                f"E {x:.1f} N {y:.1f}; move them, use a larger DTM or set [terrain] fill_nodata = 'interpolate'"
+            )
+        n, width = len(particles), row.ROW_SHORT if material.state_count() <= 4 else row.ROW_LONG
+        self._rows = np.zeros((n, width), self._real)
+        self._ids = np.zeros(n, np.uint64)
+        self._keys = np.zeros(n, np.int64)
+        self._order = np.zeros(n, np.int32)
+        self._ids[:] = particles.id if particles.id is not None else np.arange(n)
+        self._clock, self._counts = np.zeros(entry.CLOCK), np.zeros(entry.COUNTS, np.int64)
+        self._rest = np.array([0.0, -1.0])  # peak of the kinetic energy [J]; when it became low [s] or -1
+        self._ledger = np.zeros((len(EDGE_NAMES), len(LEDGER)))
+        self._left = self._no_mass_left(self.grid)
+        self._counts[entry.ROWS] = self._counts[entry.ALIVE] = n
+        self._clock[entry.TIME] = frame.time
+        self.mass_start = float(particles.mass.astype(self._real).sum(dtype=float))
+        self._clock[entry.TOTAL_MASS] = self._clock[entry.MASS_NOW] = self.mass_start
+        speed = np.sqrt((particles.velocity**2).sum(axis=1))
+        self._clock[entry.FASTEST] = speed.max(initial=0.0)
+        if self._affine is not None:
+            self._clock[entry.SHEAR] = np.sqrt((self._affine**2).sum(axis=(1, 2)).max())
+        self._heaviest = float(particles.mass.max(initial=0.0))
+        inside = self.grid.inside
+        self._settings = kernel_settings(numerics, material, inside, self._heaviest, self.mass_start)
+        self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
+        self._lay_on_ground(place, particles.mass)
+        rows = self._rows
+        set_places(rows, self._keys, place, 1.0 / numerics.cell_size, self._lowest)
+        rows[:, row.PX : row.PZ + 1] = particles.velocity * particles.mass[:, None]
+        rows[:, row.MASS] = particles.mass
+        known = np.zeros((1, 6)) if stress is None else np.asarray(stress, float)
+        self._stress = np.broadcast_to(known, (n, 6))
+        for column, values in zip(row.STATE, material.state_at_stress(*known.T), strict=True):
+            if column < width:
+                rows[:, column] = values
+        window_of(self._keys, self._lowest, self._counts[entry.WINDOW_FIRST :])
+        self._note_start(place, speed, particles.mass)
+        self.energy_start = self.energy()
+        self._energy_whole = sum(self.energy_start) + self._turning_energy(particles.mass)
+        self._momentum_start = self._sums()[MOMENTUM_X : MOMENTUM_Z + 1].copy()
+
+    def _lay_on_ground(self, place, mass):
+        """Move points more than a cell below the ground onto it, in `place` [n, 3], and record their `mass`.
+
+        Points placed on the pixels of the DTM can be below the ground of the solver, which is smooth over a cell. This
+        is no leak, which would stop the run in its first step.
+        """
+        surface = self._height_under(place[:, :2])
+        under = place[:, 2] < surface - self.numerics.cell_size
+        place[under, 2] = surface[under]
+        self._clock[entry.LIFTED_MASS] = mass[under].sum()
+
+    def _update_mass_limits(self):
+        """Update the settings that depend on the heaviest point and on the mass."""
+        self._settings = self._settings._replace(**mass_limits(self.numerics, self._heaviest, self.mass_start))
+
+    def _give_impulses(self):
+        """Compute what stress and velocity gradient add to the nodes in the next step, whose length is known."""
+        clock, rows, dx = self._clock, self._rows, self.numerics.cell_size
+        push = clock[entry.STEP_NOW] * 4.0 / (dx * self.numerics.density) * rows[:, row.MASS]
+        xx, yy, zz, xy, xz, yz = self._stress.T
+        turning = np.zeros((1, 3, 3)) if self._affine is None else self._affine * (dx * rows[:, row.MASS, None, None])
+        tensor = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+        for axis, column in enumerate((row.AXX, row.AXY, row.AXZ)):
+            for k, part in enumerate(tensor[axis]):
+                rows[:, column + k] = turning[:, k, axis] - push * part
+        self._stress = self._affine = None
+
+    def advance(self, until, after=np.inf, max_steps=1 << 62):
+        """Advance to time `until` [s] or by `max_steps`; returns the reason of the kernel to stop.
+
+        `after` [s] is the next time that will be requested: the length of the step after `until` is chosen in the
+        step before it.
+        """
+        self._forget_computed()
+        clock = self._clock
+        if self._stress is not None:
+            set_next_step(clock, self._counts, clock[entry.TIME], float(until), float(after), self._settings)
+            self._give_impulses()
+        if abs(clock[entry.TIME] + clock[entry.STEP_NOW] - until) > TIME_ROUNDING * max(1.0, abs(until)):
+            clock[entry.HITS] = 0.0  # the step was chosen for another end, that of the previous run
+        return self._take_steps(float(until), float(after), int(max_steps))
+
+    def _take_steps(self, until, after, max_steps):
+        """`advance`, once the points push on the nodes."""
+        ready_threads()
+        return kernel.advance(
+            self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
+            self._barrier_sums, self._peaks, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
+            self._barriers, self._yields, self._faces, self._face_yields, until, after, max_steps,
+            self._settings, self._effects, self._watched,
+        )  # fmt: skip
+
+    def _integrate_with(self, effects, places, walls):
+        """Continue with other `effects`, `places` and `walls`; sums of unchanged barriers are kept."""
+        self.effects = effects
+        self._effects = self._effects._replace(contact=effects.contact, zones=effects.zones, barrier=effects.barrier)
+        zone_values = places.zone_values
+        self._zone_values = NO_PLACES if zone_values is None else padded(zone_values)
+        if self.walls != tuple(walls):
+            self.walls = tuple(walls)
+            self._set_barriers()
+
+    @staticmethod
+    def _on_kernel_nodes(values):
+        """`values` [ny + 3, nx + 3] at the nodes of the blocks."""
+        return padded(values[..., None])[..., 0]
+
+    def frame(self):
+        """The present points as a Frame."""
+        header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
+        return replace(
+            self._start, particles=self._particles(), time=self.time, step=self.step, dimension=3, solver="points",
+            header=header, maxima=self.maxima(), state=self.state(),
+        )  # fmt: skip
+
+    def _particles(self):
+        rows, ids, keys = self._seen()
+        n, corner = len(rows), self._corner_from(self._start.origin)
+        position, velocity, mass, volume = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
+
+        def fill(some):
+            mass[some] = rows[some, row.MASS]
+            velocity[some] = rows[some, row.PX : row.PZ + 1] / mass[some, None]
+            position[some] = self._places(rows[some], keys[some]) + corner
+            volume[some] = self._volumes(rows[some], mass[some])
+
+        in_slices(fill, n)
+        return Particles(position, velocity, mass, volume, id=ids.copy())
+
+    def maxima(self):
+        """Running peaks at the node columns that the flow reached, for a frame; empty without `numerics.maxima`."""
+        numerics, grid = self.numerics, self.grid
+        if not numerics.maxima:
+            return {}
+        ny, nx = grid.inside.shape
+        first = row.GHOSTS
+        inner = self._peaks[first : first + ny + 1, first : first + nx + 1]
+        return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, numerics.arrival_thickness)
+
+    def _volumes(self, rows, mass):
+        """float64[n] [m3]: volume of each point, at most that of the cells of its stencil (a single point in the air).
+
+        The state itself is not limited: a point that was pulled apart bears load only when it is compressed as much.
+        """
+        free = mass / self.numerics.density
+        largest = np.maximum(free, STENCIL_CELLS * self.numerics.cell_size**3)
+        return np.minimum(free * volume_ratios(rows, self.effects.material), largest)
+
+    def state(self):
+        """State of a restart in addition to the particles of the frame: the arrays that change."""
+        rows, _, keys = self._alive()
+        begun = {"stress": self._stress, "affine": self._affine}  # before the first step converts them to impulses
+        state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
+        state |= self._left_state() | self._watch_state() | self._yield_state()
+        state |= peaks_state(self._peaks) if self.numerics.maxima else {}
+        state |= {name: array.copy() for name, array in self._changing().items()}
+        return state | {"counts": self._counts_of_rows()}
+
+    @property
+    def yields(self):
+        """float64[2, rows, columns, YIELD_ENTRIES]: yield of the ground at node columns, of two steps."""
+        return self._yields
+
+    def _press_contacts(self, frame, stress):
+        """Ground below points that start with `stress`, and faces beside them, start in equilibrium too."""
+        place, step = frame.particles.position - self._corner_from(frame.origin), self.step
+        last, stressed = self._yields[step % 2], stress is not None
+        press_ground(last, step, place, frame.particles.mass, stressed, self._ground, self._settings)
+        if stressed and len(self._faces):
+            last = self._face_yields[step % 2]
+            press_faces(last, step, place, np.asarray(stress), self._barriers, self._faces, self._settings)
+
+    def _yield_state(self):
+        """Yield of the ground after the last step, at the node columns below the flow."""
+        last = self._yields[self.step % 2]
+        columns = np.flatnonzero(last[..., YIELD_STEP] == self.step + 1)
+        return dict(zip(YIELD_STATE, (columns, last[..., YIELD].ravel()[columns]), strict=True))
+
+    def _restore_yields(self, state):
+        """Restore the result of `_yield_state`."""
+        columns, yields = (state[name] for name in YIELD_STATE)
+        self._yields[:] = 0.0
+        last = self._yields[self.step % 2].reshape(-1, YIELD_ENTRIES)
+        last[columns, YIELD], last[columns, YIELD_STEP] = yields, self.step + 1
+
+    def _changing(self):
+        """Name -> array of the state other than the rows, as far as this scene has it."""
+        arrays = {"clock": self._clock, "counts": self._counts, "ledger": self._ledger, "rest": self._rest}
+        arrays |= {"barriers": self._barrier_sums} if self.walls else {}
+        return arrays | ({"face_yields": self._face_yields} if len(self._faces) else {})
+
+    def restore(self, frame, known=False):
+        """Continue from a `frame` of this run with its state, bitwise identical to a run without interruption.
+
+        The state is checked unless it is `known`, that is, never left this process.
+
+        Raises
+        ------
+        FormatError
+            The frame has no state, or that of another run.
+        """
+        self._forget_computed()
+        self._restore_watch(frame)
+        state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
+        if not {"rows", "keys", *LEFT_STATE, *YIELD_STATE, *self._changing()} <= set(state) or ids is None:
+            raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
+        rows, n = state["rows"], len(ids)
+        if rows.dtype != self._real or rows.shape != (n, self._rows.shape[1]) or n > len(self._rows):
+            raise FormatError(
+                f"the frame at {at} is of another scene: its rows are {rows.dtype}{list(rows.shape)}, expected "
+                f"{np.dtype(self._real)}[at most {len(self._rows)}, {self._rows.shape[1]}]; start with --overwrite"
+            )
+        for name, array in self._changing().items():
+            if state[name].shape != array.shape:
+                raise FormatError(
+                    f"the frame at {at} is of another version of mpmgis: '{name}' has the shape "
+                    f"{list(state[name].shape)}, expected {list(array.shape)}; start with --overwrite"
+                )
+        if not known:
+            require_point_state(frame, self, self._changing(), self._rows)
+        self._rows[:n], self._ids[:n], self._keys[:n] = rows, ids, state["keys"]
+        for name, array in self._changing().items():
+            array[:] = state[name]
+        self._restore_left(state)
+        self._restore_yields(state)
+        if self.numerics.maxima:
+            restore_peaks(self._peaks, state)
+        self._counts[entry.ROWS] = n
+        window_of(self._keys[:n], self._lowest, self._counts[entry.WINDOW_FIRST :])
+        self._stress, self._affine = state.get("stress"), state.get("affine")
+
+    def insert(self, frame, stress=None, affine=None):
+        """Insert the points of `frame` with their `stress` and velocity gradient, as at a start.
+
+        They count in the mass, momentum and energy of the start.
+
+        Raises
+        ------
+        SceneError
+            Points outside the terrain.
+        """
+        new = copy(self)
+        new._affine = None if affine is None else np.asarray(affine, float)
+        new._load(replace(frame, time=self.time), stress)
+        if self.points:
+            if self._stress is None:
+                new._clock[entry.STEP_NOW] = self._clock[entry.STEP_NOW]
+                new._give_impulses()
+            else:  # no step is chosen yet
+                gradients = [
+                    np.zeros((len(some._stress), 3, 3)) if some._affine is None else some._affine
+                    for some in (self, new)
+                ]
+                self._affine = np.concatenate(gradients)
+                self._stress = np.concatenate([self._stress, new._stress])
+            self._append(new)
+        else:
+            self._rows, self._ids, self._keys, self._order = new._rows, new._ids, new._keys, new._order
+            self._stress, self._affine = new._stress, new._affine
+            self._counts[entry.ROWS] = len(frame.particles)
+            self._counts[entry.WINDOW_FIRST :] = new._counts[entry.WINDOW_FIRST :]
+        self._press_contacts(frame, stress)
+        clock = self._clock
+        self._counts[entry.ALIVE] += len(frame.particles)
+        self._forget_computed()
+        clock[[entry.TOTAL_MASS, entry.MASS_NOW]] += new.mass_start
+        clock[entry.LIFTED_MASS] += new._clock[entry.LIFTED_MASS]
+        for largest in (entry.FASTEST, entry.SHEAR, entry.HIGHEST, entry.START_SPEED):
+            clock[largest] = max(clock[largest], new._clock[largest])
+        for largest, place in (
+            (entry.SPEED_WORST, range(entry.FASTEST_X, entry.FASTEST_TIME + 1)),
+            (entry.SPEED_P999, [entry.SPEED_P999_TIME]),
+            (entry.DEEPEST, range(entry.DEEPEST_X, entry.DEEPEST_TIME + 1)),
+        ):
+            if new._clock[largest] > clock[largest]:
+                noted = [largest, *place]
+                clock[noted] = new._clock[noted]
+        self.mass_start += new.mass_start
+        self._heaviest = max(self._heaviest, new._heaviest)
+        self._update_mass_limits()
+        self.energy_start = tuple(a + b for a, b in zip(self.energy_start, new.energy_start, strict=True))
+        self._energy_whole += new._energy_whole
+        self._momentum_start = self._momentum_start + new._momentum_start
+
+    def _append(self, new):
+        """Append rows, ids and keys of the solver `new` to those of this one."""
+        counts, count = self._counts, len(new._order)
+        first = int(counts[entry.ROWS])
+        self._require_room(first + count)
+        for own, more in ((self._rows, new._rows), (self._ids, new._ids), (self._keys, new._keys)):
+            own[first : first + count] = more
+        counts[entry.ROWS] += count
+        window, others = (some[entry.WINDOW_FIRST :] for some in (counts, new._counts))
+        window[:] = np.where(np.arange(len(window)) < EAST, np.minimum(window, others), np.maximum(window, others))
+
+    def started(self):
+        """Initial sums of the solver as plain numbers (see `start_from`)."""
+        return {
+            "mass": self.mass_start, "energy": list(self.energy_start), "momentum": self._momentum_start.tolist(),
+            "energy_whole": self._energy_whole, "heaviest": self._heaviest,
+        }  # fmt: skip
+
+    def start_from(self, started):
+        """Set the initial sums to those of `started()`: this solver was made from a later frame of the same run."""
+        self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
+        self._momentum_start, self._energy_whole = np.array(started["momentum"]), started["energy_whole"]
+        self._heaviest = started.get("heaviest", self._heaviest)  # such points may have left since
+        self._update_mass_limits()

@@ -1,0 +1,1 @@
+"""Many runs of scenes: ensemble, region, calibration, accuracy against computing time."""

@@ -1,0 +1,271 @@
+"""`mpmgis study`: accuracy of a scene against computing time, as a table, a plot and text."""
+
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from ..maps.averaging.cells import Bed
+from ..results.comparison import nearest
+from ..simulation.cost_prediction import predicted_cost, tried
+from ..simulation.numerical_parameters import crossed, one_at_a_time, parameters_of, reference
+from ..simulation.preparation import prepare, prepare_scene
+from ..simulation.scene_files import input_files
+from ..simulation.scene_run import use_threads
+from ..simulation.stage_sequence import Sequence
+from ..simulation.warmup import warm_up
+from ..system.errors import InputError, OutputError, SceneError
+from ..system.folder_lock import within
+from ..system.messages import log, muted
+from ..system.whole_files import whole_folder
+from ..terrain.grid import Grid
+from ..terrain.hydrograph_file import write_records
+from ..terrain.spatial_inputs import read_placed_raster
+from .run_measures import (
+    NAMES,
+    Errors,
+    ExportSetting,
+    ExportSweep,
+    State,
+    StudyCells,
+    centre_of,
+    errors_against_exact,
+    errors_of,
+    outcomes,
+)
+from .study_plots import read_other_results, write_plot
+from .study_table import OtherResult, Row, Study
+
+TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
+LOOKS = 4  # times at which flows are compared, including the end
+ASK_SECONDS = 600.0
+TRIAL_SECONDS = 10.0  # of steps; a trial of this machine takes a tenth for each solver
+
+
+@dataclass(frozen=True)
+class StudyRequest:
+    """A study; `study` describes its options."""
+
+    scene: Path
+    output: Path | None = None
+    overwrite: bool = False
+    knobs: tuple | None = None
+    cell_sizes: tuple | None = None
+    full: bool = False
+    repeats: int = 3
+    measure: str = "thickness"
+    exact: Path | None = None
+    beside: tuple = ()
+    refinement: float | None = None
+    target_error: float | None = None
+    exports: bool = True
+    threads: int | None = None
+    law: Path | None = None
+
+
+@dataclass(frozen=True)
+class StudyFound:
+    """Results: the Study, the Choice for the target error (or None), and the files."""
+
+    study: object
+    choice: object
+    lines: tuple
+    files: tuple
+
+
+def study(request: StudyRequest, *, confirm=lambda question: True, watch=lambda solver, end_time: None):
+    """Run the scene with its settings changed one at a time; compare with a finer run or an exact solution.
+
+    Returns
+    -------
+    StudyFound
+
+    Raises
+    ------
+    InputError, SceneError, OutputError
+        Before the first step; nothing is written.
+    UnphysicalError
+        The solver stopped with one of the settings.
+    """
+    _require_possible(request)
+    output = Path(request.output or Path(request.scene).parent / "study")
+    with whole_folder(output, request.overwrite) as part:
+        found = _study(request, output, confirm, watch)
+        write_records(part / TABLE_FILE, *found.study.records())
+        write_plot(
+            part / PLOT_FILE,
+            found.study,
+            f"Accuracy against computing time: {Path(request.scene).resolve().parent.name}",
+        )
+        write_records(part / SUMMARY_FILE, ("what", "value"), found.study.summary())
+        names = [TABLE_FILE, SUMMARY_FILE, PLOT_FILE]
+        if found.study.exports:
+            write_records(part / EXPORT_FILE, ExportSetting._fields, found.study.exports)
+            names.append(EXPORT_FILE)
+    return replace(found, files=tuple(output / name for name in names))
+
+
+def _require_possible(request):
+    if request.measure not in NAMES:
+        raise InputError(f"`measure={request.measure}`: expected one of {', '.join(NAMES)}")
+    if request.exact is not None and request.measure != "thickness":
+        raise InputError(f"`exact` contains only thickness; leave `measure={request.measure}` out")
+    if request.exact is not None and request.refinement is not None:
+        raise InputError("`exact` needs no finer run; leave `refinement` out")
+
+
+def _study(request, output, confirm, watch):
+    base = prepare(request.scene, request.law)
+    given = within(output, input_files(request.scene, base.scene, request.law))
+    if given is not None:
+        raise OutputError(f"{output} contains the input {given} and would be replaced; give another `output`")
+    scene, knobs = base.scene, parameters_of(base.scene, request.knobs, request.cell_sizes)
+    settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
+    finer = None
+    if request.exact is None:
+        finer = reference(scene, settings, request.refinement)
+    cells, times = _cells(base), _interval(scene) * np.arange(1, LOOKS + 1)
+    exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
+    beside = tuple(_other_results(file, request, exact, base.terrain, cells.grid) for file in request.beside)
+    threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
+    _require_affordable(settings, finer, base, threads, request.repeats, confirm)
+
+    @cache
+    def machine():  # a trial, after compilation of the first setting
+        with muted():
+            warm_up(base)
+        return tried(base, threads, TRIAL_SECONDS)
+
+    def run(settings, repeats, begun=lambda turn, number: None):
+        return outcomes(
+            settings,
+            muted()(lambda s: prepare_scene(s.scene)),
+            muted()(warm_up),
+            partial(_Flow, interval=times[0], watch=watch),
+            cells,
+            times,
+            repeats,
+            lambda p: predicted_cost(p, threads, machine(), interval=times[0]),
+            begun,
+        )
+
+    def log_turn(turn, number):
+        log.info(
+            f"run {turn + 1} of {request.repeats}, setting {number + 1} of {len(settings)}: {settings[number].name}"
+        )
+
+    truth = None
+    if finer is not None:
+        log.info(f"the reference: {finer.name}")
+        truth = run([finer], 1)[0].states
+    rows = [Row(made, _errors(made.states, truth, exact)) for made in run(settings, request.repeats, log_turn)]
+    exports = _exports(base) if request.exports else ()
+    cell = 0.0 if finer is None else finer.cell_size
+    made = Study(tuple(rows), request.measure, cell, exports, sum(beside, ()))
+    choice = None if request.target_error is None else made.choice(request.target_error)
+    return StudyFound(made, choice, tuple(made.lines()), ())
+
+
+def _interval(scene):
+    """Time [s] between two looks at the flow."""
+    return scene.output.end_time / LOOKS
+
+
+class _Flow:
+    """The frames of a prepared run, `interval` [s] apart, and then its steps and the error of its mass."""
+
+    def __init__(self, prepared, interval, watch=lambda solver, end_time: None):
+        output = replace(prepared.scene.output, frame_interval=float(interval))
+        self._sequence = Sequence(replace(prepared, scene=replace(prepared.scene, output=output)), watch)
+
+    def __iter__(self):
+        return iter(self._sequence)
+
+    @property
+    def steps(self):
+        return self._sequence.steps
+
+    @property
+    def particle_steps(self):
+        return self._sequence.particle_steps
+
+    @property
+    def mass_error(self):
+        """Relative, of all stages together."""
+        if self._sequence.prepared.scene.stage:
+            return self._sequence.mass_account()["error_relative"]
+        return self._sequence.solver.balances()["mass_error_relative"]
+
+
+def _errors(states, truth, exact) -> Errors:
+    return errors_of(states, truth) if exact is None else errors_against_exact(states, exact)
+
+
+def _cells(base):
+    """The cells for comparing runs: the scene's cell size, with stages the largest, over the whole terrain."""
+    west, south, east, north = base.terrain.grid.bounds
+    size = max(stage.numerics.cell_size for stage in base.stages)
+    shape = tuple(int(np.ceil(round(span / size, 6))) for span in (north - south, east - west))
+    grid = Grid.north_up(base.terrain.grid.crs, west, north, size, shape)
+    return StudyCells(grid, Bed.of(base.terrain), base.numerics.density, centre_of(base.frame))
+
+
+def _thickness(path, terrain, grid):
+    """float64[rows, columns] [m] of a raster of thickness on the study's cells."""
+    values, own = read_placed_raster(path, terrain)
+    return nearest(values, own, grid)
+
+
+def _other_results(path, request, exact, terrain, grid):
+    """Tuple of OtherResult from the table at `path`; errors of rasters are computed as for the study's own runs.
+
+    Raises
+    ------
+    FormatError, InputError
+    """
+    found = []
+    for row in read_other_results(path, request.measure):
+        errors = row.errors
+        if row.thickness is not None:
+            if exact is None:
+                raise InputError(
+                    f"`beside={path}`: '{row.setting}' is a raster of the thickness at the end, whose error requires "
+                    f"`exact`; give `exact`, or its error in a column error_{request.measure}"
+                )
+            errors = errors_against_exact([_state_of(_thickness(row.thickness, terrain, grid))], exact)
+        found.append(OtherResult(row.code, row.setting, row.seconds, errors))
+    return tuple(found)
+
+
+def _state_of(thickness):
+    """A State with only the thickness; NaN is no flow."""
+    return State(np.nan, np.nan_to_num(thickness), np.full((*thickness.shape, 2), np.nan), np.nan)
+
+
+def _require_affordable(settings, finer, base, threads, repeats, confirm):
+    """Log the predicted time of the study, and ask `confirm(question)` if it is long."""
+    runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
+    total = predicted_cost(base, threads, interval=_interval(base.scene)) * sum(
+        times * setting.work_over(base.scene) for setting, times in runs
+    )
+    log.info(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
+    if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):
+        raise SceneError(
+            f"this study is predicted to take {total / 60:.0f} minutes; give `yes` to run it, or fewer `knobs` or "
+            "`repeats`, or a shorter [output] end_time"
+        )
+
+
+def _exports(base):
+    """ExportSettings of the unchanged scene."""
+    interval, size = base.scene.output.frame_interval, min(stage.numerics.cell_size for stage in base.stages)
+    log.info(f"exports: frames every {interval:g} s on cells of {0.5 * size:g} m and coarser")
+    sweep = ExportSweep(
+        Bed.of(base.terrain), base.terrain.grid.bounds, base.terrain.grid.crs, 0.5 * size, interval,
+        base.numerics.density,
+    )  # fmt: skip
+    for frame in _Flow(muted()(prepare_scene)(base.scene), interval):
+        if abs(frame.time / interval - round(frame.time / interval)) < 1e-6:  # no frames at switches between stages
+            sweep.take(frame)
+    return tuple(sweep.settings())

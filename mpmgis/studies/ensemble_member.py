@@ -1,0 +1,243 @@
+"""One member of an ensemble: runs a scene, writes its maxima as a raster and its figures as a record."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import __version__
+from ..compiled.law_methods import use_own_laws
+from ..frames.ensemble_folder import deposit_file, member_files, read_member, write_member
+from ..frames.run_folder import RunFolder
+from ..laws.own_law import NO_OWN_LAWS, load_laws
+from ..laws.quantities import BAND, MEMBER_BANDS, Quantity
+from ..maps.averaging.cells import Bed
+from ..maps.averaging.frame_values import Averaging, average_frame
+from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
+from ..maps.averaging.sampling import export_grid
+from ..scene import scene_from_tables
+from ..simulation.preparation import prepare_scene
+from ..simulation.scene_run import integrate_into, use_threads
+from ..simulation.stage_sequence import Sequence
+from ..simulation.warmup import warm_up
+from ..system.errors import InputError, UnphysicalError, one_line
+from ..system.messages import muted
+from ..system.whole_files import whole_file
+from ..terrain.raster_output import write_rows
+from .run_measures import centre_of
+
+FIGURES = {  # of a member: column of the table -> description
+    "end_time_s": "simulated time at the end",
+    "steps": "steps of the solver",
+    "runout_m": "distance on the map from the release's centre of mass to the farthest cell that was reached",
+    "travel_angle_degrees": "of the line from the release's centre of mass to that cell",
+    "area_m2": "plan area that was reached",
+    "h_max_m": "largest flow depth, normal to the slope",
+    "Ut_max_m_s": "largest speed along the slope",
+    "p_max_Pa": "largest impact pressure",
+    "mass_out_share": "share of the mass that left the terrain",
+}
+
+
+DEPOSITED = Quantity("t_deposit", "m", "vertical thickness at the end, mass over the density of the release", "float32")
+
+
+@dataclass(frozen=True)
+class MemberTask:
+    """All data that a worker needs to run a member; it is pickled.
+
+    Parameters
+    ----------
+    number : int
+    digest : str
+        Of all inputs of its result.
+    tables : dict
+        The scene.
+    scene_folder, name : str
+        Folder to which its paths are relative, and its name in messages.
+    law : str or None
+        File with the user's own friction laws.
+    output : str
+        Folder for results of members.
+    cell_size : float or None [m]
+        Of its raster; None: the DTM's cells.
+    min_depth : float [m]
+    frames : bool
+        Keep the frames.
+    deposit : bool
+        Keep the vertical thickness at the end.
+    """
+
+    number: int
+    digest: str
+    tables: dict
+    scene_folder: str
+    name: str
+    law: str | None
+    output: str
+    cell_size: float | None
+    min_depth: float
+    frames: bool = False
+    deposit: bool = False
+
+    def prepared(self):
+        """The Prepared run."""
+        own = NO_OWN_LAWS if self.law is None else load_laws(self.law)
+        use_own_laws(own)
+        return prepare_scene(scene_from_tables(self.tables, self.scene_folder, self.name, own))
+
+    def averaging(self, prepared):
+        """Averaging of its frames, as in an export."""
+        return Averaging(
+            bed=Bed.of(prepared.terrain),
+            grid=export_grid(prepared.terrain.grid, self.cell_size),
+            density=prepared.frame.header["density"],
+            names=(*PRODUCTS_NEEDED, "mass") if self.deposit else PRODUCTS_NEEDED,
+            min_depth=self.min_depth,
+        )
+
+
+def run_member(task, look=lambda *state: None):
+    """Run a member unless it is finished; returns its record, which is also written.
+
+    Runs that become unphysical or whose inputs are refused also give a record. `look` is called a few times a second.
+    """
+    done = read_member(task.output, task.digest, task.frames, task.deposit)
+    if done is not None:
+        return done
+    began, used = time.perf_counter(), time.process_time()
+    try:
+        record = run_task(task, look)
+    except UnphysicalError as error:
+        record = {"status": "unphysical", "reason": one_line(error)}
+    except InputError as error:
+        record = {"status": "refused", "reason": one_line(error)}
+    record |= {
+        "digest": task.digest,
+        "wall_seconds": time.perf_counter() - began,
+        "processor_seconds": time.process_time() - used,
+        "version": __version__,
+    }
+    write_member(task.output, record)
+    return record
+
+
+@muted()
+def run_task(task, look):
+    """Run a MemberTask and write its raster; its record without digest and time."""
+    began = time.perf_counter()
+    prepared = task.prepared()
+    preparing = time.perf_counter() - began
+    use_threads(prepared.particles, 1)
+    averaging = task.averaging(prepared)
+    sequence = _Peaks(prepared, averaging, look)
+    _, raster, kept = member_files(task.output, task.digest)
+    if task.frames:
+        folder = RunFolder(kept, overwrite=True)
+        with folder.held():
+            folder.open()
+            integrate_into(folder, sequence, False)
+    else:
+        for _ in sequence:
+            pass
+    maxima, grid = sequence.on_cells, averaging.grid
+    tags = {"version": __version__, "digest": task.digest, "scene": prepared.digest, "min_depth": task.min_depth}
+    with whole_file(raster) as part:
+        write_rows(
+            part, grid, [BAND[name] for name in MEMBER_BANDS], tags,
+            lambda band, first, last: maxima.rows(MEMBER_BANDS[band], first, last, grid.shape[1]),
+        )  # fmt: skip
+    if task.deposit:
+        _write_deposit(task, sequence, averaging, tags)
+    figures = _figures(prepared, sequence, averaging)
+    return {"status": "finished", "reason": sequence.reason, "prepare_seconds": preparing, **figures}
+
+
+def _write_deposit(task, sequence, averaging, tags):
+    """Write the vertical thickness of the last frame as a raster."""
+    index, thickness = sequence.at_end
+    values = np.full(averaging.grid.shape, np.nan)
+    values.flat[index] = thickness
+    with whole_file(deposit_file(task.output, task.digest)) as part:
+        write_rows(part, averaging.grid, [DEPOSITED], tags, lambda band, first, last: values[first:last])
+
+
+class _Peaks(Sequence):
+    """A run that collects the maxima of its frames, and at the end those of the solver, on the cells of a raster."""
+
+    def __init__(self, prepared, averaging, look):
+        super().__init__(prepared, look)
+        rows, columns = averaging.grid.shape
+        self.averaging, self.on_cells = averaging, RunningMaxima(rows * columns, averaging.min_depth)
+        self.at_end = np.empty(0, int), np.empty(0)
+
+    def __iter__(self):
+        last = None
+        for frame in super().__iter__():
+            values = average_frame(frame, self.averaging)
+            self.on_cells.absorb(values.index, values.values, values.time, values.least)
+            if "mass" in values.values:
+                self.at_end = values.index, values.values["mass"] / self.averaging.density
+            last = frame if frame.maxima else last
+            yield frame
+        peaks = None if last is None else SolverPeaks.of(last.maxima, last.time)
+        if peaks is not None:
+            for index, values in peaks.on(self.averaging.grid, self.averaging.bed, self.averaging.min_depth):
+                self.on_cells.absorb_peaks(index, values)
+
+
+def _figures(prepared, sequence, averaging):
+    """Figures of a finished member; `extent` are the rows and columns with maxima, None without."""
+    maxima, grid = sequence.on_cells, averaging.grid
+    depth, balances = maxima.values["h_max"], sequence.solver.balances()
+    any_flow = np.flatnonzero(maxima.seen["h_max"])
+    row, column = np.divmod(any_flow, grid.shape[1])
+    extent = [int(v) for v in (row.min(), row.max() + 1, column.min(), column.max() + 1)] if len(row) else None
+    reached = depth[any_flow] >= averaging.min_depth
+    runout, angle = _runout(prepared, grid, row[reached], column[reached])
+    height, width = abs(grid.transform.e), abs(grid.transform.a)
+    out, come = balances["mass_out"], balances.get("mass_released", balances["mass_start"])
+    come += balances.get("mass_entrained", 0.0)
+    if prepared.scene.stage:
+        mass = sequence.mass_account()
+        out, come = mass["left_terrain"], mass["released"] + mass["entrained"]
+    return {
+        "end_time_s": sequence.solver.time,
+        "steps": sequence.steps,
+        "runout_m": runout,
+        "travel_angle_degrees": angle,
+        "area_m2": float(np.count_nonzero(reached) * height * width),
+        "h_max_m": maxima.largest("h_max"),
+        "Ut_max_m_s": maxima.largest("Ut_max"),
+        "p_max_Pa": maxima.largest("p_max"),
+        "mass_out_share": float(out / come) if come else 0.0,
+        "extent": extent,
+    }
+
+
+def _runout(prepared, grid, row, column):
+    """(distance [m], angle [degrees]) from the release's centre of mass to the farthest cell; (None, None) of none."""
+    if not len(row):
+        return None, None
+    start, terrain = centre_of(prepared.seen), prepared.terrain
+    x, y = grid.xy(row, column)
+    distance = np.hypot(x - start[0], y - start[1])
+    far = int(np.argmax(distance))
+    heights = terrain.sample(np.array([start[0], x[far]]), np.array([start[1], y[far]]))
+    angle = np.degrees(np.arctan2(heights[0] - heights[1], distance[far]))
+    return float(distance[far]), float(angle) if np.isfinite(angle) else None
+
+
+@muted()
+def warmed(task, prepared):
+    """Compile the kernels of a member in all its stages, so that workers load them from the disk cache."""
+    averaging = task.averaging(prepared)
+    for frame in warm_up(prepared):
+        average_frame(frame, averaging)
+
+
+@muted()
+def warm_worker(tasks):
+    """Import modules and load kernels for `tasks` in a worker, before the first of them is timed."""
+    for task in tasks:
+        warmed(task, task.prepared())

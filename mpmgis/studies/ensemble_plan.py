@@ -1,0 +1,249 @@
+"""Plan and members of an ensemble: options and plan file, the scene of each member, digests, predicted cost."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from .. import __version__
+from ..compiled.cache_folder import source_digest
+from ..compiled.jit import set_threads
+from ..maps.averaging.sampling import require_cells_within
+from ..scene.material_file import read_toml
+from ..scene.table_values import meant
+from ..simulation.cost_prediction import predicted
+from ..simulation.numerical_parameters import COST_POWER
+from ..simulation.preparation import scene_to_prepare
+from ..simulation.scene_files import input_files
+from ..system.errors import InputError, MpmgisError, SceneError
+from ..system.messages import log
+from .ensemble_member import FIGURES, MemberTask
+from .ensemble_statistics import Products, exceedances
+from .sampling_plan import Plan, variation, with_values
+
+PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
+TIMES = ("wall_seconds", "processor_seconds")
+TABLE_HEAD, TABLE_TAIL = ("number",), ("digest", "status", *TIMES, *FIGURES, "reason")
+DIGEST_LENGTH = 16
+
+
+def read_plan(request):
+    """(Plan, Products) from the plan file, overridden by the request.
+
+    Raises
+    ------
+    InputError
+    """
+    stored = {} if request.plan is None else _plan_file(request.plan)
+    varied = {key: variation(asked, f"{request.plan} [vary] {key}") for key, asked in stored.get("vary", {}).items()}
+    given = {}
+    for key, asked in _key_values(request.vary):
+        if key in given:
+            raise InputError(f"`vary={key}` is given twice; give it once")
+        given[key] = variation(asked, f"`vary={key}`")
+    exceed, percentiles = request.exceed, request.percentiles
+    exceed = exceedances(exceed) if isinstance(exceed, (tuple, list)) else exceed
+    plan = Plan.of(
+        varied | given,
+        request.sampling or stored.get("sampling"),
+        request.samples or stored.get("samples"),
+        stored.get("seed", 0) if request.seed is None else request.seed,
+    )
+    if request.samples is not None and plan.sampling == "grid" and plan.has_only_lists:
+        log.info(
+            f"`samples={request.samples}` has no effect: all keys have lists of values, and their {plan.count} "
+            "combinations are run; `sampling=lhs` draws samples from them"
+        )
+    return (
+        plan,
+        Products.of(
+            stored.get("exceed") if exceed is None else exceed,
+            stored.get("percentiles") if percentiles is None else percentiles,
+        ),
+    )
+
+
+def _key_values(vary):
+    """(key, values) from texts KEY=VALUES or from a dictionary."""
+    if isinstance(vary, dict):
+        yield from vary.items()
+        return
+    for text in vary:
+        key, equals, values = text.partition("=")
+        if not (equals and key.strip()):
+            raise InputError(f"`vary={text}`: expected KEY=VALUES, for example friction.mu=0.1:0.3")
+        yield key.strip(), values
+
+
+def _plan_file(path):
+    """The tables of a plan file, with checked keys and types."""
+    tables = read_toml(path)
+    for name in tables:
+        if name not in PLAN_KEYS:
+            raise InputError(f"{path}: unknown key {name!r}{meant(name, PLAN_KEYS)}; it takes {', '.join(PLAN_KEYS)}")
+    for name, kind, words in (
+        ("sampling", str, "text"), ("samples", int, "a whole number above 0"), ("seed", int, "a whole number from 0"),
+        ("vary", dict, "a table of keys"), ("exceed", dict, "a table like {h = [0.5, 1]}"),
+        ("percentiles", list, "a list of numbers"),
+    ):  # fmt: skip
+        value = tables.get(name, kind())
+        wrong = not isinstance(value, kind) or isinstance(value, bool) or (kind is int and value < (name == "samples"))
+        if name in tables and wrong:
+            raise InputError(f"{path}: {name} = {value!r}, expected {words}")
+    if "exceed" in tables:
+        tables["exceed"] = {name: of if isinstance(of, list) else [of] for name, of in tables["exceed"].items()}
+    return tables | {"vary": dict(_flat(tables.get("vary", {})))}
+
+
+def _flat(table, before=""):
+    """(key, value) of a table whose keys can be dotted or nested tables."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
+
+
+@dataclass(frozen=True)
+class PlannedRuns:
+    """A scene with its checked members, and a prepared run of each group of members that read the same files.
+
+    Parameters
+    ----------
+    request : EnsembleRequest
+    scene : Scene
+    tables : dict
+        Of the scene, with maxima of all steps.
+    plan : Plan
+    members : list of sampling_plan.Member
+    groups : dict
+        Varied texts (names of files and laws) -> (MemberTask of the scene with them, Prepared).
+    """
+
+    request: object
+    scene: object
+    tables: dict
+    plan: Plan
+    members: list
+    groups: dict
+
+    @classmethod
+    def of(cls, request, plan):
+        """Check all members, and prepare a run of each group."""
+        scene = scene_to_prepare(request.scene, request.law)
+        name, tables = Path(request.scene).name, with_peaks(scene, request.min_depth)
+        members = plan.members(tables, scene.folder, name, scene.own_laws)
+        study = cls(request, scene, tables, plan, members, {})
+        for member in members:
+            texts = study._texts(member)
+            if texts not in study.groups:
+                task = study._task(0, "", with_values(tables, dict(texts)), name, "")
+                try:
+                    study.groups[texts] = task, task.prepared()
+                except SceneError:
+                    raise
+                except MpmgisError as error:
+                    raise type(error)(f"{name}: {error}") from error
+        study._require_one_grid()
+        return study
+
+    def _texts(self, member):
+        """(key, text) of varied text values: only these can change which files are read."""
+        values = zip(self.plan.varied, member.values, strict=True)
+        return tuple((key, value) for key, value in values if isinstance(value, str))
+
+    def _require_one_grid(self):
+        if "terrain.window" in self.plan.varied:
+            raise SceneError(
+                "`vary` terrain.window: runs with different windows have no common grid; set it once in the scene"
+            )
+        grids = {(p.terrain.grid.transform, p.terrain.grid.shape) for _, p in self.groups.values()}
+        if len(grids) > 1:
+            raise SceneError("`vary` terrain: the DTMs have different grids; resample them to one grid")
+        task, prepared = self.first
+        require_cells_within(prepared.terrain.grid, self.request.cell_size, north_up=True)
+        task.averaging(prepared)  # raises for too many cells
+
+    def _task(self, number, digest, tables, name, output):
+        folder, request = Path(self.scene.folder).resolve(), self.request
+        law = None if request.law is None else str(Path(request.law).resolve())
+        return MemberTask(
+            number, digest, tables, str(folder), name, law, str(output), request.cell_size, request.min_depth,
+            request.keep == "frames", request.keep == "deposit",
+        )  # fmt: skip
+
+    def input_files(self):
+        """Yield the path of every file that a member reads."""
+        for _, prepared in self.groups.values():
+            yield from input_files(self.request.scene, prepared.scene, self.request.law)
+
+    @property
+    def first(self):
+        """(MemberTask, Prepared) of the first group; the terrain and the grid are the same for every member."""
+        return next(iter(self.groups.values()))
+
+    @property
+    def grid(self):
+        """Grid of all rasters."""
+        task, prepared = self.first
+        return task.averaging(prepared).grid
+
+    @cached_property
+    def digests(self):
+        """Digest of each member: its scene, the contents of its files, the raster, the program and its source."""
+        request = self.request
+        known = [__version__, source_digest(), request.cell_size, request.min_depth]
+        inputs = {texts: prepared.digest for texts, (_, prepared) in self.groups.items()}
+        return [_digest([member.tables, inputs[self._texts(member)], *known]) for member in self.members]
+
+    @property
+    def digest(self):
+        """Digest of all members in order."""
+        return _digest(self.digests)
+
+    def tasks(self, output):
+        """List of MemberTask; identical members share a digest and one run."""
+        name = Path(self.request.scene).name
+        return [
+            self._task(member.number, digest, member.tables, f"{name}, member {member.number}", output)
+            for member, digest in zip(self.members, self.digests, strict=True)
+        ]
+
+    def cost(self, tasks):
+        """(predicted time of all `tasks` in sequence [s], memory of one [bytes])."""
+        _, prepared = self.first
+        set_threads(1)  # as a worker has
+        ahead = predicted(prepared, 1)
+        set_threads(None)
+        return ahead.seconds * sum(self._factor(task) for task in tasks), ahead.memory
+
+    def _factor(self, task):
+        """Cost of a member relative to the scene, estimated from [numerics] and end_time."""
+        own, base = task.tables.get("numerics", {}), self.tables.get("numerics", {})
+        output = task.tables["output"]["end_time"] / self.tables["output"]["end_time"]
+        ratio = {key: own.get(key) / base.get(key) for key in base if isinstance(own.get(key), (int, float))
+                 and not isinstance(own.get(key), bool) and base.get(key)}  # fmt: skip
+        more = ratio.get("particles_per_cell", 1.0) * ratio.get("points_per_cell", 1.0) / ratio.get("cfl", 1.0)
+        return output * more * ratio.get("cell_size", 1.0) ** -COST_POWER[self.scene.solver]
+
+    def table(self, records):
+        """(names, rows) of `members.csv`; unfinished members have no figures."""
+        rows = []
+        for member, digest in zip(self.members, self.digests, strict=True):
+            record = records.get(digest, {"status": "open"}) | {"digest": digest}
+            stored = [record.get(name) for name in TABLE_TAIL]
+            values = [str(value).lower() if isinstance(value, bool) else value for value in member.values]
+            rows.append([member.number, *values, *(float("nan") if value is None else value for value in stored)])
+        return (*TABLE_HEAD, *self.plan.varied, *TABLE_TAIL), rows
+
+
+def with_peaks(scene, min_depth):
+    """The scene's tables with storage of the maxima of all steps."""
+    tables = scene.as_tables()
+    tables["output"] = {"arrival_thickness": min_depth} | tables["output"] | {"maxima": True}
+    return tables
+
+
+def _digest(what):
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:DIGEST_LENGTH]

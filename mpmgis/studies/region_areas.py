@@ -1,0 +1,87 @@
+"""Release areas of a region with the columns of their table."""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import pyproj
+import shapely
+
+from ..frames.region_folder import LAYER, write_layer
+from ..seeding.release_areas import parts_of
+from ..system.errors import InputError
+from ..system.messages import log, muted
+from ..system.optional_libraries import pyogrio
+from ..system.whole_files import whole_file
+from ..terrain.vector_table import read_table, require_polygons
+
+
+@dataclass(frozen=True)
+class RegionAreas:
+    """Release areas in the CRS of the DTM: `parts` (ReleasePart) and the `columns` of their table (name -> array)."""
+
+    parts: list
+    columns: dict
+    crs: pyproj.CRS | None
+
+    def column(self, name, option):
+        """The values of a column; an error that names the `option` without it."""
+        if name not in self.columns:
+            known = ", ".join(self.columns) or "none"
+            raise InputError(f"`{option}={name}`: the release areas have no such column; they have {known}")
+        return self.columns[name]
+
+    def frequencies(self, name):
+        """float64[n]: numbers of at least 0 in the column `name`."""
+        values = self.column(name, "frequency")
+        wanted = "expected a number of at least 0 for every release area"
+        if values.dtype.kind not in "fiu":
+            raise InputError(f"`frequency={name}`: the column is text (the first is {values[0]!r}), {wanted}")
+        wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0)))
+        if wrong.size:
+            first = values[wrong[0]]
+            got = f"{first:g}" if np.isfinite(first) else "empty"
+            raise InputError(f"`frequency={name}`: area {wrong[0] + 1} has {got}, {wanted}")
+        return values.astype(float)
+
+
+def read_areas(path, terrain, thickness=None, surface=None):
+    """The RegionAreas at `path`; `terrain` is a Terrain or TerrainFile, thickness as in `release_areas.read_release`.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    with muted():  # `parts_of` reads it again and reports what it ignores or repairs
+        table = require_polygons(read_table(path, flag="--releases "), path)
+    return RegionAreas(parts_of(path, terrain, thickness, surface), table.columns, terrain.grid.crs)
+
+
+def write_area(path, shape, name, crs):
+    """Write one release area, WKB `shape`, as FlatGeobuf; `crs` is WKT or None."""
+    pyogrio()
+    from pyogrio.raw import write
+
+    kind = shapely.from_wkb(shape).geom_type
+    with whole_file(path) as part, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
+        write(
+            part, np.array([shape], object), [np.array([name], object)], ["name"], geometry_type=kind, crs=crs,
+            driver="FlatGeobuf", layer=LAYER, SPATIAL_INDEX="NO",
+        )  # fmt: skip
+
+
+def write_areas(path, areas, results):
+    """Write a GeoPackage of all areas with the columns of the input and `results` (name -> list)."""
+    taken, own, left_out = {"fid", "geometry", *map(str.lower, results)}, {}, []
+    for name, values in areas.columns.items():  # GeoPackage does not distinguish upper and lower case
+        if name.lower() not in taken:
+            own[name] = values
+            taken.add(name.lower())
+        elif name.lower() not in ("fid", "geometry"):
+            left_out.append(f"`{name}`")
+    if left_out:
+        log.info(f"{path}: columns of the release areas with the name of a result, or of another column, are left out: "
+                 f"{', '.join(left_out)}; rename them to keep them")  # fmt: skip
+    geometry = [part.polygon for part in areas.parts]
+    write_layer(path, LAYER, geometry, {**own, **results}, areas.crs)

@@ -1,0 +1,357 @@
+"""The varied keys of a scene, their distributions, and the sampled scene of each ensemble member."""
+
+import copy
+import difflib
+import itertools
+import math
+import re
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ..scene import scene_from_tables
+from ..scene.table_values import meant
+from ..scene.tables import LISTED, TABLES
+from ..system.errors import InputError, SceneError
+
+FORMS = "LOW:HIGH, A,B,C, normal:MEAN:SD, lognormal:MEAN:SD (each also :LOW:HIGH to cut it), triangular:LOW:MODE:HIGH"
+COUNTS = {"uniform": (2,), "normal": (2, 4), "lognormal": (2, 4), "triangular": (3,)}  # numbers after the name
+LEAST_SHARE = 2.0**-53  # smallest share with a finite value of a normal distribution
+DIGITS = 10  # of a sampled number: the table of members has the exact values
+
+
+class Choice(NamedTuple):
+    """One of `values`, all equally likely; `text` is the user's input."""
+
+    values: tuple
+    text: str
+
+    def at(self, share: float) -> object:
+        """Quantile for `share` (0 to 1)."""
+        return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+
+    def levels(self, count: int) -> tuple:
+        """All values; `count` is not used."""
+        return self.values
+
+
+class Spread(NamedTuple):
+    """A distribution `name` with its `parameters`, truncated to `low` and `high` if given.
+
+    Mean and standard deviation are those of the variable itself before truncation, also for a lognormal one.
+    """
+
+    name: str
+    parameters: tuple
+    low: float | None
+    high: float | None
+    text: str
+
+    def at(self, share: float) -> float:
+        """Quantile for `share` (0 to 1), rounded to 10 digits."""
+        law = _law(self)
+        share = min(max(float(share), LEAST_SHARE), 1.0 - LEAST_SHARE)
+        if self.low is not None:
+            below, upto = law.cdf(self.low), law.cdf(self.high)
+            return _rounded(min(max(float(law.ppf(below + (upto - below) * share)), self.low), self.high))
+        return _rounded(float(law.ppf(share)))
+
+    def share_of(self, value: float) -> float:
+        """Share (0 to 1) of the distribution below `value`: the inverse of `at`."""
+        law, share = _law(self), float(_law(self).cdf(value))
+        if self.low is not None:
+            below, upto = law.cdf(self.low), law.cdf(self.high)
+            share = (share - below) / (upto - below)
+        return min(max(float(share), 0.0), 1.0)
+
+    def levels(self, count: int) -> tuple:
+        """Medians of `count` equally likely intervals, for a grid."""
+        return tuple(self.at((k + 0.5) / count) for k in range(count))
+
+
+@lru_cache(maxsize=64)
+def _law(spread):
+    """SciPy distribution of a Spread, before truncation."""
+    from scipy import stats
+
+    if spread.name == "uniform":
+        low, high = spread.parameters
+        return stats.uniform(low, high - low)
+    if spread.name == "triangular":
+        low, mode, high = spread.parameters
+        return stats.triang((mode - low) / (high - low), low, high - low)
+    mean, deviation = spread.parameters
+    if spread.name == "normal":
+        return stats.norm(mean, deviation)
+    variance = math.log1p((deviation / mean) ** 2)  # of the logarithm
+    return stats.lognorm(math.sqrt(variance), scale=mean * math.exp(-0.5 * variance))
+
+
+def variation(asked: object, where: str) -> Choice | Spread:
+    """The Choice or Spread of `asked`, a text as in FORMS or a list of values; `where` is for messages.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(asked, (list, tuple)):
+        return _choice(tuple(asked), ",".join(map(str, asked)), where)
+    if not isinstance(asked, str):
+        return _choice((asked,), str(asked), where)
+    text = asked.strip()
+    head, colon, rest = text.partition(":")
+    if colon and head in COUNTS:
+        return _spread(head, rest.split(":"), text, where)
+    if colon and _number(head) is not None:
+        return _spread("uniform", text.split(":"), text, where)
+    if rest and len(head) > 1 and all(_number(part) is not None for part in rest.split(":")):
+        close = difflib.get_close_matches(head, COUNTS, 1)
+        meant = f" (did you mean {close[0]}?)" if close else ""
+        raise InputError(f"{where}: unknown distribution {head!r}{meant}; expected {FORMS}")
+    return _choice(tuple(_value(part.strip()) for part in text.split(",")), text, where)
+
+
+def _choice(values, text, where):
+    if not values or "" in values:
+        raise InputError(f"{where}: got {text!r}, expected {FORMS}")
+    return Choice(values, text)
+
+
+def _spread(name, parts, text, where):
+    numbers = [_number(part) for part in parts]
+    if None in numbers or len(numbers) not in COUNTS[name]:
+        raise InputError(f"{where}: got {text!r}, expected {FORMS}")
+    cut = numbers[2:] if name in ("normal", "lognormal") else []
+    parameters = tuple(numbers[: len(numbers) - len(cut)])
+    _require_possible(name, parameters, cut, f"{where}: {text}")
+    made = Spread(name, parameters, *(cut or (None, None)), text)
+    if cut and not _law(made).cdf(cut[1]) - _law(made).cdf(cut[0]) > 1e-12:
+        raise InputError(f"{where}: {text} has no probability between {cut[0]:g} and {cut[1]:g}; widen them")
+    return made
+
+
+def _require_possible(name, parameters, cut, where):
+    """Reject invalid parameters of a distribution."""
+    if name in ("normal", "lognormal"):
+        mean, deviation = parameters
+        if deviation <= 0 or (name == "lognormal" and mean <= 0):
+            also = " and a mean above 0" if name == "lognormal" else ""
+            raise InputError(f"{where}: expected a standard deviation above 0{also}")
+    ordered = cut or (parameters if name in ("uniform", "triangular") else ())
+    if ordered and not (ordered[0] < ordered[-1] and list(ordered) == sorted(ordered)):
+        raise InputError(f"{where}: expected {'LOW below MODE below HIGH' if len(ordered) == 3 else 'LOW below HIGH'}")
+
+
+def _number(text):
+    """A finite float, or None."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _value(text):
+    """The value of a list item: boolean, integer, float, else text."""
+    if text in ("true", "false"):
+        return text == "true"
+    try:
+        return int(text)
+    except ValueError:
+        number = _number(text)
+        return text if number is None else number
+
+
+def _rounded(value):
+    return float(f"{value:.{DIGITS}g}")
+
+
+JOINT = "joint"  # member k has value k of every list; only of a plan in a file
+SAMPLINGS = ("lhs", "sobol", "grid", "random", JOINT)
+SAMPLES, LEVELS = 32, 5  # members; on a grid: values per range
+MOST_MEMBERS = 100_000
+
+
+class Member(NamedTuple):
+    """One run: its `number` from 1, the `values` of the varied keys in their order, and the whole scene as `tables`."""
+
+    number: int
+    values: tuple
+    tables: dict
+
+
+def _are_lists(varied):
+    return all(isinstance(one, Choice) for one in varied.values())
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The varied keys, their distributions, and the number of runs.
+
+    Parameters
+    ----------
+    varied : dict of str to Choice or Spread
+        By key: `friction.mu`, or `zones.1.mu` for tables that can occur several times.
+    sampling : str
+        One of SAMPLINGS.
+    samples : int
+        Members; on a grid: values per range.
+    seed : int
+    """
+
+    varied: dict
+    sampling: str
+    samples: int
+    seed: int
+
+    @classmethod
+    def of(cls, varied: dict, sampling: str | None = None, samples: int | None = None, seed: int = 0) -> "Plan":
+        """A Plan with defaults: lists alone are combined on a grid, otherwise a Latin hypercube is used.
+
+        Raises
+        ------
+        InputError
+        """
+        if not varied:
+            raise InputError("nothing varies; use for example --vary friction.mu=0.1:0.3, or --plan plan.toml")
+        if sampling is None:
+            sampling = "grid" if _are_lists(varied) else "lhs"
+        if sampling not in SAMPLINGS:
+            raise InputError(f"--sampling {sampling}: expected one of {', '.join(SAMPLINGS)}")
+        if sampling == JOINT and not _equally_long(varied):
+            raise InputError(f"sampling {JOINT}: expected a list of values for each key, all of the same length")
+        plan = cls(dict(varied), sampling, samples or (LEVELS if sampling == "grid" else SAMPLES), seed)
+        if plan.count > MOST_MEMBERS:
+            raise InputError(f"{plan.count} members, expected at most {MOST_MEMBERS}; use fewer keys or --samples")
+        return plan
+
+    @property
+    def has_only_lists(self) -> bool:
+        """Whether every key has a list of values, and none a range or distribution."""
+        return _are_lists(self.varied)
+
+    @property
+    def count(self) -> int:
+        """Number of members."""
+        if self.sampling == JOINT:
+            return min((len(one.values) for one in self.varied.values()), default=0)
+        if self.sampling != "grid":
+            return self.samples
+        levels = (len(one.values) if isinstance(one, Choice) else self.samples for one in self.varied.values())
+        return math.prod(levels)
+
+    def values(self) -> list[tuple]:
+        """List of tuples: the values of the varied keys of each member; bitwise reproducible for the same plan."""
+        varied = list(self.varied.values())
+        if self.sampling == JOINT:
+            return list(zip(*(one.values for one in varied), strict=True))
+        if self.sampling == "grid":
+            return list(itertools.product(*(one.levels(self.samples) for one in varied)))
+        return [tuple(one.at(share) for one, share in zip(varied, row, strict=True)) for row in self._shares()]
+
+    def _shares(self):
+        """float64[samples, keys]: points in the unit cube, from SciPy's qmc."""
+        from scipy.stats import qmc
+
+        source, keys = np.random.default_rng(self.seed), len(self.varied)
+        if self.sampling == "random":
+            return source.random((self.samples, keys))
+        if self.sampling == "lhs":
+            return qmc.LatinHypercube(keys, seed=source).random(self.samples)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # not a power of two: reported by `remark`
+            return qmc.Sobol(keys, seed=source).random(self.samples)
+
+    def remark(self) -> str:
+        """A warning about the sampling, or ''."""
+        if self.sampling == "sobol" and self.samples & (self.samples - 1):
+            more = 1 << self.samples.bit_length()
+            return f"Sobol points are uniform if their number is a power of two: {self.samples} is not; use {more}"
+        return ""
+
+    def members(self, base: dict, folder: object, name: str, own_laws: object) -> list[Member]:
+        """List of Member, each with a checked scene.
+
+        Parameters
+        ----------
+        base : dict
+            The tables of the scene, from `Scene.as_tables`.
+        folder, name : str
+            Of the scene.
+        own_laws : OwnLaws
+
+        Raises
+        ------
+        SceneError
+            A key that the scene does not have, or a value that is not allowed; the message names the member.
+        """
+        for key in self.varied:
+            require_place(base, key)
+        made = []
+        for number, values in enumerate(self.values(), 1):
+            tables = with_values(base, dict(zip(self.varied, values, strict=True)))
+            scene_from_tables(tables, folder, f"{name}, member {number}", own_laws)
+            made.append(Member(number, values, tables))
+        return made
+
+    def as_tables(self) -> dict:
+        """The plan as the plain dictionary that TOML holds."""
+        return {
+            "sampling": self.sampling,
+            "samples": self.samples,
+            "seed": self.seed,
+            "vary": {
+                key: list(one.values) if isinstance(one, Choice) else one.text for key, one in self.varied.items()
+            },
+        }
+
+
+def _equally_long(varied):
+    lists = all(isinstance(one, Choice) for one in varied.values())
+    return lists and len({len(one.values) for one in varied.values()}) == 1
+
+
+def with_values(tables: dict, values: dict) -> dict:
+    """A copy of a scene's `tables` with the `values` by key."""
+    made = copy.deepcopy(tables)
+    for key, value in values.items():
+        holder, last = _place(made, key)
+        holder[last] = value
+    return made
+
+
+def require_place(tables: dict, key: str) -> None:
+    """Reject a `key` that is not in the scene's `tables`.
+
+    Raises
+    ------
+    SceneError
+    """
+    _place(tables, key)
+
+
+def _place(tables, key):
+    """(dictionary, its key) of `key` in a scene's tables."""
+    name, *path = re.split(r"\.", key)
+    if name not in TABLES:
+        known = ", ".join(tables)
+        raise SceneError(f"--vary {key}: unknown table [{name}]{meant(name, TABLES)}; the scene has {known}")
+    if name not in tables:
+        raise SceneError(f"--vary {key}: the scene has no [{name}]; add the table with all its values")
+    holder = tables[name]
+    if name in LISTED:
+        number, *path = path or [""]
+        if not (number.isdigit() and 1 <= int(number) <= len(holder)):
+            raise SceneError(
+                f"--vary {key}: the scene has {len(holder)} [[{name}]]; expected a number, {name}.1.KEY for the first"
+            )
+        holder = holder[int(number) - 1]
+    if len(path) == 2 and isinstance(holder.get(path[0]), dict):  # until.time of a stage
+        holder, path = holder[path[0]], path[1:]
+    if len(path) != 1 or not path[0]:
+        example = f"{name}.1.KEY" if name in LISTED else f"{name}.KEY"
+        raise SceneError(f"--vary {key}: expected TABLE.KEY, for example {example}")
+    return holder, path[0]

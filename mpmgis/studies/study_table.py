@@ -1,0 +1,340 @@
+"""The table of a study, with results of other codes for comparison, and its conclusions as text."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..simulation.numerical_parameters import cells_times, cost_power
+from .convergence import (
+    LEAST_FALL,
+    NEAR_FRONT,
+    Gain,
+    Law,
+    alike,
+    fitted,
+    gains,
+    on_front,
+    stops_paying,
+    ties,
+    time_over_front,
+)
+from .run_measures import NAMES, UNITS, Errors
+
+
+class OtherResult(NamedTuple):
+    """A result of another code.
+
+    code, setting : str
+        Name of the code, and its settings as text.
+    seconds : (float, float, float) [s]
+        Wall time of the time integration: typical, min, max.
+    errors : Errors
+        NaN if unknown.
+    """
+
+    code: str
+    setting: str
+    seconds: tuple
+    errors: Errors
+
+    @property
+    def name(self) -> str:
+        """Text for a table."""
+        return f"{self.code}: {self.setting}"
+
+
+def fastest_as_accurate(seconds: np.ndarray, errors: np.ndarray, error: float) -> int | None:
+    """Number of the fastest setting with an error of at most `error`; None if there is none."""
+    accurate = np.flatnonzero(np.asarray(errors) <= error)
+    return int(accurate[np.argmin(np.asarray(seconds)[accurate])]) if accurate.size else None
+
+
+FARTHEST = 4.0  # largest extrapolation of the law below the smallest cells of the study
+PERCENT = ("thickness", "momentum", "area")
+
+
+class Row(NamedTuple):
+    """One setting: its outcome and its `errors` against the reference."""
+
+    outcome: object
+    errors: object
+
+
+class Choice(NamedTuple):
+    """Settings for a requested error; `estimated`: no run was as accurate, extrapolated with the law."""
+
+    changes: dict
+    seconds: float
+    error: float
+    estimated: bool
+
+
+@dataclass(frozen=True)
+class Study:
+    """Parameters
+    ----------
+    rows : tuple of Row
+        The unchanged scene first.
+    measure : str
+        The error that ranks the settings: one of `measures.NAMES`.
+    reference_cell : float [m]
+        Cell size of the reference run; 0 for an exact solution.
+    exports : tuple of ExportSetting
+    beside : tuple of OtherResult
+        Results of other codes: shown, but not used in the conclusions.
+    """
+
+    rows: tuple
+    measure: str
+    reference_cell: float
+    exports: tuple = ()
+    beside: tuple = ()
+
+    @cached_property
+    def seconds(self) -> np.ndarray:
+        """float64[n] [s]: typical wall time of each row."""
+        return np.array([row.outcome.typical_seconds for row in self.rows])
+
+    @cached_property
+    def spreads(self) -> np.ndarray:
+        """float64[n, 2] [s]: smallest and largest wall time of each row."""
+        return np.array([(min(row.outcome.seconds), max(row.outcome.seconds)) for row in self.rows])
+
+    def ties(self, k: int) -> np.ndarray:
+        """Numbers of the rows whose times are a tie with that of row `k`."""
+        return np.flatnonzero(ties(self.spreads)[k])
+
+    @cached_property
+    def raw_errors(self) -> np.ndarray:
+        """float64[n]: the ranking error against the reference."""
+        return np.array([getattr(row.errors, self.measure) for row in self.rows])
+
+    @cached_property
+    def law(self) -> Law | None:
+        """Law of the error over the cell size, for the scene's other parameters; None for fewer than two sizes."""
+        pairs = [(size, self.raw_errors[k]) for k, size in self.by_cell_size()]
+        return fitted(*zip(*pairs, strict=True), self.reference_cell) if len(pairs) > 1 else None
+
+    def by_cell_size(self) -> list[tuple[int, float]]:
+        """(row, cell size [m]) of the rows that differ from the scene only in the cell size."""
+        return [
+            (k, row.outcome.setting.cell_size)
+            for k, row in enumerate(self.rows)
+            if row.outcome.setting.parameter in ("scene", "cell_size")
+        ]
+
+    @cached_property
+    def reference_error(self) -> float:
+        """Error of the reference itself, from the law (Richardson); 0 if it is exact or without a law."""
+        return self.law.error(self.reference_cell) if self.law and self.reference_cell > 0.0 else 0.0
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """float64[n]: the ranking error, including the error of the reference.
+
+        An independent error of the reference is already included in the raw errors.
+        """
+        lacking = 0.0 if self.law is None or self.law.independent else self.reference_error
+        return self.raw_errors + lacking
+
+    @cached_property
+    def front(self) -> np.ndarray:
+        """bool[n]: rows on the Pareto front."""
+        return on_front(self.spreads, self.errors)
+
+    @cached_property
+    def over_front(self) -> np.ndarray:
+        """float64[n]: time over that of the fastest row that is at least as accurate; 1 for a tie."""
+        return time_over_front(self.seconds, self.spreads, self.errors)
+
+    @cached_property
+    def gains(self) -> list[Gain]:
+        """Gains of the other values of each parameter over the scene, best first."""
+        others = [
+            (setting.parameter, setting.name, self.seconds[k], self.spreads[k], self.errors[k])
+            for k, setting in enumerate(row.outcome.setting for row in self.rows)
+            if setting.parameter not in ("scene", "several")
+        ]
+        return gains((self.seconds[0], self.spreads[0], self.errors[0]), others)
+
+    @cached_property
+    def stops_paying(self) -> float | None:
+        """Cell size [m] below which refinement is not worthwhile; None if it is over the whole range."""
+        sizes = self.by_cell_size()
+        return stops_paying([size for _, size in sizes], [self.errors[k] for k, _ in sizes])
+
+    def choice(self, error: float) -> Choice | None:
+        """The Choice for an error of at most `error`: the fastest row that reaches it, else from the law.
+
+        Of rows that are a tie with the fastest, the one with the smallest error is used.
+        """
+        reached = np.flatnonzero(self.errors <= error)
+        if reached.size:
+            fastest = reached[np.argmin(self.seconds[reached])]
+            tied = np.intersect1d(reached, [fastest, *self.ties(fastest)])
+            k = tied[np.argmin(self.errors[tied])]
+            changes = dict(self.rows[k].outcome.setting.changes)
+            return Choice(changes, float(self.seconds[k]), float(self.errors[k]), False)
+        if self.law is None or self.law.cell_size(error) * FARTHEST < self._finest():
+            return None
+        base = self.rows[0].outcome.setting
+        factor = float(f"{self.law.cell_size(error) / base.cell_size:.3g}")
+        seconds = self.seconds[0] / factor ** cost_power(base.scene)
+        return Choice(dict(cells_times(base.scene, factor)), float(seconds), error, True)
+
+    def _finest(self):
+        """The smallest cell size of the study [m]."""
+        return min(size for _, size in self.by_cell_size())
+
+    def lines(self) -> list[str]:
+        """The conclusions, one sentence each."""
+        return [
+            *self._law_lines(), *self._front_lines(), *self._tie_lines(), *self._gain_lines(), *self._cost_lines(),
+            *self._lines_of_others(),
+        ]  # fmt: skip
+
+    def _law_lines(self):
+        size, lines = self.stops_paying, []
+        if self.law is None:
+            lines.append(f"the error of {self.measure} follows no power law of the cell size")
+        else:
+            lines.append(f"the error of {self.measure} is of order {self.law.order:.2f} in the cell size")
+        if self.law is not None and self.reference_cell > 0.0:
+            own = value_words(self.measure, self.reference_error)
+            how = "independent of the other errors, included in them" if self.law.independent else "added to all errors"
+            lines.append(f"the reference (cells of {self.reference_cell:g} m) has itself an error of {own}: {how}")
+        if size is not None:
+            lines.append(f"cells below {size:g} m are not worthwhile: halving reduces the error by < 25 %")
+        return lines
+
+    def _front_lines(self):
+        over = self.over_front[0]
+        if not np.isfinite(over):
+            return []
+        best = self.rows[int(np.argmin(np.where(self.errors <= self.errors[0], self.seconds, np.inf)))]
+        if over <= NEAR_FRONT:
+            return [f"the settings of the scene are on the Pareto front, or within {over:.2f} times its time"]
+        return [
+            f"the settings of the scene take {over:.2f} times as long as the fastest ones that are as accurate: "
+            f"{best.outcome.setting.name}"
+        ]
+
+    def _tie_lines(self):
+        if min(len(row.outcome.seconds) for row in self.rows) < 2:
+            return ["each setting was run once: the range of its time is unknown, and ties are not detected"]
+        names = [self._name(k) for k in self.ties(0)]
+        return [f"ties in time with the settings of the scene: {', '.join(names)}"] if names else []
+
+    def _gain_lines(self):
+        if not self.gains:
+            return [f"no single parameter reduces the error of the scene by {100 * LEAST_FALL:g} % or more"]
+        best = alike(self.gains)
+        if len(best) == 1:
+            return [f"best next refinement: {_gain_words(best[0])}"]
+        words = "; ".join(map(_gain_words, best))
+        return [f"best next refinements, a tie within the range of their times: {words}"]
+
+    def _name(self, k):
+        return self.rows[k].outcome.setting.name
+
+    def _cost_lines(self):
+        ratios = [row.outcome.predicted / row.outcome.typical_seconds for row in self.rows]
+        return [f"predicted over measured time: {min(ratios):.2f} to {max(ratios):.2f}"]
+
+    def errors_of_others(self) -> np.ndarray:
+        """float64[n]: the ranking error of each result of other codes."""
+        return np.array([getattr(other.errors, self.measure) for other in self.beside])
+
+    def as_accurate_as(self, error: float) -> int | None:
+        """Number of the fastest row with at most this error; None if there is none."""
+        return fastest_as_accurate(self.seconds, self.errors, error)
+
+    def _lines_of_others(self):
+        lines = []
+        for other, error in zip(self.beside, self.errors_of_others(), strict=True):
+            k = self.as_accurate_as(error)
+            if k is None:
+                lines.append(f"{other.name}: no setting of this study is as accurate")
+            else:
+                share, name = other.seconds[0] / self.seconds[k], self.rows[k].outcome.setting.name
+                times = f"{share:.2g}" if share < 10.0 else f"{share:.0f}"
+                lines.append(f"{other.name}: {times} times the time of the fastest setting as accurate ({name})")
+        return lines
+
+    def summary(self) -> list[tuple[str, str]]:
+        """(name, value as text) of the conclusions."""
+        best = alike(self.gains) if self.gains else []
+        size = self.stops_paying
+        return [
+            ("measure", self.measure),
+            ("order", "-" if self.law is None else f"{self.law.order:.2f}"),
+            ("error of the reference", value_words(self.measure, self.reference_error)),
+            ("refinement worthwhile down to", "-" if size is None else f"{size:g} m"),
+            ("time over the front", f"{self.over_front[0]:.2f}"),
+            (
+                "best next refinement",
+                " or ".join(f"{g.setting}: {g.error:.2f} x error, {g.time:.2f} x time" for g in best) or "-",
+            ),
+        ]
+
+    def records(self) -> tuple[tuple, list]:
+        """(names, rows of values): the full table for a CSV; results of other codes last."""
+        others = zip(self.beside, self.errors_of_others(), strict=True)
+        own = [self._record(k) for k in range(len(self.rows))]
+        return RECORD_NAMES, own + [self._record_beside(other, error) for other, error in others]
+
+    def _record(self, k):
+        outcome, errors = self.rows[k].outcome, self.rows[k].errors
+        setting, numerics = outcome.setting, outcome.setting.scene.numerics
+        return (
+            setting.parameter, setting.name, *_by_stage(setting.scene), numerics.cfl or "", numerics.precision,
+            numerics.stiffness, outcome.particles, outcome.steps, outcome.particle_steps, self.seconds[k],
+            min(outcome.seconds), max(outcome.seconds), outcome.compile_seconds, outcome.predicted, *errors,
+            self.errors[k], outcome.mass_error, int(self.front[k]), self.over_front[k],
+            "; ".join(self._name(other) for other in self.ties(k)),
+        )  # fmt: skip
+
+    def _record_beside(self, other, error):
+        known = {
+            "knob": BESIDE, "setting": other.name, "error_with_reference": error,
+            **dict(zip(("seconds", "seconds_min", "seconds_max"), other.seconds, strict=True)),
+            **dict(zip(ERROR_COLUMNS.values(), other.errors, strict=True)),
+        }  # fmt: skip
+        k = self.as_accurate_as(error)
+        if k is not None:
+            known["time_over_front"] = other.seconds[0] / self.seconds[k]
+        return tuple(known.get(name, "") for name in RECORD_NAMES)
+
+
+def _by_stage(scene):
+    """Solver, cell size and particles per cell; for a scene in stages those of all stages, joined with +."""
+    each = [
+        (one.solver, one.numerics.cell_size,
+         one.numerics.points_per_cell if one.solver == "points" else one.numerics.particles_per_cell)
+        for one in scene.alone()
+    ]  # fmt: skip
+    if len(each) == 1:
+        return each[0]
+    return tuple("+".join(v if isinstance(v, str) else f"{v:g}" for v in of_all) for of_all in zip(*each, strict=True))
+
+
+BESIDE = "beside"  # entry in column "knob" for results of other codes
+ERROR_COLUMNS = {name: f"error_{name}" + ("_m" if UNITS[name] == "m" else "") for name in NAMES}
+RECORD_NAMES = (
+    "knob", "setting", "solver", "cell_size_m", "particles_per_cell", "cfl", "precision", "stiffness", "particles",
+    "steps", "particle_steps", "seconds", "seconds_min", "seconds_max", "compile_seconds", "predicted_seconds",
+    *ERROR_COLUMNS.values(), "error_with_reference", "mass_error", "on_front", "time_over_front",
+    "ties",
+)  # fmt: skip
+
+
+def _gain_words(gain):
+    same = "the same time" if gain.time == 1.0 else f"{gain.time:.2f} times the time"
+    return f"{gain.setting}: {gain.error:.2f} times the error for {same}"
+
+
+def value_words(measure: str, value: float) -> str:
+    """An error as text: per cent, or metres."""
+    return f"{100 * value:.2g} %" if measure in PERCENT else f"{value:.3g} m"

@@ -1,0 +1,1 @@
+"""Errors, messages, whole files, locks, trust, HDF5, memory, processes."""

@@ -1,0 +1,265 @@
+"""HDF5 files: writing to a disk that may become full, and safe reading of files of unknown origin.
+
+HDF5 follows external links, virtual datasets and external storage to any readable file; a missing source gives the
+fill value, a pipe blocks. A few bytes can declare any shape. Therefore all HDF5 files are opened by this module.
+References to other files are followed only where the user trusts them (`zip_archives.trusting`) and they exist.
+"""
+
+import math
+import os
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+
+from .errors import FormatError, one_line
+from .operating_system import memory_lack
+from .zip_archives import is_trusted, require_file
+
+
+@contextmanager
+def written(path):
+    """An empty h5py.File at `path` for this block.
+
+    HDF5 crashes after a failed write or close. Therefore a Python file object stores the first error, ignores later
+    writes, and raises the error when the file is closed.
+
+    Raises
+    ------
+    OSError
+        The first error of a write.
+    """
+    with _DeferredErrorFile(path) as target:
+        with h5py.File(target, "w") as file:
+            yield file
+        target.raise_error()
+
+
+class _DeferredErrorFile:
+    """A binary file whose writes do not raise; `raise_error` raises the first error."""
+
+    def __init__(self, path):
+        self._file, self._error = open(path, "w+b", buffering=0), None  # noqa: SIM115 (closed by __exit__)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *raised):
+        self._file.close()
+
+    def raise_error(self):
+        """Raise the first error of a write, if there was one."""
+        if self._error is not None:
+            raise self._error
+
+    def write(self, data):
+        """Write all of `data`; returns its length."""
+        rest = memoryview(data).cast("B")
+        size = len(rest)
+        try:
+            while rest and self._error is None:
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            self._error = error
+        return size
+
+    def truncate(self, size=None):
+        """Cut or extend the file."""
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self._error = self._error or error
+            return size
+
+    def read(self, size=-1):
+        """Read bytes; h5py recognises a file object by this method."""
+        return self._file.read(size)
+
+    def readinto(self, buffer):
+        """Fill `buffer`; with zeros after a failed write."""
+        count = self._file.readinto(buffer)
+        if self._error is not None:
+            memoryview(buffer).cast("B")[count:] = bytes(len(buffer) - count)
+            return len(buffer)
+        return count
+
+    def seek(self, offset, whence=os.SEEK_SET):
+        """Move to a position in the file."""
+        return self._file.seek(offset, whence)
+
+    def tell(self):
+        """The position in the file."""
+        return self._file.tell()
+
+    def flush(self):
+        """The file is not buffered."""
+
+
+MOST_OBJECTS = 100_000
+SMALL = 64 * 2**20  # [bytes] below which the memory is not checked: the check would take longer than reading
+
+
+@contextmanager
+def opened(path):
+    """The h5py.File at `path` for this block, with all references; check with `elsewhere` before reading.
+
+    Raises
+    ------
+    FormatError
+        A pipe, a socket, a device.
+    OSError
+        HDF5 cannot open the file.
+    """
+    require_file(path)
+    with _library_failures(), h5py.File(path, "r") as file:
+        yield file
+
+
+@contextmanager
+def _library_failures():
+    """OSError instead of the SystemError that h5py raises for some damaged files."""
+    try:
+        yield
+    except SystemError as error:
+        raise OSError("h5py failed inside the HDF5 library") from error
+
+
+class WholeFile(h5py.File):
+    """An open file without references to other files; `is_small` where all values are numbers below SMALL bytes."""
+
+    is_small = False
+
+
+@contextmanager
+def opened_whole(path):
+    """As `opened`, a WholeFile: all values are in the file itself; soft links are followed.
+
+    Raises
+    ------
+    FormatError
+        Also an external link, a virtual dataset, external storage, or more than MOST_OBJECTS objects.
+    """
+    require_file(path)
+    with _library_failures(), WholeFile(path, "r") as file:
+        file.is_small = _declared(path, file) <= SMALL and not is_trusted()
+        yield file
+
+
+def _declared(path, file):
+    """Bytes of all datasets as float64, infinite where one has no numbers; refuses references as `opened_whole`.
+
+    One visit of the links: 0.02 ms per dataset.
+    """
+    left, size = MOST_OBJECTS, 0
+
+    def refused(name, info):
+        nonlocal left, size
+        left -= 1
+        if left < 0:
+            return name, f"one of more than {MOST_OBJECTS} objects"
+        if info.type == h5py.h5l.TYPE_EXTERNAL:
+            kind = not_followed(file.get(name, getlink=True), path) if is_trusted() else "an external link"
+            return (name, kind) if kind else None
+        if info.type != h5py.h5l.TYPE_HARD:
+            return None if info.type == h5py.h5l.TYPE_SOFT else (name, "a link of a plugin")
+        found = h5py.h5o.open(file.id, name)
+        if not isinstance(found, h5py.h5d.DatasetID):
+            return None
+        size += _bytes_of(found)
+        kind = elsewhere(found, path)
+        return (name, kind) if kind else None
+
+    found = file.id.links.visit(refused, info=True)
+    if found is not None:
+        name = one_line(found[0].decode("utf-8", "replace"))[:80]
+        raise FormatError(f"{path}: {name} is {found[1]}, expected values in the file itself; get such a file")
+    return size
+
+
+def _bytes_of(dataset):
+    """Bytes of a dataset (h5py.h5d.DatasetID) as float64 plus one chunk; infinite where it has no numbers."""
+    kind, count = dataset.get_type(), math.prod(dataset.shape or ())
+    if kind.get_class() not in (h5py.h5t.INTEGER, h5py.h5t.FLOAT):
+        return math.inf
+    if dataset.get_offset() is not None:
+        return 8 * count
+    layout = dataset.get_create_plist()
+    chunked = layout.get_layout() == h5py.h5d.CHUNKED
+    return 8 * count + (8 * math.prod(layout.get_chunk()) if chunked else 0)
+
+
+def elsewhere(dataset, path):
+    """Reason why the values of a dataset (h5py.h5d.DatasetID) in the file at `path` are in other files and not read.
+
+    "" where they are in this file, or in existing files that the user trusts. HDF5 reads the fill value where the
+    source of a virtual dataset is missing, and blocks on a pipe.
+    """
+    if dataset.get_offset() is not None:  # contiguous, in this file
+        return ""
+    layout = dataset.get_create_plist()
+    if layout.get_layout() == h5py.h5d.VIRTUAL:
+        names = (layout.get_virtual_filename(k) for k in range(layout.get_virtual_count()))
+        return _not_read("a virtual dataset", path, names)
+    names = (os.fsdecode(layout.get_external(k)[0]) for k in range(layout.get_external_count()))
+    return _not_read("a dataset in external storage", path, names) if layout.get_external_count() else ""
+
+
+def not_followed(link, path):
+    """Reason why a link (of h5py, with getlink) in the file at `path` is not followed; "" where it is followed."""
+    if isinstance(link, h5py.HardLink):
+        return ""
+    return _not_read("an external link", path, [link.filename]) if isinstance(link, h5py.ExternalLink) else "a link"
+
+
+def _not_read(kind, path, names):
+    """`kind` and the reason why the files `names` that `path` refers to are not read; "" where they are read.
+
+    "." is the file itself.
+    """
+    if not is_trusted():
+        return kind
+    for name in dict.fromkeys(names):
+        place = Path(path) if name == "." else Path(path).parent / name
+        if not place.is_file():
+            lack = "not a regular file" if place.exists() else "missing"
+            return f"{kind} of {one_line(name)[:120]}, which is {lack}"
+    return ""
+
+
+def require_memory(where, rows, bytes_each, *datasets):
+    """Refuse datasets that do not fit into the memory of this machine, before they are read.
+
+    Parameters
+    ----------
+    where : str
+        File and dataset, for the message.
+    rows : int
+    bytes_each : int
+        Per row, in all arrays that are created from it.
+    *datasets : h5py.Dataset
+        Datasets to read: one chunk of each is decompressed at a time.
+
+    Raises
+    ------
+    FormatError
+    """
+    chunk = max((math.prod(some.chunks) * some.dtype.itemsize for some in datasets if some.chunks), default=0)
+    if lack := memory_lack(max(rows * bytes_each, chunk)):
+        raise FormatError(f"{where} of {rows:.6g} rows needs {lack}; it is damaged, or needs a larger machine")
+
+
+def require_numbers_that_fit(path, file, name):
+    """Refuse the group `name` of a WholeFile if its datasets do not fit into memory or are not numbers.
+
+    Text of variable length is refused: its size in memory is unknown.
+    """
+    if file.is_small or name not in file:
+        return
+    datasets = {key: some for key, some in file[name].items() if isinstance(some, h5py.Dataset)}
+    for key, some in datasets.items():
+        if some.dtype.hasobject:
+            raise FormatError(f"{path}: {name}/{one_line(key)} has type {some.dtype}, expected numbers")
+    rows = max((some.shape[0] if some.shape else 1 for some in datasets.values() if some.size), default=0)
+    size = sum(some.nbytes for some in datasets.values() if some.size)
+    if rows:
+        require_memory(f"{path}: {name}", rows, size / rows, *datasets.values())

@@ -1,0 +1,316 @@
+"""Differences between Linux, macOS and Windows: folders, names, open files, processes, signals.
+
+No other module except the QGIS toolbox depends on the system; a test checks this. Functions are called as
+`system.name`, so that tests can emulate another system (`tests/system/as_on_windows.py`).
+
+Free memory and address space of this machine, and whether they are sufficient.
+"""
+
+import errno
+import math
+import os
+import re
+import signal
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+_LINUX = Path("/proc/meminfo")
+ADDRESS_SPACE = 1_000_000_000  # [bytes] `run` and `export-raster` with one thread need more than 0.75e9, at most 0.85e9
+_AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
+
+
+def available_memory():
+    """Memory available to a program [bytes]; infinite where the system does not report it.
+
+    The file cache of the system counts as free.
+    """
+    with suppress(OSError, ValueError):
+        found = _AVAILABLE.search(_LINUX.read_text(encoding="ascii"))
+        if found:
+            return 1024 * int(found[1])
+    with suppress(Exception):  # psutil's own errors, on systems without this information
+        import psutil
+
+        return psutil.virtual_memory().available
+    return float("inf")
+
+
+def address_space_lack(limit):
+    """Error text for a `limit` [bytes] of this process's address space; "" if it is sufficient.
+
+    Beyond the limit C and C++ libraries abort the process.
+    """
+    if limit >= ADDRESS_SPACE:
+        return ""
+    return f"address space is limited to {limit / 1e9:.3g} GB, the libraries need {ADDRESS_SPACE / 1e9:g} GB"
+
+
+def memory_lack(needed, share=1.0):
+    """Part of an error text if `needed` [bytes] exceed a `share` of the free memory, else "".
+
+    The caller adds what needs the memory, and the fix.
+    """
+    free = available_memory()
+    if needed <= share * free:
+        return ""
+    return f"about {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free"
+
+
+WINDOWS = os.name == "nt"
+MACOS = sys.platform == "darwin"
+PROCESSES = Path("/proc")  # process and system information on Linux
+PATIENCE_SECONDS = 2.0  # a virus scanner or a search index closes a new file within this time
+UNKNOWN = 0  # start of a process that is not known
+
+_FIRST_WAIT_SECONDS = 0.01
+_DEVICE = re.compile(r"(?:con|prn|aux|nul|conin\$|conout\$|(?:com|lpt)[0-9¹²³])(?: *\..*)?", re.IGNORECASE | re.DOTALL)
+_NO_NAME = re.compile(r'[\x00-\x1f<>:"|?*\\/]')
+
+
+# ------------------------------------------------------------------------------------------------------------- folders
+
+
+def cache_root() -> Path:
+    """The folder for cached files of this user."""
+    if WINDOWS:
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    return Path.home() / "Library" / "Caches" if MACOS else Path.home() / ".cache"
+
+
+def modes_count() -> bool:
+    """Whether the mode of a file shows who can write to it; on Windows it does not, and the owner is unknown."""
+    return not WINDOWS
+
+
+def slashed(path, folder) -> str:
+    """`path` relative to `folder`, with forward slashes; absolute if they are on different drives."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:
+        return Path(path).resolve().as_posix()
+
+
+# --------------------------------------------------------------------------------------------------------------- names
+
+
+def wrong_name(path) -> str:
+    """Why the names in `path` are invalid on this system; "" if they are valid.
+
+    On Windows `nul.tif` is a device and `a:b` a second stream of a file `a`, and dots and spaces at the end are
+    dropped: data written there would be lost, or be in another file.
+    """
+    if not WINDOWS:
+        return ""
+    path = Path(path)
+    for name in path.parts[1:] if path.anchor else path.parts:
+        if name in (".", ".."):
+            continue
+        if _DEVICE.fullmatch(name):
+            return f"{name} is the name of a device on Windows"
+        if _NO_NAME.search(name) or name[-1] in ". ":
+            return f'{name!r} is not a valid file name on Windows (none of < > : " | ? *, no dot or space at its end)'
+    return ""
+
+
+def file_name(text) -> str:
+    """`text` as a part of file names that is valid on every system: other characters, also slashes, become _."""
+    name = _NO_NAME.sub("_", str(text)).rstrip(". ")
+    return f"_{name}" if not name or name.startswith(".") or _DEVICE.fullmatch(name) else name
+
+
+# --------------------------------------------------------------------------------------------------------------- files
+
+
+def flush(descriptor) -> None:
+    """Write all data of `descriptor` to the disk; on macOS fsync alone leaves it in the cache of the disk.
+
+    Windows flushes only files that are open for writing.
+    """
+    if MACOS:
+        import fcntl
+
+        with suppress(OSError):  # not supported on network file systems
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+            return
+    os.fsync(descriptor)
+
+
+def own_flags() -> int:
+    """Flags of `os.open` that exist here: follow no links, do not block, binary mode."""
+    return sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY", "O_NOINHERIT"))
+
+
+def follows_links() -> bool:
+    """Whether `os.open` follows a link in spite of `own_flags`."""
+    return not hasattr(os, "O_NOFOLLOW")
+
+
+def replace(source, target) -> None:
+    """As `os.replace`; on Windows repeated for PATIENCE_SECONDS while another program has one of the files open."""
+    _patiently(os.replace, source, target)
+
+
+def _patiently(act, source, target):
+    wait, end = _FIRST_WAIT_SECONDS, time.monotonic() + PATIENCE_SECONDS
+    while True:
+        try:
+            return act(source, target)
+        except PermissionError:
+            if not WINDOWS or time.monotonic() + wait > end:
+                raise
+        time.sleep(wait)
+        wait *= 2.0
+
+
+def held_open(path):
+    """The first file at `path`, or in the folder `path`, that cannot be renamed or removed now; None without one.
+
+    On Windows that is a file which a program has open. On other systems open files can be replaced: always None.
+    """
+    if not WINDOWS:
+        return None
+    path = Path(path)
+    files = [path] if path.is_file() else (Path(place) / name for place, _, names in os.walk(path) for name in names)
+    return next((file for file in files if _is_held(file)), None)
+
+
+def _is_held(file):
+    try:
+        _patiently(os.rename, file, file)
+    except PermissionError:
+        return True
+    except OSError:
+        pass
+    return False
+
+
+def is_held_open(error) -> bool:
+    """Whether an OSError can mean that a program has the file open (Windows only)."""
+    return WINDOWS and error.errno in (errno.EACCES, errno.EPERM, errno.EBUSY)
+
+
+def is_unread(stream, error) -> bool:
+    """Whether an OSError means that the reader of a `stream` of this process has closed it (EINVAL on Windows)."""
+    if isinstance(error, BrokenPipeError):
+        return True
+    if not (WINDOWS and error.errno == errno.EINVAL and error.filename is None):
+        return False
+    try:
+        stream.flush()  # the unwritten data is still in the buffer
+    except OSError:
+        return True
+    return False
+
+
+# ----------------------------------------------------------------------------------------------------------- processes
+
+
+def cores() -> int:
+    """Number of processor cores available to this process."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def address_space_limit() -> float:
+    """Limit of this process's address space [bytes]; infinite without one, as always on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return math.inf
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return math.inf if limit == resource.RLIM_INFINITY else float(limit)
+
+
+def machine_number() -> str:
+    """Text that identifies this machine."""
+    if WINDOWS or MACOS:
+        import uuid
+
+        return f"{uuid.getnode():012x}"
+    return text_of("/etc/machine-id")
+
+
+def start_of_machine() -> str:
+    """Text that identifies this boot on Linux; elsewhere "", because process start times are absolute there."""
+    return text_of(PROCESSES / "sys/kernel/random/boot_id")
+
+
+def process_space() -> str:
+    """The namespace of process numbers on Linux, different in each container; "" elsewhere."""
+    try:
+        return os.readlink(PROCESSES / "self/ns/pid")
+    except OSError:
+        return ""
+
+
+def process_start(number) -> int:
+    """Start time of process `number`; UNKNOWN if the system does not report it, or if there is no such process.
+
+    In Linux' ticks since the start of the machine, elsewhere in hundredths of a second since 1970.
+    """
+    if _has_processes():
+        facts = process_facts(number)
+        return int(facts[19]) if len(facts) > 19 and facts[19].isdecimal() else UNKNOWN
+    import psutil
+
+    try:
+        return round(100.0 * psutil.Process(number).create_time())
+    except (psutil.Error, OSError, OverflowError, ValueError):
+        return UNKNOWN
+
+
+def runs(number) -> bool:
+    """Whether process `number` may be running; a zombie process is not."""
+    if _has_processes():
+        return _may_be_signalled(number) and process_facts(number)[:1] not in (["Z"], ["X"])
+    import psutil
+
+    try:
+        return psutil.Process(number).status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
+    except (psutil.NoSuchProcess, OverflowError, ValueError):
+        return False
+    except (psutil.Error, OSError):
+        return True
+
+
+def process_facts(number) -> list:
+    """The fields of process `number` on Linux after its name (state, ..., start time); [] elsewhere."""
+    return text_of(PROCESSES / str(number) / "stat").rpartition(")")[2].split()
+
+
+def _has_processes():
+    return (PROCESSES / "self/stat").exists()
+
+
+def _may_be_signalled(number):
+    try:
+        os.kill(number, 0)  # only on Linux: on Windows this ends the process
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def text_of(path) -> str:
+    """The text of a system information file; "" if it does not exist."""
+    try:
+        return Path(path).read_text(encoding="ascii", errors="replace").strip()
+    except OSError:
+        return ""
+
+
+# ------------------------------------------------------------------------------------------------------------- signals
+
+
+def stop_signals() -> tuple:
+    """The signals with which a user, a terminal or the system stops a program; Windows also has Ctrl+Break."""
+    return tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
+
+
+def ignore_interrupts() -> None:
+    """Ignore Ctrl+C in this process; its parent process, which also receives it, handles it."""
+    for name in ("SIGINT", "SIGBREAK"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)

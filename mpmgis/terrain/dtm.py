@@ -1,0 +1,336 @@
+"""Digital terrain models (DTM): elevation rasters with checks of CRS, unit, nodata and slope.
+
+Holes of a DTM filled by interpolation from the surrounding cells.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+import scipy  # its parts are loaded when they are first used
+from rasterio.fill import fillnodata
+from rasterio.windows import Window
+
+from ..system.errors import GeoreferenceError, InputError, one_line
+from ..system.messages import log
+from .elevation import Terrain, nodata_groups
+from .georeference import LOCAL, horizontal, name_of, parse_crs, require_metric, same_place, scale_command, warp_command
+from .grid import Grid
+from .raster_input import band_number, band_values, crs_of, file_sha256, open_raster, transform_of
+from .terrain_warp import METRES, UNIT_METRES, USUAL_NODATA, planned, warped_values
+
+INTERPOLATE = "interpolate"
+FILLS = (INTERPOLATE,)
+FAR_PIXELS = 10.0  # distance to known cells above which filled elevations are uncertain
+
+
+@dataclass(frozen=True)
+class NodataFill:
+    """Filled holes of a DTM.
+
+    Parameters
+    ----------
+    holes, cells : int
+        Number of filled holes inside the DTM, and of their cells.
+    distance : float [m]
+        Largest distance from the centre of a filled cell to the nearest cell with elevation.
+    east, north : float [m]
+        Position of this cell.
+    left : int
+        Cells without elevation that are connected to the edge of the DTM; they are not filled.
+    """
+
+    holes: int
+    cells: int
+    distance: float
+    east: float
+    north: float
+    left: int
+
+    def lines(self, pixel):
+        """Messages about the filling of a DTM with pixels of `pixel` [m]."""
+        stay = f"; {self.left} nodata cells connected to the edge of the DTM are kept" if self.left else ""
+        if not self.cells:
+            return [f"[terrain] fill_nodata: the DTM has no hole{stay}"]
+        lines = [
+            f"filled {self.cells} cells without elevation in {self.holes} holes of the DTM, up to "
+            f"{self.distance:.4g} m from known cells (E {self.east:.1f} N {self.north:.1f}){stay}"
+        ]
+        if self.distance > FAR_PIXELS * pixel:
+            lines.append(
+                f"elevations {self.distance:.4g} m from known cells are uncertain; if the flow reaches them, use a DTM "
+                "without this hole"
+            )
+        return lines
+
+
+def filled(terrain):
+    """(`terrain` with its holes filled, the NodataFill).
+
+    A hole is a group of cells without elevation that is not connected to the edge of the DTM. The fill is the
+    least-squares plane through the surrounding cells plus their interpolated residuals: the mean of the nearest known
+    cells in four quadrants, weighted by inverse distance (`rasterio.fill.fillnodata`, i.e. GDALFillNodata, without
+    smoothing). It is exact on a plane. Cells with elevation keep their bits.
+    """
+    nodata = ~terrain.valid
+    labels, at_edge = nodata_groups(nodata)
+    left = int(np.isin(labels, list(at_edge)).sum())
+    elevation, cells, worst = terrain.elevation.copy(), 0, (0.0, (0, 0))
+    windows = enumerate(scipy.ndimage.find_objects(labels), 1)
+    holes = [(number, window) for number, window in windows if number not in at_edge]
+    sides = [float(np.hypot(*terrain.grid.matrix[:, k])) for k in (1, 0)]
+    for number, inner in holes:
+        window = tuple(slice(part.start - 1, part.stop + 1) for part in inner)
+        hole, known = labels[window] == number, ~nodata[window]
+        elevation[window][hole] = _heights(terrain.elevation[window], hole, known)[hole]
+        apart = np.where(hole, scipy.ndimage.distance_transform_edt(~known, sampling=sides), 0.0)
+        row, column = np.unravel_index(np.argmax(apart), apart.shape)
+        cells += int(hole.sum())
+        worst = max(worst, (float(apart[row, column]), (int(row) + window[0].start, int(column) + window[1].start)))
+    if not holes:
+        return terrain, NodataFill(0, 0, 0.0, 0.0, 0.0, left)
+    east, north = terrain.grid.xy(*worst[1])
+    fill = NodataFill(len(holes), cells, worst[0], float(east), float(north), left)
+    return replace(terrain, elevation=elevation), fill
+
+
+def _heights(elevation, hole, known):
+    """Elevations [m] in the cells `hole` of a window, from its `known` cells."""
+    around = scipy.ndimage.binary_dilation(hole, np.ones((3, 3))) & known
+    row, column = np.indices(hole.shape)
+    terms = np.stack([np.ones(hole.shape), row, column], axis=-1)
+    plane = terms @ np.linalg.lstsq(terms[around], elevation[around], rcond=None)[0]
+    residual = np.where(known, elevation - plane, 0.0).astype(np.float32)
+    reach = float(np.hypot(*hole.shape)) + 1.0
+    return plane + fillnodata(residual, known.astype(np.uint8), max_search_distance=reach, smoothing_iterations=0)
+
+
+_BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] limits of elevations on Earth
+STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01
+READ_WHOLE = 25_000_000  # pixels up to which a DTM is always read and checked completely: 0.2 GB
+_ROWS_AT_ONCE = 512
+
+
+class WithoutCRS(GeoreferenceError):
+    """A DTM without a CRS; `bounds` are its (west, south, east, north)."""
+
+    bounds = None
+
+
+def read_terrain(path, crs=None, band=None, fill_nodata=None, to_crs=None):
+    """The DTM at `path` as a Terrain.
+
+    Parameters
+    ----------
+    path : str or Path
+        Any raster that GDAL reads; north-up, south-up, rotated, non-square.
+    crs : str, optional
+        ``EPSG:n`` or ``local`` (metres without a georeference) for a file without a CRS.
+    band : int, optional
+        Counted from 1; required where there are several bands.
+    fill_nodata : {"interpolate"}, optional
+        Treatment of holes in the DTM (`dtm`).
+    to_crs : str, optional
+        ``auto`` or ``EPSG:n``: a DTM in another CRS is reprojected, heights in feet become metres (`terrain_warp`).
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+    return TerrainFile(path, crs, band, fill_nodata, to_crs).whole()
+
+
+class TerrainFile:
+    """A DTM whose georeference is read at once and whose elevations are read and checked in parts, on demand.
+
+    Parts have the same bits as the same parts of the whole `Terrain`.
+
+    Parameters
+    ----------
+    path, crs, band, fill_nodata, to_crs : as for `read_terrain`
+
+    Attributes
+    ----------
+    grid : Grid
+        Of the whole file, in the CRS of the terrain.
+    reprojection : Reprojection or None
+    path : str
+    fill : NodataFill or None
+        Filled holes of the part that was read last.
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+    """
+
+    def __init__(self, path, crs=None, band=None, fill_nodata=None, to_crs=None):
+        self._file, self._fills, self.fill = Path(path), fill_nodata == INTERPOLATE, None
+        self.path = str(self._file)
+        with open_raster(path) as source:
+            self._band = band_number(source, path, band)
+            crs = _terrain_crs(source, path, crs, to_crs)
+            self.reprojection = None if to_crs is None else planned(source, path, self._band, crs, to_crs)
+            self.grid = self._grid(source, crs)
+            if min(self.grid.shape) < 2:
+                raise InputError(f"{path} has {source.height} x {source.width} cells, expected at least 2 x 2")
+            if crs is not None and self.reprojection is None:
+                require_metric(crs_of(source, path) or crs, self.grid.bounds, self.path)
+        if self.reprojection is not None and (line := self.reprojection.line(self.path)):
+            log.info(line)
+
+    def _grid(self, source, crs):
+        if self.reprojection is not None:
+            return self.reprojection.grid
+        _require_metres_up(source, self._file, self._band)
+        return Grid(crs, transform_of(source, self._file, local=crs is None), source.shape)
+
+    @property
+    def pixels(self):
+        """Number of pixels of the whole file."""
+        return self.grid.shape[0] * self.grid.shape[1]
+
+    @cached_property
+    def sha256(self):
+        """Hex digest of the whole file."""
+        about = self._file.stat()
+        return _sha256(self._file.resolve(), about.st_size, about.st_mtime_ns, about.st_ino)
+
+    def whole(self):
+        """The Terrain of all pixels."""
+        return self._terrain(self.grid, None)
+
+    def part(self, rows, columns):
+        """The Terrain of a slice of `rows` and a slice of `columns`."""
+        shape = rows.stop - rows.start, columns.stop - columns.start
+        return self._terrain(self.grid.part(rows.start, columns.start, shape), Window.from_slices(rows, columns))
+
+    def cropped(self, bounds, margin):
+        """As `Terrain.cropped`."""
+        return self.part(*self.grid.window(bounds, margin))
+
+    def _values(self, source, window):
+        if self.reprojection is None:
+            return band_values(source, self._file, self._band, window=window)
+        return warped_values(source, self._file, self._band, self.reprojection, window)
+
+    def _terrain(self, grid, window):
+        with open_raster(self._file) as source:
+            elevation = self._values(source, window)
+        mask_false_heights(elevation, self._file)
+        terrain = Terrain(grid, elevation, self.path, self.sha256, self.reprojection)
+        if self._fills:
+            terrain, self.fill = filled(terrain)
+            for line in self.fill.lines(grid.cell_size):
+                log.info(line)
+        _warn_of_steep_cells(terrain, self._file)
+        return terrain
+
+
+@lru_cache(maxsize=4)
+def _sha256(path, size, changed, number):
+    """Digest of a file, computed once for each state of it: many runs read windows of one large DTM."""
+    return file_sha256(path)
+
+
+def _terrain_crs(source, path, asked, to_crs=None):
+    """The horizontal CRS of the DTM, None for a local frame; `asked` must not contradict the file."""
+    own = crs_of(source, path)
+    given = parse_crs(asked) if asked is not None else None
+    if own is not None and own.is_engineering:  # declared as a local frame
+        own = None
+        asked = asked or LOCAL
+        log.info(f"{path}: its CRS is a local frame; coordinates are metres without a georeference")
+    if own is None:
+        if asked is None:
+            error = WithoutCRS(
+                f"{path} has no CRS; give --crs EPSG:n, or --crs local for metres without a georeference"
+            )
+            error.bounds = tuple(source.bounds)
+            raise error
+        return horizontal(given)
+    if asked is not None and (given is None or not same_place(own, given)):
+        tag = "--unset-crs" if given is None else f"--crs {asked}"
+        reproject = "" if given is None else f", or reproject it: {warp_command(path, asked)}"
+        raise GeoreferenceError(
+            f"{path} is already in {name_of(own)}, --crs {asked} is only for a DTM without a CRS; omit --crs, "
+            f"or correct a wrong tag (rio edit-info FILE {tag}){reproject}"
+        )
+    plane = horizontal(own)
+    if own.is_compound:
+        log.info(
+            f"{path}: its CRS includes a vertical datum ({one_line(own.name)}); elevations "
+            f"{'are used unchanged' if to_crs is None else 'keep that datum'}, and results have the horizontal part"
+            f"{f', {name_of(plane)}' if to_crs is None else ' alone'}"
+        )
+    return plane
+
+
+def _require_metres_up(source, path, band):
+    """Refuse a band with a known unit other than metre; an unknown unit is reported."""
+    unit = (source.units[band - 1] or "").strip()
+    factor = UNIT_METRES.get(unit.lower())
+    if factor is not None:
+        raise GeoreferenceError(
+            f"{path}: elevations are in {unit}, expected metres; give --to-crs auto, or convert them, for example: "
+            f"{scale_command(path, factor)}, and set the unit to m"
+        )
+    if unit.lower() not in METRES:
+        log.info(f"{path}: unit {unit!r} is unknown, elevations are assumed to be in metres")
+
+
+def mask_false_heights(elevation, path):
+    """Set usual but undeclared nodata values to NaN with a message; refuse impossible elevations."""
+    for value in USUAL_NODATA:
+        false = elevation == value
+        count = int(false.sum())
+        if count:
+            elevation[false] = np.nan
+            log.info(f"{path}: {count} cells have the value {value:g}, which is not declared as nodata; used as nodata")
+    if not np.isfinite(elevation).any():
+        raise InputError(f"{path}: every cell is nodata")
+    lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
+    if lowest < _BELOW_EARTH or highest > _ABOVE_EARTH:
+        raise InputError(
+            f"{path}: elevations are from {lowest:g} to {highest:g}, expected metres between {_BELOW_EARTH:g} and "
+            f"{_ABOVE_EARTH:g}; declare the nodata value (rio edit-info FILE --nodata N), or choose the band "
+            "of the elevations"
+        )
+
+
+def _is_gentler(terrain, limit):
+    """Whether no slope of a north-up DTM can exceed `limit` [1], from the largest step between two pixels.
+
+    Differences at the rim are at most twice this step, and there are two directions. Much faster than all slopes.
+    """
+    if terrain.grid.is_rotated:
+        return False
+    sides, steps = (abs(terrain.grid.transform.e), abs(terrain.grid.transform.a)), [0.0, 0.0]
+    for first in range(0, terrain.grid.shape[0], _ROWS_AT_ONCE):
+        heights = terrain.elevation[first : first + _ROWS_AT_ONCE + 1]
+        for axis, side in enumerate(sides):
+            step = np.fmax.reduce(np.abs(np.diff(heights, axis=axis)), axis=None, initial=0.0) / side
+            steps[axis] = max(steps[axis], float(step))
+    return 2.0 * math.hypot(*steps) <= limit
+
+
+def _warn_of_steep_cells(terrain, path):
+    """Warn where more than 1 % of the cells are steeper than 85 degrees: wrong units or nodata."""
+    limit, steep, total = math.tan(math.radians(STEEP_DEGREES)), 0, 0
+    if _is_gentler(terrain, limit):
+        return
+    rows = terrain.grid.shape[0]
+    for first in range(0, rows, _ROWS_AT_ONCE):
+        last = min(first + _ROWS_AT_ONCE, rows)
+        low, high = max(first - 1, 0), min(last + 1, rows)
+        heights = terrain.elevation[low:high]
+        band = Terrain(Grid(None, terrain.grid.transform, heights.shape), heights)
+        slope = np.hypot(band.gradient[..., 0], band.gradient[..., 1])[first - low : last - low]
+        steep += int(np.count_nonzero(slope > limit))
+        total += int(np.count_nonzero(np.isfinite(slope)))
+    if total and steep > STEEP_SHARE * total:
+        log.info(
+            f"{path}: {100 * steep / total:.1f} % of the cells are steeper than {STEEP_DEGREES:g} degrees; check its "
+            f"units (feet, degrees) and its nodata value"
+        )

@@ -1,0 +1,142 @@
+"""Automatic window of a release on a large DTM: the pixels below its energy line, read by part."""
+
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from ..system.errors import InputError
+from .flow_reach import FLOW_WIDTHS, _connected
+
+FIRST_MARGIN = 64  # [pixels] around a release in the first part of the DTM that is read
+RIM = 8  # [pixels] between the reach and the edge of the window
+MOST_PIXELS = 40_000_000  # of a part that is read for the energy line; a longer line is cut there
+MOST_SAMPLES = 2000  # points of a release from which the line is drawn
+SIDES = ("north", "south", "west", "east")  # of pixels: first row, last row, first column, last column
+
+
+class Window(NamedTuple):
+    """Rows `top` to `bottom` and columns `left` to `right` of a DTM, the ends excluded."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def slices(self):
+        """(slice of rows, slice of columns)."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+    @property
+    def shape(self):
+        """(rows, columns)."""
+        return self.bottom - self.top, self.right - self.left
+
+    def grown(self, sides, shape):
+        """This window, larger by half its height or width beyond each of `sides`, within a DTM of `shape`."""
+        rows, columns = (max(RIM, -(-n // 2)) for n in self.shape)
+        return Window(
+            max(0, self.top - rows * ("north" in sides)),
+            min(shape[0], self.bottom + rows * ("south" in sides)),
+            max(0, self.left - columns * ("west" in sides)),
+            min(shape[1], self.right + columns * ("east" in sides)),
+        )
+
+    def inner_sides(self, shape):
+        """The sides that are not an edge of the DTM of `shape`."""
+        inner = (self.top > 0, self.bottom < shape[0], self.left > 0, self.right < shape[1])
+        return tuple(side for side, there in zip(SIDES, inner, strict=True) if there)
+
+    def sides_reached(self, extent, rim):
+        """The sides less than `rim` pixels from `extent` (first row, end, first column, end), counted in the window."""
+        top, bottom, left, right = extent
+        rows, columns = self.shape
+        near = (top < rim, bottom > rows - rim, left < rim, right > columns - rim)
+        return tuple(side for side, there in zip(SIDES, near, strict=True) if there)
+
+
+def reach_window(grid, part, polygon, mu, head=0.0):
+    """The Window of all pixels below the energy line of a release, connected with it, and a rim around.
+
+    The part of the DTM in which the line is drawn is enlarged until the line ends inside it or at the DTM's edge.
+
+    Parameters
+    ----------
+    grid : Grid
+        Of the whole DTM.
+    part : callable
+        (slice of rows, slice of columns) -> Terrain.
+    polygon : shapely polygon
+        In the CRS of the DTM.
+    mu : float
+        Slope of the line, tan of the travel angle.
+    head : float [m]
+        v^2 / 2g of the release.
+
+    Raises
+    ------
+    InputError
+        The release has no ground.
+    """
+    window = _pixels(grid, polygon.bounds, FIRST_MARGIN)
+    while True:
+        terrain = part(*window.slices)
+        extent = _extent(terrain, polygon, mu, head)
+        sides = set(window.sides_reached(extent, 2)) & set(window.inner_sides(grid.shape))
+        larger = window.grown(sides, grid.shape)
+        if not sides or np.prod(larger.shape) > MOST_PIXELS:
+            break
+        window = larger
+    top, bottom, left, right = extent
+    rows, columns = grid.shape
+    return Window(
+        max(0, window.top + top - RIM), min(rows, window.top + bottom + RIM),
+        max(0, window.left + left - RIM), min(columns, window.left + right + RIM),
+    )  # fmt: skip
+
+
+def _pixels(grid, bounds, margin):
+    rows, columns = grid.window(bounds, margin)
+    return Window(rows.start, rows.stop, columns.start, columns.stop)
+
+
+def _extent(terrain, polygon, mu, head):
+    """(first row, end, first column, end) of the pixels of `terrain` that the energy line reaches."""
+    xy = _samples(terrain.grid, polygon)
+    bed = terrain.sample(*xy.T)
+    known = np.isfinite(bed)
+    if not known.any():
+        raise InputError("the release area has no ground: the DTM has no data there")
+    grid, (rows, columns) = terrain.grid, terrain.grid.shape
+    line = np.zeros((rows, columns), bool)
+    ground = np.where(np.isfinite(terrain.elevation), terrain.elevation, np.inf)
+    x, y = grid.xy(*np.ogrid[:rows, :columns])
+    for part in shapely.get_parts(polygon):
+        own = known & (shapely.distance(part, shapely.points(xy)) < grid.cell_size)
+        if own.any():
+            top, (east, north) = float(bed[own].max()) + head, xy[own].mean(axis=0)
+            line |= top - mu * np.hypot(x - east, y - north) > ground
+    start = tuple(np.rint(np.stack(grid.rowcol(*xy[known].T))).astype(int).clip(0, [[rows - 1], [columns - 1]]))
+    line = _connected(line, start)
+    line[start] = True
+    row, column = np.nonzero(line)
+    west, south, east, north = polygon.bounds
+    more = ceil(FLOW_WIDTHS * max(east - west, north - south) / grid.cell_size)  # as `Reach.near`
+    return (
+        max(0, int(row.min()) - more), min(rows, int(row.max()) + 1 + more),
+        max(0, int(column.min()) - more), min(columns, int(column.max()) + 1 + more),
+    )  # fmt: skip
+
+
+def _samples(grid, polygon):
+    """float64[n, 2] [m]: pixel centres in the polygon, at most about MOST_SAMPLES, and points of its outline."""
+    (i0, j0), (i1, j1) = grid.pixel_range(polygon.bounds)
+    step = max(1, int(np.sqrt((i1 - i0) * (j1 - j0) / MOST_SAMPLES)))
+    row, column = np.meshgrid(np.arange(i0, i1, step), np.arange(j0, j1, step), indexing="ij")
+    x, y = grid.xy(row.ravel(), column.ravel())
+    inside = shapely.contains_xy(polygon, x, y)
+    outline = shapely.get_coordinates(polygon)
+    outline = outline[:: max(1, len(outline) // MOST_SAMPLES)]
+    return np.vstack([np.column_stack([x, y])[inside], outline])

@@ -1,1 +1,0 @@
-"""One module per verb: reads its inputs, calls the computation, writes its files."""

@@ -1,1 +1,0 @@
-"""Preparation of a run, its stages, warm-up of compiled code, and prediction of its cost."""

@@ -1,0 +1,165 @@
+"""Rasters from other people read by GDAL: no network, no list of files with another suffix, no pipe."""
+
+import os
+import shutil
+
+import h5py
+import pytest
+from slope_site import SCENE, write_site
+
+from mpmgis.commands.shell.main import main
+from mpmgis.simulation.preparation import scene_to_prepare
+from mpmgis.system.errors import FormatError, SceneError
+from mpmgis.system.zip_archives import require_local, require_undisguised
+from mpmgis.terrain.raster_input import open_raster
+from mpmgis.terrain.spatial_inputs import is_raster
+from mpmgis.terrain.vector_table import read_table
+
+VRT = """<VRTDataset rasterXSize="20" rasterYSize="20"><SRS>EPSG:32632</SRS>
+<GeoTransform>4e5, 10, 0, 5.1e6, 0, -10</GeoTransform><VRTRasterBand dataType="Float32" band="1"><SimpleSource>
+<SourceFilename relativeToVRT="{relative}">{source}</SourceFilename><SourceBand>1</SourceBand></SimpleSource>
+</VRTRasterBand></VRTDataset>"""
+OGR = '<OGRVRTDataSource><OGRVRTLayer name="a"><SrcDataSource>{}</SrcDataSource></OGRVRTLayer></OGRVRTDataSource>'
+REMOTE = (
+    "/vsicurl/http://127.0.0.1:9/a.tif",
+    "/vsis3/bucket/a.tif",
+    "/VSICURL/http://127.0.0.1:9/a.tif",
+    "/vsizip//vsicurl/http://127.0.0.1:9/a.zip/a.tif",
+    "/vsicurl?url=http%3A%2F%2F127.0.0.1",
+    "/vsicurl_streaming/http://127.0.0.1:9/a.tif",
+    "http://127.0.0.1:9/a.tif",
+    "WMS:http://127.0.0.1:9/",
+    "PG:host=127.0.0.1",
+)
+
+
+@pytest.fixture
+def site(tmp_path):
+    return write_site(tmp_path)
+
+
+def refused(capfd, *words):
+    """The only line on stderr of a command that is refused."""
+    capfd.readouterr()
+    assert main([*map(str, words), "-q"]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and err.count("\n") == 1, err
+    return err
+
+
+@pytest.mark.parametrize("source", REMOTE)
+def test_a_scene_names_no_raster_in_the_network(site, capfd, source):
+    (site / "dtm.vrt").write_text(VRT.format(relative=0, source=source))
+    (site / "scene.toml").write_text(SCENE.replace("dtm.tif", "dtm.vrt"))
+    err = refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+    assert "is in the network or in a database" in err and str(site / "dtm.vrt") in err
+    assert not (site / "out").exists()
+
+
+@pytest.mark.parametrize("source", [name for name in REMOTE if name.startswith("/")])
+def test_a_scene_names_nothing_in_the_network(site, capfd, source):
+    (site / "scene.toml").write_text(SCENE.replace("dtm.tif", source))
+    assert "is in the network" in refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+
+
+def test_what_leads_to_the_network_over_another_file(site):
+    (site / "inner.vrt").write_text(VRT.format(relative=0, source=REMOTE[0]))
+    (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.vrt"))
+    with pytest.raises(FormatError, match=r"inner\.vrt refers to, is in the network"):
+        require_local(site / "outer.vrt", "scene.toml")
+    (site / "inner.vrt").rename(site / "inner.tif")
+    (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.tif"))
+    with pytest.raises(FormatError, match=r"with the suffix \.tif"):
+        require_local(site / "outer.vrt", "scene.toml")
+
+
+def test_names_that_the_text_hides(site):
+    for hidden in ("&#47;vsicurl/http://a/b", "<![CDATA[/vsicurl/http://a/b]]>", "\n  /vsicurl/http://a/b "):
+        (site / "dtm.vrt").write_text(VRT.format(relative=0, source=hidden))
+        with pytest.raises(FormatError, match="is in the network"):
+            require_local(site / "dtm.vrt", "scene.toml")
+    (site / "dtm.vrt").write_text(VRT.format(relative=0, source="/vsi&curl/x"))
+    with pytest.raises(FormatError, match="not a readable list of files"):
+        require_local(site / "dtm.vrt", "scene.toml")
+
+
+def test_shapes_in_the_network(site):
+    (site / "release.vrt").write_text(OGR.format("/vsicurl/http://127.0.0.1:9/a.gpkg"))
+    (site / "scene.toml").write_text(SCENE.replace("release.geojson", "release.vrt"))
+    with pytest.raises(FormatError, match="is in the network"):
+        scene_to_prepare(site / "scene.toml")
+
+
+def test_a_web_service_that_a_scene_names(site):
+    (site / "dtm.xml").write_text("<GDAL_WMS><Service name='TMS'/></GDAL_WMS>")
+    require_undisguised(site / "dtm.xml")
+    with pytest.raises(FormatError, match="is a web service"):
+        require_local(site / "dtm.xml", "scene.toml")
+
+
+def test_a_scene_with_virtual_rasters_that_lie_beside_it(site):
+    (site / "inner.vrt").write_text(VRT.format(relative=1, source="dtm.tif"))
+    (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.vrt").replace("SRS>", "SRS>http://a/b "))
+    (site / "round.vrt").write_text(VRT.format(relative=0, source=site / "round.vrt"))
+    for name in ("outer.vrt", "round.vrt", "inner.vrt"):
+        (site / "scene.toml").write_text(SCENE.replace("dtm.tif", name))
+        scene_to_prepare(site / "scene.toml")
+    (site / "vsites").mkdir()
+    require_local(shutil.copy(site / "dtm.tif", site / "vsites" / "a:b.tif"), "scene.toml")
+
+
+@pytest.mark.parametrize("suffix", ["", ".ovr", ".msk"])
+def test_a_list_of_files_behind_another_suffix(site, capfd, suffix):
+    """A mask or an overview beside a raster is opened as any dataset is."""
+    (site / f"dtm.tif{suffix}").write_text(VRT.format(relative=0, source="/etc/hostname"))
+    assert f"dtm.tif{suffix} is a list of other files" in refused(capfd, "info", site / "dtm.tif")
+    (site / "scene.toml").write_text(SCENE)
+    assert "rename it to .vrt" in refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+
+
+def test_shapes_behind_another_suffix(site):
+    (site / "release.gpkg").write_text(OGR.format("/etc/hostname"))
+    for read in (read_table, is_raster):
+        with pytest.raises(FormatError, match="is a list of other files"):
+            read(site / "release.gpkg")
+
+
+def test_what_the_user_types_may_lie_anywhere(site, capfd):
+    """It is GDAL that answers, not a rule of ours."""
+    (site / "dtm.vrt").write_text(VRT.format(relative=0, source=REMOTE[0]))
+    with open_raster(site / "dtm.vrt") as source:
+        assert source.count == 1
+    release = ("--release", site / "release.geojson", "--thickness", "2")
+    err = refused(capfd, "seed", "--dem", REMOTE[0], *release, "-o", site / "seed.h5")
+    assert "not a raster that GDAL can read" in err
+
+
+def test_a_dtm_that_frames_name(site, capfd):
+    release = ("--release", site / "release.geojson", "--thickness", "2", "-o", site / "seed.h5", "-q")
+    assert main([*map(str, ("seed", "--dem", site / "dtm.tif", *release))]) == 0
+    (site / "dtm.tif").unlink()
+    (site / "inner.vrt").write_text(VRT.format(relative=0, source=REMOTE[0]))
+    with h5py.File(site / "seed.h5", "r+") as file:
+        file.attrs["dem"] = "inner.vrt"
+    err = refused(capfd, "export-raster", site / "seed.h5", "-o", site / "maps")
+    assert "in the network" in err and "inner.vrt" in err
+
+
+@pytest.mark.parametrize("name", ["dtm.tif", "release.geojson", "scene.toml"])
+def test_pipes_are_not_waited_for(site, capfd, name):
+    (site / "scene.toml").write_text(SCENE)
+    (site / name).unlink()
+    os.mkfifo(site / name)
+    err = refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+    assert name in err and "pipe" in err
+
+
+def test_pipes_that_are_typed(site):
+    os.mkfifo(site / "a.gpkg")
+    for read in (read_table, is_raster):
+        with pytest.raises(FormatError, match="device or pipe"):
+            read(site / "a.gpkg")
+    with pytest.raises(FormatError, match="device or pipe"), open_raster(site / "a.gpkg"):
+        pass
+    with pytest.raises(SceneError, match="pipe or a device"):
+        scene_to_prepare(site / "a.gpkg")

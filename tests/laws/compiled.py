@@ -1,0 +1,17 @@
+"""Methods of laws as the solver's compiler has them."""
+
+import functools
+
+import numba
+
+from mpmgis.compiled import law_methods  # noqa: F401  (registers the methods)
+from mpmgis.compiled.jit import FASTMATH
+
+
+@functools.cache
+def compiled(method, arguments):
+    """Kernel `f(law, *arguments)` that calls `method` of any law."""
+    names = ", ".join(f"a{k}" for k in range(arguments))
+    namespace = {}
+    exec(f"def call(law, {names}):\n    return law.{method}({names})", namespace)
+    return numba.njit(fastmath=FASTMATH, error_model="numpy")(namespace["call"])

@@ -1,0 +1,121 @@
+"""Laws of friction one by one: what their formulas say, plain and compiled alike."""
+
+import numpy as np
+import pytest
+from compiled import compiled
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mpmgis.laws.friction import (
+    LAWS,
+    Bingham,
+    Coulomb,
+    Frictionless,
+    ModifiedVoellmy,
+    Pouliquen,
+    Voellmy,
+    basal_stress,
+    contradiction,
+    plug_ratio,
+    slowed_speed,
+)
+
+G = 9.81
+EVERY = [
+    Frictionless(),
+    Coulomb(0.4),
+    Voellmy(0.2, 1500.0),
+    ModifiedVoellmy(0.5, 400.0, 4.0),
+    Bingham(500.0, 50.0),
+    Bingham(0.0, 50.0),
+    Bingham(500.0, 0.0),
+    Pouliquen(0.38, 0.6, 0.136, 1e-3),
+]
+INPUTS = [
+    (density, G, density * G * depth * 0.9, depth, speed)
+    for density in (300.0, 2000.0)
+    for depth in (1e-3, 0.5, 20.0)
+    for speed in (0.0, 1e-9, 0.3, 4.0, 60.0)
+]
+
+
+@pytest.mark.parametrize("law", EVERY, ids=str)
+def test_plain_and_compiled_agree(law):
+    for density, gravity, load, depth, speed in INPUTS:
+        for method in ("dry_stress", "viscous_coefficient"):
+            plain = getattr(law, method)(density, gravity, load, depth, speed)
+            assert compiled(method, 5)(law, density, gravity, load, depth, speed) == pytest.approx(plain, rel=1e-12)
+            assert np.isfinite(plain) and plain >= 0.0
+        plain = law.drag_coefficient(gravity, depth, speed)
+        assert compiled("drag_coefficient", 3)(law, gravity, depth, speed) == pytest.approx(plain, rel=1e-12)
+        assert np.isfinite(plain) and plain >= 0.0
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_place_gives_parameters_in_the_order_of_the_scene(name):
+    law, parameters = LAWS[name]
+    assert list(parameters) == list(law._fields)
+    values = np.zeros((2, 3, len(parameters)))
+    values[1, 2] = 0.1 + np.arange(len(parameters))
+    here = law(*np.ones(len(parameters)))
+    assert here.at_node(values, 1, 2) == law(*values[1, 2])
+    assert compiled("at_node", 3)(here, values, 1, 2) == law(*values[1, 2])
+
+
+def test_voellmy_is_as_printed():
+    assert basal_stress(Voellmy(0.2, 1500.0), 300.0, G, 2000.0, 1.0, 30.0) == pytest.approx(
+        0.2 * 2000.0 + 300.0 * G * 30.0**2 / 1500.0
+    )
+
+
+def test_hergartens_law_is_dry_below_its_crossover_and_turbulent_above():
+    law, load = ModifiedVoellmy(0.5, 400.0, 4.0), 8e3
+    crossover = 4.0 * 8.0 ** (1 / 3)  # of 8 m
+    assert basal_stress(law, 2000.0, G, load, 8.0, 0.999 * crossover) == 0.5 * load
+    fast = 1.001 * crossover
+    assert basal_stress(law, 2000.0, G, load, 8.0, fast) == pytest.approx(2000.0 * G * fast**2 / 400.0)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.floats(1e-3, 1e5), st.floats(1e-3, 1e5), st.floats(1e-3, 50.0), st.floats(0.0, 150.0)
+)  # fmt: skip
+def test_binghams_ratio_is_the_root_of_its_cubic(yield_stress, viscosity, depth, speed):
+    a = 6.0 * viscosity * speed / (depth * yield_stress)
+    z = plug_ratio(Bingham(yield_stress, viscosity), depth, speed)
+    assert 0.0 < z <= 1.0 + 1e-12
+    assert abs(z**3 - (3.0 + a) * z + 2.0) <= 1e-12 * (3.0 + a)
+
+
+def test_bingham_ends_are_plastic_and_newtonian():
+    law = Bingham(500.0, 50.0)
+    assert basal_stress(law, 1500.0, G, 1e4, 1.0, 0.0) == pytest.approx(500.0, rel=1e-12)
+    newtonian = 3.0 * 50.0 * 2.0 / 0.7
+    assert basal_stress(Bingham(0.0, 50.0), 1500.0, G, 1e4, 0.7, 2.0) == pytest.approx(newtonian)
+    assert basal_stress(Bingham(1e-3, 50.0), 1500.0, G, 1e4, 0.7, 2.0) == pytest.approx(newtonian, rel=1e-4)
+
+
+def test_pouliquen_goes_from_mu1_to_mu2():
+    law, load = Pouliquen(0.38, 0.6, 0.136, 1e-3), 1e4
+    assert basal_stress(law, 1500.0, G, load, 1.0, 0.0) == pytest.approx(0.38 * load)
+    assert basal_stress(law, 1500.0, G, load, 1.0, 1e9) == pytest.approx(0.6 * load, rel=1e-5)
+    speed, depth = 2.0, 0.02
+    mu = 0.38 + 0.22 / (1 + 0.136 * depth * np.sqrt(load / 1500.0) / (1e-3 * speed))
+    assert basal_stress(law, 1500.0, G, load, depth, speed) == pytest.approx(mu * load)
+
+
+def test_parameters_that_contradict_are_reported():
+    assert "below mu1" in contradiction("Pouliquen", {"mu1": 0.5, "mu2": 0.4, "beta": 0.1, "length": 1e-3})
+    assert contradiction("Pouliquen", {"mu1": 0.4, "mu2": 0.5, "beta": 0.1, "length": 1e-3}) == ""
+    assert contradiction("Coulomb", {"mu": 0.4}) == ""
+
+
+@settings(max_examples=200, deadline=None)
+@given(*[st.floats(0.0, 100.0)] * 4)
+def test_friction_never_reverses_and_solves_its_equation(speed, dry, viscous, drag):
+    dt = 0.05
+    after = slowed_speed(speed, dt, dry, viscous, drag)
+    assert 0.0 <= after <= speed * (1 + 1e-15)
+    if after > 0.0:
+        left = (1.0 + dt * viscous) * after + dt * drag * after**2
+        assert left == pytest.approx(speed - dt * dry, rel=1e-9, abs=1e-12)

@@ -1,0 +1,14 @@
+"""Names that kernels call on laws: a numba method of that name hides a field of the same name in every NamedTuple."""
+
+from mpmgis.compiled import law_methods
+from mpmgis.laws.slots import ColumnEffects
+from mpmgis.solvers.columns.column_loop import NodeFields, Settings
+
+
+def test_no_method_of_laws_is_named_like_a_field():
+    methods = {*law_methods.METHODS, *law_methods.INLINED_METHODS}
+    for group in (ColumnEffects, Settings, NodeFields):
+        assert not methods & set(group._fields), group
+    for name in ColumnEffects._fields:
+        law = getattr(ColumnEffects(), name)
+        assert not methods & set(law._fields), name

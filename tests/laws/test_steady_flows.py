@@ -1,0 +1,83 @@
+"""Laws through the solver on a plane: terminal speeds, and no motion at all."""
+
+import numpy as np
+import pytest
+from column_scenes import G, columns_of, solver_on, terrain_of
+
+from mpmgis.laws.friction import Bingham, ModifiedVoellmy, Pouliquen, Voellmy
+
+DENSITY, CELL = 1500.0, 5.0
+
+
+def slab_speed(law, degrees, time, length=200.0, run=600.0):
+    """(speed, normal thickness) in the middle of a slab 1 m thick that slides down a plane from rest."""
+    tan, cos = np.tan(np.radians(degrees)), np.cos(np.radians(degrees))
+    terrain = terrain_of(lambda x, y: -tan * x, run, 4 * CELL, CELL)
+    frame = columns_of(1.0 / cos, 20, 20 + length, 0, 4 * CELL, CELL / 2, density=DENSITY)
+    solver = solver_on(terrain, frame, CELL, law, density=DENSITY, edges="wall")
+    solver.advance(time)
+    p = solver.frame().particles
+    x = p.position[:, 0]
+    middle = np.abs(x - np.median(x)) < 10
+    return float(np.linalg.norm(p.velocity[middle], axis=1).mean()), float(p.thickness[middle].mean() * cos)
+
+
+def test_voellmy():
+    speed, depth = slab_speed(Voellmy(0.15, 500.0), 20.0, 20.0)
+    theta = np.radians(20.0)
+    assert speed == pytest.approx(np.sqrt(500.0 * depth * (np.sin(theta) - 0.15 * np.cos(theta))), rel=0.01)
+
+
+@pytest.mark.thorough
+def test_hergartens_modified_voellmy():
+    speed, depth = slab_speed(ModifiedVoellmy(0.15, 500.0, 4.0), 20.0, 25.0, length=300.0, run=700.0)
+    assert speed == pytest.approx(np.sqrt(500.0 * depth * np.sin(np.radians(20.0))), rel=0.01)
+
+
+@pytest.mark.thorough
+def test_bingham():
+    law = Bingham(500.0, 200.0)
+    speed, depth = slab_speed(law, 15.0, 12.0)
+    driving = DENSITY * G * depth * np.sin(np.radians(15.0))
+    z = law.yield_stress / driving
+    exact = driving * depth / (6.0 * law.viscosity) * (1.0 - z) ** 2 * (2.0 + z)
+    assert speed == pytest.approx(exact, rel=0.01)
+
+
+@pytest.mark.thorough
+def test_pouliquen():
+    theta = np.radians(25.0)
+    law = Pouliquen(float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
+    speed, depth = slab_speed(law, 25.0, 25.0)
+    scale = law.beta * depth * np.sqrt(G * np.cos(theta) * depth) / law.length
+    exact, dt = 0.0, 1e-3  # of a point; after 25 s it is 7 % below its terminal speed
+    for _ in range(25000):
+        mu = law.mu1 + (law.mu2 - law.mu1) * exact / (exact + scale)
+        exact += dt * G * np.cos(theta) * (np.tan(theta) - mu)
+    assert speed == pytest.approx(exact, rel=0.01)
+
+
+def moved(law, degrees):
+    """Largest displacement [m] in 5 s of a layer 1 m thick that fills a plane from wall to wall."""
+    tan, cos = np.tan(np.radians(degrees)), np.cos(np.radians(degrees))
+    terrain = terrain_of(lambda x, y: -tan * x, 100.0, 4 * CELL, CELL)
+    frame = columns_of(1.0 / cos, 0, 100, 0, 4 * CELL, CELL / 2, density=DENSITY)
+    solver = solver_on(terrain, frame, CELL, law, density=DENSITY, edges="wall")
+    solver.advance(5.0)
+    after = solver.frame().particles
+    order = np.argsort(after.id)
+    return float(np.abs(after.position[order, :2] - frame.particles.position[:, :2]).max())
+
+
+@pytest.mark.thorough
+def test_bingham_does_not_move_below_its_yield_stress():
+    driving = DENSITY * G * np.sin(np.radians(15.0))
+    assert moved(Bingham(float(1.01 * driving), 200.0), 15.0) == 0.0
+    assert moved(Bingham(float(0.9 * driving), 200.0), 15.0) > 1e-3
+
+
+@pytest.mark.thorough
+def test_pouliquen_does_not_move_on_slopes_below_mu1():
+    law = Pouliquen(float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
+    assert moved(law, 20.9) == 0.0
+    assert moved(law, 22.0) > 1e-3

@@ -1,0 +1,77 @@
+"""The project of a region in QGIS: maps by scenario, areas and footprints over the terrain."""
+
+import geopandas
+import numpy as np
+import pytest
+import shapely
+from pyproj import CRS
+from test_qgis_open import look
+
+from mpmgis.frames.region_folder import LAYER, AreaRaster, write_region_maps
+from mpmgis.laws.quantities import BAND, MEMBER_BANDS
+from mpmgis.maps.qgis.region_project import RegionProject, terrain_path, write_footprints, write_region_project
+from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.raster_output import write_geotiff
+
+SHAPE = (120, 160)
+EXTENT = (10, 60, 20, 140)
+
+
+def region_of(folder, lengths):
+    """A region of an area for each of `lengths` [cells], which overlap; the second half is scenario 100."""
+    grid = Grid.north_up(CRS.from_epsg(32632), 686000.0, 5212000.0, 5.0, SHAPE)
+    row, column = np.indices(SHAPE)
+    write_geotiff(folder / "dtm.tif", grid, [(BAND["surface_new"], 2000.0 - 2.0 * column + 0.5 * row)], {})
+    areas = []
+    for number, length in enumerate(lengths, 1):
+        flow = (np.abs(row - 35) < 20) & (column > 20) & (column < 20 + length)
+        values = {name: np.where(flow, number + 0.01 * column, np.nan) for name in MEMBER_BANDS}
+        write_geotiff(folder / f"{number}.tif", grid, [(BAND[name], values[name]) for name in MEMBER_BANDS], {})
+        areas.append(AreaRaster(number, folder / f"{number}.tif", 0, 0, EXTENT, 0.01 * number))
+    maps = folder / "region" / "maps"
+    maps.mkdir(parents=True)
+    half = len(areas) // 2
+    named = {"all": areas, "scenario_30": areas[:half], "scenario_100": areas[half:]} if areas else {}
+    for name, own in named.items():
+        write_region_maps(maps, name, grid, own, 0.05, {}, frequency=True)
+    write_footprints(maps / "all_footprints.gpkg", areas, [None] * len(areas), grid, 0.05)
+    shapes = [shapely.box(686100, 5211800, 686150, 5211850 + k) for k in range(max(len(areas), 1))]
+    geopandas.GeoDataFrame(geometry=shapes, crs=grid.crs).to_file(maps.parent / "areas.gpkg", layer=LAYER)
+    terrain = terrain_path(folder / "dtm.tif", None, maps)
+    return RegionProject(maps, grid, named, 0.05, True, terrain)
+
+
+@pytest.mark.thorough
+@pytest.mark.qgis
+def test_the_project_opens_with_the_largest_depth_over_the_terrain(tmp_path):
+    project = region_of(tmp_path, (60, 80, 100, 110))
+    assert {path.suffix for path in write_region_project(project)[1:]} == {".qml"}
+    report = look(
+        project, *(f"{name}_{key}.tif" for name in project.areas for key in ("h_max", "areas", "probability"))
+    )
+    found = report["project"]
+    assert found["read"] and found["crs"] == "EPSG:32632" and not found["lost"]
+    assert all(valid and placed for _, valid, placed in found["layers"])
+    assert len(found["layers"]) == 3 * 6 + 3
+    assert found["visible"] == ["release areas", "h max [m]: largest flow depth (normal)", "hillshade"]
+    assert found["map_title"][0] == "region: largest values of 4 release areas"
+    page = found["layouts"]["region: A4"]
+    assert page["pdf"] and page["over_map"] == page["outside"] == 0
+    assert page["layers"] == ["release areas", "h max [m]: largest flow depth (normal)", "hillshade"]
+    for file, (facts,) in report["files"].items():
+        assert facts["valid"] and facts["styled"], file
+    assert report["files"]["all_areas.tif"][0]["colours"] > 1
+
+
+def test_a_region_without_flow_has_a_project_of_its_areas(tmp_path):
+    project = region_of(tmp_path, ())
+    (path,) = write_region_project(project)
+    assert path.is_file() and project.view() == project.grid.bounds and project.typical["h_max"] == 0.0
+
+
+def test_a_dtm_that_qgis_would_show_otherwise_is_left_out(tmp_path):
+    (tmp_path / "dtm.tif").touch()
+    (tmp_path / "dtm.zip").touch()
+    assert terrain_path(tmp_path / "dtm.tif", 1, tmp_path / "region" / "maps") == "../../dtm.tif"
+    for name, band in (("dtm.tif", 2), ("dtm.zip", 1), ("missing.tif", 1)):
+        assert terrain_path(tmp_path / name, band, tmp_path) is None

@@ -1,0 +1,235 @@
+"""Types of the arguments of every kernel of the 3D solver on a device, to compile them without one.
+
+Kernels that call laws are compiled for COMMON laws, which need the most registers, and for all OTHER laws.
+"""
+
+import numba
+import numpy as np
+from numba import types
+
+from mpmgis.laws.barrier import Barrier, NoBarrier
+from mpmgis.laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.friction import FrictionZones, NoZones
+from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
+from mpmgis.laws.slots import WholeGradient
+from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.solvers.gpu import (
+    device_barriers,
+    device_grid_to_points,
+    device_point_density,
+    device_point_nodes,
+    device_point_reports,
+    device_point_sort,
+    device_points_to_grid,
+    rare_points,
+)
+from mpmgis.solvers.gpu.device_functions import Kernel
+from mpmgis.solvers.gpu.device_point_steps import Domain
+from mpmgis.solvers.gpu.rare_points import _between
+from mpmgis.solvers.points.point_rows import Settings
+
+SETTINGS = Settings(
+    dx=1.0, density=1000.0, gravity=9.81, cfl=0.4, signal_speed=100.0, viscous_limit=1.0, fixed_dt=0.0, clearance=0.5,
+    cells_x=10, cells_y=10, leak_stop=1e-3, wall=False, holes=False, keep_peaks=True, arrival_thickness=0.05,
+    lone_thickness=0.1, density_band=0.05, slack=1.0,
+)  # fmt: skip
+MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
+CONE = (35.0, 500.0)  # friction angle [deg], cohesion [Pa]
+SOIL = drucker_prager(**MODULI, friction_angle=CONE[0], cohesion=CONE[1])
+COHESIVE = cohesive_mu_i(*CONE, 0.2, 0.3, 1e-3, 2500.0, **MODULI)
+FADING, TANGENT, LINEAR = (softening(CONE, (20.0, 0.0), 10.0, form) for form in ("exponential", "tangent", "linear"))
+MATERIALS = {  # material, softening
+    "drucker_prager": (SOIL, NoSoftening()),
+    "mu_i": (MuI(1e6, 1e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
+    "cohesive_softening": (COHESIVE, FADING),
+}
+OTHER_MATERIALS = {
+    "softening": (SOIL, FADING),
+    "elastic": (Elastic(**MODULI), NoSoftening()),
+    "fluid": (Fluid(1e6, 10.0, 1.0), NoSoftening()),
+    "cohesive": (COHESIVE, NoSoftening()),
+    "tangent_softening": (SOIL, TANGENT),
+    "linear_softening": (SOIL, LINEAR),
+    "cohesive_tangent_softening": (COHESIVE, TANGENT),
+    "cohesive_linear_softening": (COHESIVE, LINEAR),
+}
+COULOMB, VOELLMY, STICKING = CoulombContact(0.3), VoellmyContact(0.2, 300.0), StickingContact()
+CONTACTS = {  # contact, zones, barrier
+    "coulomb": (COULOMB, NoZones(), NoBarrier()),
+    "voellmy": (VOELLMY, NoZones(), NoBarrier()),
+    "voellmy_zones_barred": (VOELLMY, FrictionZones(), Barrier()),
+}
+OTHER_CONTACTS = {
+    "voellmy_barred": (VOELLMY, NoZones(), Barrier()),
+    "coulomb_barred": (COULOMB, NoZones(), Barrier()),
+    "coulomb_zones": (COULOMB, FrictionZones(), NoBarrier()),
+    "voellmy_zones": (VOELLMY, FrictionZones(), NoBarrier()),
+    "coulomb_zones_barred": (COULOMB, FrictionZones(), Barrier()),
+    "sticking": (STICKING, NoZones(), NoBarrier()),
+    "sticking_barred": (STICKING, NoZones(), Barrier()),
+}
+
+
+@Kernel
+def within(out):
+    """How a wall stops a point."""
+    out[0] = _between(out[0], out[1], out[2])
+
+
+def array(kind, dimensions):
+    """Type of a contiguous array."""
+    return types.Array(kind, dimensions, "C")
+
+
+def in_precision(law, real):
+    """Type of `law` with parameters of `real`."""
+    return numba.typeof(type(law)(*(real(value) if isinstance(value, float) else value for value in law)))
+
+
+def signatures(real):
+    """(name, kernel, types of its arguments) of all kernels for points of `real`."""
+    yield from _without_laws(real)
+    yield from _with_contacts(real, CONTACTS)
+    yield from _with_materials(real, MATERIALS)
+    yield from _with_density(real)
+
+
+def other_signatures(real):
+    """As `signatures`, of kernels with the laws that are not among MATERIALS and CONTACTS."""
+    yield from _with_contacts(real, OTHER_CONTACTS)
+    yield from _with_materials(real, OTHER_MATERIALS)
+
+
+def _without_laws(real):
+    """Signatures of kernels that call neither contact laws nor materials."""
+    number = numba.from_dtype(np.dtype(real))
+    i4, i8, f8, byte = types.int32, types.int64, types.float64, types.uint8
+    run, stage, now, clock, counts = array(i8, 1), array(f8, 1), array(number, 1), array(f8, 1), array(i8, 1)
+    rows, keys, order, start = array(number, 2), array(i8, 1), array(i4, 1), array(i8, 1)
+    window, pieces, lowest, ids = array(i4, 1), array(i8, 2), array(i4, 3), array(types.uint64, 1)
+    touched, sources, nodes, tiles = array(i4, 2), array(i4, 2), array(number, 2), array(number, 2)
+    ground, free = (array(number, 3), array(i4, 3), array(number, 2)), array(byte, 1)
+    columns, reports, sums, yields = array(number, 3), array(number, 2), array(f8, 2), array(number, 4)
+    settings, of_nodes, cells = numba.typeof(SETTINGS), in_precision(SETTINGS, real), array(byte, 1)
+    barrier, walled = in_precision(NoBarrier(), real), in_precision(Barrier(), real)
+    for name, *arguments in (
+        ("begin_step", run, stage, now, clock, counts),
+        ("clear_window", run, window, window),
+        ("count_points", run, counts, rows, keys, window, cells),
+        ("sum_pieces", run, window, pieces),
+        ("scan_pieces", run, pieces, types.boolean),
+        ("rank_places", run, window, pieces, window, start),
+        ("scatter_points", run, counts, keys, window, order),
+        ("rank_points", run, start, order, cells, order, order),
+        ("mark_touched", run, window, lowest, window),
+        ("rank_touched", run, window, pieces, lowest, array(byte, 2), window, touched, sources),
+        ("link_blocks", run, window, lowest, window, sources, sources, touched),
+        ("decide_order", run, counts),
+        ("take_strip", run, rows, ids, keys, order, rows, pieces, i8),
+        ("give_strip", run, rows, ids, keys, rows, pieces, i8),
+        ("note_order", run, counts, order),
+    ):
+        yield name, getattr(device_point_sort, name), arguments
+    yield "points_to_grid", device_points_to_grid.points_to_grid, (run, rows, order, start, tiles)
+    for name, *arguments in (
+        ("gather_nodes", run, tiles, sources, nodes),
+        ("weigh_contact", run, nodes, touched, *ground, reports, of_nodes),
+        ("spread_contact", run, reports, touched, window, lowest, columns),
+        ("clear_contact", run, touched, columns),
+        ("move_nodes", run, now, nodes, of_nodes),
+        ("find_contacts", run, nodes, touched, free, *ground, columns, reports, of_nodes, barrier),
+        ("finish_nodes", run, nodes, touched, free, *ground, reports, of_nodes),
+        ("note_peaks", run, now, nodes, touched, window, lowest, ground[0], columns, of_nodes),
+    ):
+        yield name, getattr(device_point_nodes, name), arguments
+    yield "find_contacts_barred", device_point_nodes.find_contacts, (
+        run, nodes, touched, free, *ground, columns, reports, of_nodes, walled,
+    )  # fmt: skip
+    around, lines = (nodes, touched, window, lowest, *ground), (reports, columns)
+    for name, *arguments in (
+        ("share_face_rows", run, nodes, touched, window, lowest, *lines, of_nodes),
+        ("weigh_face_rows", run, now, counts, *around, *lines, yields, of_nodes),
+        ("weigh_face_columns", run, now, counts, *around, *lines, yields, of_nodes),
+        ("book_faces", run, counts, *around, *lines, yields, yields, reports, reports, of_nodes),
+        ("keep_before_faces", run, counts, rows, keys, lowest, array(byte, 2), reports, columns, sums, of_nodes),
+        ("weigh_flow", run, nodes, reports),
+        ("press_on_crests", run, touched, nodes, touched, window, lowest, columns, reports, reports, of_nodes, walled),
+        ("sum_booked", run, reports, start, array(f8, 3)),
+        ("collect_barriers", run, stage, array(f8, 3), sums),
+    ):
+        yield name, getattr(device_barriers, name), arguments
+    yield "sum_node_reports", device_point_reports.sum_node_reports, (run, reports, sums)
+    yield "sum_node_reports_again", device_point_reports.sum_node_reports, (run, sums, sums)
+    yield "sum_point_reports", device_point_reports.sum_point_reports, (run, sums, sums)
+    yield "choose_step", device_point_reports.choose_step, (run, stage, clock, counts, sums, array(number, 1), settings)
+    finish = run, stage, clock, counts, sums, sums, rows, keys, lowest, settings
+    yield "finish_step", device_point_reports.finish_step, finish
+    marks = array(byte, 1), array(byte, 1), array(number, 2), array(i4, 2)
+    map_, domain = (lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
+    given, left = (rows, keys, order, start, touched), (array(i8, 4), array(f8, 1))
+    yield "begin_reports", rare_points.begin_reports, (run, *marks[2:], sums, settings)
+    arguments = run, *given, ground[0], *map_, *left, *marks[:2], sums, domain, settings
+    yield "settle_rare_points", rare_points.settle_rare_points, arguments
+
+
+def _with_contacts(real, contacts):
+    """Signatures of kernels that call contact laws; `contacts`: name -> (contact, zones, barrier)."""
+    number = numba.from_dtype(np.dtype(real))
+    run, now, counts, free = array(types.int64, 1), array(number, 1), array(types.int64, 1), array(types.uint8, 1)
+    nodes, touched = array(number, 2), array(types.int32, 2)
+    given = nodes, touched, array(types.int32, 1), array(types.int32, 3)
+    ground = array(number, 3), array(types.int32, 3), array(number, 2)
+    columns, reports, yields = array(number, 3), array(number, 2), array(number, 4)
+    places = (*ground, columns, columns)
+    for label, slots in contacts.items():
+        laws = in_precision(SETTINGS, real), *(in_precision(law, real) for law in slots)
+        kernels = [
+            (device_point_nodes.couple_layers, run, now, *given, *places, columns, columns, reports, *laws),
+            (device_point_nodes.press_on_ground, run, now, counts, *given, free, *places, yields, reports, *laws),
+            (
+                device_point_nodes.hold_nodes, run, now, nodes, touched, free, *places, columns, columns, reports, reports,
+                *laws,
+            ),
+        ]  # fmt: skip
+        if slots[-1].barrier_active():
+            kernels += [
+                (device_barriers.settle_faces, run, now, *given, *ground, columns, reports, columns, *laws),
+                (
+                    device_barriers.hold_at_barriers, run, now, touched, *given, *places, columns, columns, reports,
+                    reports, *laws,
+                ),
+            ]  # fmt: skip
+        for kernel, *arguments in kernels:
+            yield f"{kernel.function.__name__}_{label}", kernel, arguments
+
+
+def _with_materials(real, materials):
+    """Signatures of kernels that call materials; `materials`: name -> (material, softening)."""
+    number = numba.from_dtype(np.dtype(real))
+    run, keys, start, order = array(types.int64, 1), array(types.int64, 1), array(types.int64, 1), array(types.int32, 1)
+    scales, rows, nodes, ground = array(number, 1), array(number, 2), array(number, 2), array(number, 3)
+    blocks, byte = array(types.int32, 2), array(types.uint8, 1)
+    around, map_ = (order, start, blocks, blocks, nodes), (array(types.int32, 3), array(types.uint8, 2))
+    marks = byte, byte, array(number, 2), array(types.int32, 2)
+    domain, settings = numba.typeof(Domain(10, 10, False)), in_precision(SETTINGS, real)
+    for label, slots in materials.items():
+        laws = [in_precision(law, real) for law in (*slots, WholeGradient())]
+        arguments = run, scales, rows, keys, *around, ground, *map_, *marks, domain, *laws
+        yield f"grid_to_points_{label}", device_grid_to_points.grid_to_points, arguments
+        arguments = run, scales, rows, *around, ground, *marks, domain, settings, *laws
+        yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments
+
+
+def _with_density(real):
+    """Signatures of the correction of volumes, for materials that use the density at the nodes."""
+    number = numba.from_dtype(np.dtype(real))
+    run, start, order, free = array(types.int64, 1), array(types.int64, 1), array(types.int32, 1), array(types.uint8, 1)
+    rows, columns, yields = (array(number, k) for k in (2, 3, 4))
+    blocks, ground = array(types.int32, 2), (columns, array(types.int32, 3), rows)
+    given = run, run, rows, order, start, blocks, blocks, rows, free, *ground, yields, columns, rows
+    for label, (material, _) in (MATERIALS | OTHER_MATERIALS).items():
+        if material.follows_density():
+            for end, barrier in (("", NoBarrier()), ("_barred", Barrier())):
+                laws = (in_precision(law, real) for law in (SETTINGS, material, barrier))
+                yield f"correct_density_{label}{end}", device_point_density.correct_density, (*given, *laws)

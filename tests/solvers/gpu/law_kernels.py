@@ -1,0 +1,143 @@
+"""A kernel for the CUDA device for every method of every law, compiled without a driver."""
+
+import importlib
+import importlib.util
+import inspect
+import pkgutil
+import types as python_types
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+import numba
+import numpy as np
+from numba import types
+
+from mpmgis import laws as package
+from mpmgis.compiled.law_methods import INLINED_METHODS, METHODS
+from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.slots import ColumnEffects, PointEffects
+from mpmgis.laws.softening import NoSoftening
+
+PRECISIONS = {"float64": np.float64, "float32": np.float32}
+CAPABILITIES = {"sm_80": (8, 0), "sm_90": (9, 0)}
+
+
+def compiler_lack():
+    """Why kernels cannot be compiled for a device here; "" if they can."""
+    if importlib.util.find_spec("numba_cuda") is None:
+        return "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
+    if numba.config.ENABLE_CUDASIM:
+        return "NUMBA_ENABLE_CUDASIM is set: the simulator compiles nothing"
+    from cuda.pathfinder import DynamicLibNotFoundError, load_nvidia_dynamic_lib
+
+    for library in ("nvvm", "nvrtc"):
+        try:
+            load_nvidia_dynamic_lib(library)
+        except DynamicLibNotFoundError:
+            return f"{library}, a part of CUDA's compiler, is not installed (pip install 'mpmgis[gpu]')"
+    return ""
+
+
+@cache
+def assembler():
+    """Path of CUDA's assembler, ptxas, in the wheel nvidia-cuda-nvcc; None without it.
+
+    One on the path can be older than NVVM, and then does not read its assembly.
+    """
+    nvidia = importlib.util.find_spec("nvidia")
+    folders = [] if nvidia is None else nvidia.submodule_search_locations
+    wheel = (path for folder in folders for path in sorted(Path(folder).glob("*/bin/ptxas")))
+    return next(wheel, None)
+
+
+@cache
+def laws():
+    """All classes of laws in `effects`, in the order of their modules."""
+    found = []
+    for module in pkgutil.iter_modules(package.__path__):
+        members = vars(importlib.import_module(f"{package.__name__}.{module.name}")).values()
+        found += [
+            kind
+            for kind in members
+            if inspect.isclass(kind) and hasattr(kind, "_fields") and kind.__module__.endswith(f".{module.name}")
+        ]
+    return [kind for kind in found if methods(kind) and kind not in (ColumnEffects, PointEffects)]
+
+
+def methods(kind):
+    """Names of the methods of a law that kernels call."""
+    return [name for name in (*METHODS, *INLINED_METHODS) if hasattr(kind, name)]
+
+
+def law_type(kind, real):
+    """numba's type of a law with parameters of `real`."""
+    return numba.typeof(kind(*[real(1.0)] * len(kind._fields)))
+
+
+def argument_type(name, real):
+    """numba's type of the argument `name` of a method."""
+    number = numba.from_dtype(np.dtype(real))
+    laws = {"softening": NoSoftening, "law": CoulombContact, "friction": CoulombContact, "contact": CoulombContact}
+    if name in laws:
+        return law_type(laws[name], real)
+    return {"values": types.Array(number, 3, "C"), "j": types.int64, "i": types.int64}.get(name, number)
+
+
+def kernel_of(kind, wanted, real):
+    """(kernel that stores all results of the law's methods `wanted`, types of its arguments)."""
+    calls, given = [], {}
+    for number, method in enumerate(wanted):
+        names = list(inspect.signature(getattr(kind, method)).parameters)[1:]
+        given |= {f"given_{name}": argument_type(name, real) for name in names}
+        calls.append(f"    store(out[{number}], law.{method}({', '.join(f'given_{name}' for name in names)}))\n")
+    namespace = {"store": store}
+    exec(f"def kernel(law, out, {', '.join(given)}):\n{''.join(calls)}", namespace)
+    number = numba.from_dtype(np.dtype(real))
+    return namespace["kernel"], (law_type(kind, real), types.Array(number, 2, "C"), *given.values())
+
+
+def store(out, result):
+    """Store a number, or all numbers of a tuple, in the array `out`."""
+
+
+@cache
+def register():
+    """Let kernels on the device call the methods of laws, and `store`."""
+    from numba.cuda.extending import overload
+
+    importlib.import_module("mpmgis.solvers.gpu.device_laws")
+
+    @overload(store)
+    def stored(out, result):
+        if not isinstance(result, types.BaseTuple):
+            lines = ["out[0] = result"]
+        else:
+            lines = [f"out[{k}] = result[{k}]" for k in range(len(result))] or ["pass"]
+        namespace = {}
+        exec("def body(out, result):\n" + "".join(f"    {line}\n" for line in lines), namespace)
+        return namespace["body"]
+
+
+@contextmanager
+def without_driver(capability):
+    """numba-cuda asks the driver for the device's capability even to compile for another one."""
+    from numba.cuda import dispatcher
+
+    asked = dispatcher.get_current_device
+    dispatcher.get_current_device = lambda: python_types.SimpleNamespace(compute_capability=capability)
+    try:
+        yield
+    finally:
+        dispatcher.get_current_device = asked
+
+
+def texts_of(function, arguments, capabilities=tuple(CAPABILITIES)):
+    """Capability -> assembly of the kernel `function`, whose types are inferred once."""
+    from numba.cuda.compiler import _compile_pyfunc_with_fixup
+
+    register()
+    first = next(iter(CAPABILITIES.values()))
+    with without_driver(first):
+        library, _ = _compile_pyfunc_with_fixup(function, tuple(arguments), device=False, abi="numba", cc=first)
+        return {name: library.get_asm_str(cc=CAPABILITIES[name]) for name in capabilities}

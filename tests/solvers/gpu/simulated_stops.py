@@ -1,0 +1,192 @@
+"""Ends of runs and flows that spread, in the CUDA simulator against the CPU's kernels; prints what it found as JSON.
+
+Run as `simulated_points.py`.
+"""
+
+from functools import partial
+
+import numpy as np
+from numba import cuda
+from simulated_barriers import BARRIERS
+from simulated_points import (
+    BOTH,
+    COULOMB,
+    NARROW,
+    VOELLMY,
+    advanced,
+    begun,
+    bits,
+    compared,
+    difference,
+    print_results,
+    restarted,
+    slab,
+)
+
+from mpmgis.solvers.gpu.device_functions import Kernel
+from mpmgis.solvers.points import point_clock as entry
+from mpmgis.solvers.points import point_rows as row
+
+LITTLE = NARROW._replace(room=1)  # arrays for a single block, which nearly every step outgrows
+ENDS = {
+    name: getattr(entry, name)
+    for name in ("RUNNING", "REACHED_TIME", "ALL_LEFT", "NOT_FINITE_STATE", "LEAKED", "SCATTERED", "WATCHED_REACHED")
+}
+
+
+def not_finite(value, column, edges, precision):
+    """A flow of which one point has a `value` that is no number."""
+    solver = slab(precision, x=198.4 if edges == "wall" else 12.0, edges=edges)
+    solver._rows[5, column] = value
+    return solver
+
+
+def sunk(precision):
+    """A flow that lies below the ground as a whole."""
+    solver = slab(precision)
+    solver._rows[:, row.Z] = 0.55
+    return restarted(solver)
+
+
+def thrown(precision, contact=COULOMB, velocity=(2e3, 500.0, 0.0), step=0.02):
+    """A flow whose first step carries points over many blocks."""
+    solver = begun(slab(precision, contact, velocity=velocity, x=60.0))
+    solver._clock[entry.STEP_NOW] = step
+    return solver
+
+
+def scattered(precision):
+    """Two flows far apart, thrown so high that their window has too many blocks."""
+    solver = slab(precision)
+    rows, mass = solver._rows, solver._rows[:, row.MASS]
+    rows[:, row.PX : row.PY + 1], rows[:, row.PZ] = 0.0, 1e5 * mass
+    for column in (row.AXX, row.AXY, row.AXZ):
+        rows[:, column : column + 3] = 0.0
+    solver._keys[::2] += (6 << 42) + (44 << 21)
+    solver = begun(restarted(solver))
+    solver._clock[entry.STEP_NOW] = 20.0
+    return solver
+
+
+def leaving(precision):
+    """A flow of which all points leave over the southern edge in the first step."""
+    return thrown(precision, velocity=(0.0, -2e3, 0.0), step=0.05)
+
+
+def ended(make, precision, steps=3, pauses=1):
+    """Reason and number of steps on CPU and device, and what differs."""
+    one, other = make(precision), make(precision)
+    reason = begun(one).advance(1e9, max_steps=steps)
+    there = advanced(other, steps, pauses=pauses)
+    names = {code: name for name, code in ENDS.items()}
+    here = {"reason": names[reason], "steps": int(one._counts[entry.STEP])}
+    here |= {"reason_there": names[there], "steps_there": int(other._counts[entry.STEP])}
+    here["bad"] = [one._clock[[entry.BAD_AT_X, entry.BAD_AT_Y]].tolist(), int(one._counts[entry.BAD])]
+    here["bad_there"] = [other._clock[[entry.BAD_AT_X, entry.BAD_AT_Y]].tolist(), int(other._counts[entry.BAD])]
+    return here | {"difference": difference(one, other)}
+
+
+def grown(make, precision, steps=2):
+    """Whether arrays that grow in the middle of a run change no bits, and how often they grew."""
+    from mpmgis.solvers.gpu.device_point_loop import DevicePoints
+
+    one, other, count, grow = make(precision), make(precision), [0], DevicePoints._grow
+
+    def counted(device):
+        count[0] += 1
+        grow(device)
+
+    reason = advanced(one, steps)
+    DevicePoints._grow = counted
+    try:
+        same = advanced(other, steps, launch=LITTLE) == reason
+    finally:
+        DevicePoints._grow = grow
+    return {"same": same and bits(one) == bits(other), "grew": count[0] - 1}
+
+
+def shared_arrays():
+    """Whether a thread that asks for a shared array while another makes it gets the same one."""
+    from threading import Barrier, Thread
+    from time import sleep
+    from types import SimpleNamespace
+
+    from mpmgis.solvers.gpu import cuda_simulator
+
+    def slow_empty(shape, kind):
+        sleep(0.1)
+        return np.empty(shape, kind)
+
+    shared, got, both = SimpleNamespace(_allocations={}), [], Barrier(2)
+
+    def ask():
+        both.wait()
+        got.append(cuda_simulator.shared_array(shared, 4, np.dtype(np.float64)))
+
+    cuda_simulator.np = SimpleNamespace(empty=slow_empty)
+    try:
+        threads = [Thread(target=ask) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(10.0)
+    finally:
+        cuda_simulator.np = np
+    return {"same": len(got) == 2 and got[0] is got[1]}
+
+
+def turns():
+    """What threads read after they waited for each other, and the error of a kernel that fails in one thread."""
+
+    @Kernel
+    def rotate(values, seen):
+        shared = cuda.shared.array(4, np.int64)
+        t = cuda.threadIdx.x
+        shared[t] = values[t]
+        cuda.syncthreads()
+        seen[cuda.blockIdx.x, t] = shared[(t + 1) % 4]
+
+    @Kernel
+    def number(seen):
+        seen[cuda.grid(1)] = cuda.grid(1)
+
+    @Kernel
+    def fail(values):
+        if cuda.threadIdx.x == 2:
+            raise ValueError("the third")
+        cuda.syncthreads()
+        values[cuda.threadIdx.x] = -1
+
+    values, seen, numbers, errors = np.arange(4), np.zeros((3, 4), int), np.zeros(6, int), []
+    rotate.of(np.float64)[3, 4](values, seen)
+    number.of(np.float64)[2, 3](numbers)
+    try:
+        fail.of(np.float64)[1, 4](values)
+    except ValueError as error:
+        errors.append(str(error))
+    return {"seen": seen.tolist(), "numbers": numbers.tolist(), "errors": errors, "values": values.tolist()}
+
+
+def cases():
+    """Name -> what answers the results of each case."""
+    here = {"shared arrays": shared_arrays, "shared turns": turns}
+    for p in BOTH:
+        ends = {
+            "nan": partial(not_finite, np.nan, row.PX, "outflow"),
+            "nan at walls": partial(not_finite, np.nan, row.PX, "wall"),
+            "infinite": partial(not_finite, np.inf, row.PZ, "outflow"),
+            "sunk": sunk,
+            "scattered": scattered,
+            "leaving": leaving,
+        }
+        here |= {f"{name} {p}": partial(ended, make, p) for name, make in ends.items()}
+        here[f"left twice {p}"] = partial(ended, leaving, p, 4, 2)
+        here[f"thrown {p}"] = partial(compared, thrown, p, 3)
+        here[f"thrown with drag {p}"] = partial(compared, partial(thrown, contact=VOELLMY), p, 3)
+        here[f"grown {p}"] = partial(grown, partial(thrown, contact=VOELLMY), p, 2)
+        here[f"grown at barriers {p}"] = partial(grown, BARRIERS["opening"], p, 2)
+    return here
+
+
+if __name__ == "__main__":
+    print_results(cases())

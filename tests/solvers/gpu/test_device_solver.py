@@ -1,0 +1,36 @@
+"""The 3D solver on a device gives what that on the processor gives: in the simulator of CUDA, which needs no device."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from device_cases import LACK, ROOT, in_simulator
+
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+ROUNDING = 1e-10
+
+
+def test_runs_on_a_device_are_those_on_the_processor():
+    found = json.loads(in_simulator("tests/solvers/gpu/device_runs.py"))
+    assert found.pop("same_bits_after_resuming") and found.pop("same_bits_with_a_barrier")
+    assert found.pop("load") > 0.0
+    assert {name: value for name, value in found.items() if not value < ROUNDING} == {}
+
+
+def test_the_benchmark_compares_and_writes_its_table(tmp_path):
+    small = ("--checked", "32", "--steps", "2", "--materials", "Drucker-Prager", "--precisions", "float64",
+             "--scene-millions", "0")  # fmt: skip
+    said = in_simulator("tests/bench/gpu.py", tmp_path, *small)
+    (row,) = json.loads((tmp_path / "gpu.json").read_text())["agreement"]
+    assert row["agrees"] and row["same_bits"] and row["place_cells"] < ROUNDING
+    assert said == (tmp_path / "gpu.txt").read_text() and "agrees: Drucker-Prager, float64" in said
+
+
+def test_the_benchmark_says_in_one_line_that_there_is_no_device(tmp_path):
+    command = [sys.executable, "tests/bench/gpu.py", tmp_path / "out"]
+    hidden = os.environ | {"CUDA_VISIBLE_DEVICES": ""}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200, env=hidden)
+    assert done.returncode == 1 and done.stderr.startswith("nothing is measured: ") and done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
