@@ -91,7 +91,7 @@ def option(action):
 
 
 def scene_pages():
-    from mpmgis.scene.stage_checks import ONLY
+    from mpmgis.scene.solver_checks import ONLY
     from mpmgis.scene.tables import LISTED, TABLES
 
     parts = [

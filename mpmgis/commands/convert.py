@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from ..conversion.start_folder import StartWritten
 
 FRAME_FILES = "mpmgis frames (*.h5)"
+_POINTS_ONLY = ("spacing", "vertical_velocity", "paper", "relevel")
+_COLUMNS_ONLY = ("by", "detached")
 
 
 class PointOptions(TypedDict, total=False):
@@ -222,10 +224,6 @@ def solver_start(
     given = {"source": several(source), "solver": solver, "output": output, **options}
     with python_words(VERB):
         return started(complete(VERB, given))
-
-
-_POINTS_ONLY = ("spacing", "vertical_velocity", "paper", "relevel")
-_COLUMNS_ONLY = ("by", "detached")
 
 
 def converted(values: dict[str, Any]) -> "Written":

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..exchange.frame_source import FrameSource
 from ..maps.averaging.maxima import MAXIMA_BANDS
-from ..maps.export.export_request import ExportRequest, FrameSource
+from ..maps.export.export_request import ExportRequest
 from ..maps.export.map_export import export_raster
 from ..maps.export.run_picture import write_picture
 from ..maps.export.step_rasters import DEPOSIT_BANDS
@@ -14,7 +15,7 @@ from ..scene import read_scene
 from ..seeding.release_areas import read_release
 from ..simulation.scene_run import run
 from ..system.errors import InputError
-from ..system.folder_lock import refuse_link
+from ..system.links import refuse_link
 from ..system.messages import details, muted
 from ..system.whole_files import refuse_existing, whole_folder
 from ..terrain.dtm import read_terrain
@@ -24,6 +25,8 @@ SITE = "lava_falls"
 _PACKAGE = Path(__file__).resolve().parents[1]
 # A wheel has the data inside the package (see pyproject.toml), a checkout beside it.
 _PLACES = (_PACKAGE / "sample_data", _PACKAGE.parent / "sample_data")
+TITLE = "Lava Falls, Grand Canyon: a hypothetical rock avalanche"
+CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Geological Survey. Simulated by mpmgis."
 
 
 def sample_folder(site=SITE):
@@ -38,10 +41,6 @@ def sample_folder(site=SITE):
         if (place / site / "scene.toml").is_file():
             return place / site
     raise InputError(f"sample site {site!r} is not in {_PLACES[0]} nor in {_PLACES[1]}; reinstall mpmgis")
-
-
-TITLE = "Lava Falls, Grand Canyon: a hypothetical rock avalanche"
-CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Geological Survey. Simulated by mpmgis."
 
 
 def demo(output, *, overwrite=False, threads=None, watch=lambda solver, end_time: None,

@@ -4,7 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, TypedDict, Unpack
 
-from ..system.zip_archives import trusting
+from ..system.trusted_files import trusting
 from . import shared_options
 from .option import Form, Option, PathLike, Verb
 from .verb_calls import Results, answer

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Unpack
 
-from ..system.zip_archives import trusting
+from ..system.trusted_files import trusting
 from . import shared_options
 from .effects import AnswerArguments
 from .option import Form, Option, PathLike, Verb

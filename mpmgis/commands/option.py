@@ -16,6 +16,7 @@ PathLike = str | Path
 _INFRASTRUCTURE = (  # modules that are not verbs
     *("demo_site", "forms", "option", "option_values", "results_api", "shared_options", "shell", "verb_calls"),
 )
+GROUPS = ("from a terrain to a map", "answers from results", "many runs", "information")
 
 
 @dataclass(frozen=True)
@@ -186,9 +187,6 @@ def options_of(table: Any) -> dict[str, Option]:
         (option,) = hint.__metadata__
         found[name] = replace(option, name=name, type=hint.__origin__)
     return found
-
-
-GROUPS = ("from a terrain to a map", "answers from results", "many runs", "information")
 
 
 def verb_names() -> list[str]:

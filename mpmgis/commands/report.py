@@ -12,6 +12,8 @@ from .verb_calls import Results, answer, called
 if TYPE_CHECKING:
     from ..results.hazard.hazard_map import HazardFound
 
+HAZARD = ("map", "scenario", "scale", "min_area", "sheet", "matrices", "guidelines")
+
 
 class HazardOptions(TypedDict, total=False):
     """Options of a hazard map."""
@@ -73,7 +75,6 @@ class Arguments(ReportOptions, HazardOptions, total=False):
     output: Annotated[PathLike, shared_options.output("report", "report.html", "report.html")]
 
 
-HAZARD = ("map", "scenario", "scale", "min_area", "sheet", "matrices", "guidelines")
 VERB = Verb(
     name="report",
     place=17,

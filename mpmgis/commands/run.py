@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from ..system.errors import InputError
-from ..system.zip_archives import trusting
+from ..system.trusted_files import trusting
 from . import shared_options
 from .option import Form, Option, PathLike, Verb
 from .option_values import complete

@@ -6,6 +6,54 @@ from .option import Option, PathLike
 
 Auto = Literal["auto"]
 TOML = "Scenes (*.toml)"
+AVERAGED = "cells, averaged as export-raster does"
+THIRD_PARTY = "another code's particle files"
+_FRAMES = "frames (*.h5) of one run, another code's particle files, or the folder that holds them"
+_RASTERS = ", or (the beginning of the names of) rasters named *_pft, *_pfv, *_ppr"
+_RESULTS_FIELD = {"kind": "folder", "folded": False, "label": "Results: folder of frames, or of maps"}
+FRAMES = Option(
+    _FRAMES, "RESULTS", positional="many", kind="folder", folded=False, label="Results: folder of frames",
+)  # fmt: skip
+RESULTS = Option(f"{_FRAMES}, or an export", "RESULTS", positional="many", **_RESULTS_FIELD)
+RESULTS_OR_RASTERS = Option(f"{_FRAMES}, or an export{_RASTERS}", "RESULTS", positional="many", **_RESULTS_FIELD)
+SCENE = Option(
+    "the scene file (scene.toml)", "scene.toml", positional="one", folded=False, label="Scene", files=TOML
+)  # fmt: skip
+AT_TIMES = Option(
+    "times; the nearest frames are used", "T,..", unit="s", usual="five over the run", folded=False,
+    label="Times, with commas",
+)  # fmt: skip
+POINTS = Option(
+    "points, in any vector format; their names are in a column name", "FILE", kind="point layer", folded=False,
+    label="Points",
+    also=({"name": "PLACE", "kind": "place", "label": "or: one place on the map",
+           "help": "Click '...' and then the map."},),
+)  # fmt: skip
+AT = Option(
+    "a point in the CRS of the DTM; repeatable", "E,N", default=(), unit="m", repeat=True,
+    no_form="a place is clicked on the map, in any CRS",
+)  # fmt: skip
+LINE = Option(
+    "path of the flow, from its top", "FILE", usual="its own centre line", kind="line layer", folded=False,
+    label="Path of the flow, from its top",
+)  # fmt: skip
+THRESHOLD = Option(
+    "minimum depth of a reached cell", "M", default=0.1, unit="m", above=0, folded=False,
+    label="Minimum depth of a reached cell",
+)  # fmt: skip
+LIST_FILES = Option(
+    "print the paths of all written files, not only the first", default=False, no_form="the form opens what is written"
+)  # fmt: skip
+JSON = Option("print JSON", default=False, no_form="for programs; the figures are in the log and in the tables")
+LAW = Option(
+    "Python file with your own friction law; it is executed", "FILE.py", files="Python (*.py)",
+    label="Your own friction law: Python file, which is executed",
+)  # fmt: skip
+THREADS = Option(
+    "number of processor threads; the result does not depend on it", "N", above=0,
+    usual="one for every 10 000 particles, at most all", label="Processor threads",
+)  # fmt: skip
+DASK = Option("use the Dask cluster with this scheduler", "ADDRESS", label="Dask cluster: address of its scheduler")
 
 
 def _target(text: str) -> str:
@@ -182,22 +230,8 @@ class QuestionOptions(OverwriteOptions, TerrainOptions, SizedCellOptions, Declar
     """Options of every question about results."""
 
 
-AVERAGED = "cells, averaged as export-raster does"
-THIRD_PARTY = "another code's particle files"
 FRAME_GROUPS = (("terrain", TerrainOptions), (AVERAGED, CellOptions), (THIRD_PARTY, DeclarationOptions))
 GROUPS = (("terrain", TerrainOptions), (AVERAGED, SizedCellOptions), (THIRD_PARTY, DeclarationOptions))
-
-_FRAMES = "frames (*.h5) of one run, another code's particle files, or the folder that holds them"
-_RASTERS = ", or (the beginning of the names of) rasters named *_pft, *_pfv, *_ppr"
-_RESULTS_FIELD = {"kind": "folder", "folded": False, "label": "Results: folder of frames, or of maps"}
-FRAMES = Option(
-    _FRAMES, "RESULTS", positional="many", kind="folder", folded=False, label="Results: folder of frames",
-)  # fmt: skip
-RESULTS = Option(f"{_FRAMES}, or an export", "RESULTS", positional="many", **_RESULTS_FIELD)
-RESULTS_OR_RASTERS = Option(f"{_FRAMES}, or an export{_RASTERS}", "RESULTS", positional="many", **_RESULTS_FIELD)
-SCENE = Option(
-    "the scene file (scene.toml)", "scene.toml", positional="one", folded=False, label="Scene", files=TOML
-)  # fmt: skip
 
 
 def output(word: str, files: str, label: str) -> Option:
@@ -207,43 +241,6 @@ def output(word: str, files: str, label: str) -> Option:
         f"folder for {files}, or one file by its suffix; - prints the table", "PATH", short="-o", usual=usual,
         folded=False, kind="new folder", label=f"Folder for {label}, if not {usual}",
     )  # fmt: skip
-
-
-AT_TIMES = Option(
-    "times; the nearest frames are used", "T,..", unit="s", usual="five over the run", folded=False,
-    label="Times, with commas",
-)  # fmt: skip
-POINTS = Option(
-    "points, in any vector format; their names are in a column name", "FILE", kind="point layer", folded=False,
-    label="Points",
-    also=({"name": "PLACE", "kind": "place", "label": "or: one place on the map",
-           "help": "Click '...' and then the map."},),
-)  # fmt: skip
-AT = Option(
-    "a point in the CRS of the DTM; repeatable", "E,N", default=(), unit="m", repeat=True,
-    no_form="a place is clicked on the map, in any CRS",
-)  # fmt: skip
-LINE = Option(
-    "path of the flow, from its top", "FILE", usual="its own centre line", kind="line layer", folded=False,
-    label="Path of the flow, from its top",
-)  # fmt: skip
-THRESHOLD = Option(
-    "minimum depth of a reached cell", "M", default=0.1, unit="m", above=0, folded=False,
-    label="Minimum depth of a reached cell",
-)  # fmt: skip
-LIST_FILES = Option(
-    "print the paths of all written files, not only the first", default=False, no_form="the form opens what is written"
-)  # fmt: skip
-JSON = Option("print JSON", default=False, no_form="for programs; the figures are in the log and in the tables")
-LAW = Option(
-    "Python file with your own friction law; it is executed", "FILE.py", files="Python (*.py)",
-    label="Your own friction law: Python file, which is executed",
-)  # fmt: skip
-THREADS = Option(
-    "number of processor threads; the result does not depend on it", "N", above=0,
-    usual="one for every 10 000 particles, at most all", label="Processor threads",
-)  # fmt: skip
-DASK = Option("use the Dask cluster with this scheduler", "ADDRESS", label="Dask cluster: address of its scheduler")
 
 
 def start_unasked(long: str) -> Option:

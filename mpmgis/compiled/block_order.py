@@ -6,6 +6,9 @@ CHUNKS = 32  # pieces of work per loop; fixed, so that sums do not depend on the
 REORDER_STEPS = 20  # rows are put into block order in memory this often
 STRIP = 4  # numbers of each row that are moved at a time when rows are put in order
 GONE = -1  # key of a particle that has left
+LEFT_BLOCK = 8  # cells along the side of a block
+WEST_EDGE, SOUTH_EDGE, EAST_EDGE, NORTH_EDGE, INTO_NODATA, WAYS = range(6)
+LEFT_MASS, LEFT_X, LEFT_Y, LEFT_ENTRIES = range(4)  # mass [kg]; mass times place from the domain's corner [kg m]
 
 
 @jit
@@ -65,11 +68,6 @@ def reorder(rows, ids, keys, order, alive, strip, names):
                     rows[p, first + k] = strip[p, k]
                 if first == 0:
                     ids[p], keys[p] = names[p, 0], names[p, 1]
-
-
-LEFT_BLOCK = 8  # cells along the side of a block
-WEST_EDGE, SOUTH_EDGE, EAST_EDGE, NORTH_EDGE, INTO_NODATA, WAYS = range(6)
-LEFT_MASS, LEFT_X, LEFT_Y, LEFT_ENTRIES = range(4)  # mass [kg]; mass times place from the domain's corner [kg m]
 
 
 @jit

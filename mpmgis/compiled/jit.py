@@ -28,7 +28,7 @@ import numpy as np  # noqa: E402
 from numba import types  # noqa: E402
 from numba.extending import overload, overload_method, register_jitable  # noqa: E402
 
-from .cache_folder import keep_checked  # noqa: E402
+from .checked_cache import keep_checked  # noqa: E402
 
 # numba may have been imported before this module.
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]

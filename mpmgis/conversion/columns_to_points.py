@@ -8,10 +8,12 @@ from shapely.affinity import translate
 from ..frames.particles import Frame
 from ..solvers.columns.column_rows import CXX, ROW
 from ..system.errors import InputError
+from .column_footprints import squares, stretched
+from .column_pieces import count_by_cell, cover, cut, piece_velocity, within
 from .conserved_sums import NOTHING, Sums, particle_mass_scatter, sums_of
 from .conversion_options import MOST, PointOptions
-from .point_groups import Ground, slope_cosine
-from .point_stacks import Stacks, _frame_of, count_by_cell, cover, cut, piece_velocity, squares, stretched, within
+from .ground_below import Ground, slope_cosine
+from .point_stacks import Stacks, frame_of
 
 OVERLAP = 1.05  # columns overlap where their areas exceed that of the cell by this factor
 COVER_SIDES = 4  # sides of the median column along a cell in which overlap is evaluated: 16 columns in a row tile it
@@ -127,7 +129,7 @@ def columns_to_points(frame, terrain, options=None, window=None):
     _require_few_enough(count.sum(), spacing)
     stacks = Stacks(here, thickness, count.astype(np.int64), u, v)
     kept, deleted = _without_deleted(stacks, particles, options)
-    points = _frame_of(frame, kept, gradient, spacing, options)
+    points = frame_of(frame, kept, gradient, spacing, options)
     bed_shift = np.abs(particles.position[here.column, 2] + frame.origin[2] - ground.height(x, y)[here.column])
     numbers = {
         "spacing": spacing,

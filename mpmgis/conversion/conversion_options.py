@@ -7,7 +7,7 @@ import numpy as np
 
 from ..laws.quantities import GRAVITY
 from ..system.errors import InputError
-from .point_stacks import pieces_along
+from .column_pieces import pieces_along
 
 VERTICAL_VELOCITIES = ("tangent", "paper", "linear")
 PLACEMENTS = ("centred", "paper")

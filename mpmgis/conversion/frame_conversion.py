@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from ..exchange.frame_list import OWN, list_frames
+from ..exchange.frame_source import FrameSource
 from ..frames.frame_files import read_frame, write_frame
 from ..frames.particle_files import is_point_cloud, require_format, require_point_cloud, write_columns, write_las
+from ..frames.run_terrain import run_terrain
 from ..maps.averaging.sampling import require_cells_within
-from ..maps.export.export_inputs import run_terrain
-from ..maps.export.export_request import FrameSource
 from ..system import operating_system
 from ..system.errors import InputError, OutputError
+from ..system.memory import memory_lack
 from ..system.messages import log
-from ..system.operating_system import memory_lack
 from ..system.whole_files import refuse_existing
 from .columns_to_points import columns_to_points
 from .conversion_account import account_of_columns, account_of_points

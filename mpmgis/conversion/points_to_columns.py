@@ -9,7 +9,8 @@ from ..laws.quantities import GRAVITY
 from ..system.errors import InputError
 from .conserved_sums import NOTHING, Sums, sums_of
 from .conversion_options import LAY, REFUSE, ColumnOptions
-from .point_groups import Ground, Groups, PointsOverGround, cells_of, grouped, slope_cosine
+from .ground_below import Ground, slope_cosine
+from .point_groups import Groups, PointsOverGround, cells_of, grouped
 
 GAP_CELLS = 2.0  # cells of the 3D code that a column may be clear of the bed
 WIDEST_SLICE = 1.5  # largest number of spacings that a single point can represent

@@ -10,13 +10,13 @@ from .. import __version__
 from ..exchange.declarations import SUFFIX, Declarations, axis_matrix, write_sidecar
 from ..exchange.writers.start_files import SolverFiles, write_terrain
 from ..exchange.writers.writer_list import SOLVER_FILES
-from ..maps.export.export_inputs import refuse_within, run_terrain
+from ..frames.run_terrain import refuse_within, run_terrain
 from ..scene.material_file import EXAMPLE, GivenMaterial, read_material
 from ..seeding.seeded_file import seed_frame
 from ..system import operating_system
 from ..system.errors import InputError, OutputError
+from ..system.memory import memory_lack
 from ..system.messages import log
-from ..system.operating_system import memory_lack
 from ..system.whole_files import refuse_existing, whole_folder
 from .columns_to_points import columns_to_points
 from .conversion_account import account_of_points

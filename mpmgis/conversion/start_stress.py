@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .point_groups import Ground
+from .ground_below import Ground
 
 STEEPEST = 1.0  # [1] largest shear stress over normal stress at the start, where neither bed nor material limits it
 USED = 0.9  # largest share of a material's strength that is mobilised at the start, where equilibrium allows it

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from ..system.errors import FormatError, InputError, one_line
+from ..system.trusted_files import require_file
 from ..system.whole_files import whole_file
-from ..system.zip_archives import require_file
 from ..terrain.georeference import LOCAL, crs_of_text, parse_crs
 
 EAST, NORTH, UP = np.eye(3)
@@ -26,6 +26,16 @@ NAMES = (  # quantities of mpmgis for --columns
 VECTORS = {"position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz")}  # for columns of three components
 POSSIBLE = {"density": (0.1, 1e5, "kg m-3"), "particle volume": (1e-18, 1e9, "m3")}
 COMPONENTS = ("x", "y", "z")
+FORMAT, FORMAT_VERSION = "mpmgis-georeference", 1
+SUFFIX = "georef.json"
+KEYS = {  # key of the sidecar -> field of Declarations
+    "crs": "crs", "origin": "origin", "axes": "axes", "dem": "dem", "density": "density",
+    "particle_volume": "particle_volume", "columns": "columns", "times": "times", "dt": "time_step",
+    "fps": "frames_per_second",
+}  # fmt: skip
+OF_TIME = ("times", "dt", "fps")
+LARGEST = 10_000_000  # [bytes]
+_SERIES = re.compile(r"(.*?)[-_.]?f?\d+(\.\d+)?", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -143,18 +153,6 @@ def axis_matrix(axes):
             "example e,n,u or e,u,-n (y up)"
         )
     return matrix
-
-
-FORMAT, FORMAT_VERSION = "mpmgis-georeference", 1
-SUFFIX = "georef.json"
-KEYS = {  # key of the sidecar -> field of Declarations
-    "crs": "crs", "origin": "origin", "axes": "axes", "dem": "dem", "density": "density",
-    "particle_volume": "particle_volume", "columns": "columns", "times": "times", "dt": "time_step",
-    "fps": "frames_per_second",
-}  # fmt: skip
-OF_TIME = ("times", "dt", "fps")
-LARGEST = 10_000_000  # [bytes]
-_SERIES = re.compile(r"(.*?)[-_.]?f?\d+(\.\d+)?", re.DOTALL)
 
 
 def sidecar_path(path):

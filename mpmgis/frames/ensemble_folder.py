@@ -3,99 +3,24 @@
 Results of the members of an ensemble: values of the varied keys, figures, and the raster of each.
 """
 
-import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import rasterio
 
-from ..scene.json_schema import toml_value
+from ..scene.scene_text import toml_value
+from ..system.csv_rows import write_records
+from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, OutputError, one_line
-from ..system.folder_lock import LOCK_FILE, one_of, refuse_links, remove, sole_writer, within
+from ..system.folder_lock import LOCK_FILE, sole_writer
+from ..system.links import one_of, refuse_links, remove, within
+from ..system.trusted_files import require_file
 from ..system.whole_files import output_error, refuse_other, whole_file
-from ..system.zip_archives import require_file, require_undisguised
-from ..terrain.grid import Grid
-from ..terrain.hydrograph_file import write_records
-from ..terrain.raster_input import band_values, grid_of, open_raster
 from ..terrain.raster_output import BLOCK
 from .run_folder import versions
-
-
-@dataclass(frozen=True)
-class Members:
-    """Members of an ensemble in the order of their numbers.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the ensemble.
-    rows : tuple of dict
-        Column -> text, of `members.csv`.
-    """
-
-    folder: Path
-    rows: tuple
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def values(self, keys) -> np.ndarray:
-        """float64[n, len(keys)]: values of varied keys."""
-        return np.array([[float(row[key]) for key in keys] for row in self.rows]).reshape(len(self), len(keys))
-
-    def figure(self, name: str) -> np.ndarray:
-        """float64[n]: a figure by its column, NaN where it is missing."""
-        return np.array([float(row[name] or "nan") for row in self.rows])
-
-    @property
-    def finished(self) -> np.ndarray:
-        """bool[n]."""
-        return np.array([row["status"] == "finished" for row in self.rows])
-
-    def raster(self, k: int) -> Path:
-        """Path of the maxima of member `k`, from 0."""
-        return member_files(self.folder / MEMBERS, self.rows[k]["digest"])[1]
-
-    def deposit(self, k: int) -> Path:
-        """Path of the deposit of member `k`, from 0."""
-        return deposit_file(self.folder / MEMBERS, self.rows[k]["digest"])
-
-    def band(self, k: int, name: str) -> np.ndarray:
-        """float64[rows, columns] of member `k`, NaN without flow."""
-        return read_band(self.raster(k), name)
-
-    def grid(self) -> Grid:
-        """Grid of the rasters of all members."""
-        path = self.raster(int(np.argmax(self.finished)))
-        with open_raster(path) as source:
-            return grid_of(source, path)
-
-
-def read_band(path: Path, name: str) -> np.ndarray:
-    """float64[rows, columns] of the band `name` of a raster of this program, NaN without a value."""
-    with open_raster(path) as source:
-        names = [text.split(" [")[0] for text in source.descriptions]
-        return band_values(source, path, names.index(name) + 1, may_be_empty=True)
-
-
-def read_members(folder: Path) -> Members:
-    """The Members of the ensemble in `folder`.
-
-    Raises
-    ------
-    FormatError
-    """
-    path = Path(folder) / TABLE_FILE
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            return Members(Path(folder), tuple(csv.DictReader(file)))
-    except (OSError, UnicodeDecodeError) as error:
-        raise FormatError(f"{path} cannot be read ({one_line(error)}); expected the members of an ensemble") from error
-
 
 PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS = "plan.toml", "ensemble.json", "members.csv", "members", "maps"
 STACK_BYTES = 64_000_000  # of members' values in memory at a time, all threads together

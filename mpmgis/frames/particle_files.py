@@ -17,8 +17,8 @@ from .. import __version__
 from ..system.errors import InputError, OutputError, one_line
 from ..system.optional_libraries import GEOPACKAGE, needed_for
 from ..system.whole_files import whole_file
-from ..terrain.hydrograph_file import append_rows
 from .frame_files import write_frame_slabs
+from .load_table import append_rows
 from .particles import Frame
 
 SUFFIX = ".las"

@@ -10,6 +10,12 @@ from ..system.errors import FormatError
 from .state_check import LEFT_STATE, StateCheck
 from .watched_features import EAST, NORTH, STATE, TAKEN, TIME, block_marks, marks_reached
 
+GAIN_STOP = 0.1  # largest accepted gain of energy since the last look, over kinetic energy and work
+REST_SHARE = 0.01  # of the largest kinetic energy so far, below which a flow is at rest; smallest reference for gains
+REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the smallest reference for gains
+EDGE_NAMES = ("west", "south", "east", "north", "nodata")
+NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
+
 
 class Flow(NamedTuple):
     """Arrays float64[n], one entry per column or point."""
@@ -28,11 +34,6 @@ class Flow(NamedTuple):
     def take(self, index):
         """The entries that `index` (bool, int or slice) picks."""
         return Flow(*(values[index] for values in self))
-
-
-GAIN_STOP = 0.1  # largest accepted gain of energy since the last look, over kinetic energy and work
-REST_SHARE = 0.01  # of the largest kinetic energy so far, below which a flow is at rest; smallest reference for gains
-REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the smallest reference for gains
 
 
 class EnergyLook(NamedTuple):
@@ -71,10 +72,6 @@ def least_kinetic(peak, mass, gravity, cell_size):
     Rounding of single precision is below a tenth of that.
     """
     return max(REST_SHARE * peak, mass * gravity * REST_LIFT * cell_size)
-
-
-EDGE_NAMES = ("west", "south", "east", "north", "nodata")
-NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
 
 
 class ParticleStore:

@@ -12,13 +12,26 @@ import rasterio
 
 from ..laws.quantities import BAND, MEMBER_BANDS, NODATA, Quantity
 from ..system.errors import FormatError, OutputError, one_line
-from ..system.folder_lock import LOCK_FILE, one_of, refuse_links, sole_writer, within
+from ..system.folder_lock import LOCK_FILE, sole_writer
+from ..system.links import one_of, refuse_links, within
 from ..system.optional_libraries import GEOPACKAGE
 from ..system.whole_files import output_error, refuse_other, whole_file
-from ..terrain.raster_output import BLOCK, LAYOUT, NAMESPACE, band_metadata, dataset_metadata, tag
+from ..terrain.raster_metadata import band_metadata, dataset_metadata
+from ..terrain.raster_output import BLOCK, LAYOUT, NAMESPACE, tag
 from .run_folder import versions
 
 LAYER, FOOTPRINTS = "areas", "footprints"
+TILE = 4 * BLOCK  # [pixels] along a side; memory follows it, not the DTM
+LARGEST = ("h_max", "Ut_max", "p_max")
+COUNTS = (
+    Quantity("areas", "1", "number of release areas whose flow reaches the cell"),
+    Quantity("deepest_area", "1", "number of the release area with the largest depth; of equal ones the smallest"),
+)
+CHANCES = (
+    Quantity("frequency", "a-1", "events a year that reach the cell: sum of the areas' frequencies"),
+    Quantity("probability", "1", "of at least one event in a year: 1 - exp(-frequency), independent events"),
+)
+RECORD_FILE, AREAS_FILE, RUNS, MAPS = "region.json", "areas.gpkg", "runs", "maps"
 
 
 def write_footprint_layer(path, shapes, columns, crs):
@@ -34,18 +47,6 @@ def write_layer(path, layer, shapes, columns, crs):
     with whole_file(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
         table.to_file(part, layer=layer, driver="GPKG", engine="pyogrio", dataset_options=GEOPACKAGE)
-
-
-TILE = 4 * BLOCK  # [pixels] along a side; memory follows it, not the DTM
-LARGEST = ("h_max", "Ut_max", "p_max")
-COUNTS = (
-    Quantity("areas", "1", "number of release areas whose flow reaches the cell"),
-    Quantity("deepest_area", "1", "number of the release area with the largest depth; of equal ones the smallest"),
-)
-CHANCES = (
-    Quantity("frequency", "a-1", "events a year that reach the cell: sum of the areas' frequencies"),
-    Quantity("probability", "1", "of at least one event in a year: 1 - exp(-frequency), independent events"),
-)
 
 
 class AreaRaster(NamedTuple):
@@ -153,9 +154,6 @@ def _values(area, place):
         read[read == np.float32(source.nodata)] = np.nan
     cells = slice(top - place[0], bottom - place[0]), slice(left - place[2], right - place[2])
     return cells, dict(zip(LARGEST, read, strict=True))
-
-
-RECORD_FILE, AREAS_FILE, RUNS, MAPS = "region.json", "areas.gpkg", "runs", "maps"
 
 
 class RegionFolder:

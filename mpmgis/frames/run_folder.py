@@ -12,10 +12,12 @@ import rasterio
 from .. import __version__
 from ..system import operating_system
 from ..system.errors import FormatError, OutputError, one_line
-from ..system.folder_lock import LOCK_FILE, new_token, one_of, refuse_links, remove, require_free, sole_writer, status
+from ..system.folder_lock import LOCK_FILE, sole_writer
+from ..system.links import one_of, refuse_links, remove, require_free, status
 from ..system.whole_files import MARK, is_left_over, output_error, refuse_existing, whole_file
+from ..system.writer_process import new_token
 from ..terrain.raster_input import file_sha256
-from .frame_contents import require_restartable, result_after, stored
+from .frame_digest import require_restartable, result_after, stored
 from .frame_files import FRAMES_WITH_STATE, content_digest, drop_state, read_frame, set_digest, write_frame
 from .run_maps import assign_maps, map_files, move_maps, refuse_other_maps, remove_maps
 

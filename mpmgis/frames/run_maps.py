@@ -9,7 +9,7 @@ import rasterio
 
 from ..system import operating_system
 from ..system.errors import OutputError
-from ..system.folder_lock import refuse_links
+from ..system.links import refuse_links
 from ..system.whole_files import output_error, whole_file
 from ..terrain.raster_output import NAMESPACE
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 NODATA = -9999.0
 GRAVITY = 9.81  # [m s-2], the one constant
+MEMBER_BANDS = ("h_max", "Ut_max", "p_max", "t_arrival")  # of the raster of one run of an ensemble or a region
 
 
 class Quantity(NamedTuple):
@@ -70,5 +71,3 @@ BAND = _table(
     ("bed_new", "m", "elevation of the bed after erosion", "float32"),
     ("t_arrival", "s", "first time with depth at least min_depth", "float32"),
 )
-
-MEMBER_BANDS = ("h_max", "Ut_max", "p_max", "t_arrival")  # of the raster of one run of an ensemble or a region

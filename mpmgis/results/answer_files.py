@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from ..system.errors import InputError, OutputError
-from ..system.folder_lock import is_above
+from ..system.links import is_above
 from ..system.whole_files import refuse_existing, whole_folder
 from .opened_results import result_name
 

@@ -21,6 +21,19 @@ IMPULSE, OVERTOPPED = "normal impulse [N s]", "overtopped mass [kg]"
 MOMENTS = ("mean moment east [N m]", "mean moment north [N m]", "mean moment up [N m]")
 LEVEL_SHARE = 0.5  # of the height of a wall that the ground of its run-up may be above or below the wall's
 EAST, NORTH = "impulse east [N s]", "impulse north [N s]"
+BANDS = ("h", "Ut_E", "Ut_N", "Ut")
+FIELDS = {  # attribute: unit, meaning; each has its time in <attribute>_t, but the height
+    "flow_depth": ("m", "largest flow depth at the outline"),
+    "flow_speed": ("m s-1", "largest speed along the slope at the outline"),
+    "flow_press": ("Pa", "largest pressure at the foot: C_d rho v^2 / 2 + rho g h"),
+    "flow_fwidth": ("N m-1", "largest force per width of a piece of outline"),
+    "flow_force": ("N", "largest force on the outline that faces the flow"),
+    "flow_moment": ("N m", "largest moment of that force about the foot"),
+    "flow_height": ("m", "height of the resultant over the foot at the time of the largest force"),
+}
+TIMED = tuple(name for name in FIELDS if name != "flow_height")
+DIRECTIONS = 72  # tried for a flow at rest, which presses on all sides
+STILL = 1e-9  # of the speed of the pieces: a smaller mean velocity has no direction
 
 
 @dataclass(frozen=True)
@@ -156,21 +169,6 @@ def missed_crest(history: BarrierHistory, run_up: RunUp | None) -> str:
         "its run-up and freeboard are too favourable: mass passed over it, but no frame has a surface above its crest; "
         "use a smaller frame_interval, or smaller cells"
     )
-
-
-BANDS = ("h", "Ut_E", "Ut_N", "Ut")
-FIELDS = {  # attribute: unit, meaning; each has its time in <attribute>_t, but the height
-    "flow_depth": ("m", "largest flow depth at the outline"),
-    "flow_speed": ("m s-1", "largest speed along the slope at the outline"),
-    "flow_press": ("Pa", "largest pressure at the foot: C_d rho v^2 / 2 + rho g h"),
-    "flow_fwidth": ("N m-1", "largest force per width of a piece of outline"),
-    "flow_force": ("N", "largest force on the outline that faces the flow"),
-    "flow_moment": ("N m", "largest moment of that force about the foot"),
-    "flow_height": ("m", "height of the resultant over the foot at the time of the largest force"),
-}
-TIMED = tuple(name for name in FIELDS if name != "flow_height")
-DIRECTIONS = 72  # tried for a flow at rest, which presses on all sides
-STILL = 1e-9  # of the speed of the pieces: a smaller mean velocity has no direction
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from ..frames.run_terrain import terrain_of_rasters
 from ..laws.quantities import Quantity
-from ..maps.export.export_inputs import terrain_of_rasters
 from ..system.errors import InputError
 from ..system.messages import log
 from ..terrain.elevation import Terrain
 from . import comparison, flow_line
 from .answer_files import checked_output, write_answer
-from .comparison import outline_distances
 from .comparison_figures import BandFacts, Comparison
 from .comparison_files import MapSide, write_classes, write_classes_style, write_comparison_map, write_table
 from .comparison_sides import PLAIN, Reading, footprints_of, log_if_empty, open_side, require_useful_options, sides_of
+from .outline_distance import outline_distances
 from .runout_answer import given_line
 
 FILES = ("map.png", "table.csv", "classes.tif", "classes.qml")

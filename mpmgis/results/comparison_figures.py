@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .comparison import Difference, OutlineDistances, Overlap
+from .comparison import Difference, Overlap
 from .flow_line import Runout
+from .outline_distance import OutlineDistances
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ from ..maps.export.run_picture import (
 )
 from ..maps.qgis.raster_styles import style_document
 from ..maps.qgis.xml_markup import node
+from ..system.csv_rows import write_records
 from ..system.whole_files import whole_file
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
-from ..terrain.hydrograph_file import write_records
 from ..terrain.raster_output import write_geotiff
 from .comparison import nearest, upright
 from .comparison_figures import Comparison
@@ -32,6 +32,11 @@ from .flow_line import Runout, up_to
 
 HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
 CLASSES = {1: "only A", 2: "only B", 3: "both"}
+ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # distinct for colour-blind readers and in grey
+OPACITY = 0.8
+LINE_COLOUR = "#101010"
+SQUARE_METRES_PER_HECTARE = 1e4
+LEGEND_LETTERS = 30  # per line
 
 
 def write_table(path: Path, found: Comparison) -> None:
@@ -72,13 +77,6 @@ def write_classes(path: Path, grid: Grid, first: np.ndarray, second: np.ndarray,
         bands.append((Quantity(f"{band.name}_A_minus_B", band.unit, ""), values[0] - values[1]))
     on_flat = [(quantity, nearest(value, grid, flat)) for quantity, value in bands]
     write_geotiff(path, flat, on_flat, {"class": meaning})
-
-
-ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # distinct for colour-blind readers and in grey
-OPACITY = 0.8
-LINE_COLOUR = "#101010"
-SQUARE_METRES_PER_HECTARE = 1e4
-LEGEND_LETTERS = 30  # per line
 
 
 def write_classes_style(path):

@@ -25,6 +25,8 @@ _LINE_PIECES = 40
 _PIECE_CELLS = 8  # shortest piece of the centre line, in cells
 _SMALLEST_PART = 0.1  # of the largest part; smaller separate parts are ignored as splashes
 _HIGHEST_SHARE = 0.01  # of the drop height: cells within it are the highest
+BANDS = 6
+SIDES = ("left", "right")
 
 
 class Runout(NamedTuple):
@@ -253,10 +255,6 @@ def _through_bands(start, places, distance, weight, cell_size):
     line = np.vstack([start, centres])
     apart = np.r_[True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-9 * cell_size]
     return line[apart] if np.count_nonzero(apart) > 1 else None
-
-
-BANDS = 6
-SIDES = ("left", "right")
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from ..system.parallel import frame_pool
 from ..terrain.observations import read_line
 from .answer_files import answer_output, write_answer
 from .opened_results import open_flow
-from .runout_plots import write_hydrograph_plot, write_hydrograph_table
 from .section_flux import (
     RASTER_BANDS,
     Balance,
@@ -28,6 +27,7 @@ from .section_flux import (
     section_state,
     trapezoids,
 )
+from .series_plots import write_hydrograph_plot, write_hydrograph_table
 
 PLOT_FILE, TABLE_FILE = "hydrograph.png", "hydrograph.csv"
 WORD = "hydrograph"

@@ -16,7 +16,7 @@ from .flow_line import vertex_distances
 from .opened_results import open_flow
 from .profiles import PROFILE_PRODUCTS, ProfileFound, free_surface
 from .runout_figures import line_profile
-from .runout_plots import write_profile_plot, write_rows
+from .series_plots import write_profile_plot, write_rows
 
 PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
 WORD = "profile"

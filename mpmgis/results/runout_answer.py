@@ -27,6 +27,13 @@ from .runout_figures import (
 )
 from .runout_plots import write_figures, write_over_time, write_profile, write_runout_plot
 
+PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
+FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
+WORD = "runout"
+CENTRE_LINE = "centre line of the flow"
+STRAIGHT_OVER_ALONG = 1.5  # a toe as far from the line as along it gives 1.41
+_MARGIN = 0.08  # of the profile beyond both ends, over the runout
+
 
 def given_line(path, flowed, grid, terrain):
     """float64[n, 2] [m]: the line in the file `path`, from its upper end.
@@ -54,14 +61,6 @@ def given_line(path, flowed, grid, terrain):
             log.info(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is reversed")
             return line[::-1]
     return line
-
-
-PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
-FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
-WORD = "runout"
-CENTRE_LINE = "centre line of the flow"
-STRAIGHT_OVER_ALONG = 1.5  # a toe as far from the line as along it gives 1.41
-_MARGIN = 0.08  # of the profile beyond both ends, over the runout
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,14 @@ from ..terrain.grid import Grid
 from .flow_line import places_along, positions_along, vertex_distances
 
 QUANTILES = (0.01, 0.5, 0.99)  # of the mass along the line
+TIME_COLUMNS = (
+    ("time", "s"), ("mass", "kg"), ("centre_E", "m"), ("centre_N", "m"), ("centre_elevation", "m"),
+    ("centre_along", "m"), ("along_1_percent", "m"), ("along_50_percent", "m"), ("along_99_percent", "m"),
+)  # fmt: skip
+ENERGY_LINE_COLUMNS = (
+    ("along", "m"), ("ground_length", "m"), ("E", "m"), ("N", "m"), ("elevation", "m"), ("energy_line", "m"),
+    ("h_max", "m"), ("h_deposit", "m"),
+)  # fmt: skip
 
 
 class Place(NamedTuple):
@@ -197,16 +205,6 @@ def quantiles(along: np.ndarray, weight: np.ndarray, shares: tuple = QUANTILES) 
     below = np.cumsum(weight[order])
     wanted = np.asarray(shares) * below[-1] * (1 - 1e-12)
     return np.asarray(along, float)[order][np.searchsorted(below, wanted)]
-
-
-TIME_COLUMNS = (
-    ("time", "s"), ("mass", "kg"), ("centre_E", "m"), ("centre_N", "m"), ("centre_elevation", "m"),
-    ("centre_along", "m"), ("along_1_percent", "m"), ("along_50_percent", "m"), ("along_99_percent", "m"),
-)  # fmt: skip
-ENERGY_LINE_COLUMNS = (
-    ("along", "m"), ("ground_length", "m"), ("E", "m"), ("N", "m"), ("elevation", "m"), ("energy_line", "m"),
-    ("h_max", "m"), ("h_deposit", "m"),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ..terrain.observations import read_points
 from .answer_files import answer_output, write_answer
 from .opened_results import FrameFlow, open_flow, require_on_grid
 from .profiles import SERIES_PRODUCTS, SeriesFound
-from .runout_plots import write_rows, write_series_plot
+from .series_plots import write_rows, write_series_plot
 
 PLOT_FILE, TABLE_FILE = "timeseries.png", "timeseries.csv"
 WORD = "timeseries"

@@ -13,8 +13,8 @@ from .answer_files import answer_output, write_answer
 from .opened_results import open_frames, require_on_grid
 from .profile_answer import chosen_steps
 from .profiles import MOST_LAYERS, VerticalFound, corners_of, usual_sizes, vertical_profiles
-from .runout_plots import write_loads, write_profiles, write_vertical_plot
 from .timeseries_answer import given_points
+from .vertical_plots import write_loads, write_profiles, write_vertical_plot
 
 PLOT_FILE, PROFILE_FILE, LOAD_FILE = "vertical.png", "vertical.csv", "loads.csv"
 WORD = "vertical"

@@ -1,11 +1,13 @@
 """The scene: tables, checks, text, and the effects that it requires."""
 
-from .decided_effects import catalogue, resolve
+from .decided_effects import resolve
 from .decisions import Decision, TerrainFacts
-from .json_schema import json_schema, scene_text, template
-from .material_file import read_scene, scene_from_tables
+from .effect_catalogue import catalogue
+from .json_schema import json_schema
 from .resistance_effects import mu_least
 from .scene import Scene
+from .scene_reading import read_scene, scene_from_tables
+from .scene_text import scene_text, template
 
 __all__ = [
     "Decision",

@@ -6,95 +6,14 @@ It holds what can be said of one key or one law: kinds, ranges, choices, unknown
 tables decide together (`checks`) is left to the program.
 """
 
-import json
 from dataclasses import MISSING, fields
 from typing import Any
 
 from ..laws import friction
 from . import material_table
-from .material_file import REQUIRED, SOLVERS
-from .material_table import CONTACTS
-from .stage_checks import ONLY, UNTIL
+from .scene_reading import REQUIRED, SOLVERS
+from .stage_checks import UNTIL
 from .tables import LISTED, TABLES
-
-_SHOWN_TABLES = ("terrain", "release", "friction", "numerics", "output")
-_SHOWN = ("source", "thickness", "cell_size")  # optional keys that the template shows in use
-_EXAMPLES = {
-    "mu": 0.2, "xi": 1000.0, "erosion_energy": 5000.0,
-    "bulk_modulus": 6.7e6, "shear_modulus": 4e6, "friction_angle": 40.0, "cohesion": 1000.0,
-}  # fmt: skip
-
-
-def toml_value(value):
-    """`value` as TOML writes it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {toml_value(part)}" for key, part in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(toml_value, value)) + "]"
-    return repr(value)
-
-
-def scene_text(scene, note=""):
-    """The scene as TOML text that `read_scene` reads back to the same scene."""
-    lines = [f"# {note}"] if note else []
-    for name, values in scene.as_tables().items():
-        if name not in TABLES:
-            lines.append(f"{name} = {toml_value(values)}")
-            continue
-        for table in values if name in LISTED else [values]:
-            lines += ["", _heading(name)] + [f"{key} = {toml_value(value)}" for key, value in table.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _heading(name):
-    return f"[[{name}]]" if name in LISTED else f"[{name}]"
-
-
-def template():
-    """A commented scene made from the tables; lines with a leading # are optional and show their default."""
-    lines = [
-        "# A scene for `mpmgis run`. Paths are relative to this file; SI units. Lines with # are optional.",
-        "",
-        'solver = "columns"  # depth-averaged; "points": 3D; not with [[stage]], where each stage has its own',
-    ]
-    for name, kind in TABLES.items():
-        shown = name in _SHOWN_TABLES
-        only = f" With solver = {ONLY[name][0]!r}." if name in ONLY else ""
-        lines += ["", f"# {kind.__doc__.strip()}{only}", f"{'' if shown else '# '}{_heading(name)}"]
-        for f in fields(kind):
-            if "kind" in f.metadata:
-                lines.append(_template_line(f, shown))
-            elif "by_place" in f.metadata:
-                lines.append(f"{'# ' + f.metadata['by_place']:<34} # parameters of the law: number, column or raster")
-            elif "parameters_of" in f.metadata:
-                law = next(f for f in fields(kind) if f.name == "law").metadata["example"]
-                lines += _template_parameters(f.metadata["parameters_of"], law, shown)
-    return "\n".join(lines) + "\n"
-
-
-def _template_line(f, shown):
-    value = f.metadata["example"] if f.default in (MISSING, None) else f.default
-    optional = "" if shown and (f.default is MISSING or f.name in _SHOWN) else "# "
-    choices = f" ({' | '.join(map(str, f.metadata['choices']))})" if f.metadata["choices"] else ""
-    return f"{optional + f.name + ' = ' + toml_value(value):<34} # {f.metadata['doc']}{choices}"
-
-
-def _template_parameters(laws, example, shown):
-    """The parameters of the `example` law, then a line for each law."""
-    for name, (unit, doc, *_) in laws[example][1].items():
-        yield f"{('' if shown else '# ') + name + ' = ' + toml_value(_EXAMPLES[name]):<34} # [{unit}] {doc}"
-    for law, (_, parameters) in laws.items():
-        yield f"# law = {law!r} takes {', '.join(parameters)}"
-    if laws is friction.LAWS:
-        for name, (parameter, (unit, doc, *_)) in friction.IN_PLACE_OF.items():
-            value = toml_value(round(friction.turbulent_coefficient(_EXAMPLES[parameter]), 5))
-            yield f"{'# ' + name + ' = ' + value:<34} # [{unit}] {doc}; in place of {parameter}"
-        yield f"# with solver = 'points': {', '.join(CONTACTS)}"
-
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 OWN_LAW = r"\.py:[A-Za-z_][A-Za-z0-9_]*$"

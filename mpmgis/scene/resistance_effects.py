@@ -3,69 +3,14 @@
 An estimate to judge effects by, never a result: no pressure, no spreading, the thickness of the release all the way.
 """
 
-import itertools
-from math import exp, sqrt
+from math import sqrt
 
 from ..laws import friction, internal_stress
 from ..laws.bed_contact import CoulombContact, VoellmyContact
-from ..laws.friction import Frictionless
 from ..laws.quantities import GRAVITY
 from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for
+from .mass_point import change, runout
 from .point_effects import mu_least_of_points
-
-MOST_SPANS = 4.0  # times the profile's length that a point is followed, on flat ground beyond its end
-PIECES = 400  # of the profile, at least
-
-
-def runout(facts, friction=None, cohesion=0.0):
-    """Horizontal distance [m] at which a point comes to rest; None if it never does or never starts.
-
-    dU^2 / 2 ds = g sin - tau / (rho h_n) along `facts.profile`, with the stress of `friction` and of `cohesion` [Pa].
-    For Coulomb friction this is D / mu (Heim 1932).
-    """
-    if len(facts.profile) < 2 or facts.release_thickness <= 0.0:
-        return None
-    friction = Frictionless() if friction is None else friction
-    energy, distance = facts.start_speed**2, 0.0  # U^2 [m2 s-2]
-    for length, fall in _pieces(facts.profile):
-        slope = fall / length
-        cosine = 1.0 / sqrt(1.0 + slope * slope)
-        after = _after(energy, length / cosine, slope * cosine, cosine, facts, friction, cohesion)
-        if after <= 0.0 and energy > 0.0:
-            return distance + length * energy / max(energy - after, 1e-300)
-        energy = max(after, 0.0)
-        distance += length
-    return None
-
-
-def _pieces(profile):
-    """(horizontal length, fall) [m] of short pieces of the profile, then flat ground."""
-    whole = profile[-1][0] - profile[0][0]
-    longest = whole / PIECES
-    for (start, high), (end, low) in itertools.pairwise(profile):
-        count = max(1, int((end - start) / longest))
-        yield from [((end - start) / count, (high - low) / count)] * count
-    yield from [(longest, 0.0)] * int(MOST_SPANS * PIECES)
-
-
-def _after(energy, length, sine, cosine, facts, friction, cohesion):
-    """U^2 after `length` [m] along the ground; exact where drag is quadratic. Negative: at rest before its end."""
-    speed, depth = sqrt(energy), facts.release_thickness * cosine
-    load = facts.density * depth * GRAVITY * cosine
-    per_mass = 1.0 / (facts.density * depth)
-    dry = friction.dry_stress(facts.density, GRAVITY, load, depth, speed) + cohesion
-    viscous = friction.viscous_coefficient(facts.density, GRAVITY, load, depth, speed)
-    drive = GRAVITY * sine - (dry + viscous * speed) * per_mass
-    drag = friction.drag_coefficient(GRAVITY, depth, speed) / depth
-    if drag == 0.0:
-        return energy + 2.0 * length * drive
-    return drive / drag + (energy - drive / drag) * exp(-2.0 * drag * length)
-
-
-def change(reference, other):
-    """Relative change [1] from runout `reference` to `other`; None where one of them is not known."""
-    return None if not reference or other is None else other / reference - 1.0
-
 
 # An effect that is left out must change runout and footprint by less than 5 % (tests/laws/test_auto_long.py). On the
 # sample site cohesion of 1.8 % of the load changes the footprint by 9 %, earth pressure at 0.046 by 6 %, because a flow

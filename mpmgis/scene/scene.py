@@ -9,7 +9,7 @@ from pathlib import Path
 from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, OwnLaws
 from . import material_table
-from .stage_checks import ONLY
+from .solver_checks import ONLY
 from .tables import (
     LISTED,
     TABLES,

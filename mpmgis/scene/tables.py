@@ -11,6 +11,10 @@ from . import material_table
 USE = ("auto", "on", "off")
 THICKEST, FASTEST = 1e4, 1e3  # [m], [m s-1] of a release; more is a slip of the pen
 HIGHEST_WALL = 1000.0  # [m] of a barrier above the ground, three times the highest dam; memory in 3D grows with it
+DENSITY = 1000.0  # [kg m-3], default
+CPU, CUDA, AUTO = DEVICES = ("cpu", "cuda", "auto")  # where steps are computed
+WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of polygons
+LISTED = ("secondary_release", "zones", "forest", "barrier", "stage")  # tables of which there can be several: [[name]]
 
 
 def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, above=False, example=None, file=False,
@@ -43,9 +47,6 @@ class TerrainTable:
     fill_nodata: str | None = _key("holes inside the DTM: interpolated from the ground around them; default: flow "
                                    "into one leaves the terrain", None, kind=str, choices=("interpolate",),
                                    example="interpolate")  # fmt: skip
-
-
-DENSITY = 1000.0  # [kg m-3], default
 
 
 @dataclass(frozen=True)
@@ -301,9 +302,6 @@ class StillWaterTable:
     use: str = _key("auto and on: used; off: not used", "auto", str, choices=USE)
 
 
-CPU, CUDA, AUTO = DEVICES = ("cpu", "cuda", "auto")  # where steps are computed
-
-
 @dataclass(frozen=True)
 class NumericsTable:
     """Numerical parameters."""
@@ -357,9 +355,6 @@ class OutputTable:
                                      None, kind=bool, example=True)  # fmt: skip
 
 
-WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of polygons
-
-
 @dataclass(frozen=True)
 class StageTable:
     """A part of the run in time, by one solver; the next stage continues from its end."""
@@ -396,4 +391,3 @@ TABLES = {
     "still_water": StillWaterTable, "entrainment": EntrainmentTable, "forest": ForestTable,
     "barrier": BarrierTable, "numerics": NumericsTable, "output": OutputTable, "stage": StageTable,
 }  # fmt: skip
-LISTED = ("secondary_release", "zones", "forest", "barrier", "stage")  # tables of which there can be several: [[name]]

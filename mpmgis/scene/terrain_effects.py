@@ -5,52 +5,13 @@ Decision on forest and checks of its tables.
 
 from dataclasses import replace
 
-from ..laws import barrier, curvature, entrainment, forest, friction, ground_metric
-from ..system.errors import SceneError
+from ..laws import barrier, curvature, entrainment, friction, ground_metric
 from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for, use_of
-from .table_values import is_number
-
-LIMITS = ("detrainment_speed", "detrainment_thickness")
-DOES = ("detrainment", "drag", "friction")  # keys of [[forest]] of which one at least acts
-
-
-def decide_forest(scene, facts, slots):
-    """Forest acts where the scene names it: it lowers the hazard, so that no number switches it on."""
-    used = [table for table in scene.forest if table.use != "off"]
-    if not scene.forest:
-        return not_called_for("forest", "no [[forest]] in the scene")
-    if not used or facts.forest_areas is None:
-        return as_asked("forest", "off", "")
-    slots["forest"] = forest.Forest()
-    area, in_reach = (f"{hectares / 1e4:.3g} ha" for hectares in facts.forest_areas)
-    forced = all(table.use == "on" for table in used)
-    return as_asked("forest", "on" if forced else "auto", f"{area} of forest, {in_reach} of it in reach of the flow")
-
-
-def check_forest(scene, where):
-    """Refuse tables of forest that do nothing, apply everywhere, or would be lost in a stage of points.
-
-    Raises
-    ------
-    SceneError
-    """
-    for number, table in enumerate(scene.forest, 1):
-        here = f"{where} [[forest]] number {number}"
-        values = [getattr(table, key) for key in (*DOES, "strength")]
-        if all(value == 0.0 for value in values[:-1]):
-            raise SceneError(f"{here}: detrainment, drag and friction are all 0; give one, or remove the table")
-        limited = any(getattr(table, key) != 0.0 for key in LIMITS)
-        if limited and table.detrainment == 0.0:
-            raise SceneError(f"{here}: {' and '.join(LIMITS)} limit detrainment, which is 0; give it, or remove them")
-        if table.source is None and all(is_number(value) for value in values):
-            raise SceneError(f"{here}: without source, numbers would apply everywhere; give source (polygons)")
-    used = any(table.use != "off" for table in scene.forest)
-    if used and "points" in scene.solvers:
-        raise SceneError(f"{where}: [[forest]] is not kept through a [[stage]] of points; remove it")
-
 
 METRIC_THRESHOLD = 0.02  # 1 / c^2 - 1: slopes above 8 degrees
 FLIGHT_THRESHOLD = 1.0  # U^2 curvature / (g cos): the bed falls away faster than the flow falls
+ZONE_THRESHOLD = 0.02  # (largest - smallest) / mean of a parameter in reach
+TABLE_OF = {"zones": "zones", "entrainment": "entrainment", "barrier": "barrier"}  # effects that a run may turn on
 
 
 def decide_metric(scene, facts, slots):
@@ -135,10 +96,6 @@ def decide_secondary_release(scene, facts, slots):
     word = "1 area" if areas == 1 else f"{areas} areas"
     reason = f"{word}, released when the flow gets there; the number is their mass over the rest's"
     return as_asked("secondary", "on" if uses == {"on"} else "auto", reason, ratio)
-
-
-ZONE_THRESHOLD = 0.02  # (largest - smallest) / mean of a parameter in reach
-TABLE_OF = {"zones": "zones", "entrainment": "entrainment", "barrier": "barrier"}  # effects that a run may turn on
 
 
 def with_effects_on(scene, effects):

@@ -12,13 +12,20 @@ import numpy as np
 from ..system.errors import InputError
 from ..terrain.release_parts import ThicknessRaster
 from . import cell_fill, column_placements, random_numbers
-from .lattice_columns import LatticeColumns, Outline, Tiling, tiling_rows
+from .lattice import Outline
+from .lattice_columns import LatticeColumns, Tiling, tiling_rows
 from .release_bed import integral
 
 _FINER = 0.71  # side of the cells that the mass is summed on, over the columns' mean spacing
 # Width of a column's displacement over its piece; jittered as far as the centroids of quads with displaced corners are.
 # Strips share no cells whose columns could be staggered: such a set lies at the centres of mass like the lattice.
 _SPREAD = {"lattice": 0.0, "staggered": 0.0, "jittered": 0.5 * cell_fill.JITTER, "halton": 1.0, "random": 1.0}
+_CHUNK = 4096  # indices of the sequence
+_CHUNKS_AT_ONCE = 256
+_MOST_TRIES = 100_000  # indices a point: a region that fills less of its bounding box is no region for this point set
+_BLOCK = 4  # sub-squares along a cell's side where spacing or count set the lattice: 4 x 4 to a cell
+_TOLERANCE = 0.01  # of a requested count
+_GOOD_ENOUGH = 0.004
 
 
 class EqualMassColumns:
@@ -107,11 +114,6 @@ def _strictly(values):
     return values + np.arange(len(values)) * (np.abs(values[-1]) * 1e-15)
 
 
-_CHUNK = 4096  # indices of the sequence
-_CHUNKS_AT_ONCE = 256
-_MOST_TRIES = 100_000  # indices a point: a region that fills less of its bounding box is no region for this point set
-
-
 class HaltonColumns:
     """Exactly `count` columns of one polygon; `counts` int64[blocks] is the number from each chunk of the sequence.
 
@@ -186,11 +188,6 @@ class HaltonColumns:
     def fill(self, first, last, scene, law, position=None, columns=None, at=0):
         """As `LatticeColumns.fill`, over chunks of the sequence."""
         return self._chunks(first, last, self.counts, self._unit_area, scene, law, position, columns, at)[:, :3]
-
-
-_BLOCK = 4  # sub-squares along a cell's side where spacing or count set the lattice: 4 x 4 to a cell
-_TOLERANCE = 0.01  # of a requested count
-_GOOD_ENOUGH = 0.004
 
 
 def column_sources(grid, release, deposits, scenes, slope, options):

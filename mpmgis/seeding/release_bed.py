@@ -9,7 +9,7 @@ from ..system.errors import InputError
 from ..terrain.elevation import bilinear
 from ..terrain.release_parts import NORMAL, ThicknessRaster
 from . import polygon_cover
-from .lattice_columns import Lattice, Outline
+from .lattice import Lattice, Outline
 
 _MARGIN = 3  # [cells] beyond the release, so that gradients under it are central
 _SAME_CELL = 1 + 1e-9

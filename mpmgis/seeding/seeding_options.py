@@ -8,12 +8,17 @@ import numpy as np
 
 from ..system.errors import InputError
 from ..system.messages import log
-from .lattice_columns import KINDS, Lattice
+from .lattice import Lattice
+from .lattice_columns import KINDS
 
 POINTS = (*KINDS, "halton")
 MASSES = ("thickness", "equal", "paper")
 REFINEMENT_LIMIT = 3.0  # largest beta
 _MOST = 4_000_000_000
+DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore
+THICKNESS = (0.01, 100.0)  # [m]
+FEWEST_COLUMNS = 50
+MOST_MU, LEAST_XI = 1.2, 10.0  # of friction: tan 50 degrees [1]; drag of a dense forest [m s-2]
 
 
 @dataclass(frozen=True)
@@ -135,12 +140,6 @@ class SeedOptions:
 def _require_choice(name, value, choices):
     if value not in choices:
         raise InputError(f"{name} {value!r} is unknown, expected {', '.join(choices)}")
-
-
-DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore
-THICKNESS = (0.01, 100.0)  # [m]
-FEWEST_COLUMNS = 50
-MOST_MU, LEAST_XI = 1.2, 10.0  # of friction: tan 50 degrees [1]; drag of a dense forest [m s-2]
 
 
 class Fixes(NamedTuple):

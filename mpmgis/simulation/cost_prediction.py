@@ -8,17 +8,22 @@ import numpy as np
 
 from ..solvers.columns.node_grid import ColumnGrid
 from ..system.errors import MpmgisError, SceneError
+from ..system.memory import available_memory, memory_lack
 from ..system.messages import log, muted
-from ..system.operating_system import available_memory, memory_lack
-from . import effect_cost
-from .effect_cost import BYTES_PER_COLUMN, BYTES_PER_GRID_NODE, MEMORY_SHARE, require_memory_for_points
+from . import run_cost
 from .mass_sources import read_sources
+from .run_cost import BYTES_PER_COLUMN, BYTES_PER_GRID_NODE, MEMORY_SHARE, require_memory_for_points
+from .stage_end import LOOK_SECONDS
 from .stepping import PACE_SECONDS, measured_pace
-from .time_integration import LOOK_SECONDS
 from .warmup import sample_of, switched_sample, warm_up
 
 FEW_NODES = 4_000_000  # of a map grid; up to this number no estimate is needed: 0.4 GB, one second
 COARSE_NODES = 250_000  # of the grid for seeding the release in the estimate
+TRIAL_FROM = 0.5  # [s] predicted for a typical machine; longer runs get a trial on this one
+TRIAL_SHARE = 0.1  # of the predicted time for a trial of each solver, at most two seconds
+TRIAL_POINTS = 30_000  # in a trial of a later stage
+LOG_FROM = 5.0  # [s] shorter predictions from a run's first steps are not logged
+LONGER = 1.1  # the longest time is also given if it exceeds the expected one by this factor
 
 
 def require_memory(stages, windowed, terrain):
@@ -77,13 +82,6 @@ def _require_particles(scene, volume, area):
         )
 
 
-TRIAL_FROM = 0.5  # [s] predicted for a typical machine; longer runs get a trial on this one
-TRIAL_SHARE = 0.1  # of the predicted time for a trial of each solver, at most two seconds
-TRIAL_POINTS = 30_000  # in a trial of a later stage
-LOG_FROM = 5.0  # [s] shorter predictions from a run's first steps are not logged
-LONGER = 1.1  # the longest time is also given if it exceeds the expected one by this factor
-
-
 class Machine(NamedTuple):
     """Times on this machine over those of a typical one: steps of each solver, all other work; and a description."""
 
@@ -116,7 +114,7 @@ def predicted(prepared, threads, trial_from=None):
     seconds, memory = predicted_cost(prepared, threads), predicted_memory(prepared)
     machine, longest = TYPICAL, predicted_cost(prepared, threads, longest=True)
     trial_from = TRIAL_FROM if trial_from is None else trial_from
-    trial = longest > trial_from and memory < effect_cost.MEMORY_SHARE * available_memory()
+    trial = longest > trial_from and memory < run_cost.MEMORY_SHARE * available_memory()
     if trial:
         warm_up(prepared)
         machine = tried(prepared, threads, seconds)
@@ -128,7 +126,7 @@ def predicted(prepared, threads, trial_from=None):
 def predicted_memory(prepared):
     """Memory [bytes] of the largest stage of a run, with the conversion between columns and points."""
     stages = range(len(prepared.stages))
-    switched = effect_cost.BYTES_PER_SWITCHED if len(stages) > 1 else 0
+    switched = run_cost.BYTES_PER_SWITCHED if len(stages) > 1 else 0
     points = [n for n in stages if prepared.stages[n].scene.solver == "points"]
     turned = max((prepared.particles_of(number) for number in points), default=0)
     return max(_steps(prepared, number, 1, 1.0)[1] for number in stages) + turned * switched
@@ -154,7 +152,7 @@ def predicted_cost(prepared, threads, machine=TYPICAL, *, longest=False, interva
     other = sum(_frames(prepared, number, lasting[number], interval) for number in stages)
     other += sum(_switch(prepared, number) for number in stages[1:])
     if interval is None:
-        other += effect_cost.SECONDS_PER_RUN + prepared.terrain.elevation.size * effect_cost.SECONDS_PER_PIXEL
+        other += run_cost.SECONDS_PER_RUN + prepared.terrain.elevation.size * run_cost.SECONDS_PER_PIXEL
     return steps + machine.other * other
 
 
@@ -194,10 +192,10 @@ def _steps(prepared, number, threads, seconds):
     nodes = (east - west) * (north - south) / numerics.cell_size**2
     elevation_bytes = prepared.terrain.elevation.nbytes
     if stage.scene.solver == "points":
-        return effect_cost.predicted_in_3d(
+        return run_cost.predicted_in_3d(
             particles, stage.effects.material, numerics, nodes, elevation_bytes, seconds, facts.speed, threads
         )
-    return effect_cost.predicted(
+    return run_cost.predicted(
         particles, facts.release_thickness, nodes, elevation_bytes, numerics.cell_size, numerics.cfl, seconds,
         facts.speed, threads,
     )  # fmt: skip
@@ -207,17 +205,17 @@ def _frames(prepared, number, seconds, interval):
     """Wall time [s] of frames of stage `number` over `seconds`, and of checks of its end conditions."""
     stage, particles = prepared.stages[number], prepared.particles_of(number)
     frames = seconds / (interval or prepared.scene.output.frame_interval) + 1
-    shown = effect_cost.seconds_of_frames(stage.scene.solver, particles, frames, interval is None)
+    shown = run_cost.seconds_of_frames(stage.scene.solver, particles, frames, interval is None)
     conditions = () if stage.table is None else stage.table.until or ()
-    return shown + effect_cost.seconds_of_looks(particles, seconds / LOOK_SECONDS, conditions)
+    return shown + run_cost.seconds_of_looks(particles, seconds / LOOK_SECONDS, conditions)
 
 
 def _switch(prepared, number):
     """Wall time [s] of the switch to stage `number`."""
     nodes = prepared.stages[number].grid.bed.size
     if prepared.stages[number].scene.solver == "points":
-        return effect_cost.seconds_to_points(prepared.particles_of(number), nodes)
-    return effect_cost.seconds_to_columns(prepared.particles_of(number - 1), nodes)
+        return run_cost.seconds_to_points(prepared.particles_of(number), nodes)
+    return run_cost.seconds_to_columns(prepared.particles_of(number - 1), nodes)
 
 
 def tried(prepared, threads, seconds, clock=perf_counter):
@@ -235,7 +233,7 @@ def tried(prepared, threads, seconds, clock=perf_counter):
         if made is not None:
             solver, points = made
             nodes = prepared.stages[later].grid.bed.size
-            other = (clock() - began) / effect_cost.seconds_to_points(points, nodes)
+            other = (clock() - began) / run_cost.seconds_to_points(points, nodes)
             _try(prepared.stages[later], solver, short, threads, steps, words)
     if other is None:
         other = next(iter(steps.values()), 1.0)
@@ -257,7 +255,7 @@ def _try(stage, solver, seconds, threads, steps, words):
     particles = solver.points if name == "points" else solver.columns
     pace = measured_pace(solver, seconds)
     if pace is not None:
-        steps[name] = effect_cost.slower_than_nominal(name, pace, particles, threads, stage.scene.numerics.precision)
+        steps[name] = run_cost.slower_than_nominal(name, pace, particles, threads, stage.scene.numerics.precision)
         words.append(_pace_words(name, pace))
 
 
@@ -302,7 +300,7 @@ class OwnPace:
             return
         pace, precision = seconds / max(particle_steps, 1), sequence.stage.scene.numerics.precision
         particles = particle_steps / steps
-        self._steps[name] = effect_cost.slower_than_nominal(name, pace, particles, self._threads, precision)
+        self._steps[name] = run_cost.slower_than_nominal(name, pace, particles, self._threads, precision)
         self._words.append(_pace_words(name, pace))
         machine = Machine(dict(self._steps), words=_measured(self._words))
         self.seconds = predicted_cost(self._prepared, self._threads, machine)

@@ -17,8 +17,8 @@ from ..system.messages import log
 from ..terrain.hydrograph_file import read_hydrograph
 from ..terrain.release_parts import VERTICAL, polygons_only
 from ..terrain.spatial_inputs import read_area
-from .effect_cost import require_memory_for_points
 from .events import Events, inlet_of, secondary_releases
+from .run_cost import require_memory_for_points
 
 _TOUCHING = 1e-6  # of the smaller area: smaller overlaps are rounding errors of a common border
 

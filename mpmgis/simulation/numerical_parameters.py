@@ -17,6 +17,7 @@ STEP = 2.0**0.5  # between two cell sizes
 COST_POWER = {"columns": 3, "points": 4}
 LEAST_FINER = 1.2  # smallest refinement of the reference
 COLUMNS_A_CELL = (4, 9, 16, 25, 36)
+CROSSED = ("cell_size", "particles_per_cell", "points_per_cell", "cfl")  # combined by --full, three values each
 
 
 class Parameter(NamedTuple):
@@ -128,7 +129,6 @@ PARAMETERS = (
     Parameter("precision", _precisions),
     Parameter("stiffness", _stiffnesses),
 )
-CROSSED = ("cell_size", "particles_per_cell", "points_per_cell", "cfl")  # combined by --full, three values each
 
 
 @dataclass(frozen=True)

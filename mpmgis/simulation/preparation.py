@@ -13,27 +13,27 @@ from ..laws.friction import LAWS
 from ..laws.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ..laws.quantities import GRAVITY
 from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
-from ..scene.material_file import check_together
+from ..scene.joint_checks import check_together
 from ..scene.tables import DENSITY
 from ..seeding.seeding_options import Fixes, report_implausible, report_implausible_friction
 from ..solvers.columns.column_solver import ColumnNumerics
 from ..solvers.columns.node_grid import ColumnGrid, require_ground
 from ..solvers.features.feature_placement import levelled
 from ..solvers.points.point_numerics import PointNumerics
+from ..system.disguised_files import require_local
 from ..system.errors import InputError, SceneError
+from ..system.memory import memory_lack
 from ..system.messages import log, logged_once
-from ..system.operating_system import memory_lack
-from ..system.zip_archives import require_local
 from ..terrain.dtm import READ_WHOLE, TerrainFile
-from ..terrain.elevation import nodata_in_reach
 from ..terrain.flow_reach import reach_facts, reach_of, release_facts, steepest_profile
+from ..terrain.nodata_groups import nodata_in_reach
 from ..terrain.release_parts import report_cliffs
 from ..terrain.spatial_inputs import with_crs_hint
 from .cost_prediction import require_memory
-from .effect_cost import MEMORY_SHARE
 from .events import Events
 from .mass_sources import read_point_start, read_sources
 from .numerical_parameters import default_courant_number
+from .run_cost import MEMORY_SHARE
 from .run_device import with_device
 from .scene_files import read_spatial_features, trial_parameters
 from .stage import Stage, read_areas, require_inflow_over

@@ -5,7 +5,7 @@ from dataclasses import replace
 from ..scene.tables import AUTO, CPU, CUDA
 from ..system.errors import SceneError
 from ..system.messages import log
-from .effect_cost import BYTES_PER_NODE
+from .run_cost import BYTES_PER_NODE
 
 # Particles from which on the device is chosen. 100 000 points took 0.56 ms per step on an H100, mostly fixed costs, and
 # 1.5 ms on 16 cores beside it (2026-11-26); but kernels for the device compile for half a minute in each run.

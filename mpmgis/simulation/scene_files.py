@@ -5,16 +5,15 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..solvers.features.feature_placement import (
-    ENTRY,
     PlacedFiles,
     erodible_mass,
-    forest_values,
     lake_levels,
     painted_zones,
     standing_walls,
     walls_of,
 )
 from ..solvers.features.features_by_place import KnownByPlace
+from ..solvers.features.forest_values import ENTRY, forest_values
 from ..system.errors import MpmgisError
 from ..terrain.raster_input import raster_files
 from ..terrain.spatial_inputs import is_raster, read_placed_raster, read_polygons, read_walls

@@ -8,23 +8,24 @@ from pathlib import Path
 import numpy as np
 
 from ..compiled.jit import set_threads
+from ..frames.load_table import BarrierTable
 from ..frames.peaks import largest_peaks
 from ..frames.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..scene import scene_text
-from ..scene.material_file import read_toml
 from ..scene.point_effects import MACH_THRESHOLD
+from ..scene.scene_reading import read_toml
 from ..scene.tables import CPU
 from ..solvers.columns.column_state import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.points.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
 from ..system import operating_system
 from ..system.errors import InputError, SceneError, UnphysicalError
+from ..system.memory import available_memory
 from ..system.messages import details, log
-from ..system.operating_system import available_memory
-from ..terrain.hydrograph_file import BarrierTable
 from .cost_prediction import OwnPace, at_most, need, predicted, prediction_line
-from .effect_cost import MEMORY_SHARE, effect_costs, under_way
+from .effect_cost import effect_costs, under_way
 from .later_end import differences, earlier_run, go_on, goes_on
 from .preparation import prepare
+from .run_cost import MEMORY_SHARE
 from .run_device import devices_record, require_devices
 from .run_summary import extremes, unusable_lines
 from .scene_files import input_files

@@ -21,11 +21,12 @@ from ..solvers.features.features_by_place import KnownByPlace
 from ..solvers.points.point_solver import PointSolver
 from ..solvers.points.point_volume import point_volume
 from ..system.errors import SceneError
-from ..terrain.elevation import NodataInReach
+from ..terrain.nodata_groups import NodataInReach
 from ..terrain.spatial_inputs import read_area
 from .coupled_solver import CoupledSolver
-from .effect_cost import require_memory_for_points, resolution_of
-from .time_integration import CALM_NORMAL, Cliff, Near, StageEnd
+from .resolution import resolution_of
+from .run_cost import require_memory_for_points
+from .stage_end import CALM_NORMAL, Cliff, Near, StageEnd
 
 WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
 

@@ -29,6 +29,8 @@ POINT_REASONS = {
     STOPPED_AT_REST: NEARLY_AT_REST,
     point_kernel.ALL_LEFT: ALL_LEFT,
 }
+PACE_SECONDS = 2.0
+COMPILING_STEPS, FIRST_STEPS = 2, 4
 
 
 def end_reason(stepper, code):
@@ -229,10 +231,6 @@ class IntegratedCoupled:
     def energy_trouble(self, last):
         """As for columns, of either solver."""
         return self._points.energy_trouble(last[0]) or self._columns.energy_trouble(last[1])
-
-
-PACE_SECONDS = 2.0
-COMPILING_STEPS, FIRST_STEPS = 2, 4
 
 
 def measured_pace(solver, seconds=PACE_SECONDS, clock=perf_counter):

@@ -15,12 +15,12 @@ from ..simulation.scene_files import input_files
 from ..simulation.scene_run import use_threads
 from ..simulation.stage_sequence import Sequence
 from ..simulation.warmup import warm_up
+from ..system.csv_rows import write_records
 from ..system.errors import InputError, OutputError, SceneError
-from ..system.folder_lock import within
+from ..system.links import within
 from ..system.messages import log, muted
 from ..system.whole_files import whole_folder
 from ..terrain.grid import Grid
-from ..terrain.hydrograph_file import write_records
 from ..terrain.spatial_inputs import read_placed_raster
 from .run_measures import (
     NAMES,

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from ..frames.ensemble_folder import Members, read_band
+from ..frames.ensemble_members import Members, read_band
 from ..frames.particles import Frame
 from ..results.comparison import nearest
 from ..results.flow_line import BANDS, PathBands, centre_line
-from ..scene.material_file import read_toml
+from ..scene.scene_reading import read_toml
 from ..system.errors import InputError
 from ..system.messages import log
 from ..terrain.elevation import Terrain

@@ -14,6 +14,8 @@ from scipy.optimize import minimize_scalar
 LEAST_ORDER, MOST_ORDER = 0.2, 4.0
 FOLLOWED = 0.25  # largest spread of the logarithms for which errors follow a power law
 PAYING = 0.75  # ratio of errors after halving the cells, above which refinement is not worthwhile
+NEAR_FRONT = 1.5  # largest time ratio to the front at which a setting counts as on it
+LEAST_FALL = 0.05  # smallest relative reduction of the error that counts as more accurate
 
 
 class Law(NamedTuple):
@@ -88,10 +90,6 @@ def stops_paying(cell_sizes: np.ndarray, errors: np.ndarray) -> float | None:
             if per_halving > PAYING:
                 return float(dx[k])
     return None
-
-
-NEAR_FRONT = 1.5  # largest time ratio to the front at which a setting counts as on it
-LEAST_FALL = 0.05  # smallest relative reduction of the error that counts as more accurate
 
 
 def faster(spreads: np.ndarray) -> np.ndarray:

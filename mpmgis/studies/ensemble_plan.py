@@ -10,7 +10,7 @@ from .. import __version__
 from ..compiled.cache_folder import source_digest
 from ..compiled.jit import set_threads
 from ..maps.averaging.sampling import require_cells_within
-from ..scene.material_file import read_toml
+from ..scene.scene_reading import read_toml
 from ..scene.table_values import meant
 from ..simulation.cost_prediction import predicted
 from ..simulation.numerical_parameters import COST_POWER
@@ -20,7 +20,8 @@ from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log
 from .ensemble_member import FIGURES, MemberTask
 from .ensemble_statistics import Products, exceedances
-from .sampling_plan import Plan, variation, with_values
+from .sampling_plan import Plan, with_values
+from .varied_keys import variation
 
 PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
 TIMES = ("wall_seconds", "processor_seconds")

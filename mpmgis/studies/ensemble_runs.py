@@ -11,12 +11,12 @@ from .. import __version__
 from ..frames.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
 from ..laws.quantities import MEMBER_BANDS
 from ..simulation.cost_prediction import duration
-from ..simulation.effect_cost import MEMORY_SHARE
+from ..simulation.run_cost import MEMORY_SHARE
 from ..simulation.scene_run import ASK_SECONDS
 from ..system import operating_system, parallel
 from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError
+from ..system.memory import available_memory
 from ..system.messages import log
-from ..system.operating_system import available_memory
 from ..system.parallel import started
 from ..system.whole_files import whole_folder
 from .ensemble_maps import EnsembleMaps, write_maps

@@ -19,7 +19,7 @@ from ..frames.ensemble_folder import read_member, write_member
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import GRAVITY
 from ..scene import scene_from_tables
-from ..scene.material_file import read_toml
+from ..scene.scene_reading import read_toml
 from ..simulation.cost_prediction import predicted
 from ..simulation.scene_files import input_files
 from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError, one_line
@@ -35,6 +35,8 @@ from .region_areas import read_areas, write_area
 
 MOST_RUNS = 8  # of an area in larger and larger windows
 EDGE_CELLS = 2  # of the solver and of the DTM: flow so near an edge of its window has reached it
+SAMPLES = 3  # areas whose runs are prepared for the prediction
+LEAST_MU, USUAL_MU = 0.1, 0.2  # of the energy line: at least this; without a number mu in [friction]
 
 
 @dataclass(frozen=True)
@@ -151,10 +153,6 @@ def sides_left(record, terrain, window, tables):
         return sides
     whole = np.isfinite(terrain.part(*window.slices).elevation).all()
     return inner if whole else ()  # otherwise the mass went where the DTM has no data
-
-
-SAMPLES = 3  # areas whose runs are prepared for the prediction
-LEAST_MU, USUAL_MU = 0.1, 0.2  # of the energy line: at least this; without a number mu in [friction]
 
 
 @dataclass(frozen=True)

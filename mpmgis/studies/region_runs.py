@@ -9,7 +9,8 @@ from pathlib import Path
 from .. import __version__
 from ..frames.ensemble_folder import member_files, read_member
 from ..frames.region_folder import AreaRaster, RegionFolder, write_region_maps
-from ..maps.qgis.region_project import RegionProject, terrain_path, write_footprints, write_region_project
+from ..maps.qgis.region_footprints import write_footprints
+from ..maps.qgis.region_project import RegionProject, terrain_path, write_region_project
 from ..system import operating_system
 from ..system.errors import InputError
 from ..system.messages import log

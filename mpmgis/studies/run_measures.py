@@ -16,6 +16,11 @@ from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima
 from ..terrain.grid import Grid
 
 FOOTPRINT_SHARE = 0.01  # of the largest thickness of the reference; thinner cells are not flow
+UNITS = {"thickness": "1", "momentum": "1", "area": "1", "reach": "m"}
+FAR_SHARE = 0.99  # share of the mass within the reach
+CELL_FACTORS = (1, 2, 4, 8)  # times the smallest cell size
+STEP_FACTORS = (1, 2, 4, 8)  # times the frame interval
+LOSSES = ("h_max", "Ut_max")
 
 
 class Errors(NamedTuple):
@@ -32,7 +37,6 @@ class Errors(NamedTuple):
 
 
 NAMES = Errors._fields
-UNITS = {"thickness": "1", "momentum": "1", "area": "1", "reach": "m"}
 
 
 def errors_of(states: Sequence, reference: Sequence) -> Errors:
@@ -58,9 +62,6 @@ def errors_against_exact(states: Sequence, thickness: np.ndarray) -> Errors:
 
 def _apart(first, second):
     return float(np.abs(first - second).sum())
-
-
-FAR_SHARE = 0.99  # share of the mass within the reach
 
 
 class State(NamedTuple):
@@ -231,11 +232,6 @@ def centre_of(frame: Frame) -> tuple[float, float]:
     x, y = frame.map_xy()
     mass = frame.particles.mass
     return float(np.average(x, weights=mass)), float(np.average(y, weights=mass))
-
-
-CELL_FACTORS = (1, 2, 4, 8)  # times the smallest cell size
-STEP_FACTORS = (1, 2, 4, 8)  # times the frame interval
-LOSSES = ("h_max", "Ut_max")
 
 
 class ExportSetting(NamedTuple):

@@ -22,6 +22,17 @@ from .convergence import (
 )
 from .run_measures import NAMES, UNITS, Errors
 
+FARTHEST = 4.0  # largest extrapolation of the law below the smallest cells of the study
+PERCENT = ("thickness", "momentum", "area")
+BESIDE = "beside"  # entry in column "knob" for results of other codes
+ERROR_COLUMNS = {name: f"error_{name}" + ("_m" if UNITS[name] == "m" else "") for name in NAMES}
+RECORD_NAMES = (
+    "knob", "setting", "solver", "cell_size_m", "particles_per_cell", "cfl", "precision", "stiffness", "particles",
+    "steps", "particle_steps", "seconds", "seconds_min", "seconds_max", "compile_seconds", "predicted_seconds",
+    *ERROR_COLUMNS.values(), "error_with_reference", "mass_error", "on_front", "time_over_front",
+    "ties",
+)  # fmt: skip
+
 
 class OtherResult(NamedTuple):
     """A result of another code.
@@ -49,10 +60,6 @@ def fastest_as_accurate(seconds: np.ndarray, errors: np.ndarray, error: float) -
     """Number of the fastest setting with an error of at most `error`; None if there is none."""
     accurate = np.flatnonzero(np.asarray(errors) <= error)
     return int(accurate[np.argmin(np.asarray(seconds)[accurate])]) if accurate.size else None
-
-
-FARTHEST = 4.0  # largest extrapolation of the law below the smallest cells of the study
-PERCENT = ("thickness", "momentum", "area")
 
 
 class Row(NamedTuple):
@@ -318,16 +325,6 @@ def _by_stage(scene):
     if len(each) == 1:
         return each[0]
     return tuple("+".join(v if isinstance(v, str) else f"{v:g}" for v in of_all) for of_all in zip(*each, strict=True))
-
-
-BESIDE = "beside"  # entry in column "knob" for results of other codes
-ERROR_COLUMNS = {name: f"error_{name}" + ("_m" if UNITS[name] == "m" else "") for name in NAMES}
-RECORD_NAMES = (
-    "knob", "setting", "solver", "cell_size_m", "particles_per_cell", "cfl", "precision", "stiffness", "particles",
-    "steps", "particle_steps", "seconds", "seconds_min", "seconds_max", "compile_seconds", "predicted_seconds",
-    *ERROR_COLUMNS.values(), "error_with_reference", "mass_error", "on_front", "time_over_front",
-    "ties",
-)  # fmt: skip
 
 
 def _gain_words(gain):

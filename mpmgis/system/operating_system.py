@@ -7,7 +7,6 @@ Free memory and address space of this machine, and whether they are sufficient.
 """
 
 import errno
-import math
 import os
 import re
 import signal
@@ -15,48 +14,6 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-
-_LINUX = Path("/proc/meminfo")
-ADDRESS_SPACE = 1_000_000_000  # [bytes] `run` and `export-raster` with one thread need more than 0.75e9, at most 0.85e9
-_AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
-
-
-def available_memory():
-    """Memory available to a program [bytes]; infinite where the system does not report it.
-
-    The file cache of the system counts as free.
-    """
-    with suppress(OSError, ValueError):
-        found = _AVAILABLE.search(_LINUX.read_text(encoding="ascii"))
-        if found:
-            return 1024 * int(found[1])
-    with suppress(Exception):  # psutil's own errors, on systems without this information
-        import psutil
-
-        return psutil.virtual_memory().available
-    return float("inf")
-
-
-def address_space_lack(limit):
-    """Error text for a `limit` [bytes] of this process's address space; "" if it is sufficient.
-
-    Beyond the limit C and C++ libraries abort the process.
-    """
-    if limit >= ADDRESS_SPACE:
-        return ""
-    return f"address space is limited to {limit / 1e9:.3g} GB, the libraries need {ADDRESS_SPACE / 1e9:g} GB"
-
-
-def memory_lack(needed, share=1.0):
-    """Part of an error text if `needed` [bytes] exceed a `share` of the free memory, else "".
-
-    The caller adds what needs the memory, and the fix.
-    """
-    free = available_memory()
-    if needed <= share * free:
-        return ""
-    return f"about {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free"
-
 
 WINDOWS = os.name == "nt"
 MACOS = sys.platform == "darwin"
@@ -67,9 +24,6 @@ UNKNOWN = 0  # start of a process that is not known
 _FIRST_WAIT_SECONDS = 0.01
 _DEVICE = re.compile(r"(?:con|prn|aux|nul|conin\$|conout\$|(?:com|lpt)[0-9¹²³])(?: *\..*)?", re.IGNORECASE | re.DOTALL)
 _NO_NAME = re.compile(r'[\x00-\x1f<>:"|?*\\/]')
-
-
-# ------------------------------------------------------------------------------------------------------------- folders
 
 
 def cache_root() -> Path:
@@ -90,9 +44,6 @@ def slashed(path, folder) -> str:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:
         return Path(path).resolve().as_posix()
-
-
-# --------------------------------------------------------------------------------------------------------------- names
 
 
 def wrong_name(path) -> str:
@@ -118,9 +69,6 @@ def file_name(text) -> str:
     """`text` as a part of file names that is valid on every system: other characters, also slashes, become _."""
     name = _NO_NAME.sub("_", str(text)).rstrip(". ")
     return f"_{name}" if not name or name.startswith(".") or _DEVICE.fullmatch(name) else name
-
-
-# --------------------------------------------------------------------------------------------------------------- files
 
 
 def flush(descriptor) -> None:
@@ -204,22 +152,9 @@ def is_unread(stream, error) -> bool:
     return False
 
 
-# ----------------------------------------------------------------------------------------------------------- processes
-
-
 def cores() -> int:
     """Number of processor cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def address_space_limit() -> float:
-    """Limit of this process's address space [bytes]; infinite without one, as always on Windows."""
-    try:
-        import resource
-    except ImportError:
-        return math.inf
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return math.inf if limit == resource.RLIM_INFINITY else float(limit)
 
 
 def machine_number() -> str:
@@ -299,9 +234,6 @@ def text_of(path) -> str:
         return Path(path).read_text(encoding="ascii", errors="replace").strip()
     except OSError:
         return ""
-
-
-# ------------------------------------------------------------------------------------------------------------- signals
 
 
 def stop_signals() -> tuple:

@@ -27,7 +27,7 @@ from queue import Empty, SimpleQueue
 from . import operating_system
 from .errors import InputError, one_line
 from .optional_libraries import needed_for
-from .zip_archives import is_trusted
+from .trusted_files import is_trusted
 
 KEPT_BYTES = 1 << 30  # of freed memory that a worker keeps
 LARGEST_KEPT = 32 << 20  # bytes of one array; larger ones are returned to the system at once

@@ -9,19 +9,8 @@ from pathlib import Path
 
 from . import operating_system
 from .errors import MpmgisError, OutputError, has_control_characters
-from .folder_lock import (
-    PATTERN,
-    is_above,
-    is_folder,
-    new_token,
-    real_place,
-    refuse_link,
-    remove,
-    require_free,
-    status,
-    this_process,
-    written_by,
-)
+from .links import is_above, is_folder, real_place, refuse_link, remove, require_free, status
+from .writer_process import PATTERN, new_token, this_process, written_by
 
 _PROBE_SIZE = 1_000_000  # [bytes] if this does not fit, the disk is full
 _LONGEST_NAME, _LONGEST_SUFFIX = 170, 20  # [bytes] a token and suffixes added by libraries still fit into 255

@@ -16,6 +16,17 @@ from .elevation import bilinear, continued
 SECONDS = 0.5  # of free flight, after which a flow should be clear of the ground
 STEP = 0.1  # [s] between two checks of the ground ahead
 AHEAD = 2.0  # [s] of the flow's way
+MOST_CELLS = 2e6  # enough for a quantile, whatever the raster's size
+MOST_VISITED = 50_000  # cells in the search for the downhill path
+MOST_SOURCES = 32  # separate areas from which lines are drawn; more are united with their neighbours
+FLOW_WIDTHS = 2.0  # by which reachable ground is enlarged, for cells next to it
+SMOOTHING = 2.0  # [pixels] standard deviation of the Gaussian before second derivatives are taken
+SMOOTHED = 10  # [pixels] how far a second derivative sees: four standard deviations, and two differences
+EIGHT_WAYS = float(np.cos(np.pi / 8.0))  # the straight way over that by eight neighbours is at least this
+LEAST_GAIN = 1e-3  # [m] of energy by which a cell is reached again; in small cells LEAST_SHARE of the loss along a side
+LEAST_SHARE = 0.01
+LAYERS = 5000  # of the terrain's height, in which flow is followed downhill
+_NEIGHBOURS = tuple((i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
 
 
 def takes_off(terrain, x, y, u, v, depth, ahead=AHEAD, gravity=GRAVITY):
@@ -43,19 +54,6 @@ def takes_off(terrain, x, y, u, v, depth, ahead=AHEAD, gravity=GRAVITY):
     clear = start + rising * SECONDS - 0.5 * gravity * SECONDS**2 - bed[:, flight + 1 :]
     with np.errstate(invalid="ignore"):
         return (clear > depth[:, None]).any(axis=1)
-
-
-MOST_CELLS = 2e6  # enough for a quantile, whatever the raster's size
-MOST_VISITED = 50_000  # cells in the search for the downhill path
-MOST_SOURCES = 32  # separate areas from which lines are drawn; more are united with their neighbours
-FLOW_WIDTHS = 2.0  # by which reachable ground is enlarged, for cells next to it
-SMOOTHING = 2.0  # [pixels] standard deviation of the Gaussian before second derivatives are taken
-SMOOTHED = 10  # [pixels] how far a second derivative sees: four standard deviations, and two differences
-EIGHT_WAYS = float(np.cos(np.pi / 8.0))  # the straight way over that by eight neighbours is at least this
-LEAST_GAIN = 1e-3  # [m] of energy by which a cell is reached again; in small cells LEAST_SHARE of the loss along a side
-LEAST_SHARE = 0.01
-LAYERS = 5000  # of the terrain's height, in which flow is followed downhill
-_NEIGHBOURS = tuple((i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
 
 
 class Reach(NamedTuple):
@@ -122,7 +120,7 @@ def reach_of(terrain, release_xy, release_bed, mu, head=0.0):
         energy = np.maximum(energy, line)
         width = max(width, np.sqrt(12.0) * float(np.std(points, axis=0).max()))
     start = _cells_of(grid, release_xy, step, elevation.shape)
-    line = _connected(known & (energy > np.where(known, elevation, np.inf)), start)
+    line = connected(known & (energy > np.where(known, elevation, np.inf)), start)
     line[start] |= known[start]
     grown = FLOW_WIDTHS * width / (grid.cell_size * step)
     near = ndimage.distance_transform_edt(~line) <= grown if line.any() else line
@@ -150,7 +148,7 @@ def _areas(xy, spacing):
         apart *= 2.0
 
 
-def _connected(mask, start):
+def connected(mask, start):
     """Parts of `mask` with one of the cells `start`, (rows, columns); all without any."""
     labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
     kept = np.zeros(count + 1, bool)

@@ -16,6 +16,9 @@ from .release_parts import polygons_only
 from .spatial_inputs import transformer_to
 from .vector_table import KINDS, names_of, read_table
 
+QUANTITIES = ("h_max", "Ut_max", "p_max", "t_arrival")  # columns, as the bands of maxima
+DEVIATION = "_sd"  # suffix of the column with standard deviations
+
 
 def read_outline(path, grid):
     """The polygons at `path` as one shapely geometry in the CRS of `grid`; reprojection and repairs are reported.
@@ -122,10 +125,6 @@ def _require_near(bounds, crs, grid, path):
         f"{path} {problem}, and its coordinates ({bounds[0]:.6g}, {bounds[1]:.6g}) are outside the rasters; assign "
         "its CRS (QGIS: Define projection), or use the CRS of the rasters"
     )
-
-
-QUANTITIES = ("h_max", "Ut_max", "p_max", "t_arrival")  # columns, as the bands of maxima
-DEVIATION = "_sd"  # suffix of the column with standard deviations
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from affine import Affine
 from rasterio._err import CPLE_BaseError
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
+from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, GeoreferenceError, InputError, one_line
-from ..system.zip_archives import require_undisguised
 from .georeference import horizontal, warp_command
 from .grid import Grid
 

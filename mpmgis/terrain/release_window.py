@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from ..system.errors import InputError
-from .flow_reach import FLOW_WIDTHS, _connected
+from .flow_reach import FLOW_WIDTHS, connected
 
 FIRST_MARGIN = 64  # [pixels] around a release in the first part of the DTM that is read
 RIM = 8  # [pixels] between the reach and the edge of the window
@@ -119,7 +119,7 @@ def _extent(terrain, polygon, mu, head):
             top, (east, north) = float(bed[own].max()) + head, xy[own].mean(axis=0)
             line |= top - mu * np.hypot(x - east, y - north) > ground
     start = tuple(np.rint(np.stack(grid.rowcol(*xy[known].T))).astype(int).clip(0, [[rows - 1], [columns - 1]]))
-    line = _connected(line, start)
+    line = connected(line, start)
     line[start] = True
     row, column = np.nonzero(line)
     west, south, east, north = polygon.bounds

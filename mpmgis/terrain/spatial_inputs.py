@@ -11,10 +11,10 @@ import numpy as np
 import pyproj
 import shapely
 
+from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, GeoreferenceError, InputError, MpmgisError
 from ..system.messages import log, muted
 from ..system.optional_libraries import pyogrio
-from ..system.zip_archives import require_undisguised
 from .dtm import WithoutCRS
 from .georeference import horizontal, name_of, same_place, warp_command
 from .grid import Grid

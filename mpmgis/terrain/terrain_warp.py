@@ -20,7 +20,6 @@ from ..system.errors import FormatError, GeoreferenceError, InputError, one_line
 from ..system.messages import log
 from .georeference import (
     AUTO,
-    Reprojection,
     centre_of,
     horizontal,
     is_metric,
@@ -33,6 +32,7 @@ from .georeference import (
 )
 from .grid import Grid
 from .raster_input import ONE_BAND, band_number, band_values, crs_of, open_raster, transform_of
+from .reprojection import Reprojection
 
 USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
 UNIT_METRES = {  # unit type of a band -> metres

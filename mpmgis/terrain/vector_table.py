@@ -8,10 +8,11 @@ import numpy as np
 import pyproj
 import shapely
 
+from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, InputError, MpmgisError, has_control_characters, one_line
 from ..system.messages import log
 from ..system.optional_libraries import needed_for, pyogrio
-from ..system.zip_archives import require_undisguised, require_zip_fits
+from ..system.zip_archives import require_zip_fits
 
 LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words

@@ -19,10 +19,10 @@ import shapely
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "commands"))
 from slope_site import SCENE, write_site
 
-from mpmgis.frames.ensemble_folder import read_members
+from mpmgis.frames.ensemble_members import read_members
 from mpmgis.studies import calibration
 from mpmgis.studies.calibration import CalibrateRequest, calibrate
-from mpmgis.studies.calibration_result import priors
+from mpmgis.studies.calibration_priors import priors
 from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
 from mpmgis.studies.sampling_plan import Plan
 

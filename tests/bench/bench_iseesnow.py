@@ -15,7 +15,8 @@ import time
 from pathlib import Path
 from statistics import median
 
-from mpmgis.maps.export.export_request import CellSampling, ExportFiles, ExportRequest, FrameSource
+from mpmgis.exchange.frame_source import FrameSource
+from mpmgis.maps.export.export_request import CellSampling, ExportFiles, ExportRequest
 from mpmgis.maps.export.map_export import export_raster
 from mpmgis.results.comparison_answer import CompareRequest, compare
 from mpmgis.simulation.scene_run import run

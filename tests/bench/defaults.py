@@ -46,12 +46,13 @@ from exact_solutions import stoker
 from run import machine
 
 from mpmgis.compiled.jit import set_threads
+from mpmgis.exchange.frame_source import FrameSource
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.frames.run_folder import RunFolder
-from mpmgis.maps.export.export_request import CellSampling, ExportFiles, ExportRequest, FrameSource
+from mpmgis.maps.export.export_request import CellSampling, ExportFiles, ExportRequest
 from mpmgis.maps.export.map_export import export_raster
 from mpmgis.results.comparison_answer import CompareRequest, compare
-from mpmgis.scene.material_file import read_toml
+from mpmgis.scene.scene_reading import read_toml
 from mpmgis.simulation.preparation import prepare
 from mpmgis.simulation.scene_run import integrate_into
 from mpmgis.simulation.stage_sequence import Sequence

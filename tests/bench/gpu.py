@@ -44,7 +44,7 @@ from mpmgis.solvers.gpu.available import found_device  # noqa: E402
 from mpmgis.solvers.gpu.device_point_solver import DevicePointSolver, device_memory  # noqa: E402
 from mpmgis.solvers.points.point_numerics import PointNumerics  # noqa: E402
 from mpmgis.solvers.points.point_solver import PointSolver  # noqa: E402
-from mpmgis.system.operating_system import available_memory  # noqa: E402
+from mpmgis.system.memory import available_memory  # noqa: E402
 from mpmgis.terrain.elevation import Terrain  # noqa: E402
 from mpmgis.terrain.grid import Grid  # noqa: E402
 

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from mpmgis.frames.frame_contents import result_after
+from mpmgis.frames.frame_digest import result_after
 from mpmgis.frames.frame_files import FRAMES_WITH_STATE, drop_state, write_frame
 from mpmgis.simulation.time_integration import TimeIntegration
 

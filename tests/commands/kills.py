@@ -20,7 +20,7 @@ import pyogrio
 import rasterio
 
 from mpmgis.commands.shell.main import main
-from mpmgis.frames.frame_contents import AS_WRITTEN, check_content
+from mpmgis.frames.frame_digest import AS_WRITTEN, check_content
 
 EVENTS = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate")
 VERBS = {

@@ -14,7 +14,7 @@ import shapely
 from slope_site import LAW, record, run, slide, write_block_site, write_shapes
 
 from mpmgis.commands.shell.main import main
-from mpmgis.frames.frame_contents import AS_WRITTEN
+from mpmgis.frames.frame_digest import AS_WRITTEN
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.scene import scene_from_tables
 from mpmgis.simulation import run_device as rules

@@ -9,8 +9,8 @@ from slope_site import SCENE, write_site
 
 from mpmgis.commands.shell.main import main
 from mpmgis.simulation.preparation import scene_to_prepare
+from mpmgis.system.disguised_files import require_local, require_undisguised
 from mpmgis.system.errors import FormatError, SceneError
-from mpmgis.system.zip_archives import require_local, require_undisguised
 from mpmgis.terrain.raster_input import open_raster
 from mpmgis.terrain.spatial_inputs import is_raster
 from mpmgis.terrain.vector_table import read_table

@@ -14,9 +14,9 @@ from slope_site import SCENE, SOUTH, WEST, run, write_shapes, write_site
 from test_report_command import Reader
 
 from mpmgis.commands.shell.main import main
+from mpmgis.frames.load_table import read_barrier_table
 from mpmgis.results.barrier_loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
-from mpmgis.results.runout_plots import write_history_plot, write_section_plot
-from mpmgis.terrain.hydrograph_file import read_barrier_table
+from mpmgis.results.load_plots import write_history_plot, write_section_plot
 
 DAM = '[[barrier]]\nsource = "dam.gpkg"\nwidth = 2\nheight = 3\n'
 RUN_UP = RunUp(4.0, 0.0, 0.0, 2.0, 1, 104.0, 103.0, 2.0)

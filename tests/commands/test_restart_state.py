@@ -13,7 +13,7 @@ import pytest
 from slope_site import SCENE, contents, slide, write_block_site
 
 from mpmgis.commands.shell.main import main
-from mpmgis.frames.frame_contents import CONTENT, RESULT, STATE, content_of, require_restartable, state_digest, state_of
+from mpmgis.frames.frame_digest import CONTENT, RESULT, STATE, content_of, require_restartable, state_digest, state_of
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.run_folder import RunFolder
 from mpmgis.simulation.preparation import prepare

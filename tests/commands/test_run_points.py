@@ -172,7 +172,7 @@ def test_what_is_beyond_words_of_a_table_is_refused(site, capsys):
 
 
 def test_more_points_than_memory_holds_are_refused_before_they_are_made(site, capsys, monkeypatch):
-    monkeypatch.setattr("mpmgis.system.operating_system.available_memory", lambda: 1e6)
+    monkeypatch.setattr("mpmgis.system.memory.available_memory", lambda: 1e6)
     assert "GB are free; take larger cells" in refused(site, capsys, SCENE)
 
 

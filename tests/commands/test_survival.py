@@ -13,8 +13,8 @@ from kills import VERBS, arrays, require_whole
 from slope_site import CHILD, SCENE, contents, record, slide, write_block_site
 
 from mpmgis.commands.shell.main import main
-from mpmgis.system import folder_lock
-from mpmgis.system.folder_lock import Writer
+from mpmgis.system import writer_process
+from mpmgis.system.writer_process import Writer
 
 try:
     import resource
@@ -93,7 +93,7 @@ def test_nothing_is_lost_by_two_hundred_kills(tmp_path):
     assert "200 kills, 0 failures" in killed(tmp_path, 200, SEED + 1)
 
 
-KILLED = f"{Writer(2**31 - 1, folder_lock.host(), folder_lock.boot(), 1)}-0123abcd"
+KILLED = f"{Writer(2**31 - 1, writer_process.host(), writer_process.boot(), 1)}-0123abcd"
 LEFT = [".run.part{0}.json", ".frame_000000.part{0}.h5"]
 
 

@@ -9,7 +9,7 @@ import pytest
 from mpmgis.commands.shell import terminal
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.ensemble_folder import read_ensemble_record
-from mpmgis.scene.material_file import read_toml
+from mpmgis.scene.scene_reading import read_toml
 from mpmgis.system.errors import InputError, OutputError, SceneError
 from mpmgis.system.whole_files import whole_folder
 

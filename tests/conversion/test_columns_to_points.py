@@ -7,7 +7,7 @@ import pytest
 import shapely
 from converting import DENSITY, ORIGIN, columns_on, hills, over_bed, slope, terrain_of
 
-from mpmgis.conversion import point_groups as geostatic
+from mpmgis.conversion import ground_below as geostatic
 from mpmgis.conversion.columns_to_points import columns_to_points
 from mpmgis.conversion.conserved_sums import conservation_error
 from mpmgis.conversion.conversion_options import PointOptions

@@ -358,7 +358,7 @@ def test_a_chunk_larger_than_memory_is_refused(tmp_path, monkeypatch):
     terms = Declarations(**MAP, time_step=1.0)
     (entry,) = list_frames([path], terms)
     assert len(entry.read().particles) == COUNT
-    monkeypatch.setattr("mpmgis.system.operating_system.available_memory", lambda: 1e6)
+    monkeypatch.setattr("mpmgis.system.memory.available_memory", lambda: 1e6)
     with pytest.raises(FormatError, match="GB are free"):
         entry.read()
 

@@ -9,8 +9,8 @@ import pyproj
 import pytest
 import xarray
 
-from mpmgis.frames import frame_contents
-from mpmgis.frames.frame_contents import require_restartable
+from mpmgis.frames import frame_digest
+from mpmgis.frames.frame_digest import require_restartable
 from mpmgis.frames.frame_files import content_digest, read_frame, write_frame, write_frame_slabs
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import PARTICLE
@@ -305,5 +305,5 @@ def test_threads_that_hash_arrays_change_no_digest(tmp_path, slab):
     slabs = [frame.particles.take(slice(first, first + slab)) for first in range(0, COUNT, slab)]
     path = tmp_path / "frame.h5"
     assert write_frame_slabs(path, frame, COUNT, iter(slabs), "") == expected
-    assert content_digest(frame) == expected == frame_contents.content_of(path)
+    assert content_digest(frame) == expected == frame_digest.content_of(path)
     assert require_restartable(path, tmp_path / "none.h5")

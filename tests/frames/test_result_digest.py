@@ -10,7 +10,7 @@ import pytest
 from slope_site import SCENE, record, run, write_site
 
 from mpmgis.commands.shell.main import main
-from mpmgis.frames.frame_contents import AS_WRITTEN
+from mpmgis.frames.frame_digest import AS_WRITTEN
 from mpmgis.frames.run_folder import RunFolder
 
 

@@ -9,7 +9,8 @@ from test_qgis_open import look
 
 from mpmgis.frames.region_folder import LAYER, AreaRaster, write_region_maps
 from mpmgis.laws.quantities import BAND, MEMBER_BANDS
-from mpmgis.maps.qgis.region_project import RegionProject, terrain_path, write_footprints, write_region_project
+from mpmgis.maps.qgis.region_footprints import write_footprints
+from mpmgis.maps.qgis.region_project import RegionProject, terrain_path, write_region_project
 from mpmgis.terrain.grid import Grid
 from mpmgis.terrain.raster_output import write_geotiff
 

@@ -14,7 +14,7 @@ import shapely
 from affine import Affine
 from qgis_python import clean_environment, python_with_qgis, qgis_process, report_of
 
-from mpmgis.commands.qgis_plugin import plugin_forms
+from mpmgis.commands.plugin_forms import plugin_forms
 from mpmgis.commands.shell.main import main
 
 pytestmark = [pytest.mark.qgis, pytest.mark.thorough]

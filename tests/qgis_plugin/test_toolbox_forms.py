@@ -14,13 +14,13 @@ import rasterio
 from affine import Affine
 
 from mpmgis.commands.option import verb_names, verb_of
-from mpmgis.commands.qgis_plugin import plugin_forms
+from mpmgis.commands.plugin_forms import plugin_forms
 from mpmgis.commands.shell.main import main
 from mpmgis.commands.shell.parser import add_arguments
-from mpmgis.qgis_plugin.mpmgis_qgis import command, forms, scene_form, table_page
+from mpmgis.qgis_plugin.mpmgis_qgis import command, forms, kept_files, scene_form, table_page
 from mpmgis.qgis_plugin.mpmgis_qgis import command as plugin_command
+from mpmgis.results.hazard.guideline_files import read_guidelines
 from mpmgis.results.hazard.hazard_files import read_matrices
-from mpmgis.results.hazard.intensity_map import read_guidelines
 from mpmgis.scene import read_scene
 
 NAMES = tuple(read_guidelines()), tuple(read_matrices())
@@ -291,7 +291,7 @@ def test_a_scene_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
     monkeypatch.setattr(command.os, "replace", broken)
     with pytest.raises(OSError, match="no more space"):
-        command.write_whole(str(path), b"after")
+        kept_files.write_whole(str(path), b"after")
     assert path.read_bytes() == b"before" and list(tmp_path.iterdir()) == [path]
 
 
@@ -301,9 +301,9 @@ def test_a_refused_scene_leaves_everything_as_it_was(tmp_path):
     (elsewhere / "scene.toml").write_bytes(b"before")
     for place in (folder, elsewhere):
         files = [str(place / name) for name in ("scene.toml", "release.gpkg")]
-        with pytest.raises(LookupError), command.kept_unless(files, lambda error: isinstance(error, LookupError)):
-            command.write_whole(files[0], b"after")
-            command.copy_whole(files[0], files[1])
+        with pytest.raises(LookupError), kept_files.kept_unless(files, lambda error: isinstance(error, LookupError)):
+            kept_files.write_whole(files[0], b"after")
+            kept_files.copy_whole(files[0], files[1])
             assert sorted(place.iterdir()) == sorted(map(Path, files))
             raise LookupError("refused")
     assert not folder.exists()
@@ -312,8 +312,8 @@ def test_a_refused_scene_leaves_everything_as_it_was(tmp_path):
 
 def test_a_scene_that_ran_stays(tmp_path):
     files = [str(tmp_path / "new" / "scene.toml")]
-    with pytest.raises(KeyError), command.kept_unless(files, lambda error: isinstance(error, ValueError)):
-        command.write_whole(files[0], b"after")
+    with pytest.raises(KeyError), kept_files.kept_unless(files, lambda error: isinstance(error, ValueError)):
+        kept_files.write_whole(files[0], b"after")
         raise KeyError("cancelled")
     assert Path(files[0]).read_bytes() == b"after"
 

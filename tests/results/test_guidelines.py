@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mpmgis.results.hazard.guideline_classes import UNREAD, class_areas, classify, parse_guidelines
-from mpmgis.results.hazard.intensity_map import choose_guideline, read_guidelines
+from mpmgis.results.hazard.guideline_files import choose_guideline, read_guidelines
 from mpmgis.system.errors import InputError
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from mpmgis.results.hazard.guideline_classes import UNREAD
+from mpmgis.results.hazard.guideline_files import read_guidelines
 from mpmgis.results.hazard.hazard_files import choose_matrix, read_matrices
 from mpmgis.results.hazard.hazard_levels import combined, levels_of, parse_matrices
-from mpmgis.results.hazard.intensity_map import read_guidelines
 from mpmgis.system.errors import InputError
 
 SHIPPED = read_matrices()

@@ -5,7 +5,7 @@ import math
 import pytest
 import shapely
 
-from mpmgis.results.comparison import outline_distances
+from mpmgis.results.outline_distance import outline_distances
 
 SQUARE = shapely.box(0, 0, 100, 100)
 

@@ -8,7 +8,7 @@ from mpmgis.laws.friction import LAWS, Bingham, Cohesion, Coulomb, Frictionless,
 from mpmgis.laws.internal_stress import InPlaneViscosity, NoEarthPressure, earth_pressure
 from mpmgis.laws.slots import ColumnEffects
 from mpmgis.scene import TerrainFacts, read_scene, resolve, scene_from_tables, scene_text, template
-from mpmgis.scene.resistance_effects import runout
+from mpmgis.scene.mass_point import runout
 from mpmgis.system.errors import SceneError
 
 TABLES = {"terrain": {"dem": "d.tif"}, "release": {"source": "r.shp"}, "output": {"end_time": 5, "frame_interval": 1}}
@@ -173,9 +173,7 @@ def test_a_decision_has_the_runout_without_the_effect():
 
 
 def test_decisions_are_plain_enough_for_the_record():
-    _, decisions = resolve(
-        scene(friction={"law": "Voellmy", "mu": 0.4, "xi": 1500}), FACTS._replace(slope_median=0.0)
-    )
+    _, decisions = resolve(scene(friction={"law": "Voellmy", "mu": 0.4, "xi": 1500}), FACTS._replace(slope_median=0.0))
     for decision in decisions:
         json.dumps(decision._asdict(), allow_nan=False)
         assert "\n" not in decision.line()

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seed_sites import CENTRE, ring, two_islands
 
-from mpmgis.seeding.lattice_columns import Lattice, Outline
+from mpmgis.seeding.lattice import Lattice, Outline
 
 MATRICES = {
     "squares": np.diag([5.0, 5.0]),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from column_scenes import seeded, solver_on, terrain_of
 
-from mpmgis.simulation.effect_cost import predicted, slower_than_nominal
+from mpmgis.simulation.run_cost import predicted, slower_than_nominal
 from mpmgis.simulation.stepping import measured_pace
 
 

@@ -39,9 +39,7 @@ def finest_grids(monkeypatch):
 )
 def test_what_does_not_fit_is_refused_by_its_key_before_it_is_made(site, capsys, monkeypatch, cell_size, more, words):
     made = finest_grids(monkeypatch)
-    monkeypatch.setattr(
-        "mpmgis.system.operating_system.available_memory", lambda: 1.0e9 if "columns" not in words else 7.0e8
-    )
+    monkeypatch.setattr("mpmgis.system.memory.available_memory", lambda: 1.0e9 if "columns" not in words else 7.0e8)
     scene = slide(cell_size, 1, 1, **more)
     (site / "scene.toml").write_text(MATERIAL.sub("", scene) if more else scene)
     assert main(["run", str(site / "scene.toml"), "-q"]) == 2
@@ -54,7 +52,7 @@ def test_what_does_not_fit_is_refused_by_its_key_before_it_is_made(site, capsys,
 def test_a_window_that_leaves_few_points_is_not_refused(site, monkeypatch):
     """What becomes points in it is not estimated; the grid of small cells is made."""
     monkeypatch.setattr(cost_prediction, "FEW_NODES", 100)
-    monkeypatch.setattr("mpmgis.system.operating_system.available_memory", lambda: 6.0e6)
+    monkeypatch.setattr("mpmgis.system.memory.available_memory", lambda: 6.0e6)
     scene = slide(2.0, 2, 1, head="", more="particles_per_cell = 4")
     for window, code in (("", 2), ('window = "box.geojson"\n', 0)):
         (site / "scene.toml").write_text(scene + STAGES.format(window))

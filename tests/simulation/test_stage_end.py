@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from mpmgis.frames.particle_store import Flow
-from mpmgis.simulation.time_integration import LOOK_SECONDS, Cliff, Near, StageEnd
+from mpmgis.simulation.stage_end import LOOK_SECONDS, Cliff, Near, StageEnd
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.flow_reach import takes_off
 from mpmgis.terrain.grid import Grid

@@ -6,7 +6,7 @@ import sys
 import pytest
 from slope_site import slide, write_block_site
 
-from mpmgis.scene.material_file import read_toml
+from mpmgis.scene.scene_reading import read_toml
 from mpmgis.simulation import warmup
 from mpmgis.simulation.preparation import prepare
 from mpmgis.simulation.stage import Stage

@@ -9,7 +9,7 @@ from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 from mpmgis.laws.bed_contact import CoulombContact
 from mpmgis.laws.material import Elastic
 from mpmgis.solvers.points import ground_nodes
-from mpmgis.solvers.points.ground_nodes import departure, folded_ground
+from mpmgis.solvers.points.ground_folds import departure, folded_ground
 from mpmgis.solvers.points.point_ground import AWAY, EXACT_X, FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS
 from mpmgis.solvers.points.point_rows import GHOSTS
 from mpmgis.system.errors import SceneError

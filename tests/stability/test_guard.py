@@ -13,8 +13,9 @@ from mpmgis.compiled.jit import set_threads
 from mpmgis.laws.bed_contact import CoulombContact
 from mpmgis.laws.material import drucker_prager
 from mpmgis.simulation import time_integration as marching
+from mpmgis.simulation.step_guard import Guard
 from mpmgis.simulation.stepping import IntegratedColumns
-from mpmgis.simulation.time_integration import Guard, TimeIntegration
+from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.system.errors import UnphysicalError
 
 SOIL = drucker_prager(stiff_for(6.0), 0.6 * stiff_for(6.0), 30.0, 1e4)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from mpmgis.studies.calibration_result import Calibration, priors, rounded
+from mpmgis.studies.calibration_priors import priors
+from mpmgis.studies.calibration_result import Calibration, rounded
+from mpmgis.studies.emulator import Emulator, Process
 from mpmgis.studies.posterior import (
-    Emulator,
-    Process,
     identified_directions,
     posterior,
     scores_of_shares,
@@ -14,7 +14,8 @@ from mpmgis.studies.posterior import (
     shares_of_scores,
     weighted_quantiles,
 )
-from mpmgis.studies.sampling_plan import Plan, variation
+from mpmgis.studies.sampling_plan import Plan
+from mpmgis.studies.varied_keys import variation
 from mpmgis.system.errors import InputError
 
 MATRIX = np.array([[1.0, 0.5], [1.0, 0.45], [0.2, 0.1]])

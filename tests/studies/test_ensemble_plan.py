@@ -7,7 +7,8 @@ from scipy import stats
 from mpmgis.laws.own_law import NO_OWN_LAWS
 from mpmgis.laws.quantities import MEMBER_BANDS
 from mpmgis.studies.ensemble_statistics import ARRIVAL, Products, exceedances, statistics
-from mpmgis.studies.sampling_plan import Plan, variation
+from mpmgis.studies.sampling_plan import Plan
+from mpmgis.studies.varied_keys import variation
 from mpmgis.system.errors import InputError, SceneError
 
 TABLES = {

@@ -23,13 +23,13 @@ from slope_site import SCENE, contents, write_site
 import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.compiled import cache_folder
+from mpmgis.frames import run_terrain
 from mpmgis.frames.run_folder import RunFolder
 from mpmgis.laws.quantities import BAND
-from mpmgis.maps.export import export_inputs
 from mpmgis.results import answer_files
 from mpmgis.solvers.columns.column_solver import ColumnSolver
-from mpmgis.system import folder_lock, operating_system, whole_files, zip_archives
-from mpmgis.system import folder_lock as writer
+from mpmgis.system import disguised_files, folder_lock, links, operating_system, whole_files
+from mpmgis.system import writer_process as writer
 from mpmgis.system.errors import FormatError, OutputError
 from mpmgis.system.folder_lock import LOCK_FILE, sole_writer
 
@@ -300,7 +300,7 @@ def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
 
     for name in (r"C:\maps\dtm.tif", "c:/maps/dtm.tif", r"\\host\share\dtm.tif"):
         assert not _GDAL_NAME.match(name)
-        assert not zip_archives._DRIVER.match(name) and not zip_archives._NETWORK.search(name)
+        assert not disguised_files._DRIVER.match(name) and not disguised_files._NETWORK.search(name)
 
 
 @pytest.mark.parametrize(
@@ -311,18 +311,18 @@ def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
     ],
 )  # fmt: skip
 def test_the_share_of_a_path_is_found(name, share):
-    assert zip_archives.share(name) == share
+    assert disguised_files.share(name) == share
 
 
 def test_what_others_name_leads_to_no_other_computer(windows, tmp_path):
     """Windows would hand it the user's name and a digest of the password."""
     for name in (r"\\far\share\dtm.tif", "//far/share/dtm.tif"):
         with pytest.raises(FormatError, match="is in the network"):
-            zip_archives._require_local_name(name, tmp_path / "scene.toml")
-    zip_archives._require_local_name("//near/share/dtm.tif", "//near/share/scene.toml")
+            disguised_files._require_local_name(name, tmp_path / "scene.toml")
+    disguised_files._require_local_name("//near/share/dtm.tif", "//near/share/scene.toml")
     (tmp_path / "list.vrt").write_text("<VRTDataset><SourceFilename>//far/x/a.tif</SourceFilename></VRTDataset>")
     with pytest.raises(FormatError, match="is in the network"):
-        zip_archives.require_local(tmp_path / "list.vrt", tmp_path / "scene.toml")
+        disguised_files.require_local(tmp_path / "list.vrt", tmp_path / "scene.toml")
 
 
 def test_macos_flushes_through_to_the_disk(monkeypatch, tmp_path):
@@ -367,11 +367,11 @@ def test_processes_are_found_without_a_proc(windows):
 
 
 def test_memory_is_found_without_a_proc(monkeypatch, tmp_path):
-    from mpmgis.system import operating_system
+    from mpmgis.system import memory, operating_system
 
-    known = operating_system.available_memory()
+    known = memory.available_memory()
     monkeypatch.setattr(operating_system, "_LINUX", tmp_path / "nothing")
-    assert 0.5 < operating_system.available_memory() / known < 2.0
+    assert 0.5 < memory.available_memory() / known < 2.0
 
 
 def test_facts_as_json_are_ascii_where_the_stream_is_not_utf_8(tmp_path, monkeypatch):
@@ -394,8 +394,8 @@ def test_names_in_other_case_are_the_same_folder_on_such_disks(monkeypatch, tmp_
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / "frame_000000.h5").touch()
     with pytest.raises(OutputError, match="contains the input"):
-        export_inputs.refuse_within(tmp_path / "RESULTS", tmp_path / "results" / "frame_000000.h5")
-    export_inputs.refuse_within(tmp_path / "OTHER", tmp_path / "results" / "frame_000000.h5")
+        run_terrain.refuse_within(tmp_path / "RESULTS", tmp_path / "results" / "frame_000000.h5")
+    run_terrain.refuse_within(tmp_path / "OTHER", tmp_path / "results" / "frame_000000.h5")
     with pytest.raises(OutputError, match="contains the input"):
         answer_files.checked_output(tmp_path / "RESULTS", ("a.csv",), False, [tmp_path / "results" / "frame_000000.h5"])
 
@@ -583,7 +583,7 @@ def test_a_lock_that_is_none_is_refused_without_flags_for_links(windows, tmp_pat
 
 def test_a_link_that_comes_between_the_look_and_the_opening_is_seen(windows, tmp_path, monkeypatch):
     (tmp_path / "victim.txt").write_text("keep")
-    looked = folder_lock.refuse_link
+    looked = links.refuse_link
 
     def too_late(path):
         looked(path)
@@ -591,7 +591,7 @@ def test_a_link_that_comes_between_the_look_and_the_opening_is_seen(windows, tmp
 
     monkeypatch.setattr(folder_lock, "refuse_link", too_late)
     with pytest.raises(OutputError, match=r"another name \(hard link\)"):
-        folder_lock.open_own(tmp_path / LOCK_FILE)
+        links.open_own(tmp_path / LOCK_FILE)
 
 
 def test_file_systems_of_macos_without_locks_are_known(tmp_path, monkeypatch):

@@ -7,10 +7,10 @@ import sys
 
 import pytest
 
-from mpmgis.system import folder_lock, whole_files
+from mpmgis.system import whole_files, writer_process
 from mpmgis.system.errors import OutputError
-from mpmgis.system.folder_lock import Writer
 from mpmgis.system.whole_files import refuse_existing, whole_file, whole_folder
+from mpmgis.system.writer_process import Writer
 
 
 def everything(folder):
@@ -188,13 +188,13 @@ def dead():
     """The token of a process that is no more."""
     child = subprocess.Popen([sys.executable, "-c", ""])
     child.wait()
-    return f"{Writer(child.pid, folder_lock.host(), folder_lock.boot(), 77)}-0123abcd"
+    return f"{Writer(child.pid, writer_process.host(), writer_process.boot(), 77)}-0123abcd"
 
 
 def alive(number=None, **other):
     """The token of a process that runs (this one's parent), or of an `other` machine's."""
     number = number or os.getppid()
-    known = Writer(number, folder_lock.host(), folder_lock.boot(), folder_lock.started(number))
+    known = Writer(number, writer_process.host(), writer_process.boot(), writer_process.started(number))
     return f"{known._replace(**other)}-0123abcd"
 
 

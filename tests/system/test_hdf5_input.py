@@ -9,10 +9,10 @@ import pytest
 
 from mpmgis.commands.shell.main import main
 from mpmgis.exchange.readers import cbgeo
-from mpmgis.frames.frame_contents import AS_WRITTEN, check_content, content_of, state_of, stored
+from mpmgis.frames.frame_digest import AS_WRITTEN, check_content, content_of, state_of, stored
 from mpmgis.frames.frame_files import drop_state, read_frame, read_maxima, write_frame
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.system import operating_system
+from mpmgis.system import memory as machine
 from mpmgis.system.errors import FormatError
 from mpmgis.system.hdf5_reading import opened_whole
 
@@ -133,12 +133,12 @@ def test_a_chunk_is_unpacked_as_a_whole(frame):
     with h5py.File(frame, "r+") as file:
         del file["particles/mass"]
         file.create_dataset("particles/mass", (COUNT,), "f8", chunks=(10**8,), maxshape=(None,), compression="gzip")
-    before, operating_system.available_memory = operating_system.available_memory, lambda: 5e8
+    before, machine.available_memory = machine.available_memory, lambda: 5e8
     try:
         with pytest.raises(FormatError, match=r"needs about 0\.8 GB"):
             read_frame(frame)
     finally:
-        operating_system.available_memory = before
+        machine.available_memory = before
 
 
 def test_arrays_that_are_there_already_are_not_asked_for_again(frame, monkeypatch):
@@ -146,13 +146,13 @@ def test_arrays_that_are_there_already_are_not_asked_for_again(frame, monkeypatc
     monkeypatch.setattr("mpmgis.system.hdf5_reading.SMALL", 0)
     memory = {}
     read_frame(frame, with_state=False, memory=memory)
-    before, operating_system.available_memory = operating_system.available_memory, lambda: 10
+    before, machine.available_memory = machine.available_memory, lambda: 10
     try:
         assert (read_frame(frame, with_state=False, memory=memory).particles.mass == 5).all()
         with pytest.raises(FormatError, match="memory"):
             read_frame(frame, with_state=False)
     finally:
-        operating_system.available_memory = before
+        machine.available_memory = before
 
 
 def test_values_of_any_length_are_refused(frame):

@@ -9,15 +9,16 @@ import sys
 import filelock
 import pytest
 
-from mpmgis.system import folder_lock, operating_system, whole_files
+from mpmgis.system import operating_system, whole_files, writer_process
 from mpmgis.system.errors import OutputError
-from mpmgis.system.folder_lock import LOCK_FILE, Writer, sole_writer
+from mpmgis.system.folder_lock import LOCK_FILE, sole_writer
 from mpmgis.system.whole_files import whole_file, whole_folder
+from mpmgis.system.writer_process import Writer
 
 posix_only = pytest.mark.skipif(os.name != "posix", reason="elsewhere a process cannot be asked whether it is alive")
 removes_open_files = pytest.mark.skipif(os.name == "nt", reason="there no open file is removed, no folder of one moved")
 needs_start = pytest.mark.skipif(
-    folder_lock.started(os.getpid()) == folder_lock.UNKNOWN, reason="no start of processes here"
+    writer_process.started(os.getpid()) == writer_process.UNKNOWN, reason="no start of processes here"
 )
 
 
@@ -26,11 +27,11 @@ def ended():
     """The Writer of a process that is over."""
     child = subprocess.Popen([sys.executable, "-c", ""])
     child.wait()
-    return Writer(child.pid, folder_lock.host(), folder_lock.boot(), 1)
+    return Writer(child.pid, writer_process.host(), writer_process.boot(), 1)
 
 
 def here(**other):
-    return folder_lock.this_process()._replace(**other)
+    return writer_process.this_process()._replace(**other)
 
 
 def no_locks(monkeypatch):
@@ -46,9 +47,9 @@ def no_locks(monkeypatch):
 
 
 def test_this_process_is_not_over():
-    assert not folder_lock.this_process().is_over()
-    assert folder_lock.written_by(folder_lock.new_token()) == folder_lock.this_process()
-    assert folder_lock.new_token() != folder_lock.new_token()
+    assert not writer_process.this_process().is_over()
+    assert writer_process.written_by(writer_process.new_token()) == writer_process.this_process()
+    assert writer_process.new_token() != writer_process.new_token()
 
 
 @posix_only
@@ -59,28 +60,28 @@ def test_a_process_that_has_ended_is_over(ended):
 @posix_only
 @needs_start
 def test_a_number_that_was_given_again_is_another_process():
-    assert here(start=folder_lock.started(os.getpid()) - 1).is_over()
-    assert not here(start=folder_lock.UNKNOWN).is_over()
+    assert here(start=writer_process.started(os.getpid()) - 1).is_over()
+    assert not here(start=writer_process.UNKNOWN).is_over()
 
 
 @posix_only
 def test_processes_of_other_machines_and_containers_count_as_alive(ended, monkeypatch):
     assert not ended._replace(host="00000000").is_over()
-    machine = folder_lock.host()
-    monkeypatch.setattr(folder_lock, "_space", lambda: "pid:[4026539999]")
-    folder_lock.host.cache_clear()
+    machine = writer_process.host()
+    monkeypatch.setattr(writer_process, "_space", lambda: "pid:[4026539999]")
+    writer_process.host.cache_clear()
     try:
-        assert folder_lock.host() != machine and not ended.is_over()
+        assert writer_process.host() != machine and not ended.is_over()
     finally:
         monkeypatch.undo()
-        folder_lock.host.cache_clear()
+        writer_process.host.cache_clear()
 
 
 @posix_only
 def test_before_the_last_start_of_the_machine_all_are_over_but_in_containers(monkeypatch):
-    monkeypatch.setattr(folder_lock, "_is_no_container", lambda: True)
+    monkeypatch.setattr(writer_process, "_is_no_container", lambda: True)
     assert here(boot="00000000").is_over()
-    monkeypatch.setattr(folder_lock, "_is_no_container", lambda: False)
+    monkeypatch.setattr(writer_process, "_is_no_container", lambda: False)
     assert not here(boot="00000000").is_over()
 
 
@@ -94,14 +95,14 @@ def test_a_process_that_was_not_waited_for_has_ended():
         if operating_system.process_facts(child.pid)[:1] == ["Z"]:
             break
         os.sched_yield()
-    assert Writer(child.pid, folder_lock.host(), folder_lock.boot(), folder_lock.started(child.pid)).is_over()
+    assert Writer(child.pid, writer_process.host(), writer_process.boot(), writer_process.started(child.pid)).is_over()
     child.wait()
     child.stdout.close()
 
 
 @pytest.mark.parametrize("text", ["", "12", "12-abc-1", "x-0123456789abcdef-1", f"12-{'0' * 16}-", "-1-" + "0" * 16])
 def test_what_is_no_writer_is_none(text):
-    assert folder_lock.written_by(text) is None
+    assert writer_process.written_by(text) is None
 
 
 # --------------------------------------------------------------------------------------------------------- part files
@@ -177,7 +178,8 @@ def test_a_folder_has_one_writer(tmp_path):
         with pytest.raises(OutputError, match=f"is being written by process {os.getpid()}"), sole_writer(tmp_path):
             raise AssertionError("the block must not run")
         assert (
-            folder_lock.written_by((tmp_path / LOCK_FILE).read_text().rpartition(", ")[2]) == folder_lock.this_process()
+            writer_process.written_by((tmp_path / LOCK_FILE).read_text().rpartition(", ")[2])
+            == writer_process.this_process()
         )
     assert not list(tmp_path.iterdir())
     with sole_writer(tmp_path):

@@ -15,9 +15,10 @@ from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import Quantity
+from mpmgis.system.disguised_files import require_local, require_undisguised
 from mpmgis.system.errors import FormatError, InputError
 from mpmgis.system.parallel import frame_pool
-from mpmgis.system.zip_archives import is_trusted, require_local, require_undisguised, trusting
+from mpmgis.system.trusted_files import is_trusted, trusting
 from mpmgis.terrain.grid import Grid
 from mpmgis.terrain.raster_output import write_geotiff
 from mpmgis.terrain.vector_table import read_table

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mpmgis.terrain.dtm import filled
-from mpmgis.terrain.elevation import Terrain, nodata_groups, nodata_in_reach
+from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.flow_reach import reach_of
 from mpmgis.terrain.grid import Grid
+from mpmgis.terrain.nodata_fill import filled
+from mpmgis.terrain.nodata_groups import nodata_groups, nodata_in_reach
 
 
 def plane(shape=(40, 60), pixel=5.0, slope=0.4, level=1500.0):

@@ -8,10 +8,10 @@ import os
 import sys
 
 from ... import __version__
-from ...system import operating_system
+from ...system import memory, operating_system
 from ...system.errors import MpmgisError, one_line
-from ...system.operating_system import address_space_lack
-from ...system.zip_archives import trusting
+from ...system.memory import address_space_lack
+from ...system.trusted_files import trusting
 from ..option import GROUPS, all_verbs, verb_names, verb_of
 from . import terminal
 from .parser import OneLineParser, add_arguments
@@ -101,7 +101,7 @@ def add_verb(parsers, verb):
 
 
 def _guidelines():
-    from ...results.hazard.intensity_map import read_guidelines
+    from ...results.hazard.guideline_files import read_guidelines
 
     return "\n".join(f"  {name:<30}{entry.title}" for name, entry in read_guidelines().items())
 
@@ -134,7 +134,7 @@ def _guarded(arguments):
     """Run the verb; errors and interruptions become one line on stderr and an exit code."""
     name, verb = f"mpmgis {arguments.verb}", verb_of(arguments.verb)
     terminal.name_flags_of(verb)
-    if lack := address_space_lack(operating_system.address_space_limit()):
+    if lack := address_space_lack(memory.address_space_limit()):
         terminal.print_error(f"{name}: {lack}; raise the limit (ulimit -v)")
         return 2
     try:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ...system.errors import FormatError
-from ...system.zip_archives import require_file
+from ...system.trusted_files import require_file
 from .reader_interface import Reader, beside
 from .record_parsing import column_names
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout

@@ -27,6 +27,18 @@ from .record_parsing import BLANK, Form, mapped, read_rows
 _PIECE = re.compile(r"(.*)proc-(\d{1,9})\.(\d{1,15})(.*)")
 _LAST_NUMBER = re.compile(r".*?(\d{1,15})\D*")
 _NUMBER = re.compile(r"\d{1,15}")
+BEGIN = b"ITEM: TIMESTEP"
+BINARY = re.compile(rb".{7}[\x00\xff]DUMP(CUSTOM|ATOM)", re.DOTALL)  # behind the length of the word, negative
+COLUMNS = {  # name of mpmgis -> possible columns
+    **{axis: (axis, f"{axis}u") for axis in "xyz"}, **{f"v{axis}": (f"v{axis}",) for axis in "xyz"},
+    "mass": ("mass",), "radius": ("radius",), "diameter": ("diameter",), "id": ("id",),
+}  # fmt: skip
+SHARES = ("xs", "ys", "zs"), ("xsu", "ysu", "zsu")  # fractions of the box edges
+OTHER_ROWS = ("ENTRIES", "CELLS", "FACETS")  # of `dump local`, of grids and meshes
+METRES = ("si",)
+LONGEST_LINE = 10_000
+MOST_ITEMS = 20
+_WHOLE = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
 
 
 def pieces_by_name(path):
@@ -167,20 +179,6 @@ def _require_all_ranks(paths):
                 f"{paths[0]} is one of {len(paths)} pieces of a step, the piece of rank {lacking[0]} is missing; put "
                 "them into one folder"
             )
-
-
-BEGIN = b"ITEM: TIMESTEP"
-BINARY = re.compile(rb".{7}[\x00\xff]DUMP(CUSTOM|ATOM)", re.DOTALL)  # behind the length of the word, negative
-COLUMNS = {  # name of mpmgis -> possible columns
-    **{axis: (axis, f"{axis}u") for axis in "xyz"}, **{f"v{axis}": (f"v{axis}",) for axis in "xyz"},
-    "mass": ("mass",), "radius": ("radius",), "diameter": ("diameter",), "id": ("id",),
-}  # fmt: skip
-SHARES = ("xs", "ys", "zs"), ("xsu", "ysu", "zsu")  # fractions of the box edges
-OTHER_ROWS = ("ENTRIES", "CELLS", "FACETS")  # of `dump local`, of grids and meshes
-METRES = ("si",)
-LONGEST_LINE = 10_000
-MOST_ITEMS = 20
-_WHOLE = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
 
 
 class _TruncatedError(FormatError):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...system.errors import FormatError
-from ...system.zip_archives import require_file
+from ...system.trusted_files import require_file
 from .ply import fits, read_ply_columns, read_ply_header
 from .reader_interface import Reader, ThirdPartyFrame, frame_of_each, number_of
 

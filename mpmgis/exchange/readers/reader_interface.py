@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...system.errors import FormatError, one_line
-from ...system.operating_system import memory_lack
-from ...system.zip_archives import require_file
+from ...system.memory import memory_lack
+from ...system.trusted_files import require_file
 from ..declarations import Declarations
 
 MOST_DIGITS = 15  # of a number in a file name

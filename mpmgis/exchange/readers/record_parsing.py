@@ -23,6 +23,18 @@ SYNONYMS = {  # column names in lower case, for general formats
     "volume": ("volume", "volumes"),
     **{name: (name,) for name in ("radius", "diameter", "active", "time")},
 }
+GZIP = b"\x1f\x8b\x08"
+AT_ONCE = 4_000_000  # [bytes] of a .gz decompressed at a time
+# [bytes] block size of Arrow: more threads gain nothing for smaller texts, and a process that ends just after their
+# start may abort (apache/arrow#34314)
+ONE_BLOCK = 1 << 20
+# texts that Arrow reads as a missing number
+NO_NUMBER = frozenset(
+    {"", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN", "N/A", "NA", "NULL"}
+    | {"NaN", "n/a", "nan", "null"}
+)
+BLANK = " "  # delimiter for any number of blanks and tabs
+MOST_TIMES = 100_000
 
 
 def column_names(name, components):
@@ -108,10 +120,6 @@ def text_numbers(text, count, path, what, more=False):
     return values
 
 
-GZIP = b"\x1f\x8b\x08"
-AT_ONCE = 4_000_000  # [bytes] of a .gz decompressed at a time
-
-
 @contextmanager
 def mapped(path):
     """The bytes of the file at `path`: a read-only mmap, from which data must be copied; bytes of a .gz.
@@ -179,17 +187,6 @@ def unpacked_head(head, size):
         if len(found) >= size:
             break
     return found[:size]
-
-
-# [bytes] block size of Arrow: more threads gain nothing for smaller texts, and a process that ends just after their
-# start may abort (apache/arrow#34314)
-ONE_BLOCK = 1 << 20
-# texts that Arrow reads as a missing number
-NO_NUMBER = frozenset(
-    {"", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN", "N/A", "NA", "NULL"}
-    | {"NaN", "n/a", "nan", "null"}
-)
-BLANK = " "  # delimiter for any number of blanks and tabs
 
 
 class Form(NamedTuple):
@@ -274,9 +271,6 @@ def _single_spaced(raw):
     while b"  " in raw:
         raw = raw.replace(b"  ", b" ")
     return raw.replace(b" \n", b"\n").replace(b"\n ", b"\n").strip(b" ")
-
-
-MOST_TIMES = 100_000
 
 
 def frames_of_tables(open_file):

@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 
-from ...system.hdf5_reading import opened_whole, written
+from ...system.hdf5_reading import opened_whole
+from ...system.hdf5_writing import written
 from ..solver_grid import solver_grid
 from .start_files import SolverFiles, read_rows, write_json, write_rows
 

@@ -7,9 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from affine import Affine
 
+from ...frames.load_table import append_rows
 from ...terrain.grid import Grid
-from ...terrain.hydrograph_file import append_rows
 from ...terrain.raster_output import write_ascii_grid
+
+UPWARDS = ("e", "n", "u")
+Y_UP = ("e", "u", "-n")
+STL, HEIGHTS = "terrain.stl", "terrain.asc"
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+_TRIANGLES_AT_ONCE = 100_000
 
 
 def write_rows(sink, *columns):
@@ -23,10 +29,6 @@ def write_rows(sink, *columns):
 def read_rows(text, width):
     """float64[n, width] of such text (bytes)."""
     return np.fromstring(text, dtype=float, sep=" ").reshape(-1, width)
-
-
-UPWARDS = ("e", "n", "u")
-Y_UP = ("e", "u", "-n")
 
 
 class SolverFiles(NamedTuple):
@@ -89,11 +91,6 @@ class SolverFiles(NamedTuple):
 def write_json(path, content):
     """Write JSON data to `path`."""
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
-
-
-STL, HEIGHTS = "terrain.stl", "terrain.asc"
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-_TRIANGLES_AT_ONCE = 100_000
 
 
 def write_terrain(folder, box, axes, on_grid=False):

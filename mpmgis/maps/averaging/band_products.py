@@ -22,6 +22,10 @@ from ...terrain.grid import Grid
 from . import binning
 from .cells import Bed, Cells, Placed, flat_cells, place
 
+ALWAYS = ("h", "t", "Un", "Ut")
+RUNNING = "maxima"
+OUTSIDE = Quantity("mass_outside", "kg m-2", "mass outside all height intervals, per plan area", "float32")
+
 
 def flow_depth(cells: Cells) -> np.ndarray:
     """h [m]: largest distance from the bed, normal to it, at least 0 (Eq 7)."""
@@ -87,10 +91,6 @@ def map_speed(cells: Cells) -> np.ndarray:
     return np.hypot(cells.mean(binning.MOMENTUM), cells.mean(binning.MOMENTUM + 1))
 
 
-ALWAYS = ("h", "t", "Un", "Ut")
-RUNNING = "maxima"
-
-
 class Product(NamedTuple):
     """Definition of a band: `compute(cells)`, its value in `empty` cells, and whether it needs `min_depth` of flow."""
 
@@ -139,9 +139,6 @@ def cell_values(cells: Cells, names: Iterable[str], min_depth: float) -> dict[st
         if product.needs_depth:
             values[name] = np.where(too_shallow, np.nan, values[name])
     return values
-
-
-OUTSIDE = Quantity("mass_outside", "kg m-2", "mass outside all height intervals, per plan area", "float32")
 
 
 class HeightLayers(NamedTuple):

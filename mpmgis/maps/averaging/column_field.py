@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 SPLINE_REACH = 2.5  # node spacings from a column to the end of its field: 1.5 of the spline, 1 of the hats
+_AT_NODES = (0.125, 0.75, 0.125)
 
 
 class Axis(NamedTuple):
@@ -298,6 +299,3 @@ def _gains(share):
     part = scipy.ndimage.convolve1d(share, _AT_NODES, 0, mode="nearest")
     part = scipy.ndimage.convolve1d(part, _AT_NODES, 1, mode="nearest")
     return np.divide(1.0, part, out=np.zeros(share.shape), where=part > 1e-9)
-
-
-_AT_NODES = (0.125, 0.75, 0.125)

@@ -14,6 +14,8 @@ from .maxima import least_depth
 from .sampling import FrameFacts, export_axes, export_grid
 
 _ROUNDING = 1e-3  # share of the solver cell; particles less than this below the bed are on it
+RESTING_BELOW = 0.01  # share of the mass below the bed; above it an offset of the solver is assumed
+NOWHERE = -1  # cell number of a point outside the grid
 
 
 @dataclass(frozen=True)
@@ -165,9 +167,6 @@ def _below_terrain(frame, placed, standoff, spacing, mass):
     return (float(below / mass), float(lowest + standoff)) if np.isfinite(lowest) else (0.0, 0.0)
 
 
-RESTING_BELOW = 0.01  # share of the mass below the bed; above it an offset of the solver is assumed
-
-
 def reached(frame: Frame, bed: Bed, axes: Grid) -> tuple | None:
     """Bounds (first column, first row, last column, last row) [m] of the flow on the DTM; None without flow.
 
@@ -272,9 +271,6 @@ def fastest_mean(frame: Frame, bed: Bed, grid: Grid, density: float) -> float:
     """Largest depth-averaged horizontal speed [m s-1] over the cells of `grid` (for Eq 17)."""
     speed = map_speed(bin_frame(frame, place(frame, bed), bed, grid, density))
     return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
-
-
-NOWHERE = -1  # cell number of a point outside the grid
 
 
 def cells_of(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -32,6 +32,15 @@ from ...terrain.grid import Grid
 from .cells import Bed
 from .column_field import Lattice, nodes_to_cells
 
+ARRIVAL = "t_arrival"
+RUNNING_BANDS = ("h_max", "t_max", "Un_max", "Ut_max")  # also in every step with `--products maxima`
+ARRIVAL_THICKNESS = 0.05  # [m] of the solver, unless its frames give another
+THINNEST = 1e-3  # [m] smallest depth of flow if --min-depth is 0
+BANDS = ("h_max", "t_max", "Ut_max", "p_max", ARRIVAL)  # columns have no velocity normal to the bed
+WITHOUT_THRESHOLD = BANDS[:2]
+STRIP_CELLS = 1_000_000  # of one strip; limits memory on large rasters
+THICKNESS, WEIGHT, MOVED, PRESSED, ARRIVED, ARRIVED_AT = range(6)  # sums of a node, times its ground area
+
 
 class Peak(NamedTuple):
     """A maxima band: its product, and whether the `larger` or the smaller value is kept."""
@@ -48,13 +57,8 @@ PEAKS = {
     "Ut_max": Peak("Ut", True),
     "p_max": Peak("p", True),
 }
-ARRIVAL = "t_arrival"
 MAXIMA_BANDS = (*PEAKS, ARRIVAL)
-RUNNING_BANDS = ("h_max", "t_max", "Un_max", "Ut_max")  # also in every step with `--products maxima`
 PRODUCTS_NEEDED = tuple(dict.fromkeys(peak.product for peak in PEAKS.values()))
-
-ARRIVAL_THICKNESS = 0.05  # [m] of the solver, unless its frames give another
-THINNEST = 1e-3  # [m] smallest depth of flow if --min-depth is 0
 
 
 def least_depth(min_depth: float, arrival_thickness: float = ARRIVAL_THICKNESS) -> float:
@@ -132,11 +136,6 @@ class RunningMaxima:
     def largest(self, name: str) -> float:
         """Largest absolute value of band `name`; 0 without flow."""
         return float(np.abs(self.values[name]).max(initial=0.0))
-
-
-BANDS = ("h_max", "t_max", "Ut_max", "p_max", ARRIVAL)  # columns have no velocity normal to the bed
-WITHOUT_THRESHOLD = BANDS[:2]
-STRIP_CELLS = 1_000_000  # of one strip; limits memory on large rasters
 
 
 @dataclass(frozen=True)
@@ -284,9 +283,6 @@ class SolverPeaks:
             nodes[..., ARRIVED_AT] = arrived * arrival
         nodes *= self.spacing**2
         return nodes
-
-
-THICKNESS, WEIGHT, MOVED, PRESSED, ARRIVED, ARRIVED_AT = range(6)  # sums of a node, times its ground area
 
 
 def _rotated(nodes, lattice, grid):

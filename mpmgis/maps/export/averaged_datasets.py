@@ -8,6 +8,7 @@ import numpy as np
 from ...exchange.frame_list import list_frames
 from ...exchange.readers.reader_list import OWN
 from ...frames.particles import Frame
+from ...frames.run_terrain import run_terrain
 from ...laws.quantities import BAND
 from ...system.errors import GeoreferenceError, InputError
 from ...system.parallel import frame_pool
@@ -17,7 +18,7 @@ from ..averaging.band_products import PRODUCTS, choose_products
 from ..averaging.exported_folder import is_export
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import RunningMaxima, SolverPeaks
-from .export_inputs import refuse_nowhere, run_terrain
+from .export_inputs import refuse_nowhere
 from .export_plan import make_plan
 from .xarray_datasets import ELEVATION, averaged_step, averaged_steps, computed_bands, gridded, open_export, terrain_of
 

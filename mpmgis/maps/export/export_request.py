@@ -7,51 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from ...exchange.declarations import Declarations
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeclaredByUser:
-    """User declarations about another code's files."""
-
-    reader: str | None = None
-    origin: tuple | None = None  # (E, N, H) [m]
-    axes: tuple | None = None
-    times: tuple | None = None  # [s]
-    frame_step: float | None = None  # [s]
-    frames_per_second: float | None = None  # [s-1]
-    columns: tuple = ()
-    particle_volume: float | None = None  # [m3]
-    sidecar: Path | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrameSource:
-    """Frames, their DTM, and declarations about them."""
-
-    frames: tuple = ()
-    dem: Path | None = None
-    dem_band: int | None = None
-    crs: str | None = None
-    to_crs: str | None = None
-    density: float | None = None  # [kg m-3]
-    declarations: DeclaredByUser = field(default_factory=DeclaredByUser)
-
-    def terms(self) -> Declarations:
-        """The declarations as Declarations."""
-        declared = vars(self.declarations)
-        return Declarations.named(declared | {"time_step": declared["frame_step"], "density": self.density}, self.crs)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CellAveraging:
-    """Averaging of the particles of a cell."""
-
-    percentile: float = 100.0
-    bed: str = "bilinear"
-    min_depth: float = 0.05  # [m]
-    standoff: float | str = 0.0  # [m]
-    paper: bool = False
+from ...exchange.frame_source import CellAveraging, FrameSource
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,6 +37,7 @@ GREYS = (0.58, 1.0)  # of the darkest and lightest 2 % of the hillshade; light, 
 LEAST_CONTRAST = 0.02  # [1] of a hillshade between its darkest and lightest 2 %; less is not stretched further
 OPACITY = 0.82  # of values over the hillshade
 RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
+LENGTH_OFF_MAP = 1.6  # [inch] longest scale bar beside a map
 
 
 def write_picture(
@@ -301,9 +302,6 @@ def _round_down(value):
     """The largest 1, 2 or 5 times a power of ten up to `value`."""
     power = 10.0 ** math.floor(math.log10(value) + 1e-9)
     return max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-9)) * power
-
-
-LENGTH_OFF_MAP = 1.6  # [inch] longest scale bar beside a map
 
 
 def draw_scale_and_north(axes: "Axes", view: tuple) -> None:

@@ -26,9 +26,9 @@ from ..averaging.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, Solve
 from ..averaging.sampling import export_grid, require_cells_within
 from ..qgis.raster_styles import raster_styles
 from .bed_rasters import write_bed_rasters
+from .export_messages import log_export
 from .export_plan import Plan, needed_products
 from .export_request import CellSampling, ExportRequest
-from .map_export import log_export
 from .step_rasters import (
     Tally,
     absorb_peaks,

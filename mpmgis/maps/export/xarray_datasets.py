@@ -25,6 +25,13 @@ from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import SparseBands
 from ..averaging.exported_folder import open_steps, read_part
 
+BLOCK = 2048  # rows and columns that are read at once
+ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
+TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile")  # of the steps, copied to the dataset
+DEPOSIT = "deposit"  # suffix of the bands of the last step's own raster
+_TIME = {"units": "s", "long_name": "time since the start of the run", "axis": "T"}
+_PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # encoding in NetCDF
+
 
 def particle_table(frame):
     """GeoDataFrame of a Frame's particles: points with x, y, z [m], u, v, w [m s-1], mass [kg], volume [m3], ...
@@ -60,14 +67,6 @@ def cell_table(dataset, wet="h"):
     return geopandas.GeoDataFrame(
         bands, geometry=shapely.box(west, north + t.e, west + t.a, north), crs=dataset.rio.crs
     )
-
-
-BLOCK = 2048  # rows and columns that are read at once
-ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
-TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile")  # of the steps, copied to the dataset
-DEPOSIT = "deposit"  # suffix of the bands of the last step's own raster
-_TIME = {"units": "s", "long_name": "time since the start of the run", "axis": "T"}
-_PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # encoding in NetCDF
 
 
 def gridded(grid, variables, times=None, **attributes):

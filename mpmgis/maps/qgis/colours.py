@@ -31,6 +31,9 @@ CLASS_STEPS = (1, 2, 2.5, 5, 10)  # times a power of ten
 MOST_CLASSES = 7  # of equal width
 BEYOND_HAZARD = 1.25  # times the last hazard class: the largest typical value that keeps the hazard classes
 OPACITY = 0.75  # of a flow over the hillshade
+NORMAL_SIGN = "+ away from it, - into it"
+PROBABILITY = "P_"  # prefix of probability bands
+STATISTIC = re.compile(r"max|min|mean|arrival|p\d+(\.\d+)?")  # last part of a band's name
 
 
 class Look(NamedTuple):
@@ -63,7 +66,6 @@ class Look(NamedTuple):
         return f" [{unit}]" if unit and ":" not in unit else ""
 
 
-NORMAL_SIGN = "+ away from it, - into it"
 LOOKS = {
     "h": Look("flow depth (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
     "t": Look("flow thickness (normal)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
@@ -91,10 +93,6 @@ LOOKS = {
     "surface_new": Look("ground at the end", "m", NUUK, "rate"),
     "bed_new": Look("bed after erosion", "m", NUUK, "rate"),
 }
-
-
-PROBABILITY = "P_"  # prefix of probability bands
-STATISTIC = re.compile(r"max|min|mean|arrival|p\d+(\.\d+)?")  # last part of a band's name
 
 
 def symbol(name: str) -> str:

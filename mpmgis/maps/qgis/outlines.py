@@ -36,6 +36,10 @@ from .xml_markup import reference_text
 
 BANDS = ("h", "t", "Un", "Ut", "Ut_E", "Ut_N")
 SHOWN = ("ids", "place", "velocity")
+PARTICLES_SHOWN = 300  # per step, about
+BATCH = 32_000_000  # [bytes] of geometry in memory
+UTC = 100  # GDAL's code for UTC
+POINTS, POLYGONS = 0, 2  # geometry type numbers of QGIS
 
 
 class StepOutline(NamedTuple):
@@ -109,12 +113,6 @@ class StepSpool:
 
     def _shapes(self, step):
         return self._folder / f"{step}.npz"
-
-
-PARTICLES_SHOWN = 300  # per step, about
-BATCH = 32_000_000  # [bytes] of geometry in memory
-UTC = 100  # GDAL's code for UTC
-POINTS, POLYGONS = 0, 2  # geometry type numbers of QGIS
 
 
 def write_outlines(run: ExportedRun, steps: StepSpool, release: Sequence | None = None) -> None:

@@ -17,6 +17,10 @@ from .colours import look_of
 from .raster_styles import contour_interval, contour_pipe, hillshade_pipe, style_document, value_pipe, write_sidecar
 from .xml_markup import node, options, reference_system
 
+SURFACE = Quantity("surface", "m", "highest surface of the flow: terrain and largest flow depth", "float32")
+TITLE = "surface max [m]: terrain and largest flow depth"
+TERRAIN_COLOUR, SURFACE_COLOUR = "90,70,50,255", "190,60,50,255"
+
 
 class Layer(NamedTuple):
     """One row of the layer list: its `maplayer` element and its initial visibility."""
@@ -108,11 +112,6 @@ def legend_entries(maplayer: Element) -> Element | None:
     order = ",".join(str(k) for k, seen in enumerate(drawn, start=1) if seen)
     entry = {"type": "QString", "name": "legend/node-order", "value": order}
     return node("customproperties", None, node("Option", {"type": "Map"}, node("Option", entry)))
-
-
-SURFACE = Quantity("surface", "m", "highest surface of the flow: terrain and largest flow depth", "float32")
-TITLE = "surface max [m]: terrain and largest flow depth"
-TERRAIN_COLOUR, SURFACE_COLOUR = "90,70,50,255", "190,60,50,255"
 
 
 def write_surface(run: ExportedRun) -> None:

@@ -8,6 +8,11 @@ if TYPE_CHECKING:
 
 
 QGIS_HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+LOCAL_FRAME = (
+    'ENGCRS["local frame in metres",EDATUM["local frame"],CS[Cartesian,2],'
+    'AXIS["easting (E)",east,ORDER[1],LENGTHUNIT["metre",1]],'
+    'AXIS["northing (N)",north,ORDER[2],LENGTHUNIT["metre",1]]]'
+)
 
 
 def node(tag: str, attributes: dict | None = None, *children, text: object = None) -> ElementTree.Element:
@@ -48,10 +53,3 @@ def reference_system(crs: "CRS | None") -> ElementTree.Element:
 def reference_text(crs: "CRS | None") -> str:
     """WKT of a CRS; a local frame (None) is an engineering CRS in metres."""
     return LOCAL_FRAME if crs is None else crs.to_wkt()
-
-
-LOCAL_FRAME = (
-    'ENGCRS["local frame in metres",EDATUM["local frame"],CS[Cartesian,2],'
-    'AXIS["easting (E)",east,ORDER[1],LENGTHUNIT["metre",1]],'
-    'AXIS["northing (N)",north,ORDER[2],LENGTHUNIT["metre",1]]]'
-)

@@ -17,10 +17,12 @@ from qgis.core import (
 from qgis.PyQt.QtGui import QIcon
 
 from . import scene_form
-from .calling import add_project, call, is_refusal, layer_of
-from .command import SETTING, CommandMissing, copy_whole, find_command, kept_unless, write_whole
+from .calling import call, is_refusal
+from .command import SETTING, CommandMissing, find_command
 from .forms import LOAD, OUTPUT, arguments, read_forms
+from .kept_files import copy_whole, kept_unless, write_whole
 from .parameters import oldest_qgis, parameter, plain_values
+from .result_layers import add_project, layer_of
 from .table_page import page_of
 
 ANSWER = "ANSWER"  # output: text that the command printed

@@ -9,92 +9,13 @@ Loads results of the command as layers of the open project.
 from __future__ import annotations
 
 import os
-import zipfile
 
-from qgis import utils
 from qgis.core import (
-    QgsInterval,
-    QgsLayerDefinition,
-    QgsPalettedRasterRenderer,
-    QgsPathResolver,
     QgsProcessingException,
-    QgsRasterLayer,
-    QgsReadWriteContext,
-    QgsVectorLayer,
 )
 from qgis.PyQt.QtCore import QProcess, QProcessEnvironment
-from qgis.PyQt.QtGui import QColor
-from qgis.PyQt.QtXml import QDomDocument
 
-from . import versions
 from .command import Lines, environment, error_line, is_error_line, progress
-
-
-def add_project(path, project):
-    """Add the layers of the exported project file `path` (.qgz) with styles and times to `project`, as the first group.
-
-    The time range of the animation is set where `project` has none yet.
-    Returns the error as text, "" without one.
-    """
-    with zipfile.ZipFile(path) as archive:
-        text = archive.read(archive.namelist()[0])
-    exported = QDomDocument()
-    exported.setContent(text)
-    root = exported.documentElement()
-    group = project.layerTreeRoot().insertGroup(0, root.firstChildElement("title").text())
-    context = QgsReadWriteContext()
-    context.setPathResolver(QgsPathResolver(path))
-    loaded, trouble = QgsLayerDefinition.loadLayerDefinition(_definition(root), project, group, context)
-    if project.timeSettings().temporalRange().begin().isNull():
-        project.timeSettings().readXml(root.firstChildElement("ProjectTimeSettings"), context)
-        start_clock(project.timeSettings())
-    return "" if loaded else trouble
-
-
-def start_clock(times):
-    """Show the map at the first time of `times`, if the Temporal Controller is off, which would show all times."""
-    canvas = utils.iface.mapCanvas() if utils.iface is not None else None
-    clock = canvas.temporalController() if canvas is not None else None
-    if clock is None or clock.navigationMode() != versions.CLOCK_OFF or times.temporalRange().begin().isNull():
-        return
-    clock.setTemporalExtents(times.temporalRange())
-    clock.setFrameDuration(QgsInterval(times.timeStep(), times.timeStepUnit()))
-    clock.setNavigationMode(versions.CLOCK_ANIMATED)
-    clock.rewindToStart()
-
-
-def _definition(root):
-    """The layers of a project's XML as a layer definition, which QGIS can add to another project."""
-    document = QDomDocument()
-    top = document.createElement("qlr")
-    document.appendChild(top)
-    top.appendChild(document.importNode(root.firstChildElement("layer-tree-group"), True))
-    layers = document.createElement("maplayers")
-    layer = root.firstChildElement("projectlayers").firstChildElement("maplayer")
-    while not layer.isNull():
-        layers.appendChild(document.importNode(layer, True))
-        layer = layer.nextSiblingElement("maplayer")
-    top.appendChild(layers)
-    return document
-
-
-def layer_of(path, palette=()):
-    """A layer of the file `path`, or None if QGIS cannot draw it.
-
-    It has the style file of the same name; a raster without one gets `palette` (value, colour, label) on its first
-    band, because QGIS would draw several bands as a colour image.
-    """
-    base, suffix = os.path.splitext(path)
-    name = os.path.basename(base)
-    if suffix != ".tif":
-        layer = QgsVectorLayer(path, name, "ogr")
-        return layer if layer.isValid() and layer.isSpatial() else None
-    layer = QgsRasterLayer(path, name)
-    if layer.isValid() and palette and not os.path.exists(base + ".qml"):
-        classes = [QgsPalettedRasterRenderer.Class(value, QColor(colour), label) for value, colour, label in palette]
-        layer.setRenderer(QgsPalettedRasterRenderer(layer.dataProvider(), 1, classes))
-    return layer if layer.isValid() else None
-
 
 LOOK_MILLISECONDS = 100
 BAD_INPUT = 2  # exit code of the command for refused input; no file was changed

@@ -17,14 +17,14 @@ from ...maps.qgis.outlines import POLYGONS, mask_outline
 from ...maps.qgis.raster_styles import style_document
 from ...maps.qgis.vector_styles import class_renderer, outline_renderer, vector_style_document, write_layer_styles
 from ...maps.qgis.xml_markup import node
+from ...system.csv_rows import write_records
 from ...system.errors import InputError
 from ...system.optional_libraries import GEOPACKAGE
 from ...system.whole_files import whole_file
 from ...terrain.grid import Grid
-from ...terrain.hydrograph_file import write_records
 from ...terrain.raster_output import BLOCK, NAMESPACE, write_geotiff
+from .guideline_files import read_guidelines, read_tables
 from .hazard_levels import NOT_ASSESSED, Hazard, HazardMatrix, parse_matrices
-from .intensity_map import read_guidelines, read_tables
 from .zone_outlines import Generalized, polygons
 
 SHIPPED = Path(__file__).with_name("hazard_matrices.toml")

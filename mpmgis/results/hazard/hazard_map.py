@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from ... import __version__
-from ...maps.export.export_inputs import terrain_of_rasters
+from ...frames.run_terrain import terrain_of_rasters
 from ...system.errors import InputError
 from ...system.messages import log
 from ...terrain.elevation import Terrain

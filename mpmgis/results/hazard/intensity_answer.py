@@ -3,104 +3,27 @@
 Loads of a flow on the buildings of a polygon layer: frames or an export in, loads of each building out.
 """
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ... import __version__
-from ...maps.averaging.exported_folder import is_export
-from ...maps.averaging.frame_values import cells_of
+from ...frames.run_terrain import terrain_of_rasters
 from ...maps.averaging.result_bands import Result
-from ...maps.export.export_inputs import terrain_of_rasters
-from ...maps.export.export_request import AnswerRequest, CellAveraging
+from ...maps.export.export_request import AnswerRequest
 from ...system.errors import InputError
 from ...system.messages import log
 from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
 from ..answer_files import answer_output, write_answer
-from ..barrier_loads import BANDS, largest_loads, outline_of
-from ..building_layer import read_buildings, write_buildings
-from ..opened_results import open_flow, peaks_of, read_peaks
+from ..building_layer import write_buildings
+from ..building_loads import building_loads
+from ..opened_results import peaks_of, read_peaks
 from .guideline_classes import Guideline, class_areas, classify, without_value
-from .intensity_map import (
-    choose_guideline,
-    write_class_map,
-    write_class_polygons,
-    write_class_raster,
-    write_class_style,
-    write_class_table,
-)
-
-
-def building_loads(results, path, drag, min_depth, output, progress=lambda done, total: None):
-    """Estimates of the largest loads on the buildings at `path`.
-
-    Parameters
-    ----------
-    results : Results
-        Frames, or an export whose steps have the bands Ut_E and Ut_N.
-    path : Path
-        Polygons.
-    drag : float [1]
-        C_d of the dynamic pressure.
-    min_depth : float [m]
-        Flow shallower than this does not load.
-    output : Path
-        Where the answer goes.
-    progress : callable
-        Called with (steps done, steps in all).
-
-    Returns
-    -------
-    (list of Feature, list of dict, Terrain)
-        Buildings, their loads (`barrier_loads.FIELDS`), terrain.
-
-    Raises
-    ------
-    MpmgisError
-        Largest values only, no velocities by direction, no density, not polygons.
-    """
-    if any(is_export(one) for one in results.frames):  # its cells have their minimum depth already
-        results = replace(results, averaging=CellAveraging())
-    flow = open_flow(results, output)
-    if flow.density is None:
-        raise InputError(f"{flow.name}: its density is not known, which `buildings` needs; name the frames instead")
-    buildings = read_buildings(path, flow.terrain)
-    if not buildings:
-        raise InputError(f"{path} has no polygon; give a layer of buildings")
-    outlines = [outline_of(building.shape, flow.grid.cell_size) for building in buildings]
-    ends = np.cumsum([len(outline.x) for outline in outlines])
-    pieces = cells_of(flow.grid, *(np.concatenate([getattr(one, axis) for one in outlines]) for axis in "xy"))
-    cells, places = np.unique(pieces, return_inverse=True)
-    found = flow.at_cells(cells, BANDS, range(len(flow.times)), progress)
-    loads = []
-    outside = [float((part < 0).mean()) for part in np.split(pieces, ends[:-1])]
-    for outline, place, share in zip(outlines, np.split(places, ends[:-1]), outside, strict=True):
-        values = {name: found[name][:, place] for name in BANDS}
-        own = largest_loads(outline, flow.times, values, flow.density, drag, min_depth)
-        loads.append(dict.fromkeys(own, math.nan) if share == 1.0 and flow.entries else own)
-    _log_outside(flow, outside)
-    hit = sum(one["flow_force"] > 0 for one in loads)
-    log.info(
-        f"{hit} of {len(buildings)} buildings are reached; their loads are estimates from the undisturbed flow "
-        f"(C_d = {drag:g})"
-    )
-    return buildings, loads, flow.terrain
-
-
-def _log_outside(flow, shares):
-    """Report buildings of whose outline `shares` are outside the cells: frames cover the DTM, exports their flow."""
-    whole, partly = sum(share == 1.0 for share in shares), sum(0.0 < share < 1.0 for share in shares)
-    if not whole and not partly:
-        return
-    where, how = ("DTM", "without loads") if flow.entries else ("cells of the export", "as not reached")
-    log.info(
-        f"{whole} of {len(shares)} buildings are outside the {where} and are written {how}; of {partly} a part is "
-        "outside, which is not loaded"
-    )
-
+from .guideline_files import choose_guideline
+from .intensity_files import write_class_polygons, write_class_raster, write_class_style, write_class_table
+from .intensity_map import write_class_map
 
 RASTER_FILE, STYLE_FILE = "intensity.tif", "intensity.qml"
 POLYGON_FILE, TABLE_FILE = "intensity.gpkg", "intensity.csv"

@@ -21,13 +21,13 @@ from ...exchange.readers.general_hdf5 import MAGIC
 from ...exchange.readers.reader_list import OWN, head_of, reader_of
 from ...exchange.writers.writer_list import SOLVER_FILES
 from ...frames.ensemble_folder import MAPS, read_ensemble_record
-from ...frames.frame_contents import check_kept, check_result
+from ...frames.frame_digest import check_kept, check_result
 from ...frames.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE, read_record
 from ...frames.run_maps import has_rasters
 from ...scene import read_scene
+from ...system.disguised_files import require_local
 from ...system.errors import FormatError, InputError, MpmgisError, one_line
 from ...system.hdf5_reading import opened_whole, require_memory
-from ...system.zip_archives import require_local
 from ...terrain.georeference import name_of
 from .map_facts import project_facts, raster_facts, vector_facts
 from .particle_facts import PEAKS, frame_facts, particle_table_facts, third_party_facts
@@ -35,6 +35,7 @@ from .particle_facts import PEAKS, frame_facts, particle_table_facts, third_part
 README = "README.txt"
 CLOSE = 1e-6  # relative tolerance of the mass in README.txt
 _WRITTEN = re.compile(r"(\d+) points, (\S+) kg, .* from (.+), written for (.+) by mpmgis (\S+)\.")
+LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
 
 
 def start_facts(folder: str | Path) -> dict | None:
@@ -110,9 +111,6 @@ def _read_back(folder, solver, terms):
         "bbox": [low[0], low[1], high[0], high[1]],
         "elevation": [low[2], high[2]],
     }
-
-
-LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
 
 
 def inspect(path: str | Path, terms: Declarations | None = None) -> dict:

@@ -8,6 +8,23 @@ from typing import NamedTuple
 
 from ...system.whole_files import whole_file
 
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; color: #222; max-width: 62em; margin: 2em auto; padding: 0 1em; }
+h1 { font-size: 1.7em; margin-bottom: 0.1em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 1px solid #bbb; }
+.under { color: #555; margin-top: 0; } figure { margin: 1em 0; break-inside: avoid; }
+img { max-width: 100%; height: auto; } figcaption { color: #555; font-size: 0.9em; }
+table { border-collapse: collapse; margin: 0.8em 0; font-size: 0.92em; }
+th, td { text-align: left; vertical-align: top; padding: 0.2em 0.9em 0.2em 0; border-bottom: 1px solid #e2e2e2; }
+th { border-bottom: 1px solid #888; } tr { break-inside: avoid; }
+pre { background: #f4f2ee; padding: 0.8em; font-size: 0.85em; white-space: pre-wrap; overflow-wrap: anywhere; }
+td, li { overflow-wrap: anywhere; }
+@page { size: A4; margin: 16mm; }
+@media print {
+  h2.page { break-before: page; }
+  body { font-size: 10.5pt; margin: 0; max-width: none; } h2 { break-after: avoid; } img { max-height: 200mm; }
+}
+"""
+
 
 class Table(NamedTuple):
     """Rows of texts under `headings`; the first column is the row label."""
@@ -55,24 +72,6 @@ def figure_rows(facts: Iterable[tuple]) -> tuple:
 
 def _text(value):
     return value if isinstance(value, str) else f"{value:.5g}"
-
-
-STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; color: #222; max-width: 62em; margin: 2em auto; padding: 0 1em; }
-h1 { font-size: 1.7em; margin-bottom: 0.1em; } h2 { font-size: 1.2em; margin-top: 2em; border-bottom: 1px solid #bbb; }
-.under { color: #555; margin-top: 0; } figure { margin: 1em 0; break-inside: avoid; }
-img { max-width: 100%; height: auto; } figcaption { color: #555; font-size: 0.9em; }
-table { border-collapse: collapse; margin: 0.8em 0; font-size: 0.92em; }
-th, td { text-align: left; vertical-align: top; padding: 0.2em 0.9em 0.2em 0; border-bottom: 1px solid #e2e2e2; }
-th { border-bottom: 1px solid #888; } tr { break-inside: avoid; }
-pre { background: #f4f2ee; padding: 0.8em; font-size: 0.85em; white-space: pre-wrap; overflow-wrap: anywhere; }
-td, li { overflow-wrap: anywhere; }
-@page { size: A4; margin: 16mm; }
-@media print {
-  h2.page { break-before: page; }
-  body { font-size: 10.5pt; margin: 0; max-width: none; } h2 { break-after: avoid; } img { max-height: 200mm; }
-}
-"""
 
 
 def write_report(path: Path, title: str, under: str, sections: Iterable[Section], language: str = "en") -> None:

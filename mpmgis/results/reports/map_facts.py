@@ -11,10 +11,12 @@ import pyproj
 from affine import Affine
 
 from ...seeding.release_areas import USUAL_COLUMNS
+from ...system.disguised_files import require_undisguised
 from ...system.errors import FormatError, MpmgisError, one_line
 from ...system.messages import muted
 from ...system.optional_libraries import needed_for
-from ...system.zip_archives import opened_zip, require_file, require_undisguised, require_unpacked, require_zip_fits
+from ...system.trusted_files import require_file
+from ...system.zip_archives import opened_zip, require_unpacked, require_zip_fits
 from ...terrain.dtm import read_terrain
 from ...terrain.georeference import horizontal, name_of
 from ...terrain.grid import Grid
@@ -25,6 +27,8 @@ LARGEST_PROJECT = 100_000_000  # [bytes] of XML; projects with hundreds of layer
 MOST_LAYERS = 10_000
 _AT_ONCE = 1_000_000
 _CRS = ["qgis", "projectCrs", "spatialrefsys", "authid"]
+LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger rasters are not tested as a DTM
+TAG_NAMESPACE = "mpmgis"
 
 
 def project_facts(path: str | Path) -> dict:
@@ -102,10 +106,6 @@ class _Project:
 
     def close(self):
         """End of the file."""
-
-
-LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger rasters are not tested as a DTM
-TAG_NAMESPACE = "mpmgis"
 
 
 def raster_facts(path: Path, values: bool = True) -> dict:

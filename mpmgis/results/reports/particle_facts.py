@@ -22,7 +22,7 @@ from ...exchange.frame_georeferencing import (
 )
 from ...exchange.frame_list import third_party_frames
 from ...exchange.readers.record_parsing import Form, read_rows
-from ...frames.frame_contents import check_content
+from ...frames.frame_digest import check_content
 from ...frames.frame_files import read_frame, read_maxima
 from ...frames.peaks import largest_peaks
 from ...system.errors import FormatError, InputError, MpmgisError, one_line

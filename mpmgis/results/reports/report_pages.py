@@ -3,25 +3,35 @@
 import numpy as np
 import shapely
 
+from ...frames.load_table import read_barrier_table
 from ...frames.run_folder import BARRIER_FILE, SCENE_FILE, STAGE_BARRIER_FILE
 from ...maps.averaging.frame_values import cells_of
 from ...maps.export.band_map import write_band_map
-from ...scene.material_file import read_scene
+from ...scene.scene_reading import read_scene
 from ...simulation.run_summary import extremes
 from ...simulation.scene_files import scene_walls
 from ...solvers.features.walls import half_thickness
+from ...system.disguised_files import require_local
 from ...system.errors import MpmgisError
 from ...system.messages import log, muted
-from ...system.zip_archives import require_local
-from ...terrain.hydrograph_file import read_barrier_table
 from ..barrier_loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
+from ..load_plots import write_history_plot, write_section_plot
 from ..profiles import free_surface
-from ..runout_plots import write_history_plot, write_section_plot
 from .html_page import Lines, Picture, Table, figure_rows, section
 
 NEAR_CELLS = 3.0  # [cells] of solver or map around a wall in which its run-up is looked for
 SECTION_CELLS, SECTION_HEIGHTS = 8.0, 6.0  # cells of the map, heights of the crest: before a wall; half behind it
 MOST_PLACES = 2000  # of a section
+JOINED_SHARE = 0.04  # of the longer side of the map: places nearer to each other have one label
+LEAST_SHARE = 1e-5  # of the mass, from which on a place where mass left is listed
+HEADINGS = ("number", "what", "value", "E [m]", "N [m]", "time [s]")
+PEAKS = (  # band, words, unit, factor
+    ("h_max", "largest depth in the maps", "m", 1.0),
+    ("Ut_max", "largest speed in the maps", "m/s", 1.0),
+    ("p_max", "largest pressure in the maps", "kPa", 1e-3),
+)
+STEPS = (("thickness", "largest vertical thickness of any step", "m"), ("speed", "largest speed of any step", "m/s"))
+LEFT = {"hole": "into a hole of the DTM", "collar": "into the nodata around the DTM", "elsewhere": "at smaller places"}
 
 
 def barrier_sections(gathered, folder):
@@ -192,18 +202,6 @@ def _section(gathered, wall, history, run_up, path):
     in_wall = shapely.contains_xy(wall.footprint, x, y)
     write_section_plot(path, wall.name, along, ground, surfaces, in_wall, run_up.crest)
     return Picture(path.read_bytes(), "Section through the place of the largest depth at the wall")
-
-
-JOINED_SHARE = 0.04  # of the longer side of the map: places nearer to each other have one label
-LEAST_SHARE = 1e-5  # of the mass, from which on a place where mass left is listed
-HEADINGS = ("number", "what", "value", "E [m]", "N [m]", "time [s]")
-PEAKS = (  # band, words, unit, factor
-    ("h_max", "largest depth in the maps", "m", 1.0),
-    ("Ut_max", "largest speed in the maps", "m/s", 1.0),
-    ("p_max", "largest pressure in the maps", "kPa", 1e-3),
-)
-STEPS = (("thickness", "largest vertical thickness of any step", "m"), ("speed", "largest speed of any step", "m/s"))
-LEFT = {"hole": "into a hole of the DTM", "collar": "into the nodata around the DTM", "elsewhere": "at smaller places"}
 
 
 def places_section(gathered, folder):

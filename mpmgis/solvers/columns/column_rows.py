@@ -22,6 +22,23 @@ NODE_KINETIC = NODE_GAIN
 BLOCK = 8  # nodes along a block's side
 TILE = BLOCK + 2  # a particle of the block reaches two nodes further
 INDEX_MASK = 0x3FFFFFFF  # shows the compiler that an index is not negative, which spares a test for each access
+# Columns go through a transfer BATCH at a time: in loops over short arrays ("lines" of one scratch array), which the
+# compiler vectorises; only nodes and rows are read and written column by column.
+BATCH = 32
+(
+    L_X, L_Y, L_U, L_V, L_CXX, L_CXY, L_CYX, L_CYY, L_MASS, L_AREA, L_GX, L_GY,  # as in a row
+    L_WX0, L_WX1, L_WX2, L_WY0, L_WY1, L_WY2,  # weights
+    L_SX, L_MX, L_SY, L_MY,  # offset from the middle node, and factor of second differences in a moment
+    L_GX0, L_GX1, L_GX2, L_GY0, L_GY1, L_GY2,  # slopes of weights
+    L_SPEED2, L_HORIZONTAL2, L_SIGNAL2, L_BOUND, L_GAINED, L_WORK, L_TAKEN, L_BENT,
+) = range(0, 36 * BATCH, BATCH)  # fmt: skip
+LINES = 36 * BATCH
+QUAD = 4 * BATCH  # groups of four numbers, one group a column
+QUADS = 6 * QUAD
+# groups of four: mean of the nodes' entries, their slopes and moments; the bed's rows under a column
+Q_MEAN, Q_ALONG_X, Q_ALONG_Y, Q_MOMENT_X, Q_MOMENT_Y = range(0, 5 * QUAD, QUAD)
+Q_BED, Q_BED_SLOPE = Q_MEAN, Q_ALONG_X
+SORT_ROWS = 8192  # rows per piece of the sort, at most CHUNKS pieces
 
 
 @jit_inline
@@ -192,21 +209,6 @@ def node_gradients(bed, dx):
     return gradient
 
 
-# Columns go through a transfer BATCH at a time: in loops over short arrays ("lines" of one scratch array), which the
-# compiler vectorises; only nodes and rows are read and written column by column.
-BATCH = 32
-(
-    L_X, L_Y, L_U, L_V, L_CXX, L_CXY, L_CYX, L_CYY, L_MASS, L_AREA, L_GX, L_GY,  # as in a row
-    L_WX0, L_WX1, L_WX2, L_WY0, L_WY1, L_WY2,  # weights
-    L_SX, L_MX, L_SY, L_MY,  # offset from the middle node, and factor of second differences in a moment
-    L_GX0, L_GX1, L_GX2, L_GY0, L_GY1, L_GY2,  # slopes of weights
-    L_SPEED2, L_HORIZONTAL2, L_SIGNAL2, L_BOUND, L_GAINED, L_WORK, L_TAKEN, L_BENT,
-) = range(0, 36 * BATCH, BATCH)  # fmt: skip
-LINES = 36 * BATCH
-QUAD = 4 * BATCH  # groups of four numbers, one group a column
-QUADS = 6 * QUAD
-
-
 @jit
 def take_rows(rows, order, first, count, end, scratch, moved):
     """Copy the rows of columns order[first : first + count] into the lines of `scratch`, four columns at a time.
@@ -231,14 +233,6 @@ def take_rows(rows, order, first, count, end, scratch, moved):
             store(scratch, line + BATCH, b)
             store(scratch, line + 2 * BATCH, c)
             store(scratch, line + 3 * BATCH, d)
-
-
-# groups of four: mean of the nodes' entries, their slopes and moments; the bed's rows under a column
-Q_MEAN, Q_ALONG_X, Q_ALONG_Y, Q_MOMENT_X, Q_MOMENT_Y = range(0, 5 * QUAD, QUAD)
-Q_BED, Q_BED_SLOPE = Q_MEAN, Q_ALONG_X
-
-
-SORT_ROWS = 8192  # rows per piece of the sort, at most CHUNKS pieces
 
 
 @jit_inline

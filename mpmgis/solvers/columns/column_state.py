@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ...compiled.particle_slices import in_slices
+from ...frames.outflow_places import left_places
 from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
 from ...frames.peaks import PEAK_STATE, fits, maxima_of, peaks_state, restore_peaks
 from ...frames.state_check import LEFT_STATE
-from ...frames.watched_features import left_places
 from ...laws.forest import STRENGTH
 from ...laws.ground_metric import cosine_squared
 from ...system.errors import FormatError
@@ -21,6 +21,29 @@ from .column_restart import require_column_state
 
 DETRAINED, BROKEN = "detrained_mass", "broken_forest"
 MASS, TRANSFORM, DENSITY = "eroded_mass", "transform", "bed_density"
+# outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
+LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
+# sums of a barrier [N s, N s, N s, kg, N]; the force is the largest of a single step
+BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
+# what came in after the start: columns, and their energy when they did [J]
+INSERTED_COLUMNS, INSERTED_KINETIC, INSERTED_POTENTIAL, INSERTED = range(4)
+LOSSES = {  # energy losses of a flow, and their clock entries
+    "ground": column_clock.FRICTION_TOTAL,
+    "eroded_mass": column_clock.MERGING_TOTAL,
+    "barriers": column_clock.BARRIER_TOTAL,
+    "speed_limit": column_clock.LIMITED_TOTAL,
+}
+CLIPS = {  # limits on the state of columns, and the clock entries that count the column-steps in which they acted
+    "area_factor": column_clock.STRETCH_TOTAL,
+    "thinnest_column": column_clock.THIN_AREA_TOTAL,
+    "thickness_clamp": column_clock.CLAMPED_TOTAL,
+    "speed_bound": column_clock.SPEED_TOTAL,
+    "held_at_walls": column_clock.WALL_TOTAL,
+    "viscosity_capped": column_clock.STIFF_TOTAL,
+    "thinner_than_friction": column_clock.THIN_TOTAL,
+    "erosion_of_a_step": column_clock.GREEDY_TOTAL,
+    "weightless": column_clock.AIRBORNE_TOTAL,
+}
 
 
 def bed_change_of(eroded, forest, west, south, spacing):
@@ -53,31 +76,6 @@ def bed_change_of(eroded, forest, west, south, spacing):
 def with_density(eroded: dict[str, Any], density: float) -> dict[str, Any]:
     """The same with the density [kg m-3] of the bed, which makes depths of masses; nothing stays nothing."""
     return eroded | {DENSITY: float(density)} if eroded else {}
-
-
-# outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
-LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
-# sums of a barrier [N s, N s, N s, kg, N]; the force is the largest of a single step
-BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
-# what came in after the start: columns, and their energy when they did [J]
-INSERTED_COLUMNS, INSERTED_KINETIC, INSERTED_POTENTIAL, INSERTED = range(4)
-LOSSES = {  # energy losses of a flow, and their clock entries
-    "ground": column_clock.FRICTION_TOTAL,
-    "eroded_mass": column_clock.MERGING_TOTAL,
-    "barriers": column_clock.BARRIER_TOTAL,
-    "speed_limit": column_clock.LIMITED_TOTAL,
-}
-CLIPS = {  # limits on the state of columns, and the clock entries that count the column-steps in which they acted
-    "area_factor": column_clock.STRETCH_TOTAL,
-    "thinnest_column": column_clock.THIN_AREA_TOTAL,
-    "thickness_clamp": column_clock.CLAMPED_TOTAL,
-    "speed_bound": column_clock.SPEED_TOTAL,
-    "held_at_walls": column_clock.WALL_TOTAL,
-    "viscosity_capped": column_clock.STIFF_TOTAL,
-    "thinner_than_friction": column_clock.THIN_TOTAL,
-    "erosion_of_a_step": column_clock.GREEDY_TOTAL,
-    "weightless": column_clock.AIRBORNE_TOTAL,
-}
 
 
 class ColumnState(ParticleStore):

@@ -46,7 +46,7 @@ compiled_cosine_squared = jit_inline(cosine_squared)
 
 
 @jit
-def _impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, dx, dt, density, gravity,
+def pressure_impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, dx, dt, density, gravity,
               metric, lake, earth_pressure, viscosity):  # fmt: skip
     """Contribution of columns to nodes, as weights and four-number groups; returns how many viscosities it capped.
 
@@ -179,7 +179,7 @@ def particles_to_grid(
             for first in range(start[a], start[a + 1], BATCH):
                 count = min(BATCH, start[a + 1] - first)
                 take_rows(rows, order, first, count, order.size, scratch, True)
-                stiff += _impulses(
+                stiff += pressure_impulses(
                     scratch, quads, place, count, i_block, j_block, bed, lake_level, dx, dt, density, gravity,
                     metric, lake, earth_pressure, viscosity,
                 )  # fmt: skip

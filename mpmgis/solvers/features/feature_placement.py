@@ -4,13 +4,11 @@ Forest from files on the solver's grid: values of the trees at the nodes, with t
 """
 
 import itertools
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ...laws.forest import DETRAINMENT, DRAG, FOREST_ENTRIES, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
 from ...laws.friction import given_instead, turbulent_coefficient
 from ...scene.tables import HIGHEST_WALL
 from ...system.errors import InputError, SceneError
@@ -19,83 +17,6 @@ from ..columns.feature_arrays import NO_LAKE
 from .lakes_and_areas import cell_values, lake_cells, water_depth, within
 from .wall_openings import narrow_openings
 from .walls import CORE_CELLS, FACE_CELLS, Wall, half_thickness, wall_nodes
-
-ENTRY = {  # by key of [[forest]]
-    "detrainment": DETRAINMENT, "drag": DRAG, "friction": FRICTION, "strength": STRENGTH, "detrainment_speed": SLOW,
-    "detrainment_thickness": THIN, "breaking_thickness": TOO_THICK,
-}  # fmt: skip
-
-
-def forest_values(forests: Any, grid: Any) -> np.ndarray:
-    """Values of the trees at the nodes, float64[ny + 3, nx + 3, FOREST_ENTRIES]; 0 without forest and at ghosts.
-
-    Parameters
-    ----------
-    forests : iterable of (number in the scene, ForestTable, PlacedFiles)
-        A later one applies where several overlap; a node has forest where all its values are known.
-    grid : ColumnGrid
-
-    Raises
-    ------
-    SceneError, InputError
-        A column without polygons or without numbers; values outside their range; a forest off the terrain.
-    """
-    x, y = grid.node_points()
-    inner = grid.domain_nodes()
-    found = np.zeros((*x.shape, FOREST_ENTRIES))
-    for number, table, files in forests:
-        where, covers = f"[[forest]] number {number}", False
-        for mask, values in _stands(table, files, x, y, where):
-            trees = inner[mask] & np.isfinite(values).all(axis=-1)
-            _require_trees_in_range(table, values[trees], where)
-            found[mask] = np.where(trees[:, None], values, found[mask])
-            covers = covers or trees.any()
-        if not covers:
-            raise InputError(f"{where} covers no node of the terrain; check its CRS and its values")
-    return found
-
-
-def _stands(table, files, x, y, where):
-    """(bool nodes, values [n, FOREST_ENTRIES] at these) of each polygon of a table, or of its mask."""
-    values = np.zeros((*x.shape, FOREST_ENTRIES))
-    columns = {}
-    for key, entry in ENTRY.items():
-        given = getattr(table, key)
-        if key in files.values:
-            values[..., entry] = cell_values(*files.values[key], x, y)
-        elif isinstance(given, str):
-            columns[key] = given
-        else:
-            values[..., entry] = given
-    if files.features is None:
-        if columns:
-            key, column = next(iter(columns.items()))
-            raise SceneError(f"{where}: {key} = {column!r} is not a file, and without polygons there are no columns")
-        mask = np.ones(x.shape, bool)
-        if files.raster is not None:
-            mask = np.nan_to_num(cell_values(*files.raster, x, y)) != 0
-        yield mask, values[mask]
-        return
-    for feature in files.features:
-        mask = within(feature.shape, x, y)
-        own = values[mask]
-        for key, column in columns.items():
-            own[:, ENTRY[key]] = feature.number(column)
-        yield mask, own
-
-
-def _require_trees_in_range(table, values, where):
-    """Refuse `values` [n, FOREST_ENTRIES] outside the ranges of the keys of `table`."""
-    limits = {f.name: f.metadata for f in fields(table)}
-    for key, entry in ENTRY.items():
-        own, low, high = values[:, entry], limits[key]["low"], limits[key]["high"]
-        if not own.size:
-            continue
-        if own.min() < low or own.max() > high or (limits[key]["above"] and own.min() <= low):
-            worst = own.max() if own.max() > high else own.min()
-            above = "above " if limits[key]["above"] else ""
-            raise SceneError(f"{where}: {key} reaches {worst:g}, expected {above}{low:g} to {high:g}")
-
 
 DRY = 1e-6  # [m] thinner water at a lake's shore is none
 MOST_NAMED = 5  # narrow openings that are reported one by one
@@ -120,9 +41,6 @@ class PlacedFiles:
     features: list | None = None
     raster: tuple | None = None
     values: dict = field(default_factory=dict)
-
-
-# ------------------------------------------------------------------------------------------------------------- zones
 
 
 def painted_zones(scene, zones, grid):
@@ -179,9 +97,6 @@ def _require_in_range(values, name, parameter, where):
     if values.size and (values.min() < low or values.max() > high):
         worst = values.min() if values.min() < low else values.max()
         raise SceneError(f"{where}: {name} reaches {worst:g}, expected {low:g} to {high:g}")
-
-
-# ---------------------------------------------------------------------------------------------------------- barriers
 
 
 def standing_walls(barriers, grid, everything):
@@ -285,9 +200,6 @@ def _refuse_without_nodes(wall, walls, nodes, grid):
     raise InputError(f"barrier '{wall.name}' is outside the terrain; check its CRS, or use a larger DTM")
 
 
-# ----------------------------------------------------------------------------------------------------- erodible ground
-
-
 def erodible_mass(table, files, path, grid, flow_density):
     """Mass that the flow can take up at the nodes [kg m-2 on the map] by the EntrainmentTable and its file at `path`.
 
@@ -328,9 +240,6 @@ def _polygon_thickness(table, files, path, x, y):
             raise InputError(f"{path}: '{feature.name}' has thickness {metres:g}, expected metres from 0 up")
         thickness = np.where(within(feature.shape, x, y), metres, thickness)
     return thickness
-
-
-# --------------------------------------------------------------------------------------------------------------- lakes
 
 
 def lake_levels(table, files, grid, frame):

@@ -5,6 +5,7 @@ import shapely
 from scipy import ndimage
 
 _RIM = 1e-6  # [cells] that count as on a border
+FILLED = 0.9  # share of the volume of a body below the level that released water must fill for a lake at rest
 
 
 def within(shape, x, y):
@@ -41,9 +42,6 @@ def spread(values, where):
         return 0.0
     low, high, mean = np.nanmin(chosen), np.nanmax(chosen), np.nanmean(chosen)
     return float((high - low) / mean) if mean > 0.0 else 0.0
-
-
-FILLED = 0.9  # share of the volume of a body below the level that released water must fill for a lake at rest
 
 
 def lake_cells(corner_bed, level, water, touched=None):

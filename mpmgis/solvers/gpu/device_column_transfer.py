@@ -12,7 +12,7 @@ from ...compiled.block_order import LEFT_MASS, LEFT_X, LEFT_Y, place_left
 from ..columns.column_clock import BOUND_BED, BOUND_ENERGY, KICK_BEFORE, TOTAL_MASS
 from ..columns.column_report import FASTEST2, OUT, REPORT, STIFF
 from ..columns.column_rows import BLOCK, MASS, ROW, TILE, U, V, X, Y
-from ..columns.columns_to_grid import _impulses
+from ..columns.columns_to_grid import pressure_impulses
 from ..columns.grid_to_columns import clear_report, finish_report, move_batch
 from .device_column_batch import LINES, QUAD, QUADS, WX, WY
 from .device_column_sort import BEHIND, DT, KICK, LEFT, node_at, nodes_of
@@ -110,7 +110,7 @@ def columns_to_grid(
                 at = uint32(s) * uint32(SLOT)
                 for e in range(ROW):
                     scratch[e] = staged[at + uint32(e)]
-                capped += _impulses(
+                capped += pressure_impulses(
                     scratch, quads, place, 1, i_block, j_block, bed, lake_level, settings.dx, stage[KICK],
                     settings.density, settings.gravity, metric, lake, earth_pressure, viscosity,
                 )  # fmt: skip

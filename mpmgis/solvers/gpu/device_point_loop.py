@@ -22,9 +22,10 @@ from ...compiled.block_order import LEFT_MASS
 from ...laws.barrier import NoBarrier
 from ...system.errors import SceneError
 from ..points import point_clock as entry
+from ..points.bed_drag import BLOCK_COLUMNS, COLUMN_MASSES
 from ..points.point_barriers import BLOCK_FLOW
 from ..points.point_layers import LAYER_ENTRIES
-from ..points.point_nodes import BLOCK_COLUMNS, COLUMN_MASSES, NODE_REPORT
+from ..points.point_nodes import NODE_REPORT
 from ..points.point_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_TALL, BLOCK_WEST
 from ..points.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
 from . import (

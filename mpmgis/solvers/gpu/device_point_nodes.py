@@ -6,26 +6,23 @@ this module has the loops over them. Each thread has a report of its own, that o
 
 from numba import cuda, int32
 
+from ..points.bed_drag import COLUMN_MASSES, TOUCHING, WHOLE, column_contact
 from ..points.point_barriers import BARRIER
 from ..points.point_clock import STEP
 from ..points.point_contact import press_column
 from ..points.point_ground import Ground
 from ..points.point_layers import couple_column
 from ..points.point_nodes import (
-    COLUMN_MASSES,
     FASTEST2,
     NODE_REPORT,
-    TOUCHING,
-    WHOLE,
-    _fastest,
-    _has_barrier,
-    _is_at_wall,
-    _is_near_ground,
-    _stop_at_walls,
-    column_contact,
+    fastest_squared,
+    has_barrier,
     hold_column,
+    is_at_wall,
+    is_near_ground,
+    stop_at_walls,
 )
-from ..points.point_peaks import COLUMN_SUMS, _is_lowest, note_column_peaks
+from ..points.point_peaks import COLUMN_SUMS, is_lowest, note_column_peaks
 from ..points.point_rows import (
     BLOCK,
     BLOCK_SIZE,
@@ -101,7 +98,7 @@ def spread_contact(run, masses, touched, slots, lowest, columns):
         jj, ii = row * BLOCK + column // BLOCK, block_column * BLOCK + column % BLOCK
         if jj >= columns.shape[0] or ii >= columns.shape[1]:
             continue
-        if not _is_lowest(slots, place, touched[t, 2] - lowest[row, block_column, 0]):
+        if not is_lowest(slots, place, touched[t, 2] - lowest[row, block_column, 0]):
             continue
         for entry in range(entries):
             total = real(0.0)
@@ -151,15 +148,15 @@ def find_contacts(run, nodes, touched, free, ground_nodes, folds, exact, barrier
     nx, ny = settings.cells_x, settings.cells_y
     for t in range(cuda.grid(1), run[TOUCHED], cuda.gridsize(1)):
         row, column = touched[t, 0], touched[t, 1]
-        touches = _is_near_ground(touched[t, 2] * BLOCK, row, column, ground, settings.dx)
-        if settings.wall and _is_at_wall(row, column, nx, ny):
-            _stop_at_walls(nodes[t], row, column, nx, ny, ground, False, mine)
+        touches = is_near_ground(touched[t, 2] * BLOCK, row, column, ground, settings.dx)
+        if settings.wall and is_at_wall(row, column, nx, ny):
+            stop_at_walls(nodes[t], row, column, nx, ny, ground, False, mine)
             touches = True
         if barrier.barrier_active() and not touches:
-            touches = _has_barrier(row, column, barriers)
+            touches = has_barrier(row, column, barriers)
         free[t] = 0 if touches else 1
         if not touches:
-            mine[FASTEST2] = max(mine[FASTEST2], _fastest(nodes[t]))
+            mine[FASTEST2] = max(mine[FASTEST2], fastest_squared(nodes[t]))
 
 
 @Kernel
@@ -242,9 +239,9 @@ def finish_nodes(run, nodes, touched, free, ground_nodes, folds, exact, reports,
     mine = reports[cuda.grid(1)]
     for t in range(cuda.grid(1), run[TOUCHED], cuda.gridsize(1)):
         if free[t] == 0:
-            if settings.wall and _is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
-                _stop_at_walls(nodes[t], touched[t, 0], touched[t, 1], nx, ny, ground, True, mine)
-            mine[FASTEST2] = max(mine[FASTEST2], _fastest(nodes[t]))
+            if settings.wall and is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
+                stop_at_walls(nodes[t], touched[t, 0], touched[t, 1], nx, ny, ground, True, mine)
+            mine[FASTEST2] = max(mine[FASTEST2], fastest_squared(nodes[t]))
 
 
 @Kernel
@@ -261,7 +258,7 @@ def note_peaks(run, now, nodes, touched, slots, lowest, ground_nodes, peaks, set
         j, i = row * BLOCK + own // BLOCK, column * BLOCK + own % BLOCK
         if j < GHOSTS or i < GHOSTS or j > GHOSTS + ny or i > GHOSTS + nx:
             continue
-        if not _is_lowest(slots, place, touched[t, 2] - lowest[row, column, 0]):
+        if not is_lowest(slots, place, touched[t, 2] - lowest[row, column, 0]):
             continue
         px = py = pz = mass = real(0.0)
         for up in range(depth):

@@ -18,6 +18,8 @@ NEEDS_ROOM = 100  # status in addition to the kernel's reasons: the host enlarge
 # nodes read the first two in the precision of the points, from an array `now` of NOW_ENTRIES
 DT, END, UNTIL, AFTER, STAGE_ENTRIES = range(5)
 NOW_ENTRIES = 2
+WIDEST, MOST_GROUPS = 128, 4  # largest width and groups, which the shared arrays of kernels have room for
+WORKERS_PER_MULTIPROCESSOR = 5  # of 128 threads with 96 registers each
 
 
 class Launch(NamedTuple):
@@ -56,8 +58,6 @@ class Launch(NamedTuple):
 
 
 SMALL = Launch(2, 8, 1, 2, 4, 4)  # for the simulator, where each thread of the device is one of the host
-WIDEST, MOST_GROUPS = 128, 4  # largest width and groups, which the shared arrays of kernels have room for
-WORKERS_PER_MULTIPROCESSOR = 5  # of 128 threads with 96 registers each
 
 
 def default_launch():

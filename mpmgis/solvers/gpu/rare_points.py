@@ -14,7 +14,7 @@ from ...compiled.block_order import GONE, LEFT_MASS, LEFT_X, LEFT_Y, place_left
 from ...laws.material import FAR as FAR_CODE
 from ...laws.material import NO_TENSION as TIP_CODE
 from ..points import point_report as entry
-from ..points.point_edges import BENT, FAR, GRIPPED, INSIDE, JET, TOWARDS, _above_ground, _filled, widen_window
+from ..points.point_edges import BENT, FAR, GRIPPED, INSIDE, JET, TOWARDS, above_ground, filled_share, widen_window
 from ..points.point_ground import GROUND_DEEP
 from ..points.point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from . import device_point_steps as step
@@ -76,16 +76,18 @@ def _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, 
     if not (near < dense and affine2 > scales[step.STILL2]):
         return True
     west, south, east, north = edges
-    above, inside = _above_ground(x, y, z, block, ground, dx), real(FAR)
+    above, inside = above_ground(x, y, z, block, ground, dx), real(FAR)
     if settings.wall and east2 > real(TOWARDS) * affine2:
         inside = min(x - west, east - x)
     if settings.wall and north2 > real(TOWARDS) * affine2:
         inside = min(inside, min(y - south, north - y))
     if above < GRIPPED and inside > JET:
         return True
-    filled = _filled(above)
+    filled = filled_share(above)
     if settings.wall:
-        filled = filled * _filled(x - west) * _filled(y - south) * _filled(east - x) * _filled(north - y)
+        filled = (
+            filled * filled_share(x - west) * filled_share(y - south) * filled_share(east - x) * filled_share(north - y)
+        )
     return not near < dense * filled
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ...compiled.particle_slices import in_slices
+from ...frames.outflow_places import left_places
 from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
-from ...frames.watched_features import left_places
 from ...terrain.elevation import bilinear
 from . import point_clock as entry
 from . import point_rows as row

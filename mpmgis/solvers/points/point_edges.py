@@ -21,6 +21,9 @@ from .point_rows import BLOCK, GHOSTS, INDEX_MASK, TILE, TILE_LAYER, TILE_ROW
 # linear: the affine velocity does not account for more than BENT of their variance.
 GRIPPED, JET, TOWARDS, THIN, STILL, BENT = 2.0, 3.0, 0.1, 0.75, 1e-3, 0.02
 FAR = 1e9  # cells from a wall where there is none
+FAR_BLOCKS = 1e5  # no point moves further in one step; keeps the conversion to integers valid
+INSIDE = 1e-6  # [cells] distance from a wall of a point that is stopped there: resolved in single precision
+FLOAT_BLOCK = float(BLOCK)
 
 
 @kernel_part
@@ -41,16 +44,16 @@ def limit_thin(scratch, quads, integers, count, tile, block, edges, ground, sett
     for q in range(count):
         if scratch[line.NEAR + q] < dense and scratch[line.AFFINE2 + q] > still:
             x, y = float(scratch[line.FX + q]), float(scratch[line.FY + q])
-            above = _above_ground(x, y, float(scratch[line.FZ + q]), block, ground, dx)
+            above = above_ground(x, y, float(scratch[line.FZ + q]), block, ground, dx)
             inside = FAR
             if settings.wall:
                 inside = _inside_walls(scratch, q, x, y, edges)
             if above < GRIPPED and inside > JET:
                 continue
-            filled = _filled(above)
+            filled = filled_share(above)
             if settings.wall:
-                filled = filled * _filled(x - edges.west) * _filled(y - edges.south)
-                filled = filled * _filled(edges.east - x) * _filled(edges.north - y)
+                filled = filled * filled_share(x - edges.west) * filled_share(y - edges.south)
+                filled = filled * filled_share(edges.east - x) * filled_share(edges.north - y)
             if scratch[line.NEAR + q] < dense * filled:
                 _limit_point(scratch, quads, integers, q, tile, report)
 
@@ -69,7 +72,7 @@ def _inside_walls(scratch, q, x, y, edges):
 
 
 @kernel_part
-def _above_ground(x, y, z, block, ground, dx):
+def above_ground(x, y, z, block, ground, dx):
     """Distance [cells] of a place in a block from the plane of the ground at the nearest node."""
     i, j = int(x + 0.5) + block[0] * BLOCK, int(y + 0.5) + block[1] * BLOCK
     slope_x, slope_y = ground[j, i, GROUND_SLOPE_X], ground[j, i, GROUND_SLOPE_Y]
@@ -79,7 +82,7 @@ def _above_ground(x, y, z, block, ground, dx):
 
 
 @kernel_part
-def _filled(distance):
+def filled_share(distance):
     """Share of the full mass at the nodes around a point, `distance` [cells] inside the surface of a half-space.
 
     The integral of a quintic B-spline, to 0.01.
@@ -125,11 +128,6 @@ def _variance(scratch, quads, integers, q, tile):
             t += TILE_ROW
         t += TILE_LAYER - 3 * TILE_ROW
     return float(lane(square, 0)) + float(lane(square, 1)) + float(lane(square, 2))
-
-
-FAR_BLOCKS = 1e5  # no point moves further in one step; keeps the conversion to integers valid
-INSIDE = 1e-6  # [cells] distance from a wall of a point that is stopped there: resolved in single precision
-FLOAT_BLOCK = float(BLOCK)
 
 
 @kernel_part

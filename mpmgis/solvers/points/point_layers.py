@@ -14,11 +14,12 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from ...laws.flow_layers import turbulent_link
+from .bed_drag import bed_under
 from .contact_shares import foot_of, spline_at
 from .point_barriers import BARRIER, EDGE, HELD
 from .point_contact import LEAST_SHARE, is_column_of_block
 from .point_ground import fold_at, plane_at
-from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK, bed_under
+from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK
 from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
 
 # entries of a layer: touched block and place in it; mass [kg]; height above the bed, along its normal [m]; weight at

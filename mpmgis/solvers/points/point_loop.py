@@ -22,6 +22,7 @@ from ...compiled.block_order import (
     split_evenly,
 )
 from ...compiled.jit import for_law, jit
+from .bed_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .grid_to_points import grid_to_points
 from .point_barriers import BLOCK_FLOW, COLUMN_FLOW, POINT_BARRIER_SUMS, SHARE, collect_point_barriers, weigh_flow
 from .point_blocks import (
@@ -67,17 +68,7 @@ from .point_crests import press_on_crests
 from .point_density import EVERY, correct_density
 from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces
 from .point_layers import couple_layers
-from .point_nodes import (
-    BLOCK_COLUMNS,
-    COLUMN_MASSES,
-    NODE_REPORT,
-    clear_contact,
-    gather_nodes,
-    hold_nodes,
-    move_nodes,
-    spread_contact,
-    weigh_contact,
-)
+from .point_nodes import NODE_REPORT, gather_nodes, hold_nodes, move_nodes
 from .point_peaks import COLUMN_SUMS, accumulate_point_peaks
 from .point_report import REPORT
 from .point_rows import (

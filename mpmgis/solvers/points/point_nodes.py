@@ -13,86 +13,12 @@ from math import sqrt
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
-from ...compiled.jit import jit, jit_borrowing, jit_inline, jit_parallel, prange
+from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from ...compiled.lanes import load, multiply_add, store
+from .bed_drag import bed_per_mass
 from .point_barriers import BARRIER, FILLED, ROWED, SHARE, at_barrier, passing_share
 from .point_ground import GROUND_HEIGHT, exact_at, fold_at, plane_at
 from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
-
-# entries of a node column [kg]: mass that touches the ground, total mass; numbers of a block of columns
-TOUCHING, WHOLE, COLUMN_MASSES = range(3)
-BLOCK_COLUMNS = BLOCK * BLOCK * COLUMN_MASSES
-RIM = 5.0 / 6.0
-
-
-@jit_inline
-def column_contact(block, touched, t, j, i, ground, dx, clearance):
-    """(mass that touches the ground, mass) [kg] of node column [j, i] of touched block `t`."""
-    j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
-    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
-    height, _, _, flat = plane_at(ground.nodes, jj, ii)
-    first, lowest, levels = fold_at(ground.folds, jj, ii)
-    touching = whole = 0.0
-    for k in range(BLOCK):
-        mass = block[((k * BLOCK + j) * BLOCK + i) * 4 + NODE_MASS]
-        away = (float(k_first + k - GHOSTS) * dx - height) * flat
-        if levels > 0:
-            away = exact_at(ground.exact, first, lowest, levels, k_first + k)[0]
-        touching += mass if away <= clearance else 0.0
-        whole += mass
-    return touching, whole
-
-
-@jit_parallel
-def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
-    """Masses [kg] in each block's node columns, into `masses` float[blocks, BLOCK_COLUMNS]."""
-    for c in prange(CHUNKS):
-        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            block, part = nodes[t], masses[t]
-            for j in range(BLOCK):
-                for i in range(BLOCK):
-                    touching, whole = column_contact(block, touched, t, j, i, ground, dx, clearance)
-                    part[(j * BLOCK + i) * COLUMN_MASSES + TOUCHING] = touching
-                    part[(j * BLOCK + i) * COLUMN_MASSES + WHOLE] = whole
-
-
-@jit
-def spread_contact(masses, touched, n_touched, columns):
-    """Add the blocks' `masses`, in their order, to `columns` float[rows, columns, entries] of all the ground."""
-    entries = columns.shape[2]
-    for t in range(n_touched):
-        for j in range(BLOCK):
-            for i in range(BLOCK):
-                jj, ii = touched[t, 0] * BLOCK + j, touched[t, 1] * BLOCK + i
-                if jj < columns.shape[0] and ii < columns.shape[1]:
-                    for entry in range(entries):
-                        columns[jj, ii, entry] += masses[t, (j * BLOCK + i) * entries + entry]
-
-
-@jit
-def clear_contact(touched, n_touched, columns):
-    """Set `columns` to 0 again where `spread_contact` has been."""
-    for t in range(n_touched):
-        j, i = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK
-        columns[j : j + BLOCK, i : i + BLOCK] = 0.0
-
-
-@jit_inline
-def bed_per_mass(columns, j, i, area):
-    """Bed [m2 kg-1] of a node column of bed `area` [m2], over its mass that touches the bed."""
-    return bed_under(columns, j, i, area) / max(columns[j, i, TOUCHING], 1e-30)
-
-
-@jit_inline
-def bed_under(columns, j, i, area):
-    """Bed [m2] below the flow of a node column, of its `area` [m2]."""
-    heaviest = 0.0
-    for jj in range(max(j - 1, 0), min(j + 2, columns.shape[0])):
-        for ii in range(max(i - 1, 0), min(i + 2, columns.shape[1])):
-            heaviest = max(heaviest, columns[jj, ii, WHOLE])
-    covered = min(columns[j, i, WHOLE] / max(RIM * heaviest, 1e-30), 1.0)
-    return covered * area
-
 
 # what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]; work
 # that the flow did against the ground, of it against friction along the ground, and against barriers, what its layers
@@ -151,7 +77,7 @@ def _on_ground(u, v, w, nx, ny, nz, law, drag):
 
 
 @jit_borrowing
-def _is_near_ground(first, row, column, ground, dx):
+def is_near_ground(first, row, column, ground, dx):
     """Can a node of the block whose lowest level is `first` touch the ground under it, or be on a fold?"""
     for j in range(BLOCK):
         for i in range(BLOCK):
@@ -165,7 +91,7 @@ def _is_near_ground(first, row, column, ground, dx):
 
 
 @jit_borrowing
-def _has_barrier(row, column, barriers):
+def has_barrier(row, column, barriers):
     """Does a barrier stand on a node column of the block column, or reach one with its face or its volume?"""
     for j in range(BLOCK):
         for i in range(BLOCK):
@@ -176,7 +102,7 @@ def _has_barrier(row, column, barriers):
 
 
 @jit_inline
-def _is_at_wall(row, column, nx, ny):
+def is_at_wall(row, column, nx, ny):
     """Does the block column have nodes on or beyond the domain's edges?"""
     west, south = column * BLOCK, row * BLOCK
     return west <= GHOSTS or south <= GHOSTS or west + BLOCK > GHOSTS + nx or south + BLOCK > GHOSTS + ny
@@ -240,7 +166,7 @@ def _held_before_ground(j, i, nx, ny, ground):
 
 
 @jit_borrowing
-def _stop_at_walls(block, row, column, nx, ny, ground, at_last, mine):
+def stop_at_walls(block, row, column, nx, ny, ground, at_last, mine):
     """Remove the outward velocity of the nodes on and beyond the domain's edges, and add the impulses to the report.
 
     With `at_last` false, before the contact with the ground, only at walls that this contact does not include.
@@ -264,7 +190,7 @@ def _stop_at_walls(block, row, column, nx, ny, ground, at_last, mine):
 
 
 @jit_borrowing
-def _fastest(block):
+def fastest_squared(block):
     """Largest squared speed [m2 s-2] at the nodes of `block` that have mass."""
     fastest2 = 0.0
     for n in range(0, BLOCK_SIZE, 4):
@@ -299,14 +225,14 @@ def move_nodes(grid, tiles, sources, gathered, free, ground, barriers, report, d
                     block[n + NODE_Y] /= mass
                     block[n + NODE_Z] = block[n + NODE_Z] / mass - dt * gravity
             row, column = touched[t, 0], touched[t, 1]
-            touches = _is_near_ground(touched[t, 2] * BLOCK, row, column, ground, dx)
-            if wall and _is_at_wall(row, column, nx, ny):
-                _stop_at_walls(block, row, column, nx, ny, ground, False, mine)
+            touches = is_near_ground(touched[t, 2] * BLOCK, row, column, ground, dx)
+            if wall and is_at_wall(row, column, nx, ny):
+                stop_at_walls(block, row, column, nx, ny, ground, False, mine)
                 touches = True
-            touches = touches or (barred and _has_barrier(row, column, barriers))
+            touches = touches or (barred and has_barrier(row, column, barriers))
             free[t] = 0 if touches else 1
             if not touches:
-                mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))
+                mine[FASTEST2] = max(mine[FASTEST2], fastest_squared(block))
 
 
 @jit_inline
@@ -389,6 +315,6 @@ def hold_nodes(
                         t, j, i, grid, ground, zone_values, barriers, column_mass, flow, mine, barrier_report[c], dt,
                         settings, contact, zones, barrier,
                     )  # fmt: skip
-            if wall and _is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
-                _stop_at_walls(block, touched[t, 0], touched[t, 1], nx, ny, ground, True, mine)
-            mine[FASTEST2] = max(mine[FASTEST2], _fastest(block))
+            if wall and is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
+                stop_at_walls(block, touched[t, 0], touched[t, 1], nx, ny, ground, True, mine)
+            mine[FASTEST2] = max(mine[FASTEST2], fastest_squared(block))

@@ -18,7 +18,7 @@ LONE_ROUNDING = 1e-5
 
 
 @jit_inline
-def _is_lowest(slots, place, up):
+def is_lowest(slots, place, up):
     """Whether no block is touched below the one `up` levels above the lowest at `place` of the window."""
     below = up - 1
     while below >= 0 and slots[place + below] < 0:
@@ -122,7 +122,7 @@ def note_block_peaks(peaks, part, t, grid, window, ground_nodes, time, settings)
     depth, nx, ny = window.depth, settings.cells_x, settings.cells_y
     row, column = touched[t, 0], touched[t, 1]
     place = ((row - window.south) * window.width + column - window.west) * depth
-    if not _is_lowest(window.slots, place, touched[t, 2] - window.lowest[row, column, 0]):
+    if not is_lowest(window.slots, place, touched[t, 2] - window.lowest[row, column, 0]):
         return
     _sum_columns(part, nodes, window.slots, place, depth)
     for j in range(max(row * BLOCK, GHOSTS), min((row + 1) * BLOCK, GHOSTS + ny + 1)):

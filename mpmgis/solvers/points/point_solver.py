@@ -16,7 +16,9 @@ from ..columns.node_grid import ColumnGrid
 from . import point_clock as entry
 from . import point_loop as kernel
 from . import point_rows as row
-from .ground_nodes import NO_FACES, barrier_nodes, folded_ground, ground_nodes, padded, press_faces, press_ground
+from .face_arrays import NO_FACES
+from .ground_folds import folded_ground, padded
+from .ground_nodes import barrier_nodes, ground_nodes, press_faces, press_ground
 from .point_balances import LEDGER, PointBalances
 from .point_barriers import POINT_BARRIER_SUMS
 from .point_blocks import EAST, lowest_blocks, set_places, window_of

@@ -12,6 +12,7 @@ import numpy as np
 from mpmgis.compiled.jit import FASTMATH, for_law
 from mpmgis.solvers.gpu.device_functions import _names, _single, _with_constants
 from mpmgis.solvers.points import (
+    bed_drag,
     contact_shares,
     point_barriers,
     point_contact,
@@ -29,7 +30,7 @@ from mpmgis.solvers.points.point_solver import PointSolver
 
 PHASES = {  # of `point_loop.advance`, by their names there
     "move_nodes": point_nodes.move_nodes,
-    "weigh_contact": point_nodes.weigh_contact,
+    "weigh_contact": bed_drag.weigh_contact,
     "_couple_layers": point_layers.couple_layers,
     "press_on_ground": point_contact.press_on_ground,
     "_press_on_faces": point_faces.press_on_faces,

@@ -1,0 +1,121 @@
+"""Forms of the verbs for the QGIS toolbox, as data."""
+
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from .option import Form, Option, PathLike, Verb, all_verbs
+
+LAST = ("overwrite", "output")  # of every form
+_KINDS = {float: "number", int: "integer", str: "text", bool: "switch"}
+
+
+def plugin_forms(guidelines: tuple[str, ...] = (), matrices: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Forms of all verbs, and the verbs and options without one with the reasons.
+
+    `guidelines` and `matrices` are the shipped ones.
+    """
+    verbs, choices = all_verbs(), {"guideline": list(guidelines), "map": list(matrices)}
+    return {
+        "forms": [_form(verb, form, choices) for verb in verbs for form in verb.forms],
+        "left_out_verbs": {verb.name: verb.no_form for verb in verbs if not verb.forms},
+        "left_out_options": [
+            [verb.name, option.flags[-1], option.no_form]
+            for verb in verbs
+            if verb.forms
+            for option in verb.named().values()
+            if option.no_form
+        ],
+    }
+
+
+def _form(verb: Verb, form: Form, choices: dict[str, list[str]]) -> dict[str, Any]:
+    options = verb.named()
+    names = form.only or tuple(name for name in options if name not in form.without and not options[name].no_form)
+    names = sorted(names, key=lambda name: (name in LAST, name == "output", not options[name].positional))
+    fields = [field for name in names for field in _fields(options[name], dict(form.changes).get(name, {}), choices)]
+    if form.load:
+        load = {"name": "LOAD", "kind": "switch", "label": f"Open {form.load} in this project", "default": True}
+        fields.append(load | {"option": "", "help": "With their styles and times."})
+    alone = [field for field in fields if field["name"] in form.one_of]
+    for field in alone:
+        field["optional"] = True
+    return {
+        "verb": verb.name,
+        "name": form.name,
+        "title": form.title,
+        "group": form.group,
+        "help": form.text,
+        "says": form.prints,
+        "project": form.project,
+        "plots": form.plots,
+        "table": form.table,
+        "layers": form.layers,
+        "palette": form.palette,
+        "one_of": form.one_of,
+        "fields": fields,
+    }
+
+
+def _fields(option: Option, changes: dict[str, Any], choices: dict[str, list[str]]) -> list[dict[str, Any]]:
+    kind = changes.get("kind") or option.kind or _kind(option)
+    options = [*get_args(option.type)] if kind == "choice" else []
+    optional = not (option.required or option.positional in ("one", "many"))
+    advanced = optional and option.folded
+    least = next((bound for bound in (option.above, option.least) if bound is not None), None)
+    field = {
+        "name": option.field or option.name.upper(),
+        "kind": kind,
+        "label": _with_unit(option),
+        "option": None if option.positional else option.flags[-1],
+        "help": _sentence(option),
+        "default": _default(option, kind),
+        "choices": options or (choices.get(option.name, []) if kind == "choice" else []),
+        "optional": (optional and kind != "switch") or advanced,
+        "advanced": advanced,
+        "least": (1 if option.above == 0 else least) if kind == "integer" else least if kind == "number" else None,
+        "files": option.files or ("Scenes (*.toml)" if option.name == "scene" else ""),
+    }
+    field |= changes
+    field["advanced"] = field["advanced"] and field["optional"]
+    also = [field | {"default": None, "choices": [], "files": ""} | dict(more) for more in option.also]
+    return [field, *also]
+
+
+def _kind(option: Option) -> str:
+    kind = option.type
+    if option.repeat:
+        return "files" if PathLike in get_args(kind) else "texts"
+    if kind == PathLike:
+        return "file"
+    if get_origin(kind) is Literal:
+        return "choice"
+    if get_origin(kind) in (Union, UnionType, tuple):
+        return "text"
+    return _KINDS[kind]
+
+
+def _default(option: Option, kind: str) -> Any:
+    if kind == "switch":
+        return False
+    if option.default in (None, ()):
+        return None
+    if isinstance(option.default, Path):
+        return str(option.default)
+    if isinstance(option.default, tuple):
+        return ",".join(f"{number:g}" for number in option.default)
+    return f"{option.default:g}" if kind == "text" and isinstance(option.default, float) else option.default
+
+
+def _with_unit(option: Option) -> str:
+    return f"{option.label} [{option.unit.replace('%%', '%')}]" if option.unit else option.label
+
+
+def _sentence(option: Option) -> str:
+    """Help of a field, from that of the command."""
+    usual = option.usual
+    words = option.help.replace("%%", "%")
+    if option.unit:
+        words += f" [{option.unit.replace('%%', '%')}]"
+    sentence = f"{words[0].upper()}{words[1:]}."
+    return sentence + (f" Empty: {usual}." if usual else "")

@@ -1,0 +1,184 @@
+"""Columns cut into pieces, and the cells that the pieces cover."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+_WELL = 1e-12
+_LONGER = 1e-6  # share by which a piece may be longer than requested, or cells by which a place may miss one: rounding
+_DENSE = 16  # times as many cells as points, up to which points are counted in a table of all cells
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """What stacks of points are set on: a whole column each, or one of the rectangles that it is cut into.
+
+    Parameters
+    ----------
+    column : int64[k]
+        Row of the column in its frame.
+    east, north : float64[k] [m]
+        Middle of the piece, from the column's.
+    side : float64[k] [m]
+        Of the square of its area.
+    share : float64[k]
+        Of the column's mass, volume and area.
+    bed : float64[k] [m]
+        Elevation of the ground under the middle.
+    gradient_east, gradient_north : float64[k]
+    """
+
+    column: np.ndarray
+    east: np.ndarray
+    north: np.ndarray
+    side: np.ndarray
+    share: np.ndarray
+    bed: np.ndarray
+    gradient_east: np.ndarray
+    gradient_north: np.ndarray
+
+    def __len__(self):
+        return len(self.column)
+
+    def take(self, index):
+        """The pieces that `index` (bool or int) picks."""
+        return Pieces(**{name: values[index] for name, values in vars(self).items()})
+
+
+def cut(x, y, footprints, size, ground):
+    """Cut columns at map points `x`, `y` [m] on `ground` into adjacent rectangles.
+
+    A piece without ground below its middle is put in the middle of its column, so that no mass is lost at the
+    rim of the terrain; columns that have none there themselves make no piece.
+
+    Parameters
+    ----------
+    x, y : float64[n] [m]
+    footprints : Footprints
+        Of the columns.
+    size : float or None [m]
+        No piece is longer than that (None: columns stay whole).
+    ground : Ground
+
+    Returns
+    -------
+    Pieces
+    """
+    bed, on_ground = _bed(ground, x, y)
+    columns = np.flatnonzero(on_ground)
+    length, width, along_east, along_north = (values[columns] for values in footprints)
+    lengthwise, across = pieces_along(length, size), pieces_along(width, size)
+    if (lengthwise * across == 1).all():
+        zero = np.zeros(len(columns))
+        slopes = ground.gradient(x[columns], y[columns])
+        side = np.sqrt(length * width)
+        return Pieces(columns, zero, zero.copy(), side, np.ones(len(columns)), bed[columns], *slopes)
+    of, number = runs(lengthwise * across)
+    m, n = lengthwise[of], across[of]
+    s = ((number % m + 0.5) / m - 0.5) * length[of]
+    t = ((number // m + 0.5) / n - 0.5) * width[of]
+    east, north = s * along_east[of] - t * along_north[of], s * along_north[of] + t * along_east[of]
+    column = columns[of]
+    height, there = _bed(ground, x[column] + east, y[column] + north)
+    east, north = np.where(there, east, 0.0), np.where(there, north, 0.0)
+    height = np.where(there, height, bed[column])
+    slopes = ground.gradient(x[column] + east, y[column] + north)
+    side = np.sqrt((length * width)[of] / (m * n))
+    return Pieces(column, east, north, side, 1.0 / (m * n), height, *slopes)
+
+
+def pieces_along(side, size):
+    """int64[n]: pieces that `side` [m] is cut into, none longer than `size` [m] but for rounding (None: one)."""
+    if size is None:
+        return np.ones(len(side), np.int64)
+    return np.maximum(np.ceil(side / size * (1.0 - _LONGER)), 1.0).astype(np.int64)
+
+
+def _bed(ground, x, y):
+    height = ground.height(x, y)
+    return height, np.isfinite(height)
+
+
+def runs(counts):
+    """(int64[k], int64[k]) for k = sum of `counts`: the run that each of the k belongs to, and its number in it."""
+    of = np.repeat(np.arange(len(counts)), counts)
+    starts = np.cumsum(counts) - counts
+    return of, np.arange(len(of)) - starts[of]
+
+
+def within(pieces, x, y, window):
+    """bool[k]: pieces whose middle is in the polygon `window` (None: everywhere)."""
+    if window is None:
+        return np.ones(len(pieces), bool)
+    shapely.prepare(window)
+    return shapely.contains_xy(window, x[pieces.column] + pieces.east, y[pieces.column] + pieces.north)
+
+
+def piece_velocity(pieces, velocity, gradient):
+    """(u, v) float64[k] each: horizontal velocity of the pieces, of columns that move at `velocity` [n, 3] [m s-1].
+
+    Where a column has a velocity `gradient` [n, 2, 2] [s-1] (None: unknown) its pieces move by it, about a mean
+    that stays the column's.
+    """
+    u, v = velocity[pieces.column, 0], velocity[pieces.column, 1]
+    if gradient is None or not (pieces.east.any() or pieces.north.any()):
+        return u, v
+    size = len(velocity)
+    count = np.maximum(np.bincount(pieces.column, minlength=size), 1)
+    east = pieces.east - (np.bincount(pieces.column, pieces.east, size) / count)[pieces.column]
+    north = pieces.north - (np.bincount(pieces.column, pieces.north, size) / count)[pieces.column]
+    c = gradient[pieces.column]
+    return u + c[:, 0, 0] * east + c[:, 0, 1] * north, v + c[:, 1, 0] * east + c[:, 1, 1] * north
+
+
+@dataclass(frozen=True)
+class Cover:
+    """How pieces cover the cells of a square lattice.
+
+    `covered` float64[k] [1] is the area of all pieces in a piece's cell over the cell's area, and `thickness`
+    float64[k] [m] thickness of their mass there, over the whole cell.
+    """
+
+    covered: np.ndarray
+    thickness: np.ndarray
+
+
+def cover(pieces, x, y, volume, cell):
+    """The Cover of `pieces` with `volume` float64[k] [m3] on a lattice of `cell` [m]: exact shares of their squares.
+
+    Pieces must be narrower than a cell.
+    """
+    west, south = (at - 0.5 * pieces.side for at in (x[pieces.column] + pieces.east, y[pieces.column] + pieces.north))
+    column, right = _first_cell(west - west.min(), pieces.side, cell)
+    row, upper = _first_cell(south - south.min(), pieces.side, cell)
+    width = int(column.max()) + 2
+    keys, shares = [], []
+    for j, by_row in ((0, 1.0 - upper), (1, upper)):
+        for i, by_column in ((0, 1.0 - right), (1, right)):
+            keys.append((row + j) * width + column + i)
+            shares.append(by_row * by_column)
+    cells, cell_of = np.unique(np.concatenate(keys), return_inverse=True)
+    share = np.concatenate(shares)
+    area = np.bincount(cell_of, share * np.tile(pieces.side**2, 4), len(cells)) / cell**2
+    thickness = np.bincount(cell_of, share * np.tile(volume, 4), len(cells)) / cell**2
+    own = cell_of.reshape(4, -1)[2 * (upper > 0.5) + (right > 0.5), np.arange(len(pieces))]
+    return Cover(area[own], thickness[own])
+
+
+def _first_cell(start, side, cell):
+    """Cell in which a piece starts, and its share in the next one."""
+    first = np.floor(start / cell)
+    beyond = np.clip((start + side - (first + 1.0) * cell) / side, 0.0, 1.0)
+    return first.astype(np.int64), np.where(beyond < _WELL, 0.0, beyond)
+
+
+def count_by_cell(x, y, z, cell):
+    """int64[m]: points in each non-empty cube of `cell` [m]."""
+    rank = [np.floor((at - at.min()) / cell + _LONGER).astype(np.int64) for at in (x, y, z)]
+    size = [int(r.max()) + 1 for r in rank]
+    key = (rank[2] * size[1] + rank[1]) * size[0] + rank[0]
+    if size[0] * size[1] * size[2] > _DENSE * len(x):
+        return np.unique(key, return_counts=True)[1]
+    counts = np.bincount(key)  # a table instead of a sort
+    return counts[counts > 0]

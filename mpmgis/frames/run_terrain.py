@@ -1,0 +1,110 @@
+"""The DTM of a run: that of the user, or the one that the frames name."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from ..system.disguised_files import require_local
+from ..system.errors import GeoreferenceError, InputError, OutputError
+from ..system.links import is_above
+from ..system.messages import log
+from ..terrain.dtm import read_terrain
+from ..terrain.georeference import AUTO, LOCAL, name_of, same_place, warp_command
+from ..terrain.raster_input import open_raster
+
+
+def refuse_within(output, path):
+    """Raise OutputError if the folder `output`, which will be replaced, contains the input at `path`."""
+    if is_above(output, path.resolve()):
+        raise OutputError(f"{output} contains the input {path.name} and would be replaced; give another `output`")
+
+
+def run_terrain(source, entries, output):
+    """The DTM of the request, or the one named in the frames. Its CRS must be that of the frames.
+
+    `output` is the folder to write, None if nothing is written.
+
+    Raises
+    ------
+    MpmgisError
+        Missing, not usable, in another CRS, or inside the folder that will be replaced.
+    """
+    header, first = entries[0].header, entries[0].path
+    path, crs = source.dem, source.crs
+    if path is None:
+        if not header.dem:
+            raise InputError(f"{first} names no DTM; give it with `dem`")
+        path = first.parent / header.dem
+        require_local(path, first)
+        if not path.exists():
+            raise InputError(f"{path}, the DTM named in {first.name}, does not exist; give it with `dem`")
+        if crs is None and not _carries_crs(path):
+            crs = _crs_option(header.crs)
+    terrain = read_terrain(path, crs, source.dem_band, to_crs=_target(source, header))
+    if output is not None:
+        refuse_within(output, Path(path))
+    if header.crs is None and terrain.grid.crs is not None:
+        log.info(f"the frames have no CRS; that of the DTM, {name_of(terrain.grid.crs)}, is assumed")
+    elif not same_place(header.crs, terrain.grid.crs):
+        fix = f"give the DTM that the run used{_reprojection(path, header.crs)}"
+        if source.to_crs is not None:
+            fix = f"leave `to_crs` out, or give `to_crs={AUTO}`"
+        elif terrain.grid.crs is None:
+            fix = (
+                f"give the DTM that the run used, or declare the CRS of this one: "
+                f"`crs={_crs_option(header.crs) or 'EPSG:n'}`"
+            )
+        raise GeoreferenceError(
+            f"{first} is in {name_of(header.crs)}, but {path} is {'in' if source.to_crs is None else 'reprojected to'} "
+            f"{name_of(terrain.grid.crs)}; {fix}"
+        )
+    if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
+        log.info(f"{path} is not the DTM of the run (its sha256 differs)")
+    return terrain
+
+
+def _target(source, header):
+    """CRS for the DTM: that of `to_crs` (auto: that of the frames), or the one that the frames were made with."""
+    if source.to_crs == AUTO:
+        return (_crs_option(header.crs) if header.crs is not None else None) or AUTO
+    return source.to_crs or (header.header.get("to_crs") if source.dem is None else None)
+
+
+def terrain_of_rasters(path, crs, band=None, to_crs=None):
+    """The DTM at `path` for rasters in `crs`, which is assumed if the DTM has no CRS.
+
+    `to_crs` is as for `read_terrain`, auto the CRS of the rasters.
+
+    Raises
+    ------
+    GeoreferenceError
+        It has another CRS.
+    """
+    if to_crs == AUTO and crs is not None:
+        to_crs = _crs_option(crs) or AUTO
+    terrain = read_terrain(path, None if _carries_crs(path) else LOCAL, band, to_crs=to_crs)
+    if None not in (terrain.grid.crs, crs) and not same_place(terrain.grid.crs, crs):
+        code = crs.to_epsg() or "n"
+        raise GeoreferenceError(
+            f"{path} is in {name_of(terrain.grid.crs)}, the results in {name_of(crs)}; give `to_crs=auto`, or "
+            f"reproject it: {warp_command(path, f'EPSG:{code}')}"
+        )
+    return replace(terrain, grid=replace(terrain.grid, crs=crs))
+
+
+def _reprojection(path, crs):
+    """Command that reprojects the DTM at `path` to `crs`; "" if `crs` has no EPSG code."""
+    code = None if crs is None else crs.to_epsg()
+    return f", or `to_crs=auto`, or reproject it: {warp_command(path, f'EPSG:{code}')}" if code else ""
+
+
+def _carries_crs(path):
+    with open_raster(path) as source:
+        return source.crs is not None
+
+
+def _crs_option(crs):
+    """Value of the option `crs` for `crs`; None if it has no EPSG code."""
+    if crs is None:
+        return "local"
+    code = crs.to_epsg()
+    return f"EPSG:{code}" if code else None

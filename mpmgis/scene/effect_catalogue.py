@@ -1,0 +1,49 @@
+"""The catalogue of all effects that a scene can name."""
+
+import re
+from dataclasses import fields
+
+from ..laws import entrainment, friction, ground_metric
+from ..terrain.inflow import COLUMNS
+from .material_table import MATERIALS
+from .tables import TABLES
+
+NO_EFFECTS = ("terrain", "release", "numerics", "output", "stage")  # they define place, material and numerics only
+# table with a law by name -> {name: (law, {parameter: Parameter})}
+LAWS_BY_NAME = {"friction": friction.LAWS, "material": MATERIALS, "entrainment": entrainment.LAWS}
+# keys of a table without a unit
+BESIDES = {"zones": {"mu, xi, ...": "as the law has them"}, "hydrograph": {f"file: {k}": u for k, u in COLUMNS.items()}}
+
+
+def catalogue():
+    """All effects that a scene can name: list of {table, law, what, parameters (name -> unit)}.
+
+    In the order of the tables. Parameters are those of the law, then the keys of the table that are quantities.
+    `law` is the word by which a scene picks one of several laws, None where the table has one law only.
+    """
+    entries = [entry for name in TABLES if name not in NO_EFFECTS for entry in _entries(name)]
+    return entries + [_entry("numerics", f"form = {form!r}", law, {}) for form, law in ground_metric.FORMS.items()]
+
+
+def _entries(name):
+    """Entries of the table `name`, one for each of its laws."""
+    table = BESIDES.get(name, {}) | quantities(TABLES[name])
+    if name not in LAWS_BY_NAME:
+        return [_entry(name, None, TABLES[name], table)]
+    return [
+        _entry(name, word, law, {key: unit for key, (unit, *_) in parameters.items()} | table)
+        for word, (law, parameters) in LAWS_BY_NAME[name].items()
+    ]
+
+
+def quantities(table):
+    """Key -> unit of the keys of a scene's `table` that are numbers with one: its doc has it in brackets."""
+    units = {f.name: re.search(r"\[([^]]+)\]", f.metadata["doc"]) for f in fields(table) if "doc" in f.metadata}
+    kinds = {f.name: f.metadata["kind"] for f in fields(table) if "kind" in f.metadata}
+    numbers = (name for name, kind in kinds.items() if float in (kind if isinstance(kind, tuple) else (kind,)))
+    return {name: units[name][1] for name in numbers if units[name]}
+
+
+def _entry(table, law, described, parameters):
+    what = described.__doc__.strip().splitlines()[0]
+    return {"table": table, "law": law, "what": what, "parameters": parameters}

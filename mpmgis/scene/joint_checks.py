@@ -1,0 +1,158 @@
+"""Checks of a scene that involve several keys or tables."""
+
+from dataclasses import fields
+
+from ..laws import friction
+from ..system.errors import SceneError
+from .forest_effect import check_forest
+from .solver_checks import check_points
+from .stage_checks import check_stages
+from .table_values import checked_value, is_finite, is_number, listed, meant, range_of, refuse_both, shown
+from .tables import FASTEST
+
+
+def check_together(scene, where):
+    """Checks that involve several keys."""
+    numerics, output = scene.numerics, scene.output
+    _check_sources(scene, where)
+    _check_window(scene.terrain.window, where)
+    check_stages(scene, where)
+    if "points" in scene.solvers:
+        check_points(scene, where)
+    elif numerics.precision != "float64":
+        raise SceneError(
+            f"{where} [numerics]: precision = {numerics.precision!r} requires solver = 'points'; columns are "
+            "computed in float64 (float32 would save 5 % of the time): remove it"
+        )
+    _check_material(scene, where)
+    _check_zones(scene, where)
+    _check_places(scene, where)
+    check_forest(scene, where)
+    if 0.0 < numerics.clamp < 1.0:
+        raise SceneError(f"{where} [numerics]: clamp = {numerics.clamp:g} allows no thickness; use at least 1, or 0")
+    if output.frame_interval > output.end_time:
+        raise SceneError(
+            f"{where} [output]: frame_interval = {output.frame_interval:g} is longer than end_time = "
+            f"{output.end_time:g}; take a shorter one"
+        )
+    if output.end_time / output.frame_interval > 1e6:
+        raise SceneError(
+            f"{where} [output]: end_time = {output.end_time:g} and frame_interval = {output.frame_interval:g} give "
+            "more than a million frames; take an earlier end_time or a longer frame_interval"
+        )
+    if output.arrival_thickness is not None and not output.maxima:
+        raise SceneError(f"{where} [output]: arrival_thickness is kept only with maxima = true; add it, or take it out")
+    for key in ("raster_cell_size", "raster_min_depth", "raster_products"):
+        if getattr(output, key) is not None and not output.rasters:
+            raise SceneError(f"{where} [output]: {key} is used only with rasters = true; add it, or take it out")
+    if numerics.form == "swe" and scene.curvature is not None and scene.curvature.use not in ("auto", "off"):
+        use = scene.curvature.use
+        raise SceneError(f"{where} [curvature]: use = {use!r} requires form = 'slope'; remove the table")
+    if numerics.form != "swe" and scene.still_water is not None and scene.still_water.use != "off":
+        raise SceneError(f"{where} [still_water]: a lake at rest needs [numerics] form = 'swe'")
+
+
+def _check_sources(scene, where):
+    """What starts to move: from an area, from particles, through an inlet, or several of these with one density."""
+    release, inflow = scene.release, scene.hydrograph
+    if release is None and (inflow is None or inflow.use == "off"):
+        raise SceneError(
+            f"{where}: the table [release] is missing, and there is no [hydrograph] with inflow; "
+            "`mpmgis run --template` shows both"
+        )
+    if release is None:
+        return
+    if (release.source is None) == (release.particles is None):
+        got = "both" if release.source else "none"
+        raise SceneError(f"{where} [release]: expected either source or particles, got {got}")
+    if release.particles is not None:
+        _refuse_unused(release, ("source", "particles", "window"), f"{where} [release]")
+    elif release.window is not None:
+        raise SceneError(
+            f"{where} [release]: window applies to particles only, not to a source with an outline; remove window"
+        )
+    if len(release.velocity) != 2 or not all(is_number(v) and abs(v) <= FASTEST for v in release.velocity):
+        raise SceneError(
+            f"{where} [release]: velocity = {shown(list(release.velocity))}, expected two numbers [east, north] of "
+            f"at most {FASTEST:g} m/s"
+        )
+    if release.speed is not None and any(release.velocity):
+        raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
+
+
+def _check_window(window, where):
+    """Four numbers in their order."""
+    if window is None:
+        return
+    if len(window) != 4 or not all(is_finite(v) for v in window):
+        raise SceneError(
+            f"{where} [terrain]: window = {shown(list(window))}, expected four numbers [west, south, east, north]"
+        )
+    if not (window[0] < window[2] and window[1] < window[3]):
+        raise SceneError(
+            f"{where} [terrain]: window = {shown(list(window))}, expected west below east and south below north, in "
+            "this order"
+        )
+
+
+def _check_material(scene, where):
+    """Values of resistance that contradict each other."""
+    table = scene.earth_pressure
+    if table is not None and table.use != "off" and scene.bed_friction_angle() > table.friction_angle:
+        of_mu = "" if table.bed_friction_angle is not None else " (atan of the friction coefficient)"
+        raise SceneError(
+            f"{where} [earth_pressure]: the bed's friction angle, {scene.bed_friction_angle():.4g} degrees{of_mu}, is "
+            f"above friction_angle = {table.friction_angle:g}; give bed_friction_angle, at most that"
+        )
+    table = scene.viscosity
+    if table is not None and table.viscosity == 0.0 and table.yield_stress == 0.0:
+        raise SceneError(f"{where} [viscosity]: viscosity and yield_stress are both 0; give one, or take the table out")
+
+
+def _check_zones(scene, where):
+    """Zones give parameters of the law that [friction] names: numbers in their range, columns or rasters."""
+    if not scene.zones:
+        return
+    if scene.friction is None:
+        raise SceneError(f"{where} [[zones]]: zones need [friction] with its law; write it before the zones")
+    law = scene.friction.law
+    instead = friction.given_instead(law)
+    wanted = scene.laws[law][1] | {name: parameter for name, (_, parameter) in instead.items()}
+    for number, zone in enumerate(scene.zones, 1):
+        here = f"{where} [[zones]] number {number}"
+        if not zone.parameters:
+            raise SceneError(f"{here}: it has no parameter of {law}; expected {listed(wanted)}")
+        for name, value in zone.parameters.items():
+            if name not in wanted:
+                raise SceneError(
+                    f"{here}: {law} has no parameter {shown(name)}{meant(name, wanted)}; it takes {listed(wanted)}"
+                )
+            zone.parameters[name] = checked_value(range_of(wanted[name], (float, str)), value, f"{here}: {name}")
+            if name in instead:
+                refuse_both(name, instead[name][0], zone.parameters, here)
+        if zone.source is None and all(not isinstance(value, str) for value in zone.parameters.values()):
+            raise SceneError(
+                f"{here}: without source, numbers would apply everywhere; give source (polygons), "
+                f"or put them in [friction]"
+            )
+
+
+def _check_places(scene, where):
+    """What barriers and lakes need together."""
+    for number, barrier in enumerate(scene.barrier, 1):
+        if (barrier.height is None) == (barrier.crest is None):
+            got = "none" if barrier.height is None else "both"
+            raise SceneError(f"{where} [[barrier]] number {number}: expected either height or crest, got {got}")
+    lake = scene.still_water
+    if lake is not None and isinstance(lake.level, str) and lake.source is None:
+        raise SceneError(
+            f"{where} [still_water]: level = {lake.level!r} is a column, but there is no source with columns; give "
+            "source, or level a number of metres"
+        )
+
+
+def _refuse_unused(release, used, where):
+    """Particles from a file bring all else with them: a key that would not be used is an error."""
+    for f in fields(release):
+        if f.name not in used and getattr(release, f.name) != f.default:
+            raise SceneError(f"{where}: particles have a {f.name}; remove {f.name}")

@@ -1,0 +1,77 @@
+"""What each solver needs of a scene, and what it refuses."""
+
+from dataclasses import fields
+
+from ..system.errors import SceneError
+from .material_table import CONES, OPTIONS
+
+NAMES = {"columns": "the depth-averaged solver", "points": "the 3D solver"}
+OTHER = {"columns": "points", "points": "columns"}
+# tables of only one solver -> that solver, and the fix for the other
+ONLY = {
+    "material": ("points", "its material is defined by [friction] and related tables"),
+    "softening": ("points", "take it out, or set solver = 'points'"),
+    "hydrograph": ("columns", "start with [release]"),
+    "secondary_release": ("columns", "start with [release]"),
+    "cohesion": ("columns", "give [material] cohesion"),
+    "earth_pressure": ("columns", "use [material] friction_angle"),
+    "viscosity": ("columns", "give [material] law = 'Fluid' with viscosity"),
+    "curvature": ("columns", "3D flow follows the ground by itself; take it out"),
+    "still_water": ("columns", "water is at rest by itself; take it out"),
+    "entrainment": ("columns", "take it out, or set solver = 'columns'"),
+    "forest": ("columns", "take it out, or set solver = 'columns'"),
+}
+
+
+def check_solver(tables, solvers, kinds, where):
+    """Refuse tables and keys, `tables` as TOML gave them, that none of `solvers` has; `kinds` are their classes.
+
+    Raises
+    ------
+    SceneError
+    """
+    for name, given in tables.items():
+        only, fix = ONLY.get(name, (None, ""))
+        if only not in (None, *solvers):
+            raise SceneError(f"{where}: {NAMES[OTHER[only]]} has no [{name}]; {fix}")
+        own = {f.name: f.metadata.get("solver") for f in fields(kinds[name])}
+        for key in given if isinstance(given, dict) else ():
+            if own.get(key) not in (None, *solvers):
+                raise SceneError(
+                    f"{where} [{name}]: {key} requires solver = {own[key]!r}, this is {OTHER[own[key]]!r}; remove it"
+                )
+
+
+def check_points(scene, where):
+    """Requirements of the 3D solver on a scene, and contradictions.
+
+    Raises
+    ------
+    SceneError
+    """
+    material, softening = scene.material, scene.softening
+    if material is None:
+        raise SceneError(f"{where}: solver = 'points' needs [material] with its law; `mpmgis effects` lists them")
+    if any(alone.solver == "points" and alone.numerics.cell_size is None for alone in scene.alone()):
+        raise SceneError(
+            f"{where} [numerics]: solver = 'points' needs cell_size [m], the side of its cells in 3D: a third of the "
+            "flow's thickness or less"
+        )
+    for key, (laws, _) in OPTIONS.items():
+        if getattr(material, key) is not None and material.law not in laws:
+            raise SceneError(f"{where} [material]: {key} belongs to {' and '.join(laws)}, not to {material.law}")
+    if softening is None:
+        return
+    if material.law not in CONES:
+        raise SceneError(f"{where} [softening]: only {' and '.join(CONES)} soften, the material is {material.law}")
+    for key in ("friction_angle", "cohesion"):
+        initial, residual = material.parameters[key], getattr(softening, f"residual_{key}")
+        if residual > initial:
+            raise SceneError(
+                f"{where} [softening]: residual_{key} = {residual:g} is above [material] {key} = {initial:g}; "
+                "softening takes away"
+            )
+    if softening.form == "linear" and softening.coefficient == 0.0:
+        raise SceneError(f"{where} [softening]: the linear form requires a coefficient above 0")
+    if softening.form != "linear" and softening.peak_strain != 0.0:
+        raise SceneError(f"{where} [softening]: peak_strain requires form = 'linear'")

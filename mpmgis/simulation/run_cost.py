@@ -1,0 +1,103 @@
+"""Time and memory that a run needs, from measured constants."""
+
+import numpy as np
+
+from ..laws.quantities import GRAVITY
+from ..solvers.columns.column_rows import ROW
+from ..solvers.points.point_ground import GROUND_ENTRIES
+from ..solvers.points.point_numerics import courant_number
+from ..solvers.points.point_rows import ROW_LONG, ROW_SHORT
+from ..system.errors import SceneError
+from ..system.memory import memory_lack
+
+BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out, the last one
+BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
+BYTES_PER_POINT_BESIDE = 190  # of its two rows and those of two frames: ids, keys, order; a frame on its way out
+BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and its properties
+BYTES_PER_GRID_NODE = 110  # of a grid on the map while it is made (measured 105 with 1.1e8 nodes, 2026-11-22)
+BYTES_PER_START = 320  # of a point while columns become points
+BYTES_PER_SWITCHED = 640  # of a point during a conversion within a run (measured 2026-11-22)
+MEMORY_SHARE = 0.8  # share of the free memory or disk above which a run requires confirmation
+NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: a rough estimate, for the confirmation of long runs
+NANOSECONDS_PER_POINT_STEP = {"float64": 85.0, "float32": 55.0}  # of one point on one thread, sort and grid included
+SECONDS_PER_STEP = 2e-5  # of any step, however few particles it moves
+# Beside the steps, in processor time (measured 2026-11-22 with 1e3 to 6e5 particles, frames 2026-11-27 by
+# tests/bench/run.py frames; disks and other programs add to it)
+SECONDS_PER_RUN, SECONDS_PER_PIXEL = 0.05, 1e-7  # scene, record; terrain of the frames
+SECONDS_PER_FRAME = 0.02  # of a file that is whole or not there
+NANOSECONDS_PER_WRITTEN = {"columns": 600.0, "points": 600.0}  # of one particle in a frame that is written
+NANOSECONDS_PER_SHOWN = 200.0  # of one particle in a frame that is displayed
+SECONDS_PER_SWITCH = 0.02
+NANOSECONDS_TO_POINTS, NANOSECONDS_TO_COLUMNS = 1700.0, 900.0  # of a point that is made or taken back, sums included
+NANOSECONDS_PER_NODE = 300.0  # of a grid's table of the ground
+NANOSECONDS_PER_LOOK = {"reach": 100.0, "calm": 700.0}  # of a particle, at a check of the end of a stage
+
+
+def predicted(columns, thickness, nodes, elevation_bytes, cell_size, cfl, end_time, line_speed, threads):
+    """(seconds, bytes) that a run will need.
+
+    The number of steps follows from half the energy line's speed `line_speed` [m s-1] and the wave speed of the mean
+    `thickness` [m] over `end_time` [s].
+    """
+    signal = 0.5 * line_speed + np.sqrt(GRAVITY * thickness)
+    steps = end_time * signal / (cfl * cell_size)
+    memory = columns * BYTES_PER_COLUMN + nodes * BYTES_PER_NODE + 3 * elevation_bytes
+    return steps * (columns * NANOSECONDS_PER_STEP * 1e-9 / threads + SECONDS_PER_STEP), memory
+
+
+def predicted_in_3d(points, material, numerics, nodes, elevation_bytes, end_time, line_speed, threads):
+    """(seconds, bytes) that a 3D run will need: its steps go with the waves and half the energy line's speed [m s-1].
+
+    `material` is a law, `numerics` PointNumerics, `nodes` the number of the grid's nodes on the map.
+    """
+    dx, viscosity = numerics.cell_size, material.viscosity()
+    limits = [dx / (material.wave_speed(numerics.density) + 0.5 * line_speed), np.sqrt(dx / numerics.gravity)]
+    if viscosity > 0.0:
+        limits.append(numerics.density * dx * dx / (6.0 * viscosity))
+    steps = end_time / (courant_number(material, numerics) * min(limits))
+    row = ROW_SHORT if material.state_count() <= 4 else ROW_LONG
+    number = 4 if numerics.precision == "float32" else 8  # bytes
+    memory = points * (4 * number * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
+    seconds = NANOSECONDS_PER_POINT_STEP[numerics.precision] * 1e-9
+    return steps * (points * seconds / threads + SECONDS_PER_STEP), memory
+
+
+def slower_than_nominal(solver_name, pace, particles, threads, precision="float64"):
+    """Times [1] by which a step of `particles` takes longer here, `pace` [s] for each, than is taken above."""
+    nominal = NANOSECONDS_PER_POINT_STEP[precision] if solver_name == "points" else NANOSECONDS_PER_STEP
+    return pace * particles / (particles * nominal * 1e-9 / threads + SECONDS_PER_STEP)
+
+
+def seconds_of_frames(solver_name, particles, frames, written=True):
+    """Wall time [s] of `frames` of as many particles each, written or only displayed."""
+    if not written:
+        return frames * particles * NANOSECONDS_PER_SHOWN * 1e-9
+    return frames * (SECONDS_PER_FRAME + particles * NANOSECONDS_PER_WRITTEN[solver_name] * 1e-9)
+
+
+def seconds_to_points(points, nodes):
+    """Wall time [s] in which columns become as many `points` on a grid of `nodes` seen from above."""
+    return SECONDS_PER_SWITCH + 1e-9 * (points * NANOSECONDS_TO_POINTS + nodes * NANOSECONDS_PER_NODE)
+
+
+def seconds_to_columns(points, nodes):
+    """Wall time [s] in which as many `points` become columns on a grid of `nodes`."""
+    return SECONDS_PER_SWITCH + 1e-9 * (points * NANOSECONDS_TO_COLUMNS + nodes * NANOSECONDS_PER_NODE)
+
+
+def seconds_of_looks(particles, looks, conditions):
+    """Wall time [s] of `looks` checks of the end of a stage with `conditions` (keys of its `until`)."""
+    return looks * particles * 1e-9 * sum(NANOSECONDS_PER_LOOK.get(name, 0.0) for name in conditions)
+
+
+def require_memory_for_points(count, cell_size):
+    """Refuse points that exceed the memory of this machine, before they are created.
+
+    Raises
+    ------
+    SceneError
+    """
+    if lack := memory_lack(count * BYTES_PER_START, MEMORY_SHARE):
+        raise SceneError(
+            f"[numerics] cell_size = {cell_size:g} m makes {count:.3g} points, which need {lack}; take larger cells"
+        )

@@ -1,0 +1,121 @@
+"""Conditions that end a stage: flow near a place, free flight, calm flow, a time."""
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..terrain.flow_reach import takes_off
+
+if TYPE_CHECKING:
+    import shapely
+
+LOOK_SECONDS = 0.25  # simulated time between two checks of the flow, also after a restart
+DEPTHS, SECONDS = 3.0, 2.0  # near: within 3 flow depths, or the distance of 2 s
+MOST_LOOKED_AT = 2000  # columns or points whose path to a cliff is computed
+FLYING_SHARE = 0.01  # share of the mass that takes off, at which the flow has reached a cliff
+CALM_SHARE = 0.01  # share of the mass that can be near a feature or off the bed in a calm flow
+CALM_NORMAL = 0.1  # largest speed across the slope in a calm flow, over the speed along it
+_TIME = 1e-9  # [s], and in intervals of checks, rounding of a time
+
+
+class Near(NamedTuple):
+    """Feature that the flow is near to if it is within two seconds or three flow depths.
+
+    `words` is its name, `shape` (shapely) is on the map; only flow deeper than `least` [m] counts.
+    """
+
+    words: str
+    shape: "shapely.Geometry"
+    least: float = 0.0
+
+    def share(self, flow):
+        """Share of the mass of a Flow that is near [1]."""
+        import shapely  # only stages that end at a feature need it
+
+        flow = flow.take(flow.depth > self.least)
+        if not len(flow):
+            return 0.0
+        reach = np.maximum(DEPTHS * flow.depth, SECONDS * flow.speed)
+        west, south, east, north = self.shape.bounds
+        beside = np.maximum(west - flow.x, flow.x - east), np.maximum(south - flow.y, flow.y - north)
+        maybe = np.flatnonzero(np.maximum(*beside) < reach)
+        apart = shapely.distance(self.shape, shapely.points(flow.x[maybe], flow.y[maybe]))
+        return float(flow.mass[maybe[apart < reach[maybe]]].sum() / flow.mass.sum())
+
+
+class Cliff(NamedTuple):
+    """Ground of `terrain` from which the flow takes off within two seconds (see `terrain.reach`)."""
+
+    terrain: object
+    words: str = "a cliff"
+
+    def share(self, flow):
+        """Share of the mass of a Flow that takes off [1], from a sample."""
+        some = flow.take(slice(None, None, max(1, len(flow) // MOST_LOOKED_AT)))
+        flying = takes_off(self.terrain, some.x, some.y, some.u, some.v, some.depth)
+        return float(some.mass[flying].sum() / some.mass.sum())
+
+
+class StageEnd:
+    """The checks that decide whether a stage is over.
+
+    Parameters
+    ----------
+    time : float, optional [s]
+        At which it is over.
+    reached : Near or Cliff, optional
+        Features that the flow has to reach.
+    calm : float, optional [s]
+        For how long the flow has to be calm: none of it near to anything of `disturbing`, and all on the bed.
+    disturbing : sequence of Near and Cliff
+    unsettled : callable, optional
+        frame -> share of the mass that is off the bed, or moves across it by more than CALM_NORMAL.
+
+    Attributes
+    ----------
+    calm_since : float [s]
+        Time [s] since which the flow is calm; -1: it is not. Part of the state of a restart.
+    """
+
+    def __init__(self, time=None, reached=None, calm=None, disturbing=(), unsettled=None):
+        self.time = math.inf if time is None else float(time)
+        self.reached, self.calm, self.disturbing, self.unsettled = reached, calm, tuple(disturbing), unsettled
+        self.calm_since = -1.0
+
+    def next_time(self, time):
+        """The next time [s] after `time` to check the flow; infinite without conditions."""
+        due = [self.time] if self.time > time + _TIME else []
+        if self.reached is not None or self.calm is not None:
+            due.append((math.floor(time / LOOK_SECONDS + _TIME) + 1) * LOOK_SECONDS)
+        return min(due, default=math.inf)
+
+    def over(self, solver):
+        """Why the stage is over now, in words; '' while it is not."""
+        if solver.time >= self.time - _TIME:
+            return f"t = {self.time:g} s"
+        if not self._is_look(solver.time):
+            return ""
+        flow = solver.flow()
+        if not len(flow):
+            return ""
+        if self.reached is not None and self.reached.share(flow) > _least_share(self.reached):
+            return f"the flow is within reach of {self.reached.words}"
+        return self._calm(solver, flow) if self.calm is not None else ""
+
+    def _is_look(self, time):
+        looks = self.reached is not None or self.calm is not None
+        return looks and abs(time / LOOK_SECONDS - round(time / LOOK_SECONDS)) < _TIME
+
+    def _calm(self, solver, flow):
+        stirred = any(thing.share(flow) > CALM_SHARE for thing in self.disturbing)
+        if stirred or self.unsettled(solver.frame()) > CALM_SHARE:
+            self.calm_since = -1.0
+            return ""
+        if self.calm_since < 0.0:
+            self.calm_since = solver.time
+        return f"the flow was calm for {self.calm:g} s" if solver.time - self.calm_since >= self.calm else ""
+
+
+def _least_share(thing):
+    return FLYING_SHARE if isinstance(thing, Cliff) else 0.0

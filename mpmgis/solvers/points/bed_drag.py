@@ -1,0 +1,80 @@
+"""Masses of node columns, and the bed that drags the mass that touches it."""
+
+from ...compiled.block_order import CHUNKS
+from ...compiled.jit import jit, jit_inline, jit_parallel, prange
+from .point_ground import exact_at, fold_at, plane_at
+from .point_rows import BLOCK, GHOSTS, NODE_MASS
+
+# entries of a node column [kg]: mass that touches the ground, total mass; numbers of a block of columns
+TOUCHING, WHOLE, COLUMN_MASSES = range(3)
+BLOCK_COLUMNS = BLOCK * BLOCK * COLUMN_MASSES
+RIM = 5.0 / 6.0
+
+
+@jit_inline
+def column_contact(block, touched, t, j, i, ground, dx, clearance):
+    """(mass that touches the ground, mass) [kg] of node column [j, i] of touched block `t`."""
+    j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
+    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
+    height, _, _, flat = plane_at(ground.nodes, jj, ii)
+    first, lowest, levels = fold_at(ground.folds, jj, ii)
+    touching = whole = 0.0
+    for k in range(BLOCK):
+        mass = block[((k * BLOCK + j) * BLOCK + i) * 4 + NODE_MASS]
+        away = (float(k_first + k - GHOSTS) * dx - height) * flat
+        if levels > 0:
+            away = exact_at(ground.exact, first, lowest, levels, k_first + k)[0]
+        touching += mass if away <= clearance else 0.0
+        whole += mass
+    return touching, whole
+
+
+@jit_parallel
+def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
+    """Masses [kg] in each block's node columns, into `masses` float[blocks, BLOCK_COLUMNS]."""
+    for c in prange(CHUNKS):
+        for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
+            block, part = nodes[t], masses[t]
+            for j in range(BLOCK):
+                for i in range(BLOCK):
+                    touching, whole = column_contact(block, touched, t, j, i, ground, dx, clearance)
+                    part[(j * BLOCK + i) * COLUMN_MASSES + TOUCHING] = touching
+                    part[(j * BLOCK + i) * COLUMN_MASSES + WHOLE] = whole
+
+
+@jit
+def spread_contact(masses, touched, n_touched, columns):
+    """Add the blocks' `masses`, in their order, to `columns` float[rows, columns, entries] of all the ground."""
+    entries = columns.shape[2]
+    for t in range(n_touched):
+        for j in range(BLOCK):
+            for i in range(BLOCK):
+                jj, ii = touched[t, 0] * BLOCK + j, touched[t, 1] * BLOCK + i
+                if jj < columns.shape[0] and ii < columns.shape[1]:
+                    for entry in range(entries):
+                        columns[jj, ii, entry] += masses[t, (j * BLOCK + i) * entries + entry]
+
+
+@jit
+def clear_contact(touched, n_touched, columns):
+    """Set `columns` to 0 again where `spread_contact` has been."""
+    for t in range(n_touched):
+        j, i = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK
+        columns[j : j + BLOCK, i : i + BLOCK] = 0.0
+
+
+@jit_inline
+def bed_per_mass(columns, j, i, area):
+    """Bed [m2 kg-1] of a node column of bed `area` [m2], over its mass that touches the bed."""
+    return bed_under(columns, j, i, area) / max(columns[j, i, TOUCHING], 1e-30)
+
+
+@jit_inline
+def bed_under(columns, j, i, area):
+    """Bed [m2] below the flow of a node column, of its `area` [m2]."""
+    heaviest = 0.0
+    for jj in range(max(j - 1, 0), min(j + 2, columns.shape[0])):
+        for ii in range(max(i - 1, 0), min(i + 2, columns.shape[1])):
+            heaviest = max(heaviest, columns[jj, ii, WHOLE])
+    covered = min(columns[j, i, WHOLE] / max(RIM * heaviest, 1e-30), 1.0)
+    return covered * area

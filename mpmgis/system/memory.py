@@ -1,0 +1,57 @@
+"""Free memory of the machine, and limits of the address space."""
+
+import math
+import re
+from contextlib import suppress
+from pathlib import Path
+
+_LINUX = Path("/proc/meminfo")
+ADDRESS_SPACE = 1_000_000_000  # [bytes] `run` and `export-raster` with one thread need more than 0.75e9, at most 0.85e9
+_AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
+
+
+def available_memory():
+    """Memory available to a program [bytes]; infinite where the system does not report it.
+
+    The file cache of the system counts as free.
+    """
+    with suppress(OSError, ValueError):
+        found = _AVAILABLE.search(_LINUX.read_text(encoding="ascii"))
+        if found:
+            return 1024 * int(found[1])
+    with suppress(Exception):  # psutil's own errors, on systems without this information
+        import psutil
+
+        return psutil.virtual_memory().available
+    return float("inf")
+
+
+def address_space_lack(limit):
+    """Error text for a `limit` [bytes] of this process's address space; "" if it is sufficient.
+
+    Beyond the limit C and C++ libraries abort the process.
+    """
+    if limit >= ADDRESS_SPACE:
+        return ""
+    return f"address space is limited to {limit / 1e9:.3g} GB, the libraries need {ADDRESS_SPACE / 1e9:g} GB"
+
+
+def memory_lack(needed, share=1.0):
+    """Part of an error text if `needed` [bytes] exceed a `share` of the free memory, else "".
+
+    The caller adds what needs the memory, and the fix.
+    """
+    free = available_memory()
+    if needed <= share * free:
+        return ""
+    return f"about {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free"
+
+
+def address_space_limit() -> float:
+    """Limit of this process's address space [bytes]; infinite without one, as always on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return math.inf
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return math.inf if limit == resource.RLIM_INFINITY else float(limit)

@@ -1,0 +1,90 @@
+"""The process that writes a file, as it is named in temporary files and locks."""
+
+import hashlib
+import os
+import re
+import secrets
+import socket
+from functools import cache
+from typing import NamedTuple
+
+from . import operating_system
+
+_INITIAL_SPACE = "pid:[4026531836]"  # PID namespace of a Linux machine itself, not of a container
+_TEXT = re.compile(r"(\d{1,10})-([0-9a-f]{8})([0-9a-f]{8})-([0-9a-f]{1,16})")
+PATTERN = r"\d{1,10}-[0-9a-f]{16}-[0-9a-f]{1,16}-[0-9a-f]{8}"  # of `new_token`
+UNKNOWN = operating_system.UNKNOWN
+
+
+class Writer(NamedTuple):
+    """A process: `number`, digests of its `host` and the host's `boot`, `start` (UNKNOWN if not available)."""
+
+    number: int
+    host: str
+    boot: str
+    start: int
+
+    def __str__(self):
+        return f"{self.number}-{self.host}{self.boot}-{self.start:x}"
+
+    def is_over(self):
+        """Whether this process has certainly ended."""
+        if self.host != host():
+            return False
+        if self.boot != boot():
+            return _is_no_container()  # the machine was restarted; a container has only its own start
+        return not still_runs(self.number, self.start)
+
+
+def this_process():
+    """The Writer of this process."""
+    return Writer(os.getpid(), host(), boot(), started(os.getpid()))
+
+
+def new_token():
+    """Text for the names of temporary files: this process and eight random digits."""
+    return f"{this_process()}-{secrets.token_hex(4)}"
+
+
+def written_by(text):
+    """The Writer at the beginning of a text or token; None where there is none."""
+    found = _TEXT.match(text)
+    return None if found is None else Writer(int(found[1]), found[2], found[3], int(found[4], 16))
+
+
+@cache
+def host():
+    """Eight digits for this machine and, in a container, its PID namespace."""
+    return _digest(socket.gethostname(), operating_system.machine_number(), _space())
+
+
+@cache
+def boot():
+    """Eight digits for the start of this machine; constant where the start dates of processes are available."""
+    return _digest(operating_system.start_of_machine())
+
+
+def started(number):
+    """Start of process `number` in the system's units; UNKNOWN where it is not available."""
+    return operating_system.process_start(number)
+
+
+def still_runs(number, start):
+    """Whether process `number` with this `start` may still run on this machine."""
+    if not operating_system.runs(number):
+        return False
+    now = started(number)
+    return UNKNOWN in (now, start) or now == start
+
+
+def _is_no_container():
+    return _space() == _INITIAL_SPACE and bool(operating_system.machine_number())
+
+
+@cache
+def _space():
+    return operating_system.process_space()
+
+
+def _digest(*texts):
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:8]
