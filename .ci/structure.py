@@ -19,12 +19,12 @@ LONG = 12  # parameters that a function has at most without a record
 
 LIMITS = {
     "imports of higher layers": 0,
-    "private names imported": 11,
+    "private names imported": 0,
     "file names that stand twice": 0,
     "top-level folders": 19,
     "arrows between top-level folders": 95,
-    "files with constants amid the code": 93,
-    "lines that the formatter skips": 609,
+    "files with constants amid the code": 10,
+    "lines that the formatter skips": 0,
 }
 
 

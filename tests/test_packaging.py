@@ -22,9 +22,12 @@ ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 RECIPE = (ROOT / ".ci" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
 ON_CONDA = {  # names that differ on conda-forge
-    "dask": "dask-core", "dask[distributed]": "dask", "geopandas": "geopandas-base", "matplotlib": "matplotlib-base",
+    "dask": "dask-core",
+    "dask[distributed]": "dask",
+    "geopandas": "geopandas-base",
+    "matplotlib": "matplotlib-base",
     "netCDF4": "netcdf4",
-}  # fmt: skip
+}
 NO_BACKEND = ("Could not find a version", "No matching distribution", "Connection", "Temporary failure", "Max retries")
 IN_THE_WHEEL = (
     *("py.typed", "__init__.pyi", "ARCHITECTURE.md", "docs/limits.md", "docs/tutorial.md", "docs/formats.md"),
@@ -101,8 +104,10 @@ def checkout(tmp_path_factory):
     """A copy of what git tracks, or would track, and nothing else."""
     listing = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
     if listing.returncode:
         pytest.skip("no git checkout")
     folder = tmp_path_factory.mktemp("build") / "checkout"
@@ -192,9 +197,13 @@ def test_the_installed_wheel_works(wheel, tmp_path):
     def run(*words):
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         done = subprocess.run(
-            [str(python.with_name("mpmgis")), *words], capture_output=True, text=True, cwd=tmp_path, env=environment,
+            [str(python.with_name("mpmgis")), *words],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            env=environment,
             timeout=280,
-        )  # fmt: skip
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout
 

@@ -143,10 +143,15 @@ def laws_text(laws):
     for name, (law, parameters) in laws.items():
         summary = (law.__doc__ or "").strip().split("\n\n")[0]
         rows = [
-            [f"`{key}`", cell(p.unit), "required" if p.default is None else f"`{p.default:g}`",
-             f"{p.smallest:g} to {p.largest:g}", cell(p.meaning)]
+            [
+                f"`{key}`",
+                cell(p.unit),
+                "required" if p.default is None else f"`{p.default:g}`",
+                f"{p.smallest:g} to {p.largest:g}",
+                cell(p.meaning),
+            ]
             for key, p in parameters.items()
-        ]  # fmt: skip
+        ]
         parts += [f'### `law = "{name}"`', cell(summary).replace("*", "\\*").replace("_", "\\_")]
         parts += [table(["parameter", "unit", "default", "range", "description"], rows)] if rows else []
     return "\n\n".join(parts)
@@ -163,9 +168,13 @@ def band_pages():
 
     head = ["name", "unit", "type", "description"]
     text = [
-        "## Raster bands", f"A band has the description `name [unit]`. Nodata is {NODATA:g}.", table(head, rows(BAND)),
-        "## Particles", "Datasets of the group `particles` in a frame.", table(head, rows(PARTICLE)),
-    ]  # fmt: skip
+        "## Raster bands",
+        f"A band has the description `name [unit]`. Nodata is {NODATA:g}.",
+        table(head, rows(BAND)),
+        "## Particles",
+        "Datasets of the group `particles` in a frame.",
+        table(head, rows(PARTICLE)),
+    ]
     return {"reference/bands": "\n\n".join(text)}
 
 

@@ -21,24 +21,45 @@ class CompareOptions(shared_options.OverwriteOptions, ReadingOptions, shared_opt
 
     threshold: Annotated[
         float,
-        Option("footprint: cells above this [m, or the unit of --band]", "M", default=0.1, least=0, folded=False,
-               label="Footprint: cells above this [m]"),
-    ]  # fmt: skip
+        Option(
+            "footprint: cells above this [m, or the unit of --band]",
+            "M",
+            default=0.1,
+            least=0,
+            folded=False,
+            label="Footprint: cells above this [m]",
+        ),
+    ]
     band: Annotated[
         str,
-        Option("band whose footprint is compared, for example h_deposit with a mapped deposit", "NAME",
-               usual="peak thickness, pft or h_max", label="Band whose footprint is compared"),
-    ]  # fmt: skip
+        Option(
+            "band whose footprint is compared, for example h_deposit with a mapped deposit",
+            "NAME",
+            usual="peak thickness, pft or h_max",
+            label="Band whose footprint is compared",
+        ),
+    ]
     line: Annotated[
         PathLike,
-        Option("line along which runout is measured, from its top", "FILE", usual="the centre line of both flows",
-               kind="line layer", folded=False, label="Line along which runout is measured, from its top"),
-    ]  # fmt: skip
+        Option(
+            "line along which runout is measured, from its top",
+            "FILE",
+            usual="the centre line of both flows",
+            kind="line layer",
+            folded=False,
+            label="Line along which runout is measured, from its top",
+        ),
+    ]
     dem: Annotated[
         PathLike,
-        Option("DTM for the line, the map and the export of runs", "FILE", usual="that of the results",
-               kind="raster layer", label="Terrain model, if not that of the results"),
-    ]  # fmt: skip
+        Option(
+            "DTM for the line, the map and the export of runs",
+            "FILE",
+            usual="that of the results",
+            kind="raster layer",
+            label="Terrain model, if not that of the results",
+        ),
+    ]
 
 
 class Arguments(CompareOptions, total=False):
@@ -46,24 +67,53 @@ class Arguments(CompareOptions, total=False):
 
     first: Annotated[
         PathLike,
-        Option("a result or an outline", "A", positional="one", kind="folder", folded=False,
-               label="Results: folder of maps or frames"),
-    ]  # fmt: skip
+        Option(
+            "a result or an outline",
+            "A",
+            positional="one",
+            kind="folder",
+            folded=False,
+            label="Results: folder of maps or frames",
+        ),
+    ]
     second: Annotated[
         PathLike,
-        Option("the other one; differences are A - B", "B", positional="one", kind="folder", folded=False,
-               label="Compared with: folder of other results",
-               also=({"name": "OUTLINE", "kind": "polygon layer", "label": "or: with an observed outline",
-                      "help": "Polygons of the area that the event reached."},)),
-    ]  # fmt: skip
-    json: Annotated[bool, Option("print JSON, in SI units", default=False, no_form="for programs; the figures are in "
-                                 "the log and in the table")]  # fmt: skip
+        Option(
+            "the other one; differences are A - B",
+            "B",
+            positional="one",
+            kind="folder",
+            folded=False,
+            label="Compared with: folder of other results",
+            also=(
+                {
+                    "name": "OUTLINE",
+                    "kind": "polygon layer",
+                    "label": "or: with an observed outline",
+                    "help": "Polygons of the area that the event reached.",
+                },
+            ),
+        ),
+    ]
+    json: Annotated[
+        bool,
+        Option(
+            "print JSON, in SI units",
+            default=False,
+            no_form="for programs; the figures are in the log and in the table",
+        ),
+    ]
     output: Annotated[
         PathLike,
-        Option("write a map (.png), a table (.csv), classes (.tif: 1 only A, 2 only B, 3 both), or a folder of all",
-               "PATH", short="-o", folded=False, kind="new folder",
-               label="Folder for map, table and classes, if any"),
-    ]  # fmt: skip
+        Option(
+            "write a map (.png), a table (.csv), classes (.tif: 1 only A, 2 only B, 3 both), or a folder of all",
+            "PATH",
+            short="-o",
+            folded=False,
+            kind="new folder",
+            label="Folder for map, table and classes, if any",
+        ),
+    ]
 
 
 VERB = Verb(

@@ -23,25 +23,41 @@ class PointOptions(TypedDict, total=False):
 
     spacing: Annotated[
         float,
-        Option("vertical distance of points", "R", unit="m", above=0, folded=False,
-               usual="half of --cell; without it the median column's side", label="To points: their vertical distance"),
-    ]  # fmt: skip
+        Option(
+            "vertical distance of points",
+            "R",
+            unit="m",
+            above=0,
+            folded=False,
+            usual="half of --cell; without it the median column's side",
+            label="To points: their vertical distance",
+        ),
+    ]
     vertical_velocity: Annotated[
         Literal["tangent", "paper", "linear"],
-        Option("tangent: along the bed; paper: 0; linear: along the bed and linear above it, as in an incompressible "
-               "column, for which the frame must keep its state", usual="tangent",
-               label="To points: vertical velocity"),
-    ]  # fmt: skip
+        Option(
+            "tangent: along the bed; paper: 0; linear: along the bed and linear above it, as in an incompressible "
+            "column, for which the frame must keep its state",
+            usual="tangent",
+            label="To points: vertical velocity",
+        ),
+    ]
     relevel: Annotated[
         bool,
-        Option("with --cell: raise overlapping columns to the height that their mass fills", default=False,
-               label="To points: raise overlapping columns"),
-    ]  # fmt: skip
+        Option(
+            "with --cell: raise overlapping columns to the height that their mass fills",
+            default=False,
+            label="To points: raise overlapping columns",
+        ),
+    ]
     paper: Annotated[
         bool,
-        Option("conversion exactly as printed in MOX report 15/2025; its errors are reported", default=False,
-               label="To points: exactly as printed in the report"),
-    ]  # fmt: skip
+        Option(
+            "conversion exactly as printed in MOX report 15/2025; its errors are reported",
+            default=False,
+            label="To points: exactly as printed in the report",
+        ),
+    ]
 
 
 class ColumnOptions(TypedDict, total=False):
@@ -49,42 +65,63 @@ class ColumnOptions(TypedDict, total=False):
 
     by: Annotated[
         Literal["parent", "cell"],
-        Option("gather points by the column that they came from, or by cell",
-               usual="parent where points have one and are still close together", label="To columns: gather points by"),
-    ]  # fmt: skip
+        Option(
+            "gather points by the column that they came from, or by cell",
+            usual="parent where points have one and are still close together",
+            label="To columns: gather points by",
+        ),
+    ]
     detached: Annotated[
         Literal["refuse", "keep"],
-        Option("mass above the bed or leaving it: refuse (error), or keep as points in <output>_points.h5",
-               usual="refuse", label="To columns: mass that has left the bed"),
-    ]  # fmt: skip
+        Option(
+            "mass above the bed or leaving it: refuse (error), or keep as points in <output>_points.h5",
+            usual="refuse",
+            label="To columns: mass that has left the bed",
+        ),
+    ]
 
 
 class ConversionOptions(
-    shared_options.OverwriteOptions, PointOptions, ColumnOptions, shared_options.TerrainOptions, shared_options.DeclarationOptions,
-    shared_options.DensityOptions, total=False,
-):  # fmt: skip
+    shared_options.OverwriteOptions,
+    PointOptions,
+    ColumnOptions,
+    shared_options.TerrainOptions,
+    shared_options.DeclarationOptions,
+    shared_options.DensityOptions,
+    total=False,
+):
     """Options of `mpmgis.convert`."""
 
     to: Annotated[
         Literal["points", "columns"],
         Option("convert to", usual="columns to points, points to columns", folded=False, label="Convert to"),
-    ]  # fmt: skip
+    ]
     cell: Annotated[
         float,
-        Option("to points: grid spacing of the 3D code, columns wider than half of it are split horizontally; "
-               "to columns: cell size for points without a column [m]", "M", least=1e-6, folded=False,
-               usual="no split; the DTM's cells", label="Cell size of the 3D grid, or of the columns [m]"),
-    ]  # fmt: skip
+        Option(
+            "to points: grid spacing of the 3D code, columns wider than half of it are split horizontally; "
+            "to columns: cell size for points without a column [m]",
+            "M",
+            least=1e-6,
+            folded=False,
+            usual="no split; the DTM's cells",
+            label="Cell size of the 3D grid, or of the columns [m]",
+        ),
+    ]
     at_time: Annotated[
         float,
         Option("frame of this time, where the file or folder holds several", "S", unit="s", label="Frame of this time"),
-    ]  # fmt: skip
+    ]
 
 
 class SolverStartOptions(
-    shared_options.OverwriteOptions, PointOptions, shared_options.TerrainOptions, shared_options.DeclarationOptions, shared_options.DensityOptions,
+    shared_options.OverwriteOptions,
+    PointOptions,
+    shared_options.TerrainOptions,
+    shared_options.DeclarationOptions,
+    shared_options.DensityOptions,
     total=False,
-):  # fmt: skip
+):
     """Options of `mpmgis.solver_start`."""
 
     cell: Annotated[float, options_of(ConversionOptions)["cell"]]
@@ -98,17 +135,31 @@ class Arguments(ConversionOptions, SolverOptions, total=False):
 
     source: Annotated[
         tuple[PathLike, ...],
-        Option("frame of columns or points (.h5), or another code's particle file; several with --for", "FRAME",
-               positional="many", kind="file", field="FRAME", folded=False, label="Frame of columns or points",
-               files=FRAME_FILES + ";;All files (*)"),
-    ]  # fmt: skip
+        Option(
+            "frame of columns or points (.h5), or another code's particle file; several with --for",
+            "FRAME",
+            positional="many",
+            kind="file",
+            field="FRAME",
+            folded=False,
+            label="Frame of columns or points",
+            files=FRAME_FILES + ";;All files (*)",
+        ),
+    ]
     output: Annotated[
         PathLike,
-        Option("file to write; columns also as .csv, .json, .gpkg, .parquet, .vtp, points also as a .las point "
-               "cloud; with --for a folder", "FILE",
-               short="-o", usual="<name>_points.h5 or <name>_columns.h5", folded=False, kind="new file",
-               label="Converted frame", files=FRAME_FILES + ";;" + PARTICLES.replace("mpmgis frame (*.h5);;", "")),
-    ]  # fmt: skip
+        Option(
+            "file to write; columns also as .csv, .json, .gpkg, .parquet, .vtp, points also as a .las point "
+            "cloud; with --for a folder",
+            "FILE",
+            short="-o",
+            usual="<name>_points.h5 or <name>_columns.h5",
+            folded=False,
+            kind="new file",
+            label="Converted frame",
+            files=FRAME_FILES + ";;" + PARTICLES.replace("mpmgis frame (*.h5);;", ""),
+        ),
+    ]
 
 
 VERB = Verb(
@@ -151,15 +202,31 @@ mpmgis convert particles_f30.ply --to columns --dem dtm.tif --axes e,u,-n --orig
             ANOTHER,
             "Writes frames of a run for another code or viewer. " + WRITES,
             name="convertfor",
-            only=("solver", "source", "cell", "spacing", "material", "window", "dem", "crs", "dem_band", "overwrite",
-                  "output"),
-            changes=(("solver", {"optional": False}), ("output", FOLDER_OF_SOLVER),
-                     ("window", {"kind": "text"}),
-                     ("source", {"name": "FRAMES", "kind": "files", "label": "Frames of columns or points",
-                                 "files": FRAME_FILES})),
+            only=(
+                "solver",
+                "source",
+                "cell",
+                "spacing",
+                "material",
+                "window",
+                "dem",
+                "crs",
+                "dem_band",
+                "overwrite",
+                "output",
+            ),
+            changes=(
+                ("solver", {"optional": False}),
+                ("output", FOLDER_OF_SOLVER),
+                ("window", {"kind": "text"}),
+                (
+                    "source",
+                    {"name": "FRAMES", "kind": "files", "label": "Frames of columns or points", "files": FRAME_FILES},
+                ),
+            ),
         ),
     ),
-)  # fmt: skip
+)
 
 
 def convert(source: PathLike, output: PathLike | None = None, **options: Unpack[ConversionOptions]) -> "Written":

@@ -18,13 +18,20 @@ class Arguments(shared_options.OverwriteOptions, total=False):
     overwrite: Annotated[
         bool,
         Option("replace an earlier demo in that folder", default=False, folded=False, label="Replace an earlier demo"),
-    ]  # fmt: skip
+    ]
     threads: Annotated[int, shared_options.THREADS]
     output: Annotated[
         PathLike,
-        Option("folder", "DIR", short="-o", default=Path("mpmgis_demo"), folded=False, kind="new folder",
-               label="Folder for site, frames and maps"),
-    ]  # fmt: skip
+        Option(
+            "folder",
+            "DIR",
+            short="-o",
+            default=Path("mpmgis_demo"),
+            folded=False,
+            kind="new folder",
+            label="Folder for site, frames and maps",
+        ),
+    ]
 
 
 VERB = Verb(

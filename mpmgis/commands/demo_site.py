@@ -43,8 +43,9 @@ def sample_folder(site=SITE):
     raise InputError(f"sample site {site!r} is not in {_PLACES[0]} nor in {_PLACES[1]}; reinstall mpmgis")
 
 
-def demo(output, *, overwrite=False, threads=None, watch=lambda solver, end_time: None,
-         progress=lambda done, total: None):  # fmt: skip
+def demo(
+    output, *, overwrite=False, threads=None, watch=lambda solver, end_time: None, progress=lambda done, total: None
+):
     """Copy the sample site to `output`/site, simulate it, export it for QGIS, and draw one picture.
 
     With `overwrite` an earlier demo in `output` is replaced, but no other files.

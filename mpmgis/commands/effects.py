@@ -15,12 +15,16 @@ class AnswerArguments(TypedDict, total=False):
 
     output: Annotated[
         PathLike,
-        Option("write the answer to this file instead of stdout", "FILE", short="-o",
-               no_form="the answer is in the log, which can be saved"),
-    ]  # fmt: skip
+        Option(
+            "write the answer to this file instead of stdout",
+            "FILE",
+            short="-o",
+            no_form="the answer is in the log, which can be saved",
+        ),
+    ]
     overwrite: Annotated[
         bool, Option("replace an earlier file of that name", default=False, no_form="there is no file")
-    ]  # fmt: skip
+    ]
 
 
 class Arguments(AnswerArguments, total=False):
@@ -28,15 +32,26 @@ class Arguments(AnswerArguments, total=False):
 
     scene: Annotated[
         PathLike,
-        Option("list the effects of this scene", "scene.toml", positional="maybe", folded=False, label="Scene",
-               usual="the catalogue", files=shared_options.TOML),
-    ]  # fmt: skip
+        Option(
+            "list the effects of this scene",
+            "scene.toml",
+            positional="maybe",
+            folded=False,
+            label="Scene",
+            usual="the catalogue",
+            files=shared_options.TOML,
+        ),
+    ]
     measure: Annotated[
         bool,
-        Option("run the scene's first steps and print the share of the time of each effect; the first time this "
-               "compiles a step without each effect, half a minute each", default=False, folded=False,
-               label="Measure the share of the computing time of each effect"),
-    ]  # fmt: skip
+        Option(
+            "run the scene's first steps and print the share of the time of each effect; the first time this "
+            "compiles a step without each effect, half a minute each",
+            default=False,
+            folded=False,
+            label="Measure the share of the computing time of each effect",
+        ),
+    ]
     law: Annotated[PathLike, shared_options.LAW]
     json: Annotated[bool, Option("print JSON", default=False, no_form="for programs; the answer is in the log")]
 

@@ -16,30 +16,55 @@ class PlanOptions(TypedDict, total=False):
 
     vary: Annotated[
         tuple[str, ...] | dict[str, Any],
-        Option("a key TABLE.KEY of the scene and its values; repeatable", "KEY=VALUES", default=(), repeat=True,
-               folded=False, label="What varies: KEY=VALUES, one a line"),
-    ]  # fmt: skip
+        Option(
+            "a key TABLE.KEY of the scene and its values; repeatable",
+            "KEY=VALUES",
+            default=(),
+            repeat=True,
+            folded=False,
+            label="What varies: KEY=VALUES, one a line",
+        ),
+    ]
     plan: Annotated[
         PathLike,
-        Option("TOML file with [vary] and the options of this group; options override it", "FILE", folded=False,
-               label="or: plan in a file", files="Plans (*.toml)"),
-    ]  # fmt: skip
+        Option(
+            "TOML file with [vary] and the options of this group; options override it",
+            "FILE",
+            folded=False,
+            label="or: plan in a file",
+            files="Plans (*.toml)",
+        ),
+    ]
     samples: Annotated[
         int,
-        Option("number of runs; with grid: number of values per range", "N", above=0, usual="32, with grid 5",
-               folded=False, label="Runs"),
-    ]  # fmt: skip
+        Option(
+            "number of runs; with grid: number of values per range",
+            "N",
+            above=0,
+            usual="32, with grid 5",
+            folded=False,
+            label="Runs",
+        ),
+    ]
     sampling: Annotated[
         Literal["lhs", "sobol", "random", "grid"],
-        Option("lhs (Latin hypercube), sobol, random, or grid: all combinations of values, of each range --samples "
-               "values, each in the middle of an equally likely interval", usual="grid if all are lists, else lhs",
-               label="How values are drawn"),
-    ]  # fmt: skip
+        Option(
+            "lhs (Latin hypercube), sobol, random, or grid: all combinations of values, of each range --samples "
+            "values, each in the middle of an equally likely interval",
+            usual="grid if all are lists, else lhs",
+            label="How values are drawn",
+        ),
+    ]
     seed: Annotated[
         int,
-        Option("seed of the sampling; the same seed gives the same runs", "N", least=0, usual="0",
-               label="Seed of the random numbers"),
-    ]  # fmt: skip
+        Option(
+            "seed of the sampling; the same seed gives the same runs",
+            "N",
+            least=0,
+            usual="0",
+            label="Seed of the random numbers",
+        ),
+    ]
 
 
 class MapOptions(TypedDict, total=False):
@@ -47,34 +72,68 @@ class MapOptions(TypedDict, total=False):
 
     exceed: Annotated[
         tuple[str, ...] | dict[str, Any],
-        Option("map of the probability that the peak of h [m], Ut [m/s] or p [Pa] is at least this", "NAME=A,B",
-               repeat=True, usual="h=0.5,1,2", folded=False, label="Thresholds: NAME=A,B, one a line"),
-    ]  # fmt: skip
+        Option(
+            "map of the probability that the peak of h [m], Ut [m/s] or p [Pa] is at least this",
+            "NAME=A,B",
+            repeat=True,
+            usual="h=0.5,1,2",
+            folded=False,
+            label="Thresholds: NAME=A,B, one a line",
+        ),
+    ]
     percentiles: Annotated[
         tuple[float, ...],
-        Option("percentiles of the members' peaks and arrivals", "P,..", unit="%%", usual="5,50,95", folded=False,
-               label="Percentiles, with commas"),
-    ]  # fmt: skip
+        Option(
+            "percentiles of the members' peaks and arrivals",
+            "P,..",
+            unit="%%",
+            usual="5,50,95",
+            folded=False,
+            label="Percentiles, with commas",
+        ),
+    ]
     cell_size: Annotated[
         float,
-        Option("cell size of the maps", "M", unit="m", flag="--cs-e", above=0, usual="the DTM's", folded=False,
-               field="CELL", label="Cell size of the maps"),
-    ]  # fmt: skip
+        Option(
+            "cell size of the maps",
+            "M",
+            unit="m",
+            flag="--cs-e",
+            above=0,
+            usual="the DTM's",
+            folded=False,
+            field="CELL",
+            label="Cell size of the maps",
+        ),
+    ]
     min_depth: Annotated[
         float,
-        Option("depth from which flow counts as arrived and has a velocity", "D", default=0.05, unit="m",
-               above=0, label="Depth from which flow counts as arrived"),
-    ]  # fmt: skip
+        Option(
+            "depth from which flow counts as arrived and has a velocity",
+            "D",
+            default=0.05,
+            unit="m",
+            above=0,
+            label="Depth from which flow counts as arrived",
+        ),
+    ]
     keep: Annotated[
         Literal["maxima", "deposit", "frames"],
-        Option("keep of each run: its maxima, also its deposit, or all frames", default="maxima",
-               label="Keep of each run"),
-    ]  # fmt: skip
+        Option(
+            "keep of each run: its maxima, also its deposit, or all frames", default="maxima", label="Keep of each run"
+        ),
+    ]
     tolerate: Annotated[
         float,
-        Option("share of the runs that may become unphysical or fail; a number from 0 to below 1", "SHARE",
-               default=0.1, least=0, below=1, label="Share of the runs that may fail"),
-    ]  # fmt: skip
+        Option(
+            "share of the runs that may become unphysical or fail; a number from 0 to below 1",
+            "SHARE",
+            default=0.1,
+            least=0,
+            below=1,
+            label="Share of the runs that may fail",
+        ),
+    ]
 
 
 class MachineOptions(TypedDict, total=False):
@@ -82,9 +141,14 @@ class MachineOptions(TypedDict, total=False):
 
     workers: Annotated[
         int,
-        Option("number of processes; the results do not depend on it", "N", above=0, usual="one for each core",
-               label="Runs at a time"),
-    ]  # fmt: skip
+        Option(
+            "number of processes; the results do not depend on it",
+            "N",
+            above=0,
+            usual="one for each core",
+            label="Runs at a time",
+        ),
+    ]
     dask: Annotated[str, shared_options.DASK]
     law: Annotated[PathLike, shared_options.LAW]
 
@@ -100,9 +164,13 @@ class EnsembleOptions(PlanOptions, MapOptions, MachineOptions, total=False):
 
     overwrite: Annotated[
         bool,
-        Option("replace the ensemble of another plan; members of both are kept", default=False, folded=False,
-               label="Replace the ensemble of another plan in the folder"),
-    ]  # fmt: skip
+        Option(
+            "replace the ensemble of another plan; members of both are kept",
+            default=False,
+            folded=False,
+            label="Replace the ensemble of another plan in the folder",
+        ),
+    ]
 
 
 class Arguments(EnsembleOptions, MachineArguments, total=False):
@@ -112,9 +180,16 @@ class Arguments(EnsembleOptions, MachineArguments, total=False):
     list_files: Annotated[bool, shared_options.LIST_FILES]
     output: Annotated[
         PathLike,
-        Option("folder for runs and maps", "DIR", short="-o", usual="ensemble beside the scene", folded=False,
-               kind="new folder", label="Folder for runs and maps, if not ensemble beside the scene"),
-    ]  # fmt: skip
+        Option(
+            "folder for runs and maps",
+            "DIR",
+            short="-o",
+            usual="ensemble beside the scene",
+            folded=False,
+            kind="new folder",
+            label="Folder for runs and maps, if not ensemble beside the scene",
+        ),
+    ]
 
 
 VERB = Verb(

@@ -15,9 +15,15 @@ class HydrographSection(TypedDict, total=False):
 
     section: Annotated[
         PathLike,
-        Option("one line across the flow; positive discharge is the direction of more mass", "FILE", required=True,
-               kind="line layer", folded=False, label="Section: one line across the flow"),
-    ]  # fmt: skip
+        Option(
+            "one line across the flow; positive discharge is the direction of more mass",
+            "FILE",
+            required=True,
+            kind="line layer",
+            folded=False,
+            label="Section: one line across the flow",
+        ),
+    ]
 
 
 class HydrographOptions(shared_options.QuestionOptions, total=False):
@@ -25,9 +31,12 @@ class HydrographOptions(shared_options.QuestionOptions, total=False):
 
     method: Annotated[
         Literal["auto", "particles", "cells"],
-        Option("count particles or integrate cells; auto: particles, or cells where particles have no ids",
-               default="auto", label="Method"),
-    ]  # fmt: skip
+        Option(
+            "count particles or integrate cells; auto: particles, or cells where particles have no ids",
+            default="auto",
+            label="Method",
+        ),
+    ]
 
 
 class HydrographChoices(HydrographSection, HydrographOptions, total=False):

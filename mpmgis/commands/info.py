@@ -13,15 +13,33 @@ from .verb_calls import python_words
 class _Arguments(AnswerArguments, total=False):
     files: Annotated[
         tuple[PathLike, ...],
-        Option("any file or folder of the workflow", "FILE", positional="many", kind="file", field="FILE", folded=False,
-               label="File",
-               also=({"name": "FOLDER", "kind": "folder", "label": "or: folder",
-                      "help": "A run, an export, another code's files."},)),
-    ]  # fmt: skip
+        Option(
+            "any file or folder of the workflow",
+            "FILE",
+            positional="many",
+            kind="file",
+            field="FILE",
+            folded=False,
+            label="File",
+            also=(
+                {
+                    "name": "FOLDER",
+                    "kind": "folder",
+                    "label": "or: folder",
+                    "help": "A run, an export, another code's files.",
+                },
+            ),
+        ),
+    ]
     json: Annotated[
-        bool, Option("print one JSON object for each file, one a line, in SI units", default=False, folded=False,
-                     label="As JSON, in SI units")
-    ]  # fmt: skip
+        bool,
+        Option(
+            "print one JSON object for each file, one a line, in SI units",
+            default=False,
+            folded=False,
+            label="As JSON, in SI units",
+        ),
+    ]
 
 
 class Arguments(_Arguments, shared_options.ThirdPartyOptions, total=False):

@@ -15,11 +15,24 @@ class IntensityGuideline(TypedDict, total=False):
 
     guideline: Annotated[
         str,
-        Option("a guideline of the list above, or of --guidelines", "NAME", required=True, folded=False, kind="choice",
-               label="Guideline",
-               also=({"name": "OWN", "kind": "text", "label": "or: name of one of your own", "advanced": True,
-                      "help": "As its file has it."},)),
-    ]  # fmt: skip
+        Option(
+            "a guideline of the list above, or of --guidelines",
+            "NAME",
+            required=True,
+            folded=False,
+            kind="choice",
+            label="Guideline",
+            also=(
+                {
+                    "name": "OWN",
+                    "kind": "text",
+                    "label": "or: name of one of your own",
+                    "advanced": True,
+                    "help": "As its file has it.",
+                },
+            ),
+        ),
+    ]
 
 
 class IntensityOptions(shared_options.QuestionOptions, total=False):
@@ -27,21 +40,35 @@ class IntensityOptions(shared_options.QuestionOptions, total=False):
 
     guidelines: Annotated[
         PathLike,
-        Option("your own guidelines, as TOML (docs/formats)", "FILE", label="Your own guidelines",
-               files="Guidelines (*.toml)"),
-    ]  # fmt: skip
+        Option(
+            "your own guidelines, as TOML (docs/formats)",
+            "FILE",
+            label="Your own guidelines",
+            files="Guidelines (*.toml)",
+        ),
+    ]
     buildings: Annotated[
         PathLike,
-        Option("polygons of buildings: also buildings.gpkg, their copy with the largest depth, speed, pressure, force "
-               "and moment of each and the times of these; needs frames, or an export with Ut_E and Ut_N", "FILE",
-               kind="polygon layer", label="Buildings, for estimates of their loads"),
-    ]  # fmt: skip
+        Option(
+            "polygons of buildings: also buildings.gpkg, their copy with the largest depth, speed, pressure, force "
+            "and moment of each and the times of these; needs frames, or an export with Ut_E and Ut_N",
+            "FILE",
+            kind="polygon layer",
+            label="Buildings, for estimates of their loads",
+        ),
+    ]
     drag: Annotated[
         float,
-        Option("coefficient C_d of the dynamic pressure C_d rho v^2 / 2 on --buildings; 2 is the momentum flux of a "
-               "flow that a wall stops", "C", default=2.0, unit="1", above=0,
-               label="Coefficient of the dynamic pressure on buildings"),
-    ]  # fmt: skip
+        Option(
+            "coefficient C_d of the dynamic pressure C_d rho v^2 / 2 on --buildings; 2 is the momentum flux of a "
+            "flow that a wall stops",
+            "C",
+            default=2.0,
+            unit="1",
+            above=0,
+            label="Coefficient of the dynamic pressure on buildings",
+        ),
+    ]
 
 
 class IntensityChoices(IntensityGuideline, IntensityOptions, total=False):
@@ -55,9 +82,12 @@ class Arguments(IntensityChoices, total=False):
     json: Annotated[bool, shared_options.JSON]
     output: Annotated[
         PathLike,
-        shared_options.output("intensity", "raster (.tif), style (.qml), polygons (.gpkg), table (.csv) and map (.png)",
-                      "raster, polygons, table and map"),
-    ]  # fmt: skip
+        shared_options.output(
+            "intensity",
+            "raster (.tif), style (.qml), polygons (.gpkg), table (.csv) and map (.png)",
+            "raster, polygons, table and map",
+        ),
+    ]
 
 
 VERB = Verb(

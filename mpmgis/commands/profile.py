@@ -15,9 +15,15 @@ class ProfileLine(TypedDict, total=False):
 
     line: Annotated[
         PathLike,
-        Option("one line, in any vector format; distances begin at its first vertex", "FILE", required=True,
-               kind="line layer", folded=False, label="Line"),
-    ]  # fmt: skip
+        Option(
+            "one line, in any vector format; distances begin at its first vertex",
+            "FILE",
+            required=True,
+            kind="line layer",
+            folded=False,
+            label="Line",
+        ),
+    ]
 
 
 class ProfileOptions(shared_options.QuestionOptions, total=False):
@@ -26,9 +32,16 @@ class ProfileOptions(shared_options.QuestionOptions, total=False):
     at_times: Annotated[tuple[float, ...], shared_options.AT_TIMES]
     spacing: Annotated[
         float,
-        Option("distance between sample points", "M", unit="m", above=0, usual="a cell", folded=False,
-               label="Distance between sample points"),
-    ]  # fmt: skip
+        Option(
+            "distance between sample points",
+            "M",
+            unit="m",
+            above=0,
+            usual="a cell",
+            folded=False,
+            label="Distance between sample points",
+        ),
+    ]
 
 
 class ProfileChoices(ProfileLine, ProfileOptions, total=False):

@@ -21,9 +21,7 @@ class PublisherOptions(TypedDict, total=False):
 class Arguments(PublisherOptions, total=False):
     """Options of the command."""
 
-    output: Annotated[
-        PathLike, Option("zip to write", "FILE.zip", short="-o", default=Path("mpmgis_qgis.zip"))
-    ]  # fmt: skip
+    output: Annotated[PathLike, Option("zip to write", "FILE.zip", short="-o", default=Path("mpmgis_qgis.zip"))]
     overwrite: Annotated[bool, Option("replace an earlier file of that name", default=False)]
 
 

@@ -16,9 +16,14 @@ class AreaFile(TypedDict, total=False):
 
     releases: Annotated[
         PathLike,
-        Option("release areas: polygons of any vector file, each with its own run", "FILE", folded=False,
-               kind="polygon layer", label="Release areas"),
-    ]  # fmt: skip
+        Option(
+            "release areas: polygons of any vector file, each with its own run",
+            "FILE",
+            folded=False,
+            kind="polygon layer",
+            label="Release areas",
+        ),
+    ]
 
 
 class AreaOptions(TypedDict, total=False):
@@ -26,25 +31,45 @@ class AreaOptions(TypedDict, total=False):
 
     scenario: Annotated[
         str,
-        Option("column of the areas, for example the return period: also maps for each of its values", "COLUMN",
-               folded=False, label="Column with the scenario"),
-    ]  # fmt: skip
+        Option(
+            "column of the areas, for example the return period: also maps for each of its values",
+            "COLUMN",
+            folded=False,
+            label="Column with the scenario",
+        ),
+    ]
     frequency: Annotated[
         str,
-        Option("column with the events a year of each area: maps of the frequency and of the annual probability",
-               "COLUMN", folded=False, label="Column with the events a year"),
-    ]  # fmt: skip
+        Option(
+            "column with the events a year of each area: maps of the frequency and of the annual probability",
+            "COLUMN",
+            folded=False,
+            label="Column with the events a year",
+        ),
+    ]
     angle: Annotated[
         float,
-        Option("travel angle of the energy line for the first window", "A", unit="degrees", above=0, below=90,
-               usual="atan of [friction] mu, of at least 0.1; 0.2 without a number mu",
-               label="Travel angle for the first window"),
-    ]  # fmt: skip
+        Option(
+            "travel angle of the energy line for the first window",
+            "A",
+            unit="degrees",
+            above=0,
+            below=90,
+            usual="atan of [friction] mu, of at least 0.1; 0.2 without a number mu",
+            label="Travel angle for the first window",
+        ),
+    ]
     min_depth: Annotated[
         float,
-        Option("depth from which a cell counts as reached and flow has a velocity", "D", default=0.05, unit="m",
-               above=0, label="Depth from which a cell counts as reached"),
-    ]  # fmt: skip
+        Option(
+            "depth from which a cell counts as reached and flow has a velocity",
+            "D",
+            default=0.05,
+            unit="m",
+            above=0,
+            label="Depth from which a cell counts as reached",
+        ),
+    ]
 
 
 class MachineOptions(TypedDict, total=False):
@@ -52,9 +77,14 @@ class MachineOptions(TypedDict, total=False):
 
     workers: Annotated[
         int,
-        Option("number of processes; the results do not depend on it", "N", above=0, usual="one for each core",
-               label="Runs at a time"),
-    ]  # fmt: skip
+        Option(
+            "number of processes; the results do not depend on it",
+            "N",
+            above=0,
+            usual="one for each core",
+            label="Runs at a time",
+        ),
+    ]
     dask: Annotated[str, shared_options.DASK]
     law: Annotated[PathLike, shared_options.LAW]
 
@@ -70,9 +100,13 @@ class RegionOptions(AreaOptions, MachineOptions, total=False):
 
     overwrite: Annotated[
         bool,
-        Option("replace the region of another scene or other areas; runs of both are kept", default=False,
-               folded=False, label="Replace the region of another scene in the folder"),
-    ]  # fmt: skip
+        Option(
+            "replace the region of another scene or other areas; runs of both are kept",
+            default=False,
+            folded=False,
+            label="Replace the region of another scene in the folder",
+        ),
+    ]
 
 
 class RegionChoices(AreaFile, RegionOptions, total=False):
@@ -90,9 +124,16 @@ class Arguments(RegionChoices, MachineArguments, total=False):
     list_files: Annotated[bool, shared_options.LIST_FILES]
     output: Annotated[
         PathLike,
-        Option("folder for runs and maps", "DIR", short="-o", usual="region beside the scene", folded=False,
-               kind="new folder", label="Folder for runs and maps, if not region beside the scene"),
-    ]  # fmt: skip
+        Option(
+            "folder for runs and maps",
+            "DIR",
+            short="-o",
+            usual="region beside the scene",
+            folded=False,
+            kind="new folder",
+            label="Folder for runs and maps, if not region beside the scene",
+        ),
+    ]
 
 
 VERB = Verb(

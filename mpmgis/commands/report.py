@@ -20,50 +20,86 @@ class HazardOptions(TypedDict, total=False):
 
     map: Annotated[
         str,
-        Option("a hazard map of the scenarios instead of a report: a matrix of return period and intensity of the list "
-               "above, or of --matrices", "MATRIX", kind="choice", folded=False, label="Matrix",
-               also=({"name": "OWN", "kind": "text", "label": "or: name of one of your own", "advanced": True,
-                      "help": "As its file has it."},)),
-    ]  # fmt: skip
+        Option(
+            "a hazard map of the scenarios instead of a report: a matrix of return period and intensity of the list "
+            "above, or of --matrices",
+            "MATRIX",
+            kind="choice",
+            folded=False,
+            label="Matrix",
+            also=(
+                {
+                    "name": "OWN",
+                    "kind": "text",
+                    "label": "or: name of one of your own",
+                    "advanced": True,
+                    "help": "As its file has it.",
+                },
+            ),
+        ),
+    ]
     scenario: Annotated[
         tuple[str, ...],
-        Option("return period in years and results: frames, an export, the beginning of the names of rasters, or an "
-               "ensemble; repeatable", "T=RESULTS", default=(), repeat=True, folded=False,
-               label="Scenarios: return period in years = results, one a line"),
-    ]  # fmt: skip
+        Option(
+            "return period in years and results: frames, an export, the beginning of the names of rasters, or an "
+            "ensemble; repeatable",
+            "T=RESULTS",
+            default=(),
+            repeat=True,
+            folded=False,
+            label="Scenarios: return period in years = results, one a line",
+        ),
+    ]
     scale: Annotated[
         str,
-        Option("scale of the printed map, to which outlines are simplified", "1:N",
-               usual="the largest usual one that fits on the paper", folded=False, label="Scale of the map, 1:N"),
-    ]  # fmt: skip
+        Option(
+            "scale of the printed map, to which outlines are simplified",
+            "1:N",
+            usual="the largest usual one that fits on the paper",
+            folded=False,
+            label="Scale of the map, 1:N",
+        ),
+    ]
     min_area: Annotated[
         float,
-        Option("smallest area of the zones; smaller gaps are filled, smaller parts enlarged", "A", unit="m2", least=0,
-               usual="that of 2 mm x 2 mm on the map", label="Smallest area of the zones"),
-    ]  # fmt: skip
+        Option(
+            "smallest area of the zones; smaller gaps are filled, smaller parts enlarged",
+            "A",
+            unit="m2",
+            least=0,
+            usual="that of 2 mm x 2 mm on the map",
+            label="Smallest area of the zones",
+        ),
+    ]
     sheet: Annotated[
-        Literal["A4", "A3"],
-        Option("paper of the printed map", flag="--paper", default="A4", label="Paper"),
-    ]  # fmt: skip
+        Literal["A4", "A3"], Option("paper of the printed map", flag="--paper", default="A4", label="Paper")
+    ]
     matrices: Annotated[
         PathLike,
-        Option("your own matrices, as TOML (docs/guide/hazard-map)", "FILE", label="Your own matrices",
-               files="Matrices (*.toml)"),
-    ]  # fmt: skip
+        Option(
+            "your own matrices, as TOML (docs/guide/hazard-map)",
+            "FILE",
+            label="Your own matrices",
+            files="Matrices (*.toml)",
+        ),
+    ]
     guidelines: Annotated[
         PathLike,
-        Option("your own intensity classes for them, as TOML (docs/guide/hazard-map)", "FILE",
-               label="Your own intensity classes", files="Guidelines (*.toml)"),
-    ]  # fmt: skip
+        Option(
+            "your own intensity classes for them, as TOML (docs/guide/hazard-map)",
+            "FILE",
+            label="Your own intensity classes",
+            files="Guidelines (*.toml)",
+        ),
+    ]
 
 
 class ReportOptions(shared_options.QuestionOptions, total=False):
     """Options of `mpmgis.report`."""
 
     title: Annotated[
-        str,
-        Option("heading of the report", "TEXT", usual="the name of the results", folded=False, label="Heading"),
-    ]  # fmt: skip
+        str, Option("heading of the report", "TEXT", usual="the name of the results", folded=False, label="Heading")
+    ]
     line: Annotated[PathLike, shared_options.LINE]
     threshold: Annotated[float, shared_options.THRESHOLD]
 
@@ -110,8 +146,16 @@ where a number was not read: check them in the guideline.
             without=HAZARD,
             changes=(
                 ("frames", {"label": "Results: folder of frames", "optional": False}),
-                ("output", {"kind": "new file", "label": "Report", "files": "HTML (*.html)", "optional": False,
-                            "help": "One file with all pictures in it."}),
+                (
+                    "output",
+                    {
+                        "kind": "new file",
+                        "label": "Report",
+                        "files": "HTML (*.html)",
+                        "optional": False,
+                        "help": "One file with all pictures in it.",
+                    },
+                ),
             ),
         ),
         Form(
@@ -132,7 +176,7 @@ where a number was not read: check them in the guideline.
             ),
         ),
     ),
-)  # fmt: skip
+)
 
 
 def report(results: Results, output: PathLike | None = None, **options: Unpack[ReportOptions]) -> Path:

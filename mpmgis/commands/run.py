@@ -20,42 +20,68 @@ class Arguments(shared_options.OverwriteOptions, total=False):
 
     scene: Annotated[
         PathLike,
-        Option("the scene to simulate", "scene.toml", positional="maybe", folded=False, label="Scene",
-               files=shared_options.TOML),
-    ]  # fmt: skip
+        Option(
+            "the scene to simulate",
+            "scene.toml",
+            positional="maybe",
+            folded=False,
+            label="Scene",
+            files=shared_options.TOML,
+        ),
+    ]
     resume: Annotated[
         bool,
-        Option("continue after the last complete frame in that folder", default=False, folded=False,
-               label="Continue after the last complete frame"),
-    ]  # fmt: skip
+        Option(
+            "continue after the last complete frame in that folder",
+            default=False,
+            folded=False,
+            label="Continue after the last complete frame",
+        ),
+    ]
     overwrite: Annotated[
         bool,
-        Option("replace the frames of an earlier run in that folder", default=False, folded=False,
-               label="Replace the frames of an earlier run in the folder"),
-    ]  # fmt: skip
+        Option(
+            "replace the frames of an earlier run in that folder",
+            default=False,
+            folded=False,
+            label="Replace the frames of an earlier run in the folder",
+        ),
+    ]
     yes: Annotated[bool, shared_options.start_unasked("over an hour")]
     threads: Annotated[int, shared_options.THREADS]
     law: Annotated[PathLike, shared_options.LAW]
     device: Annotated[
         Literal["cpu", "cuda", "auto"],
-        Option("what computes the steps: cpu; cuda (a GPU of NVIDIA); auto: cuda, if there is one, for many particles",
-               usual="[numerics] device of the scene", label="Device that computes the steps"),
-    ]  # fmt: skip
+        Option(
+            "what computes the steps: cpu; cuda (a GPU of NVIDIA); auto: cuda, if there is one, for many particles",
+            usual="[numerics] device of the scene",
+            label="Device that computes the steps",
+        ),
+    ]
     template: Annotated[
         bool,
-        Option("print a commented scene and stop", default=False,
-               no_form="'Simulate from a form' writes a scene to start from"),
-    ]  # fmt: skip
+        Option(
+            "print a commented scene and stop",
+            default=False,
+            no_form="'Simulate from a form' writes a scene to start from",
+        ),
+    ]
     schema: Annotated[
         bool,
-        Option("print the JSON Schema of scenes, for editors, and stop", default=False,
-               no_form="for text editors"),
-    ]  # fmt: skip
+        Option("print the JSON Schema of scenes, for editors, and stop", default=False, no_form="for text editors"),
+    ]
     output: Annotated[
         PathLike,
-        Option("folder for frames", "DIR", short="-o", usual="results beside the scene", folded=False,
-               kind="new folder", label="Folder for frames, if not results beside the scene"),
-    ]  # fmt: skip
+        Option(
+            "folder for frames",
+            "DIR",
+            short="-o",
+            usual="results beside the scene",
+            folded=False,
+            kind="new folder",
+            label="Folder for frames, if not results beside the scene",
+        ),
+    ]
 
 
 VERB = Verb(
@@ -135,8 +161,14 @@ def run(
 
     if not isinstance(scene, (str, Path, Mapping)):
         raise InputError(f"scene is {scene!r}, expected a path or a mapping of its tables")
-    given = {"output": output, "overwrite": overwrite, "resume": resume, "threads": threads, "law": laws,
-             "device": device}  # fmt: skip
+    given = {
+        "output": output,
+        "overwrite": overwrite,
+        "resume": resume,
+        "threads": threads,
+        "law": laws,
+        "device": device,
+    }
     with python_words(VERB), trusting(trust):
         values = complete(VERB, given)
         require_one_start(values)

@@ -20,8 +20,13 @@ WRITES = (
     "results."
 )
 FOR_SOLVER = ("solver", "cell", "material", "window")
-FOLDER_OF_SOLVER = {"kind": "new folder", "label": "Folder for the code's files", "optional": False,
-                    "help": "Its README.txt describes how to start the code.", "files": ""}  # fmt: skip
+FOLDER_OF_SOLVER = {
+    "kind": "new folder",
+    "label": "Folder for the code's files",
+    "optional": False,
+    "help": "Its README.txt describes how to start the code.",
+    "files": "",
+}
 
 
 def _window(values: tuple[float, ...]) -> str:
@@ -34,21 +39,38 @@ class SolverOptions(TypedDict, total=False):
 
     solver: Annotated[
         Literal["kratos", "cbgeo", "geotaichi", "mpm-geomechanics", "houdini", "paraview"],
-        Option("write a start folder <name>_<solver> for this solver: its input files in local coordinates, the "
-               "ground, a sidecar with the georeference for its results, README.txt", flag="--for", folded=False,
-               usual="none", label="Code to start"),
-    ]  # fmt: skip
+        Option(
+            "write a start folder <name>_<solver> for this solver: its input files in local coordinates, the "
+            "ground, a sidecar with the georeference for its results, README.txt",
+            flag="--for",
+            folded=False,
+            usual="none",
+            label="Code to start",
+        ),
+    ]
     material: Annotated[
         PathLike,
-        Option("with --for: scene with [material], or a TOML file with that table, optionally [friction] and [output] "
-               "end_time [s]", "FILE", folded=False, label="Material", files="Materials (*.toml)"),
-    ]  # fmt: skip
+        Option(
+            "with --for: scene with [material], or a TOML file with that table, optionally [friction] and [output] "
+            "end_time [s]",
+            "FILE",
+            folded=False,
+            label="Material",
+            files="Materials (*.toml)",
+        ),
+    ]
     window: Annotated[
         tuple[float, float, float, float],
-        Option("with --for: extent of the ground for the solver, in map coordinates", "W,S,E,N", unit="m",
-               check=_window, kind="extent", usual="the points' extent with a margin of its size",
-               label="Extent of the ground for the code"),
-    ]  # fmt: skip
+        Option(
+            "with --for: extent of the ground for the solver, in map coordinates",
+            "W,S,E,N",
+            unit="m",
+            check=_window,
+            kind="extent",
+            usual="the points' extent with a margin of its size",
+            label="Extent of the ground for the code",
+        ),
+    ]
 
 
 class SeedTerrainOptions(shared_options.MetricTerrainOptions, total=False):
@@ -56,15 +78,22 @@ class SeedTerrainOptions(shared_options.MetricTerrainOptions, total=False):
 
     crs: Annotated[
         str,
-        Option("CRS of a DTM without one; local: metres without a position on the map", "EPSG:n|local", kind="CRS",
-               label="CRS, where the files carry none"),
-    ]  # fmt: skip
+        Option(
+            "CRS of a DTM without one; local: metres without a position on the map",
+            "EPSG:n|local",
+            kind="CRS",
+            label="CRS, where the files carry none",
+        ),
+    ]
     dem_band: Annotated[int, options_of(shared_options.FrameTerrainOptions)["dem_band"]]
     fill_nodata: Annotated[
         Literal["interpolate"],
-        Option("interpolate elevations in holes inside the DTM from the ground around them",
-               usual="error if a release covers a hole", label="Holes inside the terrain model"),
-    ]  # fmt: skip
+        Option(
+            "interpolate elevations in holes inside the DTM from the ground around them",
+            usual="error if a release covers a hole",
+            label="Holes inside the terrain model",
+        ),
+    ]
 
 
 class MaterialOptions(TypedDict, total=False):
@@ -72,32 +101,54 @@ class MaterialOptions(TypedDict, total=False):
 
     thickness: Annotated[
         float | str | PathLike,
-        Option("thickness of the release, normal to the bed: a number [m], a column's name, or a raster",
-               "M|COLUMN|RASTER", keep_text=True, kind="text", folded=False,
-               usual="the first of the columns thickness, d0, relth, or the values of a release raster",
-               label="Release thickness: metres, or name of a column"),
-    ]  # fmt: skip
+        Option(
+            "thickness of the release, normal to the bed: a number [m], a column's name, or a raster",
+            "M|COLUMN|RASTER",
+            keep_text=True,
+            kind="text",
+            folded=False,
+            usual="the first of the columns thickness, d0, relth, or the values of a release raster",
+            label="Release thickness: metres, or name of a column",
+        ),
+    ]
     thickness_mode: Annotated[
         Literal["normal", "vertical"],
-        Option("thickness is measured normal to the bed or vertically", usual="normal",
-               label="Thickness is measured"),
-    ]  # fmt: skip
+        Option("thickness is measured normal to the bed or vertically", usual="normal", label="Thickness is measured"),
+    ]
     surface: Annotated[
         PathLike,
-        Option("surface of the material; thickness is surface minus bed", "RASTER", unit="m", kind="raster layer",
-               label="Instead of a thickness: surface of the material"),
-    ]  # fmt: skip
+        Option(
+            "surface of the material; thickness is surface minus bed",
+            "RASTER",
+            unit="m",
+            kind="raster layer",
+            label="Instead of a thickness: surface of the material",
+        ),
+    ]
     density: Annotated[
         float,
-        Option("density; dense snow 200 to 400, debris 1600 to 2200", "R", unit="kg m-3", above=0, usual="1000",
-               folded=False, label="Density"),
-    ]  # fmt: skip
+        Option(
+            "density; dense snow 200 to 400, debris 1600 to 2200",
+            "R",
+            unit="kg m-3",
+            above=0,
+            usual="1000",
+            folded=False,
+            label="Density",
+        ),
+    ]
     velocity: Annotated[
         tuple[float, float],
-        Option("initial velocity to the east and north; write --velocity=-1,2 if it begins with a minus", "E,N",
-               default=(0.0, 0.0), unit="m s-1", least=-1000, most=1000,
-               label="Initial velocity to the east and north, E,N"),
-    ]  # fmt: skip
+        Option(
+            "initial velocity to the east and north; write --velocity=-1,2 if it begins with a minus",
+            "E,N",
+            default=(0.0, 0.0),
+            unit="m s-1",
+            least=-1000,
+            most=1000,
+            label="Initial velocity to the east and north, E,N",
+        ),
+    ]
 
 
 class ColumnOptions(TypedDict, total=False):
@@ -105,40 +156,76 @@ class ColumnOptions(TypedDict, total=False):
 
     per_cell: Annotated[
         int,
-        Option("columns per DTM cell", "K", above=0, usual="16", exclusive="resolution", folded=False,
-               label="Columns in each cell of the terrain"),
-    ]  # fmt: skip
+        Option(
+            "columns per DTM cell",
+            "K",
+            above=0,
+            usual="16",
+            exclusive="resolution",
+            folded=False,
+            label="Columns in each cell of the terrain",
+        ),
+    ]
     count: Annotated[
         int,
-        Option("columns in total, within 1 %%", "N", above=0, exclusive="resolution", folded=False,
-               label="or: columns in total"),
-    ]  # fmt: skip
+        Option(
+            "columns in total, within 1 %%",
+            "N",
+            above=0,
+            exclusive="resolution",
+            folded=False,
+            label="or: columns in total",
+        ),
+    ]
     spacing: Annotated[
         float,
-        Option("horizontal spacing of the columns", "M", unit="m", above=0, exclusive="resolution", folded=False,
-               label="or: spacing of the columns"),
-    ]  # fmt: skip
+        Option(
+            "horizontal spacing of the columns",
+            "M",
+            unit="m",
+            above=0,
+            exclusive="resolution",
+            folded=False,
+            label="or: spacing of the columns",
+        ),
+    ]
     points: Annotated[
         Literal["lattice", "staggered", "jittered", "halton", "random"],
-        Option("arrangement of the columns; lattice: least noise at the start; staggered within the cells: remains "
-               "even when the flow stretches, as in run", default="lattice",
-               label="Arrangement of the columns"),
-    ]  # fmt: skip
+        Option(
+            "arrangement of the columns; lattice: least noise at the start; staggered within the cells: remains "
+            "even when the flow stretches, as in run",
+            default="lattice",
+            label="Arrangement of the columns",
+        ),
+    ]
     mass: Annotated[
         Literal["thickness", "equal", "paper"],
-        Option("mass from thickness and area; equal masses, with more columns where it is thick; or equal masses at "
-               "uniform spacing, as printed in MOX report 15/2025", default="thickness", label="Mass of the columns"),
-    ]  # fmt: skip
+        Option(
+            "mass from thickness and area; equal masses, with more columns where it is thick; or equal masses at "
+            "uniform spacing, as printed in MOX report 15/2025",
+            default="thickness",
+            label="Mass of the columns",
+        ),
+    ]
     refine_slope: Annotated[
         float,
-        Option("(1 + BETA min(tan slope, 1)) times the columns on steep ground; a number from 0 to 3", "BETA",
-               default=0.0, label="More columns on steep ground, 0 to 3"),
-    ]  # fmt: skip
+        Option(
+            "(1 + BETA min(tan slope, 1)) times the columns on steep ground; a number from 0 to 3",
+            "BETA",
+            default=0.0,
+            label="More columns on steep ground, 0 to 3",
+        ),
+    ]
     seed: Annotated[
         int,
-        Option("seed of the random numbers; the same seed gives the same columns", "N", default=0, least=0,
-               label="Seed of the random numbers"),
-    ]  # fmt: skip
+        Option(
+            "seed of the random numbers; the same seed gives the same columns",
+            "N",
+            default=0,
+            least=0,
+            label="Seed of the random numbers",
+        ),
+    ]
 
 
 class SeedSolverOptions(SolverOptions, total=False):
@@ -146,9 +233,15 @@ class SeedSolverOptions(SolverOptions, total=False):
 
     cell: Annotated[
         float,
-        Option("with --for: cell size of the solver's grid, which is filled with points", "M", unit="m", above=0,
-               folded=False, label="Cell size of the code's grid"),
-    ]  # fmt: skip
+        Option(
+            "with --for: cell size of the solver's grid, which is filled with points",
+            "M",
+            unit="m",
+            above=0,
+            folded=False,
+            label="Cell size of the code's grid",
+        ),
+    ]
 
 
 class SeedingOptions(shared_options.OverwriteOptions, SeedTerrainOptions, MaterialOptions, ColumnOptions, total=False):
@@ -160,21 +253,41 @@ class Arguments(SeedingOptions, SeedSolverOptions, total=False):
 
     dem: Annotated[
         PathLike,
-        Option("DTM: any raster that GDAL reads, in a projected CRS in metres", "FILE", required=True, folded=False,
-               kind="raster layer", label="Terrain model (DTM)"),
-    ]  # fmt: skip
+        Option(
+            "DTM: any raster that GDAL reads, in a projected CRS in metres",
+            "FILE",
+            required=True,
+            folded=False,
+            kind="raster layer",
+            label="Terrain model (DTM)",
+        ),
+    ]
     release: Annotated[
         PathLike,
-        Option("release areas: any vector file with polygons ('file.gpkg|layername=name' picks a layer), or a raster "
-               "(mask, or thickness per cell)", "FILE", required=True, keep_text=True, folded=False,
-               kind="polygon layer", label="Release areas"),
-    ]  # fmt: skip
+        Option(
+            "release areas: any vector file with polygons ('file.gpkg|layername=name' picks a layer), or a raster "
+            "(mask, or thickness per cell)",
+            "FILE",
+            required=True,
+            keep_text=True,
+            folded=False,
+            kind="polygon layer",
+            label="Release areas",
+        ),
+    ]
     output: Annotated[
         PathLike,
-        Option("file to write; its suffix picks the format: .h5, .csv, .json, .gpkg, .parquet, .vtp; with --for a "
-               "folder", "FILE", short="-o", usual="<release name>_particles.h5", folded=False, kind="new file",
-               label="Particles", files=PARTICLES),
-    ]  # fmt: skip
+        Option(
+            "file to write; its suffix picks the format: .h5, .csv, .json, .gpkg, .parquet, .vtp; with --for a folder",
+            "FILE",
+            short="-o",
+            usual="<release name>_particles.h5",
+            folded=False,
+            kind="new file",
+            label="Particles",
+            files=PARTICLES,
+        ),
+    ]
 
 
 VERB = Verb(
@@ -212,13 +325,30 @@ mpmgis seed --dem dtm.tif --release area.shp --for kratos --cell 1 --material sl
             ANOTHER,
             "Fills a release with 3D points for another code. " + WRITES,
             name="seedfor",
-            only=("solver", "dem", "release", "thickness", "density", "cell", "material", "window", "crs", "dem_band",
-                  "fill_nodata", "overwrite", "output"),
-            changes=(("solver", {"optional": False}), ("cell", {"optional": False}), ("output", FOLDER_OF_SOLVER),
-                     ("density", {"default": 1000.0})),
+            only=(
+                "solver",
+                "dem",
+                "release",
+                "thickness",
+                "density",
+                "cell",
+                "material",
+                "window",
+                "crs",
+                "dem_band",
+                "fill_nodata",
+                "overwrite",
+                "output",
+            ),
+            changes=(
+                ("solver", {"optional": False}),
+                ("cell", {"optional": False}),
+                ("output", FOLDER_OF_SOLVER),
+                ("density", {"default": 1000.0}),
+            ),
         ),
     ),
-)  # fmt: skip
+)
 
 
 def seed(

@@ -11,48 +11,75 @@ THIRD_PARTY = "another code's particle files"
 _FRAMES = "frames (*.h5) of one run, another code's particle files, or the folder that holds them"
 _RASTERS = ", or (the beginning of the names of) rasters named *_pft, *_pfv, *_ppr"
 _RESULTS_FIELD = {"kind": "folder", "folded": False, "label": "Results: folder of frames, or of maps"}
-FRAMES = Option(
-    _FRAMES, "RESULTS", positional="many", kind="folder", folded=False, label="Results: folder of frames",
-)  # fmt: skip
+FRAMES = Option(_FRAMES, "RESULTS", positional="many", kind="folder", folded=False, label="Results: folder of frames")
 RESULTS = Option(f"{_FRAMES}, or an export", "RESULTS", positional="many", **_RESULTS_FIELD)
 RESULTS_OR_RASTERS = Option(f"{_FRAMES}, or an export{_RASTERS}", "RESULTS", positional="many", **_RESULTS_FIELD)
-SCENE = Option(
-    "the scene file (scene.toml)", "scene.toml", positional="one", folded=False, label="Scene", files=TOML
-)  # fmt: skip
+SCENE = Option("the scene file (scene.toml)", "scene.toml", positional="one", folded=False, label="Scene", files=TOML)
 AT_TIMES = Option(
-    "times; the nearest frames are used", "T,..", unit="s", usual="five over the run", folded=False,
+    "times; the nearest frames are used",
+    "T,..",
+    unit="s",
+    usual="five over the run",
+    folded=False,
     label="Times, with commas",
-)  # fmt: skip
+)
 POINTS = Option(
-    "points, in any vector format; their names are in a column name", "FILE", kind="point layer", folded=False,
+    "points, in any vector format; their names are in a column name",
+    "FILE",
+    kind="point layer",
+    folded=False,
     label="Points",
-    also=({"name": "PLACE", "kind": "place", "label": "or: one place on the map",
-           "help": "Click '...' and then the map."},),
-)  # fmt: skip
+    also=(
+        {
+            "name": "PLACE",
+            "kind": "place",
+            "label": "or: one place on the map",
+            "help": "Click '...' and then the map.",
+        },
+    ),
+)
 AT = Option(
-    "a point in the CRS of the DTM; repeatable", "E,N", default=(), unit="m", repeat=True,
+    "a point in the CRS of the DTM; repeatable",
+    "E,N",
+    default=(),
+    unit="m",
+    repeat=True,
     no_form="a place is clicked on the map, in any CRS",
-)  # fmt: skip
+)
 LINE = Option(
-    "path of the flow, from its top", "FILE", usual="its own centre line", kind="line layer", folded=False,
+    "path of the flow, from its top",
+    "FILE",
+    usual="its own centre line",
+    kind="line layer",
+    folded=False,
     label="Path of the flow, from its top",
-)  # fmt: skip
+)
 THRESHOLD = Option(
-    "minimum depth of a reached cell", "M", default=0.1, unit="m", above=0, folded=False,
+    "minimum depth of a reached cell",
+    "M",
+    default=0.1,
+    unit="m",
+    above=0,
+    folded=False,
     label="Minimum depth of a reached cell",
-)  # fmt: skip
+)
 LIST_FILES = Option(
     "print the paths of all written files, not only the first", default=False, no_form="the form opens what is written"
-)  # fmt: skip
+)
 JSON = Option("print JSON", default=False, no_form="for programs; the figures are in the log and in the tables")
 LAW = Option(
-    "Python file with your own friction law; it is executed", "FILE.py", files="Python (*.py)",
+    "Python file with your own friction law; it is executed",
+    "FILE.py",
+    files="Python (*.py)",
     label="Your own friction law: Python file, which is executed",
-)  # fmt: skip
+)
 THREADS = Option(
-    "number of processor threads; the result does not depend on it", "N", above=0,
-    usual="one for every 10 000 particles, at most all", label="Processor threads",
-)  # fmt: skip
+    "number of processor threads; the result does not depend on it",
+    "N",
+    above=0,
+    usual="one for every 10 000 particles, at most all",
+    label="Processor threads",
+)
 DASK = Option("use the Dask cluster with this scheduler", "ADDRESS", label="Dask cluster: address of its scheduler")
 
 
@@ -70,10 +97,14 @@ class MetricTerrainOptions(TypedDict, total=False):
         Option(
             "reproject the DTM, and rasters in another CRS than it, to this CRS in metres, and heights in feet to "
             "metres; auto: the CRS of the frames, else that of the DTM where it is in metres, else the UTM zone of its "
-            "centre", "EPSG:n|auto", usual="what is not in metres is refused", check=_target, kind="text",
+            "centre",
+            "EPSG:n|auto",
+            usual="what is not in metres is refused",
+            check=_target,
+            kind="text",
             label="Reproject the terrain to: auto, or EPSG:n",
         ),
-    ]  # fmt: skip
+    ]
 
 
 class FrameTerrainOptions(MetricTerrainOptions, total=False):
@@ -81,14 +112,22 @@ class FrameTerrainOptions(MetricTerrainOptions, total=False):
 
     dem_band: Annotated[
         int,
-        Option("band of the DTM with the elevation, where it has several", "N", above=0,
-               label="Band of the terrain model with the elevation"),
-    ]  # fmt: skip
+        Option(
+            "band of the DTM with the elevation, where it has several",
+            "N",
+            above=0,
+            label="Band of the terrain model with the elevation",
+        ),
+    ]
     crs: Annotated[
         str,
-        Option("CRS of a DTM without one, and of another code's files; local: metres without a position on the map",
-               "EPSG:n|local", kind="CRS", label="CRS, where the files carry none"),
-    ]  # fmt: skip
+        Option(
+            "CRS of a DTM without one, and of another code's files; local: metres without a position on the map",
+            "EPSG:n|local",
+            kind="CRS",
+            label="CRS, where the files carry none",
+        ),
+    ]
 
 
 class TerrainOptions(FrameTerrainOptions, total=False):
@@ -96,9 +135,14 @@ class TerrainOptions(FrameTerrainOptions, total=False):
 
     dem: Annotated[
         PathLike,
-        Option("DTM; elevation in metres", "FILE", usual="the one that the frames name", kind="raster layer",
-               label="Terrain model, if not the one that the frames name"),
-    ]  # fmt: skip
+        Option(
+            "DTM; elevation in metres",
+            "FILE",
+            usual="the one that the frames name",
+            kind="raster layer",
+            label="Terrain model, if not the one that the frames name",
+        ),
+    ]
 
 
 class DeclarationOptions(TypedDict, total=False):
@@ -106,64 +150,104 @@ class DeclarationOptions(TypedDict, total=False):
 
     reader: Annotated[
         str,
-        Option("code that wrote the files", "NAME", usual="detected from their contents",
-               label="Another code: name of its reader"),
-    ]  # fmt: skip
+        Option(
+            "code that wrote the files",
+            "NAME",
+            usual="detected from their contents",
+            label="Another code: name of its reader",
+        ),
+    ]
     origin: Annotated[
         tuple[float, float, float],
-        Option("map position of the files' own origin", "E,N,H", unit="m",
-               label="Another code: map position of its origin, E,N,H"),
-    ]  # fmt: skip
+        Option(
+            "map position of the files' own origin",
+            "E,N,H",
+            unit="m",
+            label="Another code: map position of its origin, E,N,H",
+        ),
+    ]
     axes: Annotated[
         tuple[str, str, str],
-        Option("directions of the files' x, y, z: e east, n north, u up, minus for the opposite; e,u,-n (y is up)",
-               "X,Y,Z", usual="e,n,u", label="Another code: directions of its x,y,z, for example e,u,-n"),
-    ]  # fmt: skip
+        Option(
+            "directions of the files' x, y, z: e east, n north, u up, minus for the opposite; e,u,-n (y is up)",
+            "X,Y,Z",
+            usual="e,n,u",
+            label="Another code: directions of its x,y,z, for example e,u,-n",
+        ),
+    ]
     times: Annotated[
         tuple[float, ...],
-        Option("time of each file, in the order of their numbers", "T,..", unit="s",
-               label="Another code: times of its files, with commas"),
-    ]  # fmt: skip
+        Option(
+            "time of each file, in the order of their numbers",
+            "T,..",
+            unit="s",
+            label="Another code: times of its files, with commas",
+        ),
+    ]
     frame_step: Annotated[
         float,
-        Option("or: time from one file number to the next", "S", unit="s", flag="--dt", above=0, field="DT",
-               label="Another code: time between frames"),
-    ]  # fmt: skip
+        Option(
+            "or: time from one file number to the next",
+            "S",
+            unit="s",
+            flag="--dt",
+            above=0,
+            field="DT",
+            label="Another code: time between frames",
+        ),
+    ]
     frames_per_second: Annotated[
         float,
-        Option("or: file numbers per second", "F", unit="1/s", flag="--fps", above=0, field="FPS",
-               label="Another code: frames per second"),
-    ]  # fmt: skip
+        Option(
+            "or: file numbers per second",
+            "F",
+            unit="1/s",
+            flag="--fps",
+            above=0,
+            field="FPS",
+            label="Another code: frames per second",
+        ),
+    ]
     columns: Annotated[
         tuple[tuple[str, str], ...],
-        Option("the files' columns for x, y, z, vx, vy, vz, mass, volume, radius, diameter, id, active, time, where "
-               "they have other names; with three components each: position, velocity", "NAME=COL,..", default=(),
-               label="Another code: its columns, NAME=COLUMN with commas"),
-    ]  # fmt: skip
+        Option(
+            "the files' columns for x, y, z, vx, vy, vz, mass, volume, radius, diameter, id, active, time, where "
+            "they have other names; with three components each: position, velocity",
+            "NAME=COL,..",
+            default=(),
+            label="Another code: its columns, NAME=COLUMN with commas",
+        ),
+    ]
     particle_volume: Annotated[
         float,
-        Option("volume of every particle, where the files have none", "V", unit="m3", above=0,
-               label="Another code: volume of a particle"),
-    ]  # fmt: skip
+        Option(
+            "volume of every particle, where the files have none",
+            "V",
+            unit="m3",
+            above=0,
+            label="Another code: volume of a particle",
+        ),
+    ]
     sidecar: Annotated[
         PathLike,
-        Option("JSON file with these declarations; options override it", "FILE",
-               usual="<name>.georef.json or georef.json beside the files",
-               label="Another code: file with these declarations",
-               files="Sidecars (*.json)"),
-    ]  # fmt: skip
+        Option(
+            "JSON file with these declarations; options override it",
+            "FILE",
+            usual="<name>.georef.json or georef.json beside the files",
+            label="Another code: file with these declarations",
+            files="Sidecars (*.json)",
+        ),
+    ]
 
 
 class ThirdPartyOptions(DeclarationOptions, total=False):
     """The same, with CRS and density."""
 
-    crs: Annotated[
-        str, Option("CRS of the files", "EPSG:n|local", kind="CRS", label="CRS, where the files carry none")
-    ]  # fmt: skip
+    crs: Annotated[str, Option("CRS of the files", "EPSG:n|local", kind="CRS", label="CRS, where the files carry none")]
     density: Annotated[
         float,
         Option("density of the material", "R", unit="kg m-3", above=0, label="Density, where the frames have none"),
-    ]  # fmt: skip
+    ]
 
 
 class DensityOptions(TypedDict, total=False):
@@ -171,9 +255,14 @@ class DensityOptions(TypedDict, total=False):
 
     density: Annotated[
         float,
-        Option("density of the release, where the frames have none", "R", unit="kg m-3", above=0,
-               label="Density, where the frames have none"),
-    ]  # fmt: skip
+        Option(
+            "density of the release, where the frames have none",
+            "R",
+            unit="kg m-3",
+            above=0,
+            label="Density, where the frames have none",
+        ),
+    ]
 
 
 class AveragingOptions(DensityOptions, total=False):
@@ -181,10 +270,16 @@ class AveragingOptions(DensityOptions, total=False):
 
     percentile: Annotated[
         float,
-        Option("percentile of the particles' distances from the bed, by mass, taken as depth; 100 is the highest", "P",
-               default=100.0, unit="%", above=0, most=100,
-               label="Percentile of the particles' heights taken as depth"),
-    ]  # fmt: skip
+        Option(
+            "percentile of the particles' distances from the bed, by mass, taken as depth; 100 is the highest",
+            "P",
+            default=100.0,
+            unit="%",
+            above=0,
+            most=100,
+            label="Percentile of the particles' heights taken as depth",
+        ),
+    ]
 
 
 class CellOptions(AveragingOptions, total=False):
@@ -192,9 +287,16 @@ class CellOptions(AveragingOptions, total=False):
 
     standoff: Annotated[
         float,
-        Option("height above the DTM, along its normal, at which particles of a 3D code rest", "M", default=0.0,
-               unit="m", least=-100, most=100, label="Height above the terrain at which particles of a 3D code rest"),
-    ]  # fmt: skip
+        Option(
+            "height above the DTM, along its normal, at which particles of a 3D code rest",
+            "M",
+            default=0.0,
+            unit="m",
+            least=-100,
+            most=100,
+            label="Height above the terrain at which particles of a 3D code rest",
+        ),
+    ]
 
 
 class SizedCellOptions(CellOptions, total=False):
@@ -202,14 +304,28 @@ class SizedCellOptions(CellOptions, total=False):
 
     cell_size: Annotated[
         float,
-        Option("cell size", "M", unit="m", flag="--cs-e", above=0, usual="the DTM's own cells", field="CELL",
-               label="Cell size"),
-    ]  # fmt: skip
+        Option(
+            "cell size",
+            "M",
+            unit="m",
+            flag="--cs-e",
+            above=0,
+            usual="the DTM's own cells",
+            field="CELL",
+            label="Cell size",
+        ),
+    ]
     min_depth: Annotated[
         float,
-        Option("velocities of flow shallower than this are left out", "D", default=0.05, unit="m", above=0,
-               label="Velocities of flow shallower than this are left out"),
-    ]  # fmt: skip
+        Option(
+            "velocities of flow shallower than this are left out",
+            "D",
+            default=0.05,
+            unit="m",
+            above=0,
+            label="Velocities of flow shallower than this are left out",
+        ),
+    ]
 
 
 class OverwriteOptions(TypedDict, total=False):
@@ -217,9 +333,13 @@ class OverwriteOptions(TypedDict, total=False):
 
     overwrite: Annotated[
         bool,
-        Option("replace earlier files of that name", default=False, folded=False,
-               label="Replace earlier files of that name"),
-    ]  # fmt: skip
+        Option(
+            "replace earlier files of that name",
+            default=False,
+            folded=False,
+            label="Replace earlier files of that name",
+        ),
+    ]
 
 
 class FrameQuestionOptions(OverwriteOptions, TerrainOptions, CellOptions, DeclarationOptions, total=False):
@@ -238,14 +358,21 @@ def output(word: str, files: str, label: str) -> Option:
     """The option -o of an answer that consists of `files`, in a folder `<name of the results>_<word>`."""
     usual = f"<name>_{word} beside the results"
     return Option(
-        f"folder for {files}, or one file by its suffix; - prints the table", "PATH", short="-o", usual=usual,
-        folded=False, kind="new folder", label=f"Folder for {label}, if not {usual}",
-    )  # fmt: skip
+        f"folder for {files}, or one file by its suffix; - prints the table",
+        "PATH",
+        short="-o",
+        usual=usual,
+        folded=False,
+        kind="new folder",
+        label=f"Folder for {label}, if not {usual}",
+    )
 
 
 def start_unasked(long: str) -> Option:
     """The option --yes of a verb that can take `long`."""
     return Option(
-        "do not ask about predicted time and memory", default=False, folded=False,
+        "do not ask about predicted time and memory",
+        default=False,
+        folded=False,
         label=f"Start even if predicted to take {long}",
-    )  # fmt: skip
+    )

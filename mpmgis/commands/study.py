@@ -16,54 +16,103 @@ class StudyOptions(shared_options.OverwriteOptions, total=False):
 
     target_error: Annotated[
         float,
-        Option("print the settings for this error; 0.05 is 5 %%, with --measure reach in metres", "E", above=0,
-               folded=False, label="Find the settings for this error [1, or m]"),
-    ]  # fmt: skip
+        Option(
+            "print the settings for this error; 0.05 is 5 %%, with --measure reach in metres",
+            "E",
+            above=0,
+            folded=False,
+            label="Find the settings for this error [1, or m]",
+        ),
+    ]
     knobs: Annotated[
         tuple[str, ...],
-        Option("change only these settings: cell_size, particles_per_cell, cfl; in 3D also points_per_cell, precision, "
-               "stiffness", "NAME,..", usual="all settings of the scene", folded=False,
-               label="Change only these settings, with commas"),
-    ]  # fmt: skip
+        Option(
+            "change only these settings: cell_size, particles_per_cell, cfl; in 3D also points_per_cell, precision, "
+            "stiffness",
+            "NAME,..",
+            usual="all settings of the scene",
+            folded=False,
+            label="Change only these settings, with commas",
+        ),
+    ]
     cell_sizes: Annotated[
         tuple[float, ...],
-        Option("cell sizes to run", "M,..", unit="m", above=0, usual="2, 1.4, 1, 0.7 times the scene's", folded=False,
-               label="Cell sizes to run, with commas"),
-    ]  # fmt: skip
+        Option(
+            "cell sizes to run",
+            "M,..",
+            unit="m",
+            above=0,
+            usual="2, 1.4, 1, 0.7 times the scene's",
+            folded=False,
+            label="Cell sizes to run, with commas",
+        ),
+    ]
     repeats: Annotated[
         int,
-        Option("runs of each setting; the time is their median", "N", default=3, above=0, folded=False,
-               label="Runs of each setting"),
-    ]  # fmt: skip
+        Option(
+            "runs of each setting; the time is their median",
+            "N",
+            default=3,
+            above=0,
+            folded=False,
+            label="Runs of each setting",
+        ),
+    ]
     measure: Annotated[
         Literal["thickness", "momentum", "area", "reach"],
         Option("error measure; reach in m, the others relative", default="thickness", label="Error measure"),
-    ]  # fmt: skip
+    ]
     exact: Annotated[
         PathLike,
-        Option("raster of the exact vertical thickness at end_time", "FILE", unit="m", usual="a finer run",
-               kind="raster layer", label="Exact solution: vertical thickness at the end"),
-    ]  # fmt: skip
+        Option(
+            "raster of the exact vertical thickness at end_time",
+            "FILE",
+            unit="m",
+            usual="a finer run",
+            kind="raster layer",
+            label="Exact solution: vertical thickness at the end",
+        ),
+    ]
     refinement: Annotated[
         float,
-        Option("the cell size of the finer run is the scene's divided by this number", "F", above=0,
-               usual="the smallest cell size over 1.4", label="Cell size of the finer run: the scene's divided by"),
-    ]  # fmt: skip
+        Option(
+            "the cell size of the finer run is the scene's divided by this number",
+            "F",
+            above=0,
+            usual="the smallest cell size over 1.4",
+            label="Cell size of the finer run: the scene's divided by",
+        ),
+    ]
     beside: Annotated[
         tuple[PathLike, ...],
-        Option("also show these results of other codes: columns setting, seconds and error_thickness, or thickness; "
-               "repeatable", "CSV", default=(), repeat=True, label="Also show these results of other codes"),
-    ]  # fmt: skip
+        Option(
+            "also show these results of other codes: columns setting, seconds and error_thickness, or thickness; "
+            "repeatable",
+            "CSV",
+            default=(),
+            repeat=True,
+            label="Also show these results of other codes",
+        ),
+    ]
     full: Annotated[
         bool,
-        Option("also run all combinations of three values of each", default=False,
-               label="All combinations of three values of each setting"),
-    ]  # fmt: skip
+        Option(
+            "also run all combinations of three values of each",
+            default=False,
+            label="All combinations of three values of each setting",
+        ),
+    ]
     exports: Annotated[
         bool,
-        Option("do not study cell size and time step of exports", default=True, flag="--no-exports", turned_off=True,
-               field="NO_EXPORTS", label="Do not study cell size and time step of exports"),
-    ]  # fmt: skip
+        Option(
+            "do not study cell size and time step of exports",
+            default=True,
+            flag="--no-exports",
+            turned_off=True,
+            field="NO_EXPORTS",
+            label="Do not study cell size and time step of exports",
+        ),
+    ]
     threads: Annotated[int, shared_options.THREADS]
     law: Annotated[PathLike, shared_options.LAW]
 
@@ -75,9 +124,16 @@ class Arguments(StudyOptions, total=False):
     yes: Annotated[bool, shared_options.start_unasked("over ten minutes")]
     output: Annotated[
         PathLike,
-        Option("folder for table and plot", "DIR", short="-o", usual="study beside the scene", folded=False,
-               kind="new folder", label="Folder for table and plot, if not study beside the scene"),
-    ]  # fmt: skip
+        Option(
+            "folder for table and plot",
+            "DIR",
+            short="-o",
+            usual="study beside the scene",
+            folded=False,
+            kind="new folder",
+            label="Folder for table and plot, if not study beside the scene",
+        ),
+    ]
 
 
 VERB = Verb(

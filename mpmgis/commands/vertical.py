@@ -18,14 +18,28 @@ class VerticalOptions(shared_options.FrameQuestionOptions, total=False):
     at_times: Annotated[tuple[float, ...], shared_options.AT_TIMES]
     width: Annotated[
         float,
-        Option("side of the square cell around a point", "M", unit="m", above=0, usual="4 cells of the code's grid",
-               folded=False, label="Side of the square cell around a point"),
-    ]  # fmt: skip
+        Option(
+            "side of the square cell around a point",
+            "M",
+            unit="m",
+            above=0,
+            usual="4 cells of the code's grid",
+            folded=False,
+            label="Side of the square cell around a point",
+        ),
+    ]
     layer: Annotated[
         float,
-        Option("height of a layer", "M", unit="m", above=0, usual="half a cell of the code's grid", folded=False,
-               label="Height of a layer"),
-    ]  # fmt: skip
+        Option(
+            "height of a layer",
+            "M",
+            unit="m",
+            above=0,
+            usual="half a cell of the code's grid",
+            folded=False,
+            label="Height of a layer",
+        ),
+    ]
 
 
 class Arguments(VerticalOptions, total=False):

@@ -64,8 +64,9 @@ def convert_to_points(request, options=None):
     require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
     points = columns_to_points(frame, terrain, options)
     header = points.frame.header | {
-        "converted_outside_columns": points.report.outside.count, "converted_outside_mass": points.report.outside.mass
-    }  # fmt: skip
+        "converted_outside_columns": points.report.outside.count,
+        "converted_outside_mass": points.report.outside.mass,
+    }
     state = {name: values.astype(np.float32) for name, values in points.frame.state.items()}
     frame = _with_terrain(replace(points.frame, header=header, state=state), terrain, path)
     (write_las if is_point_cloud(path) else write_frame)(path, frame)

@@ -72,14 +72,32 @@ def _filled(count, printed, place, thickness, motion, divergence, shares, load, 
     """(Particles, depth, vertical stress) of stacks; the last two are empty as printed, without initial stress."""
     n = int(count.sum())
     points = Particles(
-        np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n), id=np.arange(n, dtype=np.uint64),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty(n),
+        np.empty(n),
+        id=np.arange(n, dtype=np.uint64),
         parent=np.empty(n, np.uint64),
-    )  # fmt: skip
+    )
     depth, stress = np.empty((2, 0 if printed else n))
     stack_kernel.fill_stacks(
-        count, printed, place, thickness, motion, divergence, shares, load, parent,
-        points.position, points.velocity, points.mass, points.volume, points.parent, depth, stress,
-    )  # fmt: skip
+        count,
+        printed,
+        place,
+        thickness,
+        motion,
+        divergence,
+        shares,
+        load,
+        parent,
+        points.position,
+        points.velocity,
+        points.mass,
+        points.volume,
+        points.parent,
+        depth,
+        stress,
+    )
     return points, depth, stress
 
 

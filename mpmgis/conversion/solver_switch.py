@@ -243,9 +243,13 @@ def _sums(frame, gravity):
 def _together(one, other):
     momentum = tuple(a + b for a, b in zip(one.momentum, other.momentum, strict=True))
     return Sums(
-        one.count + other.count, one.mass + other.mass, momentum, one.kinetic_horizontal + other.kinetic_horizontal,
-        one.kinetic_vertical + other.kinetic_vertical, one.potential + other.potential,
-    )  # fmt: skip
+        one.count + other.count,
+        one.mass + other.mass,
+        momentum,
+        one.kinetic_horizontal + other.kinetic_horizontal,
+        one.kinetic_vertical + other.kinetic_vertical,
+        one.potential + other.potential,
+    )
 
 
 def _total(sums):

@@ -5,9 +5,23 @@ from ..compiled.jit import jit
 
 @jit
 def fill_stacks(
-    count, printed, place, thickness, motion, divergence, shares, load, parent,
-    position, velocity, mass, volume, point_parent, depth, stress,
-):  # fmt: skip
+    count,
+    printed,
+    place,
+    thickness,
+    motion,
+    divergence,
+    shares,
+    load,
+    parent,
+    position,
+    velocity,
+    mass,
+    volume,
+    point_parent,
+    depth,
+    stress,
+):
     """Fill the points of all stacks (MOX report 15/2025, Algorithm 2).
 
     Parameters

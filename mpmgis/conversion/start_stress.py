@@ -57,9 +57,7 @@ def stress_of_weight(frame, terrain, vertical_stress, material, contact, cell_si
     return stress
 
 
-def kirchhoff_stress(
-    normal_stress, bulk_modulus, shear_modulus, slope=None, bed_friction=STEEPEST, strength=STRONGEST
-):  # fmt: skip
+def kirchhoff_stress(normal_stress, bulk_modulus, shear_modulus, slope=None, bed_friction=STEEPEST, strength=STRONGEST):
     """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points under the weight `normal_stress` [Pa].
 
     On level ground sigma_xx = sigma_yy = K sigma_zz with K = nu / (1 - nu): points are confined sideways. Where the
@@ -96,10 +94,12 @@ def kirchhoff_stress(
     tangent = np.column_stack([downhill * cosine[:, None], -steepness * cosine])
     level = np.column_stack([-downhill[:, 1], downhill[:, 0], np.zeros_like(steepness)])
     unit = [
-        along * tangent[:, i] * tangent[:, j] + across * level[:, i] * level[:, j] + normal[:, i] * normal[:, j]
+        along * tangent[:, i] * tangent[:, j]
+        + across * level[:, i] * level[:, j]
+        + normal[:, i] * normal[:, j]
         - shear * (tangent[:, i] * normal[:, j] + normal[:, i] * tangent[:, j])
         for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    ]  # fmt: skip
+    ]
     return normal_stress[:, None] * np.column_stack(unit)
 
 
@@ -146,10 +146,12 @@ def surface_slopes(x, y, height, size):
     of = of.reshape(-1)
     east, north, up = east / size - column, north / size - row, (height - height.mean()) / size
     pairs = (east, east), (east, north), (north, north), (east, up), (north, up)
-    own = np.stack([
-        *(np.bincount(of, value, len(cells)) for value in (None, east, north, up)),
-        *(np.bincount(of, one * other, len(cells)) for one, other in pairs),
-    ])  # fmt: skip
+    own = np.stack(
+        [
+            *(np.bincount(of, value, len(cells)) for value in (None, east, north, up)),
+            *(np.bincount(of, one * other, len(cells)) for one, other in pairs),
+        ]
+    )
     total = np.zeros_like(own)
     for j in (-1, 0, 1):
         for i in (-1, 0, 1):

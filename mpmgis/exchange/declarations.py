@@ -29,10 +29,17 @@ COMPONENTS = ("x", "y", "z")
 FORMAT, FORMAT_VERSION = "mpmgis-georeference", 1
 SUFFIX = "georef.json"
 KEYS = {  # key of the sidecar -> field of Declarations
-    "crs": "crs", "origin": "origin", "axes": "axes", "dem": "dem", "density": "density",
-    "particle_volume": "particle_volume", "columns": "columns", "times": "times", "dt": "time_step",
+    "crs": "crs",
+    "origin": "origin",
+    "axes": "axes",
+    "dem": "dem",
+    "density": "density",
+    "particle_volume": "particle_volume",
+    "columns": "columns",
+    "times": "times",
+    "dt": "time_step",
     "fps": "frames_per_second",
-}  # fmt: skip
+}
 OF_TIME = ("times", "dt", "fps")
 LARGEST = 10_000_000  # [bytes]
 _SERIES = re.compile(r"(.*?)[-_.]?f?\d+(\.\d+)?", re.DOTALL)
@@ -117,9 +124,13 @@ class Declarations:
     def only_for_third_party(self):
         """Given options that do not apply to frames of mpmgis, which contain these values."""
         options = {
-            "--origin": self.origin, "--axes": self.axes, **self._of_time(), "--columns": self.columns or None,
-            "--particle-volume": self.particle_volume, "--sidecar": self.sidecar,
-        }  # fmt: skip
+            "--origin": self.origin,
+            "--axes": self.axes,
+            **self._of_time(),
+            "--columns": self.columns or None,
+            "--particle-volume": self.particle_volume,
+            "--sidecar": self.sidecar,
+        }
         return [option for option, value in options.items() if value is not None]
 
     @classmethod
@@ -289,9 +300,17 @@ def _dem(path, key, value):
 
 
 _VALUES = {
-    "crs": _crs, "origin": _origin, "axes": _axes, "dem": _dem, "density": _positive, "particle_volume": _positive,
-    "columns": _columns, "times": _numbers, "dt": _positive, "fps": _positive,
-}  # fmt: skip
+    "crs": _crs,
+    "origin": _origin,
+    "axes": _axes,
+    "dem": _dem,
+    "density": _positive,
+    "particle_volume": _positive,
+    "columns": _columns,
+    "times": _numbers,
+    "dt": _positive,
+    "fps": _positive,
+}
 
 
 def find_sidecar(path):

@@ -62,9 +62,16 @@ def third_party_header(reader, frame, terms, time):
     header |= {"density": density} if density is not None else {}
     header |= {"cell_size": frame.cell_size} if frame.cell_size is not None else {}
     return Frame(
-        None, time=time, step=frame.number or 0, dimension=3, solver=reader, crs=terms.crs, dem=terms.dem or "",
-        origin=tuple(map(float, terms.origin or (0.0, 0.0, 0.0))), header=header,
-    )  # fmt: skip
+        None,
+        time=time,
+        step=frame.number or 0,
+        dimension=3,
+        solver=reader,
+        crs=terms.crs,
+        dem=terms.dem or "",
+        origin=tuple(map(float, terms.origin or (0.0, 0.0, 0.0))),
+        header=header,
+    )
 
 
 def third_party_particles(frame, terms):

@@ -25,10 +25,13 @@ SUFFIX = ".las"
 RESOLUTION = 0.001  # [m] of a coordinate, which LAS keeps as a 32-bit integer
 _POINT_FORMAT = 6
 _EXTRA = {
-    "velocity_e": ("m s-1", "velocity to the east"), "velocity_n": ("m s-1", "velocity to the north"),
-    "velocity_u": ("m s-1", "velocity upwards"), "speed": ("m s-1", "speed"), "mass": ("kg", "mass"),
+    "velocity_e": ("m s-1", "velocity to the east"),
+    "velocity_n": ("m s-1", "velocity to the north"),
+    "velocity_u": ("m s-1", "velocity upwards"),
+    "speed": ("m s-1", "speed"),
+    "mass": ("kg", "mass"),
     "volume": ("m3", "volume"),
-}  # fmt: skip
+}
 
 
 def is_point_cloud(path: Path) -> bool:
@@ -73,8 +76,9 @@ def write_las(path: Path, frame: Frame) -> None:
     header.scales = np.full(3, RESOLUTION)
     header.offsets = np.floor(place.min(axis=0)) if len(place) else np.zeros(3)
     header.generating_software, header.system_identifier = f"mpmgis {__version__}"[:32], "Material Point Method"
-    header.add_extra_dims([laspy.ExtraBytesParams(name, "f4", f"{text} [{unit}]"[:32])
-                           for name, (unit, text) in _EXTRA.items()])  # fmt: skip
+    header.add_extra_dims(
+        [laspy.ExtraBytesParams(name, "f4", f"{text} [{unit}]"[:32]) for name, (unit, text) in _EXTRA.items()]
+    )
     if frame.crs is not None:
         header.add_crs(frame.crs)
     cloud = laspy.LasData(header)
@@ -150,9 +154,19 @@ def _field(name, values):
 
 
 UNITS = {
-    "id": "1", "x": "m", "y": "m", "z_bed": "m", "z_surface": "m", "thickness": "m", "area": "m2", "mass": "kg",
-    "volume": "m3", "u": "m s-1", "v": "m s-1", "w": "m s-1",
-}  # fmt: skip
+    "id": "1",
+    "x": "m",
+    "y": "m",
+    "z_bed": "m",
+    "z_surface": "m",
+    "thickness": "m",
+    "area": "m2",
+    "mass": "kg",
+    "volume": "m3",
+    "u": "m s-1",
+    "v": "m s-1",
+    "w": "m s-1",
+}
 _BYTES_PER_COLUMN = {".h5": 88, ".csv": 200, ".json": 220, ".gpkg": 160, ".parquet": 120, ".vtp": 104}
 _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8")])
 
@@ -201,9 +215,17 @@ def table(particles, origin):
     """Name -> array of the fields of all tables, in map coordinates."""
     x, y, z = (particles.position[:, axis] + origin[axis] for axis in range(3))
     values = (
-        particles.id, x, y, z, z + particles.thickness, particles.thickness, particles.area, particles.mass,
-        particles.volume, *particles.velocity.T,
-    )  # fmt: skip
+        particles.id,
+        x,
+        y,
+        z,
+        z + particles.thickness,
+        particles.thickness,
+        particles.area,
+        particles.mass,
+        particles.volume,
+        *particles.velocity.T,
+    )
     return dict(zip(UNITS, values, strict=True))
 
 
@@ -249,8 +271,14 @@ def _write_gpkg(path, frame, count, slabs):
     record = {name: json.dumps(value) for name, value in _record(frame).items()}
     with whole_file(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
-        rows.to_file(part, layer="particles", driver="GPKG", engine="pyogrio", dataset_metadata=record,
-                     dataset_options=GEOPACKAGE)  # fmt: skip
+        rows.to_file(
+            part,
+            layer="particles",
+            driver="GPKG",
+            engine="pyogrio",
+            dataset_metadata=record,
+            dataset_options=GEOPACKAGE,
+        )
 
 
 def _write_parquet(path, frame, count, slabs):

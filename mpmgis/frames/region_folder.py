@@ -95,9 +95,15 @@ def _file(path, grid, quantities, tags, layout):
     rows, columns = grid.shape
     crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
     target = rasterio.open(
-        path, "w", **(LAYOUT | layout), crs=crs, transform=grid.transform, width=columns, height=rows,
+        path,
+        "w",
+        **(LAYOUT | layout),
+        crs=crs,
+        transform=grid.transform,
+        width=columns,
+        height=rows,
         count=len(quantities),
-    )  # fmt: skip
+    )
     target.update_tags(**dataset_metadata(quantities, tags))
     target.update_tags(ns=NAMESPACE, **{key: tag(value) for key, value in tags.items()})
     for band, quantity in enumerate(quantities, 1):

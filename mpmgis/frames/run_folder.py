@@ -291,11 +291,20 @@ class RunFolder:
         path = self.place / TERRAIN_FILE
         rows, columns = terrain.elevation.shape
         profile = {
-            "driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "float64",
+            "driver": "GTiff",
+            "height": rows,
+            "width": columns,
+            "count": 1,
+            "dtype": "float64",
             "crs": terrain.grid.crs.to_wkt() if terrain.grid.crs is not None else None,
-            "transform": terrain.grid.transform, "nodata": np.nan, "compress": "deflate", "predictor": 3,
-            "tiled": True, "blockxsize": 256, "blockysize": 256,
-        }  # fmt: skip
+            "transform": terrain.grid.transform,
+            "nodata": np.nan,
+            "compress": "deflate",
+            "predictor": 3,
+            "tiled": True,
+            "blockxsize": 256,
+            "blockysize": 256,
+        }
         with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
             target.write(terrain.elevation, 1)
             target.set_band_description(1, "elevation [m]")
@@ -412,5 +421,10 @@ def _require_shape(record, wrong, fix):
 
 def versions():
     """Versions of the software that computes a result."""
-    return {"mpmgis": __version__, "python": platform.python_version(), "numpy": np.__version__,
-            "numba": metadata.version("numba"), "machine": platform.machine()}  # fmt: skip
+    return {
+        "mpmgis": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": metadata.version("numba"),
+        "machine": platform.machine(),
+    }

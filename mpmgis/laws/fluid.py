@@ -34,7 +34,7 @@ class Fluid(NamedTuple):
 
     def stress_step(
         self, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
-    ):  # fmt: skip
+    ):
         """As in `effects/material`.
 
         s0 is J, s1 its correction [s-1] by the density at the nodes (`point_density`). s2 is the energy that
@@ -69,11 +69,11 @@ class Fluid(NamedTuple):
 
     def stress_step_far(
         self, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
-    ):  # fmt: skip
+    ):
         """The same: `stress_step` limits J itself and returns the code FAR."""
         return self.stress_step(
             s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
-        )  # fmt: skip
+        )
 
     def state_at_stress(self, txx, tyy, tzz, txy, txz, tyz):
         """State s0..s7 of the mean of this Kirchhoff stress [Pa], without shear; for numbers or arrays."""

@@ -256,7 +256,7 @@ LAWS = {
 
 # alternatives to a parameter in a scene: name -> (the parameter, Parameter of the alternative)
 IN_PLACE_OF = {
-    "k": ("xi", Parameter("1", "turbulent friction, k = g / xi", GRAVITY / _XI.largest, GRAVITY / _XI.smallest)),
+    "k": ("xi", Parameter("1", "turbulent friction, k = g / xi", GRAVITY / _XI.largest, GRAVITY / _XI.smallest))
 }
 
 

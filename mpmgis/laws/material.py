@@ -40,7 +40,7 @@ TINY = 1e-30  # keeps quotients finite, in float32 too
 
 def stress_step(
     material, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
-):  # fmt: skip
+):
     """State and Kirchhoff stress after a step of gradient g: (s0..s7, txx, tyy, tzz, txy, txz, tyz [Pa], code)."""
     xxx, xyy, xzz, xxy, xxz, xyz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
     near = squared_norm(xxx, xyy, xzz, xxy, xxz, xyz) <= SERIES_REACH
@@ -74,7 +74,7 @@ def stress_step(
 
 def stress_step_far(
     material, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
-):  # fmt: skip
+):
     """`stress_step` of one point for strains of any size, by principal values."""
     xxx, xyy, xzz, xxy, xxz, xyz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
     upright = determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz) > 0.0
@@ -342,14 +342,8 @@ class CohesiveMuI(NamedTuple):
 
 
 def drucker_prager(
-    bulk_modulus,
-    shear_modulus,
-    friction_angle,
-    cohesion,
-    match="triaxial",
-    tension_limit=None,
-    volume_correction=True,
-):  # fmt: skip
+    bulk_modulus, shear_modulus, friction_angle, cohesion, match="triaxial", tension_limit=None, volume_correction=True
+):
     """`DruckerPrager` of moduli [Pa], friction angle phi [deg] and cohesion c [Pa].
 
     `match` is where the cone meets Mohr-Coulomb: `triaxial` compression, or `plane_strain`, where a cone matched at
@@ -369,6 +363,10 @@ def drucker_prager(
 def cohesive_mu_i(friction_angle, cohesion, rate_friction, inertial_number, grain_diameter, grain_density, **cone):
     """`CohesiveMuI` with the cone of `drucker_prager`, whose moduli and options are in `cone`."""
     at_rest = drucker_prager(friction_angle=friction_angle, cohesion=cohesion, **cone)
-    grows = {"rate_friction": rate_friction, "inertial_number": inertial_number,
-             "grain_diameter": grain_diameter, "grain_density": grain_density}  # fmt: skip
+    grows = {
+        "rate_friction": rate_friction,
+        "inertial_number": inertial_number,
+        "grain_diameter": grain_diameter,
+        "grain_density": grain_density,
+    }
     return CohesiveMuI(**at_rest._asdict(), **grows)

@@ -176,8 +176,13 @@ def require_sound(law, name):
         With the method, its result and its arguments.
     """
     for density, gravity, normal_stress, thickness, speed in tried_inputs():
-        arguments = {"density": density, "gravity": gravity, "normal_stress": normal_stress,
-                     "thickness_normal": thickness, "speed": speed}  # fmt: skip
+        arguments = {
+            "density": density,
+            "gravity": gravity,
+            "normal_stress": normal_stress,
+            "thickness_normal": thickness,
+            "speed": speed,
+        }
         for method in (WHOLE, *SPLIT):
             if not hasattr(law, method):
                 continue

@@ -12,8 +12,10 @@ from .section_flux import HydrographFound
 
 
 def _bands(values: dict[str, Any], dims: tuple[str, str]) -> dict[str, Any]:
-    return {name: (dims, value, {"units": BAND[name].unit, "long_name": BAND[name].long_name})
-            for name, value in values.items()}  # fmt: skip
+    return {
+        name: (dims, value, {"units": BAND[name].unit, "long_name": BAND[name].long_name})
+        for name, value in values.items()
+    }
 
 
 def _metres(dim: str, values: Any) -> tuple[str, Any, dict[str, str]]:

@@ -114,11 +114,16 @@ def history_rows(history: BarrierHistory, run_up: RunUp | None, density: float |
     ]
     if moment is not None:
         k = int(np.argmax(moment))
-        rows += [("largest mean moment about the foot", moment[k] / 1e3, "kN m"), ("in the frame at",
-                 history.times[k] if moment[k] > 0 else None, "s")]  # fmt: skip
+        rows += [
+            ("largest mean moment about the foot", moment[k] / 1e3, "kN m"),
+            ("in the frame at", history.times[k] if moment[k] > 0 else None, "s"),
+        ]
     mass, since = history.overtopping()
-    rows += [("mass that overtopped it", mass, "kg"), ("volume of that at the density of the release",
-             mass / density if density else None, "m3"), ("overtopped since the frame at", since, "s")]  # fmt: skip
+    rows += [
+        ("mass that overtopped it", mass, "kg"),
+        ("volume of that at the density of the release", mass / density if density else None, "m3"),
+        ("overtopped since the frame at", since, "s"),
+    ]
     if run_up is not None:
         rows += [
             ("largest flow depth at the wall, normal to the bed", run_up.depth, "m"),

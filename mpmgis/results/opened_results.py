@@ -279,8 +279,11 @@ def _require_same_cells(result, name, grid, first, first_name):
     """Refuse a raster whose corners are off those of the first one by more than SAME_CELLS."""
     if grid.shape == first.shape and np.abs(grid.corners() - first.corners()).max() <= SAME_CELLS * first.cell_size:
         return
-    words = (f"{band} {own.shape[0]} x {own.shape[1]} cells of {own.cell_size:.6g} m from E {own.bounds[0]:.8g} "
-             f"N {own.bounds[1]:.8g}" for band, own in ((first_name, first), (name, grid)))  # fmt: skip
+    words = (
+        f"{band} {own.shape[0]} x {own.shape[1]} cells of {own.cell_size:.6g} m from E {own.bounds[0]:.8g} "
+        f"N {own.bounds[1]:.8g}"
+        for band, own in ((first_name, first), (name, grid))
+    )
     raise FormatError(f"{result.name}: its rasters have different grids ({', '.join(words)}); export them on one grid")
 
 

@@ -35,14 +35,31 @@ SERIES_PRODUCTS = (*PROFILE_PRODUCTS, "p")
 PLACE_COLUMNS = (("time", "s"), ("along", "m"), ("E", "m"), ("N", "m"), ("terrain", "m"), ("surface", "m"))
 POINT_COLUMNS = (("E", "m"), ("N", "m"), ("time", "s"))
 PROFILE_COLUMNS = (
-    ("point", ""), ("E", "m"), ("N", "m"), ("time", "s"), ("height_from", "m"), ("height_to", "m"), ("particles", "1"),
-    ("density", "kg m-3"), ("Ut", "m s-1"), ("Un", "m s-1"), ("p", "Pa"), ("overburden", "Pa"),
-)  # fmt: skip
+    ("point", ""),
+    ("E", "m"),
+    ("N", "m"),
+    ("time", "s"),
+    ("height_from", "m"),
+    ("height_to", "m"),
+    ("particles", "1"),
+    ("density", "kg m-3"),
+    ("Ut", "m s-1"),
+    ("Un", "m s-1"),
+    ("p", "Pa"),
+    ("overburden", "Pa"),
+)
 LOAD_COLUMNS = (
-    ("point", ""), ("E", "m"), ("N", "m"), ("time", "s"), ("h", "m"), ("momentum_flux_per_width", "N m-1"),
-    ("height_of_momentum_flux", "m"), ("largest_p", "Pa"), ("overburden_force_per_width", "N m-1"),
+    ("point", ""),
+    ("E", "m"),
+    ("N", "m"),
+    ("time", "s"),
+    ("h", "m"),
+    ("momentum_flux_per_width", "N m-1"),
+    ("height_of_momentum_flux", "m"),
+    ("largest_p", "Pa"),
+    ("overburden_force_per_width", "N m-1"),
     ("height_of_overburden_force", "m"),
-)  # fmt: skip
+)
 MOST_LAYERS = 2_000
 WIDTH_IN_CELLS, LAYER_IN_CELLS = 4.0, 0.5  # of the solver's grid: 64 points per layer with 8 points per cell
 

@@ -20,13 +20,26 @@ from .flow_line import places_along, positions_along, vertex_distances
 
 QUANTILES = (0.01, 0.5, 0.99)  # of the mass along the line
 TIME_COLUMNS = (
-    ("time", "s"), ("mass", "kg"), ("centre_E", "m"), ("centre_N", "m"), ("centre_elevation", "m"),
-    ("centre_along", "m"), ("along_1_percent", "m"), ("along_50_percent", "m"), ("along_99_percent", "m"),
-)  # fmt: skip
+    ("time", "s"),
+    ("mass", "kg"),
+    ("centre_E", "m"),
+    ("centre_N", "m"),
+    ("centre_elevation", "m"),
+    ("centre_along", "m"),
+    ("along_1_percent", "m"),
+    ("along_50_percent", "m"),
+    ("along_99_percent", "m"),
+)
 ENERGY_LINE_COLUMNS = (
-    ("along", "m"), ("ground_length", "m"), ("E", "m"), ("N", "m"), ("elevation", "m"), ("energy_line", "m"),
-    ("h_max", "m"), ("h_deposit", "m"),
-)  # fmt: skip
+    ("along", "m"),
+    ("ground_length", "m"),
+    ("E", "m"),
+    ("N", "m"),
+    ("elevation", "m"),
+    ("energy_line", "m"),
+    ("h_max", "m"),
+    ("h_deposit", "m"),
+)
 
 
 class Place(NamedTuple):

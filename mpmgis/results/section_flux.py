@@ -18,9 +18,16 @@ from ..maps.averaging.cells import bin_frame, place
 from ..maps.averaging.frame_values import Averaging, cells_of, pick
 
 COLUMNS = (
-    ("time", "s"), ("discharge", "m3 s-1"), ("mass_discharge", "kg s-1"), ("volume", "m3"), ("mass", "kg"),
-    ("cells_discharge", "m3 s-1"), ("cells_mass_discharge", "kg s-1"), ("cells_volume", "m3"), ("cells_mass", "kg"),
-)  # fmt: skip
+    ("time", "s"),
+    ("discharge", "m3 s-1"),
+    ("mass_discharge", "kg s-1"),
+    ("volume", "m3"),
+    ("mass", "kg"),
+    ("cells_discharge", "m3 s-1"),
+    ("cells_mass_discharge", "kg s-1"),
+    ("cells_volume", "m3"),
+    ("cells_mass", "kg"),
+)
 
 
 RASTER_BANDS = ("mass", "Un", "Ut_E", "Ut_N")  # of an exported step, for the flux of its cells

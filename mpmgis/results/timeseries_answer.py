@@ -44,10 +44,7 @@ def timeseries(request: TimeseriesRequest, progress=lambda done, total: None) ->
     cells = require_on_grid(flow, x, y, names, "point")
     values = flow.at_cells(cells, _products(flow), range(len(flow.times)), progress)
     found = SeriesFound(flow.name, names, x, y, flow.times, values)
-    writers = {
-        PLOT_FILE: lambda path: write_series_plot(path, found),
-        TABLE_FILE: lambda path: write_rows(path, found),
-    }
+    writers = {PLOT_FILE: lambda path: write_series_plot(path, found), TABLE_FILE: lambda path: write_rows(path, found)}
     return replace(found, files=write_answer(request, output, writers))
 
 

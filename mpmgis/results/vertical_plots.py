@@ -50,6 +50,11 @@ def write_vertical_plot(path: Path, found: VerticalFound) -> None:
 def _draw(axes, profile, colour):
     for panel, (key, _, factor, from_zero) in enumerate(PANELS):
         axes[panel].stairs(
-            getattr(profile, key) * factor, profile.edges, orientation="horizontal", color=colour, linewidth=1.4,
-            baseline=0 if from_zero else None, label=f"{profile.time:.4g} s" if panel == 0 else None,
-        )  # fmt: skip
+            getattr(profile, key) * factor,
+            profile.edges,
+            orientation="horizontal",
+            color=colour,
+            linewidth=1.4,
+            baseline=0 if from_zero else None,
+            label=f"{profile.time:.4g} s" if panel == 0 else None,
+        )

@@ -102,8 +102,11 @@ def _of_kind(kind: Any, f: Any) -> Schema:
         count = len(f.default if isinstance(f.default, tuple) else checks["example"])
         return {"type": "array", "items": {"type": "number"}, "minItems": count, "maxItems": count}
     if kind is dict:
-        return {"type": "object", "properties": {key: {"type": ["number", "string"]} for key in UNTIL},
-                "additionalProperties": False}  # fmt: skip
+        return {
+            "type": "object",
+            "properties": {key: {"type": ["number", "string"]} for key in UNTIL},
+            "additionalProperties": False,
+        }
     schema: Schema = {"type": _TYPES[kind]}
     if kind in (float, int):
         schema |= _bounds(checks["low"], checks["high"], checks["above"])

@@ -15,9 +15,11 @@ from .tables import MaterialTable
 MATERIAL_TABLES = ("material", "softening", "friction", "output")
 # required in a scene but not in a material file; not used
 _REST = {
-    "terrain": {"dem": "dtm.tif"}, "release": {"source": "release.shp", "thickness": 1.0, "density": 1000.0},
-    "numerics": {"cell_size": 1.0}, "output": {},
-}  # fmt: skip
+    "terrain": {"dem": "dtm.tif"},
+    "release": {"source": "release.shp", "thickness": 1.0, "density": 1000.0},
+    "numerics": {"cell_size": 1.0},
+    "output": {},
+}
 EXAMPLE = 'law = "DruckerPrager", bulk_modulus, shear_modulus [Pa], friction_angle [degrees], cohesion [Pa]'
 
 

@@ -44,13 +44,7 @@ MATERIALS = {
             **_GRAINS,
         },
     ),
-    "Fluid": (
-        Fluid,
-        {
-            "bulk_modulus": _BULK,
-            "viscosity": Parameter("Pa s", "dynamic viscosity", 0.0, 1e9, 0.0),
-        },
-    ),
+    "Fluid": (Fluid, {"bulk_modulus": _BULK, "viscosity": Parameter("Pa s", "dynamic viscosity", 0.0, 1e9, 0.0)}),
     "Elastic": (Elastic, {"bulk_modulus": _BULK, "shear_modulus": _SHEAR}),
 }
 CONES = ("DruckerPrager", "CohesiveMuI")  # laws with friction angle, cohesion and softening
@@ -85,8 +79,11 @@ def contradiction(name, parameters):
 def made_material(table):
     """The law of a MaterialTable."""
     values = table.parameters
-    chosen = {key: default if getattr(table, key) is None else getattr(table, key)
-              for key, (laws, default) in OPTIONS.items() if table.law in laws}  # fmt: skip
+    chosen = {
+        key: default if getattr(table, key) is None else getattr(table, key)
+        for key, (laws, default) in OPTIONS.items()
+        if table.law in laws
+    }
     if table.law == "DruckerPrager":
         return drucker_prager(**values, **chosen)
     if table.law == "CohesiveMuI":

@@ -218,6 +218,7 @@ def decide_point_barrier(scene, facts, slots):
         slots["barrier"] = Barrier()
     reason = (
         f"in reach; the lowest crest is {height or 0.0:.2g} times flow depth and energy head there"
-        if touched else f"the energy line ends {facts.barrier_distance:.0f} m before the nearest"
-    )  # fmt: skip
+        if touched
+        else f"the energy line ends {facts.barrier_distance:.0f} m before the nearest"
+    )
     return Decision("barrier", "on" if on else "off", "auto" if use == "auto" else "forced", height, None, reason)

@@ -143,9 +143,10 @@ class Scene:
         if isinstance(table, StageTable):
             values["reach"] = (table.reached_file, str)
         return {
-            key: value for key, (value, kind) in values.items()
+            key: value
+            for key, (value, kind) in values.items()
             if isinstance(value, str) and (kind is str or Path(value).suffix or self.path(value).exists())
-        }  # fmt: skip
+        }
 
     def as_tables(self):
         """The scene as a plain dictionary for TOML and JSON, without absent tables and unset keys."""

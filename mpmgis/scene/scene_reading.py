@@ -53,8 +53,9 @@ def _require_short_keys(path, text):
     """Refuse dotted keys of many parts: the parser's memory and time grow with the square of their number."""
     for number, line in enumerate(text.splitlines(), 1):
         runs = _MAY_BE_KEY.finditer(line)  # a key is at the start of a line and before each = of an inline table
-        dots = max((run[0].count(".") for run in runs if run.start() == 0 or line[run.end() : run.end() + 1] == "="),
-                   default=0)  # fmt: skip
+        dots = max(
+            (run[0].count(".") for run in runs if run.start() == 0 or line[run.end() : run.end() + 1] == "="), default=0
+        )
         if dots > MOST_DOTS:
             raise SceneError(f"{path}, line {number}: a key of {dots + 1} parts; a scene's keys have one or two")
 

@@ -11,9 +11,14 @@ from .tables import LISTED, TABLES
 _SHOWN_TABLES = ("terrain", "release", "friction", "numerics", "output")
 _SHOWN = ("source", "thickness", "cell_size")  # optional keys that the template shows in use
 _EXAMPLES = {
-    "mu": 0.2, "xi": 1000.0, "erosion_energy": 5000.0,
-    "bulk_modulus": 6.7e6, "shear_modulus": 4e6, "friction_angle": 40.0, "cohesion": 1000.0,
-}  # fmt: skip
+    "mu": 0.2,
+    "xi": 1000.0,
+    "erosion_energy": 5000.0,
+    "bulk_modulus": 6.7e6,
+    "shear_modulus": 4e6,
+    "friction_angle": 40.0,
+    "cohesion": 1000.0,
+}
 
 
 def toml_value(value):

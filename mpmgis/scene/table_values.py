@@ -12,9 +12,13 @@ from ..system.errors import SceneError, has_control_characters
 from .tables import FrictionTable
 
 KIND_WORDS = {
-    float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers",
+    float: "a number",
+    int: "a whole number",
+    str: "text",
+    bool: "true or false",
+    list: "a list of numbers",
     dict: "a table like {time = 30}",
-}  # fmt: skip
+}
 LONGEST = 80  # characters of a wrong value in a message
 LEAST_SIMILAR = 0.67  # share of letters, from which a name is suggested
 

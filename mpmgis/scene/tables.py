@@ -17,8 +17,18 @@ WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of po
 LISTED = ("secondary_release", "zones", "forest", "barrier", "stage")  # tables of which there can be several: [[name]]
 
 
-def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, above=False, example=None, file=False,
-         solver=None):  # fmt: skip
+def _key(
+    doc,
+    default=MISSING,
+    kind=float,
+    low=None,
+    high=None,
+    choices=None,
+    above=False,
+    example=None,
+    file=False,
+    solver=None,
+):
     """One key of a table: its words in the template and the checks on its value.
 
     `low` is the smallest value (`above`: not reached), `high` the largest; `kind` a type or tuple of types; the text
@@ -26,9 +36,16 @@ def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, ab
     the only one that has the key.
     """
     metadata = {
-        "doc": doc, "kind": kind, "low": low, "high": high, "choices": choices, "above": above, "example": example,
-        "file": file, "solver": solver,
-    }  # fmt: skip
+        "doc": doc,
+        "kind": kind,
+        "low": low,
+        "high": high,
+        "choices": choices,
+        "above": above,
+        "example": example,
+        "file": file,
+        "solver": solver,
+    }
     return field(default=default, metadata=metadata) if default is not MISSING else field(metadata=metadata)
 
 
@@ -36,29 +53,52 @@ def _key(doc, default=MISSING, kind=float, low=None, high=None, choices=None, ab
 class TerrainTable:
     """Where."""
 
-    dem: str = _key("digital terrain model: any raster that GDAL reads, metres", kind=str, example="dtm.tif",
-                    file=True)  # fmt: skip
+    dem: str = _key("digital terrain model: any raster that GDAL reads, metres", kind=str, example="dtm.tif", file=True)
     crs: str | None = _key("for a DTM that carries no CRS: EPSG:n, or local", None, kind=str, example="EPSG:32632")
-    to_crs: str | None = _key("DTM in degrees or feet: reprojected to auto (the UTM zone of its centre), or EPSG:n",
-                              None, kind=str, example="auto")  # fmt: skip
+    to_crs: str | None = _key(
+        "DTM in degrees or feet: reprojected to auto (the UTM zone of its centre), or EPSG:n",
+        None,
+        kind=str,
+        example="auto",
+    )
     band: int | None = _key("band with the elevation, where the DTM has several", None, kind=int, low=1, example=1)
-    window: tuple | None = _key("only this part of it: [west, south, east, north] [m]", None, kind=list,
-                                example=(600000, 5200000, 601000, 5201000))  # fmt: skip
-    fill_nodata: str | None = _key("holes inside the DTM: interpolated from the ground around them; default: flow "
-                                   "into one leaves the terrain", None, kind=str, choices=("interpolate",),
-                                   example="interpolate")  # fmt: skip
+    window: tuple | None = _key(
+        "only this part of it: [west, south, east, north] [m]",
+        None,
+        kind=list,
+        example=(600000, 5200000, 601000, 5201000),
+    )
+    fill_nodata: str | None = _key(
+        "holes inside the DTM: interpolated from the ground around them; default: flow into one leaves the terrain",
+        None,
+        kind=str,
+        choices=("interpolate",),
+        example="interpolate",
+    )
 
 
 @dataclass(frozen=True)
 class ReleaseTable:
     """Initial mass."""
 
-    source: str | None = _key("release areas: any vector file, or a raster", None, kind=str, example="release.shp",
-                              file=True)  # fmt: skip
-    particles: str | None = _key("instead of source: columns that `mpmgis seed` wrote, or points in 3D", None, kind=str,
-                                 example="a.h5", file=True)  # fmt: skip
-    window: str | None = _key("with particles: only those in these polygons; the mass of the others is reported",
-                              None, kind=str, example="box.gpkg", file=True, solver="points")  # fmt: skip
+    source: str | None = _key(
+        "release areas: any vector file, or a raster", None, kind=str, example="release.shp", file=True
+    )
+    particles: str | None = _key(
+        "instead of source: columns that `mpmgis seed` wrote, or points in 3D",
+        None,
+        kind=str,
+        example="a.h5",
+        file=True,
+    )
+    window: str | None = _key(
+        "with particles: only those in these polygons; the mass of the others is reported",
+        None,
+        kind=str,
+        example="box.gpkg",
+        file=True,
+        solver="points",
+    )
     thickness: float | str | None = _key(
         "number [m], column name, or raster; without it the column thickness, d0 or relth",
         None,
@@ -69,17 +109,30 @@ class ReleaseTable:
         example=1.5,
         file=True,
     )
-    thickness_mode: str = _key("thickness measured normal to the slope, or vertical", "normal", str,
-                               choices=("normal", "vertical"))  # fmt: skip
-    surface: str | None = _key("instead of thickness: raster of the surface before release", None, kind=str,
-                               example="surface.tif", file=True)  # fmt: skip
-    density: float | None = _key("bulk density [kg m-3]; without it 1000, which the run reports", None, low=1.0,
-                                 high=30000.0, example=1000.0)  # fmt: skip
+    thickness_mode: str = _key(
+        "thickness measured normal to the slope, or vertical", "normal", str, choices=("normal", "vertical")
+    )
+    surface: str | None = _key(
+        "instead of thickness: raster of the surface before release", None, kind=str, example="surface.tif", file=True
+    )
+    density: float | None = _key(
+        "bulk density [kg m-3]; without it 1000, which the run reports", None, low=1.0, high=30000.0, example=1000.0
+    )
     velocity: tuple = _key("initial velocity (east, north) [m s-1]", (0.0, 0.0), kind=list)
-    speed: float | None = _key("instead of velocity: initial speed down the steepest descent [m s-1]", None, low=0.0,
-                               high=FASTEST, above=True, example=10.0)  # fmt: skip
-    points: str = _key("point set; staggered: no two columns of a cell share x or y: a stretched flow stays even",
-                       "staggered", str, choices=("staggered", "lattice", "jittered", "halton", "random"))  # fmt: skip
+    speed: float | None = _key(
+        "instead of velocity: initial speed down the steepest descent [m s-1]",
+        None,
+        low=0.0,
+        high=FASTEST,
+        above=True,
+        example=10.0,
+    )
+    points: str = _key(
+        "point set; staggered: no two columns of a cell share x or y: a stretched flow stays even",
+        "staggered",
+        str,
+        choices=("staggered", "lattice", "jittered", "halton", "random"),
+    )
     seed: int = _key("seed of the random point sets", 0, kind=int, low=0)
 
 
@@ -87,18 +140,21 @@ class ReleaseTable:
 class HydrographTable:
     """What flows in over time."""
 
-    source: str = _key("the inlet: polygons of any vector file, or a raster mask", kind=str, example="inlet.shp",
-                       file=True)  # fmt: skip
+    source: str = _key(
+        "the inlet: polygons of any vector file, or a raster mask", kind=str, example="inlet.shp", file=True
+    )
     file: str = _key(
         "CSV: time [s], discharge [m3 s-1] or thickness [m] (a slab each time), maybe speed or velocity_east, _north",
         kind=str,
         example="hydrograph.csv",
         file=True,
     )
-    thickness_mode: str = _key("thickness of slabs measured normal to the slope, or vertical", "normal", str,
-                               choices=("normal", "vertical"))  # fmt: skip
-    density: float | None = _key("bulk density [kg m-3]; without it that of [release], or 1000", None, low=1.0,
-                                 high=30000.0, example=1000.0)  # fmt: skip
+    thickness_mode: str = _key(
+        "thickness of slabs measured normal to the slope, or vertical", "normal", str, choices=("normal", "vertical")
+    )
+    density: float | None = _key(
+        "bulk density [kg m-3]; without it that of [release], or 1000", None, low=1.0, high=30000.0, example=1000.0
+    )
     use: str = _key("auto and on: it flows in; off: left out", "auto", str, choices=USE)
 
 
@@ -117,12 +173,15 @@ class SecondaryReleaseTable:
         example=1.0,
         file=True,
     )
-    thickness_mode: str = _key("thickness measured normal to the slope, or vertical", "normal", str,
-                               choices=("normal", "vertical"))  # fmt: skip
-    density: float | None = _key("bulk density [kg m-3]; must be that of [release]", None, low=1.0, high=30000.0,
-                                 example=1000.0)  # fmt: skip
-    trigger_thickness: float | None = _key("released by flow thicker than this [m]; default any flow", None,
-                                           low=0.0, above=True, example=0.5)  # fmt: skip
+    thickness_mode: str = _key(
+        "thickness measured normal to the slope, or vertical", "normal", str, choices=("normal", "vertical")
+    )
+    density: float | None = _key(
+        "bulk density [kg m-3]; must be that of [release]", None, low=1.0, high=30000.0, example=1000.0
+    )
+    trigger_thickness: float | None = _key(
+        "released by flow thicker than this [m]; default any flow", None, low=0.0, above=True, example=0.5
+    )
     use: str = _key("auto and on: released when reached; off: not used", "auto", str, choices=USE)
 
 
@@ -145,18 +204,31 @@ class MaterialTable:
     law: str = _key("law of the material", kind=str, choices=tuple(material_table.MATERIALS), example="DruckerPrager")
     match: str | None = _key(
         "of DruckerPrager, CohesiveMuI: match of the cone to Mohr-Coulomb; default triaxial (too strong for slides)",
-        None, kind=str, choices=("triaxial", "plane_strain"), example="triaxial",
-    )  # fmt: skip
+        None,
+        kind=str,
+        choices=("triaxial", "plane_strain"),
+        example="triaxial",
+    )
     tension_limit: float | None = _key(
-        "of DruckerPrager, CohesiveMuI: largest tension [Pa]; default 10 times the cohesion", None, low=0.0,
-        high=1e9, example=1000.0,
-    )  # fmt: skip
+        "of DruckerPrager, CohesiveMuI: largest tension [Pa]; default 10 times the cohesion",
+        None,
+        low=0.0,
+        high=1e9,
+        example=1000.0,
+    )
     volume_correction: bool | None = _key(
-        "not of Fluid and Elastic: separated material bears load only after compression; default true", None,
-        kind=bool, example=True,
-    )  # fmt: skip
-    pressure: str | None = _key("of Fluid: K (1 / J - 1), or Tait's; without it linear", None, kind=str,
-                                choices=("linear", "tait"), example="linear")  # fmt: skip
+        "not of Fluid and Elastic: separated material bears load only after compression; default true",
+        None,
+        kind=bool,
+        example=True,
+    )
+    pressure: str | None = _key(
+        "of Fluid: K (1 / J - 1), or Tait's; without it linear",
+        None,
+        kind=str,
+        choices=("linear", "tait"),
+        example="linear",
+    )
     parameters: dict = field(
         default_factory=dict,
         metadata={"parameters_of": material_table.MATERIALS, "contradiction": material_table.contradiction},
@@ -169,10 +241,15 @@ class SofteningTable:
 
     residual_friction_angle: float = _key("residual friction angle [degrees]", low=0.0, high=80.0, example=20.0)
     residual_cohesion: float = _key("residual cohesion [Pa]", 0.0, low=0.0, high=1e9)
-    coefficient: float = _key("xi_s: strength decreases as exp(-xi_s e_d); depends on the cell size [1]", 10.0, low=0.0,
-                              high=1e6)  # fmt: skip
-    form: str = _key("decrease of the angle, of its tangent, or linear over 1 / coefficient",
-                     "exponential", str, choices=("exponential", "tangent", "linear"))  # fmt: skip
+    coefficient: float = _key(
+        "xi_s: strength decreases as exp(-xi_s e_d); depends on the cell size [1]", 10.0, low=0.0, high=1e6
+    )
+    form: str = _key(
+        "decrease of the angle, of its tangent, or linear over 1 / coefficient",
+        "exponential",
+        str,
+        choices=("exponential", "tangent", "linear"),
+    )
     peak_strain: float = _key("linear form: plastic strain at its beginning [1]", 0.0, low=0.0, high=1e6)
     use: str = _key("auto: on where it reduces friction or cohesion", "auto", str, choices=USE)
 
@@ -181,10 +258,19 @@ class SofteningTable:
 class ZoneTable:
     """Spatially varying friction: parameters of the law of [friction]; where zones overlap the later one applies."""
 
-    source: str | None = _key("polygons, or a raster mask; default: where the rasters below have values", None,
-                              kind=str, example="zones.gpkg", file=True)  # fmt: skip
-    use: str = _key("auto: on where a parameter differs by more than 2 % in reach; off: this zone is not used", "auto",
-                    str, choices=USE)  # fmt: skip
+    source: str | None = _key(
+        "polygons, or a raster mask; default: where the rasters below have values",
+        None,
+        kind=str,
+        example="zones.gpkg",
+        file=True,
+    )
+    use: str = _key(
+        "auto: on where a parameter differs by more than 2 % in reach; off: this zone is not used",
+        "auto",
+        str,
+        choices=USE,
+    )
     parameters: dict = field(default_factory=dict, metadata={"by_place": "mu = 0.3"})
 
 
@@ -201,8 +287,9 @@ class EarthPressureTable:
     """Granular push: less than hydrostatic where the flow stretches, more where it is compressed."""
 
     friction_angle: float = _key("internal friction angle phi [degrees]", low=0.0, high=89.0, above=True, example=35.0)
-    bed_friction_angle: float | None = _key("at the bed, at most phi [degrees]; without it atan(mu)", None, low=0.0,
-                                            high=89.0, example=25.0)  # fmt: skip
+    bed_friction_angle: float | None = _key(
+        "at the bed, at most phi [degrees]; without it atan(mu)", None, low=0.0, high=89.0, example=25.0
+    )
     use: str = _key("auto: on where it changes more than 3 % of the drive", "auto", str, choices=USE)
 
 
@@ -220,8 +307,12 @@ class EntrainmentTable:
     """Entrainment of bed material by the flow."""
 
     law: str = _key("law of erosion", kind=str, choices=tuple(entrainment.LAWS), example="ErosionEnergy")
-    source: str = _key("erodible ground: polygons with thickness, or a raster of its thickness [m]", kind=str,
-                       example="erodible.gpkg", file=True)  # fmt: skip
+    source: str = _key(
+        "erodible ground: polygons with thickness, or a raster of its thickness [m]",
+        kind=str,
+        example="erodible.gpkg",
+        file=True,
+    )
     thickness: float | str | None = _key(
         "of the erodible ground: number [m] or column name; not for a raster",
         None,
@@ -231,10 +322,12 @@ class EntrainmentTable:
         above=True,
         example=0.5,
     )
-    thickness_mode: str = _key("thickness measured normal to the slope, or vertical", "normal", str,
-                               choices=("normal", "vertical"))  # fmt: skip
-    density: float | None = _key("of the bed [kg m-3]; default that of the flow", None, low=1.0, high=30000.0,
-                                 example=200.0)  # fmt: skip
+    thickness_mode: str = _key(
+        "thickness measured normal to the slope, or vertical", "normal", str, choices=("normal", "vertical")
+    )
+    density: float | None = _key(
+        "of the bed [kg m-3]; default that of the flow", None, low=1.0, high=30000.0, example=200.0
+    )
     lower_bed: bool = _key("the bed is lowered by the eroded thickness", False, kind=bool)
     use: str = _key("auto: on where more than 5 % of the released mass is in reach", "auto", str, choices=USE)
     parameters: dict = field(default_factory=dict, metadata={"parameters_of": entrainment.LAWS})
@@ -246,24 +339,64 @@ class ForestTable:
 
     strength: float | str = _key(
         "pressure rho U^2 that breaks it [Pa]: number, column or raster",
-        kind=(float, str), low=0.0, high=1e9, above=True, example=10000.0, file=True,
-    )  # fmt: skip
-    source: str | None = _key("polygons, or a raster mask; default: where the rasters below have values", None,
-                              kind=str, example="forest.gpkg", file=True)  # fmt: skip
-    detrainment: float | str = _key("K [Pa], mass stops at K / U: number, column or raster", 0.0, kind=(float, str),
-                                    low=0.0, high=1e6, file=True)  # fmt: skip
-    drag: float | str = _key("added drag c of rho h c U^2 [m-1]: number, column or raster", 0.0, kind=(float, str),
-                             low=0.0, high=100.0, file=True)  # fmt: skip
-    friction: float | str = _key("added to the friction coefficient [1]: number, column or raster", 0.0,
-                                 kind=(float, str), low=0.0, high=10.0, file=True)  # fmt: skip
+        kind=(float, str),
+        low=0.0,
+        high=1e9,
+        above=True,
+        example=10000.0,
+        file=True,
+    )
+    source: str | None = _key(
+        "polygons, or a raster mask; default: where the rasters below have values",
+        None,
+        kind=str,
+        example="forest.gpkg",
+        file=True,
+    )
+    detrainment: float | str = _key(
+        "K [Pa], mass stops at K / U: number, column or raster", 0.0, kind=(float, str), low=0.0, high=1e6, file=True
+    )
+    drag: float | str = _key(
+        "added drag c of rho h c U^2 [m-1]: number, column or raster",
+        0.0,
+        kind=(float, str),
+        low=0.0,
+        high=100.0,
+        file=True,
+    )
+    friction: float | str = _key(
+        "added to the friction coefficient [1]: number, column or raster",
+        0.0,
+        kind=(float, str),
+        low=0.0,
+        high=10.0,
+        file=True,
+    )
     detrainment_speed: float | str = _key(
         "speed [m s-1]: mass stops only of flow that is slower, or thinner than the next key; drag and friction act "
-        "only on other flow; both 0: all act together", 0.0, kind=(float, str), low=0.0, high=1000.0, file=True,
-    )  # fmt: skip
-    detrainment_thickness: float | str = _key("see detrainment_speed; thickness normal to the ground [m]", 0.0,
-                                              kind=(float, str), low=0.0, high=1000.0, file=True)  # fmt: skip
-    breaking_thickness: float | str = _key("thickness normal to the ground above which it breaks [m]; 0: none", 0.0,
-                                           kind=(float, str), low=0.0, high=1000.0, file=True)  # fmt: skip
+        "only on other flow; both 0: all act together",
+        0.0,
+        kind=(float, str),
+        low=0.0,
+        high=1000.0,
+        file=True,
+    )
+    detrainment_thickness: float | str = _key(
+        "see detrainment_speed; thickness normal to the ground [m]",
+        0.0,
+        kind=(float, str),
+        low=0.0,
+        high=1000.0,
+        file=True,
+    )
+    breaking_thickness: float | str = _key(
+        "thickness normal to the ground above which it breaks [m]; 0: none",
+        0.0,
+        kind=(float, str),
+        low=0.0,
+        high=1000.0,
+        file=True,
+    )
     use: str = _key("auto and on: it acts; off: not used", "auto", str, choices=USE)
 
 
@@ -272,11 +405,18 @@ class BarrierTable:
     """A wall that the flow passes only above its crest: estimates only, loads require a 3D run."""
 
     source: str = _key("polygons, or lines with width", kind=str, example="dam.gpkg", file=True)
-    height: float | str | None = _key("of the crest above the terrain: number [m] or column name", None,
-                                      kind=(float, str), low=0.0, high=HIGHEST_WALL, above=True,
-                                      example=8.0)  # fmt: skip
-    crest: float | str | None = _key("instead of height: elevation of the crest: number [m] or column name", None,
-                                     kind=(float, str), example=1500.0)  # fmt: skip
+    height: float | str | None = _key(
+        "of the crest above the terrain: number [m] or column name",
+        None,
+        kind=(float, str),
+        low=0.0,
+        high=HIGHEST_WALL,
+        above=True,
+        example=8.0,
+    )
+    crest: float | str | None = _key(
+        "instead of height: elevation of the crest: number [m] or column name", None, kind=(float, str), example=1500.0
+    )
     width: float | None = _key("of a wall that is drawn as a line [m]", None, low=0.0, above=True, example=2.0)
     mu: float = _key("friction of the flow along the wall [1]", 0.0, low=0.0, high=10.0)
     name: str | None = _key("in results; without it the column name, or the file's name", None, kind=str, example="dam")
@@ -287,18 +427,28 @@ class BarrierTable:
 class CurvatureTable:
     """Curvature of the bed (form slope): tangent transport and centrifugal load."""
 
-    use: str = _key("auto: on where it changes more than 5 % of the load; turn, load: one part, for tests", "auto", str,
-                    choices=(*USE, *curvature.PARTS))  # fmt: skip
+    use: str = _key(
+        "auto: on where it changes more than 5 % of the load; turn, load: one part, for tests",
+        "auto",
+        str,
+        choices=(*USE, *curvature.PARTS),
+    )
 
 
 @dataclass(frozen=True)
 class StillWaterTable:
     """Lakes at rest as reference (form swe): the water bodies below the still level that are filled at the start."""
 
-    level: float | str = _key("elevation of the still surface: number [m], or column name of source",
-                              kind=(float, str), example=1500.0)  # fmt: skip
-    source: str | None = _key("polygons that touch the lakes; without it every one with water at the start", None,
-                              kind=str, example="lakes.gpkg", file=True)  # fmt: skip
+    level: float | str = _key(
+        "elevation of the still surface: number [m], or column name of source", kind=(float, str), example=1500.0
+    )
+    source: str | None = _key(
+        "polygons that touch the lakes; without it every one with water at the start",
+        None,
+        kind=str,
+        example="lakes.gpkg",
+        file=True,
+    )
     use: str = _key("auto and on: used; off: not used", "auto", str, choices=USE)
 
 
@@ -309,22 +459,49 @@ class NumericsTable:
     cell_size: float | None = _key("solver cell [m]; default that of the DTM", None, low=0.0, above=True, example=5.0)
     particles_per_cell: int = _key("columns a cell: 4, 9, 16, 25...", 9, kind=int, low=1, high=400, solver="columns")
     points_per_cell: int = _key("3D: points a cell at the start", 8, kind=int, choices=(8, 27, 64), solver="points")
-    precision: str = _key("3D: float32: half the memory, two thirds of the time; columns are always float64", "float64",
-                          str, choices=("float64", "float32"))  # fmt: skip
-    device: str = _key("cpu; cuda: a GPU of NVIDIA; auto: cuda where there is one and particles are many", "cpu", str,
-                       choices=DEVICES)  # fmt: skip
-    form: str = _key("slope: mass flows on steep ground; swe: water, gentle beds", "slope", str,
-                     choices=tuple(ground_metric.FORMS), solver="columns")  # fmt: skip
+    precision: str = _key(
+        "3D: float32: half the memory, two thirds of the time; columns are always float64",
+        "float64",
+        str,
+        choices=("float64", "float32"),
+    )
+    device: str = _key(
+        "cpu; cuda: a GPU of NVIDIA; auto: cuda where there is one and particles are many", "cpu", str, choices=DEVICES
+    )
+    form: str = _key(
+        "slope: mass flows on steep ground; swe: water, gentle beds",
+        "slope",
+        str,
+        choices=tuple(ground_metric.FORMS),
+        solver="columns",
+    )
     edges: str = _key("edges of the terrain: open (outflow is reported) or wall", "open", str, choices=("open", "wall"))
-    cfl: float | None = _key("Courant number; without it 0.6 (0.3 with barriers, erosion, inflow; 3D 0.4, at most 0.9)",
-                             None, low=0.0, high=0.9, above=True, example=0.6)  # fmt: skip
-    clamp: float = _key("keep columns within this factor of the grid's thickness; 0: off", 0.0, low=0.0,
-                        solver="columns")  # fmt: skip
-    stiffness: str = _key("3D: scaled: bulk modulus at most rho (10 U)^2, U the energy line's speed: longer steps",
-                          "given", str, choices=("given", "scaled"), solver="points")  # fmt: skip
+    cfl: float | None = _key(
+        "Courant number; without it 0.6 (0.3 with barriers, erosion, inflow; 3D 0.4, at most 0.9)",
+        None,
+        low=0.0,
+        high=0.9,
+        above=True,
+        example=0.6,
+    )
+    clamp: float = _key(
+        "keep columns within this factor of the grid's thickness; 0: off", 0.0, low=0.0, solver="columns"
+    )
+    stiffness: str = _key(
+        "3D: scaled: bulk modulus at most rho (10 U)^2, U the energy line's speed: longer steps",
+        "given",
+        str,
+        choices=("given", "scaled"),
+        solver="points",
+    )
 
-    clearance: float = _key("3D: at cliffs and kinks nodes up to this many cells above the ground touch it", 0.5,
-                            low=0.0, high=1.0, solver="points")  # fmt: skip
+    clearance: float = _key(
+        "3D: at cliffs and kinks nodes up to this many cells above the ground touch it",
+        0.5,
+        low=0.0,
+        high=1.0,
+        solver="points",
+    )
 
     @property
     def points_per_side(self):
@@ -340,19 +517,28 @@ class OutputTable:
     frame_interval: float = _key("time between frames [s]", low=0.0, above=True, example=2.0)
     maxima: bool = _key("keep running peaks of every step in the frames", False, kind=bool)
     arrival_thickness: float | None = _key(
-        "with maxima: arrival, peak speed and pressure are of flow this thick (vertical) [m]; without it 0.05", None,
-        low=0.0, high=1000.0, above=True, example=0.05,
-    )  # fmt: skip
-    rasters: bool = _key("write the bands of each frame as rasters in maps/, and particles for a restart only", False,
-                         kind=bool)  # fmt: skip
-    raster_cell_size: float | None = _key("with rasters: their cells [m]; default those of the DTM", None, low=0.0,
-                                          above=True, example=2.0)  # fmt: skip
-    raster_min_depth: float | None = _key("with rasters: no speed where the flow is thinner [m]; without it 0.05", None,
-                                          low=0.0, example=0.1)  # fmt: skip
-    raster_products: str | None = _key("with rasters: more bands, as `export-raster --products`", None, kind=str,
-                                       example="p,t_vol")  # fmt: skip
-    stop_at_rest: bool | None = _key("end early when the flow has come to rest; default: not in swe, nor for a Fluid",
-                                     None, kind=bool, example=True)  # fmt: skip
+        "with maxima: arrival, peak speed and pressure are of flow this thick (vertical) [m]; without it 0.05",
+        None,
+        low=0.0,
+        high=1000.0,
+        above=True,
+        example=0.05,
+    )
+    rasters: bool = _key(
+        "write the bands of each frame as rasters in maps/, and particles for a restart only", False, kind=bool
+    )
+    raster_cell_size: float | None = _key(
+        "with rasters: their cells [m]; default those of the DTM", None, low=0.0, above=True, example=2.0
+    )
+    raster_min_depth: float | None = _key(
+        "with rasters: no speed where the flow is thinner [m]; without it 0.05", None, low=0.0, example=0.1
+    )
+    raster_products: str | None = _key(
+        "with rasters: more bands, as `export-raster --products`", None, kind=str, example="p,t_vol"
+    )
+    stop_at_rest: bool | None = _key(
+        "end early when the flow has come to rest; default: not in swe, nor for a Fluid", None, kind=bool, example=True
+    )
 
 
 @dataclass(frozen=True)
@@ -362,14 +548,24 @@ class StageTable:
     solver: str = _key("of this stage", kind=str, choices=("columns", "points"), example="columns")
     until: dict | None = _key(  # noqa: RUF009
         'when it ends: {time = 30} [s], {reach = "barrier"}, "cliff" or a file, of points {calm = 1} [s]; or several',
-        None, kind=dict, example={"time": 30.0},
-    )  # fmt: skip
-    window: str | None = _key("of points: only the flow in these polygons is converted to points", None, kind=str,
-                              example="box.gpkg", file=True)  # fmt: skip
+        None,
+        kind=dict,
+        example={"time": 30.0},
+    )
+    window: str | None = _key(
+        "of points: only the flow in these polygons is converted to points",
+        None,
+        kind=str,
+        example="box.gpkg",
+        file=True,
+    )
     outside: str | None = _key(
-        "flow outside window: removed (ledger), or continued as columns; default ledger", None, kind=str,
-        choices=("ledger", "columns"), example="columns",
-    )  # fmt: skip
+        "flow outside window: removed (ledger), or continued as columns; default ledger",
+        None,
+        kind=str,
+        choices=("ledger", "columns"),
+        example="columns",
+    )
     cell_size: float | None = _key("in place of [numerics] cell_size [m]", None, low=0.0, above=True, example=1.0)
 
     @property
@@ -384,10 +580,23 @@ class StageTable:
 
 
 TABLES = {
-    "terrain": TerrainTable, "release": ReleaseTable, "hydrograph": HydrographTable,
-    "secondary_release": SecondaryReleaseTable, "friction": FrictionTable, "material": MaterialTable,
-    "softening": SofteningTable, "zones": ZoneTable, "cohesion": CohesionTable,
-    "earth_pressure": EarthPressureTable, "viscosity": ViscosityTable, "curvature": CurvatureTable,
-    "still_water": StillWaterTable, "entrainment": EntrainmentTable, "forest": ForestTable,
-    "barrier": BarrierTable, "numerics": NumericsTable, "output": OutputTable, "stage": StageTable,
-}  # fmt: skip
+    "terrain": TerrainTable,
+    "release": ReleaseTable,
+    "hydrograph": HydrographTable,
+    "secondary_release": SecondaryReleaseTable,
+    "friction": FrictionTable,
+    "material": MaterialTable,
+    "softening": SofteningTable,
+    "zones": ZoneTable,
+    "cohesion": CohesionTable,
+    "earth_pressure": EarthPressureTable,
+    "viscosity": ViscosityTable,
+    "curvature": CurvatureTable,
+    "still_water": StillWaterTable,
+    "entrainment": EntrainmentTable,
+    "forest": ForestTable,
+    "barrier": BarrierTable,
+    "numerics": NumericsTable,
+    "output": OutputTable,
+    "stage": StageTable,
+}

@@ -117,9 +117,12 @@ def decide_zones(scene, facts, slots):
     if facts.zone_spread is None or not {"friction", "contact"} & set(slots):
         return as_asked("zones", "off", "")
     decision = by_number(
-        "zones", use_of_several(scene.zones), facts.zone_spread, ZONE_THRESHOLD,
+        "zones",
+        use_of_several(scene.zones),
+        facts.zone_spread,
+        ZONE_THRESHOLD,
         "(largest - smallest) / mean of the parameter that differs most in reach",
-    )  # fmt: skip
+    )
     if decision.state == "on":
         slots["zones"] = friction.FrictionZones()
     return decision
@@ -157,9 +160,13 @@ def decide_barrier(scene, facts, slots):
     ratio = 0.0 if height is None else height
     lowest = f"in reach; the lowest crest is {ratio:.2g} times flow depth and energy head there"
     return Decision(
-        "barrier", "on" if on else "off", "auto" if use == "auto" else "forced", height, None,
+        "barrier",
+        "on" if on else "off",
+        "auto" if use == "auto" else "forced",
+        height,
+        None,
         f"{lowest if touched else apart}; screening only, loads need 3D",
-    )  # fmt: skip
+    )
 
 
 def decide_still_water(scene, facts, slots):

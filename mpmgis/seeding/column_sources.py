@@ -93,11 +93,16 @@ class EqualMassColumns:
         """Write the columns of the strips first <= strip < last from `at` on."""
         offsets = at + self._start[first:last] - self._start[first]
         column_placements.fill_strips(
-            first, last, offsets, column_placements.Strips(self._borders, self.counts, self._start),
-            column_placements.Spread(_SPREAD[self.points], self.points == "halton", self.seed, self._shift), self.cover,
-            self.outline.binned_edges, scene.ground(self.lattice, self.window, law),
+            first,
+            last,
+            offsets,
+            column_placements.Strips(self._borders, self.counts, self._start),
+            column_placements.Spread(_SPREAD[self.points], self.points == "halton", self.seed, self._shift),
+            self.cover,
+            self.outline.binned_edges,
+            scene.ground(self.lattice, self.window, law),
             cell_fill.Output(True, position, columns),
-        )  # fmt: skip
+        )
 
 
 def _inverse(values, edges, wanted):
@@ -181,9 +186,17 @@ class HaltonColumns:
             self._shift, self._box, self.beta, self._slope, self._slope_map, self.seed, unit_area
         )
         return column_placements.halton_chunks(
-            first, last, _CHUNK, np.asarray(quota), offsets, sequence, self.cover, self.outline.binned_edges, ground,
+            first,
+            last,
+            _CHUNK,
+            np.asarray(quota),
+            offsets,
+            sequence,
+            self.cover,
+            self.outline.binned_edges,
+            ground,
             cell_fill.Output(write, position, columns),
-        )  # fmt: skip
+        )
 
     def fill(self, first, last, scene, law, position=None, columns=None, at=0):
         """As `LatticeColumns.fill`, over chunks of the sequence."""

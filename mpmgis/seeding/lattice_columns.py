@@ -82,9 +82,15 @@ class LatticeColumns:
     def _counting(self):
         tiling = self.tiling
         return cell_fill.Counting(
-            tiling.n0, tiling.beta, self._slope, self._slope_map, self.seed, self.window.row, self.window.column,
+            tiling.n0,
+            tiling.beta,
+            self._slope,
+            self._slope_map,
+            self.seed,
+            self.window.row,
+            self.window.column,
             tiling.largest,
-        )  # fmt: skip
+        )
 
     def _slivers(self, cover, forced):
         """bool[m]: rim cells whose pieces may have to join others beyond the cell."""
@@ -181,7 +187,15 @@ class LatticeColumns:
         if not write:
             position, columns = np.empty((0, 3)), np.empty((4, 0))
         return cell_fill.fill_rows(
-            first, last, offsets, self.inner, self.inner_start, self.piece, self.piece_start, self._counting,
+            first,
+            last,
+            offsets,
+            self.inner,
+            self.inner_start,
+            self.piece,
+            self.piece_start,
+            self._counting,
             cell_fill.Tiles(self.kind, self.tiling.rows, self.lattice.cell_area),
-            scene.ground(self.lattice, self.window, law), cell_fill.Output(write, position, columns),
-        )  # fmt: skip
+            scene.ground(self.lattice, self.window, law),
+            cell_fill.Output(write, position, columns),
+        )

@@ -196,9 +196,16 @@ def _steps(prepared, number, threads, seconds):
             particles, stage.effects.material, numerics, nodes, elevation_bytes, seconds, facts.speed, threads
         )
     return run_cost.predicted(
-        particles, facts.release_thickness, nodes, elevation_bytes, numerics.cell_size, numerics.cfl, seconds,
-        facts.speed, threads,
-    )  # fmt: skip
+        particles,
+        facts.release_thickness,
+        nodes,
+        elevation_bytes,
+        numerics.cell_size,
+        numerics.cfl,
+        seconds,
+        facts.speed,
+        threads,
+    )
 
 
 def _frames(prepared, number, seconds, interval):

@@ -193,10 +193,13 @@ class CoupledSolver:
     def started(self):
         """Initial sums of both solvers, and the mass and energy exchanged so far."""
         return {
-            "points": self.points_solver.started(), "columns": self.columns_solver.started(), "next_id": self._next_id,
-            "exchanged_mass": self.exchanged_mass, "exchanged_columns": self.exchanged_columns,
+            "points": self.points_solver.started(),
+            "columns": self.columns_solver.started(),
+            "next_id": self._next_id,
+            "exchanged_mass": self.exchanged_mass,
+            "exchanged_columns": self.exchanged_columns,
             "exchanged_energy": self.exchanged_energy,
-        }  # fmt: skip
+        }
 
     def start_from(self, started):
         """As that of both solvers."""
@@ -285,7 +288,9 @@ def _together(points, shown):
     ids = np.uint64(SHOWN_ID) + (others.parent << np.uint64(MOST_SHOWN)) + number.astype(np.uint64)
     shift = np.subtract(shown.origin, points.origin)
     return Particles(
-        np.concatenate([own.position, others.position + shift]), np.concatenate([own.velocity, others.velocity]),
-        np.concatenate([own.mass, others.mass]), np.concatenate([own.volume, others.volume]),
+        np.concatenate([own.position, others.position + shift]),
+        np.concatenate([own.velocity, others.velocity]),
+        np.concatenate([own.mass, others.mass]),
+        np.concatenate([own.volume, others.volume]),
         id=np.concatenate([own.id, ids]),
-    )  # fmt: skip
+    )

@@ -54,9 +54,13 @@ class Inlet:
         area = particles.area[index] * (particles.area.sum() / particles.area[index].sum())
         volume = share * self.volumes[k]
         batch = Particles(
-            particles.position[index], self.velocity(self.times[k, 0], index), density * volume, volume,
-            thickness=volume / area, area=area,
-        )  # fmt: skip
+            particles.position[index],
+            self.velocity(self.times[k, 0], index),
+            density * volume,
+            volume,
+            thickness=volume / area,
+            area=area,
+        )
         return replace(self.frame, particles=batch, time=float(self.times[k, 0]))
 
     def fastest_velocity(self):

@@ -99,9 +99,12 @@ def _area(scene, table, terrain):
     if isinstance(thickness, str) and scene.path(thickness).exists():
         thickness = str(scene.path(thickness))
     return read_release(
-        scene.path(table.source), terrain, thickness=thickness, thickness_mode=table.thickness_mode,
+        scene.path(table.source),
+        terrain,
+        thickness=thickness,
+        thickness_mode=table.thickness_mode,
         surface=None if surface is None else scene.path(surface),
-    )  # fmt: skip
+    )
 
 
 def _seeded(scene, terrain, grid, area, density, table=None):
@@ -109,9 +112,16 @@ def _seeded(scene, terrain, grid, area, density, table=None):
     west, _, _, north = terrain.grid.bounds
     table = table or ReleaseTable()
     return seed_columns(
-        terrain, area, cell_size=grid.cell_size, anchor=(west, north), per_cell=scene.columns_per_cell,
-        points=table.points, density=density, velocity=table.velocity, seed=table.seed,
-    )  # fmt: skip
+        terrain,
+        area,
+        cell_size=grid.cell_size,
+        anchor=(west, north),
+        per_cell=scene.columns_per_cell,
+        points=table.points,
+        density=density,
+        velocity=table.velocity,
+        seed=table.seed,
+    )
 
 
 def _density(scene, frame):

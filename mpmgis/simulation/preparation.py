@@ -173,9 +173,17 @@ def prepare_scene(scene):
     digest = scene.digest(start_digest(terrain, frame, start.events, *(s.all_places() for s in stages), shapes=shapes))
     frame = replace(frame, digest=digest)
     prepared = Prepared(
-        scene, terrain, frame, start.events, digest, tuple(stages), start.seen, start.vertical_stress, start.affine,
+        scene,
+        terrain,
+        frame,
+        start.events,
+        digest,
+        tuple(stages),
+        start.seen,
+        start.vertical_stress,
+        start.affine,
         fill,
-    )  # fmt: skip
+    )
     return with_device(prepared)
 
 

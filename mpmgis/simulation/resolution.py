@@ -47,10 +47,14 @@ class Resolution:
     def as_numbers(self):
         """All of it as plain numbers for a record."""
         return {
-            "cell_size": self.cell_size, "thickness": self.thickness, "cells_over_depth": self.cells_over_depth,
-            "thin_share": self.thin_share, "wall_height": self.wall_height, "cells_over_wall": self.cells_over_wall,
+            "cell_size": self.cell_size,
+            "thickness": self.thickness,
+            "cells_over_depth": self.cells_over_depth,
+            "thin_share": self.thin_share,
+            "wall_height": self.wall_height,
+            "cells_over_wall": self.cells_over_wall,
             "coarse": self.coarse,
-        }  # fmt: skip
+        }
 
 
 def resolution_of(columns, cell_size, wall_height=None):

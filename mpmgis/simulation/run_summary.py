@@ -266,10 +266,14 @@ def _energy_of_columns(b):
     sources = [(later, "entered later"), (taken, "with eroded mass")]
     more = "".join(f", {joules:.4g} J {word}" for joules, word in sources if abs(joules) > 1e-9 * abs(put_in))
     takers = {
-        "friction on the bed": "ground", "acceleration of eroded mass": "eroded_mass", "barriers": "barriers",
-        **({"forest": "forest"} if "energy_lost_to_forest" in b else {}), "the speed limit": "speed_limit",
-        "mixing and the grid": "mixing", "bends of the bed": "bends",
-    }  # fmt: skip
+        "friction on the bed": "ground",
+        "acceleration of eroded mass": "eroded_mass",
+        "barriers": "barriers",
+        **({"forest": "forest"} if "energy_lost_to_forest" in b else {}),
+        "the speed limit": "speed_limit",
+        "mixing and the grid": "mixing",
+        "bends of the bed": "bends",
+    }
     lines = [
         f"energy: {b['energy_start']:.4g} J at the start{more}; {_lost(b, takers)}; kinetic now "
         f"{b['kinetic_energy']:.3g} J; the balance closes to {abs(b['energy_error_relative']):.1g} of the input"
@@ -342,10 +346,13 @@ def _of_points(b):
     lines += [f"{mass}, {errors}", *_where_it_left(b.get("left_places", ()), max(b["mass_start"], 1e-300))]
     lines += _truncated(out)
     takers = {
-        "the bed": "ground", "barriers": "barriers", "yielding": "yielding",
-        "layers on each other": "layers", "the affine velocity limit": "affine_limit",
+        "the bed": "ground",
+        "barriers": "barriers",
+        "yielding": "yielding",
+        "layers on each other": "layers",
+        "the affine velocity limit": "affine_limit",
         "impacts, viscosity and the grid": "mixing",
-    }  # fmt: skip
+    }
     lines.append(f"energy: {_lost(b, takers)}")
     lines.append(f"kinetic energy now {b['kinetic_energy']:.3g} J, elastic {b['elastic_energy']:.3g} J")
     thickest = f"{b['thickness_max']:.2f} m {_place(b['thickness_max_at'], b['thickness_max_time'])}"

@@ -74,9 +74,15 @@ def read_spatial_features(scene, terrain, grid, start, everything):
     """
     walls, nodes = standing_walls(_barriers(scene, terrain), grid, everything)
     return KnownByPlace(
-        grid, scene, _zones(scene, terrain, grid), _erodible(scene, terrain, grid, everything), walls, nodes,
-        _lakes(scene, terrain, grid, start), _forest(scene, terrain, grid),
-    )  # fmt: skip
+        grid,
+        scene,
+        _zones(scene, terrain, grid),
+        _erodible(scene, terrain, grid, everything),
+        walls,
+        nodes,
+        _lakes(scene, terrain, grid, start),
+        _forest(scene, terrain, grid),
+    )
 
 
 def trial_parameters(scene):
@@ -127,9 +133,10 @@ def _zone_files(scene, zone, terrain):
 def _files_by_place(scene, source, parameters, terrain):
     """Polygons or mask of `source`, and the rasters that `parameters` (name -> number, column or raster) name."""
     values = {
-        name: read_placed_raster(scene.path(value), terrain) for name, value in parameters.items()
+        name: read_placed_raster(scene.path(value), terrain)
+        for name, value in parameters.items()
         if isinstance(value, str) and (Path(value).suffix or scene.path(value).exists())
-    }  # fmt: skip
+    }
     where = PlacedFiles() if source is None else _spatial_file(scene.path(source), terrain)
     return PlacedFiles(where.features, where.raster, values)
 

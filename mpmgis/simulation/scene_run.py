@@ -85,8 +85,18 @@ def require_affordable(prepared, threads, confirm):
     return ahead
 
 
-def run(scene, output=None, *, overwrite=False, resume=False, threads=None, law=None, device=None,
-        confirm=lambda question: True, watch=lambda solver, end_time: None):  # fmt: skip
+def run(
+    scene,
+    output=None,
+    *,
+    overwrite=False,
+    resume=False,
+    threads=None,
+    law=None,
+    device=None,
+    confirm=lambda question: True,
+    watch=lambda solver, end_time: None,
+):
     """Simulate a scene into the folder `output` (default `results/` beside the scene).
 
     `scene` is the path of a scene.toml, or its tables as a mapping, with paths relative to the current folder.
@@ -232,10 +242,21 @@ def _summary(folder, sequence, reason, wall, expected=None):
     solver, steps = sequence.solver, sequence.particle_steps
     mass = sequence.mass_account() if sequence.prepared.scene.stage else None
     return RunSummary(
-        folder.path, reason, folder.frames, sequence.steps, solver.time, wall, steps / wall if wall else 0.0,
-        solver.balances(), expected, sequence.stage.scene.solver, mass, folder.result, extremes(sequence.balances()),
+        folder.path,
+        reason,
+        folder.frames,
+        sequence.steps,
+        solver.time,
+        wall,
+        steps / wall if wall else 0.0,
+        solver.balances(),
+        expected,
+        sequence.stage.scene.solver,
+        mass,
+        folder.result,
+        extremes(sequence.balances()),
         tuple(unusable_lines(_record_of_stages(sequence))),
-    )  # fmt: skip
+    )
 
 
 def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
@@ -252,17 +273,30 @@ def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
     def record(state):
         wall, solver = time.perf_counter() - began, sequence.solver
         folder.write_record(
-            state=state, reason=sequence.reason, digest=prepared.digest, time=solver.time, steps=sequence.steps,
-            frames=folder.frames, particles=len(prepared.frame.particles), wall_seconds=wall,
-            predicted_seconds=None if pace is None else pace.seconds, scene=prepared.scene.as_tables(),
+            state=state,
+            reason=sequence.reason,
+            digest=prepared.digest,
+            time=solver.time,
+            steps=sequence.steps,
+            frames=folder.frames,
+            particles=len(prepared.frame.particles),
+            wall_seconds=wall,
+            predicted_seconds=None if pace is None else pace.seconds,
+            scene=prepared.scene.as_tables(),
             effects=[decision._asdict() for decision in sequence.stage_now(0).decisions],
-            terrain_facts=prepared.facts._asdict(), balances=solver.balances(),
-            extremes=extremes(sequence.balances()), maxima=largest_peaks(sequence.maxima()),
-            events=prepared.events.record(), troubles=sequence.troubles, taken_in=sequence.taken_in,
-            devices=devices, terrain=_record_of_terrain(prepared.terrain), nodata=_record_of_nodata(prepared),
+            terrain_facts=prepared.facts._asdict(),
+            balances=solver.balances(),
+            extremes=extremes(sequence.balances()),
+            maxima=largest_peaks(sequence.maxima()),
+            events=prepared.events.record(),
+            troubles=sequence.troubles,
+            taken_in=sequence.taken_in,
+            devices=devices,
+            terrain=_record_of_terrain(prepared.terrain),
+            nodata=_record_of_nodata(prepared),
             unusable=unusable_lines(_record_of_stages(sequence)),
             **_record_of_stages(sequence),
-        )  # fmt: skip
+        )
         return wall
 
     record("running")  # the first file: a folder with a record can be resumed

@@ -130,9 +130,14 @@ class Stage:
         if vertical_stress is None:
             return None
         return stress_of_weight(
-            frame, terrain, vertical_stress, self.effects.material, self.effects.contact, self.grid.cell_size,
+            frame,
+            terrain,
+            vertical_stress,
+            self.effects.material,
+            self.effects.contact,
+            self.grid.cell_size,
             self.numerics.gravity,
-        )  # fmt: skip
+        )
 
     def end(self, terrain, following):
         """The StageEnd with its end conditions; `following` is the next Stage, None after the last."""
@@ -149,9 +154,12 @@ class Stage:
         disturbing = [thing for thing in (walls, Cliff(terrain)) if thing is not None]
         cell = following.cell_of_columns(self.grid.cell_size)
         return StageEnd(
-            until.get("time"), reached, calm, disturbing,
+            until.get("time"),
+            reached,
+            calm,
+            disturbing,
             lambda frame: unsettled_share(frame, terrain, cell, CALM_NORMAL),
-        )  # fmt: skip
+        )
 
     def _near_walls(self, least):
         if not self.known_walls:

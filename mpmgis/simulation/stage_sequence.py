@@ -121,9 +121,15 @@ class Sequence:
             log.info(resolution_words(self.checks["resolution"]))
         while True:
             integration = self._integration = TimeIntegration(
-                self.solver, output.end_time, output.frame_interval, lambda s: self.observe(s, output.end_time),
-                self._resumed, prepared.events, self._end, lambda taken: log.info(taken.line()),
-            )  # fmt: skip
+                self.solver,
+                output.end_time,
+                output.frame_interval,
+                lambda s: self.observe(s, output.end_time),
+                self._resumed,
+                prepared.events,
+                self._end,
+                lambda taken: log.info(taken.line()),
+            )
             for frame in integration:
                 self._log_troubles(integration.troubles)
                 yield self._with_stages(self._with_bed(frame))
@@ -187,9 +193,12 @@ class Sequence:
         if len(self.prepared.stages) == 1:
             return frame
         stored = {
-            "number": self.number, "past": self.past, "started": self.solver.started(),
-            "calm_since": self._end.calm_since, "checks": self.checks,
-        }  # fmt: skip
+            "number": self.number,
+            "past": self.past,
+            "started": self.solver.started(),
+            "calm_since": self._end.calm_since,
+            "checks": self.checks,
+        }
         state = frame.state | {STATE: np.frombuffer(json.dumps(stored).encode(), np.uint8)}
         maxima = together(frame.maxima, self._peaks_before)
         return replace(frame, step=self.steps, maxima=maxima, state=state)
@@ -252,9 +261,12 @@ class Sequence:
         position = frame.particles.position.copy()
         position[~held, :2] = np.subtract(grid.some_place(), frame.origin[:2])
         return replace(
-            frame, particles=replace(frame.particles, position=position), crs=self.prepared.terrain.grid.crs, dem="",
+            frame,
+            particles=replace(frame.particles, position=position),
+            crs=self.prepared.terrain.grid.crs,
+            dem="",
             dem_sha256="",
-        )  # fmt: skip
+        )
 
     def _stage_end(self):
         following = self.prepared.stages[self.number + 1 :]
@@ -280,11 +292,18 @@ class Sequence:
         except InputError as error:
             raise type(error)(f"{where}, but {error}") from error
         self._check_volume()
-        self.past.append({
-            "solver": before.scene.solver, "time": frame.time, "steps": solver.step, "reason": why,
-            "balances": solver.balances(), "switch": switched.account.as_numbers(),
-            "taken_in": self._taken_in_now(),
-        } | self.checks)  # fmt: skip
+        self.past.append(
+            {
+                "solver": before.scene.solver,
+                "time": frame.time,
+                "steps": solver.step,
+                "reason": why,
+                "balances": solver.balances(),
+                "switch": switched.account.as_numbers(),
+                "taken_in": self._taken_in_now(),
+            }
+            | self.checks
+        )
         self._peaks_before = self.maxima()
         self._bed_before = self._with_bed(frame).bed_change
         log.info(f"{where}: {why}")
@@ -336,8 +355,10 @@ class Sequence:
         balances_of_stages = self.balances()
         switches = [stage["switch"] for stage in self.past]
         released = balances_of_stages[0].get("mass_released", balances_of_stages[0]["mass_start"])
-        released += sum(balances.get("mass_released", balances["mass_start"]) - balances["mass_start"]
-                        for balances in balances_of_stages[1:])  # fmt: skip
+        released += sum(
+            balances.get("mass_released", balances["mass_start"]) - balances["mass_start"]
+            for balances in balances_of_stages[1:]
+        )
         account = {
             "released": released,
             "entrained": sum(balances.get("mass_entrained", 0.0) for balances in balances_of_stages),
@@ -356,9 +377,10 @@ class Sequence:
             (p for b in balances_of_stages for p in b.get("left_places", ())), key=lambda place: -place["mass"]
         )
         return account | {
-            "error_relative": (found - come) / (come or 1.0), "left_places": places,
+            "error_relative": (found - come) / (come or 1.0),
+            "left_places": places,
             "energy": self._energy_account(balances_of_stages),
-        }  # fmt: skip
+        }
 
     def _energy_account(self, balances_of_stages):
         """Energy lost in stages and at switches [J].

@@ -50,8 +50,17 @@ class TimeIntegration:
         (`time_integration`). Earlier frames are complete.
     """
 
-    def __init__(self, solver, end_time, frame_interval, observe=None, resumed=False, events=None, stage_end=None,
-                 tell_taken_in=None):  # fmt: skip
+    def __init__(
+        self,
+        solver,
+        end_time,
+        frame_interval,
+        observe=None,
+        resumed=False,
+        events=None,
+        stage_end=None,
+        tell_taken_in=None,
+    ):
         self.solver, self.end_time, self.interval = solver, float(end_time), float(frame_interval)
         self.observe = observe or (lambda solver: None)
         self.resumed, self.events = resumed, events or Events()

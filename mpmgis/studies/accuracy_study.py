@@ -262,9 +262,13 @@ def _exports(base):
     interval, size = base.scene.output.frame_interval, min(stage.numerics.cell_size for stage in base.stages)
     log.info(f"exports: frames every {interval:g} s on cells of {0.5 * size:g} m and coarser")
     sweep = ExportSweep(
-        Bed.of(base.terrain), base.terrain.grid.bounds, base.terrain.grid.crs, 0.5 * size, interval,
+        Bed.of(base.terrain),
+        base.terrain.grid.bounds,
+        base.terrain.grid.crs,
+        0.5 * size,
+        interval,
         base.numerics.density,
-    )  # fmt: skip
+    )
     for frame in _Flow(muted()(prepare_scene)(base.scene), interval):
         if abs(frame.time / interval - round(frame.time / interval)) < 1e-6:  # no frames at switches between stages
             sweep.take(frame)

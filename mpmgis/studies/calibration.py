@@ -115,15 +115,18 @@ class _Study:
             result = self._result(tests=TESTED)
         if request.predictive:
             self._run_drawn("predictive", result, request.predictive, self.output)
-        files = write_files(self.output, result, [self.on_grid[event.name] for event in self.events], self.runs,
-                            request)  # fmt: skip
+        files = write_files(
+            self.output, result, [self.on_grid[event.name] for event in self.events], self.runs, request
+        )
         return CalibrateFound(self.output, (*self.maps.values(), *files), result)
 
     def _run_drawn(self, name, result, count, folder):
         """Run every event at `count` draws of the posterior, the same draws for each event."""
         shares = shares_of_scores(result.posterior.drawn(count, self.request.seed))
-        vary = {key: [one.at(share) for share in column]
-                for (key, one), column in zip(self.priors.items(), shares.T, strict=True)}  # fmt: skip
+        vary = {
+            key: [one.at(share) for share in column]
+            for (key, one), column in zip(self.priors.items(), shares.T, strict=True)
+        }
         self._run(name, count, vary=vary, sampling=JOINT, overwrite=True)
 
     def _run(self, name, count, **plan):
@@ -146,10 +149,19 @@ class _Study:
     def _ensemble_request(self, event, folder, count, plan):
         request = self.request
         return EnsembleRequest(
-            scene=event.scene, output=folder, samples=count, seed=request.seed, exceed=request.exceed,
-            cell_size=request.cell_size, keep="deposit" if event.needs_deposit else "maxima", workers=request.workers,
-            dask=request.dask, tolerate=request.tolerate, law=request.law, **plan,
-        )  # fmt: skip
+            scene=event.scene,
+            output=folder,
+            samples=count,
+            seed=request.seed,
+            exceed=request.exceed,
+            cell_size=request.cell_size,
+            keep="deposit" if event.needs_deposit else "maxima",
+            workers=request.workers,
+            dask=request.dask,
+            tolerate=request.tolerate,
+            law=request.law,
+            **plan,
+        )
 
     @property
     def runs(self) -> dict[str, list[tuple[Members, int]]]:
@@ -183,9 +195,17 @@ class _Study:
         test = self_test(emulator, shares, simulated, variances, chosen, seed) if tests else None
         misfits = np.sum((simulated - observed) ** 2 / variances, axis=1) / len(observed)
         return Calibration(
-            self.priors, [name for part in parts for name in part.names], observed, variances, values, simulated,
-            misfits, found, emulator.left_out(), test,
-        )  # fmt: skip
+            self.priors,
+            [name for part in parts for name in part.names],
+            observed,
+            variances,
+            values,
+            simulated,
+            misfits,
+            found,
+            emulator.left_out(),
+            test,
+        )
 
 
 def finished_in_all(members):

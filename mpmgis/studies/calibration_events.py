@@ -70,9 +70,14 @@ def events_of(request) -> list[Event]:
     """
     volume = volume_of(request.volume, request.value_error, "`volume`")
     first = Event(
-        Path(request.scene).stem, Path(request.scene), request.observed, request.points, request.deposit, volume,
+        Path(request.scene).stem,
+        Path(request.scene),
+        request.observed,
+        request.points,
+        request.deposit,
+        volume,
         request.line,
-    )  # fmt: skip
+    )
     found = [first, *(_read_event(Path(path), request) for path in request.event)]
     for event in found:
         if not any((event.observed, event.points, event.deposit, event.volume)):
@@ -229,13 +234,18 @@ class EventOnGrid:
             dry = [members.figure("end_time_s")[k] if quantity == "t_arrival" else 0.0 for members, k in runs]
             read = np.array([members.band(k, quantity)[rows, cols] for members, k in runs])
             columns.append(np.where(np.isfinite(read), read, np.array(dry)[:, None]))
-        order = [value for q in dict.fromkeys(v.quantity for v in self.values) for value in self.values
-                 if value.quantity == q]  # fmt: skip
+        order = [
+            value
+            for q in dict.fromkeys(v.quantity for v in self.values)
+            for value in self.values
+            if value.quantity == q
+        ]
         return Compared(
             [f"{self.event.name}: {value.quantity} at {value.point}" for value in order],
-            np.array([value.value for value in order]), np.array([value.deviation**2 for value in order]),
+            np.array([value.value for value in order]),
+            np.array([value.deviation**2 for value in order]),
             np.hstack(columns),
-        )  # fmt: skip
+        )
 
     def _deposit_part(self, runs):
         if not self.event.needs_deposit:

@@ -16,8 +16,12 @@ from .calibration_plots import write_pairs
 from .calibration_result import Calibration
 
 RECORD_FILE, SAMPLES_FILE, RUNS_FILE, PAIRS_FILE, MISFIT = (
-    "calibrate.json", "samples.csv", "runs.csv", "pairs.png", "misfit",
-)  # fmt: skip
+    "calibrate.json",
+    "samples.csv",
+    "runs.csv",
+    "pairs.png",
+    "misfit",
+)
 SAMPLES = 1000  # draws in the table
 SAMPLE_DIGITS = 4
 
@@ -49,8 +53,10 @@ def write_files(output: Path, result: Calibration, events: list, runs: dict, req
         part.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
     draws = result.values_of(result.posterior.drawn(SAMPLES, request.seed))
     write_records(output / SAMPLES_FILE, [*result.priors], [[_short(v) for v in row] for row in draws])
-    rows = [[*values, misfit, *simulated] for values, misfit, simulated in
-            zip(result.values, result.misfits, result.simulated, strict=True)]  # fmt: skip
+    rows = [
+        [*values, misfit, *simulated]
+        for values, misfit, simulated in zip(result.values, result.misfits, result.simulated, strict=True)
+    ]
     write_records(output / RUNS_FILE, [*result.priors, "misfit", *result.names], rows)
     write_pairs(output / PAIRS_FILE, result, draws)
     return tuple(output / name for name in (RECORD_FILE, PAIRS_FILE, SAMPLES_FILE, RUNS_FILE)) + tuple(maps)
@@ -73,9 +79,15 @@ def _record(result, events, overlaps, request):
         for event in events
     ]
     return {
-        "format": "mpmgis-calibration", "format_version": 1, "version": __version__, "seed": request.seed,
-        "events": given, **result.record(), "best_run_outline": overlaps, "summaries": summaries,
-    }  # fmt: skip
+        "format": "mpmgis-calibration",
+        "format_version": 1,
+        "version": __version__,
+        "seed": request.seed,
+        "events": given,
+        **result.record(),
+        "best_run_outline": overlaps,
+        "summaries": summaries,
+    }
 
 
 def _plain(value):

@@ -141,12 +141,14 @@ class Calibration:
         """What limits the result."""
         made = [
             f"{key}: the observations hardly constrain it; the interval is that of the prior"
-            for key, one in self.parameters().items() if one["deviation_over_prior"] > BARELY
-        ]  # fmt: skip
+            for key, one in self.parameters().items()
+            if one["deviation_over_prior"] > BARELY
+        ]
         made += [
             f"{' and '.join(one['keys'])} trade off (correlation {one['correlation']:g}): use pairs of samples.csv, "
-            "not one value of each" for one in self.trade_offs()
-        ]  # fmt: skip
+            "not one value of each"
+            for one in self.trade_offs()
+        ]
         if len(self.observed) <= len(self.priors):
             made.append(
                 f"{len(self.observed)} compared quantities for {len(self.priors)} parameters: whether the model fits "

@@ -49,11 +49,14 @@ class Process:
         found = [
             optimize.minimize(
                 lambda logs: cls(points, values, np.exp(logs[:-1]), float(np.exp(logs[-1])))._cost(),
-                [np.log(length)] * count + [np.log(nugget)], jac=True, method="L-BFGS-B", bounds=bounds,
+                [np.log(length)] * count + [np.log(nugget)],
+                jac=True,
+                method="L-BFGS-B",
+                bounds=bounds,
                 options={"maxiter": 40},
             )
             for length, nugget in STARTS
-        ]  # fmt: skip
+        ]
         best = min(found, key=lambda one: one.fun).x
         return cls(points, values, np.exp(best[:-1]), float(np.exp(best[-1])))
 

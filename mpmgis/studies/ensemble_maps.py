@@ -136,12 +136,18 @@ def write_maps(maps: EnsembleMaps, stack: MemberStack, terrain: Terrain, tags: d
 def _write_project(maps, tags):
     titles = {PROBABILITY: "probabilities"} | {name: WORDS[name] for name in (*PEAKS, ARRIVAL)}
     groups = [
-        Group(titles[raster], [
-            raster_layer(maps, raster, maps.file(raster), band.quantity, number, shown=number == 1)
-            for number, band in enumerate(bands, 1)
-        ], shown=raster == PROBABILITY, unfolded=raster == PROBABILITY, exclusive=True)
+        Group(
+            titles[raster],
+            [
+                raster_layer(maps, raster, maps.file(raster), band.quantity, number, shown=number == 1)
+                for number, band in enumerate(bands, 1)
+            ],
+            shown=raster == PROBABILITY,
+            unfolded=raster == PROBABILITY,
+            exclusive=True,
+        )
         for raster, bands in maps.bands.items()
-    ]  # fmt: skip
+    ]
     label = f"{maps.name}: {tags['members']} runs"
     write_archive(maps, project_document(maps, [*groups, terrain_group(maps)], _view(maps), title_settings(label)))
 

@@ -144,9 +144,12 @@ def run_task(task, look):
     tags = {"version": __version__, "digest": task.digest, "scene": prepared.digest, "min_depth": task.min_depth}
     with whole_file(raster) as part:
         write_rows(
-            part, grid, [BAND[name] for name in MEMBER_BANDS], tags,
+            part,
+            grid,
+            [BAND[name] for name in MEMBER_BANDS],
+            tags,
             lambda band, first, last: maxima.rows(MEMBER_BANDS[band], first, last, grid.shape[1]),
-        )  # fmt: skip
+        )
     if task.deposit:
         _write_deposit(task, sequence, averaging, tags)
     figures = _figures(prepared, sequence, averaging)

@@ -84,10 +84,13 @@ def _plan_file(path):
         if name not in PLAN_KEYS:
             raise InputError(f"{path}: unknown key {name!r}{meant(name, PLAN_KEYS)}; it takes {', '.join(PLAN_KEYS)}")
     for name, kind, words in (
-        ("sampling", str, "text"), ("samples", int, "a whole number above 0"), ("seed", int, "a whole number from 0"),
-        ("vary", dict, "a table of keys"), ("exceed", dict, "a table like {h = [0.5, 1]}"),
+        ("sampling", str, "text"),
+        ("samples", int, "a whole number above 0"),
+        ("seed", int, "a whole number from 0"),
+        ("vary", dict, "a table of keys"),
+        ("exceed", dict, "a table like {h = [0.5, 1]}"),
         ("percentiles", list, "a list of numbers"),
-    ):  # fmt: skip
+    ):
         value = tables.get(name, kind())
         wrong = not isinstance(value, kind) or isinstance(value, bool) or (kind is int and value < (name == "samples"))
         if name in tables and wrong:
@@ -170,9 +173,18 @@ class PlannedRuns:
         folder, request = Path(self.scene.folder).resolve(), self.request
         law = None if request.law is None else str(Path(request.law).resolve())
         return MemberTask(
-            number, digest, tables, str(folder), name, law, str(output), request.cell_size, request.min_depth,
-            request.keep == "frames", request.keep == "deposit",
-        )  # fmt: skip
+            number,
+            digest,
+            tables,
+            str(folder),
+            name,
+            law,
+            str(output),
+            request.cell_size,
+            request.min_depth,
+            request.keep == "frames",
+            request.keep == "deposit",
+        )
 
     def input_files(self):
         """Yield the path of every file that a member reads."""
@@ -223,8 +235,11 @@ class PlannedRuns:
         """Cost of a member relative to the scene, estimated from [numerics] and end_time."""
         own, base = task.tables.get("numerics", {}), self.tables.get("numerics", {})
         output = task.tables["output"]["end_time"] / self.tables["output"]["end_time"]
-        ratio = {key: own.get(key) / base.get(key) for key in base if isinstance(own.get(key), (int, float))
-                 and not isinstance(own.get(key), bool) and base.get(key)}  # fmt: skip
+        ratio = {
+            key: own.get(key) / base.get(key)
+            for key in base
+            if isinstance(own.get(key), (int, float)) and not isinstance(own.get(key), bool) and base.get(key)
+        }
         more = ratio.get("particles_per_cell", 1.0) * ratio.get("points_per_cell", 1.0) / ratio.get("cfl", 1.0)
         return output * more * ratio.get("cell_size", 1.0) ** -COST_POWER[self.scene.solver]
 

@@ -128,14 +128,26 @@ def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=la
         began = time.perf_counter()
         files = _write_maps(folder, study, products, tasks, records, workers)
         found = EnsembleFound(
-            folder.path, (*files, table, folder.plan), statuses, before, *times, time.perf_counter() - began,
+            folder.path,
+            (*files, table, folder.plan),
+            statuses,
+            before,
+            *times,
+            time.perf_counter() - began,
             *(sum(records[task.digest].get(name, 0.0) for task in to_run) for name in TIMES),
-        )  # fmt: skip
+        )
         folder.write_record(
-            state="finished", plan=ensemble_tables, scene=study.tables, members=statuses, before=before,
-            workers=workers, start_seconds=found.start_seconds, run_seconds=found.run_seconds,
-            map_seconds=found.map_seconds, member_seconds=found.member_seconds,
-        )  # fmt: skip
+            state="finished",
+            plan=ensemble_tables,
+            scene=study.tables,
+            members=statuses,
+            before=before,
+            workers=workers,
+            start_seconds=found.start_seconds,
+            run_seconds=found.run_seconds,
+            map_seconds=found.map_seconds,
+            member_seconds=found.member_seconds,
+        )
     return found
 
 
@@ -230,12 +242,17 @@ def _write_maps(folder, study, products, tasks, records, workers):
     paths = [member_files(task.output, task.digest)[1] for task in finished]
     stack = MemberStack(paths, study.grid, extent, MEMBER_BANDS, workers)
     tags = {
-        "version": __version__, "digest": folder.digest, "members": len(finished),
+        "version": __version__,
+        "digest": folder.digest,
+        "members": len(finished),
         "left_out": len(tasks) - len(finished),
-        "sampling": study.plan.sampling, "seed": study.plan.seed, "cs_e": study.grid.cell_size,
-        "min_depth": request.min_depth, "dem": Path(prepared.terrain.path).name,
+        "sampling": study.plan.sampling,
+        "seed": study.plan.seed,
+        "cs_e": study.grid.cell_size,
+        "min_depth": request.min_depth,
+        "dem": Path(prepared.terrain.path).name,
         "varied": json.dumps(study.plan.as_tables()["vary"]),
-    }  # fmt: skip
+    }
     name = folder.path.resolve().name
     with whole_folder(folder.maps, overwrite=True) as part:
         maps = EnsembleMaps(part, name, study.grid, extent, request.min_depth, products.rasters())

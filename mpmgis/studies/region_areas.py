@@ -66,9 +66,16 @@ def write_area(path, shape, name, crs):
     with whole_file(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a local frame has no CRS
         write(
-            part, np.array([shape], object), [np.array([name], object)], ["name"], geometry_type=kind, crs=crs,
-            driver="FlatGeobuf", layer=LAYER, SPATIAL_INDEX="NO",
-        )  # fmt: skip
+            part,
+            np.array([shape], object),
+            [np.array([name], object)],
+            ["name"],
+            geometry_type=kind,
+            crs=crs,
+            driver="FlatGeobuf",
+            layer=LAYER,
+            SPATIAL_INDEX="NO",
+        )
 
 
 def write_areas(path, areas, results):
@@ -81,7 +88,9 @@ def write_areas(path, areas, results):
         elif name.lower() not in ("fid", "geometry"):
             left_out.append(f"`{name}`")
     if left_out:
-        log.info(f"{path}: columns of the release areas with the name of a result, or of another column, are left out: "
-                 f"{', '.join(left_out)}; rename them to keep them")  # fmt: skip
+        log.info(
+            f"{path}: columns of the release areas with the name of a result, or of another column, are left out: "
+            f"{', '.join(left_out)}; rename them to keep them"
+        )
     geometry = [part.polygon for part in areas.parts]
     write_layer(path, LAYER, geometry, {**own, **results}, areas.crs)

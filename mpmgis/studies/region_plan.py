@@ -136,9 +136,12 @@ def _run_in_windows(task, look):
             break
         window = window.grown(sides, terrain.grid.shape)
     return record | {
-        "window": list(window), "runs": runs, "edge_reached": bool(sides), "window_seconds": choosing,
+        "window": list(window),
+        "runs": runs,
+        "edge_reached": bool(sides),
+        "window_seconds": choosing,
         "prepare_seconds": preparing,
-    }  # fmt: skip
+    }
 
 
 def sides_left(record, terrain, window, tables):
@@ -310,9 +313,16 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
         digest = _digest([tables | {"release": release}, shape.hex(), *known])
         release["source"] = str(runs / f"{digest}.fgb")
         run = MemberTask(
-            number, digest, tables | {"release": release}, str(folder), f"{name}, area {number}", law, str(runs), None,
+            number,
+            digest,
+            tables | {"release": release},
+            str(folder),
+            f"{name}, area {number}",
+            law,
+            str(runs),
+            None,
             request.min_depth,
-        )  # fmt: skip
+        )
         tasks.append(AreaTask(number, run, shape, crs, mu, head))
     return tasks
 

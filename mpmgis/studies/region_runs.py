@@ -22,9 +22,17 @@ from .region_areas import write_areas
 from .region_plan import PlannedRegion, run_area
 
 FIGURES = (
-    "area_m2", "h_max_m", "Ut_max_m_s", "p_max_Pa", "runout_m", "travel_angle_degrees", "mass_out_share", "end_time_s",
-    "runs", "edge_reached",
-)  # fmt: skip
+    "area_m2",
+    "h_max_m",
+    "Ut_max_m_s",
+    "p_max_Pa",
+    "runout_m",
+    "travel_angle_degrees",
+    "mass_out_share",
+    "end_time_s",
+    "runs",
+    "edge_reached",
+)
 TIMES = ("window_seconds", "prepare_seconds", "wall_seconds")
 
 
@@ -185,10 +193,15 @@ def _write(folder, plan, records):
             path.relative_to(part)
             for name, areas in sorted(rasters.items())
             for path in write_region_maps(
-                part, name, plan.grid, areas, plan.request.min_depth, tags | {"areas": len(areas)},
+                part,
+                name,
+                plan.grid,
+                areas,
+                plan.request.min_depth,
+                tags | {"areas": len(areas)},
                 plan.request.frequency is not None,
             )
-        ]  # fmt: skip
+        ]
         footprints = part / "all_footprints.gpkg"
         write_footprints(footprints, rasters.get("all", []), scenarios, plan.grid, plan.request.min_depth)
         paths.append(footprints.relative_to(part))

@@ -156,9 +156,13 @@ def outcomes(
             spent, states = _integrated(flow, cells, times)
             known = found[number]
             found[number] = replace(
-                known, steps=flow.steps, particle_steps=flow.particle_steps, seconds=(*known.seconds, spent),
-                states=known.states or states, mass_error=float(flow.mass_error),
-            )  # fmt: skip
+                known,
+                steps=flow.steps,
+                particle_steps=flow.particle_steps,
+                seconds=(*known.seconds, spent),
+                states=known.states or states,
+                mass_error=float(flow.mass_error),
+            )
     return found
 
 
@@ -305,12 +309,15 @@ class ExportSweep:
         finest = {name: self._on_finest(name, CELL_FACTORS[0], STEP_FACTORS[0]) for name in LOSSES}
         return [
             ExportSetting(
-                self.averagings[cell].grid.cell_size, step * self.interval, self.frames[cell, step],
+                self.averagings[cell].grid.cell_size,
+                step * self.interval,
+                self.frames[cell, step],
                 self.seconds[cell, step],
                 *(_export_difference(self._on_finest(name, cell, step), finest[name]) for name in LOSSES),
             )
-            for cell in CELL_FACTORS for step in STEP_FACTORS
-        ]  # fmt: skip
+            for cell in CELL_FACTORS
+            for step in STEP_FACTORS
+        ]
 
     def _on_finest(self, name, cell, step):
         """float64[rows, columns] of a maximum on the smallest cells, 0 without flow."""

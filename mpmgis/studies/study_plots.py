@@ -17,9 +17,15 @@ from .study_table import BESIDE, ERROR_COLUMNS, Study
 
 DOTS_PER_INCH = 120
 PARAMETER_COLOURS = {
-    "scene": "#111111", "cell_size": "#1b6ca8", "particles_per_cell": "#d17a00", "points_per_cell": "#d17a00",
-    "cfl": "#2e8b57", "precision": "#8e44ad", "stiffness": "#b03a48", "several": "#8a8a8a",
-}  # fmt: skip
+    "scene": "#111111",
+    "cell_size": "#1b6ca8",
+    "particles_per_cell": "#d17a00",
+    "points_per_cell": "#d17a00",
+    "cfl": "#2e8b57",
+    "precision": "#8e44ad",
+    "stiffness": "#b03a48",
+    "several": "#8a8a8a",
+}
 STAGE_COLOURS = ("#4aa3df", "#17becf", "#9edae5")  # cell size of one stage
 OTHERS = (("s", "#7a1f5c"), ("D", "#0f6b5f"), ("^", "#8a5a00"), ("v", "#37477d"))  # marker and colour of other codes
 FADED = 0.35  # opacity of settings that are not on the front
@@ -133,11 +139,17 @@ def _plot_work(axes, study):
         spread = [[study.seconds[k] - min(outcome.seconds)], [max(outcome.seconds) - study.seconds[k]]]
         is_scene = parameter == "scene"
         axes.errorbar(
-            study.seconds[k], study.errors[k], xerr=spread, color=_colour(parameter),
-            alpha=1.0 if study.front[k] else FADED, marker="*" if is_scene else "o",
-            markersize=13 if is_scene else 6, linestyle="none",
-            label=None if parameter in named else _words(parameter), zorder=3,
-        )  # fmt: skip
+            study.seconds[k],
+            study.errors[k],
+            xerr=spread,
+            color=_colour(parameter),
+            alpha=1.0 if study.front[k] else FADED,
+            marker="*" if is_scene else "o",
+            markersize=13 if is_scene else 6,
+            linestyle="none",
+            label=None if parameter in named else _words(parameter),
+            zorder=3,
+        )
         named.add(parameter)
     _plot_others(axes, study)
     order = np.flatnonzero(study.front)[np.argsort(study.seconds[study.front])]
@@ -163,13 +175,26 @@ def _plot_others(axes, study):
         typical, least, most = other.seconds
         first = other.code not in [earlier.code for earlier in study.beside[:k]]
         axes.errorbar(
-            typical, error, xerr=[[typical - least], [most - typical]], color=colour, marker=marker, markersize=7,
-            markerfacecolor="white", linestyle="none", label=other.code if first else None, zorder=4,
-        )  # fmt: skip
+            typical,
+            error,
+            xerr=[[typical - least], [most - typical]],
+            color=colour,
+            marker=marker,
+            markersize=7,
+            markerfacecolor="white",
+            linestyle="none",
+            label=other.code if first else None,
+            zorder=4,
+        )
         axes.annotate(
-            other.setting, (typical, error), xytext=(0, 6), textcoords="offset points", fontsize=6, color=colour,
+            other.setting,
+            (typical, error),
+            xytext=(0, 6),
+            textcoords="offset points",
+            fontsize=6,
+            color=colour,
             ha="center",
-        )  # fmt: skip
+        )
 
 
 def _words(parameter):

@@ -27,11 +27,29 @@ PERCENT = ("thickness", "momentum", "area")
 BESIDE = "beside"  # entry in column "knob" for results of other codes
 ERROR_COLUMNS = {name: f"error_{name}" + ("_m" if UNITS[name] == "m" else "") for name in NAMES}
 RECORD_NAMES = (
-    "knob", "setting", "solver", "cell_size_m", "particles_per_cell", "cfl", "precision", "stiffness", "particles",
-    "steps", "particle_steps", "seconds", "seconds_min", "seconds_max", "compile_seconds", "predicted_seconds",
-    *ERROR_COLUMNS.values(), "error_with_reference", "mass_error", "on_front", "time_over_front",
+    "knob",
+    "setting",
+    "solver",
+    "cell_size_m",
+    "particles_per_cell",
+    "cfl",
+    "precision",
+    "stiffness",
+    "particles",
+    "steps",
+    "particle_steps",
+    "seconds",
+    "seconds_min",
+    "seconds_max",
+    "compile_seconds",
+    "predicted_seconds",
+    *ERROR_COLUMNS.values(),
+    "error_with_reference",
+    "mass_error",
+    "on_front",
+    "time_over_front",
     "ties",
-)  # fmt: skip
+)
 
 
 class OtherResult(NamedTuple):
@@ -198,9 +216,13 @@ class Study:
     def lines(self) -> list[str]:
         """The conclusions, one sentence each."""
         return [
-            *self._law_lines(), *self._front_lines(), *self._tie_lines(), *self._gain_lines(), *self._cost_lines(),
+            *self._law_lines(),
+            *self._front_lines(),
+            *self._tie_lines(),
+            *self._gain_lines(),
+            *self._cost_lines(),
             *self._lines_of_others(),
-        ]  # fmt: skip
+        ]
 
     def _law_lines(self):
         size, lines = self.stops_paying, []
@@ -296,19 +318,36 @@ class Study:
         outcome, errors = self.rows[k].outcome, self.rows[k].errors
         setting, numerics = outcome.setting, outcome.setting.scene.numerics
         return (
-            setting.parameter, setting.name, *_by_stage(setting.scene), numerics.cfl or "", numerics.precision,
-            numerics.stiffness, outcome.particles, outcome.steps, outcome.particle_steps, self.seconds[k],
-            min(outcome.seconds), max(outcome.seconds), outcome.compile_seconds, outcome.predicted, *errors,
-            self.errors[k], outcome.mass_error, int(self.front[k]), self.over_front[k],
+            setting.parameter,
+            setting.name,
+            *_by_stage(setting.scene),
+            numerics.cfl or "",
+            numerics.precision,
+            numerics.stiffness,
+            outcome.particles,
+            outcome.steps,
+            outcome.particle_steps,
+            self.seconds[k],
+            min(outcome.seconds),
+            max(outcome.seconds),
+            outcome.compile_seconds,
+            outcome.predicted,
+            *errors,
+            self.errors[k],
+            outcome.mass_error,
+            int(self.front[k]),
+            self.over_front[k],
             "; ".join(self._name(other) for other in self.ties(k)),
-        )  # fmt: skip
+        )
 
     def _record_beside(self, other, error):
         known = {
-            "knob": BESIDE, "setting": other.name, "error_with_reference": error,
+            "knob": BESIDE,
+            "setting": other.name,
+            "error_with_reference": error,
             **dict(zip(("seconds", "seconds_min", "seconds_max"), other.seconds, strict=True)),
             **dict(zip(ERROR_COLUMNS.values(), other.errors, strict=True)),
-        }  # fmt: skip
+        }
         k = self.as_accurate_as(error)
         if k is not None:
             known["time_over_front"] = other.seconds[0] / self.seconds[k]
@@ -318,10 +357,13 @@ class Study:
 def _by_stage(scene):
     """Solver, cell size and particles per cell; for a scene in stages those of all stages, joined with +."""
     each = [
-        (one.solver, one.numerics.cell_size,
-         one.numerics.points_per_cell if one.solver == "points" else one.numerics.particles_per_cell)
+        (
+            one.solver,
+            one.numerics.cell_size,
+            one.numerics.points_per_cell if one.solver == "points" else one.numerics.particles_per_cell,
+        )
         for one in scene.alone()
-    ]  # fmt: skip
+    ]
     if len(each) == 1:
         return each[0]
     return tuple("+".join(v if isinstance(v, str) else f"{v:g}" for v in of_all) for of_all in zip(*each, strict=True))

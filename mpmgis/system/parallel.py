@@ -37,9 +37,12 @@ _END_SECONDS = 5.0  # for a worker to end after a request
 _LENGTH = struct.Struct("<Q")
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from mpmgis.system.parallel import serve; serve()"
 _ENVIRONMENT = {  # one thread each; glibc keeps freed memory, because page faults are slow
-    "OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1,
-    "MALLOC_TRIM_THRESHOLD_": KEPT_BYTES, "MALLOC_MMAP_THRESHOLD_": LARGEST_KEPT,
-}  # fmt: skip
+    "OMP_NUM_THREADS": 1,
+    "MKL_NUM_THREADS": 1,
+    "OPENBLAS_NUM_THREADS": 1,
+    "MALLOC_TRIM_THRESHOLD_": KEPT_BYTES,
+    "MALLOC_MMAP_THRESHOLD_": LARGEST_KEPT,
+}
 
 
 @contextmanager

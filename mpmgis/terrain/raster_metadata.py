@@ -6,9 +6,17 @@ from .. import __version__
 from ..laws.quantities import Quantity
 
 SYMBOLS = {
-    "Un": "Ũn", "Ut": "Ũt", "Ut_E": "Ũt,E", "Ut_N": "Ũt,N", "h_max": "h,max", "t_max": "t,max", "Un_max": "Ũn,max",
-    "Un_min": "Ũn,min", "Ut_max": "Ũt,max", "p_max": "p,max",
-}  # fmt: skip
+    "Un": "Ũn",
+    "Ut": "Ũt",
+    "Ut_E": "Ũt,E",
+    "Ut_N": "Ũt,N",
+    "h_max": "h,max",
+    "t_max": "t,max",
+    "Un_max": "Ũn,max",
+    "Un_min": "Ũn,min",
+    "Ut_max": "Ũt,max",
+    "p_max": "p,max",
+}
 
 
 def meaning(quantity: Quantity) -> str:

@@ -92,9 +92,11 @@ def reach_window(grid, part, polygon, mu, head=0.0):
     top, bottom, left, right = extent
     rows, columns = grid.shape
     return Window(
-        max(0, window.top + top - RIM), min(rows, window.top + bottom + RIM),
-        max(0, window.left + left - RIM), min(columns, window.left + right + RIM),
-    )  # fmt: skip
+        max(0, window.top + top - RIM),
+        min(rows, window.top + bottom + RIM),
+        max(0, window.left + left - RIM),
+        min(columns, window.left + right + RIM),
+    )
 
 
 def _pixels(grid, bounds, margin):
@@ -125,9 +127,11 @@ def _extent(terrain, polygon, mu, head):
     west, south, east, north = polygon.bounds
     more = ceil(FLOW_WIDTHS * max(east - west, north - south) / grid.cell_size)  # as `Reach.near`
     return (
-        max(0, int(row.min()) - more), min(rows, int(row.max()) + 1 + more),
-        max(0, int(column.min()) - more), min(columns, int(column.max()) + 1 + more),
-    )  # fmt: skip
+        max(0, int(row.min()) - more),
+        min(rows, int(row.max()) + 1 + more),
+        max(0, int(column.min()) - more),
+        min(columns, int(column.max()) + 1 + more),
+    )
 
 
 def _samples(grid, polygon):

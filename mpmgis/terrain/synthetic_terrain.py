@@ -118,12 +118,7 @@ def v_channel(bank_angle, angle=0.0, azimuth=90.0, point=(0.0, 0.0), height=0.0)
     """
     tangent = np.tan(np.radians(_within("bank_angle", bank_angle, 0.0, 90.0)))
     return _channel(
-        lambda offset: tangent * np.abs(offset),
-        lambda offset: tangent * np.sign(offset),
-        angle,
-        azimuth,
-        point,
-        height,
+        lambda offset: tangent * np.abs(offset), lambda offset: tangent * np.sign(offset), angle, azimuth, point, height
     )
 
 

@@ -36,12 +36,31 @@ from .reprojection import Reprojection
 
 USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
 UNIT_METRES = {  # unit type of a band -> metres
-    "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "international foot": 0.3048, "intlft": 0.3048,
-    "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937, "us survey feet": 1200 / 3937, "ftus": 1200 / 3937,
-    "sftus": 1200 / 3937, "foot_us": 1200 / 3937, "us_survey_foot": 1200 / 3937, "us foot": 1200 / 3937,
-    "km": 1000.0, "kilometre": 1000.0, "dm": 0.1, "cm": 0.01, "centimetre": 0.01, "mm": 0.001, "yd": 0.9144,
-    "yard": 0.9144, "in": 0.0254, "inch": 0.0254, "fathom": 1.8288,
-}  # fmt: skip
+    "ft": 0.3048,
+    "foot": 0.3048,
+    "feet": 0.3048,
+    "international foot": 0.3048,
+    "intlft": 0.3048,
+    "us-ft": 1200 / 3937,
+    "us survey foot": 1200 / 3937,
+    "us survey feet": 1200 / 3937,
+    "ftus": 1200 / 3937,
+    "sftus": 1200 / 3937,
+    "foot_us": 1200 / 3937,
+    "us_survey_foot": 1200 / 3937,
+    "us foot": 1200 / 3937,
+    "km": 1000.0,
+    "kilometre": 1000.0,
+    "dm": 0.1,
+    "cm": 0.01,
+    "centimetre": 0.01,
+    "mm": 0.001,
+    "yd": 0.9144,
+    "yard": 0.9144,
+    "in": 0.0254,
+    "inch": 0.0254,
+    "fathom": 1.8288,
+}
 METRES = {"", "m", "metre", "metres", "meter", "meters"}
 WIDEST = 12.0  # [deg] of longitude in which one UTM zone is used: lengths 0.6 % too long at its edges, at the equator
 _MOST_PIXELS = 1e11
@@ -237,11 +256,20 @@ def _warped(source, crs, grid, resampling, nodata):
         nodata = math.nan
     rows, columns = grid.shape
     with WarpedVRT(
-        source, src_crs=_source_wkt(crs, source.bounds), src_nodata=nodata,
-        crs=grid.crs.to_wkt(), transform=Affine(*grid.transform[:6]),
-        width=columns, height=rows, nodata=math.nan, dtype="float64", resampling=resampling, tolerance=_EXACT,
-        XSCALE=1, YSCALE=1,  # plain bilinear, for a part as for the whole
-    ) as view:  # fmt: skip
+        source,
+        src_crs=_source_wkt(crs, source.bounds),
+        src_nodata=nodata,
+        crs=grid.crs.to_wkt(),
+        transform=Affine(*grid.transform[:6]),
+        width=columns,
+        height=rows,
+        nodata=math.nan,
+        dtype="float64",
+        resampling=resampling,
+        tolerance=_EXACT,
+        XSCALE=1,
+        YSCALE=1,  # plain bilinear, for a part as for the whole
+    ) as view:
         yield view
 
 
@@ -267,8 +295,10 @@ def _source_nodata(source, path, band, plan, window):
             "one value (rio edit-info FILE --nodata N) and replace the others by it"
         )
     if declared is None and found:
-        log.info(f"{path}: {int((values == found[0]).sum())} cells have the value {found[0]:g}, which is not declared "
-                 "as nodata; used as nodata")  # fmt: skip
+        log.info(
+            f"{path}: {int((values == found[0]).sum())} cells have the value {found[0]:g}, which is not declared "
+            "as nodata; used as nodata"
+        )
     return declared if declared is not None else found[0] if found else None
 
 

@@ -78,12 +78,18 @@ def beside(folder, python, case, exact, repeats):
         found = ran(python, place, case.end, repeats)
         write_on_cells(place / "thickness.tif", found, exact, np.cos(np.radians(case.slope)))
         seconds = found["seconds"]
-        rows.append({
-            "code": f"AvaFrame {found['version']} com1DFA", "setting": f"{kernel:g} m, {start}",
-            "seconds": np.median(seconds), "seconds_min": seconds.min(), "seconds_max": seconds.max(),
-            "particles": found["particles"], "steps": found["steps"],
-            "thickness": (place / "thickness.tif").relative_to(folder.resolve()),
-        })  # fmt: skip
+        rows.append(
+            {
+                "code": f"AvaFrame {found['version']} com1DFA",
+                "setting": f"{kernel:g} m, {start}",
+                "seconds": np.median(seconds),
+                "seconds_min": seconds.min(),
+                "seconds_max": seconds.max(),
+                "particles": found["particles"],
+                "steps": found["steps"],
+                "thickness": (place / "thickness.tif").relative_to(folder.resolve()),
+            }
+        )
     path = folder / "beside.csv"
     with open(path, "w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, rows[0])
@@ -106,9 +112,15 @@ def prepare(folder, case, start, kernel):
             table.to_file(releases / "release.shp")
     steps = np.ceil(case.end / (case.courant * kernel) - 1e-9)
     text = SETTINGS.format(
-        end=case.end, past_end=case.end * (1.0 + 1e-6), step=case.end / steps, kernel=kernel, mu=case.mu, own=case.own,
-        start=start, raster=case.thickness is not None,
-    )  # fmt: skip
+        end=case.end,
+        past_end=case.end * (1.0 + 1e-6),
+        step=case.end / steps,
+        kernel=kernel,
+        mu=case.mu,
+        own=case.own,
+        start=start,
+        raster=case.thickness is not None,
+    )
     (folder / "Inputs" / "settings.ini").write_text(text)
 
 

@@ -102,9 +102,17 @@ class Avalanche:
             id=order.astype(np.uint64),
         )
         return Frame(
-            particles, time=time, step=step, dimension=3, solver="points", crs=CRS, origin=tuple(CORNER),
-            dem="terrain.tif", digest="bench", header={"density": DENSITY, "cell_size": 1.0},
-        )  # fmt: skip
+            particles,
+            time=time,
+            step=step,
+            dimension=3,
+            solver="points",
+            crs=CRS,
+            origin=tuple(CORNER),
+            dem="terrain.tif",
+            digest="bench",
+            header={"density": DENSITY, "cell_size": 1.0},
+        )
 
     def _on_path(self, time):
         """Distance, height over the profile and their rates of every point, interpolated between the computed paths."""

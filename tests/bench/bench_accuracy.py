@@ -23,8 +23,9 @@ from mpmgis.scene.tables import NumericsTable
 from mpmgis.solvers.columns.column_solver import CFL_ALONE
 
 DEFAULTS = {  # columns along a cell's side and Courant number, as `run` has them
-    "per_side": round(NumericsTable().particles_per_cell ** 0.5), "cfl": CFL_ALONE,
-}  # fmt: skip
+    "per_side": round(NumericsTable().particles_per_cell ** 0.5),
+    "cfl": CFL_ALONE,
+}
 
 HEADINGS = ("case", "cells", "error", "order", "required", "other codes, same cells")
 

@@ -62,8 +62,16 @@ def _coulomb(site):
     for angle, outline in zip(
         ANGLES, truths(site, scene, {"friction.mu": list(np.tan(np.radians(ANGLES)))}), strict=True
     ):
-        asked = CalibrateRequest(scene, site / "coulomb", vary=("friction.mu=0.2:0.6",), observed=outline, samples=30,
-                                 refine=10, predictive=0, workers=WORKERS)  # fmt: skip
+        asked = CalibrateRequest(
+            scene,
+            site / "coulomb",
+            vary=("friction.mu=0.2:0.6",),
+            observed=outline,
+            samples=30,
+            refine=10,
+            predictive=0,
+            workers=WORKERS,
+        )
         (figures,) = calibrate(asked).result.parameters().values()
         worst = max(worst, abs(np.degrees(np.arctan(figures["best_fit"])) - angle))
     yield (
@@ -86,8 +94,9 @@ def _voellmy(site):
     calibration.TESTED = 0  # the self-test of the whole calibration is enough
     inside = np.zeros(2, int)
     for truth, outline in zip(values, outlines, strict=True):
-        asked = CalibrateRequest(scene, site / "pairs", vary=VARY, observed=outline, samples=60, refine=20,
-                                 predictive=0, workers=WORKERS)  # fmt: skip
+        asked = CalibrateRequest(
+            scene, site / "pairs", vary=VARY, observed=outline, samples=60, refine=20, predictive=0, workers=WORKERS
+        )
         low, _, high = calibrate(asked).result.intervals()
         inside += (low <= truth) & (truth <= high)
         print(outline.stem, truth, low, high, inside, file=sys.stderr, flush=True)

@@ -68,12 +68,15 @@ def _workers(folder):
     found = {
         workers: ensemble(
             EnsembleRequest(
-                site / "scene.toml", folder / f"by_{workers}", vary=("friction.mu=0.2:0.3",), samples=MEMBERS,
+                site / "scene.toml",
+                folder / f"by_{workers}",
+                vary=("friction.mu=0.2:0.3",),
+                samples=MEMBERS,
                 workers=workers,
             )
         )
         for workers in (1, 2)
-    }  # fmt: skip
+    }
     one, two = found[1], found[2]
     case = f"ensemble, {MEMBERS} members of the shipped site, {END_TIME} s each"
     yield f"{case}, one process", one.run_seconds, "s", None, None

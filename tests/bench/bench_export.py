@@ -61,9 +61,16 @@ def flow(step, dimension, count=COUNT):
     extra = {"thickness": thickness, "area": np.full(count, SIDE**2)} if dimension == 2 else {}
     particles = Particles(np.stack([x, y, height], axis=1), velocity, 1000 * volume, volume, id=i.astype("u8"), **extra)
     return Frame(
-        particles, time=2.0 * step, step=step, dimension=dimension, crs=pyproj.CRS.from_epsg(32632),
-        origin=tuple(ORIGIN), dem="terrain.tif", digest="bench", header={"density": 1000.0},
-    )  # fmt: skip
+        particles,
+        time=2.0 * step,
+        step=step,
+        dimension=dimension,
+        crs=pyproj.CRS.from_epsg(32632),
+        origin=tuple(ORIGIN),
+        dem="terrain.tif",
+        digest="bench",
+        header={"density": 1000.0},
+    )
 
 
 def least(work, repeats=REPEATS):
@@ -108,9 +115,20 @@ def binning_rows():
         tiles = [-(-length // binning.TILE) for length in window.shape]
         table, start = np.empty((k, binning.ROW)), np.empty(tiles[0] * tiles[1] + 1, np.int64)
         binning.bin_points(
-            row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel, particles.velocity,
-            particles.mass, particles.volume, table, records, start,
-        )  # fmt: skip
+            row,
+            column,
+            bounds,
+            window,
+            placed.pixel,
+            placed.distance,
+            bed.gradient_by_pixel,
+            particles.velocity,
+            particles.mass,
+            particles.volume,
+            table,
+            records,
+            start,
+        )
         return cells, table[:, binning.TOP], table[:, binning.LOWEST], table[:, binning.COUNT]
 
     def numpys():
@@ -186,9 +204,16 @@ def scattered(step, count=COUNT, east=300.0, north=400.0):
         np.stack([x, y, height], axis=1), velocity, 1000 * volume, volume, id=np.arange(count, dtype="u8")
     )
     return Frame(
-        particles, time=0.5 * step, step=step, dimension=3, crs=pyproj.CRS.from_epsg(32632), origin=tuple(ORIGIN),
-        dem="terrain.tif", digest="bench", header={"density": 1000.0, "cell_size": 1.0},
-    )  # fmt: skip
+        particles,
+        time=0.5 * step,
+        step=step,
+        dimension=3,
+        crs=pyproj.CRS.from_epsg(32632),
+        origin=tuple(ORIGIN),
+        dem="terrain.tif",
+        digest="bench",
+        header={"density": 1000.0, "cell_size": 1.0},
+    )
 
 
 def scattered_rows():

@@ -53,6 +53,9 @@ def rows():
                 reference = min(written(size, folder) for _ in range(3))
             set_threads(None)
             yield (
-                f"a frame, {name}, {threads} threads", seconds / particles * 1e9, "ns a particle",
-                f"writing its {size / particles:.0f} bytes", seconds / reference,
-            )  # fmt: skip
+                f"a frame, {name}, {threads} threads",
+                seconds / particles * 1e9,
+                "ns a particle",
+                f"writing its {size / particles:.0f} bytes",
+                seconds / reference,
+            )

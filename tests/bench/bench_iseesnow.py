@@ -133,10 +133,12 @@ def _studied(numerics, folder):
     exported = folder / "gis"
     export_raster(
         ExportRequest(
-            source=FrameSource(frames=(frames,)), output=exported, sampling=CellSampling(time_step=math.inf),
+            source=FrameSource(frames=(frames,)),
+            output=exported,
+            sampling=CellSampling(time_step=math.inf),
             files=ExportFiles(naming="iseesnow", qgis=False),
         )
-    )  # fmt: skip
+    )
     ensemble = DATA / "ensemble_median"
     thick = compare(CompareRequest(first=exported, second=ensemble, threshold=THICK, band="pft"))
     path = DATA / "LINES/path_aimec.shp"

@@ -32,9 +32,7 @@ MATERIALS = {
 }
 
 
-def scene(
-    material, soft=None, long=100, wide=100, high=50, size=(160.0, 100.0), precision="float64", maxima=False
-):  # fmt: skip
+def scene(material, soft=None, long=100, wide=100, high=50, size=(160.0, 100.0), precision="float64", maxima=False):
     """A slab of long x wide x high points, 8 per cell of 1 m, that slides down a plane."""
     terrain = terrain_of(lambda x, y: SLOPE * (size[0] - x), *size, 10.0)
     frame = block_of((long / 2, wide / 2, high / 2), 0.5, (10.0, 20.0, 0.0))

@@ -99,8 +99,10 @@ def main(areas=AREAS, side=SIDE):
     print(f"statuses {found.statuses}, run again in a larger window: {found.repeated}")
     print(f"wall: plan {found.plan_seconds:.1f} s, start {found.start_seconds:.1f} s")
     print(f"wall: runs {found.run_seconds:.1f} s, maps {found.map_seconds:.1f} s")
-    print(f"sum over areas: window {found.window_seconds:.1f} s, seeding {found.prepare_seconds:.1f} s, "
-          f"simulation {simulated:.1f} s")  # fmt: skip
+    print(
+        f"sum over areas: window {found.window_seconds:.1f} s, seeding {found.prepare_seconds:.1f} s, "
+        f"simulation {simulated:.1f} s"
+    )
     print(f"peak memory: main process {memory[0]:.0f} MB, largest worker {memory[1]:.0f} MB")
 
 

@@ -27,8 +27,15 @@ SCENE = {
 
 
 def _write(path, values):
-    profile = {"driver": "GTiff", "height": CELLS, "width": CELLS, "count": 1, "dtype": values.dtype.name,
-               "crs": "EPSG:32632", "transform": Affine(PIXEL, 0, 4e5, 0, -PIXEL, 5.1e6)}  # fmt: skip
+    profile = {
+        "driver": "GTiff",
+        "height": CELLS,
+        "width": CELLS,
+        "count": 1,
+        "dtype": values.dtype.name,
+        "crs": "EPSG:32632",
+        "transform": Affine(PIXEL, 0, 4e5, 0, -PIXEL, 5.1e6),
+    }
     with rasterio.open(path, "w", **profile) as target:
         target.write(values, 1)
 

@@ -45,10 +45,16 @@ def numpy_nanoseconds(solver):
     p, grid, dt = solver.frame().particles, solver.grid, 0.05
     n = len(p)
     state = {
-        "x": p.position[:, 0] - grid.x0, "y": p.position[:, 1] - grid.y0, "u": p.velocity[:, 0], "v": p.velocity[:, 1],
-        "c": np.zeros((2, 2, n)), "mass": p.mass, "area": p.area, "kappa": np.zeros(n),
+        "x": p.position[:, 0] - grid.x0,
+        "y": p.position[:, 1] - grid.y0,
+        "u": p.velocity[:, 0],
+        "v": p.velocity[:, 1],
+        "c": np.zeros((2, 2, n)),
+        "mass": p.mass,
+        "area": p.area,
+        "kappa": np.zeros(n),
         "gradient": solver._rows[:, 10:12].T.copy(),
-    }  # fmt: skip
+    }
     times = []
     floor = solver._settings.thickness_floor
     for kick in (0.5 * dt, dt, 1.5 * dt):  # as the solver does up to a frame

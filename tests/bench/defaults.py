@@ -70,9 +70,15 @@ def dam_on_water(folder):
     """A dam of 5 m breaks into 1 m of water; the exact solution after 2.5 s (Stoker 1957)."""
     scene = shipped.WATER.format(cell=1.0, end=2.5, interval=0.625)
     shipped.write_case(
-        folder, lambda x, y: 0 * x, lambda x, y: np.where(x < 50, 5.0, 1.0), (0, 0, 100, 8), 1.0, scene,
-        lambda x, y: stoker(x - 50.0, 2.5, 5.0, 1.0)[0], 1.0,
-    )  # fmt: skip
+        folder,
+        lambda x, y: 0 * x,
+        lambda x, y: np.where(x < 50, 5.0, 1.0),
+        (0, 0, 100, 8),
+        1.0,
+        scene,
+        lambda x, y: stoker(x - 50.0, 2.5, 5.0, 1.0)[0],
+        1.0,
+    )
 
 
 SLIDE = """
@@ -98,19 +104,30 @@ frame_interval = {end}
 def ideal(folder):
     """ISeeSnow IdealizedTopo."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "scene.toml").write_text(SLIDE.format(
-        dem=f"{DATA.resolve()}/dem.tif", crs='crs = "local"', source=f"{DATA.resolve()}/release.shp", thickness=1.5,
-        density=200, mu=0.4, xi=2000, cell=5.0, end=160.0,
-    ))  # fmt: skip
+    (folder / "scene.toml").write_text(
+        SLIDE.format(
+            dem=f"{DATA.resolve()}/dem.tif",
+            crs='crs = "local"',
+            source=f"{DATA.resolve()}/release.shp",
+            thickness=1.5,
+            density=200,
+            mu=0.4,
+            xi=2000,
+            cell=5.0,
+            end=160.0,
+        )
+    )
 
 
 def lava(folder, source="lava_falls_release.shp", thickness='"thickness"', cell=10.0, end=80.0):
     """Lava Falls with the default cell size of a scene: that of the terrain model."""
     shipped.demo(folder)
     dem = "lava_falls_dem_utm12n_10m.tif"
-    (folder / "scene.toml").write_text(SLIDE.format(
-        dem=dem, crs="", source=source, thickness=thickness, density=2000, mu=0.25, xi=1000, cell=cell, end=end,
-    ))  # fmt: skip
+    (folder / "scene.toml").write_text(
+        SLIDE.format(
+            dem=dem, crs="", source=source, thickness=thickness, density=2000, mu=0.25, xi=1000, cell=cell, end=end
+        )
+    )
 
 
 def lava_fine(folder):
@@ -132,9 +149,16 @@ def canyon(folder, data):
         reproject(
             rasterio.band(source, 1), height, dst_transform=grid, dst_crs="EPSG:32612", resampling=Resampling.cubic
         )
-    _site(folder, height, grid, "EPSG:32612", (321120, 4006800, 321270, 4007000), SLIDE.format(
-        dem="dtm.tif", crs="", source="release.gpkg", thickness=6, density=2000, mu=0.2, xi=800, cell=size, end=80.0,
-    ))  # fmt: skip
+    _site(
+        folder,
+        height,
+        grid,
+        "EPSG:32612",
+        (321120, 4006800, 321270, 4007000),
+        SLIDE.format(
+            dem="dtm.tif", crs="", source="release.gpkg", thickness=6, density=2000, mu=0.2, xi=800, cell=size, end=80.0
+        ),
+    )
 
 
 def gully(folder, data):
@@ -142,19 +166,38 @@ def gully(folder, data):
     with rasterio.open(data / "carrizo.tif") as source:
         height = source.read(1)
     grid = rasterio.transform.from_origin(0.0, 2.0 * len(height), 2.0, 2.0)
-    _site(folder, height, grid, None, (850, 1180, 930, 1215), SLIDE.format(
-        dem="dtm.tif", crs='crs = "local"', source="release.gpkg", thickness=2, density=1800, mu=0.03, xi=300, cell=2.0,
-        end=90.0,
-    ))  # fmt: skip
+    _site(
+        folder,
+        height,
+        grid,
+        None,
+        (850, 1180, 930, 1215),
+        SLIDE.format(
+            dem="dtm.tif",
+            crs='crs = "local"',
+            source="release.gpkg",
+            thickness=2,
+            density=1800,
+            mu=0.03,
+            xi=300,
+            cell=2.0,
+            end=90.0,
+        ),
+    )
 
 
 def _site(folder, height, grid, crs, box, scene):
     """Write terrain, release and scene of a real site."""
     folder.mkdir(parents=True, exist_ok=True)
     profile = {
-        "driver": "GTiff", "height": height.shape[0], "width": height.shape[1], "count": 1, "dtype": "float32",
-        "transform": grid, "crs": crs,
-    }  # fmt: skip
+        "driver": "GTiff",
+        "height": height.shape[0],
+        "width": height.shape[1],
+        "count": 1,
+        "dtype": "float32",
+        "transform": grid,
+        "crs": crs,
+    }
     with rasterio.open(folder / "dtm.tif", "w", **profile) as target:
         target.write(height, 1)
     geopandas.GeoDataFrame(geometry=[shapely.box(*box)], crs=crs).to_file(folder / "release.gpkg")
@@ -253,19 +296,27 @@ class Peaks(NamedTuple):
         runout = self.distance[own].max() - other.distance[true].max()
         apart = np.abs(self.thickness - other.thickness).sum() / other.thickness.sum()
         return {
-            "peaks": float(apart), "iou": (own & true).sum() / (own | true).sum(), "runout": runout, "h50": ratio[0],
-            "h99": ratio[1], "u99": ratio[2],
-        }  # fmt: skip
+            "peaks": float(apart),
+            "iou": (own & true).sum() / (own | true).sum(),
+            "runout": runout,
+            "h50": ratio[0],
+            "h99": ratio[1],
+            "u99": ratio[2],
+        }
 
 
 def peaks_of(run, cells, size):
     """Peaks of the run in a folder, on cells of `size` [m] over its whole terrain."""
     into = run.with_name(f"{run.name}_gis")
-    export_raster(ExportRequest(
-        source=FrameSource(frames=(run,)), output=into, overwrite=True,
-        sampling=CellSampling(cell_size=size, extent="dtm", time_step=math.inf),
-        files=ExportFiles(products=("h", "Ut"), qgis=False),
-    ))  # fmt: skip
+    export_raster(
+        ExportRequest(
+            source=FrameSource(frames=(run,)),
+            output=into,
+            overwrite=True,
+            sampling=CellSampling(cell_size=size, extent="dtm", time_step=math.inf),
+            files=ExportFiles(products=("h", "Ut"), qgis=False),
+        )
+    )
     (path,) = (into / "rasters").glob("*_max.tif")
     with rasterio.open(path) as source:
         bands = dict(zip(source.descriptions, source.read(masked=True).filled(0.0), strict=True))
@@ -289,10 +340,15 @@ def states_of(run, cells, end, spread=False):
 def ensemble_overlap(run):
     """Overlap with the median of the twelve codes of ISeeSnow, computed as in the intercomparison."""
     into = run.with_name(f"{run.name}_iseesnow")
-    export_raster(ExportRequest(
-        source=FrameSource(frames=(run,)), output=into, overwrite=True, sampling=CellSampling(time_step=math.inf),
-        files=ExportFiles(naming="iseesnow", qgis=False),
-    ))  # fmt: skip
+    export_raster(
+        ExportRequest(
+            source=FrameSource(frames=(run,)),
+            output=into,
+            overwrite=True,
+            sampling=CellSampling(time_step=math.inf),
+            files=ExportFiles(naming="iseesnow", qgis=False),
+        )
+    )
     return compare(CompareRequest(first=into, second=DATA / "ensemble_median", threshold=THICK, band="pft")).overlap.iou
 
 
@@ -327,9 +383,26 @@ def studied(name, folder, settings, repeats):
 
 
 NAMES = (
-    "scene", "columns", "courant", "finer", "seconds", "particle_steps", "steps", "energy", "mixing", "thickness",
-    "field", "reach", "peaks", "iou", "runout", "h50", "h99", "u99", "ensemble",
-)  # fmt: skip
+    "scene",
+    "columns",
+    "courant",
+    "finer",
+    "seconds",
+    "particle_steps",
+    "steps",
+    "energy",
+    "mixing",
+    "thickness",
+    "field",
+    "reach",
+    "peaks",
+    "iou",
+    "runout",
+    "h50",
+    "h99",
+    "u99",
+    "ensemble",
+)
 
 
 def main():

@@ -57,11 +57,12 @@ MATERIALS = {
     "Drucker-Prager with softening": (SOIL, softening((35.0, 500.0), (20.0, 0.0), 10.0), CoulombContact(0.4)),
     "mu(I)": (MuI(6.7e6, 4e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening(), VoellmyContact(0.2, 900.0)),
     "cohesive mu(I)": (
-        cohesive_mu_i(35.0, 500.0, 0.2, 0.3, 1e-3, 2500.0, bulk_modulus=6.7e6, shear_modulus=4e6), NoSoftening(),
+        cohesive_mu_i(35.0, 500.0, 0.2, 0.3, 1e-3, 2500.0, bulk_modulus=6.7e6, shear_modulus=4e6),
+        NoSoftening(),
         CoulombContact(0.4),
     ),
     "fluid": (Fluid(7.1e6, 0.0, 0.0), NoSoftening(), VoellmyContact(0.1, 900.0)),
-}  # fmt: skip
+}
 AT_BARRIER = "Drucker-Prager at a barrier"
 if importlib.util.find_spec("shapely") is not None:  # which places a barrier on the nodes
     MATERIALS[AT_BARRIER] = MATERIALS["Drucker-Prager"]
@@ -167,10 +168,16 @@ def compared(points, steps, material, precision):
     speed = float(np.abs(found[1] - known[1]).max() / max(np.abs(known[1]).max(), 1e-300))
     repeated = all(np.array_equal(one, other) for one, other in zip(found, again, strict=True))
     return {
-        "material": material, "precision": precision, "points": len(known[0]), "steps": steps,
-        "place_cells": place, "speed_relative": speed, "allowed": allowed, "same_bits": repeated,
+        "material": material,
+        "precision": precision,
+        "points": len(known[0]),
+        "steps": steps,
+        "place_cells": place,
+        "speed_relative": speed,
+        "allowed": allowed,
+        "same_bits": repeated,
         "agrees": bool(max(place, speed) <= allowed and repeated),
-    }  # fmt: skip
+    }
 
 
 def sanitized(script, particles):
@@ -241,9 +248,12 @@ def measured_on_device(make, particles):
         return {"not_run": f"stopped after {solver.step - before} steps"}
     each = np.array(seconds) / (STEPS * count) * 1e9
     return {
-        particles: count, "ns": float(np.median(each)), "ns_least": float(each.min()), "ns_most": float(each.max()),
+        particles: count,
+        "ns": float(np.median(each)),
+        "ns_least": float(each.min()),
+        "ns_most": float(each.max()),
         f"bytes_per_{particles[:-1]}": taken / count,
-    }  # fmt: skip
+    }
 
 
 def kernel_times(make, particles):
@@ -351,9 +361,13 @@ def run_scene(solver, precision):
     with tempfile.TemporaryDirectory() as folder:
         run = write_run(solver, SCENE_SECONDS, SCENE_SECONDS / SCENE_FRAMES, folder)
     return {
-        "points": solver.points, "precision": precision, "steps": solver.step, "seconds": run.seconds,
-        "frames": run.frames, "seconds_of_frames": run.beside_steps,
-    }  # fmt: skip
+        "points": solver.points,
+        "precision": precision,
+        "steps": solver.step,
+        "seconds": run.seconds,
+        "frames": run.frames,
+        "seconds_of_frames": run.beside_steps,
+    }
 
 
 def whole_scenes(points, precisions):
@@ -385,10 +399,12 @@ def machine():
 
     names = ("numba", "numba-cuda", "numpy", "scipy", "h5py")
     return {
-        "device": found_device().line(), "processor": platform.processor() or platform.machine(),
-        "threads": numba.config.NUMBA_NUM_THREADS, "python": platform.python_version(),
+        "device": found_device().line(),
+        "processor": platform.processor() or platform.machine(),
+        "threads": numba.config.NUMBA_NUM_THREADS,
+        "python": platform.python_version(),
         **{name: version(name) for name in names},
-    }  # fmt: skip
+    }
 
 
 def text_of(found):

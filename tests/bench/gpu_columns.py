@@ -60,8 +60,13 @@ SETS = {  # effects, and the edges of the domain
     "curvature": (ColumnEffects(VOELLMY, curvature=Curvature()), "open"),
     "erosion, forest, barrier": (
         ColumnEffects(
-            VOELLMY, FrictionZones(), Cohesion(50.0), curvature=Curvature(), entrainment=ErosionEnergy(2000.0, 1e-3),
-            barrier=Barrier(), forest=Forest(),
+            VOELLMY,
+            FrictionZones(),
+            Cohesion(50.0),
+            curvature=Curvature(),
+            entrainment=ErosionEnergy(2000.0, 1e-3),
+            barrier=Barrier(),
+            forest=Forest(),
         ),
         "wall",
     ),
@@ -72,7 +77,7 @@ SETS = {  # effects, and the edges of the domain
         "open",
     ),
     "water": (ColumnEffects(VOELLMY, metric=WaterMetric(), still_water=StillWater()), "wall"),
-}  # fmt: skip
+}
 AGREES = 1e-9  # largest difference of places [cells] and of speeds over the largest
 CHECKED_COLUMNS, CHECKED_STEPS = 6400, 60
 HOST_BYTES_PER_COLUMN = 500  # of the host while a run of the bench is made
@@ -110,9 +115,13 @@ def places_on(grid):
         held[:, wall.CREST] = grid.bed[rows, middle + k] + 1.0
     lake = np.where(np.arange(grid.inside.shape[1]) > 0.6 * grid.inside.shape[1], grid.bed.min() + 10.0, NO_LAKE)
     return Places(
-        zone_values=np.stack([0.1 + 1e-4 * x, 1000.0 + y], axis=-1), erodible=np.full(shape, 300.0),
-        barriers=barriers, barrier_names=("wall",), lake_level=lake + np.zeros(grid.inside.shape), forest=forest,
-    )  # fmt: skip
+        zone_values=np.stack([0.1 + 1e-4 * x, 1000.0 + y], axis=-1),
+        erodible=np.full(shape, 300.0),
+        barriers=barriers,
+        barrier_names=("wall",),
+        lake_level=lake + np.zeros(grid.inside.shape),
+        forest=forest,
+    )
 
 
 def solver_of(kind, columns, name="curvature"):

@@ -30,9 +30,15 @@ from mpmgis.commands.shell.main import main as mpmgis
 NODATA = -9999.0
 FINE = 25  # points along a pixel's side of which a mean is taken
 HEADINGS = (
-    "case", "the scene's settings", "error", "time of the steps", "time over the Pareto front", "order",
-    "best next refinement", "no finer than",
-)  # fmt: skip
+    "case",
+    "the scene's settings",
+    "error",
+    "time of the steps",
+    "time over the Pareto front",
+    "order",
+    "best next refinement",
+    "no finer than",
+)
 
 
 def write_raster(path, function, west, south, east, north, pixel, means=False):
@@ -44,9 +50,14 @@ def write_raster(path, function, west, south, east, north, pixel, means=False):
     values = np.asarray(function(*np.meshgrid(x, y)), float) + np.zeros((rows * part, columns * part))
     values = values.reshape(rows, part, columns, part).mean(axis=(1, 3))
     profile = {
-        "driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "float64", "nodata": NODATA,
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": 1,
+        "dtype": "float64",
+        "nodata": NODATA,
         "transform": Affine(pixel, 0, west, 0, -pixel, north),
-    }  # fmt: skip
+    }
     with rasterio.open(path, "w", **profile) as target:
         target.write(np.where(np.isfinite(values), values, NODATA), 1)
 
@@ -132,27 +143,44 @@ def cap(folder):
     solution = SimilarityCap(np.radians(35), np.radians(25), 80.0, 80.0, 4.0, 5.0)
     scene = COULOMB.format(mu=np.tan(np.radians(25)), cell=4.0)
     write_case(
-        folder, bed, lambda x, y: solution(x / cos, y, 0.0)[0] / cos, (-80, -144, 240, 144), 4.0, scene,
-        lambda x, y: solution(x / cos, y, 5.0)[0] / cos, 4.0,
-    )  # fmt: skip
+        folder,
+        bed,
+        lambda x, y: solution(x / cos, y, 0.0)[0] / cos,
+        (-80, -144, 240, 144),
+        4.0,
+        scene,
+        lambda x, y: solution(x / cos, y, 5.0)[0] / cos,
+        4.0,
+    )
 
 
 def avaframe_slope():
     """The slope with the settings of damBreak of AvaFrame; its start with `iniStep` is not in version 2.1."""
     return AvaframeCase(
-        bed=plane(22)[0], bounds=(-110, -70, 60, 70), mu=np.tan(np.radians(21)), end=5.0, courant=0.01,
-        own="relTh = 1\nviscOption = 0\nthresholdMassSplit = 10", outline=(-60, -30, 0, 30), slope=22,
-    )  # fmt: skip
+        bed=plane(22)[0],
+        bounds=(-110, -70, 60, 70),
+        mu=np.tan(np.radians(21)),
+        end=5.0,
+        courant=0.01,
+        own="relTh = 1\nviscOption = 0\nthresholdMassSplit = 10",
+        outline=(-60, -30, 0, 30),
+        slope=22,
+    )
 
 
 def avaframe_cap():
     """The cap with the settings of simiSolTest of AvaFrame."""
     bed, cos = plane(35)
     return AvaframeCase(
-        bed=bed, bounds=(-100, -144, 240, 144), mu=np.tan(np.radians(25)), end=5.0, courant=0.02,
-        own="viscOption = 1\nsubgridMixingFactor = 10\nthresholdMassSplit = 5", slope=35,
+        bed=bed,
+        bounds=(-100, -144, 240, 144),
+        mu=np.tan(np.radians(25)),
+        end=5.0,
+        courant=0.02,
+        own="viscOption = 1\nsubgridMixingFactor = 10\nthresholdMassSplit = 5",
+        slope=35,
         thickness=lambda x, y: np.maximum(4.0 * (1.0 - (x / cos / 80.0) ** 2 - (y / 80.0) ** 2), 0.0),
-    )  # fmt: skip
+    )
 
 
 def bowl(folder):
@@ -161,9 +189,15 @@ def bowl(folder):
     period, solution = water.breathe(8.0)
     scene = WATER.format(cell=0.4, end=period, interval=period / 4)
     write_case(
-        folder, water.bed, lambda x, y: solution(x, y, 0.0)[0], (-14.4, -14.4, 14.4, 14.4), 0.2, scene,
-        lambda x, y: solution(x, y, period)[0], 0.4,
-    )  # fmt: skip
+        folder,
+        water.bed,
+        lambda x, y: solution(x, y, 0.0)[0],
+        (-14.4, -14.4, 14.4, 14.4),
+        0.2,
+        scene,
+        lambda x, y: solution(x, y, period)[0],
+        0.4,
+    )
 
 
 def wall(folder):
@@ -213,9 +247,15 @@ def block(folder):
         density=1500, bulk=8e6, shear=4e6, angle=60, cohesion=1e6, mu=mu, cell=0.5, end=time, interval=0.375
     )
     write_case(
-        folder, lambda x, y: -np.tan(slope) * x, thickness, (-8, -6, 16, 6), 0.5, scene,
-        lambda x, y: thickness(x - moved, y), 0.5,
-    )  # fmt: skip
+        folder,
+        lambda x, y: -np.tan(slope) * x,
+        thickness,
+        (-8, -6, 16, 6),
+        0.5,
+        scene,
+        lambda x, y: thickness(x - moved, y),
+        0.5,
+    )
 
 
 def collapse(folder):
@@ -286,10 +326,15 @@ def row(case, folder):
         found = {entry["what"]: entry["value"] for entry in csv.DictReader(file)}
     settings = f"{float(scene['cell_size_m']):g} m, {scene['particles_per_cell']} a cell, cfl {float(scene['cfl']):g}"
     return (
-        case.words, settings, f"{100 * float(scene['error_with_reference']):.2g} %", f"{float(scene['seconds']):.2g} s",
-        f"{float(scene['time_over_front']):.2g}", found["order"], found["best next refinement"],
+        case.words,
+        settings,
+        f"{100 * float(scene['error_with_reference']):.2g} %",
+        f"{float(scene['seconds']):.2g} s",
+        f"{float(scene['time_over_front']):.2g}",
+        found["order"],
+        found["best next refinement"],
         found["refinement worthwhile down to"],
-    )  # fmt: skip
+    )
 
 
 def main():

@@ -63,9 +63,16 @@ def write_block_run(folder, places=(START, 350.0, REST), times=(0.0, 10.0, 20.0)
         speed = 0.0 if speeds is None else speeds[step]
         particles = block(place, speed, dimension)
         frame = Frame(
-            particles, time=time, step=step, dimension=dimension, crs=CRS, origin=(WEST, SOUTH, 0.0), dem="terrain.tif",
-            digest="b" * 64, header={"density": DENSITY},
-        )  # fmt: skip
+            particles,
+            time=time,
+            step=step,
+            dimension=dimension,
+            crs=CRS,
+            origin=(WEST, SOUTH, 0.0),
+            dem="terrain.tif",
+            digest="b" * 64,
+            header={"density": DENSITY},
+        )
         for name, value in changes.items():
             object.__setattr__(frame, name, value)
         write_frame(run / f"frame_{step:06d}.h5", frame)

@@ -113,8 +113,16 @@ frame_interval = {frame_interval}
 
 def write_raster(path, values, crs="EPSG:32632", nodata=-9999.0):
     """A raster on the site's pixels."""
-    profile = {"driver": "GTiff", "height": ROWS, "width": COLUMNS, "count": 1, "dtype": "float64", "crs": crs,
-               "transform": Affine(PIXEL, 0, WEST, 0, -PIXEL, SOUTH + ROWS * PIXEL), "nodata": nodata}  # fmt: skip
+    profile = {
+        "driver": "GTiff",
+        "height": ROWS,
+        "width": COLUMNS,
+        "count": 1,
+        "dtype": "float64",
+        "crs": crs,
+        "transform": Affine(PIXEL, 0, WEST, 0, -PIXEL, SOUTH + ROWS * PIXEL),
+        "nodata": nodata,
+    }
     with rasterio.open(path, "w", **profile) as target:
         target.write(np.where(np.isfinite(values), values, nodata), 1)
 
@@ -181,7 +189,10 @@ def contents(folder):
         with h5py.File(path) as file:
             found[path.name, "time"] = (file.attrs["time"], file.attrs["step"], file.attrs["digest"])
             file.visititems(
-                lambda name, item, frame=path.name: found.__setitem__((frame, name), item[()].tobytes())
-                if isinstance(item, h5py.Dataset) and name != "state/counts" else None
-            )  # fmt: skip
+                lambda name, item, frame=path.name: (
+                    found.__setitem__((frame, name), item[()].tobytes())
+                    if isinstance(item, h5py.Dataset) and name != "state/counts"
+                    else None
+                )
+            )
     return found

@@ -34,17 +34,27 @@ def laboratory(folder, cell, solver):
     """A slab on a strip of terrain as wide as itself, in cells of `cell` [m], as files; the scene's path."""
     folder.mkdir(exist_ok=True)
     height = (3.0 + 0.5 * np.tile(COLUMNS - 0.5 - np.arange(COLUMNS), (ROWS, 1))) * cell
-    profile = {"driver": "GTiff", "height": ROWS, "width": COLUMNS, "count": 1, "dtype": "float64", "crs": "EPSG:32632",
-               "transform": Affine(cell, 0, EAST, 0, -cell, NORTH + ROWS * cell)}  # fmt: skip
+    profile = {
+        "driver": "GTiff",
+        "height": ROWS,
+        "width": COLUMNS,
+        "count": 1,
+        "dtype": "float64",
+        "crs": "EPSG:32632",
+        "transform": Affine(cell, 0, EAST, 0, -cell, NORTH + ROWS * cell),
+    }
     with rasterio.open(folder / "dtm.tif", "w", **profile) as target:
         target.write(height, 1)
     slab = shapely.box(EAST + 4 * cell, NORTH, EAST + 14 * cell, NORTH + ROWS * cell)
     geopandas.GeoDataFrame({"a": [1]}, geometry=[slab], crs="EPSG:32632").to_file(folder / "block.gpkg")
     bulk = 900 * 1500 * 9.81 * cell
     scene = SCENE.format(
-        solver=solver, thickness=4 * cell, cell=cell, end=0.4 * cell**0.5,
+        solver=solver,
+        thickness=4 * cell,
+        cell=cell,
+        end=0.4 * cell**0.5,
         material=MATERIAL.format(bulk=bulk, shear=0.6 * bulk) if solver == "points" else "",
-    )  # fmt: skip
+    )
     path = folder / f"{solver}.toml"
     path.write_text(scene)
     return path

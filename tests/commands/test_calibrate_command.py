@@ -118,10 +118,10 @@ def test_a_second_start_runs_nothing_and_gives_the_same_bytes(done, site, monkey
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("observed", [
-    ("--points", "points.gpkg"),
-    ("--observed", "outline.gpkg", "--deposit", "deposit.tif", "--volume", "20000:2000"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "observed",
+    [("--points", "points.gpkg"), ("--observed", "outline.gpkg", "--deposit", "deposit.tif", "--volume", "20000:2000")],
+)
 def test_values_at_points_and_deposits_give_the_friction_too(site, tmp_path, observed):
     assert command(site, tmp_path / "out", *FEW, "--predictive", "0", observed=observed) == 0
     facts = record(tmp_path / "out")
@@ -152,20 +152,29 @@ def test_several_events_share_their_parameters(site, tmp_path):
 @pytest.mark.thorough
 def test_python_gives_the_same_result_as_the_command(done, site, tmp_path):
     found = mpmgis.calibrate(
-        site / "scene.toml", done, observed=site / "outline.gpkg", vary={"friction.mu": "0.3:0.6"}, samples=10,
-        refine=4, predictive=4, workers=1,
-    )  # fmt: skip
+        site / "scene.toml",
+        done,
+        observed=site / "outline.gpkg",
+        vary={"friction.mu": "0.3:0.6"},
+        samples=10,
+        refine=4,
+        predictive=4,
+        workers=1,
+    )
     assert found.result.parameters() == record(done)["parameters"]
 
 
-@pytest.mark.parametrize(("options", "observed", "word"), [
-    (("--vary", "friction.mu=0.3:0.6"), (), "nothing observed"),
-    (("--vary", "friction.mu=0.3:0.6", "--samples", "4"), ("--observed", "outline.gpkg"), "at least 8"),
-    (("--vary", "friction.mu=0.3,0.6"), ("--observed", "outline.gpkg"), "is a list"),
-    (("--vary", "friction.mu=0.3:0.6"), ("--deposit", "deposit.tif"), "path of the flow"),
-    (("--vary", "friction.mu=0.3:0.6"), ("--volume", "much"), "VOLUME:SD"),
-    (("--vary", "friction.mu=0.3:0.6"), ("--observed", "missing.gpkg"), "no such file"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "observed", "word"),
+    [
+        (("--vary", "friction.mu=0.3:0.6"), (), "nothing observed"),
+        (("--vary", "friction.mu=0.3:0.6", "--samples", "4"), ("--observed", "outline.gpkg"), "at least 8"),
+        (("--vary", "friction.mu=0.3,0.6"), ("--observed", "outline.gpkg"), "is a list"),
+        (("--vary", "friction.mu=0.3:0.6"), ("--deposit", "deposit.tif"), "path of the flow"),
+        (("--vary", "friction.mu=0.3:0.6"), ("--volume", "much"), "VOLUME:SD"),
+        (("--vary", "friction.mu=0.3:0.6"), ("--observed", "missing.gpkg"), "no such file"),
+    ],
+)
 def test_what_cannot_be_calibrated_is_refused_before_any_run(site, tmp_path, capsys, options, observed, word):
     assert command(site, tmp_path / "out", "--workers", "1", *options, observed=observed) == 2
     assert word in capsys.readouterr().err and not (tmp_path / "out").exists()
@@ -187,12 +196,15 @@ def test_observations_in_wrong_places_are_refused_before_any_run(site, tmp_path,
     assert word in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("west", "east", "word"), [
-    (400_250, 400_600, "does not contain 100% of the release"),
-    (400_100, 400_600, "does not contain 30% of the release"),
-    (400_000, 400_900, "of the area in"),
-    (400_000, 400_600, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("west", "east", "word"),
+    [
+        (400_250, 400_600, "does not contain 100% of the release"),
+        (400_100, 400_600, "does not contain 30% of the release"),
+        (400_000, 400_900, "of the area in"),
+        (400_000, 400_600, None),
+    ],
+)
 def test_an_outline_without_the_release_or_beyond_the_dtm_is_reported(site, caplog, west, east, word):
     path = site / f"outline_{west}_{east}.gpkg"
     geopandas.GeoDataFrame(geometry=[shapely.box(west, 5_100_120, east, 5_100_280)], crs=32632).to_file(path)

@@ -37,8 +37,11 @@ def test_runs_of_the_prior_are_those_that_finished():
     study.rounds = rounds_of([True, False, True], [True, True])
     assert finished_in_all(study.rounds[0]).sum() == 2
     assert [(of is study.rounds[0]["a"], k) for of, k in study.runs["a"]] == [
-        (True, 0), (True, 2), (False, 0), (False, 1),
-    ]  # fmt: skip
+        (True, 0),
+        (True, 2),
+        (False, 0),
+        (False, 1),
+    ]
 
 
 @pytest.mark.parametrize("finished", [[], [False] * 30])

@@ -153,8 +153,16 @@ def test_runout_and_compare_report_the_same_runout(discs, capsys, tmp_path, star
 def write_plain(path, values, grid, nodata=-9999.0):
     """A raster that does not say what it holds."""
     rows, columns = grid.shape
-    profile = {"driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "float32", "crs": grid.crs,
-               "transform": grid.transform, "nodata": nodata}  # fmt: skip
+    profile = {
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": 1,
+        "dtype": "float32",
+        "crs": grid.crs,
+        "transform": grid.transform,
+        "nodata": nodata,
+    }
     with rasterio.open(path, "w", **profile) as target:
         target.write(np.where(np.isfinite(values), values, nodata).astype("float32"), 1)
     return path
@@ -303,8 +311,11 @@ def test_a_band_without_a_value_is_empty_and_stops_nothing(discs, capsys, tmp_pa
         assert found["iou"] == 0 and found["both_m2"] == 0
     assert main(["compare", str(discs[0]), str(nothing), "-o", str(tmp_path / "out")]) == 0
     assert sorted(path.name for path in (tmp_path / "out").glob("*.*") if path.suffix) == [
-        "classes.qml", "classes.tif", "map.png", "table.csv"
-    ]  # fmt: skip
+        "classes.qml",
+        "classes.tif",
+        "map.png",
+        "table.csv",
+    ]
     capsys.readouterr()
     assert main(["compare", str(nothing), str(nothing)]) == 2
     assert "no cell of either is above --threshold" in capsys.readouterr().err.splitlines()[-1]

@@ -26,9 +26,13 @@ def test_every_verb_and_option_is_in_the_script(shell, capsys):
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
 @pytest.mark.parametrize(
     ("words", "completed"),
-    [(["exp"], {"export-raster"}), (["export-raster", "--cs"], {"--cs-e"}), (["completion", "z"], {"zsh"}),
-     (["export-raster", "--bed", "pl"], {"plane"})],
-)  # fmt: skip
+    [
+        (["exp"], {"export-raster"}),
+        (["export-raster", "--cs"], {"--cs-e"}),
+        (["completion", "z"], {"zsh"}),
+        (["export-raster", "--bed", "pl"], {"plane"}),
+    ],
+)
 def test_bash_completes(words, completed, capsys, tmp_path):
     (tmp_path / "c.bash").write_text(script("bash", capsys))
     line = " ".join(words)

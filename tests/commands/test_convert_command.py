@@ -49,9 +49,15 @@ def write_scene(folder, thickness=2.0, velocity=(6.0, 0.0), crs="EPSG:32632"):
         np.arange(len(x), dtype=np.uint64),
     )
     frame = Frame(
-        particles, time=3.0, step=7, dimension=2, crs=grid.crs, origin=(WEST, SOUTH, 0.0), dem="dtm.tif",
+        particles,
+        time=3.0,
+        step=7,
+        dimension=2,
+        crs=grid.crs,
+        origin=(WEST, SOUTH, 0.0),
+        dem="dtm.tif",
         header={"density": DENSITY},
-    )  # fmt: skip
+    )
     write_frame(folder / "frame.h5", frame)
     return folder / "frame.h5"
 

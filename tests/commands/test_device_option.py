@@ -124,10 +124,12 @@ def test_a_later_stage_that_is_too_large_is_refused_before_the_run(site, monkeyp
 
 def test_the_digest_does_not_depend_on_the_device(site):
     tables = {
-        "solver": "points", "terrain": {"dem": "dtm.tif"}, "release": {"source": "block.geojson", "thickness": 2.0},
+        "solver": "points",
+        "terrain": {"dem": "dtm.tif"},
+        "release": {"source": "block.geojson", "thickness": 2.0},
         "material": {"law": "Elastic", "bulk_modulus": 1e6, "shear_modulus": 1e6},
         "output": {"end_time": 1.0, "frame_interval": 1.0},
-    }  # fmt: skip
+    }
     digests = {
         device: scene_from_tables(tables | {"numerics": {"cell_size": 1.0, "device": device}}).digest()
         for device in ("cpu", "cuda", "auto")
@@ -166,9 +168,13 @@ def command(site, name, text, *options, simulator=False, plain=False):
     (site / f"{name}.toml").write_text(text.replace("block", "few"))
     environment = os.environ | ({"NUMBA_ENABLE_CUDASIM": "1"} if simulator else {})
     done = subprocess.run(
-        [sys.executable, "-m", "mpmgis", "run", f"{name}.toml", "-o", name, *options], cwd=site, timeout=500,
-        capture_output=True, text=True, env=environment | ({"NUMBA_DISABLE_JIT": "1"} if plain else {}),
-    )  # fmt: skip
+        [sys.executable, "-m", "mpmgis", "run", f"{name}.toml", "-o", name, *options],
+        cwd=site,
+        timeout=500,
+        capture_output=True,
+        text=True,
+        env=environment | ({"NUMBA_DISABLE_JIT": "1"} if plain else {}),
+    )
     assert done.returncode == 0, done.stderr
     return record(site, name)["devices"], done.stderr
 

@@ -104,9 +104,13 @@ def test_maps_are_numpys_statistics_of_the_members(done):
         low, middle, high = np.percentile(depth.astype(float), [5, 50, 95], axis=0)
         found = bands(done / "maps" / "rasters" / f"ensemble_{name}.tif")
         for ending, expected in {
-            "mean": depth.mean(axis=0, dtype=float), "max": depth.max(axis=0), "min": depth.min(axis=0),
-            "p5": low, "p50": middle, "p95": high,
-        }.items():  # fmt: skip
+            "mean": depth.mean(axis=0, dtype=float),
+            "max": depth.max(axis=0),
+            "min": depth.min(axis=0),
+            "p5": low,
+            "p50": middle,
+            "p95": high,
+        }.items():
             expected = np.where(wet, expected, np.nan).astype(np.float32)
             between = {"rtol": 1.2e-7 if ending in ("p5", "p95") else 0.0}  # two members, a float32's last bit
             np.testing.assert_allclose(found[f"{name}_{ending}"], expected, **between, err_msg=f"{name}_{ending}")
@@ -363,12 +367,16 @@ def test_refusals_are_one_line_and_leave_nothing(site, tmp_path, capsys, options
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[vry]\n", "did you mean 'vary'"), ('samples = "x"\n', "samples"), ("samples = 0\n", "samples"),
-        ("vary = 3\n", "vary"), ('[vary]\nfriction.mu = "0.3:0.1"\n', "LOW below HIGH"), ("exceed = 3\n", "exceed"),
+        ("[vry]\n", "did you mean 'vary'"),
+        ('samples = "x"\n', "samples"),
+        ("samples = 0\n", "samples"),
+        ("vary = 3\n", "vary"),
+        ('[vary]\nfriction.mu = "0.3:0.1"\n', "LOW below HIGH"),
+        ("exceed = 3\n", "exceed"),
         ("[vary]\n[exceed]\nh = ['a']\n", "nothing varies"),
         ("[vary]\nterrain.window = [[0, 0, 9e6, 9e6], [1, 1, 9e6, 9e6]]\n", "no common grid"),
     ],
-)  # fmt: skip
+)
 def test_plans_that_are_none_are_refused(site, tmp_path, capsys, text, words):
     (tmp_path / "plan.toml").write_text(text)
     assert command(site, tmp_path / "e", "--plan", str(tmp_path / "plan.toml"), "-q", vary=()) == 2

@@ -74,8 +74,10 @@ LEVELS = {30: (0, 3, 4, 4), 100: (0, 3, 3, 4), 300: (0, 2, 3, 4), 1000: (0, 1, 1
 @pytest.mark.parametrize("years", [(30, 100), (100, 300), (300, 1000)])
 def test_every_pair_of_intensities_has_the_higher_level_of_the_matrix(tmp_path, site, capsys, years, transform):
     blocks = np.kron(np.arange(4), np.ones(4, int))
-    depths = np.array(DEPTHS)[np.meshgrid(blocks, blocks, indexing="ij")[0]], np.array(DEPTHS)[
-        np.meshgrid(blocks, blocks, indexing="ij")[1]]  # fmt: skip
+    depths = (
+        np.array(DEPTHS)[np.meshgrid(blocks, blocks, indexing="ij")[0]],
+        np.array(DEPTHS)[np.meshgrid(blocks, blocks, indexing="ij")[1]],
+    )
     scenarios = []
     for time, depth in zip(years, depths, strict=True):
         write_peaks(tmp_path / f"s{time}", depth, np.zeros_like(depth), transform=transform)
@@ -263,9 +265,18 @@ def test_the_sheet_has_the_scale_and_nothing_covers_the_map(tmp_path):
     with pytest.raises(mpmgis.MpmgisError, match="scale=1:10000"):
         sheet_for((0, 0, 1500, 1400), "A4", 5000.0)
     sheet = sheet_for((600050, 5199650, 600950, 5199950), "A3", 5000.0)
-    made = HazardMap(choose_matrix("swiss-flood"), grid, Hazard(level, nothing, nothing), [],
-                     generalized_zones(level, 4, NORTH_UP, 5000, 100.0), None, 5000.0, 100.0, "title",
-                     tuple((f"fact {k}", "words " * 40) for k in range(30)))  # fmt: skip
+    made = HazardMap(
+        choose_matrix("swiss-flood"),
+        grid,
+        Hazard(level, nothing, nothing),
+        [],
+        generalized_zones(level, 4, NORTH_UP, 5000, 100.0),
+        None,
+        5000.0,
+        100.0,
+        "title",
+        tuple((f"fact {k}", "words " * 40) for k in range(30)),
+    )
     figure = _drawn(made, terrain, sheet)
     (axes,) = figure.axes
     assert figure.get_size_inches() * 25.4 == pytest.approx([420, 297])

@@ -56,16 +56,34 @@ def test_beyond_an_export_that_the_flow_leaves_nothing_is_known(tmp_path, capsys
 @pytest.mark.parametrize(
     ("record", "words"),
     [
-        ({"state": "finished", "time": 30.0, "balances": {"kinetic_energy": 5e7, "kinetic_energy_peak": 1e8,
-          "mass_now": 2e6}}, "ended at t = 30 s with a mean speed of 7.1 m/s"),
+        (
+            {
+                "state": "finished",
+                "time": 30.0,
+                "balances": {"kinetic_energy": 5e7, "kinetic_energy_peak": 1e8, "mass_now": 2e6},
+            },
+            "ended at t = 30 s with a mean speed of 7.1 m/s",
+        ),
         ({"state": "interrupted"}, "is interrupted"),
-        ({"state": "finished", "time": 30.0, "balances": {"kinetic_energy": 5e5, "kinetic_energy_peak": 1e8,
-          "mass_now": 2e6}}, ""),
-        ({"state": "finished", "time": 30.0, "balances": {"kinetic_energy": 6e-6, "kinetic_energy_peak": 1e-5,
-          "mass_now": 2e6}}, ""),
+        (
+            {
+                "state": "finished",
+                "time": 30.0,
+                "balances": {"kinetic_energy": 5e5, "kinetic_energy_peak": 1e8, "mass_now": 2e6},
+            },
+            "",
+        ),
+        (
+            {
+                "state": "finished",
+                "time": 30.0,
+                "balances": {"kinetic_energy": 6e-6, "kinetic_energy_peak": 1e-5, "mass_now": 2e6},
+            },
+            "",
+        ),
     ],
     ids=["moving", "interrupted", "nearly at rest", "never moved"],
-)  # fmt: skip
+)
 def test_a_run_that_has_not_come_to_rest_is_named(tmp_path, capsys, record, words):
     frames = write_block_run(tmp_path, (150.0, 450.0), times=(0.0, 10.0), speeds=(0.0, 10.0))
     (frames / "run.json").write_text(json.dumps(record))

@@ -23,9 +23,18 @@ def sheet_of(scenarios, title, paper="A4", facts=20):
     grid, nothing = Grid(pyproj.CRS.from_user_input(CRS), NORTH_UP, level.shape), np.zeros(level.shape, bool)
     matrix = choose_matrix("swiss-flood")
     named = [SimpleNamespace(words=lambda words=words: words, period=matrix.periods[0]) for words in scenarios]
-    made = HazardMap(matrix, grid, Hazard(level, nothing, nothing), named,
-                     generalized_zones(level, 4, NORTH_UP, 5000, 100.0), None, 5000.0, 100.0, title,
-                     tuple((f"fact {k}", "some words about it") for k in range(facts)))  # fmt: skip
+    made = HazardMap(
+        matrix,
+        grid,
+        Hazard(level, nothing, nothing),
+        named,
+        generalized_zones(level, 4, NORTH_UP, 5000, 100.0),
+        None,
+        5000.0,
+        100.0,
+        title,
+        tuple((f"fact {k}", "some words about it") for k in range(facts)),
+    )
     figure = _drawn(made, None, sheet_for((600050, 5199650, 600950, 5199950), paper, 5000.0))
     figure.canvas.draw()
     return figure

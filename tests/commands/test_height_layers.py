@@ -39,9 +39,14 @@ def test_a_uniform_block_has_its_density_and_pressure_in_every_full_layer(tmp_pa
     assert main(["export-raster", str(run), "--no-qgis", "--layers", "0,1,1.5,4"]) == 0
     bands = inside(tmp_path / "run_gis" / "layers" / f"run_{step:04d}.tif", x)
     assert list(bands) == [
-        "rho_0_1 [kg m-3]", "p_0_1 [Pa]", "rho_1_1.5 [kg m-3]", "p_1_1.5 [Pa]", "rho_1.5_4 [kg m-3]", "p_1.5_4 [Pa]",
+        "rho_0_1 [kg m-3]",
+        "p_0_1 [Pa]",
+        "rho_1_1.5 [kg m-3]",
+        "p_1_1.5 [Pa]",
+        "rho_1.5_4 [kg m-3]",
+        "p_1.5_4 [Pa]",
         "mass_outside [kg m-2]",
-    ]  # fmt: skip
+    ]
     for name in ("0_1", "1_1.5"):
         assert bands[f"rho_{name} [kg m-3]"] == pytest.approx(DENSITY, rel=1e-6)
         assert bands[f"p_{name} [Pa]"] == pytest.approx(DENSITY * speed2, rel=1e-6)

@@ -90,8 +90,9 @@ def test_angles_of_a_scene_are_degrees_and_times_seconds():
 def test_an_export_reports_its_extremes_with_units():
     facts = {"file": "a_gis", "kind": "export", "maxima": {"Ut_max": [1.5, 31.25], "t_arrival": [None, None]}}
     assert [line.split(None, 1) for line in screen(facts)[2:]] == [
-        ["Ut_max", "1.5 to 31.25 m s-1"], ["t_arrival", "no value"],
-    ]  # fmt: skip
+        ["Ut_max", "1.5 to 31.25 m s-1"],
+        ["t_arrival", "no value"],
+    ]
 
 
 def test_a_style_is_reported_as_one(tmp_path, capsys):

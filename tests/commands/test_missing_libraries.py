@@ -40,9 +40,13 @@ def without(site, *words):
     """The command in a process, and in those that it starts, where these libraries cannot be imported."""
     environment = os.environ | {"PYTHONPATH": str(site / "blocked")}
     return subprocess.run(
-        [sys.executable, "-m", "mpmgis", *map(str, words)], capture_output=True, text=True, env=environment, cwd=site,
+        [sys.executable, "-m", "mpmgis", *map(str, words)],
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=site,
         timeout=280,
-    )  # fmt: skip
+    )
 
 
 def test_the_blocker_blocks(site):

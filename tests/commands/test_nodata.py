@@ -49,8 +49,18 @@ def write_site(folder, holes=(), collar=0.0):
         height[(np.abs(x - east) < 15.0) & (np.abs(y - north) < half)] = np.nan
     height[x > LENGTH - collar] = np.nan
     transform = Affine(PIXEL, 0, WEST, 0, -PIXEL, SOUTH + WIDTH)
-    with rasterio.open(folder / "dtm.tif", "w", driver="GTiff", height=rows, width=columns, count=1, dtype="float64",
-                       crs="EPSG:32632", transform=transform, nodata=np.nan) as file:  # fmt: skip
+    with rasterio.open(
+        folder / "dtm.tif",
+        "w",
+        driver="GTiff",
+        height=rows,
+        width=columns,
+        count=1,
+        dtype="float64",
+        crs="EPSG:32632",
+        transform=transform,
+        nodata=np.nan,
+    ) as file:
         file.write(height, 1)
     box = shapely.box(WEST + 40, SOUTH + 40, WEST + 80, SOUTH + 80)
     geopandas.GeoDataFrame(geometry=[box], crs="EPSG:32632").to_file(folder / "release.gpkg")
@@ -131,18 +141,20 @@ def test_the_report_reports_where_mass_left(tmp_path, capsys):
 
 def scene_of(folder, **more):
     tables = {
-        "terrain": {"dem": str(folder / "dtm.tif")}, "output": {"end_time": 5.0, "frame_interval": 1.0},
+        "terrain": {"dem": str(folder / "dtm.tif")},
+        "output": {"end_time": 5.0, "frame_interval": 1.0},
         "release": {"source": str(folder / "release.gpkg"), "thickness": 2.0, "density": 2000.0},
-    }  # fmt: skip
+    }
     return {name: {**tables.get(name, {}), **more.get(name, {})} for name in {**tables, **more}}
 
 
 def in_3d(folder, **more):
     return {
-        "solver": "points", **scene_of(folder, numerics={"cell_size": 4.0}, **more),
+        "solver": "points",
+        **scene_of(folder, numerics={"cell_size": 4.0}, **more),
         "friction": {"law": "Coulomb", "mu": 0.6},
         "material": {"law": "Fluid", "viscosity": 100.0, "bulk_modulus": 1e6},
-    }  # fmt: skip
+    }
 
 
 def test_3d_needs_no_ground_where_no_point_can_get(tmp_path):
@@ -194,9 +206,7 @@ def test_a_seed_over_a_hole_is_refused_and_made_on_filled_ground(tmp_path, capsy
 
 
 @settings(max_examples=8, deadline=None, derandomize=True)
-@given(
-    east=st.floats(100.0, 380.0), north=st.floats(10.0, 110.0), share=st.floats(0.5, 3.0), mu=st.floats(0.05, 0.5),
-)  # fmt: skip
+@given(east=st.floats(100.0, 380.0), north=st.floats(10.0, 110.0), share=st.floats(0.5, 3.0), mu=st.floats(0.05, 0.5))
 def test_whatever_a_hole_takes_was_reported_before(tmp_path_factory, east, north, share, mu):
     """Small holes anywhere below the release, on cells of half to three times the DTM's."""
     folder = tmp_path_factory.mktemp("hole")

@@ -19,8 +19,19 @@ from mpmgis.system.errors import InputError
 VERBS = {verb.name: verb for verb in all_verbs()}
 CASES = [pytest.param(verb.name, name, id=f"{verb.name}-{name}") for verb in VERBS.values() for name in verb.named()]
 TEXT = st.text("abcxyz_", min_size=1, max_size=8)
-GIVEN = {"frames": ["results"], "source": ["a.h5"], "files": ["a.h5"], "first": "a", "second": "b", "scene": "s.toml",
-         "line": "l.gpkg", "section": "s.gpkg", "guideline": "g", "dem": "d.tif", "release": "r.gpkg"}  # fmt: skip
+GIVEN = {
+    "frames": ["results"],
+    "source": ["a.h5"],
+    "files": ["a.h5"],
+    "first": "a",
+    "second": "b",
+    "scene": "s.toml",
+    "line": "l.gpkg",
+    "section": "s.gpkg",
+    "guideline": "g",
+    "dem": "d.tif",
+    "release": "r.gpkg",
+}
 
 
 @cache
@@ -70,8 +81,12 @@ def needed(verb, name):
     options = [option for option in verb.named().values() if option.name != name]
     must = [option for option in options if option.required or option.positional in ("one", "many")]
     texts = [(option, GIVEN[option.name]) for option in must]
-    words = [word for option, text in texts for one in (text if isinstance(text, list) else [text])
-             for word in words_of(option, one)]  # fmt: skip
+    words = [
+        word
+        for option, text in texts
+        for one in (text if isinstance(text, list) else [text])
+        for word in words_of(option, one)
+    ]
     return words, {option.name: tuple(text) if isinstance(text, list) else text for option, text in texts}
 
 

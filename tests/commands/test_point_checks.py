@@ -187,9 +187,22 @@ def speedy_scene(site, seed):
         return text.replace("density = 1500", f"density = 1500\nspeed = {speed:.2f}")
     if seed % 3 == 1:
         return text.replace("density = 1500", f"density = 1500\nvelocity = [{velocity[0]:.2f}, {velocity[1]:.2f}]")
-    seeding = ["seed", "--dem", site / "dtm.tif", "--release", site / "block.geojson", "--thickness", thickness,
-               "--density", 1500, "--spacing", 3, f"--velocity={velocity[0]:.2f},{velocity[1]:.2f}",
-               "-o", site / "p.h5"]  # fmt: skip
+    seeding = [
+        "seed",
+        "--dem",
+        site / "dtm.tif",
+        "--release",
+        site / "block.geojson",
+        "--thickness",
+        thickness,
+        "--density",
+        1500,
+        "--spacing",
+        3,
+        f"--velocity={velocity[0]:.2f},{velocity[1]:.2f}",
+        "-o",
+        site / "p.h5",
+    ]
     assert main([*map(str, seeding)]) == 0
     return re.sub(r"source = .*?density = 1500", 'particles = "p.h5"', text, flags=re.S)
 

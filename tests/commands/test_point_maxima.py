@@ -32,11 +32,13 @@ def site(tmp_path_factory):
     folder = write_block_site(tmp_path_factory.mktemp("maxima"))
     head = {"head": "", "more": "particles_per_cell = 4"}
     scenes = {
-        "few": scene(END), "off": scene(END, "false"), "dense": scene(0.1, "false"),
+        "few": scene(END),
+        "off": scene(END, "false"),
+        "dense": scene(0.1, "false"),
         "single": scene(END, more='precision = "float32"'),
         "staged": scene(3, **head) + STAGES,
         "finer": scene(3, **head) + STAGES.replace('solver = "columns"', 'solver = "columns"\ncell_size = 6'),
-    }  # fmt: skip
+    }
     for name, text in scenes.items():
         assert run(folder, text, "-q", "-o", str(folder / name)) == 0
     return folder

@@ -149,21 +149,24 @@ def test_what_does_nothing_is_refused(site, tmp_path):
         mpmgis.open_results(tmp_path)
 
 
-@pytest.mark.parametrize(("name", "value", "words"), [
-    ("bed", "foo", "`bed` is 'foo', expected bilinear or plane"),
-    ("extent", "foo", "expected flow or dtm"),
-    ("percentile", 500, "a number above 0 and up to 100"),
-    ("percentile", 0, "above 0 and up to 100"),
-    ("min_depth", -1, "a number of at least 0"),
-    ("time_step", 0, "above 0"),
-    ("cell_size", float("nan"), "a number above 0 or auto"),
-    ("cell_size", "x", "`cell_size` is 'x', expected a number above 0 or auto"),
-    ("standoff", "x", "a number of at least -100 and up to 100 or auto"),
-    ("products", "t_vol", "names NAME,.. with commas between them"),
-    ("origin", (1, 2), "three numbers E,N,H"),
-    ("dem_band", 1.5, "a whole number above 0"),
-    ("dem_band", True, "a whole number above 0"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("bed", "foo", "`bed` is 'foo', expected bilinear or plane"),
+        ("extent", "foo", "expected flow or dtm"),
+        ("percentile", 500, "a number above 0 and up to 100"),
+        ("percentile", 0, "above 0 and up to 100"),
+        ("min_depth", -1, "a number of at least 0"),
+        ("time_step", 0, "above 0"),
+        ("cell_size", float("nan"), "a number above 0 or auto"),
+        ("cell_size", "x", "`cell_size` is 'x', expected a number above 0 or auto"),
+        ("standoff", "x", "a number of at least -100 and up to 100 or auto"),
+        ("products", "t_vol", "names NAME,.. with commas between them"),
+        ("origin", (1, 2), "three numbers E,N,H"),
+        ("dem_band", 1.5, "a whole number above 0"),
+        ("dem_band", True, "a whole number above 0"),
+    ],
+)
 def test_values_that_a_command_refuses_are_refused(site, name, value, words):
     for call in (mpmgis.open_results, mpmgis.export_raster):
         with pytest.raises(InputError, match=re.escape(words)):
@@ -176,8 +179,11 @@ def test_results_are_one_path_or_an_iterable_of_paths(site, tmp_path):
     for given in (frames, tuple(frames), iter(frames)):
         files = mpmgis.export_raster(given, tmp_path / "maps", qgis=False, overwrite=True)
         assert len([file for file in files if file.parent.name == "rasters"]) == len(frames) + 2
-    for given, words in (([], "no results are given"), (3, "`frames` is (3,), expected one path or several"),
-                         ([None], "expected one path or several")):  # fmt: skip
+    for given, words in (
+        ([], "no results are given"),
+        (3, "`frames` is (3,), expected one path or several"),
+        ([None], "expected one path or several"),
+    ):
         with pytest.raises(InputError, match=re.escape(words)):
             mpmgis.export_raster(given, tmp_path / "none")
     for given in ([frames[0]], 3):

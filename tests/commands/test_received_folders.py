@@ -358,8 +358,9 @@ def ensembles(made):
     return made / "ensemble"
 
 
-@pytest.mark.parametrize("name", ["members", "maps", "plan.toml", "ensemble.json", "members.csv", ".lock", "members/x",
-                                  "."])  # fmt: skip
+@pytest.mark.parametrize(
+    "name", ["members", "maps", "plan.toml", "ensemble.json", "members.csv", ".lock", "members/x", "."]
+)
 @pytest.mark.parametrize("option", [(), ("--overwrite",)])
 def test_a_link_in_an_ensembles_folder_is_refused(ensembles, site, tmp_path, capsys, name, option):
     place = site / "ensemble"

@@ -50,9 +50,18 @@ def write_dtm(path):
     x = (np.arange(COLUMNS) + 0.5) * PIXEL % (COLUMNS / VALLEYS * PIXEL)
     heights = np.broadcast_to(np.maximum(0.5 * (1400.0 - x), 0.0) + 100.0, (ROWS, COLUMNS))
     with rasterio.open(
-        path, "w", driver="GTiff", dtype="float32", count=1, height=ROWS, width=COLUMNS, crs="EPSG:32632", tiled=True,
-        transform=Affine(PIXEL, 0, WEST, 0, -PIXEL, NORTH), compress="deflate",
-    ) as target:  # fmt: skip
+        path,
+        "w",
+        driver="GTiff",
+        dtype="float32",
+        count=1,
+        height=ROWS,
+        width=COLUMNS,
+        crs="EPSG:32632",
+        tiled=True,
+        transform=Affine(PIXEL, 0, WEST, 0, -PIXEL, NORTH),
+        compress="deflate",
+    ) as target:
         target.write(heights.astype(np.float32), 1)
 
 
@@ -253,12 +262,16 @@ def test_a_dask_cluster_gives_the_same_maps(site, done, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as cluster:  # fmt: skip
+    ) as cluster:
         monkeypatch.chdir(site)
         request = RegionRequest(
-            Path("scene.toml"), Path("areas.gpkg"), tmp_path / "dask", dask=cluster.scheduler_address, scenario="T",
+            Path("scene.toml"),
+            Path("areas.gpkg"),
+            tmp_path / "dask",
+            dask=cluster.scheduler_address,
+            scenario="T",
             frequency="f",
-        )  # fmt: skip
+        )
         found = region(request)
     assert found.statuses == {"finished": 4} and digests(found.folder) == digests(done.folder)
 

@@ -153,8 +153,12 @@ def test_frames_with_another_dtm_than_theirs_are_reported(made, tmp_path, capsys
 @pytest.mark.parametrize("same", [True, False])
 def test_columns_on_another_dtm_than_theirs_are_reported(site, capsys, same):
     seed = ["seed", "--dem", "dtm.tif", "--release", "release.geojson", "--thickness", "2", "-o", "columns.h5", "-q"]
-    assert main([*seed[:2], str(site / "dtm.tif"), seed[3], str(site / seed[4]), *seed[5:8], str(site / "columns.h5"),
-                 "-q"]) == 0  # fmt: skip
+    assert (
+        main(
+            [*seed[:2], str(site / "dtm.tif"), seed[3], str(site / seed[4]), *seed[5:8], str(site / "columns.h5"), "-q"]
+        )
+        == 0
+    )
     if not same:
         with rasterio.open(site / "dtm.tif", "r+") as target:
             heights = target.read(1)

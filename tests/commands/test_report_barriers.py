@@ -105,11 +105,14 @@ def test_places_name_where_mass_left(tmp_path):
 
 def history(solver="points", cell=0.5, kept=True, **more):
     columns = {
-        "time [s]": np.array([0.0, 1.0, 2.0]), "mean normal force [N]": np.array([0.0, 4e3, 1e3]),
+        "time [s]": np.array([0.0, 1.0, 2.0]),
+        "mean normal force [N]": np.array([0.0, 4e3, 1e3]),
         "largest normal force of a step so far [N]": np.array([0.0, 6e3, 6e3]),
-        "normal impulse [N s]": np.array([0.0, 4e3, 5e3]), "impulse east [N s]": np.array([0.0, 3e3, 3e3]),
-        "impulse north [N s]": np.array([0.0, 4e3, 4e3]), "overtopped mass [kg]": np.array([0.0, 0.0, 50.0]),
-    }  # fmt: skip
+        "normal impulse [N s]": np.array([0.0, 4e3, 5e3]),
+        "impulse east [N s]": np.array([0.0, 3e3, 3e3]),
+        "impulse north [N s]": np.array([0.0, 4e3, 4e3]),
+        "overtopped mass [kg]": np.array([0.0, 0.0, 50.0]),
+    }
     return BarrierHistory("dam", solver, columns | more, cell, kept)
 
 
@@ -160,8 +163,10 @@ def test_a_freeboard_on_a_slope_is_not_known():
 
 
 def test_figures_of_a_known_history():
-    moments = {f"mean moment {axis} [N m]": np.array(values) for axis, values in (
-        ("east", [0.0, 3e3, 0.0]), ("north", [0.0, 4e3, 1e3]), ("up", [0.0, 0.0, 0.0]))}  # fmt: skip
+    moments = {
+        f"mean moment {axis} [N m]": np.array(values)
+        for axis, values in (("east", [0.0, 3e3, 0.0]), ("north", [0.0, 4e3, 1e3]), ("up", [0.0, 0.0, 0.0]))
+    }
     known = history(**moments)
     rows = history_rows(known, RUN_UP, 2000.0)
     values = {what: value for what, value, _ in rows}

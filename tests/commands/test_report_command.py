@@ -60,8 +60,16 @@ def test_the_report_of_a_run_is_complete(tmp_path, capsys):
     assert capsys.readouterr().out == f"{site / 'results_report' / 'report.html'}\n"
     page = Reader((site / "results_report" / "report.html").read_text(encoding="utf-8"))
     assert page.titles == [
-        "Result", "Maps", "Places", "Runout", "Balances", "Warnings", "Effects, and why", "Parameters", "Origin",
-    ]  # fmt: skip
+        "Result",
+        "Maps",
+        "Places",
+        "Runout",
+        "Balances",
+        "Warnings",
+        "Effects, and why",
+        "Parameters",
+        "Origin",
+    ]
     assert len(page.pictures) == 6 and all(png.startswith(b"\x89PNG") for png in page.pictures)
     assert "Scenario <300> & more" in page.text
     mass = next(line for line in at_its_end.splitlines() if line.startswith("mass: "))
@@ -120,14 +128,17 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path, capsys):
     assert not (tmp_path / "run_report").exists() and not (broken / "run_report").exists()
 
 
-@pytest.mark.parametrize(("record", "words"), [
-    ({"balances": [1, 2]}, "balances is not a table"),
-    ({"effects": 3}, "effects is not a list"),
-    ({"stages": [{"effects": [3]}]}, "effects has an entry that is not a table"),
-    ({"scene": [1]}, "scene is not a table"),
-    ([1, 2], "it is not a table"),
-    ({}, "it is empty"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        ({"balances": [1, 2]}, "balances is not a table"),
+        ({"effects": 3}, "effects is not a list"),
+        ({"stages": [{"effects": [3]}]}, "effects has an entry that is not a table"),
+        ({"scene": [1]}, "scene is not a table"),
+        ([1, 2], "it is not a table"),
+        ({}, "it is empty"),
+    ],
+)
 @pytest.mark.parametrize("verb", ["report", "info"])
 def test_a_record_that_no_run_wrote_is_refused(tmp_path, capsys, record, words, verb):
     folder = write_block_run(tmp_path)

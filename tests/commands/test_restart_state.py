@@ -214,18 +214,32 @@ def changed(state, array, place, value):
 LARGE = 2**62
 OUT_OF_RANGE = {
     "columns": [
-        ("rows", (0, 0), -1.0), ("rows", (0, 1), 1e9), ("rows", (5, 0), 1e300), ("rows", (0, 8), 0.0),
-        ("rows", (0, 9), -1.0), *(("counts", k, value) for k in range(10) for value in (-7, LARGE)),
-        ("peak_nodes", 0, LARGE), ("peak_nodes", 0, -1), ("peak_nodes", 1, 0), ("clock", 0, 1.0), ("events", 0, -1),
+        ("rows", (0, 0), -1.0),
+        ("rows", (0, 1), 1e9),
+        ("rows", (5, 0), 1e300),
+        ("rows", (0, 8), 0.0),
+        ("rows", (0, 9), -1.0),
+        *(("counts", k, value) for k in range(10) for value in (-7, LARGE)),
+        ("peak_nodes", 0, LARGE),
+        ("peak_nodes", 0, -1),
+        ("peak_nodes", 1, 0),
+        ("clock", 0, 1.0),
+        ("events", 0, -1),
         ("events", 0, LARGE),
     ],
     "points": [
-        ("keys", 0, -1), ("keys", 0, LARGE), ("keys", 0, 5 << 42 | 2000 << 21), ("keys", 0, 2000 << 42),
-        ("rows", (0, 0), 1e6), ("rows", (0, 2), -1e6), ("rows", (0, 7), 0.0),
-        *(("counts", k, value) for k in range(5) for value in (-7, LARGE)), ("clock", 0, 1.0),
+        ("keys", 0, -1),
+        ("keys", 0, LARGE),
+        ("keys", 0, 5 << 42 | 2000 << 21),
+        ("keys", 0, 2000 << 42),
+        ("rows", (0, 0), 1e6),
+        ("rows", (0, 2), -1e6),
+        ("rows", (0, 7), 0.0),
+        *(("counts", k, value) for k in range(5) for value in (-7, LARGE)),
+        ("clock", 0, 1.0),
     ],
     "inflow": [("events", 1, -1), ("events", 1, LARGE), ("events", 0, 101)],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", OUT_OF_RANGE)

@@ -262,8 +262,10 @@ BAD_SCENES = {
     "lake on a slope": (lambda t: t + "[still_water]\nlevel = 600\n", "swe"),
     "use misspelt": (lambda t: t + '[curvature]\nuse = "of"\n', "did you mean"),
     "no TOML": (lambda t: "terrain: dem.tif", "TOML"),
-    "table as value": (lambda t: "terrain = 3\n" + t.replace("[terrain]\n", "[numerics]\n").replace("dem =", "# dem ="),
-                       "is not a table"),
+    "table as value": (
+        lambda t: "terrain = 3\n" + t.replace("[terrain]\n", "[numerics]\n").replace("dem =", "# dem ="),
+        "is not a table",
+    ),
     "a number of 400 digits": (swap("end_time = 6", "end_time = 6" + 400 * "0"), "300 digits"),
     "a number of 5000 digits": (swap("end_time = 6", "end_time = 6" + 5000 * "0"), "TOML"),
     "mountains of release": (swap("density = 2000", "thickness = 1e9"), "at most 10000"),
@@ -271,7 +273,7 @@ BAD_SCENES = {
     "speed of light": (swap("density = 2000", "speed = 3e8"), "at most 1000"),
     "clamp below one": (lambda t: t + "[numerics]\nclamp = 0.5\n", "at least 1, or 0"),
     "key twice": (swap("mu = 0.25", "mu = 0.25\nmu = 0.3"), "TOML"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD_SCENES)

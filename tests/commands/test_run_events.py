@@ -154,8 +154,12 @@ def test_a_run_that_was_killed_continues_to_the_same_bytes(site, tmp_path, when)
 
 def test_the_kills_are_where_their_names_indicate(site):
     """The areas go between the times of the kills: 5 s and 10 s, and 15 s and 25 s."""
-    count = {k: before for (name, what), before in contents(site / "whole").items() if what == "particles/id"
-             for k in [int(name[6:12])]}  # fmt: skip
+    count = {
+        k: before
+        for (name, what), before in contents(site / "whole").items()
+        if what == "particles/id"
+        for k in [int(name[6:12])]
+    }
     ids = {k: np.frombuffer(raw, np.uint64) for k, raw in count.items()}
     assert len(ids) == 7 and all(len(ids[k]) < len(ids[k + 1]) for k in range(4))
     arrivals = released_at(site)
@@ -258,7 +262,7 @@ SCENES = {
     "no trigger": (SECONDARY.format("near") + "trigger_thickness = 0\n", "above 0"),
     "key misspelt": (INFLOW.replace("file =", "flie ="), "did you mean 'file'"),
     "one table for several": ("[secondary_release]\n", "write [[secondary_release]]"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", [*TABLES, *SCENES, "not text", "nothing at all"])
@@ -268,8 +272,9 @@ def test_errors_are_one_line_and_leave_no_files(name, tmp_path, site, capsys):
     text, words = SCENES.get(name, (INFLOW, TABLES.get(name, ("", "is not readable text"))[1]))
     if name == "nothing at all":
         text, words = None, "[release] is missing"
-    (folder / "inflow.csv").write_bytes(b"\xff\xfe\x00\xd8\x01" if name == "not text" else
-                                        TABLES.get(name, (DISCHARGE,))[0].encode())  # fmt: skip
+    (folder / "inflow.csv").write_bytes(
+        b"\xff\xfe\x00\xd8\x01" if name == "not text" else TABLES.get(name, (DISCHARGE,))[0].encode()
+    )
     (folder / "scene.toml").write_text(NO_RELEASE if text is None else SCENE + text)
     before = sorted(folder.rglob("*"))
     capsys.readouterr()

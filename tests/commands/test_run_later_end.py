@@ -78,9 +78,11 @@ def test_only_the_end_may_be_another_and_only_a_later_one(site, capsys):
     assert ran(site, whole, "only") == 0
     before = contents(site / "only")
     for other in (
-        lasting(SCENE, 2, 1), lasting(SCENE, 4, 0.5), lasting(SCENE.replace("mu = 0.2", "mu = 0.21"), 4, 1),
+        lasting(SCENE, 2, 1),
+        lasting(SCENE, 4, 0.5),
+        lasting(SCENE.replace("mu = 0.2", "mu = 0.21"), 4, 1),
         lasting(SCENE + "maxima = true\n", 4, 1),
-    ):  # fmt: skip
+    ):
         assert ran(site, other, "only", "--resume") == 2
         assert "another scene" in capsys.readouterr().err
         assert contents(site / "only") == before

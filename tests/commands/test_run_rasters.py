@@ -39,9 +39,15 @@ OUTSIDE = slide(5.0, 4, 0.5, head="", more="particles_per_cell = 4") + (
     '[[stage]]\nsolver = "columns"\ncell_size = 4\n'
 )
 SCENES = {
-    "columns": COLUMNS, "points": POINTS, "single": SINGLE, "eroded": ERODED, "staged": STAGED, "inflow": INFLOW,
-    "forest": FOREST, "outside": OUTSIDE,
-}  # fmt: skip
+    "columns": COLUMNS,
+    "points": POINTS,
+    "single": SINGLE,
+    "eroded": ERODED,
+    "staged": STAGED,
+    "inflow": INFLOW,
+    "forest": FOREST,
+    "outside": OUTSIDE,
+}
 
 
 @pytest.fixture(scope="module")

@@ -381,10 +381,12 @@ REFUSED = {
     "a window that is nowhere": (ALL.replace("box.geojson", "nowhere.geojson"), "no such file"),
     "an area that is nowhere": (ALL.replace('"barrier"', '"nowhere.geojson"'), "no such file"),
     "inflow until points may begin": (
-        ALL + '[hydrograph]\nsource = "foot.geojson"\nfile = "inflow.csv"\n', "flows in until t = 3 s"),
+        ALL + '[hydrograph]\nsource = "foot.geojson"\nfile = "inflow.csv"\n',
+        "flows in until t = 3 s",
+    ),
     "a law that points have not": (ALL.replace('"Coulomb"', '"Pouliquen"'), "has no Pouliquen on the bed"),
     "cells too large": (ALL.replace("cell_size = 4\n", "cell_size = 100\n"), "3 x 3 at least"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -51,8 +51,11 @@ def test_the_files_hold_the_same_and_the_screen_names_them(tmp_path, capsys):
     facts, _ = runout(capsys, run)
     folder = tmp_path / "run_runout"
     assert sorted(file.name for file in folder.iterdir() if file.suffix) == [
-        "mass_over_time.csv", "profile.csv", "runout.csv", "runout.png",
-    ]  # fmt: skip
+        "mass_over_time.csv",
+        "profile.csv",
+        "runout.csv",
+        "runout.png",
+    ]
     rows = {row["quantity"]: float(row["value"]) for row in table(folder / "runout.csv")}
     assert rows["energy_line_angle"] == pytest.approx(facts["energy_line_angle_deg"], rel=1e-9)
     times = table(folder / "mass_over_time.csv")

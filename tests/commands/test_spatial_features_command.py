@@ -5,18 +5,7 @@ import csv
 import numpy as np
 import pytest
 import shapely
-from slope_site import (
-    FOOT,
-    SCENE,
-    WEST,
-    distances,
-    record,
-    refused,
-    run,
-    write_raster,
-    write_shapes,
-    write_site,
-)
+from slope_site import FOOT, SCENE, WEST, distances, record, refused, run, write_raster, write_shapes, write_site
 
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame

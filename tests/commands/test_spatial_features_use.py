@@ -258,8 +258,9 @@ BAD_LAKES = {
 @pytest.mark.parametrize("name", BAD_LAKES)
 def test_a_lake_that_is_none_is_refused(name, lake, capsys):
     write_shapes(lake / "dry.gpkg", [shapely.box(550, 150, 650, 250)])
-    write_shapes(lake / "two.gpkg", [shapely.box(230, 180, 250, 220), shapely.box(250, 180, 270, 220)],
-                 level=[109.9, 110.0])  # fmt: skip
+    write_shapes(
+        lake / "two.gpkg", [shapely.box(230, 180, 250, 220), shapely.box(250, 180, 270, 220)], level=[109.9, 110.0]
+    )
     write_shapes(lake / "off.gpkg", [shapely.box(5000, 150, 5100, 250)])
     text, words = BAD_LAKES[name]
     assert words in refused(lake, capsys, WATER + "[still_water]\n" + text)

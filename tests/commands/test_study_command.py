@@ -202,9 +202,13 @@ def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path):
 def test_settings_for_an_error_name_their_table():
     choice = Choice({"stage1.cell_size": 8.0, "stage2.cell_size": 2.0, "precision": "float32"}, 3.0, 0.05, False)
     assert target_lines(0.1, choice)[1:] == [
-        "[[stage]] number 1", "cell_size = 8.0", "[[stage]] number 2", "cell_size = 2.0", "[numerics]",
+        "[[stage]] number 1",
+        "cell_size = 8.0",
+        "[[stage]] number 2",
+        "cell_size = 2.0",
+        "[numerics]",
         'precision = "float32"',
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize(

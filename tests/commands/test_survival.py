@@ -294,9 +294,14 @@ def test_files_that_may_not_grow_are_reported_in_a_line(verb, site):
     """As a quota does: a limit to the size of files, which needs no small disk."""
     words = [*VERBS[verb].replace("{to}", "limited").split(), "-q"]
     done = subprocess.run(
-        [sys.executable, "-m", "mpmgis", *words], cwd=site, capture_output=True, text=True, timeout=300, check=False,
+        [sys.executable, "-m", "mpmgis", *words],
+        cwd=site,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000)),
-    )  # fmt: skip
+    )
     assert done.returncode == 2, done.stderr
     assert "cannot be written" in only_line(done.stderr)
     if (site / "limited").exists():

@@ -52,8 +52,9 @@ def test_a_terminal_of_ascii_ends_no_program(tmp_path):
     assert (done.returncode, done.stdout.strip(), done.stderr.strip()) == (0, rb"erg\xf6bnis", rb"\xf6")
 
 
-@pytest.mark.parametrize("text", [".".join("a" * 20_000) + " = 1", "[" + " . ".join("a" * 20_000) + "]",
-                                  ".".join(['"a"'] * 20_000) + " = 1"])  # fmt: skip
+@pytest.mark.parametrize(
+    "text", [".".join("a" * 20_000) + " = 1", "[" + " . ".join("a" * 20_000) + "]", ".".join(['"a"'] * 20_000) + " = 1"]
+)
 def test_keys_of_thousands_of_parts_are_refused(text, tmp_path):
     (tmp_path / "scene.toml").write_text("# ...\n" + text)
     with pytest.raises(SceneError, match=r"scene\.toml, line 2: a key of 20000 parts"):

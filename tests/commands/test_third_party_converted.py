@@ -64,10 +64,7 @@ def test_points_of_another_code_become_columns_with_their_mass_and_momentum(tmp_
 def test_another_solver_starts_from_another_codes_points_and_info_reports_the_folder(tmp_path, table, capsys):
     (tmp_path / "soil.toml").write_text(MATERIAL)
     given = (table, *TERMS, "--dem", tmp_path / "dtm.tif")
-    for solver, more in (
-        ("geotaichi", ("--cell", 5, "--material", tmp_path / "soil.toml")),
-        ("paraview", ()),
-    ):
+    for solver, more in (("geotaichi", ("--cell", 5, "--material", tmp_path / "soil.toml")), ("paraview", ())):
         folder = tmp_path / solver
         capsys.readouterr()
         if solver == "geotaichi":

@@ -20,9 +20,11 @@ AREA = '[[zones]]\nsource = "zones.gpkg"\n'
 def site(tmp_path_factory):
     folder = write_block_site(tmp_path_factory.mktemp("turbulent"))
     write_shapes(
-        folder / "zones.gpkg", [shapely.box(0, 0, 800, 400), shapely.box(300, 0, 800, 400)],
-        xi=[500.0, 250.0], k=[GRAVITY / 500.0, GRAVITY / 250.0],
-    )  # fmt: skip
+        folder / "zones.gpkg",
+        [shapely.box(0, 0, 800, 400), shapely.box(300, 0, 800, 400)],
+        xi=[500.0, 250.0],
+        k=[GRAVITY / 500.0, GRAVITY / 250.0],
+    )
     x, _ = distances()
     xi = np.where(x < 300, 800.0, 200.0)
     write_raster(folder / "xi.tif", xi)

@@ -52,9 +52,13 @@ def checked(folder, text):
     script.write_text(text)
     options = ["--strict", "--follow-imports=silent", "--ignore-missing-imports", f"--cache-dir={folder / 'cache'}"]
     done = subprocess.run(
-        [sys.executable, "-m", "mypy", *options, str(script)], capture_output=True, text=True, cwd=folder, timeout=280,
+        [sys.executable, "-m", "mypy", *options, str(script)],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=280,
         env=os.environ | {"MYPYPATH": str(Path(mpmgis.__file__).parents[1])},
-    )  # fmt: skip
+    )
     return done.stdout + done.stderr
 
 

@@ -103,9 +103,10 @@ def test_a_dtm_without_a_crs_is_refused_with_that_of_the_release_on_it(site, cap
 
 
 @pytest.mark.parametrize(
-    ("crs", "east"), [("EPSG:4326", 0.0), ("EPSG:32632", 5e4), ("missing", 0.0)],
+    ("crs", "east"),
+    [("EPSG:4326", 0.0), ("EPSG:32632", 5e4), ("missing", 0.0)],
     ids=["degrees", "elsewhere", "no file"],
-)  # fmt: skip
+)
 def test_no_crs_is_proposed_that_cannot_be_the_dtms(site, capsys, crs, east):
     write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
     path = site / "on_it.gpkg"

@@ -102,10 +102,14 @@ class Scene:
             (self.folder / "inflow.csv").write_text("time,discharge,speed\n" + rows)
         three = "points" in self.solver
         text = HEAD.format(
-            release=release, material=MATERIAL if three else "", mu=f"{rng.uniform(0.0, 0.3):.3g}", cell=10.0, end=end,
+            release=release,
+            material=MATERIAL if three else "",
+            mu=f"{rng.uniform(0.0, 0.3):.3g}",
+            cell=10.0,
+            end=end,
             curvature="" if self.solver == "points" else '[curvature]\nuse = "off"',
             grain="" if self.solver == "points" else "particles_per_cell = 4",
-        )  # fmt: skip
+        )
         if self.solver == "points":
             return 'solver = "points"\n' + text
         if self.solver == "points after columns":
@@ -247,10 +251,18 @@ def fast_slide(folder):
     write_raster(folder / "dtm.tif", np.maximum(0.3 * (FOOT - x), 0.0) + 100.0)
     write_shapes(folder / "release.geojson", [shapely.box(60, 150, 160, 250)])
     write_shapes(folder / "barrier.gpkg", [shapely.box(420, 100, 450, 300)])
-    scene.text = HEAD.format(
-        release='[release]\nsource = "release.geojson"\nthickness = 2.0\nspeed = 40\n', material="", mu=0.2, cell=10.0,
-        end=8.0, curvature='[curvature]\nuse = "off"', grain="particles_per_cell = 4",
-    ) + '[[barrier]]\nsource = "barrier.gpkg"\nheight = 8\n'  # fmt: skip
+    scene.text = (
+        HEAD.format(
+            release='[release]\nsource = "release.geojson"\nthickness = 2.0\nspeed = 40\n',
+            material="",
+            mu=0.2,
+            cell=10.0,
+            end=8.0,
+            curvature='[curvature]\nuse = "off"',
+            grain="particles_per_cell = 4",
+        )
+        + '[[barrier]]\nsource = "barrier.gpkg"\nheight = 8\n'
+    )
     return scene
 
 

@@ -97,10 +97,14 @@ def test_there_and_back_keeps_mass_momentum_and_thickness(cell):
     require_kept(back.account)
     before, after = columns.particles, back.frame.particles
     assert after.mass.sum() == pytest.approx(before.mass.sum(), rel=1e-12)
-    np.testing.assert_allclose((after.mass[:, None] * after.velocity).sum(axis=0),
-                               (before.mass[:, None] * before.velocity).sum(axis=0), rtol=1e-11)  # fmt: skip
-    inner = np.logical_and.reduce([abs(v - m) < 0.5 * w - 4.0 for v, m, w in zip(
-        after.position.T[:2], (40.0, 35.0), (40.0, 30.0), strict=True)])  # fmt: skip
+    np.testing.assert_allclose(
+        (after.mass[:, None] * after.velocity).sum(axis=0),
+        (before.mass[:, None] * before.velocity).sum(axis=0),
+        rtol=1e-11,
+    )
+    inner = np.logical_and.reduce(
+        [abs(v - m) < 0.5 * w - 4.0 for v, m, w in zip(after.position.T[:2], (40.0, 35.0), (40.0, 30.0), strict=True)]
+    )
     np.testing.assert_allclose(after.thickness[inner], 2.0, rtol=0.02)
     assert back.gradient.shape == (len(after), 2, 2) and not back.frame.state
     assert back.account.laid == 0.0
@@ -128,12 +132,18 @@ def test_columns_next_to_the_points_continue_unchanged():
     made = back.frame.particles
     assert made.mass.sum() == pytest.approx(columns.particles.mass.sum(), rel=1e-12)
     np.testing.assert_array_equal(made.mass[-n:], rest.mass)
-    np.testing.assert_allclose(np.column_stack(back.frame.map_xy())[-n:], np.column_stack(points.rest.map_xy()), rtol=0,
-                               atol=1e-8)  # fmt: skip
+    np.testing.assert_allclose(
+        np.column_stack(back.frame.map_xy())[-n:], np.column_stack(points.rest.map_xy()), rtol=0, atol=1e-8
+    )
     np.testing.assert_array_equal(back.gradient[-n:], points.rest.state["velocity_gradient"])
     assert len(np.unique(made.id)) == len(made)
-    alone = switch_to_columns(replace(points.frame, particles=points.frame.particles.take(slice(0, 0))), TERRAIN, 1.25,
-                              everywhere, beside=points.rest)  # fmt: skip
+    alone = switch_to_columns(
+        replace(points.frame, particles=points.frame.particles.take(slice(0, 0))),
+        TERRAIN,
+        1.25,
+        everywhere,
+        beside=points.rest,
+    )
     require_kept(alone.account)
     np.testing.assert_array_equal(alone.frame.particles.mass, rest.mass)
 

@@ -34,7 +34,7 @@ def frame(number):
     volume = np.full(count, float((DATA / "info.txt").read_text().split()[4]))
     particles = Particles(
         np.stack([x, -z, y], axis=1), np.stack([vx, -vz, vy], axis=1), DENSITY * volume, volume.copy()
-    )  # fmt: skip
+    )
     return Frame(particles, dimension=3, crs=pyproj.CRS.from_epsg(32632), origin=(600000.0, 5170000.0, 0.0))
 
 

@@ -201,8 +201,12 @@ def test_cbgeo_starts_from_text_and_from_its_full_state(made):
     table = h5py.File(path)["table"][:]
     assert table.dtype.itemsize == 416 and len(table.dtype.names) == 53
     assert {name: table.dtype.fields[name][1] for name in ("id", "epsilon_v", "cell_id", "status", "svars_0")} == {
-        "id": 0, "epsilon_v": 224, "cell_id": 232, "status": 240, "svars_0": 256
-    }  # fmt: skip
+        "id": 0,
+        "epsilon_v": 224,
+        "cell_id": 232,
+        "status": 240,
+        "svars_0": 256,
+    }
     assert (table["status"] == 1).all() and table["mass"] == pytest.approx(start.mass, rel=1e-15)
     inside = coordinates[corner[table["cell_id"]]]
     assert (inside[:, 0] <= start.position).all() and (inside[:, 6] >= start.position).all()

@@ -20,12 +20,20 @@ SAMPLES = {  # what the codes' own README files say: reader, particles, mass [kg
     "kratos/MPM_Material_0_0.2000000.vtk": ("kratos", 4096, 1000.0, 0.2, ()),
     "geotaichi/MPMParticle000001.npz": ("geotaichi", 8000, 1000.0, 0.449890, ("--density", "1000")),
     "geotaichi/GraphicMPMParticle000001.vtu": (
-        "vtk", 8000, 1000.0, 0.45, ("--density", "1000", "--dt", "0.45", "--particle-volume", "1.25e-4"),
+        "vtk",
+        8000,
+        1000.0,
+        0.45,
+        ("--density", "1000", "--dt", "0.45", "--particle-volume", "1.25e-4"),
     ),
     "mpm_geomechanics/particles_3.vtu": (
-        "mpm-geomechanics", 8000, 2.5e6, 0.798327, ("--density", "2500", "--particle-volume", "0.125"),
+        "mpm-geomechanics",
+        8000,
+        2.5e6,
+        0.798327,
+        ("--density", "2500", "--particle-volume", "0.125"),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")

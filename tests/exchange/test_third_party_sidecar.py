@@ -19,9 +19,15 @@ from mpmgis.terrain.raster_output import write_geotiff
 UTM = pyproj.CRS.from_epsg(32632)
 EAST, NORTH = 600000.0, 5170000.0
 WHOLE = Declarations(
-    crs=UTM, origin=(EAST, NORTH, 0.0), axes=("e", "n", "u"), density=1500.0, particle_volume=0.5,
-    columns=(("mass", "m"), ("velocity", "U")), times=(0.0, 1.5), dem="dtm.tif",
-)  # fmt: skip
+    crs=UTM,
+    origin=(EAST, NORTH, 0.0),
+    axes=("e", "n", "u"),
+    density=1500.0,
+    particle_volume=0.5,
+    columns=(("mass", "m"), ("velocity", "U")),
+    times=(0.0, 1.5),
+    dem="dtm.tif",
+)
 
 
 def flat_dtm(path):

@@ -184,12 +184,19 @@ def write_geotaichi(folder):
         place, velocity = cloud(k)
         more = np.full((6, 3), np.nan)
         np.savez(
-            folder / f"MPMParticle{k:06d}.npz", t_current=time, body_num=np.array([1], "i4"),
-            active=np.r_[np.ones(COUNT, "u1"), np.zeros(6, "u1")], particleID=np.arange(COUNT + 6, dtype="i4") + 7,
-            mass=np.full(COUNT + 6, MASS), volume=np.full(COUNT + 6, 2 * VOLUME), position=np.vstack([place, more]),
-            velocity=np.vstack([velocity, more]), stress=np.zeros((COUNT + 6, 6)),
-            velocity_gradient=np.zeros((COUNT + 6, 3, 3)), state_vars=np.array({"epdstrain": 1}, object),
-        )  # fmt: skip
+            folder / f"MPMParticle{k:06d}.npz",
+            t_current=time,
+            body_num=np.array([1], "i4"),
+            active=np.r_[np.ones(COUNT, "u1"), np.zeros(6, "u1")],
+            particleID=np.arange(COUNT + 6, dtype="i4") + 7,
+            mass=np.full(COUNT + 6, MASS),
+            volume=np.full(COUNT + 6, 2 * VOLUME),
+            position=np.vstack([place, more]),
+            velocity=np.vstack([velocity, more]),
+            stress=np.zeros((COUNT + 6, 6)),
+            velocity_gradient=np.zeros((COUNT + 6, 3, 3)),
+            state_vars=np.array({"epdstrain": 1}, object),
+        )
     return [folder]
 
 
@@ -236,10 +243,7 @@ def write_anura3d(folder, binary=False):
         place, velocity = np.vstack([place, np.zeros((2, 3))]), np.vstack([velocity, np.zeros((2, 3))])
         kind = np.r_[np.ones(COUNT, int), 2, -1]
         scalars = {"virtual_material_point": kind, "mass_solid": np.full(COUNT + 2, MASS / 1000) * (kind == 1)}
-        scalars |= {
-            "integration_weight": np.full(COUNT + 2, 2 * VOLUME),
-            "material_point_id": np.arange(COUNT + 2) + 7,
-        }
+        scalars |= {"integration_weight": np.full(COUNT + 2, 2 * VOLUME), "material_point_id": np.arange(COUNT + 2) + 7}
         vectors = {"velocity_solid": velocity, "displacement_solid": 0 * velocity}
         for kind, arrays in (("Scalar", scalars), ("Vector", vectors)):
             anura_vtk(folder / f"slide_MP{kind}_{label}.vtk", place, arrays, binary)
@@ -333,9 +337,11 @@ def vtk_arrays(k):
     place, velocity = cloud(k)
     ids = np.arange(COUNT) + 7
     return {
-        "Points": ("Float32", place.astype("<f4")), "velocity": ("Float64", velocity.astype("<f8")),
-        "mass": ("Float64", np.full(COUNT, MASS)), "id": ("Int64", ids.astype("<i8")),
-    }  # fmt: skip
+        "Points": ("Float32", place.astype("<f4")),
+        "velocity": ("Float64", velocity.astype("<f8")),
+        "mass": ("Float64", np.full(COUNT, MASS)),
+        "id": ("Int64", ids.astype("<i8")),
+    }
 
 
 def vtk_xml(path, k, form, header="UInt32", packed=False, time=False):
@@ -558,4 +564,4 @@ CODES = {  # name -> (reader, writer, what has to be said besides)
     "csv, semicolons": ("csv", csv_writer(";", decimal=","), DENSE),
     "table of blanks": ("csv", csv_writer("  ", "# ", name="slide.txt"), DENSE),
     "parquet": ("parquet", write_parquet, DENSE),
-}  # fmt: skip
+}

@@ -29,8 +29,16 @@ def site(tmp_path):
 
 
 def write_dtm(path, pixel=10.0, **layout):
-    profile = {"driver": "GTiff", "height": 120, "width": 120, "count": 1, "dtype": "float64", "crs": "EPSG:32632",
-               "transform": Affine(pixel, 0, 4e5, 0, -10, 5.1e6), **layout}  # fmt: skip
+    profile = {
+        "driver": "GTiff",
+        "height": 120,
+        "width": 120,
+        "count": 1,
+        "dtype": "float64",
+        "crs": "EPSG:32632",
+        "transform": Affine(pixel, 0, 4e5, 0, -10, 5.1e6),
+        **layout,
+    }
     with rasterio.open(path, "w", **profile) as target:
         target.write(np.add.outer(np.arange(120.0), np.arange(120.0)) + 100, 1)
         target.update_tags(note="elevation")
@@ -122,8 +130,21 @@ def test_numbers_of_no_use_in_a_frame_are_refused(what, tmp_path, capfd):
 
 def test_columns_beside_the_terrain_are_refused(site, capfd):
     """A frame that has lost its origin: the bed under its columns was read where there is no memory."""
-    assert main(["seed", "--dem", str(site / "dtm.tif"), "--release", str(site / "release.geojson"), "-q", "-o",
-                 str(site / "seed.h5")]) == 0  # fmt: skip
+    assert (
+        main(
+            [
+                "seed",
+                "--dem",
+                str(site / "dtm.tif"),
+                "--release",
+                str(site / "release.geojson"),
+                "-q",
+                "-o",
+                str(site / "seed.h5"),
+            ]
+        )
+        == 0
+    )
     with h5py.File(site / "seed.h5", "r+") as file:
         del file.attrs["origin"]
     (site / "scene.toml").write_text(

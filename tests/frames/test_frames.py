@@ -188,10 +188,7 @@ BROKEN = {
     "time NaN": (lambda f: f.attrs.update(time=np.nan), "time nan, expected a finite number"),
     "step no frame can hold": (lambda f: f.attrs.update(step=-1e300), "step is -1e.300, expected an integer from 0"),
     "step NaN": (lambda f: f.attrs.update(step=np.nan), "step is nan, expected an integer"),
-    "step of the next machine": (
-        lambda f: f.attrs.update(step=np.uint64(2**63)),
-        "an integer from 0 to 2.53",
-    ),
+    "step of the next machine": (lambda f: f.attrs.update(step=np.uint64(2**63)), "an integer from 0 to 2.53"),
     "text of bytes": (
         lambda f: f.attrs.create("dem", b"dem\xff", dtype=h5py.string_dtype()),
         "attribute dem of / is 'dem.udcff', expected UTF-8",

@@ -108,10 +108,7 @@ KINDS = {
                 for folder, (_, names) in FOREIGN.items()
                 for name in (*names, names[0], "georef.json")
             ],
-            [
-                *["info {folder}", "info {file}"],
-                *["export-raster {folder} --dem dtm.tif -o out/gis --no-qgis"] * 2,
-            ],
+            [*["info {folder}", "info {file}"], *["export-raster {folder} --dem dtm.tif -o out/gis --no-qgis"] * 2],
         )
     ],
     "scene": [
@@ -119,24 +116,27 @@ KINDS = {
             ["scene.toml", "inflow.toml", "points.toml", "frame.toml", "stages.toml"],
             ["effects {file}", "effects {file}", "info {file}"],
         ),
-        (
-            ["guidelines.toml"],
-            ["intensity results --guideline swiss-flood --guidelines {file} -o out/i.tif"],
-        ),
+        (["guidelines.toml"], ["intensity results --guideline swiss-flood --guidelines {file} -o out/i.tif"]),
     ],
 }
 SHARES = {"tiff": 5, "vector": 5, "frame": 4, "hydrograph": 2, "foreign": 4, "scene": 4}
 WHOLE = {  # the same of cases that go through the whole program, in a process of their own
     "tiff": (["dtm.tif"], ["run plain.toml -o out/run"]),
     "vector": (["release.shp"], ["run plain.toml -o out/run"]),
-    "frame": (["results/frame_000004.h5", "results/frame_000003.h5"],
-              ["run plain.toml -o results --resume", "export-raster results -o out/gis"]),
+    "frame": (
+        ["results/frame_000004.h5", "results/frame_000003.h5"],
+        ["run plain.toml -o results --resume", "export-raster results -o out/gis"],
+    ),
     "hydrograph": (["inflow.csv"], ["run inflow.toml -o out/run"]),
-    "foreign": (["cbgeo/particles-0_2-0500.h5", "zlib/slide_1.vtu", "npz/step1.npz", "gid/slide.post.res"],
-                ["export-raster {folder} --dem dtm.tif -o out/gis"]),
-    "scene": (["scene.toml", "inflow.toml", "points.toml", "frame.toml", "stages.toml"],
-              ["effects {file}", "info {file}"]),
-}  # fmt: skip
+    "foreign": (
+        ["cbgeo/particles-0_2-0500.h5", "zlib/slide_1.vtu", "npz/step1.npz", "gid/slide.post.res"],
+        ["export-raster {folder} --dem dtm.tif -o out/gis"],
+    ),
+    "scene": (
+        ["scene.toml", "inflow.toml", "points.toml", "frame.toml", "stages.toml"],
+        ["effects {file}", "info {file}"],
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -380,18 +380,29 @@ def run_whole(number, seed, sound, work, baseline):
     homes = {"HOME": str(folder), "TMPDIR": str(folder), "MPMGIS_CACHE_DIR": str(cache_folder().parents[1])}
     try:
         ended = subprocess.run(
-            [sys.executable, "-m", "mpmgis", *case.words], cwd=folder, env=os.environ | homes, capture_output=True,
-            timeout=3 * WALL_SECONDS, check=False,
+            [sys.executable, "-m", "mpmgis", *case.words],
+            cwd=folder,
+            env=os.environ | homes,
+            capture_output=True,
+            timeout=3 * WALL_SECONDS,
+            check=False,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
-        )  # fmt: skip
+        )
         code, text = ended.returncode, ended.stderr.decode(errors="replace")
     except subprocess.TimeoutExpired:
         code, text = "hang", ""
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - used.ru_utime - used.ru_stime
     told = {"code": code, "stderr": text, "seconds": seconds, "wall": time.perf_counter() - began}
-    result = {"number": number, "kind": case.kind, "file": case.file, "words": case.words, "damage": done,
-              **told, **_left_behind(folder, before)}  # fmt: skip
+    result = {
+        "number": number,
+        "kind": case.kind,
+        "file": case.file,
+        "words": case.words,
+        "damage": done,
+        **told,
+        **_left_behind(folder, before),
+    }
     if "--resume" in case.words:  # the run that is continued is the output
         result["astray"] = [name for name in result["astray"] if not name.startswith("results")]
     result["complaints"] = complaints(result, MOST_WHOLE_SECONDS)
@@ -430,8 +441,11 @@ def main():
             print(f"{sum(counts.values())} cases", flush=True)
         if result["complaints"]:
             findings.append(result)
-            print(f"{result['number']}: {' '.join(result['words'])} [{result['damage']}]: {result['complaints']} "
-                  f"{result['stderr'][:300]!r}", flush=True)  # fmt: skip
+            print(
+                f"{result['number']}: {' '.join(result['words'])} [{result['damage']}]: {result['complaints']} "
+                f"{result['stderr'][:300]!r}",
+                flush=True,
+            )
         if arguments.log and (result["complaints"] or arguments.all):
             with open(arguments.log, "a") as log:
                 log.write(json.dumps(result) + "\n")

@@ -14,17 +14,110 @@ import tomllib
 import h5py
 import numpy as np
 
-WHOLE = [0, 1, 2, 3, 7, 16, 100, 255, 256, 1000, 32767, 32768, 65535, 65536, 10**6, 2**31 - 1, 2**31, 2**32 - 1, -1, -2,
-         -(2**31), 2**40, 2**63 - 1]  # fmt: skip
-REAL = [0.0, -0.0, 1.0, -1.0, 1e-300, 5e-324, 1e-9, 0.1, 1e3, 1e9, 1e18, 1e38, 1e300, -1e300, float("nan"),
-        float("inf"), float("-inf")]  # fmt: skip
-WORDS = ["", " ", "nan", "inf", "-inf", "1e400", "-1", "0", "1", "1e9", "1e-9", "99999999999999999999", "0x10", "true",
-         "null", "''", '""', "[]", "{}", "[[[[]]]]", "../../../etc/passwd", "/dev/null", "/dev/zero", ".", "..", "/",
-         "out", "dtm.tif", "release.shp", "\u0000", "\ufeff", "\u202e", "\U0001f4a5", "ä" * 300, "a" * 5000, "\n", "\r",
-         "\t", "#", "%s%n", "$(touch out/x)", "`id`", "__import__('os').system('id')", "1979-05-27", "1,5"]  # fmt: skip
+WHOLE = [
+    0,
+    1,
+    2,
+    3,
+    7,
+    16,
+    100,
+    255,
+    256,
+    1000,
+    32767,
+    32768,
+    65535,
+    65536,
+    10**6,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    -1,
+    -2,
+    -(2**31),
+    2**40,
+    2**63 - 1,
+]
+REAL = [
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    1e-300,
+    5e-324,
+    1e-9,
+    0.1,
+    1e3,
+    1e9,
+    1e18,
+    1e38,
+    1e300,
+    -1e300,
+    float("nan"),
+    float("inf"),
+    float("-inf"),
+]
+WORDS = [
+    "",
+    " ",
+    "nan",
+    "inf",
+    "-inf",
+    "1e400",
+    "-1",
+    "0",
+    "1",
+    "1e9",
+    "1e-9",
+    "99999999999999999999",
+    "0x10",
+    "true",
+    "null",
+    "''",
+    '""',
+    "[]",
+    "{}",
+    "[[[[]]]]",
+    "../../../etc/passwd",
+    "/dev/null",
+    "/dev/zero",
+    ".",
+    "..",
+    "/",
+    "out",
+    "dtm.tif",
+    "release.shp",
+    "\u0000",
+    "\ufeff",
+    "\u202e",
+    "\U0001f4a5",
+    "ä" * 300,
+    "a" * 5000,
+    "\n",
+    "\r",
+    "\t",
+    "#",
+    "%s%n",
+    "$(touch out/x)",
+    "`id`",
+    "__import__('os').system('id')",
+    "1979-05-27",
+    "1,5",
+]
 TEXT = (".toml", ".csv", ".geojson", ".json", ".vtp", ".vtu", ".pvd", ".res", ".msh", ".lammpstrj")
-LAWS = ["Voellmy", "Coulomb", "Bingham", "VoellmyModified", "Pouliquen", "Fluid", "MuI", "CohesiveMuI", "Elastic",
-        "DruckerPrager"]  # fmt: skip
+LAWS = [
+    "Voellmy",
+    "Coulomb",
+    "Bingham",
+    "VoellmyModified",
+    "Pouliquen",
+    "Fluid",
+    "MuI",
+    "CohesiveMuI",
+    "Elastic",
+    "DruckerPrager",
+]
 
 
 def damage(path, random):
@@ -163,11 +256,23 @@ def _spoil_tiff_value(raw, entry, kind, number, big, random):
 def damage_shp(path, random):
     """Spoil a field of the header, of a record's header, or a number in a polygon; or a file beside it."""
     raw = bytearray(path.read_bytes())
-    place, form = random.choice([
-        (0, ">i"), (24, ">i"), (28, "<i"), (32, "<i"), *((36 + 8 * k, "<d") for k in range(4)), (100, ">i"),
-        (104, ">i"), (108, "<i"), *((112 + 8 * k, "<d") for k in range(4)), (144, "<i"), (148, "<i"), (152, "<i"),
-        *((156 + 8 * k, "<d") for k in range(10)),
-    ])  # fmt: skip
+    place, form = random.choice(
+        [
+            (0, ">i"),
+            (24, ">i"),
+            (28, "<i"),
+            (32, "<i"),
+            *((36 + 8 * k, "<d") for k in range(4)),
+            (100, ">i"),
+            (104, ">i"),
+            (108, "<i"),
+            *((112 + 8 * k, "<d") for k in range(4)),
+            (144, "<i"),
+            (148, "<i"),
+            (152, "<i"),
+            *((156 + 8 * k, "<d") for k in range(10)),
+        ]
+    )
     value = _number(form[1], random)
     struct.pack_into(form, raw, place, value)
     path.write_bytes(raw)
@@ -239,9 +344,21 @@ def _gpkg_shape(base, table, column, random):
     """Bytes of one geometry: flags, SRS, envelope, WKB type, counts, coordinates."""
     row, blob = base.execute(f'SELECT rowid, "{column}" FROM "{table}"').fetchone()
     raw = bytearray(blob)
-    place, form = random.choice([(0, "<H"), (2, "<H"), (3, "B"), (4, "<i"), *((8 + 8 * k, "<d") for k in range(4)),
-                                 (40, "B"), (41, "<I"), (45, "<I"), (49, "<I"), *((53 + 8 * k, "<d") for k in range(6)),
-                                 (len(raw) // 2, "cut")])  # fmt: skip
+    place, form = random.choice(
+        [
+            (0, "<H"),
+            (2, "<H"),
+            (3, "B"),
+            (4, "<i"),
+            *((8 + 8 * k, "<d") for k in range(4)),
+            (40, "B"),
+            (41, "<I"),
+            (45, "<I"),
+            (49, "<I"),
+            *((53 + 8 * k, "<d") for k in range(6)),
+            (len(raw) // 2, "cut"),
+        ]
+    )
     if form == "cut":
         raw = raw[:place]
     else:
@@ -266,14 +383,22 @@ def _gpkg_entry(base, table, column, random):
 
 
 def _gpkg_statement(base, table, column, random):
-    statement = random.choice([
-        f'DROP TABLE "{table}"', f'DELETE FROM "{table}"', "DROP TABLE gpkg_contents",
-        "DROP TABLE gpkg_spatial_ref_sys", "DELETE FROM gpkg_geometry_columns", "PRAGMA user_version = 99999",
-        "PRAGMA application_id = 1",
-        f'ALTER TABLE "{table}" RENAME TO other', f'ALTER TABLE "{table}" ADD COLUMN d0_ REAL',
-        f'ALTER TABLE "{table}" RENAME COLUMN "{column}" TO shape', f'INSERT INTO "{table}" DEFAULT VALUES',
-        f'CREATE VIEW more AS SELECT * FROM "{table}"',
-    ])  # fmt: skip
+    statement = random.choice(
+        [
+            f'DROP TABLE "{table}"',
+            f'DELETE FROM "{table}"',
+            "DROP TABLE gpkg_contents",
+            "DROP TABLE gpkg_spatial_ref_sys",
+            "DELETE FROM gpkg_geometry_columns",
+            "PRAGMA user_version = 99999",
+            "PRAGMA application_id = 1",
+            f'ALTER TABLE "{table}" RENAME TO other',
+            f'ALTER TABLE "{table}" ADD COLUMN d0_ REAL',
+            f'ALTER TABLE "{table}" RENAME COLUMN "{column}" TO shape',
+            f'INSERT INTO "{table}" DEFAULT VALUES',
+            f'CREATE VIEW more AS SELECT * FROM "{table}"',
+        ]
+    )
     base.execute(statement)
     return statement
 
@@ -296,11 +421,25 @@ def _hdf5_attribute(group, random):
     holder = random.choice(holders)
     names = sorted(holder.attrs) or ["time"]
     name = random.choice([*names, *names, "time", "origin", "density", "dimension"])
-    value = random.choice([
-        *REAL, *WHOLE[:-1], *(word for word in WORDS if "\0" not in word), np.zeros(0), np.zeros((2, 2)),
-        np.array([np.nan] * 3), np.array([1e300] * 3), b"bytes\xff", np.array(["a", "b"], dtype=h5py.string_dtype()),
-        h5py.Empty("f8"), True, np.complex128(1j), np.float16(1), np.void(b"abc"), group.ref,
-    ])  # fmt: skip
+    value = random.choice(
+        [
+            *REAL,
+            *WHOLE[:-1],
+            *(word for word in WORDS if "\0" not in word),
+            np.zeros(0),
+            np.zeros((2, 2)),
+            np.array([np.nan] * 3),
+            np.array([1e300] * 3),
+            b"bytes\xff",
+            np.array(["a", "b"], dtype=h5py.string_dtype()),
+            h5py.Empty("f8"),
+            True,
+            np.complex128(1j),
+            np.float16(1),
+            np.void(b"abc"),
+            group.ref,
+        ]
+    )
     del_first = name in holder.attrs and random.random() < 0.1
     if del_first:
         del holder.attrs[name]
@@ -337,8 +476,26 @@ def _hdf5_array(group, random):
     old = group[name][()] if name in group else np.zeros((3, 3))
     if name in group:
         del group[name]
-    change = random.choice(["gone", "group", "empty", "scalar", "text", "object", "longer", "flat", "complex", "half",
-                            "big-endian", "compound", "huge", "chunked", "bool", "null"])  # fmt: skip
+    change = random.choice(
+        [
+            "gone",
+            "group",
+            "empty",
+            "scalar",
+            "text",
+            "object",
+            "longer",
+            "flat",
+            "complex",
+            "half",
+            "big-endian",
+            "compound",
+            "huge",
+            "chunked",
+            "bool",
+            "null",
+        ]
+    )
     if change == "gone":
         return f"{name} is gone"
     if change == "group":
@@ -354,10 +511,17 @@ def _hdf5_array(group, random):
     elif change == "null":
         group.create_dataset(name, data=h5py.Empty("f8"))
     else:
-        made = {"empty": old[:0] if np.ndim(old) else np.zeros(0), "scalar": np.float64(1.0), "flat": np.ravel(old),
-                "longer": np.concatenate([np.atleast_1d(old)] * 2), "complex": np.asarray(old).astype("c16"),
-                "half": np.clip(old, -6e4, 6e4).astype("f2"), "big-endian": np.asarray(old).astype(">f8"),
-                "bool": np.asarray(old).astype(bool), "chunked": old}[change]  # fmt: skip
+        made = {
+            "empty": old[:0] if np.ndim(old) else np.zeros(0),
+            "scalar": np.float64(1.0),
+            "flat": np.ravel(old),
+            "longer": np.concatenate([np.atleast_1d(old)] * 2),
+            "complex": np.asarray(old).astype("c16"),
+            "half": np.clip(old, -6e4, 6e4).astype("f2"),
+            "big-endian": np.asarray(old).astype(">f8"),
+            "bool": np.asarray(old).astype(bool),
+            "chunked": old,
+        }[change]
         packed = {"compression": "gzip", "shuffle": True} if change == "chunked" and np.ndim(old) else {}
         group.create_dataset(name, data=made, **packed)
     return f"{name}: {change}"
@@ -463,21 +627,85 @@ def _scene_changed(tables, random):
 
 
 SCENE_TABLES = [
-    "release", "hydrograph", "secondary_release", "friction", "material", "softening", "zones", "cohesion",
-    "earth_pressure", "viscosity", "curvature", "still_water", "entrainment", "barrier", "numerics", "stage",
-    "terrain", "output",
-]  # fmt: skip
+    "release",
+    "hydrograph",
+    "secondary_release",
+    "friction",
+    "material",
+    "softening",
+    "zones",
+    "cohesion",
+    "earth_pressure",
+    "viscosity",
+    "curvature",
+    "still_water",
+    "entrainment",
+    "barrier",
+    "numerics",
+    "stage",
+    "terrain",
+    "output",
+]
 SCENE_KEYS = [
-    "source", "particles", "thickness", "surface", "density", "speed", "window", "crs", "band", "points",
-    "seed", "mu", "xi", "law", "use", "height", "crest", "width", "cell_size", "particles_per_cell", "clamp",
-    "form", "edges", "points_per_cell", "stiffness", "arrival_thickness", "stop_at_rest", "level",
-    "lower_bed", "cohesion", "viscosity", "yield_stress", "friction_angle", "trigger_thickness", "velocity",
-]  # fmt: skip
+    "source",
+    "particles",
+    "thickness",
+    "surface",
+    "density",
+    "speed",
+    "window",
+    "crs",
+    "band",
+    "points",
+    "seed",
+    "mu",
+    "xi",
+    "law",
+    "use",
+    "height",
+    "crest",
+    "width",
+    "cell_size",
+    "particles_per_cell",
+    "clamp",
+    "form",
+    "edges",
+    "points_per_cell",
+    "stiffness",
+    "arrival_thickness",
+    "stop_at_rest",
+    "level",
+    "lower_bed",
+    "cohesion",
+    "viscosity",
+    "yield_stress",
+    "friction_angle",
+    "trigger_thickness",
+    "velocity",
+]
 SCENE_FILES = [
-    "dtm.tif", "tiled.tif", "mask.tif", "release.shp", "release.gpkg", "release.geojson", "wall.gpkg",
-    "seed.h5", "points.h5", "inflow.csv", "scene.toml", "results", ".", "out", "/dev/null", "/dev/zero",
-    "/dev/stdin", "release.gpkg|layername=release", "release.gpkg|layername=none", "/vsizip/dtm.tif", "fifo",
-]  # fmt: skip
+    "dtm.tif",
+    "tiled.tif",
+    "mask.tif",
+    "release.shp",
+    "release.gpkg",
+    "release.geojson",
+    "wall.gpkg",
+    "seed.h5",
+    "points.h5",
+    "inflow.csv",
+    "scene.toml",
+    "results",
+    ".",
+    "out",
+    "/dev/null",
+    "/dev/zero",
+    "/dev/stdin",
+    "release.gpkg|layername=release",
+    "release.gpkg|layername=none",
+    "/vsizip/dtm.tif",
+    "fifo",
+]
 
 
 def _as_toml(tables):
@@ -547,10 +775,21 @@ def _json_places(content):
 
 
 _BY_SUFFIX = {
-    ".tif": damage_tiff, ".shp": damage_shapefile, ".gpkg": damage_gpkg, ".h5": damage_hdf5, ".toml": damage_scene,
-    ".csv": damage_table, ".geojson": damage_json, ".json": damage_json, ".vtp": damage_text, ".vtu": damage_text,
-    ".pvd": damage_text, ".res": damage_text, ".msh": damage_text, ".lammpstrj": damage_text,
-}  # fmt: skip
+    ".tif": damage_tiff,
+    ".shp": damage_shapefile,
+    ".gpkg": damage_gpkg,
+    ".h5": damage_hdf5,
+    ".toml": damage_scene,
+    ".csv": damage_table,
+    ".geojson": damage_json,
+    ".json": damage_json,
+    ".vtp": damage_text,
+    ".vtu": damage_text,
+    ".pvd": damage_text,
+    ".res": damage_text,
+    ".msh": damage_text,
+    ".lammpstrj": damage_text,
+}
 
 
 def copy_of(sound, folder):

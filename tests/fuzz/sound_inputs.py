@@ -154,10 +154,7 @@ FOREIGN = {  # other codes' files: folder -> (its writer, the files in it that a
     "kratos": (writers.write_kratos_times, ["MPM_Material_0_0.5000000.vtk", "ProjectParameters.json"]),
     "gid": (writers.write_kratos_gid, ["slide.post.res", "slide.post.msh"]),
     "geotaichi": (writers.write_geotaichi, ["MPMParticle000001.npz"]),
-    "anura3d": (
-        writers.write_anura3d,
-        ["slide_MPVector_001.vtk", "slide_MPScalar_001.vtk", "slide.CPS_001"],
-    ),
+    "anura3d": (writers.write_anura3d, ["slide_MPVector_001.vtk", "slide_MPScalar_001.vtk", "slide.CPS_001"]),
     "geomechanics": (writers.write_mpm_geomechanics, ["particles_2.vtu", "particleTimeSerie.pvd"]),
     "lammps": (writers.write_lammps, ["slide.lammpstrj"]),
     "zlib": (writers.vtk_writer(".vtu", "binary", packed=True), ["slide_1.vtu"]),
@@ -231,8 +228,16 @@ def _command(*words):
 
 
 def _write_raster(path, values, **layout):
-    profile = {"driver": "GTiff", "height": ROWS, "width": COLUMNS, "count": 1, "crs": CRS, "nodata": -9999,
-               "transform": Affine(PIXEL, 0, WEST, 0, -PIXEL, SOUTH + ROWS * PIXEL), **layout}  # fmt: skip
+    profile = {
+        "driver": "GTiff",
+        "height": ROWS,
+        "width": COLUMNS,
+        "count": 1,
+        "crs": CRS,
+        "nodata": -9999,
+        "transform": Affine(PIXEL, 0, WEST, 0, -PIXEL, SOUTH + ROWS * PIXEL),
+        **layout,
+    }
     with rasterio.open(path, "w", **profile) as target:
         target.write(values.astype(profile["dtype"]), 1)
         target.update_tags(1, note="elevation")

@@ -14,8 +14,11 @@ VALUES = np.array([[[0.1, 50.0], [0.2, 60.0]]])
 def test_laws_agree_with_compiled(name):
     law = LAWS[name]
     for method, arguments in (
-        ("kept_slip", (3.0, 2.0)), ("kept_by_drag", (3.0, 40.0)), ("sticks", ()), ("drag_active", ()),
-    ):  # fmt: skip
+        ("kept_slip", (3.0, 2.0)),
+        ("kept_by_drag", (3.0, 40.0)),
+        ("sticks", ()),
+        ("drag_active", ()),
+    ):
         assert compiled(method, len(arguments))(law, *arguments) == getattr(law, method)(*arguments), method
 
 

@@ -77,9 +77,7 @@ def test_hergartens_law_is_dry_below_its_crossover_and_turbulent_above():
 
 
 @settings(max_examples=200, deadline=None)
-@given(
-    st.floats(1e-3, 1e5), st.floats(1e-3, 1e5), st.floats(1e-3, 50.0), st.floats(0.0, 150.0)
-)  # fmt: skip
+@given(st.floats(1e-3, 1e5), st.floats(1e-3, 1e5), st.floats(1e-3, 50.0), st.floats(0.0, 150.0))
 def test_binghams_ratio_is_the_root_of_its_cubic(yield_stress, viscosity, depth, speed):
     a = 6.0 * viscosity * speed / (depth * yield_stress)
     z = plug_ratio(Bingham(yield_stress, viscosity), depth, speed)

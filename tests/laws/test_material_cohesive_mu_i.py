@@ -83,12 +83,20 @@ def test_the_rate_is_that_of_the_end_of_the_step(time_step):
     assert shear(stress) == pytest.approx(wanted, rel=5e-3)
 
 
-laws = st.fixed_dictionaries({
-    "phi": st.floats(0.0, 60.0), "cohesion": st.sampled_from([0.0, 10.0, 1e3, 1e5]), "match": st.sampled_from(
-        ["triaxial", "plane_strain"]), "grows": st.floats(0.0, 3.0), "grain": st.floats(-5.0, 1.0),
-    "dense": st.floats(500.0, 3000.0), "seed": st.integers(0, 2**31), "step": st.floats(-6.0, -2.0),
-    "correction": st.booleans(), "size": st.sampled_from([1e-4, 3e-3, 0.03, 0.3]),
-})  # fmt: skip
+laws = st.fixed_dictionaries(
+    {
+        "phi": st.floats(0.0, 60.0),
+        "cohesion": st.sampled_from([0.0, 10.0, 1e3, 1e5]),
+        "match": st.sampled_from(["triaxial", "plane_strain"]),
+        "grows": st.floats(0.0, 3.0),
+        "grain": st.floats(-5.0, 1.0),
+        "dense": st.floats(500.0, 3000.0),
+        "seed": st.integers(0, 2**31),
+        "step": st.floats(-6.0, -2.0),
+        "correction": st.booleans(),
+        "size": st.sampled_from([1e-4, 3e-3, 0.03, 0.3]),
+    }
+)
 
 
 def drawn(law, rate_friction):

@@ -18,9 +18,11 @@ from mpmgis.system.errors import InputError, SceneError
 HEAD = "from typing import NamedTuple\nimport math\n"
 SIGNATURE = "    def basal_stress(self, density, gravity, normal_stress, thickness_normal, speed):\n        "
 WEAKENING = (
-    HEAD + "class Weakening(NamedTuple):\n    mu: float\n    mu_fast: float\n    scale: float = 10.0\n" + SIGNATURE
+    HEAD
+    + "class Weakening(NamedTuple):\n    mu: float\n    mu_fast: float\n    scale: float = 10.0\n"
+    + SIGNATURE
     + "return normal_stress * (self.mu_fast + (self.mu - self.mu_fast) / (1.0 + speed / self.scale))\n"
-)  # fmt: skip
+)
 TABLES = {"terrain": {"dem": "d.tif"}, "release": {"source": "r.shp"}, "output": {"end_time": 5, "frame_interval": 1}}
 
 
@@ -77,11 +79,13 @@ def test_a_parameter_cannot_have_the_name_of_a_method(tmp_path):
         ("1 / 0\n", "line 1: ZeroDivisionError"),
         ("def f(:\n", "line 1: SyntaxError"),
         (HEAD + "class Mine(NamedTuple):\n    mu: float\n", "has neither basal_stress"),
-        (HEAD + "class Mine(NamedTuple):\n    mu: float\n    def basal_stress(self, speed):\n        return 1.0\n",
-         r"takes (self, speed), expected (self, density"),
+        (
+            HEAD + "class Mine(NamedTuple):\n    mu: float\n    def basal_stress(self, speed):\n        return 1.0\n",
+            r"takes (self, speed), expected (self, density",
+        ),
         (HEAD + "class Mine(NamedTuple):\n" + SIGNATURE + "return 1.0\n", "has no parameter"),
     ],
-)  # fmt: skip
+)
 def test_a_file_without_a_law_that_fits_is_refused(tmp_path, text, words):
     path = tmp_path / "my_law.py"
     path.write_text(text)
@@ -100,8 +104,11 @@ def test_a_missing_file_or_another_kind_is_refused(tmp_path):
 
 def test_the_split_made_for_a_law_is_the_law(tmp_path):
     """Voellmy written as one method comes out as Voellmy, at every speed it is tried at."""
-    own = one_law(tmp_path, "return self.mu * normal_stress + density * gravity * speed**2 / self.xi",
-                  fields="    mu: float\n    xi: float\n")  # fmt: skip
+    own = one_law(
+        tmp_path,
+        "return self.mu * normal_stress + density * gravity * speed**2 / self.xi",
+        fields="    mu: float\n    xi: float\n",
+    )
     law, name = made(own, 0.2, 1500.0)
     require_sound(law, name)
     require_compiled(law, name)

@@ -146,9 +146,14 @@ def naive_cells(ground, frame, grid, kind, percentile=100.0, density=1200.0):
         for cell, share, covered in _shares(frame, p, x, y, grid, home):
             members = cells.setdefault(cell, [])
             members.append(
-                SimpleNamespace(here=here, mass=particles.mass[p] * share, covered=covered,
-                                velocity=particles.velocity[p], is_home=cell == home)
-            )  # fmt: skip
+                SimpleNamespace(
+                    here=here,
+                    mass=particles.mass[p] * share,
+                    covered=covered,
+                    velocity=particles.velocity[p],
+                    is_home=cell == home,
+                )
+            )
     return {cell: _products(members, frame, grid, percentile, density) for cell, members in cells.items()}
 
 
@@ -188,7 +193,14 @@ def _products(members, frame, grid, percentile, density):
                 break
         depth, thickness = max(0.0, m.here.distance), m.here.distance - ranked[0].here.distance
     return {
-        "h": depth, "t": thickness, "t_vol": t_vol, "Un": normal, "Ut": math.hypot(*parallel), "Ut_E": parallel[0],
-        "Ut_N": parallel[1], "n": sum(m.is_home for m in members), "mass": mass / grid.cell_area,
+        "h": depth,
+        "t": thickness,
+        "t_vol": t_vol,
+        "Un": normal,
+        "Ut": math.hypot(*parallel),
+        "Ut_E": parallel[0],
+        "Ut_N": parallel[1],
+        "n": sum(m.is_home for m in members),
+        "mass": mass / grid.cell_area,
         "p": density * mean.dot(mean),
-    }  # fmt: skip
+    }

@@ -106,10 +106,24 @@ def write(path, grid, descriptions, bands):
     rows, columns = grid.shape
     path.parent.mkdir(exist_ok=True)
     with rasterio.open(
-        path, "w", driver="GTiff", width=columns, height=rows, count=len(bands), dtype="float32", crs=grid.crs,
-        transform=grid.transform, nodata=NODATA, tiled=True, blockxsize=256, blockysize=256, compress="deflate",
-        predictor=3, interleave="band", sparse_ok=True,
-    ) as file:  # fmt: skip
+        path,
+        "w",
+        driver="GTiff",
+        width=columns,
+        height=rows,
+        count=len(bands),
+        dtype="float32",
+        crs=grid.crs,
+        transform=grid.transform,
+        nodata=NODATA,
+        tiled=True,
+        blockxsize=256,
+        blockysize=256,
+        compress="deflate",
+        predictor=3,
+        interleave="band",
+        sparse_ok=True,
+    ) as file:
         for k, (description, band) in enumerate(zip(descriptions, bands, strict=True), start=1):
             file.write(np.where(np.isfinite(band), band, NODATA).astype("float32"), k)
             file.set_band_description(k, description)

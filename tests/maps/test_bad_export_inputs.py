@@ -271,9 +271,16 @@ def test_terrain_of_nodata(run, capsys):
 
 def test_terrain_in_degrees(run, capsys):
     with rasterio.open(
-        run / "degrees.tif", "w", driver="GTiff", width=9, height=9, count=1, dtype="float32", crs="EPSG:4326",
+        run / "degrees.tif",
+        "w",
+        driver="GTiff",
+        width=9,
+        height=9,
+        count=1,
+        dtype="float32",
+        crs="EPSG:4326",
         transform=rasterio.Affine(0.01, 0, 10, 0, -0.01, 46),
-    ) as target:  # fmt: skip
+    ) as target:
         target.write(np.ones((9, 9), "f4"), 1)
     refused(capsys, run, run, "--dem", run / "degrees.tif", says="degrees")
 
@@ -302,16 +309,37 @@ def test_ascii_grids_of_a_rotated_terrain(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("option", "value"),
     [
-        ("--cs-e", "0"), ("--cs-e", "-1"), ("--cs-e", "nan"), ("--cs-e", "wide"), ("--cs-e", "inf"),
-        ("--dt-e", "0"), ("--dt-e", "-0.2"), ("--dt-e", "inf"), ("--dt-e", "often"),
-        ("--percentile", "0"), ("--percentile", "101"), ("--percentile", "half"),
-        ("--min-depth", "-1"), ("--min-depth", "nan"), ("--density", "0"), ("--density", "-5"),
-        ("--standoff", "high"), ("--standoff", "nan"), ("--standoff", "1e9"),
-        ("--workers", "0"), ("--workers", "-2"), ("--workers", "two"),
-        ("--bed", "cubic"), ("--extent", "world"), ("--layout", "pile"), ("--naming", "mine"),
-        ("--qgis-min", "1.8"), ("--dem-band", "0"), ("--products", "t_vol,,p"),
+        ("--cs-e", "0"),
+        ("--cs-e", "-1"),
+        ("--cs-e", "nan"),
+        ("--cs-e", "wide"),
+        ("--cs-e", "inf"),
+        ("--dt-e", "0"),
+        ("--dt-e", "-0.2"),
+        ("--dt-e", "inf"),
+        ("--dt-e", "often"),
+        ("--percentile", "0"),
+        ("--percentile", "101"),
+        ("--percentile", "half"),
+        ("--min-depth", "-1"),
+        ("--min-depth", "nan"),
+        ("--density", "0"),
+        ("--density", "-5"),
+        ("--standoff", "high"),
+        ("--standoff", "nan"),
+        ("--standoff", "1e9"),
+        ("--workers", "0"),
+        ("--workers", "-2"),
+        ("--workers", "two"),
+        ("--bed", "cubic"),
+        ("--extent", "world"),
+        ("--layout", "pile"),
+        ("--naming", "mine"),
+        ("--qgis-min", "1.8"),
+        ("--dem-band", "0"),
+        ("--products", "t_vol,,p"),
     ],
-)  # fmt: skip
+)
 def test_impossible_option(run, capsys, option, value):
     refused(capsys, run, run, f"{option}={value}", says=option)
 

@@ -167,9 +167,13 @@ def test_a_uniform_sheet_up_to_the_edge_of_the_terrain():
     x, y = (values.ravel() for values in np.meshgrid(WEST + np.arange(0.5, 100), NORTH - np.arange(0.5, 100)))
     n = len(x)
     particles = Particles(
-        np.stack([x, y, 0 * x], axis=1), np.zeros((n, 3)), np.full(n, 2000.0), np.full(n, 2.0),
-        thickness=np.full(n, 2.0), area=np.ones(n),
-    )  # fmt: skip
+        np.stack([x, y, 0 * x], axis=1),
+        np.zeros((n, 3)),
+        np.full(n, 2000.0),
+        np.full(n, 2.0),
+        thickness=np.full(n, 2.0),
+        area=np.ones(n),
+    )
     frame = Frame(particles, dimension=2, crs=CRS, header={"cell_size": 5.0})
     for cell_size in (0.5, 2.0, 5.0, 10.0):
         _, bands = bands_of(frame, ground, export_grid(grid, cell_size))

@@ -38,8 +38,9 @@ def bands(path):
 def digests(folder):
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*")) if path.suffix in (".tif", ".asc", ".vrt")
-    }  # fmt: skip
+        for path in sorted(folder.rglob("*"))
+        if path.suffix in (".tif", ".asc", ".vrt")
+    }
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +57,12 @@ def test_default_folder_names_and_bands(run2):
     folder, _ = export(run2)
     assert folder == run2[0].parent.parent / "slide_gis"
     assert sorted(p.name for p in (folder / "rasters").iterdir()) == [
-        "slide_0000.tif", "slide_0001.tif", "slide_0002.tif", "slide_deposit.tif", "slide_max.tif",
-    ]  # fmt: skip
+        "slide_0000.tif",
+        "slide_0001.tif",
+        "slide_0002.tif",
+        "slide_deposit.tif",
+        "slide_max.tif",
+    ]
     with rasterio.open(folder / "rasters" / "slide_0001.tif") as source:
         assert source.descriptions == ("h [m]", "t [m]", "Un [m s-1]", "Ut [m s-1]")
         tags = source.tags(ns="mpmgis")
@@ -79,9 +84,14 @@ def test_default_folder_names_and_bands(run2):
     } <= tags.keys()
     with rasterio.open(folder / "rasters" / "slide_max.tif") as source:
         assert source.descriptions == (
-            "h_max [m]", "t_max [m]", "Un_max [m s-1]", "Un_min [m s-1]", "Ut_max [m s-1]", "p_max [Pa]",
+            "h_max [m]",
+            "t_max [m]",
+            "Un_max [m s-1]",
+            "Un_min [m s-1]",
+            "Ut_max [m s-1]",
+            "p_max [Pa]",
             "t_arrival [s]",
-        )  # fmt: skip
+        )
     with rasterio.open(folder / "rasters" / "slide_deposit.tif") as source:
         assert source.descriptions == ("h [m]", "t [m]", "t_vol [m]")
 
@@ -172,8 +182,9 @@ def test_stacks_equal_the_steps(run2, tmp_path):
         for name, values in expected.items():
             assert np.array_equal(through_vrt[name], values, equal_nan=True)
             with rasterio.open(stacks / "rasters" / f"slide_{name}.tif") as source:
-                assert np.array_equal(np.where(source.read(step + 1) == -9999, np.nan, source.read(step + 1)), values,
-                                      equal_nan=True)  # fmt: skip
+                assert np.array_equal(
+                    np.where(source.read(step + 1) == -9999, np.nan, source.read(step + 1)), values, equal_nan=True
+                )
 
 
 def test_flow_extent_is_a_part_of_the_terrain(run3, tmp_path):

@@ -11,8 +11,15 @@ from mpmgis.frames.particles import Frame, Particles
 
 def series(folder, times):
     """A column of 1 m that grows by 1 m a second, on a level DTM, one frame for each of `times`."""
-    profile = {"driver": "GTiff", "height": 20, "width": 20, "count": 1, "dtype": "float32", "crs": "EPSG:32632",
-               "transform": Affine(5, 0, 500000, 0, -5, 5000100)}  # fmt: skip
+    profile = {
+        "driver": "GTiff",
+        "height": 20,
+        "width": 20,
+        "count": 1,
+        "dtype": "float32",
+        "crs": "EPSG:32632",
+        "transform": Affine(5, 0, 500000, 0, -5, 5000100),
+    }
     folder.mkdir()
     with rasterio.open(folder / "dtm.tif", "w", **profile) as target:
         target.write(np.zeros((20, 20), "float32"), 1)

@@ -34,9 +34,16 @@ def make_site(folder):
     """A slope of 31 degrees and a release on it, in files."""
     rows, columns = np.indices(SHAPE)
     with rasterio.open(
-        folder / "dtm.tif", "w", driver="GTiff", height=SHAPE[0], width=SHAPE[1], count=1, dtype="float32",
-        crs="EPSG:32632", transform=Affine(PIXEL, 0, WEST, 0, -PIXEL, NORTH),
-    ) as dtm:  # fmt: skip
+        folder / "dtm.tif",
+        "w",
+        driver="GTiff",
+        height=SHAPE[0],
+        width=SHAPE[1],
+        count=1,
+        dtype="float32",
+        crs="EPSG:32632",
+        transform=Affine(PIXEL, 0, WEST, 0, -PIXEL, NORTH),
+    ) as dtm:
         dtm.write((1000.0 - 6.0 * columns + 0.0 * rows).astype("float32"), 1)
     area = shapely.box(WEST + 60, NORTH - 260, WEST + 140, NORTH - 140)
     release = geopandas.GeoDataFrame({"thickness": [2.0]}, geometry=[area], crs="EPSG:32632")

@@ -31,8 +31,9 @@ PRODUCTS = ("h", "t", "Un", "Ut", "Ut_E", "Ut_N", "t_vol", "n", "mass", "p")
 def turned(ground, frame, angle):
     """The same scene, rotated by `angle` [degrees] around the DTM's first corner."""
     t = ground.grid.transform
-    grid = Grid(CRS, Affine.translation(t.c, t.f) * Affine.rotation(angle) * Affine(t.a, t.b, 0, t.d, t.e, 0),
-                ground.grid.shape)  # fmt: skip
+    grid = Grid(
+        CRS, Affine.translation(t.c, t.f) * Affine.rotation(angle) * Affine(t.a, t.b, 0, t.d, t.e, 0), ground.grid.shape
+    )
     turn = np.array(Affine.rotation(angle)).reshape(3, 3)[:2, :2]
     particles = frame.particles
     origin, corner = np.array(frame.origin), np.array([t.c, t.f])

@@ -134,9 +134,11 @@ def test_grid_of_the_flow_is_a_part_of_the_whole_with_a_margin(cell_size, low, s
     grid = Grid(CRS, AFFINES["north-up"], (40, 36))
     west, south, east, north = grid.bounds
     box = (
-        west + low[0] * (east - west), south + low[1] * (north - south),
-        west + min(1, low[0] + size[0]) * (east - west), south + min(1, low[1] + size[1]) * (north - south),
-    )  # fmt: skip
+        west + low[0] * (east - west),
+        south + low[1] * (north - south),
+        west + min(1, low[0] + size[0]) * (east - west),
+        south + min(1, low[1] + size[1]) * (north - south),
+    )
     whole, part = (
         export_grid(grid, cell_size),
         export_grid(grid, cell_size, (box[0] - west, north - box[3], box[2] - west, north - box[1])),

@@ -169,9 +169,14 @@ def test_the_tail_of_the_splines_is_not_flow():
 
 
 @pytest.mark.parametrize(
-    "min_depth, solver, bands", [(0.05, 0.05, SOLVER_BANDS), (0.2, 0.05, ("h_max", "t_max")), (0.2, 0.2, SOLVER_BANDS),
-                                 (0.01, 0.05, ("h_max", "t_max"))]
-)  # fmt: skip
+    "min_depth, solver, bands",
+    [
+        (0.05, 0.05, SOLVER_BANDS),
+        (0.2, 0.05, ("h_max", "t_max")),
+        (0.2, 0.2, SOLVER_BANDS),
+        (0.01, 0.05, ("h_max", "t_max")),
+    ],
+)
 def test_bands_with_a_threshold_are_taken_only_where_it_is_the_same(min_depth, solver, bands):
     peaks = peaks_of(np.full((21, 21), 1.0), arrival_thickness=solver)
     assert peaks.bands(min_depth) == bands
@@ -464,9 +469,14 @@ def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
 
 @pytest.mark.parametrize(
     ("maxima", "value", "words"),
-    [("true", "0", "expected above 0"), ("true", "-0.1", "expected above 0"), ("true", '"thin"', "expected a number"),
-     ("true", "2000", "expected at most 1000"), ("false", "0.2", "kept only with maxima = true")],
-)  # fmt: skip
+    [
+        ("true", "0", "expected above 0"),
+        ("true", "-0.1", "expected above 0"),
+        ("true", '"thin"', "expected a number"),
+        ("true", "2000", "expected at most 1000"),
+        ("false", "0.2", "kept only with maxima = true"),
+    ],
+)
 def test_an_invalid_arrival_thickness_is_rejected(tmp_path, maxima, value, words):
     (tmp_path / "scene.toml").write_text(
         SCENE.format(end=4, interval=2, maxima=maxima) + f"arrival_thickness = {value}"

@@ -28,13 +28,24 @@ DATA = json.loads(json.dumps(plugin_forms(*NAMES)))  # as the plugin has it from
 ROWS = tuple(map(forms.verb_of, DATA["forms"]))
 PLUGIN = Path(forms.__file__).parent
 VALUES = {
-    forms.RASTER: "dtm.tif", forms.POLYGONS: "area.gpkg|layername=area", forms.LINES: "line.shp",
+    forms.RASTER: "dtm.tif",
+    forms.POLYGONS: "area.gpkg|layername=area",
+    forms.LINES: "line.shp",
     forms.POINTS: "points.shp",
-    forms.FILE: "a file.h5", forms.FOLDER: "results", forms.NEW_FILE: "out.h5", forms.NEW_FOLDER: "out",
-    forms.NUMBER: 1.5, forms.INTEGER: 4, forms.TEXT: "1", forms.SWITCH: True, forms.CRS: "EPSG:32632",
-    forms.FILES: ["a.h5", "b.h5"], forms.TEXTS: ["friction.mu=0.1:0.2", "release.density=300,400"],
-    forms.PLACE: "place.geojson", forms.EXTENT: "1,2,3,4.5",
-}  # fmt: skip
+    forms.FILE: "a file.h5",
+    forms.FOLDER: "results",
+    forms.NEW_FILE: "out.h5",
+    forms.NEW_FOLDER: "out",
+    forms.NUMBER: 1.5,
+    forms.INTEGER: 4,
+    forms.TEXT: "1",
+    forms.SWITCH: True,
+    forms.CRS: "EPSG:32632",
+    forms.FILES: ["a.h5", "b.h5"],
+    forms.TEXTS: ["friction.mu=0.1:0.2", "release.density=300,400"],
+    forms.PLACE: "place.geojson",
+    forms.EXTENT: "1,2,3,4.5",
+}
 TYPED = {
     "VELOCITY": "-1,2",
     "ORIGIN": "600000,5170000,0",
@@ -158,11 +169,7 @@ def test_the_parser_takes_a_form_with_only_what_must_be_given(row):
 
 def test_what_is_not_given_or_as_it_is_anyway_is_not_passed():
     export = form_of("exportraster")
-    values = {field.name: field.default for field in export.fields} | {
-        "FRAMES": "a b",
-        "CELL": "",
-        "COG": True,
-    }
+    values = {field.name: field.default for field in export.fields} | {"FRAMES": "a b", "CELL": "", "COG": True}
     assert forms.arguments(export.fields, values) == ["a b", "--cog"]
 
 
@@ -229,9 +236,16 @@ def test_what_is_left_empty_is_left_to_the_command(tmp_path):
 def test_the_scene_of_the_form_is_decided_by_the_command(tmp_path, capsys):
     rows, columns = np.indices((30, 40))
     with rasterio.open(
-        tmp_path / "dtm.tif", "w", driver="GTiff", height=30, width=40, count=1, dtype="float32", crs="EPSG:32632",
+        tmp_path / "dtm.tif",
+        "w",
+        driver="GTiff",
+        height=30,
+        width=40,
+        count=1,
+        dtype="float32",
+        crs="EPSG:32632",
         transform=Affine(10, 0, 500_000, 0, -10, 5_200_300),
-    ) as dtm:  # fmt: skip
+    ) as dtm:
         dtm.write((800 - 5.0 * columns + 0.0 * rows).astype("float32"), 1)
     (tmp_path / "r.geojson").write_text(
         '{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": '

@@ -12,9 +12,22 @@ FILES = sorted(Path(forms.__file__).parent.glob("*.py"))
 NAMES_BY_VERSION = "versions.py"  # the only file that may name constants of QGIS, each with its enumeration
 # gone in Qt 6, PyQt 6 or QGIS 4: https://github.com/qgis/QGIS/wiki/Plugin-migration-to-be-compatible-with-Qt5-and-Qt6
 REMOVED = {
-    "exec_", "print_", "QRegExp", "QDesktopWidget", "QVariant", "QStringList", "qApp", "QSignalMapper", "QTextCodec",
-    "QWebView", "QgsWkbTypes", "QgsMapLayerType", "QgsUnitTypes", "pyqtWrapperType", "resources_rc",
-}  # fmt: skip
+    "exec_",
+    "print_",
+    "QRegExp",
+    "QDesktopWidget",
+    "QVariant",
+    "QStringList",
+    "qApp",
+    "QSignalMapper",
+    "QTextCodec",
+    "QWebView",
+    "QgsWkbTypes",
+    "QgsMapLayerType",
+    "QgsUnitTypes",
+    "pyqtWrapperType",
+    "resources_rc",
+}
 CLASS = re.compile(r"Q(gs)?[A-Z]\w*|Qt|Qgis")
 CONSTANT = re.compile(r"[A-Z][a-z]\w*")  # of an enumeration; version numbers and the like are all capitals
 SCOPED = re.compile(r"(Q\w+)\.(\w+)\.(\w+)")

@@ -27,20 +27,36 @@ def names(matrix, years, h=1.0, v=1.0, p=0.0, deposit=0.0):
 
 # every field of each matrix once: return period -> levels of its intensity classes, from the lowest
 FIELDS = {
-    "swiss-avalanche": ({"p": [2.9, 3, 30]}, {  # weak: of flowing avalanches
-        30: ["high", "high", "high"], 100: ["moderate", "moderate", "high"], 300: ["moderate", "moderate", "high"],
-        1000: ["residual"] * 3}),
-    "swiss-flood": ({"h": [0.4, 0.5, 2], "v": [1, 1, 0]}, {
-        30: ["moderate", "high", "high"], 100: ["moderate", "moderate", "high"], 300: ["low", "moderate", "high"],
-        1000: ["residual"] * 3}),
-    "swiss-debris-flow": ({"h": [0.9, 1], "v": [5, 1]}, {
-        30: ["high", "high"], 100: ["moderate", "high"], 300: ["moderate", "high"], 1000: ["residual"] * 2}),
-    "swiss-hillslope-debris-flow": ({"h": [0.9, 1]}, {
-        30: ["high", "high"], 100: ["moderate", "high"], 300: ["moderate", "high"], 1000: ["residual"] * 2}),
+    "swiss-avalanche": (
+        {"p": [2.9, 3, 30]},
+        {  # weak: of flowing avalanches
+            30: ["high", "high", "high"],
+            100: ["moderate", "moderate", "high"],
+            300: ["moderate", "moderate", "high"],
+            1000: ["residual"] * 3,
+        },
+    ),
+    "swiss-flood": (
+        {"h": [0.4, 0.5, 2], "v": [1, 1, 0]},
+        {
+            30: ["moderate", "high", "high"],
+            100: ["moderate", "moderate", "high"],
+            300: ["low", "moderate", "high"],
+            1000: ["residual"] * 3,
+        },
+    ),
+    "swiss-debris-flow": (
+        {"h": [0.9, 1], "v": [5, 1]},
+        {30: ["high", "high"], 100: ["moderate", "high"], 300: ["moderate", "high"], 1000: ["residual"] * 2},
+    ),
+    "swiss-hillslope-debris-flow": (
+        {"h": [0.9, 1]},
+        {30: ["high", "high"], 100: ["moderate", "high"], 300: ["moderate", "high"], 1000: ["residual"] * 2},
+    ),
     "austrian-avalanche": ({"p": [0.9, 1, 10]}, {150: ["", "yellow", "red"]}),
     "austrian-torrent-deposit": ({"deposit": [0.6, 0.7]}, {150: ["yellow", "red"]}),
     "italian-avalanche": ({"p": [2.9, 3, 15]}, {30: ["blue", "red", "red"], 100: ["yellow", "blue", "red"]}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("matrix", "years"), [(name, years) for name, (_, rows) in FIELDS.items() for years in rows])
@@ -107,10 +123,13 @@ def test_together_the_highest_level_counts_and_gaps_are_not_none():
 
 def matrix(**changes):
     whole = {
-        "source": "s", "level": [{"name": "a", "colour": "#000000"}, {"name": "b", "colour": "#ffffff"}],
-        "period": [{"name": "p", "up_to": 30, "intensity": "swiss-avalanche", "levels": ["a", "a|b", "b"]},
-                   {"name": "q", "intensity": "swiss-avalanche", "levels": ["none", "a", "b"]}],
-    }  # fmt: skip
+        "source": "s",
+        "level": [{"name": "a", "colour": "#000000"}, {"name": "b", "colour": "#ffffff"}],
+        "period": [
+            {"name": "p", "up_to": 30, "intensity": "swiss-avalanche", "levels": ["a", "a|b", "b"]},
+            {"name": "q", "intensity": "swiss-avalanche", "levels": ["none", "a", "b"]},
+        ],
+    }
     return {"mine": whole | changes}
 
 

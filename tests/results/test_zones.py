@@ -45,10 +45,12 @@ def test_zones_keep_the_areas_and_cover_them_without_overlap(name, scale):
 
 def test_outlines_have_fewer_points_at_smaller_scales():
     points = [
-        sum(shapely.get_num_coordinates(zone) for zone in
-            generalized_zones(tongues(), 3, TRANSFORMS["north-up"], scale, 0.0).zones)
+        sum(
+            shapely.get_num_coordinates(zone)
+            for zone in generalized_zones(tongues(), 3, TRANSFORMS["north-up"], scale, 0.0).zones
+        )
         for scale in (500, 5000, 25000)
-    ]  # fmt: skip
+    ]
     assert points[0] > points[1] > points[2]
 
 

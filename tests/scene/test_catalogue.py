@@ -13,9 +13,20 @@ from mpmgis.terrain.inflow import COLUMNS
 ENTRIES = catalogue()
 EFFECTS = [name for name in TABLES if name not in ("terrain", "release", "numerics", "output", "stage")]
 UNITS = {
-    "1", "m", "s", "Pa", "Pa s", "degrees", "m s-1", "m s-2", "m3 s-1", "kg m-3", "J kg-1", "m-1",
+    "1",
+    "m",
+    "s",
+    "Pa",
+    "Pa s",
+    "degrees",
+    "m s-1",
+    "m s-2",
+    "m3 s-1",
+    "kg m-3",
+    "J kg-1",
+    "m-1",
     "as the law has them",
-}  # fmt: skip
+}
 
 
 def of(table):

@@ -14,9 +14,16 @@ from mpmgis.system.errors import SceneError
 TABLES = {"terrain": {"dem": "d.tif"}, "release": {"source": "r.shp"}, "output": {"end_time": 5, "frame_interval": 1}}
 RAMP = tuple((10.0 * k, max(500.0 - 4.0 * k, 0.0)) for k in range(400))  # 22 degrees for 1250 m, then flat
 FACTS = TerrainFacts(
-    centrifugal_ratio=0.2, slope_median=0.4, drop=500.0, speed=40.0, slope_steep=0.8, release_thickness=2.0,
-    release_length=100.0, density=1000.0, profile=RAMP,
-)  # fmt: skip
+    centrifugal_ratio=0.2,
+    slope_median=0.4,
+    drop=500.0,
+    speed=40.0,
+    slope_steep=0.8,
+    release_thickness=2.0,
+    release_length=100.0,
+    density=1000.0,
+    profile=RAMP,
+)
 
 
 def scene(**tables):
@@ -32,8 +39,12 @@ def decided(given, facts=FACTS):
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_can_be_named_and_comes_back_from_text(name, tmp_path):
     values = {key: p.default or max(p.smallest, 0.5) for key, p in LAWS[name][1].items()}
-    given = scene(friction={"law": name, **values}, cohesion={"yield_stress": 50}, viscosity={"viscosity": 3},
-                  earth_pressure={"friction_angle": 40})  # fmt: skip
+    given = scene(
+        friction={"law": name, **values},
+        cohesion={"yield_stress": 50},
+        viscosity={"viscosity": 3},
+        earth_pressure={"friction_angle": 40},
+    )
     path = tmp_path / "scene.toml"
     path.write_text(scene_text(given))
     assert read_scene(path).as_tables() == given.as_tables()
@@ -87,13 +98,22 @@ def test_effects_that_are_off_leave_the_types_of_a_scene_without_them():
     friction = {"law": "Voellmy", "mu": 0.2, "xi": 1500}
     bare, _ = decided(scene(friction=friction))
     use_off, _ = decided(
-        scene(friction=friction, cohesion={"yield_stress": 500, "use": "off"},
-              earth_pressure={"friction_angle": 40, "use": "off"}, viscosity={"viscosity": 500, "use": "off"})
-    )  # fmt: skip
+        scene(
+            friction=friction,
+            cohesion={"yield_stress": 500, "use": "off"},
+            earth_pressure={"friction_angle": 40, "use": "off"},
+            viscosity={"viscosity": 500, "use": "off"},
+        )
+    )
     auto_off, decisions = decided(
-        scene(friction=friction, cohesion={"yield_stress": 5}, viscosity={"viscosity": 5},
-              earth_pressure={"friction_angle": 40}), FACTS._replace(release_length=5000.0)
-    )  # fmt: skip
+        scene(
+            friction=friction,
+            cohesion={"yield_stress": 5},
+            viscosity={"viscosity": 5},
+            earth_pressure={"friction_angle": 40},
+        ),
+        FACTS._replace(release_length=5000.0),
+    )
     for name in ("cohesion", "earth_pressure", "viscosity"):
         assert (decisions[name].state, decisions[name].decided_by) == ("off", "auto")
     assert list(map(type, bare)) == list(map(type, use_off)) == list(map(type, auto_off))

@@ -34,9 +34,15 @@ TABLES = {
     "friction": {"law": "Coulomb", "mu": 0.55},
 }
 FACTS = TerrainFacts(
-    centrifugal_ratio=0.2, slope_median=0.5, drop=100.0, speed=40.0, release_thickness=5.0, release_length=100.0,
-    density=850.0, edge_distance=30.0,
-)  # fmt: skip
+    centrifugal_ratio=0.2,
+    slope_median=0.5,
+    drop=100.0,
+    speed=40.0,
+    release_thickness=5.0,
+    release_length=100.0,
+    density=850.0,
+    edge_distance=30.0,
+)
 
 
 def scene(**tables):
@@ -90,10 +96,14 @@ REFUSED = {
     "softening that hardens": ({"softening": {"residual_friction_angle": 45}}, "softening takes away"),
     "cohesion that grows": ({"softening": {"residual_friction_angle": 20, "residual_cohesion": 2e3}}, "takes away"),
     "linear without a rate": (
-        {"softening": {"residual_friction_angle": 20, "form": "linear", "coefficient": 0}}, "coefficient above 0"),
+        {"softening": {"residual_friction_angle": 20, "form": "linear", "coefficient": 0}},
+        "coefficient above 0",
+    ),
     "peak of an exponential": ({"softening": {"residual_friction_angle": 20, "peak_strain": 0.1}}, "form = 'linear'"),
     "mud on the bed": (
-        {"friction": {"law": "Bingham", "yield_stress": 50, "viscosity": 9}}, "expected Coulomb, Voellmy, Sticking"),
+        {"friction": {"law": "Bingham", "yield_stress": 50, "viscosity": 9}},
+        "expected Coulomb, Voellmy, Sticking",
+    ),
     "drag without its number": ({"friction": {"law": "Voellmy", "mu": 0.2}}, "xi"),
     "a law of one's own": ({"friction": {"law": "my_law.py:Mine", "mu": 0.2}}, "no my_law.py:Mine on the bed"),
     "unknown law on the bed": ({"friction": {"law": "Coulom", "mu": 0.2}}, "did you mean 'Coulomb'"),
@@ -108,21 +118,29 @@ REFUSED = {
     "columns a cell": ({"numerics": {"cell_size": 2, "particles_per_cell": 16}}, "particles_per_cell requires solver"),
     "clearance of two cells": ({"numerics": {"cell_size": 2, "clearance": 2}}, "expected at most 1"),
     "clearance of columns": (
-        {"solver": "columns", "material": None, "numerics": {"clearance": 0.5}}, "clearance requires solver"),
+        {"solver": "columns", "material": None, "numerics": {"clearance": 0.5}},
+        "clearance requires solver",
+    ),
     "nine points a cell": ({"numerics": {"cell_size": 2, "points_per_cell": 9}}, "expected 8, 27, 64"),
     "half precision": ({"numerics": {"cell_size": 2, "precision": "float16"}}, "expected float64, float32"),
     "float32 of columns": (
-        {"solver": "columns", "material": None, "numerics": {"precision": "float32"}}, "requires solver = 'points'"),
+        {"solver": "columns", "material": None, "numerics": {"precision": "float32"}},
+        "requires solver = 'points'",
+    ),
     "material of columns": ({"solver": "columns"}, "the depth-averaged solver has no [material]"),
     "stiffness of columns": (
-        {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}}, "stiffness requires solver"),
+        {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}},
+        "stiffness requires solver",
+    ),
     "window of an area": ({"release": {"source": "r.shp", "window": "b.gpkg"}}, "not to a source with an outline"),
     "window of columns": (
-        {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}}, "requires"),
+        {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}},
+        "requires",
+    ),
     "window of three": ({"terrain": {"dem": "d.tif", "window": [1, 2, 3]}}, "four numbers"),
     "window of words": ({"terrain": {"dem": "d.tif", "window": ["a", 2, 3, 4]}}, "four numbers"),
     "window inside out": ({"terrain": {"dem": "d.tif", "window": [5, 2, 3, 4]}}, "west below east"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)

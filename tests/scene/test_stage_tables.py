@@ -34,10 +34,14 @@ def stages(*tables):
 
 
 def test_stages_come_back_from_text():
-    given = scene(barrier=[DAM], stage=[
-        {**COLUMNS, "until": {"time": 30, "reach": "area.gpkg|layername=a"}},
-        {**POINTS, "window": "box.gpkg", "outside": "ledger", "until": {"calm": 1.5}, "cell_size": 0.5}, COLUMNS,
-    ])  # fmt: skip
+    given = scene(
+        barrier=[DAM],
+        stage=[
+            {**COLUMNS, "until": {"time": 30, "reach": "area.gpkg|layername=a"}},
+            {**POINTS, "window": "box.gpkg", "outside": "ledger", "until": {"calm": 1.5}, "cell_size": 0.5},
+            COLUMNS,
+        ],
+    )
     text = scene_text(given)
     assert 'until = {time = 30.0, reach = "area.gpkg|layername=a"}' in text and "until = {calm = 1.5}" in text
     again = scene_from_tables(tomllib.loads(text))
@@ -89,14 +93,19 @@ REFUSED = {
     "no barrier": ({"stage": stages({**COLUMNS, "until": {"reach": "barrier"}}, POINTS)}, "needs a [[barrier]]"),
     "a barrier that is off": (
         {"barrier": [{**DAM, "use": "off"}], "stage": stages({**COLUMNS, "until": {"reach": "barrier"}}, POINTS)},
-        "needs a [[barrier]]"),
+        "needs a [[barrier]]",
+    ),
     "window of columns": ({"stage": stages({**COLUMNS, "window": "b.gpkg"}, POINTS)}, "window requires solver ="),
     "outside of columns": ({"stage": stages({**COLUMNS, "outside": "ledger"}, POINTS)}, "outside requires solver ="),
     "outside of nothing": ({"stage": stages(COLUMNS, {**POINTS, "outside": "ledger"})}, "there is none; give window"),
     "outside unknown": (
-        {"stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "gone"})}, "outside = 'gone'"),
+        {"stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "gone"})},
+        "outside = 'gone'",
+    ),
     "columns outside of the first": (
-        {"stage": [{**POINTS, "window": "b.gpkg", "outside": "columns"}], "curvature": None}, "of a previous stage"),
+        {"stage": [{**POINTS, "window": "b.gpkg", "outside": "columns"}], "curvature": None},
+        "of a previous stage",
+    ),
     "the same solver twice": ({"stage": stages(COLUMNS, COLUMNS, POINTS)}, "has the solver of the one before"),
     "unknown solver": ({"stage": stages({"solver": "colums"}, POINTS)}, "did you mean 'columns'"),
     "no solver": ({"stage": [{"until": {"time": 3}}, POINTS]}, "solver is missing"),
@@ -111,19 +120,37 @@ REFUSED = {
     "curvature without columns": ({"stage": [POINTS]}, "the 3D solver has no [curvature]"),
     "friction that one has not": ({"friction": {"law": "Sticking"}}, "expected Coulomb"),
     "inflow after points": (
-        {"hydrograph": {"source": "i.shp", "file": "h.csv"}, "stage": stages(POINTS, COLUMNS)}, "first [[stage]]"),
-    "window of the release": (
-        {"release": {"particles": "a.h5", "window": "b.gpkg"}}, "use the window of a [[stage]]"),
+        {"hydrograph": {"source": "i.shp", "file": "h.csv"}, "stage": stages(POINTS, COLUMNS)},
+        "first [[stage]]",
+    ),
+    "window of the release": ({"release": {"particles": "a.h5", "window": "b.gpkg"}}, "use the window of a [[stage]]"),
     "a lowered bed": (
-        {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3,
-                         "lower_bed": True}}, "remove lower_bed"),
+        {
+            "entrainment": {
+                "law": "ErosionEnergy",
+                "source": "e.gpkg",
+                "thickness": 1,
+                "erosion_energy": 5e3,
+                "lower_bed": True,
+            }
+        },
+        "remove lower_bed",
+    ),
     "erosion before and after": (
-        {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3},
-         "stage": stages(COLUMNS, POINTS, COLUMNS)}, "is not kept through"),
+        {
+            "entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3},
+            "stage": stages(COLUMNS, POINTS, COLUMNS),
+        },
+        "is not kept through",
+    ),
     "erosion before and beside": (
-        {"entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3},
-         "stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "columns"})}, "is not kept through"),
-}  # fmt: skip
+        {
+            "entrainment": {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3},
+            "stage": stages(COLUMNS, {**POINTS, "window": "b.gpkg", "outside": "columns"}),
+        },
+        "is not kept through",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -136,6 +163,7 @@ def test_invalid_scenes_are_refused_in_one_line(name):
 
 def test_a_stage_of_columns_alone_may_have_peaks_and_a_bed_that_sinks():
     bed = {"law": "ErosionEnergy", "source": "e.gpkg", "thickness": 1, "erosion_energy": 5e3, "lower_bed": True}
-    given = scene(stage=[COLUMNS], material=None, entrainment=bed,
-                  output={"end_time": 50, "frame_interval": 1, "maxima": True})  # fmt: skip
+    given = scene(
+        stage=[COLUMNS], material=None, entrainment=bed, output={"end_time": 50, "frame_interval": 1, "maxima": True}
+    )
     assert given.entrainment.lower_bed and given.output.maxima

@@ -38,8 +38,16 @@ def scene_module(name, program="make"):
 def write_raster(path, values, west, north, cell, crs=None):
     """Write float[rows, columns], the first row in the north, as float64 GeoTIFF."""
     rows, columns = values.shape
-    profile = {"driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "float64", "nodata": -9999.0,
-               "crs": crs, "transform": Affine(cell, 0.0, west, 0.0, -cell, north)}  # fmt: skip
+    profile = {
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": 1,
+        "dtype": "float64",
+        "nodata": -9999.0,
+        "crs": crs,
+        "transform": Affine(cell, 0.0, west, 0.0, -cell, north),
+    }
     with rasterio.open(path, "w", **profile) as target:
         target.write(values, 1)
 

@@ -136,9 +136,13 @@ def layer(axis, path, name, label, origin=(0.0, 0.0), low=None, high=None, cmap=
     read, transform = bands(path, name)
     values = read[name] if above is None else np.where(read[name] > above, read[name], np.nan)
     image = axis.imshow(
-        values, cmap=matplotlib.colormaps[cmap], vmin=low, vmax=high, extent=extent_of(transform, values.shape, origin),
+        values,
+        cmap=matplotlib.colormaps[cmap],
+        vmin=low,
+        vmax=high,
+        extent=extent_of(transform, values.shape, origin),
         interpolation="nearest",
-    )  # fmt: skip
+    )
     axis.figure.colorbar(image, ax=axis, label=label, shrink=0.9, pad=0.01)
     return image
 

@@ -24,10 +24,10 @@ def course_of(folder, size):
     return dam.course(folder, size, dam.PEAKS[:, 0])
 
 
-@pytest.mark.parametrize(("cells", "late", "fast", "impulse"), [
-    (16, 0.07, 1.62, 1012.0),
-    pytest.param(32, 0.065, 1.52, 1108.0, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("cells", "late", "fast", "impulse"),
+    [(16, 0.07, 1.62, 1012.0), pytest.param(32, 0.065, 1.52, 1108.0, marks=pytest.mark.slow)],
+)
 def test_water_runs_to_the_wall_and_presses_on_it_as_measured(tmp_path, cells, late, fast, impulse):
     """Measured: dZ / dt* 1.25 (Martin and Moyce 1.40), impulse 1274 Pa s at 3 mm."""
     size = dam.Size(0.6, cells)
@@ -38,10 +38,13 @@ def test_water_runs_to_the_wall_and_presses_on_it_as_measured(tmp_path, cells, l
     assert dam.early_impulse(found) == pytest.approx(impulse, rel=0.05)
 
 
-@pytest.mark.parametrize("cells", [
-    pytest.param(16, marks=pytest.mark.xfail(strict=True, reason="0.79 of the measured impulse")),
-    pytest.param(32, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "cells",
+    [
+        pytest.param(16, marks=pytest.mark.xfail(strict=True, reason="0.79 of the measured impulse")),
+        pytest.param(32, marks=pytest.mark.slow),
+    ],
+)
 def test_the_impulse_is_near_the_measured_one(tmp_path, cells):
     found = course_of(tmp_path / "dam", dam.Size(0.6, cells))
     assert dam.IMPACT["impulse"] * 0.8 < dam.early_impulse(found) < dam.IMPACT["impulse"] * 1.4

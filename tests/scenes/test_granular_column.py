@@ -106,13 +106,7 @@ def test_v15_high_columns_and_low_ones_on_few_cells_run_out_as_measured(collapse
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("aspect", "round"),
-    [
-        (0.5, False),
-        (1.0, False),
-        (2.0, False),
-        (4.0, False),
-        pytest.param(1.0, True, marks=short("8.6 %")),
-    ],
+    [(0.5, False), (1.0, False), (2.0, False), (4.0, False), pytest.param(1.0, True, marks=short("8.6 %"))],
 )
 def test_v15_runout_on_mu_of_i_changes_by_7_percent_from_16_to_32_cells(collapsed, aspect, round):
     before, after = (collapsed(aspect, cells, round)[0].mass99 for cells in (16, 32))

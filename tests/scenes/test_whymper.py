@@ -50,8 +50,9 @@ def test_the_scene_has_either_law_and_is_otherwise_the_same(tmp_path):
     plain, growing = (read_scene(whymper.write_all(tmp_path / law, law=law, **asked) / "scene.toml") for law in LAWS)
     assert (plain.material.law, growing.material.law) == LAWS
     assert growing.material.parameters == plain.material.parameters | whymper.GRAINS
-    tables = [{name: table for name, table in scene.as_tables().items() if name != "material"}
-              for scene in (plain, growing)]  # fmt: skip
+    tables = [
+        {name: table for name, table in scene.as_tables().items() if name != "material"} for scene in (plain, growing)
+    ]
     assert tables[0] == tables[1] and growing.softening.residual_friction_angle == 20.0
     assert (growing.numerics.precision, growing.numerics.cell_size) == ("float32", 4.0)
     assert (growing.output.frame_interval, growing.output.end_time) == (1.0, 26.0)

@@ -83,9 +83,15 @@ def write_raster(path, values, transform, crs="EPSG:32632", nodata=None, unit=No
     values = np.asarray(values)
     bands = values if values.ndim == 3 else values[None]
     profile = {
-        "driver": "GTiff", "height": bands.shape[1], "width": bands.shape[2], "count": len(bands), "dtype": bands.dtype,
-        "crs": crs, "transform": transform, "nodata": nodata,
-    }  # fmt: skip
+        "driver": "GTiff",
+        "height": bands.shape[1],
+        "width": bands.shape[2],
+        "count": len(bands),
+        "dtype": bands.dtype,
+        "crs": crs,
+        "transform": transform,
+        "nodata": nodata,
+    }
     with rasterio.open(path, "w", **profile) as sink:
         sink.write(bands)
         if unit:

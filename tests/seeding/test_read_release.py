@@ -309,8 +309,17 @@ def test_a_negative_thickness_raster_names_its_cell(tmp_path, terrain):
 def test_geopackage_with_raster_inside_is_not_mistaken(tmp_path, terrain):
     features(ring(), d0=[2.0]).to_file(tmp_path / "a.gpkg", layer="release")
     with rasterio.open(
-        tmp_path / "a.gpkg", "w", driver="GPKG", height=20, width=20, count=1, dtype="uint8", crs="EPSG:32632",
-        transform=PIXELS["north_up"], APPEND_SUBDATASET="YES", RASTER_TABLE="picture",
-    ) as sink:  # fmt: skip
+        tmp_path / "a.gpkg",
+        "w",
+        driver="GPKG",
+        height=20,
+        width=20,
+        count=1,
+        dtype="uint8",
+        crs="EPSG:32632",
+        transform=PIXELS["north_up"],
+        APPEND_SUBDATASET="YES",
+        RASTER_TABLE="picture",
+    ) as sink:
         sink.write(np.ones((1, 20, 20), np.uint8))
     assert read_release(tmp_path / "a.gpkg", terrain).area == pytest.approx(ring().area)

@@ -125,8 +125,7 @@ def test_the_suggested_command_can_be_pasted_for_any_file_name(tmp_path, monkeyp
 def test_another_crs_than_the_files_own_is_refused_with_both_fixes(tmp_path):
     path = write_dtm(tmp_path / "d.tif")
     with pytest.raises(
-        GeoreferenceError,
-        match=r"rio edit-info FILE --crs EPSG:32633.*rio warp .*--dst-crs EPSG:32633",
+        GeoreferenceError, match=r"rio edit-info FILE --crs EPSG:32633.*rio warp .*--dst-crs EPSG:32633"
     ):
         read_terrain(path, crs="EPSG:32633")
     with pytest.raises(GeoreferenceError, match="a wrong tag") as caught:

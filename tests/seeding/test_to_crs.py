@@ -144,9 +144,13 @@ FEET = 1200 / 3937
 
 @pytest.mark.parametrize(
     ("crs", "unit", "factor"),
-    [("EPSG:2263+6360", "", FEET), ("EPSG:2263", "US survey foot", FEET), ("EPSG:2263", "ft", 0.3048),
-     ("EPSG:2263", "m", 1.0)],
-)  # fmt: skip
+    [
+        ("EPSG:2263+6360", "", FEET),
+        ("EPSG:2263", "US survey foot", FEET),
+        ("EPSG:2263", "ft", 0.3048),
+        ("EPSG:2263", "m", 1.0),
+    ],
+)
 def test_feet_become_metres_by_the_unit_that_is_named(tmp_path, crs, unit, factor):
     """State Plane in US feet: pixels and heights to UTM in metres."""
     transform = Affine(10, 0, 980_000, 0, -10, 200_000)  # New York
@@ -170,15 +174,20 @@ def test_feet_of_height_alone_leave_the_pixels(tmp_path):
 
 
 REFUSED = {
-    "unknown unit of heights": ("EPSG:2263", "", Affine(10, 0, 980_000, 0, -10, 200_000), "auto",
-                                "nothing says what its heights are in"),
+    "unknown unit of heights": (
+        "EPSG:2263",
+        "",
+        Affine(10, 0, 980_000, 0, -10, 200_000),
+        "auto",
+        "nothing says what its heights are in",
+    ),
     "a unit nobody knows": ("EPSG:2263", "cubit", Affine(10, 0, 980_000, 0, -10, 200_000), "auto", "'cubit'"),
     "contradiction": ("EPSG:2263+6360", "m", Affine(10, 0, 980_000, 0, -10, 200_000), "auto", "correct one of them"),
     "too wide for a zone": ("EPSG:4326", "", Affine(1, 0, 0, 0, -0.1, 50), "auto", "too wide for one UTM zone"),
     "degrees asked for": ("EPSG:32632", "", Affine(5, 0, 5e5, 0, -5, 51e5), "EPSG:4326", "CRS in metres"),
     "no code": ("EPSG:32632", "", Affine(5, 0, 5e5, 0, -5, 51e5), "EPSG:999999", "--to-crs got"),
     "false degrees": ("EPSG:4326", "", Affine(5, 0, 5e5, 0, -5, 51e5), "auto", "are not degrees"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", REFUSED)

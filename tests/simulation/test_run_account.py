@@ -41,10 +41,16 @@ def test_mass_that_left_and_entered_is_reported_as_share_of_the_release():
 
 def test_energy_sources_and_sinks_of_columns_are_reported():
     told = balances(
-        energy_start=900.0, energy_released_later=50.0, energy_entrained=50.0, energy_lost=100.0,
-        energy_lost_to_ground=60.0, energy_lost_to_eroded_mass=45.0, energy_lost_to_bends=-5.0, kinetic_energy=3.0,
+        energy_start=900.0,
+        energy_released_later=50.0,
+        energy_entrained=50.0,
+        energy_lost=100.0,
+        energy_lost_to_ground=60.0,
+        energy_lost_to_eroded_mass=45.0,
+        energy_lost_to_bends=-5.0,
+        kinetic_energy=3.0,
         energy_error_relative=2e-4,
-    )  # fmt: skip
+    )
     (line,) = (line for line in account(told, "columns") if "energy" in line)
     assert line == (
         "energy: 900 J at the start, 50 J entered later, 50 J with eroded mass; 100 J lost: 60 J to friction on the "

@@ -51,8 +51,18 @@ def seeded(thickness, west, east, south, north, dx, per_side=4, staggered=True, 
     return columns_of(thickness, west, east, south, north, spacing, staggered=stagger, **more)
 
 
-def solver_on(terrain, frame, cell_size, friction=None, metric=None, curvature=None, still_water=None, places=None,
-              laws=None, **numerics):  # fmt: skip
+def solver_on(
+    terrain,
+    frame,
+    cell_size,
+    friction=None,
+    metric=None,
+    curvature=None,
+    still_water=None,
+    places=None,
+    laws=None,
+    **numerics,
+):
     """A solver with the named laws (`laws`: those of the other slots, by name), no stop rule unless asked."""
     slots = {"friction": friction, "metric": metric, "curvature": curvature, "still_water": still_water, **(laws or {})}
     effects = ColumnEffects(**{name: law for name, law in slots.items() if law is not None})
@@ -89,8 +99,20 @@ def node_thickness(solver, walls=True):
     return x, y, mass[1:-1, 1:-1] / (solver.numerics.density * dx * dx)
 
 
-def dam_break(dx, time=2.5, degrees=0.0, friction_degrees=0.0, metric=None, depth=5.0, reservoir=50.0, length=100.0,
-              tail=0.0, per_side=4, staggered=True, **numerics):  # fmt: skip
+def dam_break(
+    dx,
+    time=2.5,
+    degrees=0.0,
+    friction_degrees=0.0,
+    metric=None,
+    depth=5.0,
+    reservoir=50.0,
+    length=100.0,
+    tail=0.0,
+    per_side=4,
+    staggered=True,
+    **numerics,
+):
     """A dam of slope-normal `depth` [m] at rest on a plane; answers (distance from the dam along the slope, computed
     and exact vertical thickness) at `time` [s] on the nodes (Ritter 1892; Mangeney et al. 2000).
 

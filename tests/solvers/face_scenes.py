@@ -89,7 +89,7 @@ def between_walls(degrees, above):
 
 def along_wall(
     degrees, time, material, place=0.0, azimuth=0.0, friction=25.0, cell=0.5, size=(3.0, 8.0, 1.5), settled=False
-):  # fmt: skip
+):
     """(distance moved [m], exact one [m], force into the wall over the exact one, solver) of a block after `time` [s].
 
     It lies between smooth ground, which leans towards a wall at 45 degrees, and that wall, and slides along it as on a

@@ -10,9 +10,20 @@ import numba
 import numpy as np
 
 COMPILED = (
-    "stencil", "carried", "yielding", "beyond", "on_slope", "ratio", "depth_of", "across_of", "shares_of",
-    "press", "hold", "limited", "plain_step",
-)  # fmt: skip
+    "stencil",
+    "carried",
+    "yielding",
+    "beyond",
+    "on_slope",
+    "ratio",
+    "depth_of",
+    "across_of",
+    "shares_of",
+    "press",
+    "hold",
+    "limited",
+    "plain_step",
+)
 GHOSTS = 4  # nodes before the domain's corner, which the solver has too
 LEAST_SHARE, LIGHTEST = 0.35, 0.1
 LAYER, MOST_YIELD = 20.0, 0.2  # [cells] of the ground that yields
@@ -168,9 +179,12 @@ def on_slope(away, rise):
     """(weight, place) of Gauss's five points of a mean with the spline as weight along a slope."""
     near, far, inner, outer = 0.5877982813242693, 1.125241444035807, 0.2421323233425994, 0.03265097603233586
     return (
-        (1.0 - 2.0 * (inner + outer), away), (inner, away - near * rise), (inner, away + near * rise),
-        (outer, away - far * rise), (outer, away + far * rise),
-    )  # fmt: skip
+        (1.0 - 2.0 * (inner + outer), away),
+        (inner, away - near * rise),
+        (inner, away + near * rise),
+        (outer, away - far * rise),
+        (outer, away + far * rise),
+    )
 
 
 def ratio(away, rise):
@@ -287,9 +301,7 @@ def press(nodes, ground, yields, dx, dt, density, gravity, sound, mu):
                 onto = into - (both - give) * (rubbed[:2] @ normal[:2])
                 pressed = max(onto, 0.0) / give_normal
                 if rubs:
-                    pressed, yields[j, i] = yielding(
-                        onto, give_normal, yielded, impedance, back, MOST_YIELD * dx, dt
-                    )  # fmt: skip
+                    pressed, yields[j, i] = yielding(onto, give_normal, yielded, impedance, back, MOST_YIELD * dx, dt)
                 moving = v + pressed * (both - give) * np.array([normal[0], normal[1], 0.0])
                 along = moving - (moving @ normal) * normal
                 slip = np.sqrt(along @ along)
@@ -334,9 +346,26 @@ def limited(own, variance, mass_near, above, dx, density, signal_speed):
 
 
 def plain_step(
-    place, velocity, affine, mass, state, stress, nodes, ground, yields, dx, dt, density, gravity, mu, material, soft,
-    sound, xi=0.0, pressed=None,
-):  # fmt: skip
+    place,
+    velocity,
+    affine,
+    mass,
+    state,
+    stress,
+    nodes,
+    ground,
+    yields,
+    dx,
+    dt,
+    density,
+    gravity,
+    mu,
+    material,
+    soft,
+    sound,
+    xi=0.0,
+    pressed=None,
+):
     """Advance by `dt` [s]; all arrays are changed in place.
 
     Parameters
@@ -419,9 +448,26 @@ def plain_step(
             place[p, a] += dt * new[a]
         s, c = state[p], gradient
         answer = material.stress_step(
-            s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], dt * c[0, 0], dt * c[0, 1], dt * c[0, 2], dt * c[1, 0],
-            dt * c[1, 1], dt * c[1, 2], dt * c[2, 0], dt * c[2, 1], dt * c[2, 2], dt, soft,
-        )  # fmt: skip
+            s[0],
+            s[1],
+            s[2],
+            s[3],
+            s[4],
+            s[5],
+            s[6],
+            s[7],
+            dt * c[0, 0],
+            dt * c[0, 1],
+            dt * c[0, 2],
+            dt * c[1, 0],
+            dt * c[1, 1],
+            dt * c[1, 2],
+            dt * c[2, 0],
+            dt * c[2, 1],
+            dt * c[2, 2],
+            dt,
+            soft,
+        )
         for e in range(8):
             state[p, e] = answer[e]
         for e in range(6):

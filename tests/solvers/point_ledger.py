@@ -65,11 +65,26 @@ class PlainRun:
         drag = getattr(self.solver.effects.contact, "xi", 0.0)
         step = plain_step if drag else without_drag()
         step(
-            self.place, self.velocity, self.affine, self.mass, self.state, self.stress, nodes, ground,
-            self.yields, dx, dt,
-            numerics.density, numerics.gravity, self.solver.effects.contact.mu, self.material, NoSoftening(),
-            self.material.wave_speed(numerics.density), drag, pressed,
-        )  # fmt: skip
+            self.place,
+            self.velocity,
+            self.affine,
+            self.mass,
+            self.state,
+            self.stress,
+            nodes,
+            ground,
+            self.yields,
+            dx,
+            dt,
+            numerics.density,
+            numerics.gravity,
+            self.solver.effects.contact.mu,
+            self.material,
+            NoSoftening(),
+            self.material.wave_speed(numerics.density),
+            drag,
+            pressed,
+        )
         self._book(nodes.reshape(-1, 4), pressed.reshape(-1, 4), shares, free, impulse, before)
         if isinstance(self.material, Elastic):
             gained = 0.5 * dt * (volume * ((self.stress - stress) * self._strain_rate()).sum(axis=1)).sum()

@@ -51,9 +51,15 @@ class Scene(NamedTuple):
         terrain = self.terrain()
         west, _, _, upper = terrain.grid.bounds
         return seed_columns(
-            terrain, self.release(), cell_size=self.cell, anchor=(west, upper), per_cell=per_cell, points=points,
-            density=DENSITY, **more,
-        )  # fmt: skip
+            terrain,
+            self.release(),
+            cell_size=self.cell,
+            anchor=(west, upper),
+            per_cell=per_cell,
+            points=points,
+            density=DENSITY,
+            **more,
+        )
 
     def points(self):
         """The slab's points, eight a cell, with the stress of their weight in the state."""

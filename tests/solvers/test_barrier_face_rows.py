@@ -50,9 +50,7 @@ def test_a_wall_has_its_faces_at_any_elevation_and_slope(cell, elevation, high, 
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
-@given(
-    st.floats(0.05, 20.0), st.floats(-0.5, 0.5), st.floats(0.0, 180.0), st.sampled_from([0.2, 3.0, 3.5, 6.0]),
-)  # fmt: skip
+@given(st.floats(0.05, 20.0), st.floats(-0.5, 0.5), st.floats(0.0, 180.0), st.sampled_from([0.2, 3.0, 3.5, 6.0]))
 def test_rows_meet_both_sides_of_a_wall_exactly(cell, offset, degrees, thick):
     """At least three cells apart, with the side's normal and no node column in two rows."""
     box = shapely.box(-0.5 * thick * cell, -2 * CELLS * cell, 0.5 * thick * cell, 2 * CELLS * cell)

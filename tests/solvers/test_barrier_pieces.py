@@ -26,9 +26,11 @@ def nodes_of(walls, reach=32, margin_of=margin_of):
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     some.lists(some.integers(2, 18).map(lambda k: k / 20), min_size=1, max_size=4, unique=True),
-    some.floats(0.0, 360.0), some.tuples(*[some.floats(-0.5, 0.5)] * 2), some.floats(0.0, 1.0),
+    some.floats(0.0, 360.0),
+    some.tuples(*[some.floats(-0.5, 0.5)] * 2),
+    some.floats(0.0, 1.0),
     some.sampled_from([margin_of, margin_in_3d]),
-)  # fmt: skip
+)
 def test_pieces_that_touch_or_overlap_have_the_sides_of_the_whole(cuts, degrees, place, overlap, margin):
     """Wherever a dam is cut, in any direction: same nodes, depths and normals, and each node belongs to its piece."""
     cuts = LENGTH * np.array([0.0, *sorted(cuts), 1.0])
@@ -156,9 +158,12 @@ def test_a_deflecting_dam_in_pieces_bears_what_the_whole_does(parts):
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
-    some.floats(0.05, 9.0), some.floats(-0.5, 0.5), some.sampled_from([0, 90, 180, 270]), some.floats(6.0, 20.0),
+    some.floats(0.05, 9.0),
+    some.floats(-0.5, 0.5),
+    some.sampled_from([0, 90, 180, 270]),
+    some.floats(6.0, 20.0),
     some.sampled_from([margin_of, margin_in_3d]),
-)  # fmt: skip
+)
 def test_what_crosses_a_wall_is_counted_once(thickness, place, degrees, length, margin):
     """The weights along each line across a wall sum to 1, for any thickness, length and position of the nodes."""
     box = shapely.box(place, -length, place + thickness, length)

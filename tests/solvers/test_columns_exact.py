@@ -7,17 +7,7 @@ tolerances of the catalogue are in brackets after "required".
 import numpy as np
 import pytest
 from catalogue_scenes import speed_over_bound
-from column_scenes import (
-    G,
-    columns_of,
-    dam_break,
-    node_thickness,
-    orders,
-    relative_l1,
-    seeded,
-    solver_on,
-    terrain_of,
-)
+from column_scenes import G, columns_of, dam_break, node_thickness, orders, relative_l1, seeded, solver_on, terrain_of
 
 from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.friction import Coulomb, Voellmy

@@ -92,9 +92,7 @@ def test_shares_are_positive_with_the_sum_one_and_none_beyond_its_mass(foot, ris
 
 
 @settings(max_examples=200, deadline=None)
-@given(
-    st.floats(0.0, 1.2), st.floats(0.2, 1.0) | st.floats(2.0, 8.0), st.tuples(*[st.floats(0.7, 1.4)] * 6)
-)  # fmt: skip
+@given(st.floats(0.0, 1.2), st.floats(0.2, 1.0) | st.floats(2.0, 8.0), st.tuples(*[st.floats(0.7, 1.4)] * 6))
 def test_shares_do_not_jump_where_the_ground_passes_the_middle_between_two_nodes(rise, thickness, factors):
     """Sheets and deep flows with irregular points, up to 50 degrees: a jump would amplify rounding errors."""
     lower = contact_shares(0.5, rise, *(masses_of(0.5, rise, thickness) * factors[:5]))
@@ -123,9 +121,9 @@ def across(foot, rise, masses, part=None):
     """(shares of the nodes -2 to 2 in an impulse along their line, and in its component across the line)."""
     shares = np.array(contact_shares(foot, rise, *masses))
     part = max(1.0 - rise * rise, 0.0) if part is None else part
-    more = np.array([
-        more_across(foot - k, rise, part, share, mass) for k, share, mass in zip(LEVELS, shares, masses, strict=True)
-    ])  # fmt: skip
+    more = np.array(
+        [more_across(foot - k, rise, part, share, mass) for k, share, mass in zip(LEVELS, shares, masses, strict=True)]
+    )
     total, moment = more.sum(), more @ LEVELS
     return shares, shares + [balanced(k, one, total, moment) for k, one in zip(LEVELS, more, strict=True)]
 
@@ -297,12 +295,20 @@ def resting_on(degrees, azimuth, above, material=SOIL, friction=0.0, length=14.0
     [
         (2.0, 0.0, 0.125),
         (10.0, 45.0, 0.3),
-        *(pytest.param(*case, marks=pytest.mark.thorough) for case in (
-            (2.0, 0.0, 0.625), (5.0, 30.0, 0.3), (20.0, 30.0, 0.3), (30.0, 45.0, 0.3), (40.0, 20.0, 0.3),
-            (45.0, 0.0, 0.1), (45.0, 0.0, 0.6),
-        )),
+        *(
+            pytest.param(*case, marks=pytest.mark.thorough)
+            for case in (
+                (2.0, 0.0, 0.625),
+                (5.0, 30.0, 0.3),
+                (20.0, 30.0, 0.3),
+                (30.0, 45.0, 0.3),
+                (40.0, 20.0, 0.3),
+                (45.0, 0.0, 0.1),
+                (45.0, 0.0, 0.6),
+            )
+        ),
     ],
-)  # fmt: skip
+)
 def test_stress_at_an_inclined_bed(degrees, azimuth, above):
     """Within 3 %. With the spline as share the errors were -74 to +42 % at 2 degrees, 20 % at 10 and 4 % at 30."""
     assert np.abs(resting_on(degrees, azimuth, above)).max() <= 0.03

@@ -28,9 +28,12 @@ def wedge(degrees, opening, apex, far=500.0):
 
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(
-    some.floats(0.05, 20.0), some.floats(0.0, 360.0), some.floats(35.0, 140.0), some.floats(-1.0, 1.0),
+    some.floats(0.05, 20.0),
+    some.floats(0.0, 360.0),
+    some.floats(35.0, 140.0),
     some.floats(-1.0, 1.0),
-)  # fmt: skip
+    some.floats(-1.0, 1.0),
+)
 @example(1.0, 270.0, 91.0, -0.75, 0.0)  # the node behind the corner is nearest to it, 0.1 degrees beside the normal
 def test_rows_reach_into_an_inner_corner(cell, degrees, opening, east, north):
     """Each has the plane and the normal of one of both sides; the rows of a side reach the corner to within a cell."""

@@ -35,8 +35,9 @@ def plane(degrees):
     return lambda x, y: np.tan(np.radians(degrees)) * (LENGTH - x)
 
 
-def hill_solver(frame, *, bed=hillside, form="slope", erosion=ENERGY, erodible=0.0, wall=None, mu=0.15, hole=None,
-                **numerics):  # fmt: skip
+def hill_solver(
+    frame, *, bed=hillside, form="slope", erosion=ENERGY, erodible=0.0, wall=None, mu=0.15, hole=None, **numerics
+):
     """Voellmy with zones, erosion and barriers: all are on; the given numbers set their strength."""
     terrain = terrain_of(bed, LENGTH, WIDTH, DX)
     if hole is not None:
@@ -52,9 +53,11 @@ def hill_solver(frame, *, bed=hillside, form="slope", erosion=ENERGY, erodible=0
         else np.zeros((*grid.bed.shape, BARRIER_ENTRIES))
     )
     places = Places(
-        zone_values=zones, erodible=np.full(grid.bed.shape, float(erodible)),
-        barriers=standing, barrier_names=tuple(one.name for one in walls),
-    )  # fmt: skip
+        zone_values=zones,
+        erodible=np.full(grid.bed.shape, float(erodible)),
+        barriers=standing,
+        barrier_names=tuple(one.name for one in walls),
+    )
     laws = {"entrainment": erosion, "zones": FrictionZones(), "barrier": Barrier()}
     turns = Curvature() if form == "slope" else NoCurvature()
     settings = {"reference_thickness": 1.0, **numerics}
@@ -133,8 +136,9 @@ def test_mass_taken_up_at_rest_takes_the_energy_of_an_inelastic_impact():
     frame = columns_of(2.0, 50, 250, 0, 40, 1.25, velocity=(10.0, 0.0))
     terrain = terrain_of(lambda x, y: 0 * x, 600.0, 40.0, 5.0)
     places = Places(erodible=np.full(ColumnGrid.on(terrain, 5.0).bed.shape, 1e9))
-    solver = solver_on(terrain, frame, 5.0, edges="wall", gravity=1e-9, places=places,
-                       laws={"entrainment": ErosionSpeed(0.02)})  # fmt: skip
+    solver = solver_on(
+        terrain, frame, 5.0, edges="wall", gravity=1e-9, places=places, laws={"entrainment": ErosionSpeed(0.02)}
+    )
     solver.advance(15.0)
     b, p = closed(solver, least=1e-12), solver.frame().particles
     assert (p.mass * p.velocity[:, 0]).sum() == pytest.approx(10.0 * b["mass_start"], rel=1e-12)
@@ -167,10 +171,14 @@ def test_inflow(given):
 @pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(
-    discharge=st.floats(-0.3, 2.7).map(lambda power: 10.0**power), speed=st.one_of(st.just(0.0), st.floats(0.0, 15.0)),
-    cell_size=st.sampled_from([2.0, 4.0, 8.0]), degrees=st.floats(0.0, 40.0), bent=st.booleans(),
-    mu=st.floats(0.0, 0.4), until=st.floats(1.0, 10.0),
-)  # fmt: skip
+    discharge=st.floats(-0.3, 2.7).map(lambda power: 10.0**power),
+    speed=st.one_of(st.just(0.0), st.floats(0.0, 15.0)),
+    cell_size=st.sampled_from([2.0, 4.0, 8.0]),
+    degrees=st.floats(0.0, 40.0),
+    bent=st.booleans(),
+    mu=st.floats(0.0, 0.4),
+    until=st.floats(1.0, 10.0),
+)
 def test_inflow_in_batches_every_few_steps(form, discharge, speed, cell_size, degrees, bent, mu, until):
     """Each batch ends a step early and starts from rest or with its speed; the energy closes on planes to round-off.
 
@@ -178,9 +186,14 @@ def test_inflow_in_batches_every_few_steps(form, discharge, speed, cell_size, de
     """
     bed = hillside if bent else plane(degrees)
     solver = solver_on(
-        terrain_of(bed, LENGTH, WIDTH, cell_size), nothing(), cell_size, Voellmy(mu, 800.0), FORMS[form],
-        Curvature() if form == "slope" else NoCurvature(), reference_thickness=1.0,
-    )  # fmt: skip
+        terrain_of(bed, LENGTH, WIDTH, cell_size),
+        nothing(),
+        cell_size,
+        Voellmy(mu, 800.0),
+        FORMS[form],
+        Curvature() if form == "slope" else NoCurvature(),
+        reference_thickness=1.0,
+    )
     flow = table([0, 8], discharge=[discharge, discharge], speed=[speed, speed] if bent or degrees > 1.0 else [0, 0])
     inlet = inlet_of(area(16, 28, 16, 32, 1.0), flow, solver.grid, until)
     list(TimeIntegration(solver, until, 5.0, events=Events([inlet])))
@@ -250,19 +263,36 @@ def test_water_in_a_basin_without_friction_loses_energy_in_its_bores_alone():
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(
-    form=st.sampled_from(list(FORMS)), degrees=st.floats(3.0, 40.0), thickness=st.floats(0.3, 6.0),
-    speed=st.floats(0.0, 25.0), mu=st.floats(0.0, 0.5), erodible=st.sampled_from([0.0, 100.0, 2000.0]),
-    lowering=st.sampled_from([0.0, 1 / 1800]), height=st.sampled_from([None, 2.0, 50.0]), inflow=st.booleans(),
-    later=st.booleans(), holed=st.booleans(), edges=st.sampled_from(["open", "wall"]), until=st.floats(2.0, 20.0),
-)  # fmt: skip
-def test_any_mixture_of_sources_closes(form, degrees, thickness, speed, mu, erodible, lowering, height, inflow, later,
-                                       holed, edges, until):  # fmt: skip
+    form=st.sampled_from(list(FORMS)),
+    degrees=st.floats(3.0, 40.0),
+    thickness=st.floats(0.3, 6.0),
+    speed=st.floats(0.0, 25.0),
+    mu=st.floats(0.0, 0.5),
+    erodible=st.sampled_from([0.0, 100.0, 2000.0]),
+    lowering=st.sampled_from([0.0, 1 / 1800]),
+    height=st.sampled_from([None, 2.0, 50.0]),
+    inflow=st.booleans(),
+    later=st.booleans(),
+    holed=st.booleans(),
+    edges=st.sampled_from(["open", "wall"]),
+    until=st.floats(2.0, 20.0),
+)
+def test_any_mixture_of_sources_closes(
+    form, degrees, thickness, speed, mu, erodible, lowering, height, inflow, later, holed, edges, until
+):
     wall = None if height is None else Wall("dam", shapely.box(139.0, -9, 142.0, 99), height)
     hole = np.s_[5:7, 20:22] if holed else None
     solver = hill_solver(
-        release(thickness, (speed, 0.2 * speed)), bed=plane(degrees), form=form, wall=wall, mu=mu, hole=hole,
-        erosion=ENERGY._replace(lowering=lowering), erodible=erodible, edges=edges,
-    )  # fmt: skip
+        release(thickness, (speed, 0.2 * speed)),
+        bed=plane(degrees),
+        form=form,
+        wall=wall,
+        mu=mu,
+        hole=hole,
+        erosion=ENERGY._replace(lowering=lowering),
+        erodible=erodible,
+        edges=edges,
+    )
     inlets = []
     if inflow:
         flow = table([0.5, 6.0], discharge=[20, 60], speed=[speed, speed])

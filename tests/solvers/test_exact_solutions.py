@@ -2,16 +2,7 @@
 
 import numpy as np
 import pytest
-from exact_solutions import (
-    G,
-    SimilarityCap,
-    ThackerBowl,
-    bead,
-    mangeney,
-    steady_bingham_speed,
-    stoker,
-    stoker_middle,
-)
+from exact_solutions import G, SimilarityCap, ThackerBowl, bead, mangeney, steady_bingham_speed, stoker, stoker_middle
 
 STEP = 1e-4  # of the central differences [m, s]
 
@@ -22,9 +13,14 @@ def residuals(solution, x, y, t, weight=G, drive_x=0.0, drive_y=0.0):
     Each is relative to the largest of its own terms. `drive` is a number or a function of (x, y, t, u, v).
     """
     h, u, v = solution(x, y, t)
-    along = [[(a - b) / (2 * STEP) for a, b in zip(solution(*up), solution(*down), strict=True)]
-             for up, down in (((x + STEP, y, t), (x - STEP, y, t)), ((x, y + STEP, t), (x, y - STEP, t)),
-                              ((x, y, t + STEP), (x, y, t - STEP)))]  # fmt: skip
+    along = [
+        [(a - b) / (2 * STEP) for a, b in zip(solution(*up), solution(*down), strict=True)]
+        for up, down in (
+            ((x + STEP, y, t), (x - STEP, y, t)),
+            ((x, y + STEP, t), (x, y - STEP, t)),
+            ((x, y, t + STEP), (x, y, t - STEP)),
+        )
+    ]
     (h_x, u_x, v_x), (h_y, u_y, v_y), (h_t, u_t, v_t) = along
     ax, ay = (d(x, y, t, u, v) if callable(d) else d for d in (drive_x, drive_y))
     equations = [

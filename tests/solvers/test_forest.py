@@ -274,10 +274,15 @@ def wood(seed, k, strength):
 
 @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 @given(
-    seed=st.integers(0, 1000), turn=st.floats(0, 6.28), k=st.sampled_from([20.0, 500.0, 5000.0]),
-    strength=st.sampled_from([1e3, 2e4, NEVER]), dx=st.sampled_from([3.0, 5.0, 8.0]),
-    speed=st.sampled_from([0.0, 12.0]), erodible=st.sampled_from([0.0, 300.0]), edges=st.sampled_from(["open", "wall"]),
-)  # fmt: skip
+    seed=st.integers(0, 1000),
+    turn=st.floats(0, 6.28),
+    k=st.sampled_from([20.0, 500.0, 5000.0]),
+    strength=st.sampled_from([1e3, 2e4, NEVER]),
+    dx=st.sampled_from([3.0, 5.0, 8.0]),
+    speed=st.sampled_from([0.0, 12.0]),
+    erodible=st.sampled_from([0.0, 300.0]),
+    edges=st.sampled_from(["open", "wall"]),
+)
 def test_mass_and_energy_close_and_a_restart_is_the_same(seed, turn, k, strength, dx, speed, erodible, edges):
     east, north = 120 - 60 * math.cos(turn), 120 - 60 * math.sin(turn)
     velocity = (speed * math.cos(turn), speed * math.sin(turn))
@@ -285,9 +290,17 @@ def test_mass_and_energy_close_and_a_restart_is_the_same(seed, turn, k, strength
     def made():
         frame = seeded(1.5, east - 15, east + 15, north - 15, north + 15, dx, per_side=3, velocity=velocity)
         return forested(
-            frame, lambda x, y: hill(x, y, turn), 240.0, 240.0, dx, wood(seed, k, strength), 0.15, 5e-3, erodible,
+            frame,
+            lambda x, y: hill(x, y, turn),
+            240.0,
+            240.0,
+            dx,
+            wood(seed, k, strength),
+            0.15,
+            5e-3,
+            erodible,
             edges=edges,
-        )  # fmt: skip
+        )
 
     solver = made()
     solver.advance(6.0)
@@ -358,24 +371,34 @@ def _passes(solver, plain):
     touched = np.arange((width + 1) * (north - south + 2), dtype=np.int32)
     window = west, south, width
     function(column_forest.find_shares)(
-        nodes, fields, touched, len(touched), window, 0.1, settings_, effects.forest, effects.metric,
+        nodes,
+        fields,
+        touched,
+        len(touched),
+        window,
+        0.1,
+        settings_,
+        effects.forest,
+        effects.metric,
         effects.entrainment,
-    )  # fmt: skip
+    )
     shares = fields.forest_share.copy()
     n = int(counts[column_clock.ROWS])
     order = np.arange(n, dtype=np.int32)
     function(column_detrainment.detrain)(
         solver._rows, solver._keys, order, n, fields, solver._clock, counts, 0.05, settings_, effects.metric
-    )  # fmt: skip
+    )
     momentum, report = nodes.copy(), np.zeros(CHUNKS)
     momentum[..., 1:3] *= momentum[..., :1]
     momentum[..., 3] = 0.5 * momentum[..., 0] * 25.0
     fields.forest_state[..., column_forest.TREES] = 0.0
     function(column_forest.break_forest)(
         momentum, fields, touched, len(touched), window, report, settings_, effects.forest, effects.metric
-    )  # fmt: skip
-    resistance = [function(column_forest.added_resistance)(fields.forest, fields.forest_state, j, i, 9.0)
-                  for j, i in np.ndindex(fields.forest_share.shape)]  # fmt: skip
+    )
+    resistance = [
+        function(column_forest.added_resistance)(fields.forest, fields.forest_state, j, i, 9.0)
+        for j, i in np.ndindex(fields.forest_share.shape)
+    ]
     return (
         shares,
         fields.forest_state.copy(),

@@ -190,10 +190,7 @@ def test_flow_along_a_wall_passes_its_end():
 def test_laws_of_openings_are_the_same_compiled():
     @numba.njit
     def both(law, u, v, side, mu, depth, speed, tail):
-        return (
-            law.opening_discharge(9.81, depth, speed, tail, 0.5),
-            law.let_through(u, v, 0.6, 0.8, side, mu, 0.7),
-        )
+        return (law.opening_discharge(9.81, depth, speed, tail, 0.5), law.let_through(u, v, 0.6, 0.8, side, mu, 0.7))
 
     for u, v in ((3.0, 1.0), (-2.0, 2.0), (0.0, 0.0)):
         for side in (-1.0, 0.0, 1.0):

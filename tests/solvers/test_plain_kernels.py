@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from plain_scenes import MADE, results
 
-pytestmark = [
-    pytest.mark.thorough,
-    pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled"),
-]
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")]
 SAME = "ids", "keys", "counts"
 TOLERANCE = {np.dtype(np.float64): 1e-11, np.dtype(np.float32): 1e-4}  # of the largest value of each
 

@@ -160,16 +160,23 @@ CRESTS = [
     ),
     *(
         pytest.param(2.0 + 0.25 * part, thickness, 30.0 + 0.1 * part, 0.25, marks=pytest.mark.slow)
-        for thickness in (0.3, 0.6, 1.0, 2.0) for part in (0.0, 0.4, 0.9)
+        for thickness in (0.3, 0.6, 1.0, 2.0)
+        for part in (0.0, 0.4, 0.9)
     ),
     *(
         pytest.param(*case, marks=pytest.mark.slow)
         for case in (
-            (2.0, 1.0, 30.0, 0.125), (2.0, 2.0, 30.0, 0.5), (3.0, 0.3, 30.0, 0.25), (3.0, 2.0, 30.0, 0.25),
-            (3.1, 1.0, 30.1, 0.25), (3.3, 1.0, 30.0, 0.25), (2.2, 1.0, 30.0, 0.4), (2.5, 1.0, 30.05, 0.125),
+            (2.0, 1.0, 30.0, 0.125),
+            (2.0, 2.0, 30.0, 0.5),
+            (3.0, 0.3, 30.0, 0.25),
+            (3.0, 2.0, 30.0, 0.25),
+            (3.1, 1.0, 30.1, 0.25),
+            (3.3, 1.0, 30.0, 0.25),
+            (2.2, 1.0, 30.0, 0.4),
+            (2.5, 1.0, 30.05, 0.125),
         )
     ),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("crest", "thickness", "west", "cell"), CRESTS)
@@ -227,9 +234,14 @@ def test_water_above_a_wall_rests_on_it(thickness, west):
     ends = [Wall(name, shapely.box(at, -5.0, at + 2.0, 6.0), crest=20.0) for name, at in (("a", 24.0), ("b", 34.0))]
     walls = (wall(crest, west=west, thickness=thickness), *ends)
     solver = points_on(
-        channel(4.0 * cell), replace(frame, particles=particles), cell, water(4.0), stress=stress, walls=walls,
+        channel(4.0 * cell),
+        replace(frame, particles=particles),
+        cell,
+        water(4.0),
+        stress=stress,
+        walls=walls,
         edges="wall",
-    )  # fmt: skip
+    )
     integrate_to(solver, time)
     weight = 1000.0 * 9.81 * (depth - crest) * thickness * 4.0 * cell * time
     assert solver.balances()["barriers"]["dam"]["impulse_up"] == pytest.approx(-weight, rel=0.2)

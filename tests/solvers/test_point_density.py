@@ -54,10 +54,7 @@ def solver_settings(cell, **numerics):
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
-@given(
-    some.floats(0.05, 20.0), some.floats(0.0, 360.0), some.floats(2.0, 9.0), some.floats(-1.0, 1.0),
-    some.booleans(),
-)  # fmt: skip
+@given(some.floats(0.05, 20.0), some.floats(0.0, 360.0), some.floats(2.0, 9.0), some.floats(-1.0, 1.0), some.booleans())
 def test_walls_fill_the_part_of_a_spline_that_is_behind_their_sides(cell, azimuth, width, off, angled):
     """Against quadrature: straight and angled walls of any direction, width, place and cell, wider than three cells or
     as wide as the solver makes them."""
@@ -97,9 +94,7 @@ def test_walls_on_the_edges_and_crests_close_a_part_of_the_splines():
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)
-@given(
-    some.floats(SMALLEST_VOLUME, 1.0), some.floats(0.01, 20.0), some.booleans(), some.floats(0.0, 0.25),
-)  # fmt: skip
+@given(some.floats(SMALLEST_VOLUME, 1.0), some.floats(0.01, 20.0), some.booleans(), some.floats(0.0, 0.25))
 def test_the_gap_of_a_volume_ends_at_the_band(volume, density, inside, band):
     gap = WATER.gap_at_density(volume, density, inside, band)
     off, closed = volume * density - 1.0, (volume + gap) * density - 1.0
@@ -114,9 +109,13 @@ def test_the_gap_of_a_volume_ends_at_the_band(volume, density, inside, band):
 
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(
-    some.floats(SMALLEST_VOLUME, 1.0), some.floats(-0.1, 0.1), some.integers(16, 32),
-    some.floats(1e-6, 1.0), some.floats(-0.02, 0.02), some.sampled_from([0.0, 1.0]),
-)  # fmt: skip
+    some.floats(SMALLEST_VOLUME, 1.0),
+    some.floats(-0.1, 0.1),
+    some.integers(16, 32),
+    some.floats(1e-6, 1.0),
+    some.floats(-0.02, 0.02),
+    some.sampled_from([0.0, 1.0]),
+)
 def test_a_correction_acts_evenly_and_its_energy_is_known(volume, change, count, step, growth, tait):
     """Over `count` steps of a fluid that its motion compresses or expands by `growth` in total."""
     water, rates = WATER._replace(tait=tait), [growth / (3.0 * count), 0.0, 0.0, 0.0]
@@ -199,10 +198,17 @@ def test_corrections_make_no_peaks_of_the_load(froude):
 @pytest.mark.parametrize(
     ("froude", "options"),
     [
-        (2.0, {}), (1.2, {}), (1.6, {"place": 0.8}), (2.0, {"per_cell": 1}), (2.0, {"per_cell": 3}),
-        (2.0, {"cell": 0.125}), (2.0, {"precision": "float32"}), (2.0, {"viscosity": 20.0}), (2.0, {"tait": 1.0}),
+        (2.0, {}),
+        (1.2, {}),
+        (1.6, {"place": 0.8}),
+        (2.0, {"per_cell": 1}),
+        (2.0, {"per_cell": 3}),
+        (2.0, {"cell": 0.125}),
+        (2.0, {"precision": "float32"}),
+        (2.0, {"viscosity": 20.0}),
+        (2.0, {"tait": 1.0}),
     ],
-)  # fmt: skip
+)
 def test_bores_of_other_streams(froude, options):
     solver, exact = stream_at_wall(froude, 5.0, **options)
     found = load_between(solver, 3.0, 5.0) / exact

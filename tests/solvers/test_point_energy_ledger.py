@@ -23,9 +23,12 @@ MATERIALS = {
 THOROUGH = (pytest.param(name, marks=pytest.mark.thorough) for name in ("granular", "growing"))
 SOLIDS = ("elastic", "frictional", *THOROUGH)
 SCENES = {
-    "degrees": st.floats(0.0, 40.0), "mu": st.floats(0.0, 0.6), "speed": st.floats(0.0, 12.0),
-    "lift": st.sampled_from([0.0, 0.6]), "step": st.sampled_from([1e-3, 2e-3, 3.5e-3]),
-}  # fmt: skip
+    "degrees": st.floats(0.0, 40.0),
+    "mu": st.floats(0.0, 0.6),
+    "speed": st.floats(0.0, 12.0),
+    "lift": st.sampled_from([0.0, 0.6]),
+    "step": st.sampled_from([1e-3, 2e-3, 3.5e-3]),
+}
 
 
 def both(material, degrees, mu, speed, lift, step, time=0.4, contact=None):

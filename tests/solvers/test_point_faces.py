@@ -146,10 +146,15 @@ def test_a_block_slides_along_a_wall(azimuth):
 
 @settings(max_examples=300, deadline=None)
 @given(
-    st.floats(-44.0, 44.0), st.sampled_from([(1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1)]), st.floats(-0.5, 0.5),
-    st.tuples(*[st.floats(0.55, 4.45)] * 2), st.floats(0.0, 12.0), st.sampled_from([0.0, 0.5]),
-    st.sampled_from(["", "gap", "edge", "hole"]), st.sampled_from(["f4", "f8"]),
-)  # fmt: skip
+    st.floats(-44.0, 44.0),
+    st.sampled_from([(1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1)]),
+    st.floats(-0.5, 0.5),
+    st.tuples(*[st.floats(0.55, 4.45)] * 2),
+    st.floats(0.0, 12.0),
+    st.sampled_from([0.0, 0.5]),
+    st.sampled_from(["", "gap", "edge", "hole"]),
+    st.sampled_from(["f4", "f8"]),
+)
 def test_points_that_have_passed_a_face_are_moved_back_onto_it(degrees, way, foot, place, height, mu, case, kind):
     """Step by step along its normal, through blocks; not above its rows, in a gap, over an edge or onto a hole."""
     east, north, out = way

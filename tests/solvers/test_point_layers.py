@@ -27,9 +27,22 @@ class Chute:
     """
 
     def __init__(
-        self, degrees, xi, mu, seconds, cell=0.5, deep=2.0, long=24.0, wide=6, offset=0.0, shear=1.0, pace=1.0,
-        transfer=TRANSFERS["APIC"], precision="float64", material=None,
-    ):  # fmt: skip
+        self,
+        degrees,
+        xi,
+        mu,
+        seconds,
+        cell=0.5,
+        deep=2.0,
+        long=24.0,
+        wide=6,
+        offset=0.0,
+        shear=1.0,
+        pace=1.0,
+        transfer=TRANSFERS["APIC"],
+        precision="float64",
+        material=None,
+    ):
         self.slope, self.deep, self.cell, self.wide = np.radians(degrees), deep, cell, wide * cell
         self.drive = np.sin(self.slope) - mu * np.cos(self.slope)
         self.xi, self.chezy = xi, np.sqrt(xi / G)

@@ -78,20 +78,42 @@ def test_peaks_equal_those_of_the_plain_loop_in_every_step(wide):
     frame = block_of((2.0 * wide, 1.5, 1.5), 0.5, corner, velocity=(14.0, -3.0, -2.0), turned=np.radians(30))
     frame.particles.velocity[:] += np.random.default_rng(3).normal(size=frame.particles.velocity.shape)
     dx, dt, steps, least = 1.0, 4e-3, 12, 0.2
-    solver = points_on(terrain, frame, dx, ELASTIC, CoulombContact(0.3), time_step=dt, maxima=True,
-                       arrival_thickness=least)  # fmt: skip
+    solver = points_on(
+        terrain, frame, dx, ELASTIC, CoulombContact(0.3), time_step=dt, maxima=True, arrival_thickness=least
+    )
     place = frame.particles.position - solver._corner_from((0.0, 0.0, 0.0))
     n = len(place)
-    velocity, affine, state, stress = (frame.particles.velocity.copy(), np.zeros((n, 3, 3)), np.zeros((n, 8)),
-                                       np.zeros((n, 6)))  # fmt: skip
+    velocity, affine, state, stress = (
+        frame.particles.velocity.copy(),
+        np.zeros((n, 3, 3)),
+        np.zeros((n, 8)),
+        np.zeros((n, 6)),
+    )
     ground = solver._ground[..., :3]
     nodes = np.zeros((int(place[:, 2].max() / dx) + 14, *ground.shape[:2], 4))
     normal = np.dstack([-ground[..., 1], -ground[..., 2], np.ones(ground.shape[:2])])
     normal /= np.linalg.norm(normal, axis=2)[..., None]
     expected, yields = peak_names.no_peaks(ground.shape[:2]), yields_of(solver)
     for step in range(steps):
-        plain_step(place, velocity, affine, frame.particles.mass, state, stress, nodes, ground, yields, dx, dt, DENSITY,
-                   GRAVITY, 0.3, ELASTIC, NoSoftening(), ELASTIC.wave_speed(DENSITY))  # fmt: skip
+        plain_step(
+            place,
+            velocity,
+            affine,
+            frame.particles.mass,
+            state,
+            stress,
+            nodes,
+            ground,
+            yields,
+            dx,
+            dt,
+            DENSITY,
+            GRAVITY,
+            0.3,
+            ELASTIC,
+            NoSoftening(),
+            ELASTIC.wave_speed(DENSITY),
+        )
         mass = nodes[..., 3].sum(axis=0)
         mean = (nodes[..., :3] * nodes[..., 3:]).sum(axis=0) / np.maximum(mass, 1e-300)[..., None]
         thickness = mass / (DENSITY * dx * dx)
@@ -121,8 +143,15 @@ def test_thickness_and_arrival_are_those_of_numpy_in_every_step(seed, dx, single
     speed = np.sqrt(GRAVITY * dx)
     frame = cloud(place, random.normal(0.0, speed, (60, 3)), random.uniform(0.05, 0.3, 60) * DENSITY * dx**3)
     least, precision = 0.3 * dx, "float32" if single else "float64"
-    solver = points_on(terrain, frame, dx, Fluid(DENSITY * 400 * GRAVITY * dx, 0.0, 0.0), maxima=True,
-                       arrival_thickness=least, precision=precision)  # fmt: skip
+    solver = points_on(
+        terrain,
+        frame,
+        dx,
+        Fluid(DENSITY * 400 * GRAVITY * dx, 0.0, 0.0),
+        maxima=True,
+        arrival_thickness=least,
+        precision=precision,
+    )
     expected = peak_names.no_peaks(tuple(n + 1 for n in solver.grid.inside.shape))
     lone = 0.5625 * frame.particles.mass.max() / (DENSITY * dx * dx)
     end, doubtful = 0.4 * np.sqrt(dx / GRAVITY), np.zeros(expected.shape[:2], bool)
@@ -209,8 +238,10 @@ def test_a_basin_with_walls_is_as_deep_at_them_as_amid_it():
 @pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)])
 def test_nothing_of_the_flow_changes_and_threads_change_nothing(precision):
     frame = block_of((4, 4, 4), 0.5, (10, 8, 0))
-    made = [points_on(FLAT, frame, 1.0, SAND, CoulombContact(0.6), precision=precision, maxima=maxima)
-            for maxima in (False, True, True)]  # fmt: skip
+    made = [
+        points_on(FLAT, frame, 1.0, SAND, CoulombContact(0.6), precision=precision, maxima=maxima)
+        for maxima in (False, True, True)
+    ]
     threads = jit.set_threads(None)
     for solver in made[:2]:
         solver.advance(0.6)

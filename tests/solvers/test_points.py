@@ -48,8 +48,13 @@ def test_a_point_pulled_apart_without_end_fills_no_more_than_its_stencil(tmp_pat
 
 
 def test_mass_and_momentum_close_to_round_off():
-    solver = points_on(plane(30), block_of((10, 6, 4), 0.5, (20, 15, 120 - 20 * 0.57735), turned=np.pi / 6), 1.0, ICE,
-                       CoulombContact(0.3))  # fmt: skip
+    solver = points_on(
+        plane(30),
+        block_of((10, 6, 4), 0.5, (20, 15, 120 - 20 * 0.57735), turned=np.pi / 6),
+        1.0,
+        ICE,
+        CoulombContact(0.3),
+    )
     integrate_to(solver, 1.0)
     balances = solver.balances()
     assert balances["mass_error_relative"] == 0.0
@@ -194,8 +199,9 @@ def test_it_goes_with_the_map():
     slope, east, north = np.tan(np.radians(30)), 5e5, 5e6
     terrain = terrain_of(lambda x, y: 120.0 - slope * (x - east), 200.0, 40.0, 5.0, west=east, south=north)
     frame = near.frame()
-    far = points_on(terrain, type(frame)(frame.particles, dimension=3, origin=(east, north, 0.0)), 1.0, ICE,
-                    CoulombContact(0.3))  # fmt: skip
+    far = points_on(
+        terrain, type(frame)(frame.particles, dimension=3, origin=(east, north, 0.0)), 1.0, ICE, CoulombContact(0.3)
+    )
     for solver in (near, far):
         integrate_to(solver, 1.0)
     np.testing.assert_allclose(sorted_points(far).position, sorted_points(near).position, atol=1e-7)

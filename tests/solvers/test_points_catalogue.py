@@ -70,9 +70,7 @@ def momenta(solver):
     rows, dx = rows_by_id(solver), solver.numerics.cell_size
     position, momentum = sorted_points(solver).position, rows[:, row.PX : row.PZ + 1]
     along_x, along_y, along_z = (rows[:, k : k + 3] for k in (row.AXX, row.AXY, row.AXZ))
-    own = np.column_stack([
-        along_y[:, 2] - along_z[:, 1], along_z[:, 0] - along_x[:, 2], along_x[:, 1] - along_y[:, 0],
-    ])  # fmt: skip
+    own = np.column_stack([along_y[:, 2] - along_z[:, 1], along_z[:, 0] - along_x[:, 2], along_x[:, 1] - along_y[:, 0]])
     return momentum.sum(axis=0), (np.cross(position, momentum) + 0.25 * dx * own).sum(axis=0)
 
 
@@ -345,8 +343,10 @@ def off_the_cliff(cell, gap=2.0):
     """The elastic block 0.1 m high and 0.3 m long, `gap` [cells] above the plane, between walls."""
     terrain = terrain_of(
         lambda x, y: np.where(x < EDGE, DROP + np.tan(INCLINE) * (EDGE - x), 0.0),
-        np.ceil((EDGE + 16.0) / cell) * cell, 4 * cell, cell,
-    )  # fmt: skip
+        np.ceil((EDGE + 16.0) / cell) * cell,
+        4 * cell,
+        cell,
+    )
     normal = np.array([np.sin(INCLINE), 0.0, np.cos(INCLINE)])
     corner = np.array([TAIL, 0.0, DROP + RUN * np.sin(INCLINE)]) + gap * cell * normal
     frame = block_of((0.3, 4 * cell, 0.1), 0.5 * cell, corner, turned=INCLINE)

@@ -41,9 +41,11 @@ def speed_error(cell, start, time=3.0, **scene):
     solver, steady = slab(cell, start, **scene)
     integrate_to(solver, time)
     phase = DRIVE * time / steady
-    exact = steady * np.tanh(phase + np.arctanh(start)) if start < 1.0 else steady / np.tanh(
-        phase + np.arctanh(1.0 / start)
-    )  # fmt: skip
+    exact = (
+        steady * np.tanh(phase + np.arctanh(start))
+        if start < 1.0
+        else steady / np.tanh(phase + np.arctanh(1.0 / start))
+    )
     return along(solver) / exact - 1.0, solver
 
 

@@ -10,8 +10,11 @@ from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import Elastic, drucker_prager
 from mpmgis.laws.softening import NoSoftening
 
-MATERIALS = {"elastic": Elastic(6.7e6, 4e6), "frictional": drucker_prager(6.7e6, 4e6, 35.0, 500.0),
-             "fluid": Fluid(1e6, 10.0, 0.0)}  # fmt: skip
+MATERIALS = {
+    "elastic": Elastic(6.7e6, 4e6),
+    "frictional": drucker_prager(6.7e6, 4e6, 35.0, 500.0),
+    "fluid": Fluid(1e6, 10.0, 0.0),
+}
 STEPS, DT, DX = 3, 2e-3, 1.0
 
 
@@ -27,9 +30,25 @@ def plain(solver, frame, material, mu, xi=0.0):
     sound, yields = material.wave_speed(1000.0), yields_of(solver)
     for _ in range(STEPS):
         plain_step(
-            place, velocity, affine, frame.particles.mass, state, stress, nodes, ground, yields, DX, DT, 1000.0,
-            9.81, mu, material, NoSoftening(), sound, xi,
-        )  # fmt: skip
+            place,
+            velocity,
+            affine,
+            frame.particles.mass,
+            state,
+            stress,
+            nodes,
+            ground,
+            yields,
+            DX,
+            DT,
+            1000.0,
+            9.81,
+            mu,
+            material,
+            NoSoftening(),
+            sound,
+            xi,
+        )
     return place, velocity
 
 

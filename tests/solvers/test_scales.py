@@ -18,9 +18,12 @@ ONE = Scene(1.0)
 POINT_SETS = ("lattice", "staggered", "jittered", "random", "halton")
 COORDINATES = st.floats(-1e7, 1e7).map(lambda metres: round(metres, 3)) | st.sampled_from([0.0, -1e7, 1e7, 5_100_000.0])
 SCENES = st.builds(
-    Scene, st.floats(-3.0, 2.0).map(lambda power: 10.0**power) | st.sampled_from([1e-3, 4e-3, 5e-3, 8e-3, 0.05, 0.1]),
-    COORDINATES, COORDINATES, st.integers(0, 30_000),
-)  # fmt: skip
+    Scene,
+    st.floats(-3.0, 2.0).map(lambda power: 10.0**power) | st.sampled_from([1e-3, 4e-3, 5e-3, 8e-3, 0.05, 0.1]),
+    COORDINATES,
+    COORDINATES,
+    st.integers(0, 30_000),
+)
 
 
 def require_same(frame, scene, other, reference):

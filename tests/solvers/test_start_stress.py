@@ -97,9 +97,12 @@ def test_a_fluid_has_the_same_pressure_in_all_directions_on_any_slope():
 
 
 @given(
-    some.floats(-2.0, 2.0), some.floats(-2.0, 2.0), some.sampled_from([0.0, 5e6]), some.sampled_from([1e-3, 1.0, 1e2]),
+    some.floats(-2.0, 2.0),
+    some.floats(-2.0, 2.0),
+    some.sampled_from([0.0, 5e6]),
+    some.sampled_from([1e-3, 1.0, 1e2]),
     some.integers(0, 2**32),
-)  # fmt: skip
+)
 def test_slopes_of_a_plane_are_exact(east, north, away, scale, seed):
     """Any number of particles anywhere, in any unit, at any origin."""
     x, y = scale * np.random.default_rng(seed).uniform(0.0, 20.0, (2, 300))

@@ -55,9 +55,11 @@ class Points(PointBalances):
 
 @settings(max_examples=25, deadline=None)
 @given(
-    st.sampled_from([1, 63, 64, 65, 127, 128, 500]), st.sampled_from([np.float32, np.float64]),
-    st.sampled_from([(ROW_SHORT, ICE), (ROW_LONG, SOIL)]), st.integers(0, 1000),
-)  # fmt: skip
+    st.sampled_from([1, 63, 64, 65, 127, 128, 500]),
+    st.sampled_from([np.float32, np.float64]),
+    st.sampled_from([(ROW_SHORT, ICE), (ROW_LONG, SOIL)]),
+    st.integers(0, 1000),
+)
 def test_sums_are_those_of_numpy(count, dtype, kind, seed):
     width, material = kind
     rows, keys, lowest = random_points(count, width, dtype, seed)

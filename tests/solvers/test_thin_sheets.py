@@ -93,12 +93,18 @@ def test_half_the_cells():
 @pytest.mark.parametrize(
     "scene",
     [
-        {"shift": (0.25, 0.75)}, {"shift": (0.5, 0.5), "points": 3}, {"shift": (0.6, 0.1)}, {"points": 3},
-        {"points": 4}, {"speed": 80.0}, {"sound": 400.0}, {"speed": 80.0, "points": 3},
+        {"shift": (0.25, 0.75)},
+        {"shift": (0.5, 0.5), "points": 3},
+        {"shift": (0.6, 0.1)},
+        {"points": 3},
+        {"points": 4},
+        {"speed": 80.0},
+        {"sound": 400.0},
+        {"speed": 80.0, "points": 3},
         {"precision": "float32"},
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_other_offsets_densities_of_points_and_speeds(scene):
     """Measured: 1.02 to 1.07, 85 to 89 % of the energy. Without the limiter 1.42 to 1.49, 91 to 92 %."""
     fastest, energy, _ = outcome(**scene)
@@ -141,9 +147,11 @@ def test_the_front_of_a_dam_break_is_as_fast_as_ritter_has_it():
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(
-    speed=st.floats(30.0, 80.0), points=st.integers(2, 4), shift=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+    speed=st.floats(30.0, 80.0),
+    points=st.integers(2, 4),
+    shift=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
     sound=st.floats(150.0, 300.0),
-)  # fmt: skip
+)
 def test_any_sheet_is_held_together(speed, points, shift, sound):
     fastest, energy, _ = outcome(speed=speed, points=points, shift=shift, sound=sound)
     assert fastest <= 1.15 and energy >= 0.8
@@ -185,9 +193,24 @@ def test_the_limited_step_equals_the_plain_loop():
         state[:, k] = values
     for _ in range(4):
         count += plain_step(
-            place, velocity, affine, frame.particles.mass, state, stress, nodes, solver._ground[..., :3], yields, 1.0,
-            1e-3, DENSITY, 9.81, 0.0, WATER, NoSoftening(), solver._settings.signal_speed,
-        )  # fmt: skip
+            place,
+            velocity,
+            affine,
+            frame.particles.mass,
+            state,
+            stress,
+            nodes,
+            solver._ground[..., :3],
+            yields,
+            1.0,
+            1e-3,
+            DENSITY,
+            9.81,
+            0.0,
+            WATER,
+            NoSoftening(),
+            solver._settings.signal_speed,
+        )
     integrate_to(solver, 4e-3)
     now = sorted_points(solver)
     assert 0.05 * n < count < 3.9 * n and solver.balances()["clips"]["affine_velocity"] == count
@@ -200,9 +223,11 @@ def test_the_limited_step_equals_the_plain_loop():
 
 @settings(deadline=None)
 @given(
-    values=st.lists(st.floats(0.0, 100.0), min_size=1, max_size=400), share=st.sampled_from([1e-3, 0.01, 0.1, 0.5]),
-    seed=st.integers(0, 99), even=st.booleans(),
-)  # fmt: skip
+    values=st.lists(st.floats(0.0, 100.0), min_size=1, max_size=400),
+    share=st.sampled_from([1e-3, 0.01, 0.1, 0.5]),
+    seed=st.integers(0, 99),
+    even=st.booleans(),
+)
 def test_exceeded_by_is_the_least_value_that_at_most_the_share_exceeds(values, share, seed, even):
     values = np.array(values)
     mass = np.ones(len(values)) if even else np.random.default_rng(seed).lognormal(0.0, 2.0, len(values))
@@ -279,10 +304,14 @@ def test_flow_along_a_wall_keeps_its_affine_velocity(along, wide, precision):
 
 
 FRONTS = {
-    "degrees": st.floats(12.0, 40.0), "slowed": st.floats(0.05, 0.9), "cell": st.sampled_from([0.01, 0.3, 1.57, 10.0]),
-    "high": st.integers(1, 4), "stiff": st.floats(100.0, 3000.0), "speed": st.sampled_from([0.0, 5.0]),
+    "degrees": st.floats(12.0, 40.0),
+    "slowed": st.floats(0.05, 0.9),
+    "cell": st.sampled_from([0.01, 0.3, 1.57, 10.0]),
+    "high": st.integers(1, 4),
+    "stiff": st.floats(100.0, 3000.0),
+    "speed": st.sampled_from([0.0, 5.0]),
     "precision": st.sampled_from(["float64", "float32"]),
-}  # fmt: skip
+}
 
 
 def test_the_front_of_a_thin_flow_does_not_sink():

@@ -107,9 +107,10 @@ class PointScene:
         drop = float(np.ptp(self.ground(x, y))) + self.box.thickness + self.box.speed**2 / 20.0
         stiff = self.stiffness * stiff_for(drop)
         material = (
-            Fluid(stiff, self.viscosity, 0.0) if self.friction_angle is None
+            Fluid(stiff, self.viscosity, 0.0)
+            if self.friction_angle is None
             else drucker_prager(stiff, 0.6 * stiff, self.friction_angle, self.cohesion)
-        )  # fmt: skip
+        )
         columns = self.box.columns(self.ground, 1.0)
         numerics = {"cfl": self.cfl, "edges": self.edges, "precision": self.precision}
         return points_of_columns(self.ground, columns, material, mu=self.mu, **numerics)
@@ -119,36 +120,61 @@ def grounds(length, width, reliefs):
     """Terrains of any kind, level to 68 degrees steep."""
     shares, angles = st.floats(0.2, 0.8), st.floats(0.0, 6.28)
     return st.builds(
-        Ground, st.sampled_from(KINDS), st.sampled_from((0.0, 5.0, 20.0, 35.0, 50.0, 68.0)), angles,
-        st.sampled_from(reliefs), shares, st.integers(0, 1000), st.just(length), st.just(width),
-    )  # fmt: skip
+        Ground,
+        st.sampled_from(KINDS),
+        st.sampled_from((0.0, 5.0, 20.0, 35.0, 50.0, 68.0)),
+        angles,
+        st.sampled_from(reliefs),
+        shares,
+        st.integers(0, 1000),
+        st.just(length),
+        st.just(width),
+    )
 
 
 def boxes(thicknesses, speeds, per_side):
     """Releases anywhere, from narrow strips to a third of the terrain, also at its edges."""
     shares, lengths = st.floats(0.0, 1.0), st.sampled_from((0.0, 0.02, 0.1, 0.3))
     return st.builds(
-        Box, shares, shares, lengths, lengths, st.sampled_from(thicknesses), st.sampled_from(per_side),
-        st.sampled_from(speeds), st.floats(0.0, 6.28),
-    )  # fmt: skip
+        Box,
+        shares,
+        shares,
+        lengths,
+        lengths,
+        st.sampled_from(thicknesses),
+        st.sampled_from(per_side),
+        st.sampled_from(speeds),
+        st.floats(0.0, 6.28),
+    )
 
 
 def column_scenes():
     """Scenes of columns: up to three releases of 0.1 mm to 20 m on 200 m x 100 m."""
     box = boxes((1e-4, 1e-2, 0.5, 3.0, 20.0), (0.0, 5.0, 30.0), (1, 2, 4))
     return st.builds(
-        ColumnScene, grounds(200.0, 100.0, (0.5, 2.0, 10.0, 40.0)), st.lists(box, min_size=1, max_size=3).map(tuple),
-        st.sampled_from((0.0, 0.1, 0.4, 2.0)), st.sampled_from((50.0, 1000.0, NO_DRAG)),
-        st.sampled_from((0.1, 0.3, 0.6, 0.9)), st.sampled_from(("open", "wall")),
-    )  # fmt: skip
+        ColumnScene,
+        grounds(200.0, 100.0, (0.5, 2.0, 10.0, 40.0)),
+        st.lists(box, min_size=1, max_size=3).map(tuple),
+        st.sampled_from((0.0, 0.1, 0.4, 2.0)),
+        st.sampled_from((50.0, 1000.0, NO_DRAG)),
+        st.sampled_from((0.1, 0.3, 0.6, 0.9)),
+        st.sampled_from(("open", "wall")),
+    )
 
 
 def point_scenes():
     """Scenes of points: one release of 5 cm to 5 m on 40 m x 20 m, sand, soil or a fluid, too soft to very stiff."""
     box = boxes((0.05, 0.5, 2.0, 5.0), (0.0, 3.0, 20.0), (2,))
     return st.builds(
-        PointScene, grounds(40.0, 20.0, (0.1, 0.5, 2.0)), box, st.sampled_from((0.0, 0.1, 0.4, 2.0)),
-        st.sampled_from((0.2, 0.4, 0.9)), st.sampled_from(("open", "wall")), st.sampled_from((0.03, 0.3, 1.0, 10.0)),
-        st.sampled_from((None, 0.0, 5.0, 30.0, 60.0)), st.sampled_from((0.0, 1e3, 1e5)),
-        st.sampled_from((0.0, 1e-3, 100.0, 1e4)), st.sampled_from(("float64", "float32")),
-    )  # fmt: skip
+        PointScene,
+        grounds(40.0, 20.0, (0.1, 0.5, 2.0)),
+        box,
+        st.sampled_from((0.0, 0.1, 0.4, 2.0)),
+        st.sampled_from((0.2, 0.4, 0.9)),
+        st.sampled_from(("open", "wall")),
+        st.sampled_from((0.03, 0.3, 1.0, 10.0)),
+        st.sampled_from((None, 0.0, 5.0, 30.0, 60.0)),
+        st.sampled_from((0.0, 1e3, 1e5)),
+        st.sampled_from((0.0, 1e-3, 100.0, 1e4)),
+        st.sampled_from(("float64", "float32")),
+    )

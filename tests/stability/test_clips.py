@@ -92,7 +92,9 @@ def test_the_account_names_corrections_of_volumes_with_their_energy():
     balances = solver.balances()
     assert balances["volume_corrections"] == 0 and balances["energy_of_volume_corrections"] == 0.0
     for share, energy, word in ((0.5, 1.0, None), (2.0, 0.25, "supplied 25 %"), (2.0, -0.03, "took 3 %")):
-        corrected = {"volume_corrections": int(share * CLIP_SHARE * balances["particle_steps"]) + 1,
-                     "energy_of_volume_corrections": energy * balances["energy_start"]}  # fmt: skip
+        corrected = {
+            "volume_corrections": int(share * CLIP_SHARE * balances["particle_steps"]) + 1,
+            "energy_of_volume_corrections": energy * balances["energy_start"],
+        }
         lines = [line for line in account(balances | corrected, "points") if "corrections of volumes" in line]
         assert [word in line for line in lines] == [True] * (word is not None)

@@ -55,9 +55,13 @@ def test_a_thin_sheet_on_high_steps_continues():
     column that falls beside it, far above the limit for 0.1 mm: its speed is limited, and the run does not end as too
     fast (found by `test_random_scenes`)."""
     scene = ColumnScene(
-        Ground("steps", 5.0, 0.0, 10.0, 0.5, 0, 200.0, 100.0), (Box(0.0, 0.2, 0.3, 0.6, 1e-4, 4, 0.0, 0.0),),
-        mu=0.0, xi=1e12, cfl=0.1, edges="wall",
-    )  # fmt: skip
+        Ground("steps", 5.0, 0.0, 10.0, 0.5, 0, 200.0, 100.0),
+        (Box(0.0, 0.2, 0.3, 0.6, 1e-4, 4, 0.0, 0.0),),
+        mu=0.0,
+        xi=1e12,
+        cfl=0.1,
+        edges="wall",
+    )
     Watch(scene.solver()).march(4.0)
 
 
@@ -75,8 +79,11 @@ def test_a_thin_layer_is_stopped_by_friction():
 
 def test_one_column_alone_stays_a_point_on_rough_ground():
     """H3: a single column on a slope with a wall of 2 m in its path: finite, speed within its energy."""
-    solver = columns_on(lambda x, y: falling(30)(x, y) + np.where((x > 90) & (x < 100), 2.0, 0.0),
-                        columns_of(0.5, 40, 45, 50, 55, 5.0), mu=0.05)  # fmt: skip
+    solver = columns_on(
+        lambda x, y: falling(30)(x, y) + np.where((x > 90) & (x < 100), 2.0, 0.0),
+        columns_of(0.5, 40, 45, 50, 55, 5.0),
+        mu=0.05,
+    )
     Watch(solver).march(8.0)
 
 

@@ -55,8 +55,9 @@ def water(drop, viscosity=0.0):
 def thrown(material, velocity=(0.0, 0.0, 0.0), lengths=(4.0, 4.0, 4.0), corner=(18.0, 8.0, 0.0), mu=0.3, **numerics):
     """A block with a velocity over level ground of 40 m x 20 m."""
     terrain = terrain_of(level, 40.0, 20.0, 1.0)
-    return points_on(terrain, block_of(lengths, 0.5, corner, velocity=velocity), 1.0, material, CoulombContact(mu),
-                     **numerics)  # fmt: skip
+    return points_on(
+        terrain, block_of(lengths, 0.5, corner, velocity=velocity), 1.0, material, CoulombContact(mu), **numerics
+    )
 
 
 def thorough(material):

@@ -49,9 +49,18 @@ def written(path, shape, transform, first=(0, 0), extent=None, nodata=-9999.0):
     row, column = np.mgrid[first[0] : first[0] + extent[0], first[1] : first[1] + extent[1]]
     heights = (4000.0 - 0.3 * column + 20.0 * np.sin(row / 40.0) * np.cos(column / 30.0)).astype("float32")
     profile = {
-        "driver": "GTiff", "height": shape[0], "width": shape[1], "count": 1, "dtype": "float32", "crs": "EPSG:32632",
-        "transform": transform, "nodata": nodata, "tiled": True, "blockxsize": 256, "blockysize": 256,
-    }  # fmt: skip
+        "driver": "GTiff",
+        "height": shape[0],
+        "width": shape[1],
+        "count": 1,
+        "dtype": "float32",
+        "crs": "EPSG:32632",
+        "transform": transform,
+        "nodata": nodata,
+        "tiled": True,
+        "blockxsize": 256,
+        "blockysize": 256,
+    }
     with rasterio.open(path, "w", sparse_ok=True, compress="DEFLATE", **profile) as file:
         file.write(heights, 1, window=rasterio.windows.Window(first[1], first[0], extent[1], extent[0]))
     return path

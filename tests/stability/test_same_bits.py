@@ -9,18 +9,23 @@ from mpmgis.compiled.jit import set_threads
 
 ROUGH = Ground("noise", 35.0, 0.7, 2.0, 0.5, 3, 200.0, 100.0)
 THREE = (
-    Box(0.1, 0.1, 0.3, 0.3, 3.0, 4, 30.0, 0.5), Box(0.3, 0.2, 0.3, 0.3, 20.0, 2, 0.0, 0.0),
+    Box(0.1, 0.1, 0.3, 0.3, 3.0, 4, 30.0, 0.5),
+    Box(0.3, 0.2, 0.3, 0.3, 20.0, 2, 0.0, 0.0),
     Box(0.9, 0.0, 0.02, 0.3, 1e-4, 4, 5.0, 3.0),
-)  # fmt: skip
+)
 STEEP = Ground("cliff", 20.0, 0.3, 2.0, 0.4, 0, 40.0, 20.0)
 SCENES = {
     "columns on rough ground": (ColumnScene(ROUGH, THREE, 0.1, 1000.0, 0.6, "open"), 4.0),
     "columns between walls": (ColumnScene(ROUGH, THREE, 0.0, 1e12, 0.9, "wall"), 4.0),
     "sand off a step": (
-        PointScene(STEEP, Box(0.3, 0.2, 0.1, 0.3, 2.0, 2, 3.0, 0.0), 0.4, 0.4, "wall", 0.3, 30.0, 0.0, 0.0), 0.4),
+        PointScene(STEEP, Box(0.3, 0.2, 0.1, 0.3, 2.0, 2, 3.0, 0.0), 0.4, 0.4, "wall", 0.3, 30.0, 0.0, 0.0),
+        0.4,
+    ),
     "water off a step": (
-        PointScene(STEEP, Box(0.3, 0.2, 0.1, 0.3, 2.0, 2, 3.0, 0.0), 0.1, 0.9, "open", 1.0, None, 0.0, 0.001), 0.4),
-}  # fmt: skip
+        PointScene(STEEP, Box(0.3, 0.2, 0.1, 0.3, 2.0, 2, 3.0, 0.0), 0.1, 0.9, "open", 1.0, None, 0.0, 0.001),
+        0.4,
+    ),
+}
 
 
 WATER = pytest.param("water off a step", marks=pytest.mark.thorough)

@@ -79,9 +79,12 @@ def site(tmp_path_factory):
     """The slope with all files of the scenes."""
     folder = write_site(tmp_path_factory.mktemp("same"))
     areas = {
-        "block": (100, 180, 140, 220), "near": (150, 190, 160, 210), "foot": (195, 190, 205, 210),
-        "dam": (220, 120, 240, 280), "box": (145, 100, 390, 300),
-    }  # fmt: skip
+        "block": (100, 180, 140, 220),
+        "near": (150, 190, 160, 210),
+        "foot": (195, 190, 205, 210),
+        "dam": (220, 120, 240, 280),
+        "box": (145, 100, 390, 300),
+    }
     for name, box in areas.items():
         write_shapes(folder / f"{name}.geojson", [shapely.box(*box)])
     for name, scene in SCENES.items():

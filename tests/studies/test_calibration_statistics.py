@@ -180,21 +180,25 @@ def test_priors_come_from_the_material_or_from_the_user():
     assert priors({"friction.mu": None}, "snow-avalanche")["friction.mu"].parameters == (0.15, 0.4)
 
 
-@pytest.mark.parametrize(("vary", "material", "word"), [
-    ((), None, "nothing is calibrated"),
-    (("friction.mu",), None, "no distribution"),
-    (("release.thickness",), "debris-flow", "has no range"),
-    (("friction.mu=0.1,0.2",), None, "is a list"),
-    (("friction.mu=0.1:0.2", "friction.mu=0.1:0.2"), None, "given twice"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("vary", "material", "word"),
+    [
+        ((), None, "nothing is calibrated"),
+        (("friction.mu",), None, "no distribution"),
+        (("release.thickness",), "debris-flow", "has no range"),
+        (("friction.mu=0.1,0.2",), None, "is a list"),
+        (("friction.mu=0.1:0.2", "friction.mu=0.1:0.2"), None, "given twice"),
+    ],
+)
 def test_priors_that_give_no_distribution_are_refused(vary, material, word):
     with pytest.raises(InputError, match=word):
         priors(vary, material)
 
 
-@pytest.mark.parametrize(("value", "width", "expected"), [
-    (0.123456, 0.034, 0.123), (1234.567, 850.0, 1230.0), (0.5, 0.0, 0.5), (22.3456, 1.2, 22.3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "width", "expected"),
+    [(0.123456, 0.034, 0.123), (1234.567, 850.0, 1230.0), (0.5, 0.0, 0.5), (22.3456, 1.2, 22.3)],
+)
 def test_figures_have_two_digits_of_their_interval(value, width, expected):
     assert rounded(value, width) == expected
 
@@ -207,8 +211,17 @@ def test_what_is_not_identified_and_what_trades_off_is_reported():
     runs = np.random.default_rng(0).random((10, 3))
     simulated = scores_of_shares(runs) @ matrix.T
     misfits = np.sum((simulated - 0.3) ** 2, axis=1)
-    made = Calibration(varied, ["s", "t"], np.full(2, 0.3), np.full(2, 1e-3), runs, simulated, misfits, found,
-                       (simulated, np.ones_like(simulated)))  # fmt: skip
+    made = Calibration(
+        varied,
+        ["s", "t"],
+        np.full(2, 0.3),
+        np.full(2, 1e-3),
+        runs,
+        simulated,
+        misfits,
+        found,
+        (simulated, np.ones_like(simulated)),
+    )
     (pair,) = made.trade_offs()
     assert pair["keys"] == ["a", "b"] and pair["correlation"] < -0.95
     assert made.parameters()["c"]["identified"] == "no" and made.directions()[0]["identified"] == "yes"

@@ -16,10 +16,7 @@ TABLES = {
     "release": {"source": "a.shp", "thickness": 1.0},
     "friction": {"law": "Voellmy", "mu": 0.2, "xi": 1000.0},
     "zones": [{"source": "z.gpkg", "mu": 0.3}, {"source": "y.gpkg", "mu": 0.4}],
-    "stage": [
-        {"solver": "columns", "until": {"time": 5.0}},
-        {"solver": "points", "cell_size": 1.0},
-    ],
+    "stage": [{"solver": "columns", "until": {"time": 5.0}}, {"solver": "points", "cell_size": 1.0}],
     "material": {"law": "Fluid", "bulk_modulus": 1e6},
     "output": {"end_time": 10.0, "frame_interval": 1.0},
 }
@@ -116,7 +113,7 @@ def test_values_are_set_in_the_scene_tables():
         ({"friction.mu.x": "0.1:0.3"}, ("friction.KEY",)),
         ({"numerics.particles_per_cell": "4:16"}, ("member 1", "a whole number")),
     ],
-)  # fmt: skip
+)
 def test_invalid_keys_and_values_are_named(varied, words):
     base = {name: table for name, table in TABLES.items() if name not in ("stage", "material")} | {"numerics": {}}
     with pytest.raises(SceneError) as caught:
@@ -127,9 +124,23 @@ def test_invalid_keys_and_values_are_named(varied, words):
 
 @pytest.mark.parametrize(
     "text",
-    ["0.3:0.1", "0.1:", "0.1:0.2:0.3", "normal:1", "normal:1:-1", "normal:1:1:3:2", "lognormal:-1:1", "", "1,,2",
-     "triangular:1:5:4", "norml:1:2", "normal:a:b", "normal:0:1:50:60", "nan:1"],
-)  # fmt: skip
+    [
+        "0.3:0.1",
+        "0.1:",
+        "0.1:0.2:0.3",
+        "normal:1",
+        "normal:1:-1",
+        "normal:1:1:3:2",
+        "lognormal:-1:1",
+        "",
+        "1,,2",
+        "triangular:1:5:4",
+        "norml:1:2",
+        "normal:a:b",
+        "normal:0:1:50:60",
+        "nan:1",
+    ],
+)
 def test_invalid_distributions_are_rejected(text):
     with pytest.raises(InputError, match="--vary k") as caught:
         variation(text, "--vary k")
@@ -171,10 +182,13 @@ def test_statistics_equal_numpy_on_stacked_members(stack):
     found = made_of(stack, products, "h")
     assert set(found) == {"h_mean", "h_min", "h_max", "h_p0", "h_p5", "h_p37.5", "h_p50", "h_p100"}
     for name, expected in {
-        "h_mean": depth.mean(axis=0), "h_min": depth.min(axis=0), "h_max": depth.max(axis=0),
-        "h_p5": np.percentile(depth, 5, axis=0), "h_p37.5": np.percentile(depth, 37.5, axis=0),
+        "h_mean": depth.mean(axis=0),
+        "h_min": depth.min(axis=0),
+        "h_max": depth.max(axis=0),
+        "h_p5": np.percentile(depth, 5, axis=0),
+        "h_p37.5": np.percentile(depth, 37.5, axis=0),
         "h_p50": np.median(depth, axis=0),
-    }.items():  # fmt: skip
+    }.items():
         np.testing.assert_array_equal(found[name][1:], expected[1:].astype(np.float32), name)
         assert np.isnan(found[name][0]).all()
     probability = made_of(stack, products, "probability")
@@ -192,13 +206,16 @@ def test_missing_arrival_is_later_than_all_others(stack):
     assert np.isnan(found["t_arrival_p90"]).mean() > 0.9  # three in ten never arrive
 
 
-@pytest.mark.parametrize(("members", "number", "expected"), [
-    ([1, 2, 3, np.nan, np.nan], 50, 3.0),  # the third of five; NumPy has NaN here
-    ([1, 2, 3, np.nan, np.nan], 60, np.nan),  # between the third and one that never comes
-    ([4], 50, 4.0),
-    ([*range(101), np.nan], 100 * 7 / 101, 7.0),  # a place that round-off leaves beside a member
-    ([*range(20), np.nan], 95, 19.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("members", "number", "expected"),
+    [
+        ([1, 2, 3, np.nan, np.nan], 50, 3.0),  # the third of five; NumPy has NaN here
+        ([1, 2, 3, np.nan, np.nan], 60, np.nan),  # between the third and one that never comes
+        ([4], 50, 4.0),
+        ([*range(101), np.nan], 100 * 7 / 101, 7.0),  # a place that round-off leaves beside a member
+        ([*range(20), np.nan], 95, 19.0),
+    ],
+)
 def test_percentile_at_a_member_equals_its_arrival(members, number, expected):
     found = made_of(np.array(members, np.float32).reshape(-1, 1, 1), Products.of(percentiles=(number,)), ARRIVAL)
     np.testing.assert_array_equal(found[f"t_arrival_p{number:g}"], [[expected]])

@@ -98,9 +98,12 @@ def test_noise_alone_gives_no_recommendation(rows):
 
 def test_best_refinement_is_first_and_gains_without_cost_precede():
     others = [
-        ("a", 1, 2.0, (2.0, 2.0), 0.2), ("b", 2, 8.0, (8.0, 8.0), 0.1), ("c", 3, 0.9, (0.9, 0.9), 0.3),
-        ("d", 4, 2.0, (2.0, 2.0), 0.5), ("e", 5, 0.5, (0.5, 0.5), 0.39),
-    ]  # fmt: skip
+        ("a", 1, 2.0, (2.0, 2.0), 0.2),
+        ("b", 2, 8.0, (8.0, 8.0), 0.1),
+        ("c", 3, 0.9, (0.9, 0.9), 0.3),
+        ("d", 4, 2.0, (2.0, 2.0), 0.5),
+        ("e", 5, 0.5, (0.5, 0.5), 0.39),
+    ]
     found = convergence.gains((1.0, (1.0, 1.0), 0.4), others)
     assert [gain.parameter for gain in found] == ["c", "a", "b"]
     assert convergence.alike(found) == found[:1]
@@ -130,9 +133,16 @@ def test_runs_are_interleaved_and_every_second_turn_is_reversed():
 
     cells = SimpleNamespace(state_of=lambda frame: State(frame.time, next(clock), 0.0, 0.0))
     made = run_measures.outcomes(
-        "abc", lambda s: SimpleNamespace(particles=7, name=s), lambda p: None, lambda p: Flow(p.name), cells, [1.0], 4,
-        lambda p: 2.0, lambda turn, number: said.append((turn, number)),
-    )  # fmt: skip
+        "abc",
+        lambda s: SimpleNamespace(particles=7, name=s),
+        lambda p: None,
+        lambda p: Flow(p.name),
+        cells,
+        [1.0],
+        4,
+        lambda p: 2.0,
+        lambda turn, number: said.append((turn, number)),
+    )
     assert "".join(order) == "abccbaabccba" and said[:4] == [(0, 0), (0, 1), (0, 2), (1, 2)]
     assert [one.setting for one in made] == ["a", "b", "c"] and all(len(one.seconds) == 4 for one in made)
     assert [one.states[0].thickness for one in made] == [0, 1, 2]  # of the first run; the others are the same
@@ -165,16 +175,19 @@ def test_combinations_differ_in_several_parameters():
 
 def staged(**numerics):
     """Columns on cells of 4 m, then points on cells of 1 m."""
-    return scene_from_tables({
-        "terrain": {"dem": "dtm.tif"},
-        "release": {"source": "a.shp", "thickness": 1.0},
-        "output": {"end_time": 10.0, "frame_interval": 1.0},
-        "material": {"law": "Fluid", "bulk_modulus": 1e6},
-        "numerics": {"cell_size": 4.0} | numerics,
-        "stage": [
-            {"solver": "columns", "until": {"time": 5.0}, "cell_size": 4.0}, {"solver": "points", "cell_size": 1.0},
-        ],
-    })  # fmt: skip
+    return scene_from_tables(
+        {
+            "terrain": {"dem": "dtm.tif"},
+            "release": {"source": "a.shp", "thickness": 1.0},
+            "output": {"end_time": 10.0, "frame_interval": 1.0},
+            "material": {"law": "Fluid", "bulk_modulus": 1e6},
+            "numerics": {"cell_size": 4.0} | numerics,
+            "stage": [
+                {"solver": "columns", "until": {"time": 5.0}, "cell_size": 4.0},
+                {"solver": "points", "cell_size": 1.0},
+            ],
+        }
+    )
 
 
 def test_a_scene_in_stages_has_parameters_per_stage():
@@ -188,13 +201,23 @@ def test_a_scene_in_stages_has_parameters_per_stage():
     assert [stage.cell_size for stage in alone.stage] == [4.0, 2.0]
     assert found[("stage1.cell_size", 8.0),].stage[1] == own.stage[1]
     sizes = {(key, size) for ((key, size), *more) in filter(None, found) if not more and key.endswith(".cell_size")}
-    assert sizes == {("stage1.cell_size", 8.0), ("stage1.cell_size", 2.82843), *(
-        ("stage2.cell_size", size) for size in (2.0, 1.41421))}  # fmt: skip
+    assert sizes == {
+        ("stage1.cell_size", 8.0),
+        ("stage1.cell_size", 2.82843),
+        *(("stage2.cell_size", size) for size in (2.0, 1.41421)),
+    }
     assert found[("cfl", 0.8),].numerics.cfl == 0.8 and found[("particles_per_cell", 4),]
     assert {setting.parameter for setting in settings} == {
-        "scene", "cell_size", "stage1.cell_size", "stage2.cell_size", "particles_per_cell", "points_per_cell", "cfl",
-        "precision", "stiffness",
-    }  # fmt: skip
+        "scene",
+        "cell_size",
+        "stage1.cell_size",
+        "stage2.cell_size",
+        "particles_per_cell",
+        "points_per_cell",
+        "cfl",
+        "precision",
+        "stiffness",
+    }
 
 
 def test_the_reference_of_a_scene_in_stages_is_finer_than_any_setting_in_each():

@@ -21,11 +21,15 @@ def outcome(made, seconds):
 
 def study(error_of, sizes=SIZES, reference=FINEST, beside=()):
     """Cells of `sizes` around the scene's 4 m; `error_of` each is the measured error of thickness."""
-    scene = scene_from_tables({
-        "terrain": {"dem": "dtm.tif"}, "release": {"source": "a.shp", "thickness": 1.0},
-        "friction": {"law": "Coulomb", "mu": 0.3}, "numerics": {"cell_size": 4.0},
-        "output": {"end_time": 10.0, "frame_interval": 1.0},
-    })  # fmt: skip
+    scene = scene_from_tables(
+        {
+            "terrain": {"dem": "dtm.tif"},
+            "release": {"source": "a.shp", "thickness": 1.0},
+            "friction": {"law": "Coulomb", "mu": 0.3},
+            "numerics": {"cell_size": 4.0},
+            "output": {"end_time": 10.0, "frame_interval": 1.0},
+        }
+    )
     rows = []
     for size, seconds in zip(sizes, SECONDS, strict=False):
         changes = () if size == 4.0 else cells_times(scene, size / 4.0)

@@ -262,8 +262,7 @@ def test_any_text_makes_a_part_of_a_file_name(text, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("system_is", "folder"),
-    [({"WINDOWS": True}, "AppData/Local"), ({"MACOS": True}, "Library/Caches"), ({}, ".cache")],
+    ("system_is", "folder"), [({"WINDOWS": True}, "AppData/Local"), ({"MACOS": True}, "Library/Caches"), ({}, ".cache")]
 )
 def test_kernels_are_kept_where_each_system_keeps_such_files(tmp_path, monkeypatch, system_is, folder):
     for name in ("MPMGIS_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA"):
@@ -306,10 +305,15 @@ def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
 @pytest.mark.parametrize(
     ("name", "share"),
     [
-        (r"\\host\share\dtm.tif", r"host\share"), ("//HOST/Share/x/dtm.tif", r"host\share"), (r"C:\x.tif", ""),
-        ("x.tif", ""), (r"\\?\C:\x.tif", ""), (r"\\?\UNC\host\share\x.tif", r"host\share"), ("../x.tif", ""),
+        (r"\\host\share\dtm.tif", r"host\share"),
+        ("//HOST/Share/x/dtm.tif", r"host\share"),
+        (r"C:\x.tif", ""),
+        ("x.tif", ""),
+        (r"\\?\C:\x.tif", ""),
+        (r"\\?\UNC\host\share\x.tif", r"host\share"),
+        ("../x.tif", ""),
     ],
-)  # fmt: skip
+)
 def test_the_share_of_a_path_is_found(name, share):
     assert disguised_files.share(name) == share
 
@@ -426,9 +430,12 @@ def test_the_rules_hold(windows, tmp_path):
     other.write_text("y")
     with open(file, "rb") as handle:
         for act in (
-            lambda: os.replace(other, file), lambda: os.replace(file, other), file.unlink,
-            lambda: os.rename(file, file), lambda: file.rename(folder / "new"),
-        ):  # fmt: skip
+            lambda: os.replace(other, file),
+            lambda: os.replace(file, other),
+            file.unlink,
+            lambda: os.rename(file, file),
+            lambda: file.rename(folder / "new"),
+        ):
             with pytest.raises(PermissionError):
                 act()
         with pytest.raises(OSError, match="Bad file descriptor"):

@@ -122,9 +122,12 @@ def test_workers_end_with_a_parent_that_is_killed():
 
 def test_a_users_own_dask_cluster_is_asked_in_the_same_way():
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, silence_logs=50
-    ) as there, parallel.connected(there.scheduler_address) as client:  # fmt: skip
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, silence_logs=50
+        ) as there,
+        parallel.connected(there.scheduler_address) as client,
+    ):
         workers = parallel.DaskWorkers(client)
         workers.warm(square, SimpleNamespace(number=1))
         assert {piece.number: answer for piece, answer in workers.worked(square, pieces(5))} == {

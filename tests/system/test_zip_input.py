@@ -20,10 +20,7 @@ from mpmgis.terrain.vector_table import read_table
 PROJECT = """<!DOCTYPE qgis><qgis version="3.40.1"><projectCrs><spatialrefsys><authid>EPSG:2056</authid></spatialrefsys>
 </projectCrs><projectlayers><maplayer type="raster"><datasource>a.tif</datasource><layername>a &amp; b</layername>
 <provider>gdal</provider></maplayer><maplayer type="vector"/></projectlayers></qgis>"""
-LAYERS = [
-    {"name": "a & b", "type": "raster", "source": "a.tif"},
-    {"name": "", "type": "vector", "source": None},
-]
+LAYERS = [{"name": "a & b", "type": "raster", "source": "a.tif"}, {"name": "", "type": "vector", "source": None}]
 
 
 def write_zip(path, members, method=zipfile.ZIP_DEFLATED):

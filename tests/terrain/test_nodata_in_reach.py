@@ -42,9 +42,11 @@ def holes_of(nodata):
 
 @settings(max_examples=60, deadline=None)
 @given(
-    nodata=hnp.arrays(bool, (14, 17), elements=st.booleans(), fill=st.just(False)), level=st.floats(-400.0, 8000.0),
-    slope=st.floats(-1.0, 1.0), pixel=st.floats(0.25, 90.0),
-)  # fmt: skip
+    nodata=hnp.arrays(bool, (14, 17), elements=st.booleans(), fill=st.just(False)),
+    level=st.floats(-400.0, 8000.0),
+    slope=st.floats(-1.0, 1.0),
+    pixel=st.floats(0.25, 90.0),
+)
 def test_only_holes_are_filled_and_on_a_plane_exactly(nodata, level, slope, pixel):
     terrain = plane((14, 17), pixel, slope, level)
     before = without(terrain, nodata).elevation.copy()

@@ -78,11 +78,7 @@ def test_gradient_converges_with_order_two(transform):
     assert orders[-1] == pytest.approx(2.0, abs=0.1)
 
 
-@given(
-    st.floats(-0.5, 6.5),
-    st.floats(-0.5, 4.5),
-    st.sampled_from(sorted(AFFINES)),
-)
+@given(st.floats(-0.5, 6.5), st.floats(-0.5, 4.5), st.sampled_from(sorted(AFFINES)))
 def test_sampling_is_exact_on_planes_up_to_the_outer_edge(row, column, name):
     surface = synthetic_terrain.plane(40, 75, point=(500, 900), height=1000)
     grid = Grid(None, AFFINES[name], (7, 5))

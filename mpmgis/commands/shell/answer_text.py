@@ -5,9 +5,14 @@ import math
 SQUARE_METRES_PER_HECTARE = 1e4
 SERIES_HEADINGS = ("point", "arrival [s]", "largest h [m]", "at [s]", "largest Ut [m/s]", "at [s]")
 LOAD_HEADINGS = (
-    "time [s]", "h normal [m]", "momentum [kN/m]", "at height [m]", "largest p [kPa]", "overburden [kN/m]",
+    "time [s]",
+    "h normal [m]",
+    "momentum [kN/m]",
     "at height [m]",
-)  # fmt: skip
+    "largest p [kPa]",
+    "overburden [kN/m]",
+    "at height [m]",
+)
 COLUMN_WIDTH = 19
 HEAD_WIDTH = 46  # of the name of a quantity
 

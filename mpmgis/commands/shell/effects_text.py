@@ -50,8 +50,9 @@ def _facts(stages, costs):
     """Decisions as plain dictionaries, with the measured share of a step or null, and the stage's number if any."""
     facts = [
         decision._asdict() | ({"stage": number} if words else {})
-        for number, (words, decisions) in enumerate(stages, 1) for decision in decisions
-    ]  # fmt: skip
+        for number, (words, decisions) in enumerate(stages, 1)
+        for decision in decisions
+    ]
     if costs is None:
         return facts
     return [fact | {"cost_share": costs.shares.get(fact["effect"]), "cost_noise": costs.noise} for fact in facts]

@@ -10,9 +10,17 @@ from . import answers, terminal
 from .parser import values_of
 
 _TAKERS = (  # of energy
-    "ground", "eroded_mass", "barriers", "speed_limit", "mixing", "bends", "yielding", "affine_limit",
-    "layers", "forest",
-)  # fmt: skip
+    "ground",
+    "eroded_mass",
+    "barriers",
+    "speed_limit",
+    "mixing",
+    "bends",
+    "yielding",
+    "affine_limit",
+    "layers",
+    "forest",
+)
 UNITS = {
     **dict.fromkeys(("time", "first_time", "times", "end_time", "frame_interval", "wall_seconds"), "s"),
     **dict.fromkeys(("mass", "mass_at_start", "mass_start", "mass_now", "mass_out"), "kg"),

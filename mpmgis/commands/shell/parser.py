@@ -68,9 +68,12 @@ def _add(group: Any, option: Option) -> None:
     if option.repeat:
         given |= {"action": "append"}
     group.add_argument(
-        *option.flags, dest=option.name, required=option.required,
-        default=[] if option.default == () and option.repeat else option.default, **given,
-    )  # fmt: skip
+        *option.flags,
+        dest=option.name,
+        required=option.required,
+        default=[] if option.default == () and option.repeat else option.default,
+        **given,
+    )
 
 
 def _converter(option: Option):

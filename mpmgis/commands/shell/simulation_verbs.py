@@ -49,11 +49,7 @@ def demo(arguments):
     # project and picture have no callback: a signal during these takes effect at the end
     with run_progress() as shown, interruptible(shown, frame_progress, done=False) as (watch, progress):
         summary, project, picture = run_demo(
-            arguments.output,
-            overwrite=arguments.overwrite,
-            threads=arguments.threads,
-            watch=watch,
-            progress=progress,
+            arguments.output, overwrite=arguments.overwrite, threads=arguments.threads, watch=watch, progress=progress
         )
     _print_summary(summary)
     terminal.note("open the project in QGIS (double-click), then press play in the Temporal Controller")
@@ -208,19 +204,23 @@ def _table(study):
     for k, row in enumerate(study.rows):
         outcome = row.outcome
         spread = (max(outcome.seconds) - min(outcome.seconds)) / study.seconds[k]
-        lines.append((
-            study.seconds[k],
-            f"{'*' if study.front[k] else '':<2}{names[k]:<{width}}{outcome.particles:>10}{outcome.steps:>8}"
-            f"{study.seconds[k]:>10.3g}{100 * spread:>6.0f} %{outcome.predicted:>10.3g}"
-            f"{value_words(study.measure, study.errors[k]):>10}",
-        ))  # fmt: skip
+        lines.append(
+            (
+                study.seconds[k],
+                f"{'*' if study.front[k] else '':<2}{names[k]:<{width}}{outcome.particles:>10}{outcome.steps:>8}"
+                f"{study.seconds[k]:>10.3g}{100 * spread:>6.0f} %{outcome.predicted:>10.3g}"
+                f"{value_words(study.measure, study.errors[k]):>10}",
+            )
+        )
     for other, error in zip(study.beside, study.errors_of_others(), strict=True):
         typical, least, most = other.seconds
-        lines.append((
-            typical,
-            f"{'+':<2}{other.name:<{width}}{'':>18}{typical:>10.3g}{100 * (most - least) / typical:>6.0f} %{'':>10}"
-            f"{value_words(study.measure, error):>10}",
-        ))  # fmt: skip
+        lines.append(
+            (
+                typical,
+                f"{'+':<2}{other.name:<{width}}{'':>18}{typical:>10.3g}{100 * (most - least) / typical:>6.0f} %{'':>10}"
+                f"{value_words(study.measure, error):>10}",
+            )
+        )
     return [head, *(line for _, line in sorted(lines))]
 
 

@@ -27,8 +27,10 @@ TONNES, MASS = "mass_solid", "mass_solid_kg"  # the second is derived
 COLUMN_MAP = {
     **dict(zip("xyz", column_names(POINTS, 3), strict=True)),
     **dict(zip(("vx", "vy", "vz"), column_names("velocity_solid", 3), strict=True)),
-    "mass": MASS, "id": "material_point_id", "active": REAL,
-}  # fmt: skip
+    "mass": MASS,
+    "id": "material_point_id",
+    "active": REAL,
+}
 DERIVED = {REAL: VIRTUAL, MASS: TONNES}  # derived column, its source column
 KINDS = ("MPVector", "MPScalar")
 SIGNATURE = {"velocity_solid", VIRTUAL, "displacement_solid"}

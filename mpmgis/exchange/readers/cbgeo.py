@@ -28,9 +28,11 @@ from .reader_interface import (
 )
 
 COLUMN_MAP = {
-    **{axis: f"coord_{axis}" for axis in "xyz"}, **{f"v{axis}": f"velocity_{axis}" for axis in "xyz"},
-    "mass": "mass", "id": "id",
-}  # fmt: skip
+    **{axis: f"coord_{axis}" for axis in "xyz"},
+    **{f"v{axis}": f"velocity_{axis}" for axis in "xyz"},
+    "mass": "mass",
+    "id": "id",
+}
 NEEDED = (*(f"coord_{axis}" for axis in "xyz"), *(f"velocity_{axis}" for axis in "xyz"), "mass")
 ROWS_AT_ONCE = 100_000  # of 416 bytes and more
 SETTINGS_FOLDERS = 3  # searched upwards from the files: results/<uuid>/ is next to mpm.json

@@ -15,8 +15,10 @@ from .record_parsing import column_names
 COLUMN_MAP = {
     **dict(zip("xyz", column_names("position", 3), strict=True)),
     **dict(zip(("vx", "vy", "vz"), column_names("velocity", 3), strict=True)),
-    "mass": "mass", "id": "particleID", "active": "active",
-}  # fmt: skip
+    "mass": "mass",
+    "id": "particleID",
+    "active": "active",
+}
 SIGNATURE = {"t_current", "body_num", "position", "velocity"}
 
 

@@ -16,8 +16,9 @@ from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
 COLUMN_MAP = {
     **dict(zip("xyz", column_names(POINTS, 3), strict=True)),
     **dict(zip(("vx", "vy", "vz"), column_names("MP_VELOCITY", 3), strict=True)),
-    "mass": "MP_MASS", "id": "KRATOS_ELEMENT_ID",
-}  # fmt: skip
+    "mass": "MP_MASS",
+    "id": "KRATOS_ELEMENT_ID",
+}
 DENSITY_HINT = ", or the materials' json in its folder; its volumes and densities are current ones"
 _NAME = re.compile(r"(.+)_(\d{1,9})_(\d{1,15})(\.\d{1,15})?")
 

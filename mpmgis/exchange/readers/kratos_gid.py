@@ -21,8 +21,9 @@ DISPLACEMENT = "MP_DISPLACEMENT"
 COLUMN_MAP = {
     **{axis: axis for axis in "xyz"},
     **dict(zip(("vx", "vy", "vz"), column_names("MP_VELOCITY", 3), strict=True)),
-    "mass": "MP_MASS", "id": "id",
-}  # fmt: skip
+    "mass": "MP_MASS",
+    "id": "id",
+}
 MOST_BLOCKS = 1_000_000
 _RESULT = re.compile(
     rb'^[ \t]*Result[ \t]+"([^"\n]{1,80})"[ \t]+"[^"\n]{0,80}"[ \t]+(\S{1,40})[ \t]+(\w+)[ \t]+OnNodes[^\n]{0,80}\n',

@@ -30,9 +30,13 @@ _NUMBER = re.compile(r"\d{1,15}")
 BEGIN = b"ITEM: TIMESTEP"
 BINARY = re.compile(rb".{7}[\x00\xff]DUMP(CUSTOM|ATOM)", re.DOTALL)  # behind the length of the word, negative
 COLUMNS = {  # name of mpmgis -> possible columns
-    **{axis: (axis, f"{axis}u") for axis in "xyz"}, **{f"v{axis}": (f"v{axis}",) for axis in "xyz"},
-    "mass": ("mass",), "radius": ("radius",), "diameter": ("diameter",), "id": ("id",),
-}  # fmt: skip
+    **{axis: (axis, f"{axis}u") for axis in "xyz"},
+    **{f"v{axis}": (f"v{axis}",) for axis in "xyz"},
+    "mass": ("mass",),
+    "radius": ("radius",),
+    "diameter": ("diameter",),
+    "id": ("id",),
+}
 SHARES = ("xs", "ys", "zs"), ("xsu", "ysu", "zsu")  # fractions of the box edges
 OTHER_ROWS = ("ENTRIES", "CELLS", "FACETS")  # of `dump local`, of grids and meshes
 METRES = ("si",)

@@ -15,8 +15,9 @@ from .vtk_xml import read_layout
 SIGNATURE = "Particle Id"
 COLUMN_MAP = PLACES | {
     **dict(zip(("vx", "vy", "vz"), column_names("Velocity", 3), strict=True)),
-    "id": SIGNATURE, "active": "Particle Active",
-}  # fmt: skip
+    "id": SIGNATURE,
+    "active": "Particle Active",
+}
 
 
 def recognises(path, head):

@@ -15,11 +15,15 @@ LONGEST_HEADER = 65536  # bytes
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 TEXT = "ascii"
 TYPES = {
-    **dict.fromkeys(("double", "float64"), "f8"), **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("char", "int8"), "i1"), **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"), **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"), **dict.fromkeys(("uint", "uint32"), "u4"),
-}  # fmt: skip
+    **dict.fromkeys(("double", "float64"), "f8"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+}
 _END = re.compile(rb"\nend_header[ \t]*\r?\n")
 
 

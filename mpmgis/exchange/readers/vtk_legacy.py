@@ -18,10 +18,21 @@ from .record_parsing import columns_of, mapped, picked, text_numbers
 MAGIC = b"# vtk DataFile Version"
 POINTS = "points"
 TYPES = {
-    "double": "f8", "float": "f4", "long": "i8", "unsigned_long": "u8", "int": "i4", "unsigned_int": "u4",
-    "short": "i2", "unsigned_short": "u2", "char": "i1", "unsigned_char": "u1", "vtkidtype": "i8",
-    "vtktypeint64": "i8", "vtktypeuint64": "u8", "vtktypeint32": "i4",
-}  # fmt: skip
+    "double": "f8",
+    "float": "f4",
+    "long": "i8",
+    "unsigned_long": "u8",
+    "int": "i4",
+    "unsigned_int": "u4",
+    "short": "i2",
+    "unsigned_short": "u2",
+    "char": "i1",
+    "unsigned_char": "u1",
+    "vtkidtype": "i8",
+    "vtktypeint64": "i8",
+    "vtktypeuint64": "u8",
+    "vtktypeint32": "i4",
+}
 COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
 CELLS = ("CELLS", "VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS")
 LONGEST_LINE = 1000

@@ -19,9 +19,17 @@ from .reader_interface import MOST_DIGITS
 from .record_parsing import mapped, text_numbers
 
 TYPES = {
-    "Float64": "f8", "Float32": "f4", "Int64": "i8", "UInt64": "u8", "Int32": "i4", "UInt32": "u4",
-    "Int16": "i2", "UInt16": "u2", "Int8": "i1", "UInt8": "u1",
-}  # fmt: skip
+    "Float64": "f8",
+    "Float32": "f4",
+    "Int64": "i8",
+    "UInt64": "u8",
+    "Int32": "i4",
+    "UInt32": "u4",
+    "Int16": "i2",
+    "UInt16": "u2",
+    "Int8": "i1",
+    "UInt8": "u1",
+}
 HEADERS = {"UInt32": "u4", "UInt64": "u8"}
 PACKERS = ("", "vtkZLibDataCompressor")
 FILES = ("PolyData", "UnstructuredGrid")

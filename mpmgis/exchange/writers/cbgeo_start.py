@@ -27,14 +27,19 @@ STRESS = {"stress_xx": 0, "stress_yy": 1, "stress_zz": 2, "tau_xy": 3, "tau_yz":
 ROW = np.dtype(
     {
         "names": [
-            "id", *_NUMBERS, "status", "cell_id", "material_id", "nstate_vars",
+            "id",
+            *_NUMBERS,
+            "status",
+            "cell_id",
+            "material_id",
+            "nstate_vars",
             *(f"svars_{number}" for number in range(STATE_VARIABLES)),
         ],
         "formats": ["<i8"] + ["<f8"] * len(_NUMBERS) + ["u1", "<i8", "<u4", "<u4"] + ["<f8"] * STATE_VARIABLES,
         "offsets": [*range(0, 232, 8), 240, 232, 244, 248, *range(256, 416, 8)],
         "itemsize": 416,
     }
-)  # fmt: skip
+)
 ROWS_AT_ONCE = 10_000  # a chunk of the file
 
 
@@ -103,46 +108,72 @@ def state_variables(material):
 
 def _settings(start, steps):
     generator = {
-        "type": "file", "location": PARTICLES, "io_type": "Ascii3D", "particle_type": "P3D", "material_id": 0,
-        "pset_id": 0, "check_duplicates": False,
-    }  # fmt: skip
+        "type": "file",
+        "location": PARTICLES,
+        "io_type": "Ascii3D",
+        "particle_type": "P3D",
+        "material_id": 0,
+        "pset_id": 0,
+        "check_duplicates": False,
+    }
     held = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 1)]
     constraints = [{"nset_id": nodes, "dir": direction, "velocity": 0.0} for nodes, direction in held]
     return {
         "title": "written by mpmgis",
         "mesh": {
-            "mesh": MESH, "entity_sets": SETS, "cell_type": "ED3H8", "isoparametric": False, "check_duplicates": False,
-            "io_type": "Ascii3D", "node_type": "N3D", "particles_volumes": VOLUMES,
+            "mesh": MESH,
+            "entity_sets": SETS,
+            "cell_type": "ED3H8",
+            "isoparametric": False,
+            "check_duplicates": False,
+            "io_type": "Ascii3D",
+            "node_type": "N3D",
+            "particles_volumes": VOLUMES,
             "boundary_conditions": {"velocity_constraints": constraints},
         },
         "particles": [{"generator": generator}],
         "materials": [_material(start)],
         "external_loading_conditions": {"gravity": [0.0, 0.0, -start.gravity]},
         "analysis": {
-            "type": "MPMExplicit3D", "mpm_scheme": "usf", "dt": start.time_step, "uuid": UUID, "nsteps": steps,
-            "velocity_update": False, "locate_particles": True,
+            "type": "MPMExplicit3D",
+            "mpm_scheme": "usf",
+            "dt": start.time_step,
+            "uuid": UUID,
+            "nsteps": steps,
+            "velocity_update": False,
+            "locate_particles": True,
             "resume": {"resume": True, "uuid": UUID, "step": 0},
         },
         "post_processing": {"path": "results/", "output_steps": max(steps // 20, 1)},
-    }  # fmt: skip
+    }
 
 
 def _material(start):
     values, common = start.material.parameters, {"id": 0, "density": start.density}
     if start.material.law == "Fluid":
         return common | {
-            "type": "Newtonian3D", "bulk_modulus": values["bulk_modulus"], "dynamic_viscosity": values["viscosity"],
-        }  # fmt: skip
+            "type": "Newtonian3D",
+            "bulk_modulus": values["bulk_modulus"],
+            "dynamic_viscosity": values["viscosity"],
+        }
     young, poisson = start.elastic
     common |= {"youngs_modulus": young, "poisson_ratio": poisson}
     if start.material.law == "Elastic":
         return common | {"type": "LinearElastic3D"}
     angle, cohesion = values["friction_angle"], values["cohesion"]
     return common | {
-        "type": "MohrCoulomb3D", "softening": False, "friction": angle, "dilation": 0.0, "cohesion": cohesion,
-        "residual_friction": angle, "residual_dilation": 0.0, "residual_cohesion": cohesion, "peak_pdstrain": 0.0,
-        "residual_pdstrain": 0.0, "tension_cutoff": start.tension_limit,
-    }  # fmt: skip
+        "type": "MohrCoulomb3D",
+        "softening": False,
+        "friction": angle,
+        "dilation": 0.0,
+        "cohesion": cohesion,
+        "residual_friction": angle,
+        "residual_dilation": 0.0,
+        "residual_cohesion": cohesion,
+        "peak_pdstrain": 0.0,
+        "residual_pdstrain": 0.0,
+        "tension_cutoff": start.tension_limit,
+    }
 
 
 def read_back(folder, number):

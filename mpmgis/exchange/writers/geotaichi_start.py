@@ -92,9 +92,11 @@ def _material(start):
     if start.material.law == "Elastic":
         return "LinearElastic", common
     return "DruckerPrager", common | {
-        "Cohesion": values["cohesion"], "Friction": values["friction_angle"], "Dilation": 0.0,
+        "Cohesion": values["cohesion"],
+        "Friction": values["friction_angle"],
+        "Dilation": 0.0,
         "Tensile": start.tension_limit,
-    }  # fmt: skip
+    }
 
 
 def read_back(folder, number):

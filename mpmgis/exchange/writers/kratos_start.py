@@ -94,9 +94,12 @@ def _write_part(sink, name, nodes, elements=()):
 def _materials(start):
     young, poisson = start.elastic
     values = {
-        "THICKNESS": 1.0, "MATERIAL_POINTS_PER_ELEMENT": 1, "DENSITY": start.density, "YOUNG_MODULUS": young,
+        "THICKNESS": 1.0,
+        "MATERIAL_POINTS_PER_ELEMENT": 1,
+        "DENSITY": start.density,
+        "YOUNG_MODULUS": young,
         "POISSON_RATIO": poisson,
-    }  # fmt: skip
+    }
     law = "LinearElasticIsotropic3DLaw"
     if start.material.law == "DruckerPrager":
         law, given = "HenckyMCPlastic3DLaw", start.material.parameters
@@ -110,62 +113,89 @@ def _materials(start):
 def _parameters(start):
     return {
         "problem_data": {
-            "problem_name": "start", "parallel_type": "OpenMP", "echo_level": 0, "start_time": 0.0,
+            "problem_name": "start",
+            "parallel_type": "OpenMP",
+            "echo_level": 0,
+            "start_time": 0.0,
             "end_time": start.end_time,
         },
         "solver_settings": {
-            "solver_type": "Dynamic", "model_part_name": "MPM_Material", "domain_size": 3, "echo_level": 0,
+            "solver_type": "Dynamic",
+            "model_part_name": "MPM_Material",
+            "domain_size": 3,
+            "echo_level": 0,
             "time_stepping": {"time_step": start.time_step},
             "grid_model_import_settings": {"input_type": "mdpa", "input_filename": "start_Grid"},
             "model_import_settings": {"input_type": "mdpa", "input_filename": "start_Body"},
             "material_import_settings": {"materials_filename": "ParticleMaterials.json"},
             "problem_domain_sub_model_part_list": ["Parts_Body", "Parts_Grid"],
-            "processes_sub_model_part_list": list(PARTS), "pressure_dofs": False,
-            "time_integration_method": "explicit", "scheme_type": "forward_euler", "stress_update": "usl",
+            "processes_sub_model_part_list": list(PARTS),
+            "pressure_dofs": False,
+            "time_integration_method": "explicit",
+            "scheme_type": "forward_euler",
+            "stress_update": "usl",
             "analysis_type": "linear",
         },
         "processes": {
             "constraints_process_list": [_held(name, HELD[name]) for name in PARTS],
-            "loads_process_list": [], "list_other_processes": [],
+            "loads_process_list": [],
+            "list_other_processes": [],
             "gravity": [_gravity(start.gravity)],
         },
         "output_processes": {"vtk": [_output(start)]},
-    }  # fmt: skip
+    }
 
 
 def _held(name, directions):
     return {
-        "python_module": "assign_vector_variable_process", "kratos_module": "KratosMultiphysics",
+        "python_module": "assign_vector_variable_process",
+        "kratos_module": "KratosMultiphysics",
         "Parameters": {
-            "model_part_name": f"Background_Grid.{name}", "variable_name": "DISPLACEMENT",
-            "constrained": list(directions), "value": [0.0, 0.0, 0.0], "interval": [0.0, "End"],
+            "model_part_name": f"Background_Grid.{name}",
+            "variable_name": "DISPLACEMENT",
+            "constrained": list(directions),
+            "value": [0.0, 0.0, 0.0],
+            "interval": [0.0, "End"],
         },
-    }  # fmt: skip
+    }
 
 
 def _gravity(gravity):
     return {
         "python_module": "assign_gravity_to_material_point_process",
-        "kratos_module": "KratosMultiphysics.MPMApplication", "process_name": "AssignGravityToMaterialPointProcess",
+        "kratos_module": "KratosMultiphysics.MPMApplication",
+        "process_name": "AssignGravityToMaterialPointProcess",
         "Parameters": {
-            "model_part_name": "MPM_Material", "variable_name": "MP_VOLUME_ACCELERATION", "modulus": gravity,
+            "model_part_name": "MPM_Material",
+            "variable_name": "MP_VOLUME_ACCELERATION",
+            "modulus": gravity,
             "direction": [0.0, 0.0, -1.0],
         },
-    }  # fmt: skip
+    }
 
 
 def _output(start):
     return {
-        "python_module": "mpm_vtk_output_process", "kratos_module": "KratosMultiphysics.MPMApplication",
+        "python_module": "mpm_vtk_output_process",
+        "kratos_module": "KratosMultiphysics.MPMApplication",
         "process_name": "MPMVTKOutputProcess",
         "Parameters": {
-            "model_part_name": "MPM_Material", "file_format": "binary", "output_path": "vtk_output",
-            "output_control_type": "time", "output_interval": start.end_time / 20, "write_ids": True,
+            "model_part_name": "MPM_Material",
+            "file_format": "binary",
+            "output_path": "vtk_output",
+            "output_control_type": "time",
+            "output_interval": start.end_time / 20,
+            "write_ids": True,
             "gauss_point_variables_in_elements": [
-                "MP_VELOCITY", "MP_DISPLACEMENT", "MP_MASS", "MP_VOLUME", "MP_DENSITY", "MP_CAUCHY_STRESS_VECTOR",
+                "MP_VELOCITY",
+                "MP_DISPLACEMENT",
+                "MP_MASS",
+                "MP_VOLUME",
+                "MP_DENSITY",
+                "MP_CAUCHY_STRESS_VECTOR",
             ],
         },
-    }  # fmt: skip
+    }
 
 
 def read_back(folder, number):

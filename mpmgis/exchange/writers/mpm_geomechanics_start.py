@@ -45,9 +45,12 @@ def _case(start):
         "material": {"flow": _material(start)},
         "body": {"flow": {"type": "particles_from_file", "id": 1, "material_id": 1, "file": PARTICLES}},
         "terrain_contact": {
-            "active": True, "stl_mesh": STL, "friction": start.bed_friction, "distance_threshold": CONTACT,
+            "active": True,
+            "stl_mesh": STL,
+            "friction": start.bed_friction,
+            "distance_threshold": CONTACT,
         },
-    }  # fmt: skip
+    }
 
 
 def _material(start):
@@ -59,9 +62,12 @@ def _material(start):
     if start.material.law == "Elastic":
         return common | {"type": "elastic"}
     return common | {
-        "type": "mohr-coulomb", "friction": values["friction_angle"], "cohesion": values["cohesion"], "dilation": 0.0,
+        "type": "mohr-coulomb",
+        "friction": values["friction_angle"],
+        "cohesion": values["cohesion"],
+        "dilation": 0.0,
         "tensile": start.tension_limit,
-    }  # fmt: skip
+    }
 
 
 def read_back(folder, number):

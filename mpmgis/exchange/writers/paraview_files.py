@@ -19,9 +19,12 @@ def name_of(number):
 def write(start, folder, number):
     """Write the points of a SolverStart to `folder`."""
     data = {
-        "id": start.ids, "mass": start.mass, "volume": start.current_volume, "velocity": start.velocity,
+        "id": start.ids,
+        "mass": start.mass,
+        "volume": start.current_volume,
+        "velocity": start.velocity,
         "speed": np.sqrt((start.velocity**2).sum(axis=1)),
-    }  # fmt: skip
+    }
     if start.vertical_stress is not None:
         data["vertical_stress"] = start.vertical_stress
     fields = {"TimeValue": [start.time], "origin": list(start.box.origin)}

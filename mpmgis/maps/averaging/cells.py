@@ -223,9 +223,20 @@ def _bin_points(frame, placed, bed, grid, row, column, bounds, percentile, total
     table = _work_array("table", (k, binning.ROW))
     records = _work_array("records", (min(n, binning.SLAB), binning.RECORD))
     binning.bin_points(
-        row, column, bounds, window, placed.pixel, placed.distance, bed.gradient_by_pixel, particles.velocity,
-        particles.mass, particles.volume, table, records, np.empty(tiles[0] * tiles[1] + 1, np.int64),
-    )  # fmt: skip
+        row,
+        column,
+        bounds,
+        window,
+        placed.pixel,
+        placed.distance,
+        bed.gradient_by_pixel,
+        particles.velocity,
+        particles.mass,
+        particles.volume,
+        table,
+        records,
+        np.empty(tiles[0] * tiles[1] + 1, np.int64),
+    )
     sums, count = np.empty((binning.SUMS, k)), np.empty(k, np.int64)
     top, lowest = np.empty(k), np.empty(k)
     binning.by_quantity(table, sums, top, lowest, count)
@@ -317,9 +328,19 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
     k = len(cells)
     sums, count = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64)
     binning.bin_columns(
-        footprint, row, column, bounds, window, placed.pixel, bed.gradient_by_pixel,
-        particles.velocity, particles.mass, particles.volume, sums, count,
-    )  # fmt: skip
+        footprint,
+        row,
+        column,
+        bounds,
+        window,
+        placed.pixel,
+        bed.gradient_by_pixel,
+        particles.velocity,
+        particles.mass,
+        particles.volume,
+        sums,
+        count,
+    )
     covered = np.minimum(sums[:, binning.COVERED], 1.0)
     volume = sums[:, binning.UPRIGHT] / totals["density"]
     top = np.where(sums[:, binning.SLOPED] > 0, volume / (totals["cell_area"] * covered), np.nan)

@@ -81,9 +81,12 @@ class Axis(NamedTuple):
         """The axis of the cells from `first` to `last` (exclusive)."""
         a, b = np.searchsorted(self.owner, (first, last))
         return self._replace(
-            start=self.start + first * self.cell, low=self.low + int(a) - first * self.parts,
-            owner=self.owner[a:b] - first, first=self.first[a:b], weight=self.weight[a:b],
-        )  # fmt: skip
+            start=self.start + first * self.cell,
+            low=self.low + int(a) - first * self.parts,
+            owner=self.owner[a:b] - first,
+            first=self.first[a:b],
+            weight=self.weight[a:b],
+        )
 
     def shares(self, nodes: int) -> np.ndarray:
         """float64[nodes]: integral of each node's hat function over the cells."""
@@ -154,9 +157,16 @@ class Lattice(NamedTuple):
         first = cells[0] + down.low / down.parts - 0.5, cells[2] + across.low / across.parts - 0.5
         step_column, step_row = grid.matrix[:, 0] / across.parts, grid.matrix[:, 1] / down.parts
         kernel.parts_with_ground(
-            np.array(grid.xy(*first)), step_column, step_row, bed.grid.corner, bed.grid.matrix, bed.elevation,
-            bed.gradient, sloped, factor,
-        )  # fmt: skip
+            np.array(grid.xy(*first)),
+            step_column,
+            step_row,
+            bed.grid.corner,
+            bed.grid.matrix,
+            bed.elevation,
+            bed.gradient,
+            sloped,
+            factor,
+        )
         return CellWindow(cells, axes, factor, self.node_area(grid))
 
     def node_area(self, grid: Grid) -> float:
@@ -280,9 +290,18 @@ def column_sums(
     nodes = np.zeros((int(extent[1] - extent[0]), int(extent[3] - extent[2]), binning.SUMS))
     share = window.shares(nodes.shape[:2])
     kernel.spread_columns(
-        place, row, extent, share, _gains(share), placed.pixel, bed.gradient_by_pixel,
-        particles.velocity, particles.mass, particles.volume, nodes,
-    )  # fmt: skip
+        place,
+        row,
+        extent,
+        share,
+        _gains(share),
+        placed.pixel,
+        bed.gradient_by_pixel,
+        particles.velocity,
+        particles.mass,
+        particles.volume,
+        nodes,
+    )
     found = nodes_to_cells(nodes, binning.MASS, binning.UPRIGHT, grid, window)
     count = np.zeros(len(found.index), np.int64)
     kernel.count_columns(row, column, cells[0], cells[2], found.mark, count)

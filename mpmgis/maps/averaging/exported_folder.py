@@ -130,9 +130,11 @@ class ExportedRun:
     def bands_of(self, file):
         """Tuple of Quantity: the bands of one of the run's rasters, in order."""
         known = {
-            self.maxima_file: self.maxima_bands, self.deposit_file: self.deposit_bands,
-            self.bed_file: self.bed_bands, self.ground_file: self.surface_bands,
-        }  # fmt: skip
+            self.maxima_file: self.maxima_bands,
+            self.deposit_file: self.deposit_bands,
+            self.bed_file: self.bed_bands,
+            self.ground_file: self.surface_bands,
+        }
         return known.get(file, self.step_bands)
 
     def read_terrain(self):

@@ -182,9 +182,17 @@ def reached(frame: Frame, bed: Bed, axes: Grid) -> tuple | None:
     half = column_reach(frame) if frame.dimension == 2 else np.zeros(1)
     origin = np.asarray(frame.origin, float)
     count = cell_places.reach(
-        particles.position, half, origin, bed.grid.corner, bed.grid.axes, bed.elevation,
-        bed.clamped and frame.dimension == 3, axes.corner, axes.axes, bounds,
-    )  # fmt: skip
+        particles.position,
+        half,
+        origin,
+        bed.grid.corner,
+        bed.grid.axes,
+        bed.elevation,
+        bed.clamped and frame.dimension == 3,
+        axes.corner,
+        axes.axes,
+        bounds,
+    )
     return tuple(bounds.tolist()) if count else None
 
 

@@ -145,9 +145,20 @@ def mark_cells(
 
 @jit
 def add_cells(
-    nodes, measure, factor, mark, owner_row, first_row, weight_row, owner_column, first_column, weight_column, area,
-    sums, top,
-):  # fmt: skip
+    nodes,
+    measure,
+    factor,
+    mark,
+    owner_row,
+    first_row,
+    weight_row,
+    owner_column,
+    first_column,
+    weight_column,
+    area,
+    sums,
+    top,
+):
     """Integrate the nodes' field over the cells: `sums`, and the largest mean of `measure` over a cell's parts.
 
     Parameters

@@ -284,6 +284,8 @@ def _single(path):
     terrain = path.parent.parent / "dtm.tif"
     beside = path.parent.name == "rasters" and terrain.is_file()
     return Result(
-        path.stem, "raster", bands or {UNNAMED: BandSource(path, 1, Quantity(UNNAMED, "", ""))},
+        path.stem,
+        "raster",
+        bands or {UNNAMED: BandSource(path, 1, Quantity(UNNAMED, "", ""))},
         terrain if beside else None,
-    )  # fmt: skip
+    )

@@ -131,8 +131,9 @@ class Pictures:
         from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
 
-        entries = [Patch(facecolor=e.colour, edgecolor=INK, linewidth=0.4, label=e.label)
-                   for e in self._classes if e.colour]  # fmt: skip
+        entries = [
+            Patch(facecolor=e.colour, edgecolor=INK, linewidth=0.4, label=e.label) for e in self._classes if e.colour
+        ]
         if has_release:
             entries.append(Line2D([], [], color=RELEASE_COLOUR, linewidth=1.6, label="release area"))
         place = {"loc": "upper left", "borderaxespad": 0.0, "frameon": False, "alignment": "left", "fontsize": 8.5}

@@ -171,9 +171,13 @@ def _dataset(request, entries, dem, lazy):
         variables |= computed_bands([BAND[name] for name in kept.names], grid, kept)
     variables[ELEVATION.name] = ELEVATION, plan.terrain.rows_on(grid, 0, grid.shape[0]).astype(np.float32)
     return gridded(
-        grid, variables, [entry.time for entry in steps], title=plan.name, density=plan.averaging.density,
+        grid,
+        variables,
+        [entry.time for entry in steps],
+        title=plan.name,
+        density=plan.averaging.density,
         min_depth=plan.averaging.min_depth,
-    )  # fmt: skip
+    )
 
 
 def _terrain_in_memory(dem, entry):

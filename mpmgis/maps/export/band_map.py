@@ -93,9 +93,16 @@ def _draw_marks(axes, marks):
         dot = {"color": "white", "markeredgecolor": "black", "markersize": 7, "zorder": 8}
         axes.plot([x], [y], "o", scalex=False, scaley=False, **dot)
         axes.annotate(
-            text, (x, y), xytext=(6, 5), textcoords="offset points", fontsize=9, fontweight="bold", zorder=9,
-            annotation_clip=True, path_effects=[withStroke(linewidth=2.5, foreground="white")],
-        )  # fmt: skip
+            text,
+            (x, y),
+            xytext=(6, 5),
+            textcoords="offset points",
+            fontsize=9,
+            fontweight="bold",
+            zorder=9,
+            annotation_clip=True,
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+        )
 
 
 def _draw_legend(axes, look, classes, outlined, interval):

@@ -50,11 +50,7 @@ def write_bed_rasters(plan, rasters, values, tags, cog, rate=None):
     mass = SparseBands(grid, values.index, [(values.values["mass"], 0.0)])(0, 0, grid.shape[0])
     deposit = np.nan_to_num(mass / plan.averaging.density, nan=0.0)
     bed = plan.terrain.rows_on(grid, 0, grid.shape[0]) - eroded
-    named = tags | {
-        "time": times[-1],
-        "bed_density": float(np.asarray(change["bed_density"])),
-        "depths": "vertical",
-    }
+    named = tags | {"time": times[-1], "bed_density": float(np.asarray(change["bed_density"])), "depths": "vertical"}
     bands = dict(zip(BED_BANDS, (eroded, rate, deposit), strict=True)) | _forest_bands(change, plan, grid)
     bands |= dict(zip(SURFACE_BANDS, (bed + deposit + bands.get("detrained", 0.0), bed), strict=True))
     for word, names in (("bed", bed_bands(change)), ("surface", SURFACE_BANDS)):

@@ -54,9 +54,11 @@ class Results:
         parts = (self.source, self.source.declarations, self.averaging, self.sampling)
         without = ("frames", "dem", "dem_band", "to_crs", "declarations")
         return [
-            one.name for part in parts for one in fields(part)
+            one.name
+            for part in parts
+            for one in fields(part)
             if one.name not in without and getattr(part, one.name) != one.default
-        ]  # fmt: skip
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -286,8 +286,17 @@ def draw_north_arrow(axes: "Axes") -> None:
 
     figure, (left, bottom) = axes.figure, _lower_left_corner(axes)
     inches, middle = figure.dpi_scale_trans, left + SCALE_BAR + 0.35
-    arrow = FancyArrowPatch((middle, bottom - 0.1), (middle, bottom + 0.3), arrowstyle="-|>", mutation_scale=11,
-                            color="black", lw=1.2, shrinkA=0, shrinkB=0, transform=inches)  # fmt: skip
+    arrow = FancyArrowPatch(
+        (middle, bottom - 0.1),
+        (middle, bottom + 0.3),
+        arrowstyle="-|>",
+        mutation_scale=11,
+        color="black",
+        lw=1.2,
+        shrinkA=0,
+        shrinkB=0,
+        transform=inches,
+    )
     figure.add_artist(arrow).set_gid("north arrow")
     figure.text(middle, bottom + 0.32, "N", fontsize=9.5, fontweight="bold", ha="center", va="bottom", transform=inches)
 
@@ -321,11 +330,18 @@ def draw_scale_and_north(axes: "Axes", view: tuple) -> None:
     for at, label in ((0.0, "0"), (2 * half, text)):
         figure.text(left + at, low + 1.6 * bar, label, fontsize=7.5, ha="center", va="bottom", color=INK)
     axes.annotate(
-        "N", xy=(left + half, low + 1.0 / height), xytext=(left + half, low + 0.5 / height),
-        xycoords="figure fraction", textcoords="figure fraction", ha="center", va="center", fontsize=10,
-        fontweight="bold", annotation_clip=False,
+        "N",
+        xy=(left + half, low + 1.0 / height),
+        xytext=(left + half, low + 0.5 / height),
+        xycoords="figure fraction",
+        textcoords="figure fraction",
+        ha="center",
+        va="center",
+        fontsize=10,
+        fontweight="bold",
+        annotation_clip=False,
         arrowprops={"arrowstyle": "-|>,head_width=0.35,head_length=0.6", "color": "black", "lw": 1.4},
-    )  # fmt: skip
+    )
 
 
 def _draw_legend(axes, classes, has_release, has_deposit, min_depth, interval):

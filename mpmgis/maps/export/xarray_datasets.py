@@ -143,9 +143,14 @@ def averaged_steps(count, quantities, grid, frame_values):
     """
     rows, columns = grid.shape
     stack = _lazy(
-        _averaged_block, chunks=((1,) * count, (len(quantities),), (rows,), (columns,)), dtype=np.float32,
-        meta=np.empty((0, 0, 0, 0), np.float32), quantities=quantities, grid=grid, frame_values=frame_values,
-    )  # fmt: skip
+        _averaged_block,
+        chunks=((1,) * count, (len(quantities),), (rows,), (columns,)),
+        dtype=np.float32,
+        meta=np.empty((0, 0, 0, 0), np.float32),
+        quantities=quantities,
+        grid=grid,
+        frame_values=frame_values,
+    )
     return {quantity.name: (quantity, stack[:, k]) for k, (quantity, _) in enumerate(quantities)}
 
 
@@ -178,9 +183,13 @@ def computed_bands(quantities, grid, compute):
         `compute()` returns name -> float32[rows, columns].
     """
     stack = _lazy(
-        _computed_block, chunks=((len(quantities),), *((length,) for length in grid.shape)), dtype=np.float32,
-        meta=np.empty((0, 0, 0), np.float32), names=[quantity.name for quantity in quantities], compute=compute,
-    )  # fmt: skip
+        _computed_block,
+        chunks=((len(quantities),), *((length,) for length in grid.shape)),
+        dtype=np.float32,
+        meta=np.empty((0, 0, 0), np.float32),
+        names=[quantity.name for quantity in quantities],
+        compute=compute,
+    )
     return {quantity.name: (quantity, stack[k]) for k, quantity in enumerate(quantities)}
 
 
@@ -233,9 +242,13 @@ def _lazy_bands(paths, band, shape):
     """Lazy float32[files, rows, columns] of one band of rasters of one shape."""
     rows, columns = (_cut(length) for length in shape)
     return _lazy(
-        _read_block, chunks=((1,) * len(paths), rows, columns), dtype=np.float32, meta=np.empty((0, 0, 0), np.float32),
-        paths=tuple(map(str, paths)), band=band,
-    )  # fmt: skip
+        _read_block,
+        chunks=((1,) * len(paths), rows, columns),
+        dtype=np.float32,
+        meta=np.empty((0, 0, 0), np.float32),
+        paths=tuple(map(str, paths)),
+        band=band,
+    )
 
 
 def _cut(length):

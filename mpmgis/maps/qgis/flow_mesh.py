@@ -324,12 +324,4 @@ def _add_face_variable(file, name, title, units):
     variable = file.createVariable(
         name, "f4", ("time", "face"), chunksizes=(1, faces), fill_value=np.float32(NODATA), endian="little", **LIGHT
     )
-    variable.setncatts(
-        {
-            "long_name": title,
-            "units": units,
-            "mesh": "mesh",
-            "location": "face",
-        }
-        | _grid_mapping(file)
-    )
+    variable.setncatts({"long_name": title, "units": units, "mesh": "mesh", "location": "face"} | _grid_mapping(file))

@@ -100,9 +100,17 @@ def _write_layer(path, name, features, crs):
 
     try:
         write(
-            path, shapely.to_wkb(places), arrays, list(columns), driver=DRIVER, layer=name, crs="EPSG:4326",
-            geometry_type="MultiPolygon", promote_to_multi=True, append=path.exists(),
+            path,
+            shapely.to_wkb(places),
+            arrays,
+            list(columns),
+            driver=DRIVER,
+            layer=name,
+            crs="EPSG:4326",
+            geometry_type="MultiPolygon",
+            promote_to_multi=True,
+            append=path.exists(),
             gdal_tz_offsets={key: np.full(len(names), 100) for key in ("begin", "end") if key in columns},
-        )  # fmt: skip
+        )
     except Exception as error:
         raise OutputError(f"{path}: cannot be written ({one_line(error)})") from error

@@ -15,11 +15,7 @@ _TIME = (2000, 1, 1, 0, 0, 0)  # time of all files, for reproducible bytes
 
 
 def write_plugin_zip(
-    path: str | Path,
-    forms: dict,
-    homepage: str | None = None,
-    email: str | None = None,
-    overwrite: bool = False,
+    path: str | Path, forms: dict, homepage: str | None = None, email: str | None = None, overwrite: bool = False
 ) -> None:
     """Write the plugin to `path` (.zip), atomically.
 

@@ -77,11 +77,7 @@ def _item(kind, name, box, more, *children):
     usual = {"type": kind, "id": name, "size": f"{width:g},{height:g},mm", "visibility": 1, "opacity": 1}
     frame = {"referencePoint": 0, "frame": "false", "background": "false", "outlineWidthM": "0.3,mm"}
     return node(
-        "LayoutItem",
-        usual | place | frame | more,
-        node("FrameColor", INK),
-        node("BackgroundColor", WHITE),
-        *children,
+        "LayoutItem", usual | place | frame | more, node("FrameColor", INK), node("BackgroundColor", WHITE), *children
     )
 
 

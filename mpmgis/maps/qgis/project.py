@@ -301,7 +301,7 @@ def title_settings(label: str) -> dict:
             "Placement": ("int", 4),
             "BackgroundColor": ("QString", "255,255,255,200"),
             "Label": ("QString", label),
-        },
+        }
     }
 
 

@@ -190,10 +190,7 @@ def _contour_symbol(name, width):
 def bands_over_time(clock: Clock) -> Element:
     """`temporal` of a stack: band k + 1 is visible from step k to the next (QGIS 3.38 and later)."""
     ranges = [
-        node(
-            "range",
-            {"band": k, "begin": stamp(begin), "end": stamp(end), "includeBeginning": 1, "includeEnd": 0},
-        )
+        node("range", {"band": k, "begin": stamp(begin), "end": stamp(end), "includeBeginning": 1, "includeEnd": 0})
         for k, (begin, end) in enumerate(zip(clock.begins, clock.ends, strict=True), start=1)
     ]
     return node("temporal", {"enabled": 1, "mode": 3, "fetchMode": 0, "bandNumber": 1}, node("ranges", None, *ranges))

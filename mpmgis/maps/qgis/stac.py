@@ -92,10 +92,15 @@ def _rasters(run, cog):
         | steps
     )
     return {
-        key: {"href": f"./{file}", "type": kind if file.endswith(".tif") else "application/xml", "title": title,
-              "roles": roles} | ({"bands": [_band(quantity) for quantity in bands]} if bands else {})
+        key: {
+            "href": f"./{file}",
+            "type": kind if file.endswith(".tif") else "application/xml",
+            "title": title,
+            "roles": roles,
+        }
+        | ({"bands": [_band(quantity) for quantity in bands]} if bands else {})
         for key, (file, title, bands, roles) in known.items()
-    }  # fmt: skip
+    }
 
 
 def _bed(run):
@@ -121,10 +126,11 @@ def _band(quantity):
 def _other_files(run):
     found = [path for path in sorted(run.folder.glob(f"{run.name}.*")) if path.suffix in OTHERS]
     return {
-        path.suffix[1:]: dict(zip(("href", "type", "roles", "title"), (f"./{path.name}", *OTHERS[path.suffix]),
-                                  strict=True))
+        path.suffix[1:]: dict(
+            zip(("href", "type", "roles", "title"), (f"./{path.name}", *OTHERS[path.suffix]), strict=True)
+        )
         for path in found
-    }  # fmt: skip
+    }
 
 
 def _footprint(grid):

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import os
 
-from qgis.core import (
-    QgsProcessingException,
-)
+from qgis.core import QgsProcessingException
 from qgis.PyQt.QtCore import QProcess, QProcessEnvironment
 
 from .command import Lines, environment, error_line, is_error_line, progress

@@ -131,9 +131,19 @@ def write_hazard_raster(path: Path, made: HazardMap, tags: dict) -> None:
     crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
     rows, columns = grid.shape
     profile = {
-        "driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "uint8", "nodata": 0, "crs": crs,
-        "transform": grid.transform, "compress": "deflate", "tiled": True, "blockxsize": BLOCK, "blockysize": BLOCK,
-    }  # fmt: skip
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": 1,
+        "dtype": "uint8",
+        "nodata": 0,
+        "crs": crs,
+        "transform": grid.transform,
+        "compress": "deflate",
+        "tiled": True,
+        "blockxsize": BLOCK,
+        "blockysize": BLOCK,
+    }
     entries = _entries(matrix)
     colours = {number: (*(int(colour[k : k + 2], 16) for k in (1, 3, 5)), 255) for number, _, colour in entries}
     meaning = {f"class_{number}": label for number, label, _ in entries}
@@ -175,9 +185,10 @@ def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
     layers = {"zones": _zone_rows(made), "uncertainty": _band_rows(made), "not_assessed": _gap_rows(made)}
     classes = [(k, label, colour) for k, label, colour in _entries(made.matrix)[:-1]]
     styles = {
-        "zones": class_renderer("level", classes), "uncertainty": outline_renderer(BAND_PEN),
+        "zones": class_renderer("level", classes),
+        "uncertainty": outline_renderer(BAND_PEN),
         "not_assessed": class_renderer("level", _entries(made.matrix)[-1:]),
-    }  # fmt: skip
+    }
     crs = None if made.grid.crs is None else made.grid.crs.to_wkt()
     written = {}
     with whole_file(path) as part, warnings.catch_warnings():
@@ -185,8 +196,11 @@ def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
         for name, (rows, shapes) in layers.items():
             if shapes or name == "zones":
                 columns = {key: [row[key] for row in rows] for key in (rows[0] if rows else _zone_row(made, 1, "", 0))}
-                table = geopandas.GeoDataFrame(columns | tags, geometry=shapes, crs=crs) if rows else (
-                    geopandas.GeoDataFrame(columns, geometry=[], crs=crs))  # fmt: skip
+                table = (
+                    geopandas.GeoDataFrame(columns | tags, geometry=shapes, crs=crs)
+                    if rows
+                    else (geopandas.GeoDataFrame(columns, geometry=[], crs=crs))
+                )
                 older = {} if part.exists() else {"dataset_options": GEOPACKAGE}
                 table.to_file(part, layer=name, driver="GPKG", engine="pyogrio", **older)
                 written[name] = vector_style_document(styles[name], POLYGONS)
@@ -196,9 +210,14 @@ def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
 def _zone_row(made, number, scenarios, area):
     level = made.matrix.levels[number - 1]
     return {
-        "level": number, "name": level.name, "meaning": level.meaning, "area_m2": round(float(area), 3),
-        "scenarios": scenarios, "matrix": made.matrix.name, "guideline": made.matrix.source,
-    }  # fmt: skip
+        "level": number,
+        "name": level.name,
+        "meaning": level.meaning,
+        "area_m2": round(float(area), 3),
+        "scenarios": scenarios,
+        "matrix": made.matrix.name,
+        "guideline": made.matrix.source,
+    }
 
 
 def _zone_rows(made):
@@ -217,9 +236,12 @@ def _deciding(made, number, parts):
     if not parts:
         return []
     cells = rasterio.features.rasterize(
-        zip(parts, range(1, len(parts) + 1), strict=True), made.grid.shape, transform=made.grid.transform,
-        all_touched=True, dtype="int32",
-    )  # fmt: skip
+        zip(parts, range(1, len(parts) + 1), strict=True),
+        made.grid.shape,
+        transform=made.grid.transform,
+        all_touched=True,
+        dtype="int32",
+    )
     found = [set() for _ in range(len(parts) + 1)]
     for scenario in made.scenarios:
         for part in np.unique(cells[_gives(made, scenario, number)]):
@@ -236,8 +258,15 @@ def _band_rows(made):
     rows, shapes = [], []
     for level, (number, shape) in zip(made.matrix.levels, enumerate(made.bands(), 1), strict=False):
         if shape is not None:
-            rows.append({"level": number, "name": level.name, "share_from": LEAST, "share_to": MOST,
-                         "area_m2": round(shape.area, 3)})  # fmt: skip
+            rows.append(
+                {
+                    "level": number,
+                    "name": level.name,
+                    "share_from": LEAST,
+                    "share_to": MOST,
+                    "area_m2": round(shape.area, 3),
+                }
+            )
             shapes.append(shape)
     return rows, shapes
 
@@ -255,8 +284,18 @@ def write_hazard_table(path: Path, made: HazardMap) -> None:
     for number, (level, area) in enumerate(zip(made.matrix.levels, made.areas(), strict=True), 1):
         zone = made.zones.zones[number - 1]
         years = [f"{scenario.years:g}" for scenario in made.scenarios if _gives(made, scenario, number).any()]
-        rows.append((number, level.name, level.meaning, float(area), 0.0 if zone is None else zone.area,
-                     ", ".join(dict.fromkeys(years)), made.matrix.name, made.matrix.source))  # fmt: skip
+        rows.append(
+            (
+                number,
+                level.name,
+                level.meaning,
+                float(area),
+                0.0 if zone is None else zone.area,
+                ", ".join(dict.fromkeys(years)),
+                made.matrix.name,
+                made.matrix.source,
+            )
+        )
     gap = float(np.count_nonzero(made.hazard.unknown) * made.grid.cell_area)
     rows.append((NOT_ASSESSED, "not assessed", NOT_ASSESSED_WORDS, gap, math.nan, "", made.matrix.name, ""))
     write_records(path, HEADINGS, rows)

@@ -76,8 +76,9 @@ class Column:
     def _lines(self, lines, size, x=0.0, **look):
         for line in lines:
             at = self.place(x, self.y)
-            self.figure.text(*at, line, fontsize=size, color=INK, va="top", transform=self.figure.dpi_scale_trans,
-                             **look)  # fmt: skip
+            self.figure.text(
+                *at, line, fontsize=size, color=INK, va="top", transform=self.figure.dpi_scale_trans, **look
+            )
             self.y += size * SPACING * POINT
 
     def patch(self, words: str, **look: Any) -> None:
@@ -129,8 +130,13 @@ def draw_matrix(column: Column, matrix: HazardMatrix, used: Set[str]) -> None:
             y = top + (most - 1 - row) * ROW
             _draw_cell(column, matrix, (x, y, width), entry, cell)
         words = "scenario given" if period.name in used else "NO SCENARIO"
-        column.words(x + 0.5 * width, top + most * ROW + 0.5 * FOOT, width, words,
-                     fontweight="normal" if period.name in used else "bold")  # fmt: skip
+        column.words(
+            x + 0.5 * width,
+            top + most * ROW + 0.5 * FOOT,
+            width,
+            words,
+            fontweight="normal" if period.name in used else "bold",
+        )
     column.y = top + most * ROW + FOOT + 0.5
     if any(len(set(cell)) > 1 for period in matrix.periods for cell in period.cells):
         column.text("Cells of two colours are divided in the guideline; the higher level is taken.")

@@ -109,8 +109,12 @@ def parse_matrices(tables: dict, guidelines: dict, where: object) -> dict[str, H
 
 
 def _matrix(name, table, guidelines, where):
-    _require(table, where, {"title": str, "source": str, "note": str, "level": list, "period": list},
-             ("source", "level", "period"))  # fmt: skip
+    _require(
+        table,
+        where,
+        {"title": str, "source": str, "note": str, "level": list, "period": list},
+        ("source", "level", "period"),
+    )
     if not 0 < len(table["level"]) <= MOST_LEVELS or not table["period"]:
         raise InputError(f"{where}: expected one or more [[{name}.level]] and [[{name}.period]] tables")
     levels = tuple(_level(entry, f"{where} level {k}") for k, entry in enumerate(table["level"], 1))

@@ -83,9 +83,11 @@ def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
     terrain = _terrain(request, scenarios)
     grid = scenarios[0].grid
     hazard = combined(
-        [scenario.level for scenario in scenarios], [scenario.known for scenario in scenarios],
-        _terrain_known(terrain, grid), len(matrix.levels),
-    )  # fmt: skip
+        [scenario.level for scenario in scenarios],
+        [scenario.known for scenario in scenarios],
+        _terrain_known(terrain, grid),
+        len(matrix.levels),
+    )
     if not hazard.level.any():
         raise InputError(f"no cell has a hazard level of {matrix.name}; check the scenarios, or the `min_depth`")
     shares = shares_of(scenarios, len(matrix.levels))
@@ -108,10 +110,12 @@ def shares_of(scenarios: list, highest: int) -> np.ndarray | None:
     if all(scenario.shares is None for scenario in scenarios):
         return None
     numbers = np.arange(1, highest + 1, dtype=np.uint8)[:, None, None]
-    return np.maximum.reduce([
-        (scenario.level >= numbers).astype(np.float32) if scenario.shares is None else scenario.shares
-        for scenario in scenarios
-    ])  # fmt: skip
+    return np.maximum.reduce(
+        [
+            (scenario.level >= numbers).astype(np.float32) if scenario.shares is None else scenario.shares
+            for scenario in scenarios
+        ]
+    )
 
 
 def scale_of(text: str | None) -> float | None:
@@ -150,8 +154,10 @@ def _terrain(request, scenarios) -> Terrain | None:
     of_scenarios = [entry.terrain for entry in scenarios if entry.terrain is not None]
     known = source.dem or max(of_scenarios, key=_extent, default=None)
     if known is None:
-        log.info("no DTM is known: the map has no hillshade, and gaps of the DTM cannot be distinguished from cells "
-                 "without hazard; give it with `dem`")  # fmt: skip
+        log.info(
+            "no DTM is known: the map has no hillshade, and gaps of the DTM cannot be distinguished from cells "
+            "without hazard; give it with `dem`"
+        )
         return None
     if isinstance(known, Terrain):
         return known
@@ -193,17 +199,22 @@ def _facts(request, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
     depth = request.results.averaging.min_depth
     ensemble = any(scenario.shares is not None for scenario in scenarios)
     facts = [
-        ("guideline", f"{matrix.source}{unread}"), ("note", matrix.note),
+        ("guideline", f"{matrix.source}{unread}"),
+        ("note", matrix.note),
         ("no scenario", ", ".join(f"{period.name} ({period.words()})" for period in missing)),
         ("DTM", "" if terrain is None else Path(str(terrain.path)).name),
         ("CRS", name_of(scenarios[0].grid.crs)),
         *((f"{scenario.years:g} years", scenario.facts) for scenario in scenarios),
         ("cells", f"{scenarios[0].grid.cell_size:g} m; reached from a depth of {depth:g} m"),
         ("zones", f"outlines for 1:{sheet.scale:g}, areas from {least:.4g} m2"),
-        ("uncertainty", f"hatched: {LEAST:.0%} to {MOST:.0%} of the runs of the ensemble" if ensemble else
-         "not shown: no ensemble among the scenarios"),
+        (
+            "uncertainty",
+            f"hatched: {LEAST:.0%} to {MOST:.0%} of the runs of the ensemble"
+            if ensemble
+            else "not shown: no ensemble among the scenarios",
+        ),
         ("made by", f"mpmgis {__version__}, {datetime.date.today().isoformat()}; simulated, not checked in the field"),
-    ]  # fmt: skip
+    ]
     return tuple((name, words) for name, words in facts if words)
 
 
@@ -231,9 +242,11 @@ def _log(made: HazardMap, sheet: Sheet) -> None:
 def _writers(made: HazardMap, terrain, sheet) -> dict:
     printed = Print(made, terrain, sheet)
     tags = {
-        "version": __version__, "scenarios": "; ".join(scenario.words() for scenario in made.scenarios),
-        "date": datetime.date.today().isoformat(), "scale": f"1:{made.scale:g}",
-    }  # fmt: skip
+        "version": __version__,
+        "scenarios": "; ".join(scenario.words() for scenario in made.scenarios),
+        "date": datetime.date.today().isoformat(),
+        "scale": f"1:{made.scale:g}",
+    }
     writers = {
         RASTER_FILE: lambda path: write_hazard_raster(path, made, tags),
         STYLE_FILE: lambda path: write_hazard_style(path, made.matrix),

@@ -170,9 +170,7 @@ def _scenario(request, years, path, period, highest, progress):
     if end:
         log.info(f"{path} {end}: levels that its flow would give later are not in the map")
     level, known, grid, whole = _levels(result, period, request.results)
-    return Scenario(
-        years, path, period, grid, level, known, None, result.terrain, facts_of(path, result), whole=whole
-    )  # fmt: skip
+    return Scenario(years, path, period, grid, level, known, None, result.terrain, facts_of(path, result), whole=whole)
 
 
 def _levels(result, period, results):

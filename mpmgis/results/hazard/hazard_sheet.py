@@ -161,8 +161,15 @@ def _hide_beyond(axes, view, terrain):
 def _draw_zones(axes: "Axes", made: HazardMap) -> None:
     for level, zone in zip(made.matrix.levels, made.zones.zones, strict=True):
         _draw_polygon(axes, zone, facecolor=(level.colour, ZONE_OPACITY), edgecolor=INK, linewidth=0.5, zorder=4)
-    _draw_polygon(axes, made.not_assessed(), facecolor="none", edgecolor=NOT_ASSESSED_COLOUR, hatch="xx", linewidth=0.3,
-                  zorder=3.7)  # fmt: skip
+    _draw_polygon(
+        axes,
+        made.not_assessed(),
+        facecolor="none",
+        edgecolor=NOT_ASSESSED_COLOUR,
+        hatch="xx",
+        linewidth=0.3,
+        zorder=3.7,
+    )
     bands = made.bands()
     if bands:
         _draw_polygon(axes, bands[0], facecolor="none", edgecolor=BAND_COLOUR, hatch="////", linewidth=0.4, zorder=5)
@@ -200,8 +207,9 @@ def _draw_column(figure, made, sheet, interval, without_terrain):
     column = Column(figure, sheet.width - EDGE - sheet.column, EDGE + TITLE, sheet.column, sheet.width, sheet.height)
     _draw_legend(column, made, interval)
     draw_matrix(column, made.matrix, {scenario.period.name for scenario in made.scenarios})
-    facts = made.facts + ((("relief", "no terrain was given: no hillshade, gaps of the terrain unknown"),)
-                          if without_terrain else ())  # fmt: skip
+    facts = made.facts + (
+        (("relief", "no terrain was given: no hillshade, gaps of the terrain unknown"),) if without_terrain else ()
+    )
     scenarios = [scenario.words() for scenario in made.scenarios]
     sources = [f"{name}: {words}" for name, words in facts]
     room = sheet.height - FOOT - column.y - 2 * HEADINGS
@@ -250,8 +258,17 @@ def _draw_scale(figure, sheet, left):
     figure.text((left + 2 * half) * MM, (low + 2) * MM, text, ha="center", **words)
     figure.text(left * MM, (low + 6) * MM, f"1:{sheet.scale:,.0f}".replace(",", " "), fontweight="bold", **words)
     middle = (left + sheet.column - 6.0) * MM
-    arrow = FancyArrowPatch((middle, low * MM), (middle, (low + 9) * MM), arrowstyle="-|>", mutation_scale=11,
-                            color="black", lw=1.2, shrinkA=0, shrinkB=0, transform=unit)  # fmt: skip
+    arrow = FancyArrowPatch(
+        (middle, low * MM),
+        (middle, (low + 9) * MM),
+        arrowstyle="-|>",
+        mutation_scale=11,
+        color="black",
+        lw=1.2,
+        shrinkA=0,
+        shrinkB=0,
+        transform=unit,
+    )
     figure.add_artist(arrow).set_gid("north arrow")
     figure.text(middle, (low + 9.5) * MM, "N", fontweight="bold", ha="center", **words)
 

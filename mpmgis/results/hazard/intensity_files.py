@@ -27,9 +27,19 @@ def write_class_raster(path: Path, grid: Grid, numbers: np.ndarray, guideline: G
     crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
     rows, columns = grid.shape
     profile = {
-        "driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "uint8", "nodata": 0, "crs": crs,
-        "transform": grid.transform, "compress": "deflate", "tiled": True, "blockxsize": BLOCK, "blockysize": BLOCK,
-    }  # fmt: skip
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": 1,
+        "dtype": "uint8",
+        "nodata": 0,
+        "crs": crs,
+        "transform": grid.transform,
+        "compress": "deflate",
+        "tiled": True,
+        "blockxsize": BLOCK,
+        "blockysize": BLOCK,
+    }
     colours = {0: (0, 0, 0, 0)}
     for number, entry in enumerate(guideline.classes, start=1):
         colours[number] = (*(int(entry.colour[k : k + 2], 16) for k in (1, 3, 5)), 255)

@@ -124,9 +124,15 @@ def _run_up(flow, wall, history):
     there, at_wall = flow.terrain.sample(np.array([x[k], foot[0]]), np.array([y[k], foot[1]]))
     places = float(x[k]), float(y[k]), float(flow.times[step])
     return RunUp(
-        float(depth[step, k]), *places, step, float(surface), crest, float(np.median(means)), float(there - at_wall),
+        float(depth[step, k]),
+        *places,
+        step,
+        float(surface),
+        crest,
+        float(np.median(means)),
+        float(there - at_wall),
         float(crest - at_wall),
-    )  # fmt: skip
+    )
 
 
 def _towards(footprint, x, y):
@@ -168,14 +174,23 @@ def _plan(gathered, wall, run_up, path):
     margin = max(0.5 * max(east - west, north - south), 10 * gathered.grid.cell_size)
     limits = gathered.flow.terrain.grid.bounds
     view = (
-        max(west - margin, limits[0]), max(south - margin, limits[1]), min(east + margin, limits[2]),
+        max(west - margin, limits[0]),
+        max(south - margin, limits[1]),
+        min(east + margin, limits[2]),
         min(north + margin, limits[3]),
-    )  # fmt: skip
+    )
     write_band_map(
-        path, gathered.flow.terrain, gathered.grid, gathered.peaks["h_max"], "h_max", f"{wall.name}: plan",
-        min_depth=gathered.flow.min_depth, view=view, walls=[wall.footprint],
+        path,
+        gathered.flow.terrain,
+        gathered.grid,
+        gathered.peaks["h_max"],
+        "h_max",
+        f"{wall.name}: plan",
+        min_depth=gathered.flow.min_depth,
+        view=view,
+        walls=[wall.footprint],
         marks=[(run_up.x, run_up.y, "largest depth at the wall")],
-    )  # fmt: skip
+    )
     return Picture(path.read_bytes(), "Plan: largest flow depth, normal to the slope")
 
 
@@ -209,8 +224,9 @@ def places_section(gathered, folder):
     rows = [*_of_maps(gathered), *_of_record(gathered.record)]
     if not rows:
         return None
-    cells = [(str(k), what, value, f"{x:.1f}", f"{y:.1f}", time) for k, (what, value, x, y, time) in
-             enumerate(rows, start=1)]  # fmt: skip
+    cells = [
+        (str(k), what, value, f"{x:.1f}", f"{y:.1f}", time) for k, (what, value, x, y, time) in enumerate(rows, start=1)
+    ]
     blocks = [Table(HEADINGS, tuple(cells))]
     depth = gathered.peaks.get("h_max")
     if depth is not None and np.isfinite(depth).any():
@@ -219,9 +235,16 @@ def places_section(gathered, folder):
         flow = gathered.flow
         view = _view(flow.terrain, gathered.grid, depth > flow.min_depth, marks)
         write_band_map(
-            path, flow.terrain, gathered.grid, depth, "h_max", "Places of the table", min_depth=flow.min_depth,
-            view=view, marks=_labelled(marks, JOINED_SHARE * max(view[2] - view[0], view[3] - view[1])),
-        )  # fmt: skip
+            path,
+            flow.terrain,
+            gathered.grid,
+            depth,
+            "h_max",
+            "Places of the table",
+            min_depth=flow.min_depth,
+            view=view,
+            marks=_labelled(marks, JOINED_SHARE * max(view[2] - view[0], view[3] - view[1])),
+        )
         blocks.append(Picture(path.read_bytes(), "Places of the table over the largest depth"))
     return section("Places", *blocks, page=True)
 
@@ -276,6 +299,8 @@ def _view(terrain, grid, flow, marks):
     margin = 0.12 * max(np.ptp(x), np.ptp(y), 10 * grid.cell_size)
     west, south, east, north = terrain.grid.bounds
     return (
-        float(max(x.min() - margin, west)), float(max(y.min() - margin, south)), float(min(x.max() + margin, east)),
+        float(max(x.min() - margin, west)),
+        float(max(y.min() - margin, south)),
+        float(min(x.max() + margin, east)),
         float(min(y.max() + margin, north)),
-    )  # fmt: skip
+    )

@@ -25,9 +25,26 @@ LOOK = 64  # [cells] distance within which a node in a wall searches the flow ou
 
 @jit_parallel
 def hold_at_barriers(
-    nodes, bed, node_gradient, slot, touched, n_touched, west, south, width, height, report, dx, dt, density, gravity,
-    wall, walls, barrier, metric,
-):  # fmt: skip
+    nodes,
+    bed,
+    node_gradient,
+    slot,
+    touched,
+    n_touched,
+    west,
+    south,
+    width,
+    height,
+    report,
+    dx,
+    dt,
+    density,
+    gravity,
+    wall,
+    walls,
+    barrier,
+    metric,
+):
     """Hold the flow at the nodes in `walls` [ny + 3, nx + 3, BARRIER_ENTRIES] and book it in `report`.
 
     The higher of the two surfaces at the wall determines the discharge over the crest. The normal impulse acts
@@ -46,15 +63,29 @@ def hold_at_barriers(
                     if mass <= 0.0 or number <= 0:
                         continue
                     hold_node(
-                        nodes, bed, node_gradient, slot, window, j, i, report[c, number - 1], dx, dt, density, gravity,
-                        wall, walls, barrier, metric,
-                    )  # fmt: skip
+                        nodes,
+                        bed,
+                        node_gradient,
+                        slot,
+                        window,
+                        j,
+                        i,
+                        report[c, number - 1],
+                        dx,
+                        dt,
+                        density,
+                        gravity,
+                        wall,
+                        walls,
+                        barrier,
+                        metric,
+                    )
 
 
 @jit_inline
 def hold_node(
     nodes, bed, node_gradient, slot, window, j, i, sums, dx, dt, density, gravity, wall, walls, barrier, metric
-):  # fmt: skip
+):
     """`hold_at_barriers` at node [j, i], which is in a wall and has mass; adds to `sums` float64[BARRIER_LOSS + 1].
 
     `window` = (west, south, width, height) of the blocks with columns in `slot`.
@@ -72,9 +103,8 @@ def hold_node(
     if here[SHARE] > 0.0:
         through = here[LIMIT] * barrier.opening_discharge(gravity, before, speed_before, beyond, speed_beyond)
         u_held, v_held = barrier.let_through(
-            u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU],
-            (over + through) * per_metre / mass,
-        )  # fmt: skip
+            u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU], (over + through) * per_metre / mass
+        )
         over /= max(over + through, 1e-300)
     else:
         u_held, v_held = barrier.deflected(

@@ -209,9 +209,25 @@ def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
 
 @jit
 def advance(
-    rows, ids, keys, order, nodes, wet, clock, counts, ledger, peaks, barrier_sums,
-    left_cells, until, max_steps, settings, fields, effects, watched,
-):  # fmt: skip
+    rows,
+    ids,
+    keys,
+    order,
+    nodes,
+    wet,
+    clock,
+    counts,
+    ledger,
+    peaks,
+    barrier_sums,
+    left_cells,
+    until,
+    max_steps,
+    settings,
+    fields,
+    effects,
+    watched,
+):
     """Advance to time `until` [s] or by `max_steps`; the whole loop is compiled, for any number of particles.
 
     It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
@@ -267,9 +283,22 @@ def advance(
 
         dt, kick, behind, last = choose_step(clock, counts, until, settings)
         particles_to_grid(
-            rows, order, start, block, bounds, window, tiles, fields, report, kick, settings, effects.metric,
-            effects.still_water, effects.earth_pressure, effects.viscosity,
-        )  # fmt: skip
+            rows,
+            order,
+            start,
+            block,
+            bounds,
+            window,
+            tiles,
+            fields,
+            report,
+            kick,
+            settings,
+            effects.metric,
+            effects.still_water,
+            effects.earth_pressure,
+            effects.viscosity,
+        )
         if wall:
             clear_ghosts(nodes)
         gather_tiles(nodes, tiles, slot, west, south, width, height, touched, n_touched)
@@ -277,23 +306,60 @@ def advance(
             fold_walls(nodes)
         if effects.barrier.barrier_active():
             hold_at_barriers(
-                nodes, fields.bed, fields.gradient, slot, touched, n_touched, west, south, width, height,
-                barrier_report, dx, kick, density, gravity, wall, fields.barriers, effects.barrier, effects.metric,
-            )  # fmt: skip
+                nodes,
+                fields.bed,
+                fields.gradient,
+                slot,
+                touched,
+                n_touched,
+                west,
+                south,
+                width,
+                height,
+                barrier_report,
+                dx,
+                kick,
+                density,
+                gravity,
+                wall,
+                fields.barriers,
+                effects.barrier,
+                effects.metric,
+            )
         if effects.forest.forest_active():
-            break_forest(
-                nodes, fields, touched, n_touched, window, broken, settings, effects.forest, effects.metric
-            )  # fmt: skip
+            break_forest(nodes, fields, touched, n_touched, window, broken, settings, effects.forest, effects.metric)
         update_nodes(
-            nodes, fields, wet, touched, n_touched, window, lowered, node_report, kick, settings, effects.friction,
-            effects.zones, effects.cohesion, effects.metric, effects.curvature, effects.entrainment,
+            nodes,
+            fields,
+            wet,
+            touched,
+            n_touched,
+            window,
+            lowered,
+            node_report,
+            kick,
+            settings,
+            effects.friction,
+            effects.zones,
+            effects.cohesion,
+            effects.metric,
+            effects.curvature,
+            effects.entrainment,
             effects.forest,
-        )  # fmt: skip
+        )
         if effects.forest.forest_active():
             find_shares(
-                nodes, fields, touched, n_touched, window, dt, settings, effects.forest, effects.metric,
+                nodes,
+                fields,
+                touched,
+                n_touched,
+                window,
+                dt,
+                settings,
+                effects.forest,
+                effects.metric,
                 effects.entrainment,
-            )  # fmt: skip
+            )
             collect_forest(broken, node_report, FOREST_LOSS, fields.forest_sums)
         if effects.entrainment.bed_lowering() > 0.0:
             regrade(
@@ -301,16 +367,39 @@ def advance(
             )
         if settings.keep_peaks:
             accumulate_peaks(
-                peaks, nodes, fields.gradient, touched, n_touched, west, south, width, dx, density, clock[TIME] + dt,
-                settings.arrival_thickness, effects.metric, effects.entrainment,
-            )  # fmt: skip
+                peaks,
+                nodes,
+                fields.gradient,
+                touched,
+                n_touched,
+                west,
+                south,
+                width,
+                dx,
+                density,
+                clock[TIME] + dt,
+                settings.arrival_thickness,
+                effects.metric,
+                effects.entrainment,
+            )
         if wall:
             mirror_walls(nodes)
         grid_to_particles(
-            rows, keys, order, start, bounds, nodes, fields, report, (dt, behind, clock[KICK_BEFORE]), settings,
+            rows,
+            keys,
+            order,
+            start,
+            bounds,
+            nodes,
+            fields,
+            report,
+            (dt, behind, clock[KICK_BEFORE]),
+            settings,
             (clock[BOUND_BED], clock[BOUND_ENERGY], effects.earth_pressure.largest_factor()),
-            effects.metric, effects.curvature, effects.entrainment,
-        )  # fmt: skip
+            effects.metric,
+            effects.curvature,
+            effects.entrainment,
+        )
 
         counts[STEP] += 1
         clock[TIME] = until if last else clock[TIME] + dt
@@ -324,9 +413,7 @@ def advance(
         if gone > 0:
             book_columns_left(rows, keys, order, alive, dt, dx, fields.inside.shape, left_cells)
         if effects.forest.forest_active():
-            detrain(
-                rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, effects.metric
-            )  # fmt: skip
+            detrain(rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, effects.metric)
             clear_shares(fields.forest_share, touched, n_touched, west, south, width)
         if clock[WILD_NOW] > settings.wild_stop:
             return TOO_FAST

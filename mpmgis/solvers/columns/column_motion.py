@@ -214,8 +214,24 @@ def book_out(scratch, moved, stays, count, bed, inside, part, outflow, dx, drive
 
 
 @jit
-def turn(scratch, moved, quads, count, dx, behind, driven, ahead, density, gravity, bound_bed, bound_energy,
-          pressure_factor, metric, curvature, entrainment):  # fmt: skip
+def turn(
+    scratch,
+    moved,
+    quads,
+    count,
+    dx,
+    behind,
+    driven,
+    ahead,
+    density,
+    gravity,
+    bound_bed,
+    bound_energy,
+    pressure_factor,
+    metric,
+    curvature,
+    entrainment,
+):
     """The bed at the new place, velocities turned with it, and quantities for the report of the step.
 
     The work of the weight is computed at the slope at the column's old place: for the last `behind` [s] before it, with

@@ -16,9 +16,18 @@ from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE
 # thinner than friction takes them for, and that would have taken up more than MOST_GAIN in one step; energy lost to
 # trees
 (
-    WET_NEW, AIRBORNE_MASS, DEEPEST, TRIGGERED, FRICTION_LOSS, MERGING_LOSS, LOWERING_LOSS, THIN_MASS, GREEDY_MASS,
-    FOREST_LOSS, NODE_REPORT,
-) = range(11)  # fmt: skip
+    WET_NEW,
+    AIRBORNE_MASS,
+    DEEPEST,
+    TRIGGERED,
+    FRICTION_LOSS,
+    MERGING_LOSS,
+    LOWERING_LOSS,
+    THIN_MASS,
+    GREEDY_MASS,
+    FOREST_LOSS,
+    NODE_REPORT,
+) = range(11)
 # a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
 # reached releases
 REACHED, ARMED = 1, 2
@@ -108,9 +117,24 @@ def mirror_column(nodes, i):
 
 @jit_parallel
 def update_nodes(
-    nodes, fields, wet, touched, n_touched, window, lowered, report, dt, settings, friction, zones, cohesion, metric,
-    curvature, entrainment, forest,
-):  # fmt: skip
+    nodes,
+    fields,
+    wet,
+    touched,
+    n_touched,
+    window,
+    lowered,
+    report,
+    dt,
+    settings,
+    friction,
+    zones,
+    cohesion,
+    metric,
+    curvature,
+    entrainment,
+    forest,
+):
     """Momentum to velocity; basal friction and resistance of trees, semi-implicit in the metric of the ground.
 
     An impulse J of friction takes the energy J (U_before + U_after) / 2, with the speed of the columns before the
@@ -139,18 +163,56 @@ def update_nodes(
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
                     eroded = update_node(
-                        nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i,
-                        part, dt, settings, friction, zones, cohesion, metric, curvature, entrainment, forest,
-                    )  # fmt: skip
+                        nodes,
+                        bed,
+                        node_gradient,
+                        zone_values,
+                        erodible,
+                        trees,
+                        state,
+                        trigger_thickness,
+                        wet,
+                        j,
+                        i,
+                        part,
+                        dt,
+                        settings,
+                        friction,
+                        zones,
+                        cohesion,
+                        metric,
+                        curvature,
+                        entrainment,
+                        forest,
+                    )
                     if entrainment.bed_lowering() > 0.0:
                         lowered[k, (j - j_first) * BLOCK + i - i_first] = eroded
 
 
 @jit_inline
 def update_node(
-    nodes, bed, node_gradient, zone_values, erodible, trees, state, trigger_thickness, wet, j, i, report, dt, settings,
-    friction, zones, cohesion, metric, curvature, entrainment, forest,
-):  # fmt: skip
+    nodes,
+    bed,
+    node_gradient,
+    zone_values,
+    erodible,
+    trees,
+    state,
+    trigger_thickness,
+    wet,
+    j,
+    i,
+    report,
+    dt,
+    settings,
+    friction,
+    zones,
+    cohesion,
+    metric,
+    curvature,
+    entrainment,
+    forest,
+):
     """`update_nodes` at node [j, i], into `report` float64[NODE_REPORT]; answers the mass eroded [kg m-2]."""
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     thickness_floor, wet_thickness, wall = settings.thickness_floor, settings.wet_thickness, settings.wall
@@ -258,9 +320,21 @@ def regrade(bed, node_gradient, touched, n_touched, west, south, width, dx, lowe
 
 @jit_parallel
 def accumulate_peaks(
-    peaks, nodes, node_gradient, touched, n_touched, west, south, width, dx, density, time, arrival_thickness, metric,
+    peaks,
+    nodes,
+    node_gradient,
+    touched,
+    n_touched,
+    west,
+    south,
+    width,
+    dx,
+    density,
+    time,
+    arrival_thickness,
+    metric,
     entrainment,
-):  # fmt: skip
+):
     """Running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], and first arrival [s].
 
     Speed and pressure count where the flow is at least `arrival_thickness` [m] deep, so that empty rims do not.

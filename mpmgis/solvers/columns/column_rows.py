@@ -26,12 +26,43 @@ INDEX_MASK = 0x3FFFFFFF  # shows the compiler that an index is not negative, whi
 # compiler vectorises; only nodes and rows are read and written column by column.
 BATCH = 32
 (
-    L_X, L_Y, L_U, L_V, L_CXX, L_CXY, L_CYX, L_CYY, L_MASS, L_AREA, L_GX, L_GY,  # as in a row
-    L_WX0, L_WX1, L_WX2, L_WY0, L_WY1, L_WY2,  # weights
-    L_SX, L_MX, L_SY, L_MY,  # offset from the middle node, and factor of second differences in a moment
-    L_GX0, L_GX1, L_GX2, L_GY0, L_GY1, L_GY2,  # slopes of weights
-    L_SPEED2, L_HORIZONTAL2, L_SIGNAL2, L_BOUND, L_GAINED, L_WORK, L_TAKEN, L_BENT,
-) = range(0, 36 * BATCH, BATCH)  # fmt: skip
+    L_X,
+    L_Y,
+    L_U,
+    L_V,
+    L_CXX,
+    L_CXY,
+    L_CYX,
+    L_CYY,
+    L_MASS,
+    L_AREA,
+    L_GX,
+    L_GY,  # as in a row
+    L_WX0,
+    L_WX1,
+    L_WX2,
+    L_WY0,
+    L_WY1,
+    L_WY2,  # weights
+    L_SX,
+    L_MX,
+    L_SY,
+    L_MY,  # offset from the middle node, and factor of second differences in a moment
+    L_GX0,
+    L_GX1,
+    L_GX2,
+    L_GY0,
+    L_GY1,
+    L_GY2,  # slopes of weights
+    L_SPEED2,
+    L_HORIZONTAL2,
+    L_SIGNAL2,
+    L_BOUND,
+    L_GAINED,
+    L_WORK,
+    L_TAKEN,
+    L_BENT,
+) = range(0, 36 * BATCH, BATCH)
 LINES = 36 * BATCH
 QUAD = 4 * BATCH  # groups of four numbers, one group a column
 QUADS = 6 * QUAD

@@ -272,9 +272,18 @@ class ColumnSolver(ColumnState):
         ny, nx = self.grid.inside.shape
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
         thickest, fastest, lifted = kernel.settle_areas(
-            self._rows[:n], self._keys[:n], kernel.GONE, window.marked, window.row, window.column, walls,
-            self.grid.cell_size, self._settings.density, least, isinstance(self.effects.metric, SlopeMetric),
-        )  # fmt: skip
+            self._rows[:n],
+            self._keys[:n],
+            kernel.GONE,
+            window.marked,
+            window.row,
+            window.column,
+            walls,
+            self.grid.cell_size,
+            self._settings.density,
+            least,
+            isinstance(self.effects.metric, SlopeMetric),
+        )
         if thickest > self._clock[column_clock.DEPTH_WORST]:
             rows, keys = self._rows[:n], self._keys[:n]
             thickness = np.where(keys != kernel.GONE, rows[:, kernel.MASS] / rows[:, kernel.AREA], 0.0)
@@ -327,10 +336,25 @@ class ColumnSolver(ColumnState):
     def _take_steps(self, until, max_steps, settings):
         ready_threads()
         return kernel.advance(
-            self._rows, self._ids, self._keys, self._order, self._nodes, self._wet, self._clock, self._counts,
-            self._ledger, self._peaks, self._barrier_sums, self._left, until, max_steps, settings, self.fields,
-            self.effects, self._watched,
-        )  # fmt: skip
+            self._rows,
+            self._ids,
+            self._keys,
+            self._order,
+            self._nodes,
+            self._wet,
+            self._clock,
+            self._counts,
+            self._ledger,
+            self._peaks,
+            self._barrier_sums,
+            self._left,
+            until,
+            max_steps,
+            settings,
+            self.fields,
+            self.effects,
+            self._watched,
+        )
 
     def _integrate_with(self, effects, places, walls):
         """Continue with other `effects` and `places`; the state of the bed and sums of unchanged barriers are kept."""
@@ -360,9 +384,16 @@ class ColumnSolver(ColumnState):
         """
         header = {"density": self.numerics.density, "cell_size": self.grid.cell_size}
         return replace(
-            self._start, particles=self._particles(), time=self.time, step=self.step, solver="columns", header=header,
-            maxima=self.maxima(), state=self.state(), bed_change=self.bed_change(),
-        )  # fmt: skip
+            self._start,
+            particles=self._particles(),
+            time=self.time,
+            step=self.step,
+            solver="columns",
+            header=header,
+            maxima=self.maxima(),
+            state=self.state(),
+            bed_change=self.bed_change(),
+        )
 
     def _particles(self):
         rows, ids, _ = self._seen()

@@ -46,8 +46,24 @@ compiled_cosine_squared = jit_inline(cosine_squared)
 
 
 @jit
-def pressure_impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, dx, dt, density, gravity,
-              metric, lake, earth_pressure, viscosity):  # fmt: skip
+def pressure_impulses(
+    scratch,
+    quads,
+    place,
+    count,
+    i_block,
+    j_block,
+    bed,
+    lake_level,
+    dx,
+    dt,
+    density,
+    gravity,
+    metric,
+    lake,
+    earth_pressure,
+    viscosity,
+):
     """Contribution of columns to nodes, as weights and four-number groups; returns how many viscosities it capped.
 
     Node (i, j) gets wy_j * column_i + wx_i * line_j of (mass, momentum east, north, kinetic energy before the step).
@@ -72,8 +88,11 @@ def pressure_impulses(scratch, quads, place, count, i_block, j_block, bed, lake_
             pressed -= still * still / (density * area)
             driven -= still
         cxx, cxy, cyx, cyy = (
-            get(scratch, L_CXX, k), get(scratch, L_CXY, k), get(scratch, L_CYX, k), get(scratch, L_CYY, k),
-        )  # fmt: skip
+            get(scratch, L_CXX, k),
+            get(scratch, L_CXY, k),
+            get(scratch, L_CYX, k),
+            get(scratch, L_CYY, k),
+        )
         if earth_pressure.earth_pressure_active():
             pressed *= earth_pressure.pressure_factor(_stretching_rate(u, v, cxx, cxy + cyx, cyy), dt)
         push = dt * 0.5 * gravity * c2 * pressed * inverse_dx
@@ -105,17 +124,32 @@ def pressure_impulses(scratch, quads, place, count, i_block, j_block, bed, lake_
         put(scratch, L_WY1, k, wy1)
         put(scratch, L_WY2, k, wy2)
         put_four(
-            quads, 0 * QUAD, k, wx0 * mass, wx0 * qx + push_xx * (fx - 1.5),
-            wx0 * qy + push_yx * (fx - 1.5), wx0 * kinetic,
-        )  # fmt: skip
+            quads,
+            0 * QUAD,
+            k,
+            wx0 * mass,
+            wx0 * qx + push_xx * (fx - 1.5),
+            wx0 * qy + push_yx * (fx - 1.5),
+            wx0 * kinetic,
+        )
         put_four(
-            quads, 1 * QUAD, k, wx1 * mass, wx1 * (qx + cxx) + push_xx * (2.0 - 2.0 * fx),
-            wx1 * (qy + cyx) + push_yx * (2.0 - 2.0 * fx), wx1 * kinetic,
-        )  # fmt: skip
+            quads,
+            1 * QUAD,
+            k,
+            wx1 * mass,
+            wx1 * (qx + cxx) + push_xx * (2.0 - 2.0 * fx),
+            wx1 * (qy + cyx) + push_yx * (2.0 - 2.0 * fx),
+            wx1 * kinetic,
+        )
         put_four(
-            quads, 2 * QUAD, k, wx2 * mass, wx2 * (qx + 2.0 * cxx) + push_xx * (fx - 0.5),
-            wx2 * (qy + 2.0 * cyx) + push_yx * (fx - 0.5), wx2 * kinetic,
-        )  # fmt: skip
+            quads,
+            2 * QUAD,
+            k,
+            wx2 * mass,
+            wx2 * (qx + 2.0 * cxx) + push_xx * (fx - 0.5),
+            wx2 * (qy + 2.0 * cyx) + push_yx * (fx - 0.5),
+            wx2 * kinetic,
+        )
         put_four(quads, 3 * QUAD, k, 0.0, push_xy * (fy - 1.5), push_yy * (fy - 1.5), 0.0)
         line = 2.0 - 2.0 * fy
         put_four(quads, 4 * QUAD, k, 0.0, wy1 * cxy + push_xy * line, wy1 * cyy + push_yy * line, 0.0)
@@ -154,9 +188,22 @@ def _spread_one(scratch, quads, place, k, tile):
 
 @jit_parallel
 def particles_to_grid(
-    rows, order, start, block, bounds, window, tiles, fields, report, dt, settings, metric, lake, earth_pressure,
+    rows,
+    order,
+    start,
+    block,
+    bounds,
+    window,
+    tiles,
+    fields,
+    report,
+    dt,
+    settings,
+    metric,
+    lake,
+    earth_pressure,
     viscosity,
-):  # fmt: skip
+):
     """Sum mass, momentum and impulse of each block's particles into its tile (weak form).
 
     f_i = sum_p A_p rho g c^2 K h_p^2 / 2 P grad N_i - A_p h_p sigma_p P grad N_i - m_p g c^2 grad b N_i, with
@@ -180,9 +227,23 @@ def particles_to_grid(
                 count = min(BATCH, start[a + 1] - first)
                 take_rows(rows, order, first, count, order.size, scratch, True)
                 stiff += pressure_impulses(
-                    scratch, quads, place, count, i_block, j_block, bed, lake_level, dx, dt, density, gravity,
-                    metric, lake, earth_pressure, viscosity,
-                )  # fmt: skip
+                    scratch,
+                    quads,
+                    place,
+                    count,
+                    i_block,
+                    j_block,
+                    bed,
+                    lake_level,
+                    dx,
+                    dt,
+                    density,
+                    gravity,
+                    metric,
+                    lake,
+                    earth_pressure,
+                    viscosity,
+                )
                 _spread(scratch, quads, place, count, tile)
         report[c, STIFF] = stiff
 

@@ -170,9 +170,11 @@ def _give_rows(rows, order, first, count, moved):
         for e in range(0, ROW, 4):
             line = e * BATCH + k
             quads = transposed(
-                load(moved, line), load(moved, line + BATCH), load(moved, line + 2 * BATCH),
+                load(moved, line),
+                load(moved, line + BATCH),
+                load(moved, line + 2 * BATCH),
                 load(moved, line + 3 * BATCH),
-            )  # fmt: skip
+            )
             store(rows, (order[first + k] & INDEX_MASK) * ROW + e, quads[0])
             if k + 1 < count:
                 store(rows, (order[first + k + 1] & INDEX_MASK) * ROW + e, quads[1])
@@ -204,7 +206,7 @@ def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part)
 @jit_parallel
 def grid_to_particles(
     rows, keys, order, start, bounds, nodes, fields, report, times, settings, limits, metric, curvature, entrainment
-):  # fmt: skip
+):
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
 
     APIC: u_p = sum N_i v_i, C_p = 4/dx^2 sum N_i v_i (x_i - x_p)^T; A_p *= det(I + dt grad u_p). With `clamp` a column
@@ -231,9 +233,28 @@ def grid_to_particles(
             count = min(BATCH, end - first)
             take_rows(rows, order, first, count, end, scratch, False)
             move_batch(
-                keys, order, first, count, scratch, moved, quads, place, stays, nodes, bed, bed, inside,
-                part, part, times, settings, limits, metric, curvature, entrainment,
-            )  # fmt: skip
+                keys,
+                order,
+                first,
+                count,
+                scratch,
+                moved,
+                quads,
+                place,
+                stays,
+                nodes,
+                bed,
+                bed,
+                inside,
+                part,
+                part,
+                times,
+                settings,
+                limits,
+                metric,
+                curvature,
+                entrainment,
+            )
             _give_rows(rows, order, first, count, moved)
             first += count
         finish_report(part)
@@ -265,9 +286,28 @@ def finish_report(part):
 
 @jit_inline
 def move_batch(
-    keys, order, first, count, scratch, moved, quads, place, stays, nodes, flat_bed, bed, inside, part, outflow, times,
-    settings, limits, metric, curvature, entrainment,
-):  # fmt: skip
+    keys,
+    order,
+    first,
+    count,
+    scratch,
+    moved,
+    quads,
+    place,
+    stays,
+    nodes,
+    flat_bed,
+    bed,
+    inside,
+    part,
+    outflow,
+    times,
+    settings,
+    limits,
+    metric,
+    curvature,
+    entrainment,
+):
     """`grid_to_particles` for the `count` columns from place `first` of the order, whose rows are in `scratch`.
 
     `nodes` and `flat_bed`, the elevations of `bed`, are read by flat index; `part` and `outflow` as in `clear_report`.
@@ -293,8 +333,22 @@ def move_batch(
     _weigh_bed(moved, place, count, row_length, inverse_dx)
     _read_bed(moved, quads, place, count, flat_bed, row_length)
     turn(
-        scratch, moved, quads, count, dx, behind, dt - ahead, ahead, density, gravity, bound_bed, bound_energy,
-        pressure_factor, metric, curvature, entrainment,
-    )  # fmt: skip
+        scratch,
+        moved,
+        quads,
+        count,
+        dx,
+        behind,
+        dt - ahead,
+        ahead,
+        density,
+        gravity,
+        bound_bed,
+        bound_energy,
+        pressure_factor,
+        metric,
+        curvature,
+        entrainment,
+    )
     survey(moved, stays, count, part, dx, gravity, entrainment)
     _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part)

@@ -89,8 +89,10 @@ class KnownByPlace:
         if not inside.any():  # a line that is shorter than a cell
             i, j = np.nonzero(reach.line)
             east, north = terrain.grid.xy(i * reach.step, j * reach.step)
-            row, column = (np.rint((v - v0) / self.grid.cell_size).astype(int) + 1
-                           for v, v0 in ((north, self.grid.y0), (east, self.grid.x0)))  # fmt: skip
+            row, column = (
+                np.rint((v - v0) / self.grid.cell_size).astype(int) + 1
+                for v, v0 in ((north, self.grid.y0), (east, self.grid.x0))
+            )
             inside[np.clip(row, 1, inside.shape[0] - 2), np.clip(column, 1, inside.shape[1] - 2)] = True
         representative = {}
         for name, values in self.zones.items():
@@ -123,8 +125,11 @@ class KnownByPlace:
 
     def watched(self, law, decisions):
         """tuple of Feature that are off by their indicator only; `law` is the friction used instead."""
-        off = {decision.effect: _why_off(decision) for decision in decisions
-               if decision.effect in TABLE_OF and (decision.state, decision.decided_by) == ("off", "auto")}  # fmt: skip
+        off = {
+            decision.effect: _why_off(decision)
+            for decision in decisions
+            if decision.effect in TABLE_OF and (decision.state, decision.decided_by) == ("off", "auto")
+        }
         where = {"zones": self._zone_nodes, "entrainment": self._erodible_nodes, "barrier": self._standing_nodes}
         features = []
         for effect, why in off.items():
@@ -173,8 +178,10 @@ class KnownByPlace:
             apart = ndimage.distance_transform_edt(~reached) if reached.any() else np.full(x.shape, max(x.shape))
             return {"barrier_distance": float(apart[stands].min() * self.grid.cell_size)}
         row, column = terrain.grid.rowcol(x[touched], y[touched])
-        i, j = (np.clip(np.rint(v / reach.step).astype(int), 0, n - 1)
-                for v, n in zip((row, column), reach.height.shape, strict=True))  # fmt: skip
+        i, j = (
+            np.clip(np.rint(v / reach.step).astype(int), 0, n - 1)
+            for v, n in zip((row, column), reach.height.shape, strict=True)
+        )
         head = depth + np.maximum(np.nan_to_num(reach.height[i, j]), 0.0)
         above = self.wall_nodes.crest[touched] - self.grid.bed[touched]
         ratio = float((above / np.maximum(head, 1e-6)).min())
@@ -206,5 +213,8 @@ def _with_friction(scene, values):
 def _filled(values):
     """`values` with missing values taken from the nearest node that has one."""
     known = np.isfinite(values)
-    return values if known.all() else values[tuple(ndimage.distance_transform_edt(~known, return_distances=False,
-                                                                                  return_indices=True))]  # fmt: skip
+    return (
+        values
+        if known.all()
+        else values[tuple(ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True))]
+    )

@@ -10,9 +10,14 @@ from ...system.errors import InputError, SceneError
 from .lakes_and_areas import cell_values, within
 
 ENTRY = {  # by key of [[forest]]
-    "detrainment": DETRAINMENT, "drag": DRAG, "friction": FRICTION, "strength": STRENGTH, "detrainment_speed": SLOW,
-    "detrainment_thickness": THIN, "breaking_thickness": TOO_THICK,
-}  # fmt: skip
+    "detrainment": DETRAINMENT,
+    "drag": DRAG,
+    "friction": FRICTION,
+    "strength": STRENGTH,
+    "detrainment_speed": SLOW,
+    "detrainment_thickness": THIN,
+    "breaking_thickness": TOO_THICK,
+}
 
 
 def forest_values(forests: Any, grid: Any) -> np.ndarray:

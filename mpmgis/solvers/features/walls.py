@@ -213,9 +213,11 @@ def _open(nodes, walls, halves, nearest, x, y, bed, cell_size, widened):
     partly = opened & ~free
     at = rows[partly], columns[partly]
     for entry, values in (
-        (nodes.share, opening.share), (nodes.limit, opening.limit), (nodes.side, opening.side),
+        (nodes.share, opening.share),
+        (nodes.limit, opening.limit),
+        (nodes.side, opening.side),
         (nodes.normal, opening.normal),
-    ):  # fmt: skip
+    ):
         entry[at] = values[partly]
     for j, i in zip(*at, strict=True):
         wall = walls[nearest[j, i] - 1]

@@ -102,9 +102,23 @@ def weigh_face_columns(
 
 @Kernel
 def settle_faces(
-    run, now, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, faces, lines, settings, contact,
-    zones, barrier,
-):  # fmt: skip
+    run,
+    now,
+    nodes,
+    touched,
+    slots,
+    lowest,
+    ground_nodes,
+    folds,
+    exact,
+    zone_values,
+    faces,
+    lines,
+    settings,
+    contact,
+    zones,
+    barrier,
+):
     """Contact with smooth faces, and with the ground beside them (see `point_faces`); a thread per face."""
     if run[STATUS] != 0:
         return
@@ -126,9 +140,23 @@ def keep_before_faces(run, counts, rows, keys, lowest, inside, faces, barriers, 
 
 @Kernel
 def book_faces(
-    run, counts, nodes, touched, slots, lowest, ground_nodes, folds, exact, faces, lines, yields, face_yields, booked,
-    reports, settings,
-):  # fmt: skip
+    run,
+    counts,
+    nodes,
+    touched,
+    slots,
+    lowest,
+    ground_nodes,
+    folds,
+    exact,
+    faces,
+    lines,
+    yields,
+    face_yields,
+    booked,
+    reports,
+    settings,
+):
     """Loads on smooth faces, each in its own row of `booked`, and how far they yielded; a thread per face."""
     if run[STATUS] != 0:
         return
@@ -139,9 +167,19 @@ def book_faces(
             for k in range(POINT_BARRIER_SUMS):
                 booked[int(faces[f, FACE_BARRIER]) - 1, k] = 0.0
             book_face(
-                f, grid, window, ground, faces, lines, yields, face_yields, counts[STEP] + 1, reports[cuda.grid(1)],
-                booked, settings,
-            )  # fmt: skip
+                f,
+                grid,
+                window,
+                ground,
+                faces,
+                lines,
+                yields,
+                face_yields,
+                counts[STEP] + 1,
+                reports[cuda.grid(1)],
+                booked,
+                settings,
+            )
 
 
 @capped(double=112)
@@ -171,9 +209,27 @@ def press_on_crests(run, columns, nodes, touched, slots, lowest, barriers, booke
 
 @capped(double=104)
 def hold_at_barriers(
-    run, now, columns, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass,
-    flow, booked, reports, settings, contact, zones, barrier,
-):  # fmt: skip
+    run,
+    now,
+    columns,
+    nodes,
+    touched,
+    slots,
+    lowest,
+    ground_nodes,
+    folds,
+    exact,
+    zone_values,
+    barriers,
+    column_mass,
+    flow,
+    booked,
+    reports,
+    settings,
+    contact,
+    zones,
+    barrier,
+):
     """Contact node by node in the node `columns` int32[n, 2] that barriers stand on, from the lowest block upwards."""
     if run[STATUS] != 0:
         return
@@ -188,9 +244,23 @@ def hold_at_barriers(
             t = slots[place]
             if t >= 0:
                 hold_column(
-                    t, columns[e, 0] % BLOCK, columns[e, 1] % BLOCK, grid, ground, zone_values, barriers, column_mass,
-                    flow, reports[cuda.grid(1)], booked, now[DT], settings, contact, zones, barrier,
-                )  # fmt: skip
+                    t,
+                    columns[e, 0] % BLOCK,
+                    columns[e, 1] % BLOCK,
+                    grid,
+                    ground,
+                    zone_values,
+                    barriers,
+                    column_mass,
+                    flow,
+                    reports[cuda.grid(1)],
+                    booked,
+                    now[DT],
+                    settings,
+                    contact,
+                    zones,
+                    barrier,
+                )
 
 
 @in_double

@@ -287,10 +287,21 @@ class DeviceColumns:
         now, effects, launch = self._now, self._effects, self._launch
         width = launch.width if SIMULATED else OWNERS
         device_column_transfer.columns_to_grid.of(np.float64)[8 * launch.workers, width, launch.stream](
-            now.run, self._d_stage, self._rows, now.order, now.start, now.block, now.tiles, self._fields.bed,
-            self._fields.lake_level, self.settings, effects.metric, effects.still_water, effects.earth_pressure,
+            now.run,
+            self._d_stage,
+            self._rows,
+            now.order,
+            now.start,
+            now.block,
+            now.tiles,
+            self._fields.bed,
+            self._fields.lake_level,
+            self.settings,
+            effects.metric,
+            effects.still_water,
+            effects.earth_pressure,
             effects.viscosity,
-        )  # fmt: skip
+        )
         if self.settings.wall:
             self._all(device_column_nodes.clear_ghosts, now.run, self._nodes)
         self._all(device_column_transfer.gather_nodes, now.run, now.tiles, now.slot, now.touched, self._nodes)
@@ -304,24 +315,56 @@ class DeviceColumns:
                 self._all(device_column_nodes.fold_walls, run, nodes, along_columns)
         if self._walled:
             self._all(
-                device_column_nodes.hold_at_barriers, run, stage, nodes, now.slot, fields, self._walls, self._held, settings,
-                effects.barrier, effects.metric,
-            )  # fmt: skip
+                device_column_nodes.hold_at_barriers,
+                run,
+                stage,
+                nodes,
+                now.slot,
+                fields,
+                self._walls,
+                self._held,
+                settings,
+                effects.barrier,
+                effects.metric,
+            )
             self._all(device_column_nodes.sum_held, run, self._held, self._first_of_wall, self._held_report)
             self._all(device_column_nodes.collect_held, run, stage, self._held_report, self._barrier_sums, self._lost)
         self._all(
-            device_column_nodes.update_nodes, run, stage, nodes, touched, fields, self._wet, self._lowered,
-            self._node_sums[0], settings, effects.friction, effects.zones, effects.cohesion, effects.metric,
-            effects.curvature, effects.entrainment, effects.forest,
-        )  # fmt: skip
+            device_column_nodes.update_nodes,
+            run,
+            stage,
+            nodes,
+            touched,
+            fields,
+            self._wet,
+            self._lowered,
+            self._node_sums[0],
+            settings,
+            effects.friction,
+            effects.zones,
+            effects.cohesion,
+            effects.metric,
+            effects.curvature,
+            effects.entrainment,
+            effects.forest,
+        )
         if effects.entrainment.bed_lowering() > 0.0:
             self._all(device_column_nodes.lower_bed, run, touched, fields.bed, self._lowered, effects.entrainment)
             self._all(device_column_nodes.regrade, run, touched, fields.bed, fields.gradient, settings)
         if settings.keep_peaks:
             self._all(
-                device_column_nodes.note_peaks, run, stage, self._clock, nodes, touched, fields.gradient, self._peaks,
-                settings, effects.metric, effects.entrainment,
-            )  # fmt: skip
+                device_column_nodes.note_peaks,
+                run,
+                stage,
+                self._clock,
+                nodes,
+                touched,
+                fields.gradient,
+                self._peaks,
+                settings,
+                effects.metric,
+                effects.entrainment,
+            )
         if settings.wall:
             for along_columns in (False, True):
                 self._all(device_column_nodes.mirror_walls, run, nodes, along_columns)
@@ -329,18 +372,46 @@ class DeviceColumns:
     def _move_columns(self):
         now, effects, clock, counts = self._now, self._effects, self._clock, self._counts
         self._all(
-            device_column_transfer.grid_to_columns, now.run, self._d_stage, clock, self._rows, self._keys, now.order,
-            self._flat_nodes, self._flat_bed, self._fields.bed, self._fields.inside, self._left,
-            self._column_sums[0], self.settings, effects.metric, effects.curvature, effects.earth_pressure,
+            device_column_transfer.grid_to_columns,
+            now.run,
+            self._d_stage,
+            clock,
+            self._rows,
+            self._keys,
+            now.order,
+            self._flat_nodes,
+            self._flat_bed,
+            self._fields.bed,
+            self._fields.inside,
+            self._left,
+            self._column_sums[0],
+            self.settings,
+            effects.metric,
+            effects.curvature,
+            effects.earth_pressure,
             effects.entrainment,
-        )  # fmt: skip
+        )
         _add_up(self._launch, device_column_reports.sum_node_reports, now.run, self._node_sums)
         _add_up(self._launch, device_column_reports.sum_column_reports, now.run, self._column_sums)
         _one(
-            self._launch, device_column_reports.collect_reports, now.run, self._d_stage, clock, counts, self._ledger,
-            self._column_sums[-1], self._node_sums[-1], self._rows, now.order, now.touched, self._lost,
-            self._fields.forest_sums, self.settings, effects.barrier, effects.forest,
-        )  # fmt: skip
+            self._launch,
+            device_column_reports.collect_reports,
+            now.run,
+            self._d_stage,
+            clock,
+            counts,
+            self._ledger,
+            self._column_sums[-1],
+            self._node_sums[-1],
+            self._rows,
+            now.order,
+            now.touched,
+            self._lost,
+            self._fields.forest_sums,
+            self.settings,
+            effects.barrier,
+            effects.forest,
+        )
         leaving = now.run, self._d_stage, clock, self._rows, self._left, self._fields.inside, self._leaving
         self._all(device_column_transfer.book_left, *leaving, self.settings)
         self._all(device_column_transfer.note_left, *leaving, self._left_cells, self.settings)
@@ -360,9 +431,18 @@ class DeviceColumns:
             device_column_detrainment.find_losses, again.run, self._rows, again.order, fields, self._losses, settings
         )
         self._all(
-            device_column_detrainment.take_losses, again.run, self._clock, self._rows, self._keys, again.order, fields,
-            self._losses, self._stop_sums[0], settings, self._effects.metric,
-        )  # fmt: skip
+            device_column_detrainment.take_losses,
+            again.run,
+            self._clock,
+            self._rows,
+            self._keys,
+            again.order,
+            fields,
+            self._losses,
+            self._stop_sums[0],
+            settings,
+            self._effects.metric,
+        )
         width = self._launch.width if SIMULATED else OWNERS
         device_column_detrainment.losses_to_grid.of(np.float64)[8 * self._launch.workers, width, self._launch.stream](
             again.run, self._rows, again.order, again.start, again.block, self._losses, again.tiles, fields, settings
@@ -372,9 +452,15 @@ class DeviceColumns:
         )
         _add_up(self._launch, device_column_reports.sum_plain_reports, again.run, self._stop_sums)
         _one(
-            self._launch, device_column_detrainment.collect_losses, now.run, again.run, self._clock, self._counts,
-            fields.forest_sums, self._stop_sums[-1],
-        )  # fmt: skip
+            self._launch,
+            device_column_detrainment.collect_losses,
+            now.run,
+            again.run,
+            self._clock,
+            self._counts,
+            fields.forest_sums,
+            self._stop_sums[-1],
+        )
         self._all(device_column_detrainment.clear_shares, now.run, now.touched, fields.forest_share)
 
 

@@ -81,9 +81,23 @@ def hold_at_barriers(run, stage, nodes, slot, fields, places, held, settings, ba
             mine[e] = 0.0
         if is_touched(slot, window, j, i) and nodes[j, i, NODE_MASS] > 0.0:
             hold_node(
-                nodes, fields.bed, fields.gradient, slot, window, j, i, mine, settings.dx, stage[KICK],
-                settings.density, settings.gravity, settings.wall, fields.barriers, barrier, metric,
-            )  # fmt: skip
+                nodes,
+                fields.bed,
+                fields.gradient,
+                slot,
+                window,
+                j,
+                i,
+                mine,
+                settings.dx,
+                stage[KICK],
+                settings.density,
+                settings.gravity,
+                settings.wall,
+                fields.barriers,
+                barrier,
+                metric,
+            )
 
 
 @Kernel
@@ -110,9 +124,23 @@ def collect_held(run, stage, report, sums, lost):
 
 @capped(double=REGISTERS)
 def update_nodes(
-    run, stage, nodes, touched, fields, wet, lowered, reports, settings, friction, zones, cohesion, metric, curvature,
-    entrainment, forest,
-):  # fmt: skip
+    run,
+    stage,
+    nodes,
+    touched,
+    fields,
+    wet,
+    lowered,
+    reports,
+    settings,
+    friction,
+    zones,
+    cohesion,
+    metric,
+    curvature,
+    entrainment,
+    forest,
+):
     """Momentum to velocity, friction, erosion, resistance of trees; all reports begin here.
 
     The bed is lowered after all nodes have read it: `lowered` is the mass eroded [kg m-2].
@@ -131,19 +159,47 @@ def update_nodes(
                 mine[BROKEN_NOW] += break_trees(nodes, trees, state, fields.gradient, j, i, settings, forest, metric)
             deepest = mine[DEEPEST]
             eroded = update_node(
-                nodes, fields.bed, fields.gradient, fields.zone_values, fields.erodible, trees, state,
-                fields.trigger_thickness, wet, j, i, mine, stage[KICK], settings, friction, zones, cohesion, metric,
-                curvature, entrainment, forest,
-            )  # fmt: skip
+                nodes,
+                fields.bed,
+                fields.gradient,
+                fields.zone_values,
+                fields.erodible,
+                trees,
+                state,
+                fields.trigger_thickness,
+                wet,
+                j,
+                i,
+                mine,
+                stage[KICK],
+                settings,
+                friction,
+                zones,
+                cohesion,
+                metric,
+                curvature,
+                entrainment,
+                forest,
+            )
             if mine[DEEPEST] > deepest:
                 mine[DEEPEST_AT] = e
             if entrainment.bed_lowering() > 0.0:
                 lowered[j, i] = eroded
             if forest.forest_active():
                 find_share(
-                    nodes, trees, state, fields.forest_share, fields.gradient, j, i, stage[DT], settings, forest,
-                    metric, entrainment,
-                )  # fmt: skip
+                    nodes,
+                    trees,
+                    state,
+                    fields.forest_share,
+                    fields.gradient,
+                    j,
+                    i,
+                    stage[DT],
+                    settings,
+                    forest,
+                    metric,
+                    entrainment,
+                )
 
 
 @Kernel
@@ -179,9 +235,18 @@ def note_peaks(run, stage, clock, nodes, touched, gradient, peaks, settings, met
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
             note_node(
-                peaks, nodes, gradient, j, i, settings.dx, settings.density, clock[TIME] + stage[DT],
-                settings.arrival_thickness, metric, entrainment,
-            )  # fmt: skip
+                peaks,
+                nodes,
+                gradient,
+                j,
+                i,
+                settings.dx,
+                settings.density,
+                clock[TIME] + stage[DT],
+                settings.arrival_thickness,
+                metric,
+                entrainment,
+            )
 
 
 def barrier_nodes(barriers, count):

@@ -124,9 +124,22 @@ def sum_plain_reports(run, reports, sums):
 
 @Kernel
 def collect_reports(
-    run, stage, clock, counts, ledger, report, node_report, rows, order, touched, lost, forest_sums, settings, barrier,
+    run,
+    stage,
+    clock,
+    counts,
+    ledger,
+    report,
+    node_report,
+    rows,
+    order,
+    touched,
+    lost,
+    forest_sums,
+    settings,
+    barrier,
     forest,
-):  # fmt: skip
+):
     """Clock, counts and ledger after the columns moved; one thread. The reports have one row."""
     if run[STATUS] != 0:
         return

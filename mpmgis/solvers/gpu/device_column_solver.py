@@ -70,9 +70,17 @@ class DeviceColumnSolver(ColumnSolver):
         needed = device_memory_of_columns(len(self._rows), self.fields.bed.size, at_nodes, self.effects)
         require_device(needed, "columns")
         state = ColumnArrays(
-            self._rows, self._ids, self._keys, self._wet, self._clock, self._counts, self._ledger, self._peaks,
-            self._barrier_sums, self._left,
-        )  # fmt: skip
+            self._rows,
+            self._ids,
+            self._keys,
+            self._wet,
+            self._clock,
+            self._counts,
+            self._ledger,
+            self._peaks,
+            self._barrier_sums,
+            self._left,
+        )
         return DeviceColumns(state, settings, self.fields, self.effects, self._watched)
 
     def insert(self, frame, window, slab=True):

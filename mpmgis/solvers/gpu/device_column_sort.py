@@ -12,19 +12,7 @@ from ..columns.column_loop import choose_step as chosen_step
 from ..columns.column_rows import BLOCK, X, Y
 from . import launch
 from .device_functions import Kernel, Part
-from .launch import (
-    ACTIVE,
-    HEIGHT,
-    NEEDS_ROOM,
-    ROOM_PLACES,
-    SIZE,
-    SORTED,
-    SOUTH_NOW,
-    STATUS,
-    TOUCHED,
-    WEST_NOW,
-    WIDTH,
-)
+from .launch import ACTIVE, HEIGHT, NEEDS_ROOM, ROOM_PLACES, SIZE, SORTED, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
 # further int64 entries of a run: columns that left in this step, areas that the flow fired, columns whose viscosity was
 # limited, columns that stop as a whole

@@ -111,9 +111,23 @@ def columns_to_grid(
                 for e in range(ROW):
                     scratch[e] = staged[at + uint32(e)]
                 capped += pressure_impulses(
-                    scratch, quads, place, 1, i_block, j_block, bed, lake_level, settings.dx, stage[KICK],
-                    settings.density, settings.gravity, metric, lake, earth_pressure, viscosity,
-                )  # fmt: skip
+                    scratch,
+                    quads,
+                    place,
+                    1,
+                    i_block,
+                    j_block,
+                    bed,
+                    lake_level,
+                    settings.dx,
+                    stage[KICK],
+                    settings.density,
+                    settings.gravity,
+                    metric,
+                    lake,
+                    earth_pressure,
+                    viscosity,
+                )
                 bases[uint32(s)] = uint32(place[0] >> 2)
                 for k in range(3):
                     column, line = at + uint32(k * OF_COLUMN), at + uint32(ROWS_FROM + k * OF_ROW)
@@ -216,9 +230,24 @@ def tile_sum(run, tiles, slot, j, i, k, numbers):
 
 @capped(double=128)
 def grid_to_columns(
-    run, stage, clock, rows, keys, order, nodes, flat_bed, bed, inside, left, reports, settings, metric, curvature,
-    earth_pressure, entrainment,
-):  # fmt: skip
+    run,
+    stage,
+    clock,
+    rows,
+    keys,
+    order,
+    nodes,
+    flat_bed,
+    bed,
+    inside,
+    left,
+    reports,
+    settings,
+    metric,
+    curvature,
+    earth_pressure,
+    entrainment,
+):
     """Read the new velocity field back and move the columns; see `grid_to_columns`.
 
     `nodes` and `flat_bed`, the elevations of `bed`, have one dimension; `left` int32[n] takes the columns that left, in
@@ -245,9 +274,28 @@ def grid_to_columns(
             for e in range(ROW):
                 scratch[e] = rooms[at + uint32(e)]
             move_batch(
-                keys, order, q, 1, scratch, moved, quads, place, stays, nodes, flat_bed, bed, inside, part, mine,
-                times, settings, limits, metric, curvature, entrainment,
-            )  # fmt: skip
+                keys,
+                order,
+                q,
+                1,
+                scratch,
+                moved,
+                quads,
+                place,
+                stays,
+                nodes,
+                flat_bed,
+                bed,
+                inside,
+                part,
+                mine,
+                times,
+                settings,
+                limits,
+                metric,
+                curvature,
+                entrainment,
+            )
             for e in range(ROW):
                 rooms[at + uint32(e)] = moved[e]
             if part[FASTEST2] > fastest:

@@ -96,9 +96,27 @@ def _stays_common(x, y, z, column, row, level, edges, planes, inside, wall):
 
 @capped()
 def grid_to_points(
-    run, scales, rows, keys, order, start, blocks, targets, nodes, planes, lowest, inside, rare, rare_blocks, marks,
-    counts, domain, material, softening, transfer,
-):  # fmt: skip
+    run,
+    scales,
+    rows,
+    keys,
+    order,
+    start,
+    blocks,
+    targets,
+    nodes,
+    planes,
+    lowest,
+    inside,
+    rare,
+    rare_blocks,
+    marks,
+    counts,
+    domain,
+    material,
+    softening,
+    transfer,
+):
     """Interpolate the velocity field, move the points, strain them and compute the stress of the next step.
 
     As `grid_to_points`, but for rare points, marked in `rare` uint8[points] in the order of blocks, whose
@@ -130,10 +148,28 @@ def grid_to_points(
             cuda.syncthreads()
             if first + thread < int32(start[uint32(a + 1)]):
                 _move(
-                    uint32(thread), uint32(first + thread), uint32(a), lines, tile, blocks, scales, keys, order, planes,
-                    lowest, inside, rare, rare_blocks, here, count, domain, material, softening, transfer,
+                    uint32(thread),
+                    uint32(first + thread),
+                    uint32(a),
+                    lines,
+                    tile,
+                    blocks,
+                    scales,
+                    keys,
+                    order,
+                    planes,
+                    lowest,
+                    inside,
+                    rare,
+                    rare_blocks,
+                    here,
+                    count,
+                    domain,
+                    material,
+                    softening,
+                    transfer,
                     width > uint32(S4),
-                )  # fmt: skip
+                )
             cuda.syncthreads()
             _give_lines(lines, rows, order, first, int32(start[uint32(a + 1)]), thread, threads)
             first += threads
@@ -184,9 +220,28 @@ def _give_lines(lines, rows, order, first, end, thread, threads):
 
 @Part
 def _move(
-    t, s, a, lines, tile, blocks, scales, keys, order, planes, lowest, inside, rare, rare_blocks, here, count, domain,
-    material, softening, transfer, longer,
-):  # fmt: skip
+    t,
+    s,
+    a,
+    lines,
+    tile,
+    blocks,
+    scales,
+    keys,
+    order,
+    planes,
+    lowest,
+    inside,
+    rare,
+    rare_blocks,
+    here,
+    count,
+    domain,
+    material,
+    softening,
+    transfer,
+    longer,
+):
     """The step of the point at place `s` of the order, whose row is line `t`, or its mark in `rare`."""
     u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, lines[t, X], lines[t, Y], lines[t, Z])
     thin = near < scales[DENSE]
@@ -196,9 +251,26 @@ def _move(
         s4, s5, s6, s7 = lines[t, S4], lines[t, S5], lines[t, S6], lines[t, S7]
     g = scales[GRADIENT]
     n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, code = material.stress_step(
-        lines[t, S0], lines[t, S1], lines[t, S2], lines[t, S3], s4, s5, s6, s7,
-        g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz, scales[STEP], softening,
-    )  # fmt: skip
+        lines[t, S0],
+        lines[t, S1],
+        lines[t, S2],
+        lines[t, S3],
+        s4,
+        s5,
+        s6,
+        s7,
+        g * xx,
+        g * xy,
+        g * xz,
+        g * yx,
+        g * yy,
+        g * yz,
+        g * zx,
+        g * zy,
+        g * zz,
+        scales[STEP],
+        softening,
+    )
     if transfer.only_turns():
         xx, yx, zx, xy, yy, zy, xz, yz, zz = only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz)
     affine2 = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz

@@ -43,9 +43,25 @@ stand_in((point_density,), {"stencil": stencil, "interpolated": _interpolated})
 
 @capped()
 def correct_density(
-    run, counts, rows, order, start, blocks, targets, nodes, free, ground_nodes, folds, exact, yields, barriers,
-    reports, settings, material, barrier,
-):  # fmt: skip
+    run,
+    counts,
+    rows,
+    order,
+    start,
+    blocks,
+    targets,
+    nodes,
+    free,
+    ground_nodes,
+    folds,
+    exact,
+    yields,
+    barriers,
+    reports,
+    settings,
+    material,
+    barrier,
+):
     """Set the rates of correction of all volumes in every EVERY-th step; a thread block per block of points."""
     if run[STATUS] != 0 or counts[STEP] % EVERY != 0:
         return
@@ -66,7 +82,16 @@ def correct_density(
         cuda.syncthreads()
         for s in range(int32(start[a]) + thread, int32(start[a + 1]), threads):
             correct_point(
-                rows, order[s], masses, parts, (False, False), full, settings.density_band, time, settings, material,
+                rows,
+                order[s],
+                masses,
+                parts,
+                (False, False),
+                full,
+                settings.density_band,
+                time,
+                settings,
+                material,
                 mine,
-            )  # fmt: skip
+            )
         cuda.syncthreads()

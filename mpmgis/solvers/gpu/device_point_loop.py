@@ -57,7 +57,7 @@ from .launch import (
     UNTIL,
     checked,
     default_launch,
-)  # fmt: skip
+)
 from .launch_graph import Repeated
 
 LAST_STEP = 1 << 24  # numbers of steps, kept with the yield of the ground, are exact in float32 up to here
@@ -195,9 +195,11 @@ class DevicePoints:
         """Make arrays in which the present step fits, with half as much in addition."""
         run, old, few = self._run, self._run.copy(), self._launch.room
         for room, needed, least in (
-            (ROOM_PLACES, SIZE, 16 * few), (ROOM_ACTIVE, ACTIVE, few), (ROOM_TOUCHED, TOUCHED, 4 * few),
+            (ROOM_PLACES, SIZE, 16 * few),
+            (ROOM_ACTIVE, ACTIVE, few),
+            (ROOM_TOUCHED, TOUCHED, 4 * few),
             (ROOM_DEPTH, DEPTH, min(few, 8)),
-        ):  # fmt: skip
+        ):
             if run[needed] > run[room] or not old[room]:
                 run[room] = max(int(run[needed]) * 3 // 2, least)
         if self._drags and self._real is np.float32 and run[ROOM_TOUCHED] > LAST_STEP:
@@ -323,9 +325,16 @@ class DevicePoints:
         self._all(device_point_sort.mark_touched, run, self._block, lowest, self._flags)
         self._scan(self._flags, False)
         self._pieces_of(
-            device_point_sort.rank_touched, run, self._flags, self._pieces, lowest, self._watched, self._slots, self._touched,
+            device_point_sort.rank_touched,
+            run,
+            self._flags,
+            self._pieces,
+            lowest,
+            self._watched,
+            self._slots,
+            self._touched,
             self._sources,
-        )  # fmt: skip
+        )
         self._all(
             device_point_sort.link_blocks,
             run,
@@ -365,7 +374,7 @@ class DevicePoints:
         """Sum `masses` of blocks' node columns into `columns` of the ground."""
         self._all(
             device_point_nodes.spread_contact, self._d_run, masses, self._touched, self._slots, self._lowest, columns
-        )  # fmt: skip
+        )
 
     def _contact(self):
         """Ground, barriers, walls and layers; then peaks, and the length of the next step."""
@@ -375,18 +384,47 @@ class DevicePoints:
         reports, free, barred = self._node_sums[0], self._free, self._barriers
         places = *ground, self._zone_values, barred.values
         self._all(
-            device_point_nodes.find_contacts, run, nodes, touched, free, *ground, barred.values, reports, settings,
+            device_point_nodes.find_contacts,
+            run,
+            nodes,
+            touched,
+            free,
+            *ground,
+            barred.values,
+            reports,
+            settings,
             self._effects.barrier,
-        )  # fmt: skip
+        )
         if self._drags:
             self._all(
-                device_point_nodes.couple_layers, run, now, nodes, touched, slots, lowest, *places, self._column_mass,
-                self._layers, reports, *laws,
-            )  # fmt: skip
+                device_point_nodes.couple_layers,
+                run,
+                now,
+                nodes,
+                touched,
+                slots,
+                lowest,
+                *places,
+                self._column_mass,
+                self._layers,
+                reports,
+                *laws,
+            )
         self._all(
-            device_point_nodes.press_on_ground, run, now, self._counts, nodes, touched, slots, lowest, free, *places,
-            self._yields, reports, *laws,
-        )  # fmt: skip
+            device_point_nodes.press_on_ground,
+            run,
+            now,
+            self._counts,
+            nodes,
+            touched,
+            slots,
+            lowest,
+            free,
+            *places,
+            self._yields,
+            reports,
+            *laws,
+        )
         if self._barred and len(barred.faces):
             around, lines = (nodes, touched, slots, lowest, *ground), (barred.faces, barred.lines)
             yields, step = (self._yields, barred.face_yields), (run, now, self._counts)
@@ -407,25 +445,71 @@ class DevicePoints:
             )
         if self._barred:
             self._all(
-                device_barriers.press_on_crests, run, barred.columns, nodes, touched, slots, lowest, barred.values,
-                barred.booked, reports, settings, self._effects.barrier,
-            )  # fmt: skip
+                device_barriers.press_on_crests,
+                run,
+                barred.columns,
+                nodes,
+                touched,
+                slots,
+                lowest,
+                barred.values,
+                barred.booked,
+                reports,
+                settings,
+                self._effects.barrier,
+            )
         self._all(
-            device_point_nodes.hold_nodes, run, now, nodes, touched, free, *places, self._column_mass, barred.flow,
-            barred.booked, reports, *laws,
-        )  # fmt: skip
+            device_point_nodes.hold_nodes,
+            run,
+            now,
+            nodes,
+            touched,
+            free,
+            *places,
+            self._column_mass,
+            barred.flow,
+            barred.booked,
+            reports,
+            *laws,
+        )
         if self._barred:
             self._all(
-                device_barriers.hold_at_barriers, run, now, barred.columns, nodes, touched, slots, lowest, *places,
-                self._column_mass, barred.flow, barred.booked, reports, *laws,
-            )  # fmt: skip
+                device_barriers.hold_at_barriers,
+                run,
+                now,
+                barred.columns,
+                nodes,
+                touched,
+                slots,
+                lowest,
+                *places,
+                self._column_mass,
+                barred.flow,
+                barred.booked,
+                reports,
+                *laws,
+            )
         self._all(device_point_nodes.finish_nodes, run, nodes, touched, free, *ground, reports, settings)
         if self._effects.material.follows_density():
             self._all(
-                device_point_density.correct_density, run, self._counts, self._rows, self._order, self._start,
-                self._blocks, self._targets, nodes, free, *ground, self._yields, barred.values, reports, settings,
-                self._effects.material, self._effects.barrier,
-            )  # fmt: skip
+                device_point_density.correct_density,
+                run,
+                self._counts,
+                self._rows,
+                self._order,
+                self._start,
+                self._blocks,
+                self._targets,
+                nodes,
+                free,
+                *ground,
+                self._yields,
+                barred.values,
+                reports,
+                settings,
+                self._effects.material,
+                self._effects.barrier,
+            )
         if self._drags:
             self._all(device_point_nodes.clear_contact, run, touched, self._column_mass)
         if barred.opens:
@@ -439,9 +523,15 @@ class DevicePoints:
             self._all(device_barriers.sum_booked, run, barred.booked, barred.start, barred.report)
             self._all(device_barriers.collect_barriers, run, self._d_stage, barred.report, barred.sums)
         self._one(
-            device_point_reports.choose_step, run, self._d_stage, self._clock, self._counts, self._node_sums[-1],
-            self._scales, self._settings,
-        )  # fmt: skip
+            device_point_reports.choose_step,
+            run,
+            self._d_stage,
+            self._clock,
+            self._counts,
+            self._node_sums[-1],
+            self._scales,
+            self._settings,
+        )
 
     def _move_points(self):
         run, stage, settings, effects = self._d_run, self._d_stage, self._settings, self._effects
@@ -450,28 +540,76 @@ class DevicePoints:
         around = *blocks, self._targets, self._nodes
         rare = self._rare, self._rare_blocks, self._marks, self._mark_counts
         self._all(
-            device_grid_to_points.grid_to_points, run, self._scales, self._rows, self._keys, *around, self._planes,
-            self._lowest, self._inside, *rare, self._domain, *laws,
-        )  # fmt: skip
+            device_grid_to_points.grid_to_points,
+            run,
+            self._scales,
+            self._rows,
+            self._keys,
+            *around,
+            self._planes,
+            self._lowest,
+            self._inside,
+            *rare,
+            self._domain,
+            *laws,
+        )
         self._all(
-            rare_points.move_rare_points, run, self._scales, self._rows, *around, self._ground[0], *rare, self._domain,
-            self._node_settings, *laws,
-        )  # fmt: skip
+            rare_points.move_rare_points,
+            run,
+            self._scales,
+            self._rows,
+            *around,
+            self._ground[0],
+            *rare,
+            self._domain,
+            self._node_settings,
+            *laws,
+        )
         self._all(rare_points.begin_reports, run, *rare[2:], self._point_sums[0], settings)
         self._all(
-            rare_points.settle_rare_points, run, self._rows, self._keys, *blocks, self._ground[0], self._lowest,
-            self._inside, self._left, self._d_units, *rare[:2], self._point_sums[0], self._domain, settings,
-        )  # fmt: skip
+            rare_points.settle_rare_points,
+            run,
+            self._rows,
+            self._keys,
+            *blocks,
+            self._ground[0],
+            self._lowest,
+            self._inside,
+            self._left,
+            self._d_units,
+            *rare[:2],
+            self._point_sums[0],
+            self._domain,
+            settings,
+        )
         if self._barred and len(self._barriers.faces):
             self._all(
-                device_barriers.keep_before_faces, run, self._counts, self._rows, self._keys, self._lowest,
-                self._inside, self._barriers.faces, self._barriers.values, self._point_sums[0], self._node_settings,
-            )  # fmt: skip
+                device_barriers.keep_before_faces,
+                run,
+                self._counts,
+                self._rows,
+                self._keys,
+                self._lowest,
+                self._inside,
+                self._barriers.faces,
+                self._barriers.values,
+                self._point_sums[0],
+                self._node_settings,
+            )
         self._add_up(device_point_reports.sum_point_reports, self._point_sums)
         self._one(
-            device_point_reports.finish_step, run, stage, self._clock, self._counts, self._ledger, self._point_sums[-1],
-            self._rows, self._keys, self._lowest, settings,
-        )  # fmt: skip
+            device_point_reports.finish_step,
+            run,
+            stage,
+            self._clock,
+            self._counts,
+            self._ledger,
+            self._point_sums[-1],
+            self._rows,
+            self._keys,
+            self._lowest,
+            settings,
+        )
 
     def _add_up(self, kernel, sums):
         """Sum the reports of all threads, from one array of `sums` to the next."""

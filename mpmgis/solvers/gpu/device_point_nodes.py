@@ -161,9 +161,25 @@ def find_contacts(run, nodes, touched, free, ground_nodes, folds, exact, barrier
 
 @Kernel
 def couple_layers(
-    run, now, nodes, touched, slots, lowest, ground_nodes, folds, exact, zone_values, barriers, column_mass, layers,
-    reports, settings, contact, zones, barrier,
-):  # fmt: skip
+    run,
+    now,
+    nodes,
+    touched,
+    slots,
+    lowest,
+    ground_nodes,
+    folds,
+    exact,
+    zone_values,
+    barriers,
+    column_mass,
+    layers,
+    reports,
+    settings,
+    contact,
+    zones,
+    barrier,
+):
     """Voellmy's drag and links between layers; `layers` real[threads, levels, LAYER_ENTRIES] are work arrays."""
     if run[STATUS] != 0:
         return
@@ -175,16 +191,46 @@ def couple_layers(
         return
     for e in range(c, COLUMNS * run[TOUCHED], min(layers.shape[0], cuda.gridsize(1))):
         couple_column(
-            e // COLUMNS, e % COLUMNS, grid, window, ground, zone_values, barriers, column_mass, layers[c], reports[c],
-            now[DT], settings, contact, zones, barrier,
-        )  # fmt: skip
+            e // COLUMNS,
+            e % COLUMNS,
+            grid,
+            window,
+            ground,
+            zone_values,
+            barriers,
+            column_mass,
+            layers[c],
+            reports[c],
+            now[DT],
+            settings,
+            contact,
+            zones,
+            barrier,
+        )
 
 
 @capped(double=152)
 def press_on_ground(
-    run, now, counts, nodes, touched, slots, lowest, free, ground_nodes, folds, exact, zone_values, barriers, yields,
-    reports, settings, contact, zones, barrier,
-):  # fmt: skip
+    run,
+    now,
+    counts,
+    nodes,
+    touched,
+    slots,
+    lowest,
+    free,
+    ground_nodes,
+    folds,
+    exact,
+    zone_values,
+    barriers,
+    yields,
+    reports,
+    settings,
+    contact,
+    zones,
+    barrier,
+):
     """Contact with smooth ground, one multiplier for each node column (see `point_contact`)."""
     if run[STATUS] != 0:
         return
@@ -195,9 +241,22 @@ def press_on_ground(
         t = e // COLUMNS
         if free[t] == 0:
             press_column(
-                t, e % COLUMNS, grid, window, ground, zone_values, barriers, yields, counts[STEP] + 1,
-                reports[cuda.grid(1)], now[DT], settings, contact, zones, barrier,
-            )  # fmt: skip
+                t,
+                e % COLUMNS,
+                grid,
+                window,
+                ground,
+                zone_values,
+                barriers,
+                yields,
+                counts[STEP] + 1,
+                reports[cuda.grid(1)],
+                now[DT],
+                settings,
+                contact,
+                zones,
+                barrier,
+            )
 
 
 @Part
@@ -209,9 +268,25 @@ def _stands_on(barriers, touched, t, column):
 
 @capped(double=REGISTERS)
 def hold_nodes(
-    run, now, nodes, touched, free, ground_nodes, folds, exact, zone_values, barriers, column_mass, flow, booked,
-    reports, settings, contact, zones, barrier,
-):  # fmt: skip
+    run,
+    now,
+    nodes,
+    touched,
+    free,
+    ground_nodes,
+    folds,
+    exact,
+    zone_values,
+    barriers,
+    column_mass,
+    flow,
+    booked,
+    reports,
+    settings,
+    contact,
+    zones,
+    barrier,
+):
     """Contact node by node on folds and deep under the ground, in each column of blocks that are not `free`.
 
     Node columns that barriers stand on are those of `point_barriers.hold_at_barriers`.
@@ -224,9 +299,23 @@ def hold_nodes(
         t, column = e // COLUMNS, e % COLUMNS
         if free[t] == 0 and not (barrier.barrier_active() and _stands_on(barriers, touched, t, column)):
             hold_column(
-                t, column // BLOCK, column % BLOCK, grid, ground, zone_values, barriers, column_mass, flow,
-                reports[cuda.grid(1)], booked, now[DT], settings, contact, zones, barrier,
-            )  # fmt: skip
+                t,
+                column // BLOCK,
+                column % BLOCK,
+                grid,
+                ground,
+                zone_values,
+                barriers,
+                column_mass,
+                flow,
+                reports[cuda.grid(1)],
+                booked,
+                now[DT],
+                settings,
+                contact,
+                zones,
+                barrier,
+            )
 
 
 @Kernel

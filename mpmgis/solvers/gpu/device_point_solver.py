@@ -67,13 +67,27 @@ class DevicePointSolver(PointSolver):
         from .device_point_loop import DevicePoints, PointPlaces, PointState
 
         state = PointState(
-            self._rows, self._ids, self._keys, self._clock, self._counts, self._ledger, self._left, self._peaks,
-            self._yields, self._barrier_sums, self._face_yields,
-        )  # fmt: skip
+            self._rows,
+            self._ids,
+            self._keys,
+            self._clock,
+            self._counts,
+            self._ledger,
+            self._left,
+            self._peaks,
+            self._yields,
+            self._barrier_sums,
+            self._face_yields,
+        )
         places = PointPlaces(
-            self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._watched, self._barriers,
+            self._known_ground,
+            self._lowest,
+            self.grid.inside,
+            self._zone_values,
+            self._watched,
+            self._barriers,
             self._faces,
-        )  # fmt: skip
+        )
         return DevicePoints(state, places, self._settings, self._effects)
 
     def _give_impulses(self):

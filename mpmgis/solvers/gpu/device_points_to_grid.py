@@ -114,17 +114,23 @@ def points_to_grid(run, rows, order, start, tiles):
                     w = (ai + bi * tx * tx) * (aj + bj * ty * ty) * (ak + bk * tz * tz)
                     m += w * stage[s + uint32(3)]
                     x += w * (
-                        stage[s + uint32(4)] + stage[s + uint32(7)] * dx + stage[s + uint32(10)] * dy
+                        stage[s + uint32(4)]
+                        + stage[s + uint32(7)] * dx
+                        + stage[s + uint32(10)] * dy
                         + stage[s + uint32(13)] * dz
-                    )  # fmt: skip
+                    )
                     y += w * (
-                        stage[s + uint32(5)] + stage[s + uint32(8)] * dx + stage[s + uint32(11)] * dy
+                        stage[s + uint32(5)]
+                        + stage[s + uint32(8)] * dx
+                        + stage[s + uint32(11)] * dy
                         + stage[s + uint32(14)] * dz
-                    )  # fmt: skip
+                    )
                     z += w * (
-                        stage[s + uint32(6)] + stage[s + uint32(9)] * dx + stage[s + uint32(12)] * dy
+                        stage[s + uint32(6)]
+                        + stage[s + uint32(9)] * dx
+                        + stage[s + uint32(12)] * dy
                         + stage[s + uint32(15)] * dz
-                    )  # fmt: skip
+                    )
             cuda.syncthreads()
         if known != uint32(NONE):
             part[at] += x

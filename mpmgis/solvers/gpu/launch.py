@@ -10,9 +10,23 @@ from .device_functions import SIMULATED
 # points in them and of touched blocks of nodes; 1 if the rows are put in order in this step; then the room of arrays:
 # places of the window, blocks with points, touched blocks, levels of a column
 (
-    STATUS, SIZE, WIDTH, HEIGHT, DEPTH, WEST_NOW, SOUTH_NOW, ACTIVE, SORTED, TOUCHED, REORDER,
-    ROOM_PLACES, ROOM_ACTIVE, ROOM_TOUCHED, ROOM_DEPTH, RUN_ENTRIES,
-) = range(16)  # fmt: skip
+    STATUS,
+    SIZE,
+    WIDTH,
+    HEIGHT,
+    DEPTH,
+    WEST_NOW,
+    SOUTH_NOW,
+    ACTIVE,
+    SORTED,
+    TOUCHED,
+    REORDER,
+    ROOM_PLACES,
+    ROOM_ACTIVE,
+    ROOM_TOUCHED,
+    ROOM_DEPTH,
+    RUN_ENTRIES,
+) = range(16)
 NEEDS_ROOM = 100  # status in addition to the kernel's reasons: the host enlarges arrays and repeats the step
 # float64 entries: length of this step and time at its end [s]; time of the request and the one after it [s]. Kernels of
 # nodes read the first two in the precision of the points, from an array `now` of NOW_ENTRIES

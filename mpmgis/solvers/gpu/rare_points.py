@@ -93,9 +93,25 @@ def _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, 
 
 @capped()
 def move_rare_points(
-    run, scales, rows, order, start, blocks, targets, nodes, ground, rare, rare_blocks, marks, counts, domain, settings,
-    material, softening, transfer,
-):  # fmt: skip
+    run,
+    scales,
+    rows,
+    order,
+    start,
+    blocks,
+    targets,
+    nodes,
+    ground,
+    rare,
+    rare_blocks,
+    marks,
+    counts,
+    domain,
+    settings,
+    material,
+    softening,
+    transfer,
+):
     """The step of the points marked in `rare`; as `grid_to_points`, with the code that few points need.
 
     Their places after it are still in cells of the blocks that they are in before it. `marks` real[threads, RARE_MARKS]
@@ -129,9 +145,20 @@ def move_rare_points(
             if listed + threads > LIST or first + threads >= start[a + 1]:
                 for e in range(thread, listed, threads):
                     _move(
-                        uint32(chosen[e]), tile, blocks[a], scales, rows, ground, mark, count, domain, settings,
-                        material, softening, transfer,
-                    )  # fmt: skip
+                        uint32(chosen[e]),
+                        tile,
+                        blocks[a],
+                        scales,
+                        rows,
+                        ground,
+                        mark,
+                        count,
+                        domain,
+                        settings,
+                        material,
+                        softening,
+                        transfer,
+                    )
                 listed = int32(0)
                 cuda.syncthreads()
 
@@ -146,15 +173,49 @@ def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, m
         s4, s5, s6, s7 = rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7]
     g, time_step = scales[step.GRADIENT], scales[step.STEP]
     n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, code = material.stress_step(
-        rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7,
-        g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz, time_step, softening,
-    )  # fmt: skip
+        rows[p, S0],
+        rows[p, S1],
+        rows[p, S2],
+        rows[p, S3],
+        s4,
+        s5,
+        s6,
+        s7,
+        g * xx,
+        g * xy,
+        g * xz,
+        g * yx,
+        g * yy,
+        g * yz,
+        g * zx,
+        g * zy,
+        g * zz,
+        time_step,
+        softening,
+    )
     if code == FAR_CODE:
         count[step.FAR] += int32(1)
         n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, held = material.stress_step_far(
-            rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7,
-            g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz, time_step, softening,
-        )  # fmt: skip
+            rows[p, S0],
+            rows[p, S1],
+            rows[p, S2],
+            rows[p, S3],
+            s4,
+            s5,
+            s6,
+            s7,
+            g * xx,
+            g * xy,
+            g * xz,
+            g * yx,
+            g * yy,
+            g * yz,
+            g * zx,
+            g * zy,
+            g * zz,
+            time_step,
+            softening,
+        )
         if held == FAR_CODE:
             count[step.HELD] += int32(1)
     if code == TIP_CODE:
@@ -254,9 +315,23 @@ def _begun(k, mark, count, density):
 
 @in_double
 def settle_rare_points(
-    run, rows, keys, order, start, blocks, ground, lowest, inside, left, units, rare, rare_blocks, reports, domain,
+    run,
+    rows,
+    keys,
+    order,
+    start,
+    blocks,
+    ground,
+    lowest,
+    inside,
+    left,
+    units,
+    rare,
+    rare_blocks,
+    reports,
+    domain,
     settings,
-):  # fmt: skip
+):
     """Find the blocks of the points marked in `rare` from their places after the step, or the edge they leave over.
 
     Points that leave are added to `left` int64[WAYS, blocks, blocks, LEFT_ENTRIES] in `units` float64[LEFT_ENTRIES], in

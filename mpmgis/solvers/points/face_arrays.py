@@ -44,11 +44,26 @@ def face_arrays(nodes, bed, smooth, x, y, middle, floor, cell_size):
                 place[1 - face.axis] += face.along * cell_size
                 top = (np.floor((face.top - floor) / cell_size + 1e-9) + 0.25) * cell_size  # between two levels
                 entries[n] = (
-                    face.j + shift, face.i + shift, 1 - face.axis, face.axis, face.foot, face.out, *face.normal,
-                    face.mu, face.number, *(place - middle[face.number, :2]), middle[face.number, 2], top,
-                    max(bottom[n - first], 0), base, 0.0, 0.0, 0.0, face.shift,
+                    face.j + shift,
+                    face.i + shift,
+                    1 - face.axis,
+                    face.axis,
+                    face.foot,
+                    face.out,
+                    *face.normal,
+                    face.mu,
+                    face.number,
+                    *(place - middle[face.number, :2]),
+                    middle[face.number, 2],
+                    top,
+                    max(bottom[n - first], 0),
+                    base,
+                    0.0,
+                    0.0,
+                    0.0,
+                    face.shift,
                     np.sqrt(face.spread),
-                )  # fmt: skip
+                )
                 levels = max(levels, int(top / cell_size) + GHOSTS + 1 - base)
                 for at in face.columns():
                     at_columns.setdefault(at, []).append(n)

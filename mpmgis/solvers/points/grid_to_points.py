@@ -127,13 +127,26 @@ def _strain(scratch, factors, material, softening):
     g = factors.gradient * dt
     for q in range(BATCH):
         s0, s1, s2, s3, s4, s5, s6, s7, txx, tyy, tzz, txy, txz, tyz, code = material.stress_step(
-            get(scratch, line.S0, q), get(scratch, line.S1, q), get(scratch, line.S2, q), get(scratch, line.S3, q),
-            get(scratch, line.S4, q), get(scratch, line.S5, q), get(scratch, line.S6, q), get(scratch, line.S7, q),
-            g * get(scratch, line.XX, q), g * get(scratch, line.XY, q), g * get(scratch, line.XZ, q),
-            g * get(scratch, line.YX, q), g * get(scratch, line.YY, q), g * get(scratch, line.YZ, q),
-            g * get(scratch, line.ZX, q), g * get(scratch, line.ZY, q), g * get(scratch, line.ZZ, q),
-            dt, softening,
-        )  # fmt: skip
+            get(scratch, line.S0, q),
+            get(scratch, line.S1, q),
+            get(scratch, line.S2, q),
+            get(scratch, line.S3, q),
+            get(scratch, line.S4, q),
+            get(scratch, line.S5, q),
+            get(scratch, line.S6, q),
+            get(scratch, line.S7, q),
+            g * get(scratch, line.XX, q),
+            g * get(scratch, line.XY, q),
+            g * get(scratch, line.XZ, q),
+            g * get(scratch, line.YX, q),
+            g * get(scratch, line.YY, q),
+            g * get(scratch, line.YZ, q),
+            g * get(scratch, line.ZX, q),
+            g * get(scratch, line.ZY, q),
+            g * get(scratch, line.ZZ, q),
+            dt,
+            softening,
+        )
         put(scratch, line.N0, q, s0)
         put(scratch, line.N1, q, s1)
         put(scratch, line.N2, q, s2)
@@ -164,13 +177,26 @@ def _strain_far(scratch, count, factors, material, softening, report):
     for q in range(count):
         if scratch[line.CODE + q] == FAR_CODE:
             answer = material.stress_step_far(
-                scratch[line.S0 + q], scratch[line.S1 + q], scratch[line.S2 + q], scratch[line.S3 + q],
-                scratch[line.S4 + q], scratch[line.S5 + q], scratch[line.S6 + q], scratch[line.S7 + q],
-                g * scratch[line.XX + q], g * scratch[line.XY + q], g * scratch[line.XZ + q],
-                g * scratch[line.YX + q], g * scratch[line.YY + q], g * scratch[line.YZ + q],
-                g * scratch[line.ZX + q], g * scratch[line.ZY + q], g * scratch[line.ZZ + q],
-                dt, softening,
-            )  # fmt: skip
+                scratch[line.S0 + q],
+                scratch[line.S1 + q],
+                scratch[line.S2 + q],
+                scratch[line.S3 + q],
+                scratch[line.S4 + q],
+                scratch[line.S5 + q],
+                scratch[line.S6 + q],
+                scratch[line.S7 + q],
+                g * scratch[line.XX + q],
+                g * scratch[line.XY + q],
+                g * scratch[line.XZ + q],
+                g * scratch[line.YX + q],
+                g * scratch[line.YY + q],
+                g * scratch[line.YZ + q],
+                g * scratch[line.ZX + q],
+                g * scratch[line.ZY + q],
+                g * scratch[line.ZZ + q],
+                dt,
+                softening,
+            )
             for k in range(STRAINED):
                 scratch[line.N0 + k * BATCH + q] = answer[k]
             report[entry.HELD_STRETCH] += answer[STRAINED] == FAR_CODE

@@ -80,12 +80,23 @@ def barrier_nodes(walls, grid, floor, ground, folds, filled):
     standing = (nodes.number > 0)[..., None]
     edge = np.where(nodes.share > 0.0, 0.0, edge_height(nodes.crest - floor, bed, grid.cell_size))
     top = nodes.crest - floor + AT_NODE * grid.cell_size
-    entries = np.dstack([
-        nodes.normal, top - edge, nodes.depth, nodes.mu,
-        nodes.weight,
-        x[None, :] - at[..., 0], y[:, None] - at[..., 1], at[..., 2], nodes.number,
-        nodes.share, nodes.limit, nodes.side, edge,
-    ])  # fmt: skip
+    entries = np.dstack(
+        [
+            nodes.normal,
+            top - edge,
+            nodes.depth,
+            nodes.mu,
+            nodes.weight,
+            x[None, :] - at[..., 0],
+            y[:, None] - at[..., 1],
+            at[..., 2],
+            nodes.number,
+            nodes.share,
+            nodes.limit,
+            nodes.side,
+            edge,
+        ]
+    )
     smooth = np.ones(bed.shape, bool) if folds.shape[0] == 1 else folds[inner][..., FOLD_LEVELS] == 0
     faces, levels, owned = face_arrays(nodes, bed, smooth, x, y, middle, floor, grid.cell_size)
     parts = np.zeros((*bed.shape, 2))

@@ -17,9 +17,16 @@ LEDGER = ("mass", "momentum_east", "momentum_north", "momentum_up", "kinetic_ene
 # sums of a barrier: impulse into its faces and by axis [N s], moment about its foot [N m s], mass that passed above its
 # crest [kg], and the largest force into its faces in a single step [N]
 BARRIER_SUMS = (
-    "normal_impulse", "impulse_east", "impulse_north", "impulse_up", "moment_impulse_east", "moment_impulse_north",
-    "moment_impulse_up", "overtopped_mass", "peak_normal_force",
-)  # fmt: skip
+    "normal_impulse",
+    "impulse_east",
+    "impulse_north",
+    "impulse_up",
+    "moment_impulse_east",
+    "moment_impulse_north",
+    "moment_impulse_up",
+    "overtopped_mass",
+    "peak_normal_force",
+)
 LOSSES = {  # energy losses of a flow, and their clock entries
     "ground": entry.GROUND_LOSS,
     "barriers": entry.BARRIER_LOSS,

@@ -17,18 +17,34 @@ from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 # number of a face of another side that it belongs to in a corner (0: none); where the material uses the density at the
 # nodes, the part of the node's spline in the plane that barriers fill and the elevation of their crest [m]
 (
-    WALL_X, WALL_Y, HELD, DEPTH, WALL_MU, WEIGHT, ARM_X, ARM_Y, FOOT, BARRIER, SHARE, LIMIT, SIDE, EDGE,
-    ROWED, ROW_TOP, ROWED_TOO, FILLED, FILLED_TOP, POINT_BARRIER_ENTRIES,
-) = range(20)  # fmt: skip
+    WALL_X,
+    WALL_Y,
+    HELD,
+    DEPTH,
+    WALL_MU,
+    WEIGHT,
+    ARM_X,
+    ARM_Y,
+    FOOT,
+    BARRIER,
+    SHARE,
+    LIMIT,
+    SIDE,
+    EDGE,
+    ROWED,
+    ROW_TOP,
+    ROWED_TOO,
+    FILLED,
+    FILLED_TOP,
+    POINT_BARRIER_ENTRIES,
+) = range(20)
 # flow in a node column, which determines the discharge of an opening: mass [kg], momentum east and north [kg m s-1]
 FLOW_MASS, FLOW_X, FLOW_Y, COLUMN_FLOW = range(4)
 BLOCK_FLOW = BLOCK * BLOCK * COLUMN_FLOW  # numbers of a block
 LOOK = 64  # [cells] how far an opening looks for the flow before it
 # sums of each barrier: impulses [N s], moments [N m s], mass above its crest [kg]; the last of a run is the largest
 # normal force of a single step [N]
-(
-    NORMAL, IMPULSE_X, IMPULSE_Y, IMPULSE_Z, MOMENT_X, MOMENT_Y, MOMENT_Z, OVER, POINT_BARRIER_SUMS,
-) = range(9)  # fmt: skip
+(NORMAL, IMPULSE_X, IMPULSE_Y, IMPULSE_Z, MOMENT_X, MOMENT_Y, MOMENT_Z, OVER, POINT_BARRIER_SUMS) = range(9)
 
 
 @jit_inline

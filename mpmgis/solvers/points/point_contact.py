@@ -122,9 +122,7 @@ def at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest
 
 
 @jit_borrowing
-def across_foot(
-    nodes, below, own, above, first, column, level, foot, rise, part, heaviest, shares, nx, ny
-):  # fmt: skip
+def across_foot(nodes, below, own, above, first, column, level, foot, rise, part, heaviest, shares, nx, ny):
     """What differs from `at_foot` for the horizontal component, along (`nx`, `ny`), of a normal impulse.
 
     `part` is that of `across_part`; in a sheet thinner than 1.5 cells it counts less. `shares` are the
@@ -186,7 +184,7 @@ def dot(a, b):
 @jit_borrowing
 def _push(
     nodes, below, own, above, first, column, level, foot, rise, across_of, shares, heaviest, normal, friction, mine
-):  # fmt: skip
+):
     """Give the `normal` impulse and that of `friction` (x, y, z) [N s] at the ground to the nodes around it.
 
     `shares` are the `contact_shares` at the ground's place `foot` and its `rise`; `across_of` is that of `across_foot`.
@@ -356,7 +354,7 @@ def _face_at(place, height, wall_x, wall_y):
 @jit_inline
 def press_column(
     t, column, grid, window, ground, zone_values, barriers, yields, step, mine, dt, settings, contact, zones, barrier
-):  # fmt: skip
+):
     """`press_on_ground` for node `column` (0 to 15) of touched block `t`; `mine` is the report of its chunk."""
     nodes, touched = grid.nodes, grid.touched
     slots, width, depth, lowest = window.slots, window.width, window.depth, window.lowest
@@ -428,15 +426,13 @@ def press_column(
         after = yields[step % 2]
         after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
     push, friction = (normal * nx, normal * ny, normal * nz), (fx, fy, fz)
-    _push(
-        nodes, below, t, above, first, column, level, foot, rise, across, shares, heaviest, push, friction, mine
-    )  # fmt: skip
+    _push(nodes, below, t, above, first, column, level, foot, rise, across, shares, heaviest, push, friction, mine)
 
 
 @jit_parallel
 def press_on_ground(
     grid, window, free, ground, zone_values, barriers, yields, step, report, dt, settings, contact, zones, barrier
-):  # fmt: skip
+):
     """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
 
     The flow's velocity at the ground, v_b = sum s_k v_k over the nodes of a column around it, is what contact acts on;
@@ -470,6 +466,19 @@ def press_on_ground(
                 continue
             for column in range(BLOCK * BLOCK):
                 press_column(
-                    t, column, grid, window, ground, zone_values, barriers, yields, step, report[c], dt, settings,
-                    contact, zones, barrier,
-                )  # fmt: skip
+                    t,
+                    column,
+                    grid,
+                    window,
+                    ground,
+                    zone_values,
+                    barriers,
+                    yields,
+                    step,
+                    report[c],
+                    dt,
+                    settings,
+                    contact,
+                    zones,
+                    barrier,
+                )

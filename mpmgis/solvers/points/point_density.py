@@ -186,16 +186,21 @@ def _open_parts(parts, grid, free, ground, yields, step, barriers, barred, setti
                 part = 1.0
                 if free[t] == 0:
                     part = open_part(
-                        row * BLOCK + j, column * BLOCK + i, level * BLOCK + k, ground, yields, step, barriers, barred,
+                        row * BLOCK + j,
+                        column * BLOCK + i,
+                        level * BLOCK + k,
+                        ground,
+                        yields,
+                        step,
+                        barriers,
+                        barred,
                         settings,
-                    )  # fmt: skip
+                    )
                 parts[t, n] = part
 
 
 @jit_parallel
-def correct_density(
-    points, blocks, grid, free, ground, yields, step, barriers, report, settings, material, barrier
-):  # fmt: skip
+def correct_density(points, blocks, grid, free, ground, yields, step, barriers, report, settings, material, barrier):
     """Set the rates at which the volumes of all points are corrected in EVERY steps, the first of which is this one.
 
     Parameters
@@ -228,6 +233,15 @@ def correct_density(
                 all_open, all_known = all_open and parts[n] == 1.0, all_known and parts[n] >= 0.0
             for s in range(points.start[a], points.start[a + 1]):
                 correct_point(
-                    points.rows, points.order[s] & INDEX_MASK, masses, parts, (all_open, all_known), full, band, time,
-                    settings, material, report[c],
-                )  # fmt: skip
+                    points.rows,
+                    points.order[s] & INDEX_MASK,
+                    masses,
+                    parts,
+                    (all_open, all_known),
+                    full,
+                    band,
+                    time,
+                    settings,
+                    material,
+                    report[c],
+                )

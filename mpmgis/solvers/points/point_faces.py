@@ -46,16 +46,47 @@ from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, X, Y, Z
 # In corners: how far the place lies beside the side's plane [cells]; root of the variance of the part of the row's
 # spline before the corner, over that of the whole.
 (
-    FACE_J, FACE_I, FACE_EAST, FACE_NORTH, FACE_FOOT, FACE_OUT, FACE_X, FACE_Y, FACE_MU, FACE_BARRIER, FACE_ARM_X,
-    FACE_ARM_Y, FACE_BASE, FACE_TOP, FACE_LOWEST, FACE_FIRST, FACE_NEXT, FACE_FOLLOWS, FACE_TAKEN,
-    FACE_SHIFT, FACE_SPREAD, FACE_ENTRIES,
-) = range(22)  # fmt: skip
+    FACE_J,
+    FACE_I,
+    FACE_EAST,
+    FACE_NORTH,
+    FACE_FOOT,
+    FACE_OUT,
+    FACE_X,
+    FACE_Y,
+    FACE_MU,
+    FACE_BARRIER,
+    FACE_ARM_X,
+    FACE_ARM_Y,
+    FACE_BASE,
+    FACE_TOP,
+    FACE_LOWEST,
+    FACE_FIRST,
+    FACE_NEXT,
+    FACE_FOLLOWS,
+    FACE_TAKEN,
+    FACE_SHIFT,
+    FACE_SPREAD,
+    FACE_ENTRIES,
+) = range(22)
 # of a line of nodes in contact: impulse so far [N s], velocity that a unit impulse gives [kg-1], mass of its
 # heaviest node [kg], yield before the step and after it [m], 1 where there is contact, shares of the nodes -2 to 2
 (
-    LINE_X, LINE_Y, LINE_Z, LINE_GIVE, LINE_HEAVIEST, LINE_YIELD, LINE_YIELDED, LINE_ON, LINE_SHARES, _, _, _, _,
+    LINE_X,
+    LINE_Y,
+    LINE_Z,
+    LINE_GIVE,
+    LINE_HEAVIEST,
+    LINE_YIELD,
+    LINE_YIELDED,
+    LINE_ON,
+    LINE_SHARES,
+    _,
+    _,
+    _,
+    _,
     LINE_ENTRIES,
-) = range(14)  # fmt: skip
+) = range(14)
 SPAN_FIRST, SPAN_LAST = range(2)  # of the last line of a face: level of its lowest and of its highest row in contact
 UPWARDS = (0, 0, 1)
 FACE_LAYER = 5.0  # [cells] thickness of the elastic layer of a face; a thicker one takes up load later
@@ -122,9 +153,12 @@ def _relative_masses(line):
     """Masses of the nodes of a line over that of the heaviest one [1], where there is one."""
     whole = 1.0 / max(line[LINE_HEAVIEST], NO_MASS)
     return (
-        whole * line[LINE_SHARES], whole * line[LINE_SHARES + 1], whole * line[LINE_SHARES + 2],
-        whole * line[LINE_SHARES + 3], whole * line[LINE_SHARES + 4],
-    )  # fmt: skip
+        whole * line[LINE_SHARES],
+        whole * line[LINE_SHARES + 1],
+        whole * line[LINE_SHARES + 2],
+        whole * line[LINE_SHARES + 3],
+        whole * line[LINE_SHARES + 4],
+    )
 
 
 @jit_inline
@@ -229,9 +263,18 @@ def _press_row(nodes, slots, span, lowest, face, k, line, dt, settings, barrier)
     u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
     impedance = signal_speed * line[LINE_HEAVIEST] / (dx * _across(face))
     jx, jy, jz, line[LINE_YIELDED] = face_impulse(
-        (u, v, w), give, nx, ny, face[FACE_MU], impedance, line[LINE_YIELD], FACE_LAYER * dx / signal_speed,
-        MOST_YIELD * dx, dt, barrier,
-    )  # fmt: skip
+        (u, v, w),
+        give,
+        nx,
+        ny,
+        face[FACE_MU],
+        impedance,
+        line[LINE_YIELD],
+        FACE_LAYER * dx / signal_speed,
+        MOST_YIELD * dx,
+        dt,
+        barrier,
+    )
     return _give_line(nodes, slots, span, lowest, node, along, (jx, jy, jz), line)
 
 
@@ -339,9 +382,15 @@ def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
     part, u, v, w = _taken(nodes, slots, span, lowest, node, along, line)
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
     book_impulse(
-        booked[int(face[FACE_BARRIER]) - 1], -part * jx, -part * jy, -part * jz,
-        part * (jx * face[FACE_X] + jy * face[FACE_Y]), face, FACE_ARM_X, float(k - GHOSTS) * dx,
-    )  # fmt: skip
+        booked[int(face[FACE_BARRIER]) - 1],
+        -part * jx,
+        -part * jy,
+        -part * jz,
+        part * (jx * face[FACE_X] + jy * face[FACE_Y]),
+        face,
+        FACE_ARM_X,
+        float(k - GHOSTS) * dx,
+    )
     mine[BARRIER_WORK] -= jx * u + jy * v + jz * w
     nx, ny = face[FACE_X], face[FACE_Y]
     mine[RETURNED_WORK] += max((jx * nx + jy * ny) * (u * nx + v * ny), 0.0)
@@ -385,9 +434,19 @@ def weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, set
         return
     window_span = (window.west, window.south, window.width, window.height, window.depth)
     _begin_column(
-        grid.nodes, window.slots, window_span, window.lowest, faces[f], n, ground, lines[f, n], yields[(step - 1) % 2],
-        step, dt, settings,
-    )  # fmt: skip
+        grid.nodes,
+        window.slots,
+        window_span,
+        window.lowest,
+        faces[f],
+        n,
+        ground,
+        lines[f, n],
+        yields[(step - 1) % 2],
+        step,
+        dt,
+        settings,
+    )
 
 
 @jit_borrowing
@@ -402,14 +461,30 @@ def _press_face(f, reach, grid, window, ground, zone_values, faces, lines, dt, s
     span, change = own[own.shape[0] - 1], 0.0
     for k in range(int(span[SPAN_FIRST]), min(int(span[SPAN_LAST]), reach) + 1):
         if own[COLUMNS + k - base, LINE_ON] > 0.0:
-            change = max(change, _press_row(
-                nodes, slots, window_span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier
-            ))  # fmt: skip
+            change = max(
+                change,
+                _press_row(nodes, slots, window_span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier),
+            )
     for n in range(COLUMNS):
         if own[n, LINE_ON] > 0.0:
-            change = max(change, _press_column(
-                nodes, slots, window_span, lowest, face, n, ground, zone_values, own[n], dt, settings, contact, zones,
-            ))  # fmt: skip
+            change = max(
+                change,
+                _press_column(
+                    nodes,
+                    slots,
+                    window_span,
+                    lowest,
+                    face,
+                    n,
+                    ground,
+                    zone_values,
+                    own[n],
+                    dt,
+                    settings,
+                    contact,
+                    zones,
+                ),
+            )
     return change
 
 
@@ -431,10 +506,24 @@ def settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings
     for sweep in range(SWEEPS):
         change, g = 0.0, f
         while g >= 0:
-            change = max(change, _press_face(
-                g, top if sweep == 0 else reach, grid, window, ground, zone_values, faces, lines, dt, settings, contact,
-                zones, barrier,
-            ))  # fmt: skip
+            change = max(
+                change,
+                _press_face(
+                    g,
+                    top if sweep == 0 else reach,
+                    grid,
+                    window,
+                    ground,
+                    zone_values,
+                    faces,
+                    lines,
+                    dt,
+                    settings,
+                    contact,
+                    zones,
+                    barrier,
+                ),
+            )
             g = int(faces[g, FACE_NEXT]) - 1
         largest = max(largest, change)
         if change <= SETTLED * largest:
@@ -463,9 +552,23 @@ def book_face(f, grid, window, ground, faces, lines, yields, face_yields, step, 
 
 @jit_parallel
 def press_on_faces(
-    grid, window, ground, zone_values, faces, lines, yields, face_yields, step, report, barrier_report, dt, settings,
-    contact, zones, barrier,
-):  # fmt: skip
+    grid,
+    window,
+    ground,
+    zone_values,
+    faces,
+    lines,
+    yields,
+    face_yields,
+    step,
+    report,
+    barrier_report,
+    dt,
+    settings,
+    contact,
+    zones,
+    barrier,
+):
     """Contact with barriers' smooth faces, and with the ground under the node columns beside them.
 
     As at the ground (`press_on_ground`) the flow's velocity at the face, sum s_k v_k over the nodes of a row around it,
@@ -501,9 +604,19 @@ def press_on_faces(
         for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
             if faces[f, FACE_BARRIER] > 0.0:
                 book_face(
-                    f, grid, window, ground, faces, lines, yields, face_yields, step, report[c], barrier_report[c],
+                    f,
+                    grid,
+                    window,
+                    ground,
+                    faces,
+                    lines,
+                    yields,
+                    face_yields,
+                    step,
+                    report[c],
+                    barrier_report[c],
                     settings,
-                )  # fmt: skip
+                )
 
 
 @jit_inline

@@ -164,9 +164,22 @@ def _touches(layers, count):
 
 @jit_inline
 def couple_column(
-    t, column, grid, window, ground, zone_values, barriers, column_mass, layers, report, dt, settings, contact, zones,
+    t,
+    column,
+    grid,
+    window,
+    ground,
+    zone_values,
+    barriers,
+    column_mass,
+    layers,
+    report,
+    dt,
+    settings,
+    contact,
+    zones,
     barrier,
-):  # fmt: skip
+):
     """`couple_layers` for node `column` (0 to 15) of touched block `t`; `layers` is a work array."""
     nodes, touched = grid.nodes, grid.touched
     slots, depth, lowest, dx = window.slots, window.depth, window.lowest, settings.dx
@@ -194,7 +207,7 @@ def couple_column(
 @jit_parallel
 def couple_layers(
     grid, window, ground, zone_values, barriers, column_mass, report, dt, settings, contact, zones, barrier
-):  # fmt: skip
+):
     """Voellmy's drag, and links between the layers of a flow, on velocities at the nodes of all touched blocks.
 
     Each column is computed in the block of the node nearest to the ground, as in `press_on_ground`, which follows.
@@ -213,6 +226,19 @@ def couple_layers(
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             for column in range(BLOCK * BLOCK):
                 couple_column(
-                    t, column, grid, window, ground, zone_values, barriers, column_mass, layers, report[c], dt,
-                    settings, contact, zones, barrier,
-                )  # fmt: skip
+                    t,
+                    column,
+                    grid,
+                    window,
+                    ground,
+                    zone_values,
+                    barriers,
+                    column_mass,
+                    layers,
+                    report[c],
+                    dt,
+                    settings,
+                    contact,
+                    zones,
+                    barrier,
+                )

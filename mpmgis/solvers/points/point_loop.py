@@ -147,9 +147,31 @@ _keep_before_faces = for_law(keep_before_faces, -1, "barrier_active")
 
 @jit
 def advance(
-    rows, ids, keys, order, clock, counts, ledger, left_cells, barrier_sums, peaks, ground, lowest,
-    inside, zone_values, barriers, yields, faces, face_yields, until, after, max_steps, settings, effects, watched,
-):  # fmt: skip
+    rows,
+    ids,
+    keys,
+    order,
+    clock,
+    counts,
+    ledger,
+    left_cells,
+    barrier_sums,
+    peaks,
+    ground,
+    lowest,
+    inside,
+    zone_values,
+    barriers,
+    yields,
+    faces,
+    face_yields,
+    until,
+    after,
+    max_steps,
+    settings,
+    effects,
+    watched,
+):
     """Advance to time `until` [s] or by `max_steps`; the whole loop is compiled, for any number of points.
 
     It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
@@ -234,29 +256,86 @@ def advance(
             weigh_flow(nodes, touched, n_touched, block_flow)
             spread_contact(block_flow, touched, n_touched, flow)
         move_nodes(
-            grid, blocks.tiles, sources, drags or opens, free, ground, barriers, node_report, dt, settings,
+            grid,
+            blocks.tiles,
+            sources,
+            drags or opens,
+            free,
+            ground,
+            barriers,
+            node_report,
+            dt,
+            settings,
             barrier.barrier_active(),
-        )  # fmt: skip
+        )
         if drags:
             _couple_layers(
-                grid, window, ground, zone_values, barriers, column_mass, node_report, dt, settings, contact, zones,
+                grid,
+                window,
+                ground,
+                zone_values,
+                barriers,
+                column_mass,
+                node_report,
+                dt,
+                settings,
+                contact,
+                zones,
                 barrier,
-            )  # fmt: skip
+            )
         press_on_ground(
-            grid, window, free, ground, zone_values, barriers, yields, counts[STEP] + 1, node_report, dt, settings,
-            contact, zones, barrier,
-        )  # fmt: skip
+            grid,
+            window,
+            free,
+            ground,
+            zone_values,
+            barriers,
+            yields,
+            counts[STEP] + 1,
+            node_report,
+            dt,
+            settings,
+            contact,
+            zones,
+            barrier,
+        )
         if barrier.barrier_active():
             barrier_report[:] = 0.0
             _press_on_faces(
-                grid, window, ground, zone_values, faces, face_lines, yields, face_yields, counts[STEP] + 1,
-                node_report, barrier_report, dt, settings, contact, zones, barrier,
-            )  # fmt: skip
+                grid,
+                window,
+                ground,
+                zone_values,
+                faces,
+                face_lines,
+                yields,
+                face_yields,
+                counts[STEP] + 1,
+                node_report,
+                barrier_report,
+                dt,
+                settings,
+                contact,
+                zones,
+                barrier,
+            )
             _press_on_crests(grid, window, free, barriers, node_report, barrier_report, settings, barrier)
         hold_nodes(
-            grid, free, ground, zone_values, barriers, column_mass, flow, node_report, barrier_report, dt, settings,
-            contact, zones, barrier,
-        )  # fmt: skip
+            grid,
+            free,
+            ground,
+            zone_values,
+            barriers,
+            column_mass,
+            flow,
+            node_report,
+            barrier_report,
+            dt,
+            settings,
+            contact,
+            zones,
+            barrier,
+        )
         if drags:
             clear_contact(touched, n_touched, column_mass)
         if opens:
@@ -265,18 +344,37 @@ def advance(
             accumulate_point_peaks(peaks, column_sums, grid, window, ground.nodes, end, settings)
         if effects.material.follows_density() and counts[STEP] % EVERY == 0:
             _correct_density(
-                points, blocks, grid, free, ground, yields, counts[STEP] + 1, barriers, node_report, settings,
-                effects.material, barrier,
-            )  # fmt: skip
+                points,
+                blocks,
+                grid,
+                free,
+                ground,
+                yields,
+                counts[STEP] + 1,
+                barriers,
+                node_report,
+                settings,
+                effects.material,
+                barrier,
+            )
         collect_nodes(node_report, clock)
         if barrier.barrier_active():
             collect_point_barriers(barrier_report, barrier_sums, dt)
         clock[IMPULSE_GRAVITY] += dt * gravity * clock[MASS_NOW]
         set_next_step(clock, counts, end, until, after, settings)
         grid_to_points(
-            points, blocks, nodes, surface, report, settings, dt, clock[STEP_NOW], effects.material, effects.softening,
+            points,
+            blocks,
+            nodes,
+            surface,
+            report,
+            settings,
+            dt,
+            clock[STEP_NOW],
+            effects.material,
+            effects.softening,
             effects.transfer,
-        )  # fmt: skip
+        )
         if barrier.barrier_active():
             _keep_before_faces(rows, keys, counts[ROWS], lowest, inside, faces, barriers, dx, report, barrier)
         counts[STEP] += 1

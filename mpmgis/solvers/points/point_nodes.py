@@ -25,9 +25,21 @@ from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NO
 # lost to each other, and what ground and barriers that had yielded gave back [J]; number of points whose volume is
 # corrected from now on (`point_density`), and the elastic energy that corrections have supplied to the points [J]
 (
-    FASTEST2, GROUND_X, GROUND_Y, GROUND_Z, WALL_X, WALL_Y, GROUND_WORK, FRICTION_WORK, BARRIER_WORK, LAYER_WORK,
-    RETURNED_WORK, CORRECTED, CORRECTED_ENERGY, NODE_REPORT,
-) = range(14)  # fmt: skip
+    FASTEST2,
+    GROUND_X,
+    GROUND_Y,
+    GROUND_Z,
+    WALL_X,
+    WALL_Y,
+    GROUND_WORK,
+    FRICTION_WORK,
+    BARRIER_WORK,
+    LAYER_WORK,
+    RETURNED_WORK,
+    CORRECTED,
+    CORRECTED_ENERGY,
+    NODE_REPORT,
+) = range(14)
 BENEATH = 1.5  # [cells] under smooth ground, from which nodes are held one by one
 REACHED = 3.0  # [cells] above the ground, up to which its contact reaches and a little more
 STEEPEST_LIFT = 0.17  # upward part of the ground's normal, under which (80 degrees) a node is not lifted along it
@@ -238,7 +250,7 @@ def move_nodes(grid, tiles, sources, gathered, free, ground, barriers, report, d
 @jit_inline
 def hold_column(
     t, j, i, grid, ground, zone_values, barriers, column_mass, flow, mine, booked, dt, settings, contact, zones, barrier
-):  # fmt: skip
+):
     """`hold_nodes` for node column [j, i] of touched block `t`; `mine` and `booked` are the reports of its chunk."""
     block, touched = grid.nodes[t], grid.touched
     dx, density, gravity, clearance = settings.dx, settings.density, settings.gravity, settings.clearance
@@ -291,9 +303,21 @@ def hold_column(
 
 @jit_parallel
 def hold_nodes(
-    grid, free, ground, zone_values, barriers, column_mass, flow, report, barrier_report, dt, settings, contact, zones,
+    grid,
+    free,
+    ground,
+    zone_values,
+    barriers,
+    column_mass,
+    flow,
+    report,
+    barrier_report,
+    dt,
+    settings,
+    contact,
+    zones,
     barrier,
-):  # fmt: skip
+):
     """Contact of single nodes in blocks that are not `free`: ground on folds or far below the surface, barriers, walls.
 
     On folds a node touches the ground up to `settings.clearance` [m] above it, elsewhere from BENEATH cells under it.
@@ -312,9 +336,23 @@ def hold_nodes(
             for j in range(BLOCK):
                 for i in range(BLOCK):
                     hold_column(
-                        t, j, i, grid, ground, zone_values, barriers, column_mass, flow, mine, barrier_report[c], dt,
-                        settings, contact, zones, barrier,
-                    )  # fmt: skip
+                        t,
+                        j,
+                        i,
+                        grid,
+                        ground,
+                        zone_values,
+                        barriers,
+                        column_mass,
+                        flow,
+                        mine,
+                        barrier_report[c],
+                        dt,
+                        settings,
+                        contact,
+                        zones,
+                        barrier,
+                    )
             if wall and is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
                 stop_at_walls(block, touched[t, 0], touched[t, 1], nx, ny, ground, True, mine)
             mine[FASTEST2] = max(mine[FASTEST2], fastest_squared(block))

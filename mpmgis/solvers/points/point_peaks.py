@@ -129,9 +129,19 @@ def note_block_peaks(peaks, part, t, grid, window, ground_nodes, time, settings)
         for i in range(max(column * BLOCK, GHOSTS), min((column + 1) * BLOCK, GHOSTS + nx + 1)):
             s = ((j - row * BLOCK) * BLOCK + i - column * BLOCK) * 4
             note_column_peaks(
-                peaks, j, i, part[s + NODE_X], part[s + NODE_Y], part[s + NODE_Z], part[s + NODE_MASS], nodes, window,
-                ground_nodes, time, settings,
-            )  # fmt: skip
+                peaks,
+                j,
+                i,
+                part[s + NODE_X],
+                part[s + NODE_Y],
+                part[s + NODE_Z],
+                part[s + NODE_MASS],
+                nodes,
+                window,
+                ground_nodes,
+                time,
+                settings,
+            )
 
 
 @jit_parallel

@@ -25,8 +25,10 @@ def require_point_state(frame, solver, changing, like):
     tiny = np.finfo(like.dtype).smallest_subnormal
     check.within("the mass of a point [kg]", rows[:, MASS], tiny, np.finfo(like.dtype).max)
     row, column = kernel.rows_and_columns(keys)
-    for name, blocks, cells in (("row", row, solver.grid.inside.shape[0]), ("column", column,
-                                solver.grid.inside.shape[1])):  # fmt: skip
+    for name, blocks, cells in (
+        ("row", row, solver.grid.inside.shape[0]),
+        ("column", column, solver.grid.inside.shape[1]),
+    ):
         check.within(f"the block {name} of a point", blocks, 0, (cells + GHOSTS) // BLOCK)
     check.left(solver.left_sums)
     _require_yields(check, solver)

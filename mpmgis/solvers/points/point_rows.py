@@ -158,9 +158,11 @@ def give_rows(rows, order, first, count, scratch):
         for group in range(6 if row > S4 else 5):
             head, fourth = _lines_of_group(group)
             a, b, c, d = transposed(
-                load(scratch, head + q), load(scratch, head + BATCH + q), load(scratch, head + 2 * BATCH + q),
+                load(scratch, head + q),
+                load(scratch, head + BATCH + q),
+                load(scratch, head + 2 * BATCH + q),
                 load(scratch, fourth + q),
-            )  # fmt: skip
+            )
             store(rows, p3 + 4 * group, d)
             store(rows, p2 + 4 * group, c)
             store(rows, p1 + 4 * group, b)

@@ -96,9 +96,13 @@ class PointSolver(PointBalances):
         self._barriers, self._faces, levels = NO_PLACES, NO_FACES, 0
         if self.walls:
             self._barriers, self._faces, levels = barrier_nodes(
-                self.walls, self.grid, self.floor, self._ground, self._known_ground.folds,
+                self.walls,
+                self.grid,
+                self.floor,
+                self._ground,
+                self._known_ground.folds,
                 self.effects.material.follows_density(),
-            )  # fmt: skip
+            )
         self._barrier_sums = np.zeros((len(self.walls), POINT_BARRIER_SUMS + 1))
         self._face_yields = np.zeros((2, len(self._faces) + 2, levels + 2, YIELD_ENTRIES))
 
@@ -202,11 +206,31 @@ class PointSolver(PointBalances):
         """`advance`, once the points push on the nodes."""
         ready_threads()
         return kernel.advance(
-            self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
-            self._barrier_sums, self._peaks, self._known_ground, self._lowest, self.grid.inside, self._zone_values,
-            self._barriers, self._yields, self._faces, self._face_yields, until, after, max_steps,
-            self._settings, self._effects, self._watched,
-        )  # fmt: skip
+            self._rows,
+            self._ids,
+            self._keys,
+            self._order,
+            self._clock,
+            self._counts,
+            self._ledger,
+            self._left,
+            self._barrier_sums,
+            self._peaks,
+            self._known_ground,
+            self._lowest,
+            self.grid.inside,
+            self._zone_values,
+            self._barriers,
+            self._yields,
+            self._faces,
+            self._face_yields,
+            until,
+            after,
+            max_steps,
+            self._settings,
+            self._effects,
+            self._watched,
+        )
 
     def _integrate_with(self, effects, places, walls):
         """Continue with other `effects`, `places` and `walls`; sums of unchanged barriers are kept."""
@@ -227,9 +251,16 @@ class PointSolver(PointBalances):
         """The present points as a Frame."""
         header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
         return replace(
-            self._start, particles=self._particles(), time=self.time, step=self.step, dimension=3, solver="points",
-            header=header, maxima=self.maxima(), state=self.state(),
-        )  # fmt: skip
+            self._start,
+            particles=self._particles(),
+            time=self.time,
+            step=self.step,
+            dimension=3,
+            solver="points",
+            header=header,
+            maxima=self.maxima(),
+            state=self.state(),
+        )
 
     def _particles(self):
         rows, ids, keys = self._seen()
@@ -414,9 +445,12 @@ class PointSolver(PointBalances):
     def started(self):
         """Initial sums of the solver as plain numbers (see `start_from`)."""
         return {
-            "mass": self.mass_start, "energy": list(self.energy_start), "momentum": self._momentum_start.tolist(),
-            "energy_whole": self._energy_whole, "heaviest": self._heaviest,
-        }  # fmt: skip
+            "mass": self.mass_start,
+            "energy": list(self.energy_start),
+            "momentum": self._momentum_start.tolist(),
+            "energy_whole": self._energy_whole,
+            "heaviest": self._heaviest,
+        }
 
     def start_from(self, started):
         """Set the initial sums to those of `started()`: this solver was made from a later frame of the same run."""

@@ -24,9 +24,15 @@ def sums_of(rows, keys, lowest, dx, gravity, density, material):
         level = key_level(keys[p]) + lowest[key_row(keys[p]), key_column(keys[p]), 0]
         s4, s5, s6, s7 = more_state(rows, p)
         stored = material.stored_energy(
-            double(rows[p, S0]), double(rows[p, S1]), double(rows[p, S2]), double(rows[p, S3]), double(s4), double(s5),
-            double(s6), double(s7),
-        )  # fmt: skip
+            double(rows[p, S0]),
+            double(rows[p, S1]),
+            double(rows[p, S2]),
+            double(rows[p, S3]),
+            double(s4),
+            double(s5),
+            double(s6),
+            double(s7),
+        )
         part[MOMENTUM_X] += east
         part[MOMENTUM_Y] += north
         part[MOMENTUM_Z] += up

@@ -124,10 +124,14 @@ def point_volume(
     lies = (lowest <= allowed) & (typical < _falls(taken, gravity))
     lies &= (thickness >= LOOSE_FROM * cell_size) & _interior(x[known], y[known], cell_size, of_column)
     return PointVolume(
-        float(frame.time), float(whole), float(mass[packed].sum() / whole), float(of_column[hanging].sum() / whole),
-        float(missing.sum() * density / whole), float((of_column * thickness).sum() / whole / cell_size),
+        float(frame.time),
+        float(whole),
+        float(mass[packed].sum() / whole),
+        float(of_column[hanging].sum() / whole),
+        float(missing.sum() * density / whole),
+        float((of_column * thickness).sum() / whole / cell_size),
         _excess(taken[lies], thickness[lies]) if of_column[lies].sum() > HANGING_SHARE * whole else 0.0,
-    )  # fmt: skip
+    )
 
 
 def _falls(height, gravity):

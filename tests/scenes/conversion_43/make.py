@@ -126,11 +126,22 @@ def _draw_kept(axis, found):
         spots = [row for rows in found[counting] for row in rows]
         for name, style in (("mass", "o"), ("momentum", "s")):
             shown = np.maximum(each(spots, name), 1e-17)
-            axis.loglog(each(spots, "points"), shown, style, color=colour, ms=4, mfc="none",
-                        label=f"{name}, {COUNTINGS[counting]}")  # fmt: skip
+            axis.loglog(
+                each(spots, "points"),
+                shown,
+                style,
+                color=colour,
+                ms=4,
+                mfc="none",
+                label=f"{name}, {COUNTINGS[counting]}",
+            )
     axis.axhline(1e-13, color="black", lw=0.8)
-    axis.set(xlabel="points", ylabel="lost share of the sum (none: 1e-17)", ylim=(5e-18, 1e-12),
-             title="What conversion loses")  # fmt: skip
+    axis.set(
+        xlabel="points",
+        ylabel="lost share of the sum (none: 1e-17)",
+        ylim=(5e-18, 1e-12),
+        title="What conversion loses",
+    )
 
 
 def stored(folder, spacing=0.1, vertical=0.1):
@@ -141,11 +152,36 @@ def stored(folder, spacing=0.1, vertical=0.1):
     chain.write_raster(folder / "bed.tif", np.zeros((count, count)), 0.0, SIDE, spacing)
     chain.write_raster(folder / "thickness.tif", thickness(at[None, :], at[::-1, None]), 0.0, SIDE, spacing)
     chain.mpmgis(
-        "seed", "--dem", folder / "bed.tif", "--crs", "local", "--release", folder / "thickness.tif", "--per-cell", 1,
-        "--velocity", f"{SPEED},0", "--density", DENSITY, "--points", "lattice", "-o", folder / "columns.h5",
-    )  # fmt: skip
-    chain.mpmgis("convert", folder / "columns.h5", "--dem", folder / "bed.tif", "--crs", "local", "--spacing", vertical,
-                 "-o", folder / "points.h5")  # fmt: skip
+        "seed",
+        "--dem",
+        folder / "bed.tif",
+        "--crs",
+        "local",
+        "--release",
+        folder / "thickness.tif",
+        "--per-cell",
+        1,
+        "--velocity",
+        f"{SPEED},0",
+        "--density",
+        DENSITY,
+        "--points",
+        "lattice",
+        "-o",
+        folder / "columns.h5",
+    )
+    chain.mpmgis(
+        "convert",
+        folder / "columns.h5",
+        "--dem",
+        folder / "bed.tif",
+        "--crs",
+        "local",
+        "--spacing",
+        vertical,
+        "-o",
+        folder / "points.h5",
+    )
     sums = {}
     for name in ("columns", "points"):
         particles = read_frame(folder / f"{name}.h5").particles

@@ -22,22 +22,40 @@ ARRIVED = 100.0  # [Pa], from which water is at a sensor
 BEHIND, WIDE = 4, 3  # cells of ground behind the wall's face, and across the strip
 
 # Lobovsky et al. (2014), J. Fluids Struct. 48:407, Figure 12 left, H = 0.6 m: t sqrt(g / H) and (0.6 m + path) / H.
-FRONT = np.array([
-    (0.1075, 1.0791), (0.2153, 1.1668), (0.3231, 1.2550), (0.4309, 1.3416), (0.5388, 1.4298), (0.6466, 1.5320),
-    (0.7544, 1.6332), (0.8622, 1.7442), (0.9703, 1.8548), (1.0914, 2.0047), (1.1993, 2.1443), (1.3071, 2.2823),
-    (1.4015, 2.4120), (1.5093, 2.5624), (1.5767, 2.6615),
-])  # fmt: skip
+FRONT = np.array(
+    [
+        (0.1075, 1.0791),
+        (0.2153, 1.1668),
+        (0.3231, 1.2550),
+        (0.4309, 1.3416),
+        (0.5388, 1.4298),
+        (0.6466, 1.5320),
+        (0.7544, 1.6332),
+        (0.8622, 1.7442),
+        (0.9703, 1.8548),
+        (1.0914, 2.0047),
+        (1.1993, 2.1443),
+        (1.3071, 2.2823),
+        (1.4015, 2.4120),
+        (1.5093, 2.5624),
+        (1.5767, 2.6615),
+    ]
+)
 # Martin and Moyce (1952), Phil. Trans. A 244:312, square column of 2.25 inches: T = t sqrt(g / a), Z = front / a.
-MARTIN_MOYCE = np.array([
-    (0.43, 1.11), (0.62, 1.22), (0.80, 1.44), (0.97, 1.67), (1.14, 1.89), (1.29, 2.11), (1.45, 2.33), (1.62, 2.56),
-])  # fmt: skip
+MARTIN_MOYCE = np.array(
+    [(0.43, 1.11), (0.62, 1.22), (0.80, 1.44), (0.97, 1.67), (1.14, 1.89), (1.29, 2.11), (1.45, 2.33), (1.62, 2.56)]
+)
 # Lobovsky et al. (2014), H = 0.6 m, 3 mm above the bed: medians of peak [Pa], rise and decay time [s], impulse [Pa s].
 IMPACT = {"peak": 18569.0, "rise": 0.007, "decay": 0.104, "impulse": 1274.0}
 # Table 2, H = 0.3 m, 100 runs: height of the sensor [m], median, 2.5 and 97.5 % of the peak [Pa].
-PEAKS = np.array([
-    (0.003, 9144.0, 7506.0, 13098.0), (0.015, 5749.0, 5326.0, 6331.0),
-    (0.030, 4376.0, 3979.0, 4962.0), (0.080, 3015.0, 2418.0, 3632.0),
-])  # fmt: skip
+PEAKS = np.array(
+    [
+        (0.003, 9144.0, 7506.0, 13098.0),
+        (0.015, 5749.0, 5326.0, 6331.0),
+        (0.030, 4376.0, 3979.0, 4962.0),
+        (0.080, 3015.0, 2418.0, 3632.0),
+    ]
+)
 
 
 class Size(NamedTuple):
@@ -89,9 +107,13 @@ def course(folder, size, heights):
         place, particles = chain.placed(frame), frame.particles
         pressure = stiff * (particles.mass / (DENSITY * particles.volume) - 1.0)
         near = place[:, 0] > TANK - 1.5 * size.cell
-        rows.append((frame.time, place[:, 0].max(), *(
-            _mean(pressure[near & (np.abs(place[:, 2] - height) < 0.75 * size.cell)]) for height in heights
-        )))  # fmt: skip
+        rows.append(
+            (
+                frame.time,
+                place[:, 0].max(),
+                *(_mean(pressure[near & (np.abs(place[:, 2] - height) < 0.75 * size.cell)]) for height in heights),
+            )
+        )
     rows = np.array(rows)
     return Course(rows[:, 0], rows[:, 1], rows[:, 2:])
 

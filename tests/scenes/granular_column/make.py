@@ -97,9 +97,14 @@ def make(folder, column):
     write_inputs(folder, column)
     bulk, shear = moduli(column)
     path = chain.write_scene(
-        "granular_column", folder, cell_size=column.cell, bulk_modulus=f"{bulk:.6g}", shear_modulus=f"{shear:.6g}",
-        end_time=f"{FALLS * column.fall:.6g}", frame_interval=f"{column.fall:.6g}",
-    )  # fmt: skip
+        "granular_column",
+        folder,
+        cell_size=column.cell,
+        bulk_modulus=f"{bulk:.6g}",
+        shear_modulus=f"{shear:.6g}",
+        end_time=f"{FALLS * column.fall:.6g}",
+        frame_interval=f"{column.fall:.6g}",
+    )
     if column.law == "DruckerPrager":
         _without_rate(path, "triaxial" if column.round else "plane_strain")
     return chain.run_scene(folder)[0]
@@ -131,9 +136,11 @@ def deposit(folder, column):
     speed = np.linalg.norm(last.particles.velocity, axis=1).mean() / np.sqrt(GRAVITY * column.height)
     within = float(np.quantile(out, 0.99))
     return Deposit(
-        ends(out, column) / LENGTH - 1.0, within / LENGTH - 1.0, float(place[out < 0.15 * LENGTH, 2].max()) / LENGTH,
+        ends(out, column) / LENGTH - 1.0,
+        within / LENGTH - 1.0,
+        float(place[out < 0.15 * LENGTH, 2].max()) / LENGTH,
         float(speed),
-    )  # fmt: skip
+    )
 
 
 def thickness_along(out, column):

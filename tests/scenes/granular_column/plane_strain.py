@@ -105,14 +105,48 @@ def gather(place, velocity, affine, state, stress, before, after, dt, dx, kept, 
         place[p, 1] += dt / dx * v
         s, g = state[p], dt / dx
         answer = material.stress_step(
-            s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], g * xx, 0.0, g * xz, 0.0, 0.0, 0.0, g * zx, 0.0, g * zz, dt,
+            s[0],
+            s[1],
+            s[2],
+            s[3],
+            s[4],
+            s[5],
+            s[6],
+            s[7],
+            g * xx,
+            0.0,
+            g * xz,
+            0.0,
+            0.0,
+            0.0,
+            g * zx,
+            0.0,
+            g * zz,
+            dt,
             softening,
-        )  # fmt: skip
+        )
         if answer[STEPPED] == FAR:
             answer = material.stress_step_far(
-                s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], g * xx, 0.0, g * xz, 0.0, 0.0, 0.0, g * zx, 0.0, g * zz,
-                dt, softening,
-            )  # fmt: skip
+                s[0],
+                s[1],
+                s[2],
+                s[3],
+                s[4],
+                s[5],
+                s[6],
+                s[7],
+                g * xx,
+                0.0,
+                g * xz,
+                0.0,
+                0.0,
+                0.0,
+                g * zx,
+                0.0,
+                g * zz,
+                dt,
+                softening,
+            )
         for e in range(8):
             state[p, e] = answer[e]
         for e in range(6):
@@ -147,9 +181,18 @@ def runout(column, rate, courant=0.6, stiff=sand.STIFF):
     fade = rate / column.fall * column.height / column.cell if np.isfinite(rate) else 1e300
     shape = int(2.5 * column.measured * sand.LENGTH / column.cell) + counts[0] + 20, counts[1] + 20
     place = collapse(
-        place, shape, sand.FALLS * column.fall, column.cell, sand.DENSITY, sand.GRAVITY, sound, courant, fade, material,
+        place,
+        shape,
+        sand.FALLS * column.fall,
+        column.cell,
+        sand.DENSITY,
+        sand.GRAVITY,
+        sound,
+        courant,
+        fade,
+        material,
         NoSoftening(),
-    )  # fmt: skip
+    )
     return float(np.quantile(place[:, 0] - MARGIN, 0.99)) * column.cell / sand.LENGTH - 1.0
 
 

@@ -139,13 +139,15 @@ def front_of(folder):
         order = np.argsort(-distance)
         last = order[np.searchsorted(np.cumsum(mass[order]), 0.01 * mass.sum())]
         ahead = distance >= distance[last]
-        rows.append((
-            frame.time,
-            distance[last],
-            np.average(speed[ahead], weights=mass[ahead]),
-            np.average(speed, weights=mass),
-            speed.max(),
-        ))  # fmt: skip
+        rows.append(
+            (
+                frame.time,
+                distance[last],
+                np.average(speed[ahead], weights=mass[ahead]),
+                np.average(speed, weights=mass),
+                speed.max(),
+            )
+        )
     return Front(*np.array(rows).T)
 
 
@@ -183,9 +185,12 @@ def load_of(folder):
 
     moment = np.hypot(column("mean moment east [N m]"), column("mean moment north [N m]"))
     return Load(
-        column("time [s]"), column("mean normal force [N]"), moment, column("overtopped mass [kg]"),
+        column("time [s]"),
+        column("mean normal force [N]"),
+        moment,
+        column("overtopped mass [kg]"),
         column("largest normal force of a step so far [N]"),
-    )  # fmt: skip
+    )
 
 
 def smoothed(time, values, window):
@@ -355,9 +360,13 @@ def load_figure(folder, cell, png):
         axis.legend(fontsize=8)
     fields, time = largest_pressure(folder, cell)
     seen = face.imshow(
-        np.where(fields > 0.0, fields / 1e6, np.nan), origin="lower", cmap="magma_r", vmin=0.0,
-        extent=[ARM[0] + THICK, ARM[0] + THICK + 2.0 * fields.shape[1], 0.0, fields.shape[0]], aspect="auto",
-    )  # fmt: skip
+        np.where(fields > 0.0, fields / 1e6, np.nan),
+        origin="lower",
+        cmap="magma_r",
+        vmin=0.0,
+        extent=[ARM[0] + THICK, ARM[0] + THICK + 2.0 * fields.shape[1], 0.0, fields.shape[0]],
+        aspect="auto",
+    )
     figure.colorbar(seen, ax=face, label="pressure, mean of 2 x 1 m [MPa]")
     face.set(xlabel="along the long arm [m]", ylabel="above its foot [m]", title=f"T = {time:.1f} s", ylim=(0.0, 22.0))
     profiles.save(figure, png)
@@ -446,8 +455,10 @@ def main():
     comparison_figure(runs, png / "lecco_compared.png")
     for name in ("columns", "swe"):
         front = front_of(runs[name])
-        print(f"{name}: front past {BARRIER:g} m at {np.interp(BARRIER - 5, front.place, front.time):.1f} s, "
-              f"fastest {front.fastest.max():.1f} m/s")  # fmt: skip
+        print(
+            f"{name}: front past {BARRIER:g} m at {np.interp(BARRIER - 5, front.place, front.time):.1f} s, "
+            f"fastest {front.fastest.max():.1f} m/s"
+        )
 
 
 if __name__ == "__main__":

@@ -157,16 +157,18 @@ def impact_of(folder):
         place, particles = chain.placed(frame), frame.particles
         mass, speed = particles.mass, np.linalg.norm(particles.velocity, axis=1)
         total, up = mass.sum(), place[:, 2]
-        rows.append((
-            frame.time,
-            height_exceeded(up, mass, place[:, 0] > WALL - AT_WALL),
-            up.max(),
-            mass[up > SURFACE].sum() / total,
-            speed.max(),
-            mass[speed > BERNOULLI].sum() / total,
-            (0.5 * mass * speed**2 + mass * GRAVITY * (up - FLOOR)).sum(),
-            particles.volume.sum() * DENSITY / total,
-        ))  # fmt: skip
+        rows.append(
+            (
+                frame.time,
+                height_exceeded(up, mass, place[:, 0] > WALL - AT_WALL),
+                up.max(),
+                mass[up > SURFACE].sum() / total,
+                speed.max(),
+                mass[speed > BERNOULLI].sum() / total,
+                (0.5 * mass * speed**2 + mass * GRAVITY * (up - FLOOR)).sum(),
+                particles.volume.sum() * DENSITY / total,
+            )
+        )
     return Impact(*np.array(rows).T)
 
 

@@ -24,9 +24,21 @@ CRS, WEST, MIDDLE, HEAD = "EPSG:32632", 343_000.0, 5_081_000.0, 4_000.0  # near 
 LENGTH, HALF, PIXEL = 1300.0, 200.0, 1.0  # [m]: along the flow (east), to each side of the flow line, pixel of the DTM
 # slope of the bed [degrees] at distances [m] along the flow line; its tangent is linear between them
 SLOPES = (
-    (0.0, 48.0), (100.0, 48.0), (170.0, 41.0), (340.0, 38.0), (385.0, 30.0), (399.5, 30.0), (400.5, 74.0),
-    (411.5, 74.0), (412.5, 40.0), (520.0, 36.0), (700.0, 26.0), (900.0, 15.0), (1100.0, 8.0), (1300.0, 5.0),
-)  # fmt: skip
+    (0.0, 48.0),
+    (100.0, 48.0),
+    (170.0, 41.0),
+    (340.0, 38.0),
+    (385.0, 30.0),
+    (399.5, 30.0),
+    (400.5, 74.0),
+    (411.5, 74.0),
+    (412.5, 40.0),
+    (520.0, 36.0),
+    (700.0, 26.0),
+    (900.0, 15.0),
+    (1100.0, 8.0),
+    (1300.0, 5.0),
+)
 TROUGH = 0.0012  # [m-1], coefficient of the parabola across the valley
 CREVASSES, CREVASSE_WIDE, CREVASSE_DEEP, CREVASSE_HALF = (262.0, 282.0, 302.0, 322.0), 8.0, 10.0, 80.0  # [m]
 CLIFF = (400.0, 412.0)  # [m]
@@ -212,8 +224,21 @@ def percentile_profiles(folder, step, cell):
     found = {}
     for percentile in PERCENTILES:
         table = folder / f"profile_{percentile}.csv"
-        chain.mpmgis("profile", folder / "results", "--line", line, "--at-times", step.time, "--cs-e", cell,
-                     "--percentile", percentile, "-o", table, "--overwrite")  # fmt: skip
+        chain.mpmgis(
+            "profile",
+            folder / "results",
+            "--line",
+            line,
+            "--at-times",
+            step.time,
+            "--cs-e",
+            cell,
+            "--percentile",
+            percentile,
+            "-o",
+            table,
+            "--overwrite",
+        )
         with open(table, encoding="utf-8", newline="") as file:
             rows = [[float(row[name] or "nan") for name in ("along_m", "h_m", "t_m")] for row in csv.DictReader(file)]
         along_line, h, t = np.array(rows).T
@@ -303,10 +328,13 @@ def _draw_jump(folder, step, path):
     for axis, (band, label, low, high, cmap) in zip(
         axes.ravel(),
         (
-            ("Un", "Un [m/s]", -25, 25, "RdBu"), ("Ut", "Ut [m/s]", 0, 50, "plasma"),
-            ("t", "t [m]", 0, 25, "viridis"), ("h", "h [m]", 0, 25, "viridis"),
-        ), strict=True,
-    ):  # fmt: skip
+            ("Un", "Un [m/s]", -25, 25, "RdBu"),
+            ("Ut", "Ut [m/s]", 0, 50, "plasma"),
+            ("t", "t [m]", 0, 25, "viridis"),
+            ("h", "h [m]", 0, 25, "viridis"),
+        ),
+        strict=True,
+    ):
         profiles.ground(axis, folder / "dtm.tif", ORIGIN)
         profiles.layer(axis, step.path, band, label, ORIGIN, low, high, cmap, above=None if band[0] == "U" else 0.0)
         profiles.view(axis, (230.0, 540.0, -100.0, 100.0))
@@ -326,8 +354,17 @@ def _draw_profile(folder, step, path):
     wet = line["h"] > 0.0
     heights.plot(x, np.where(wet, line["h"], np.nan), "r", label="h")
     heights.plot(x, np.where(wet, line["t"], np.nan), "b", label="t")
-    heights.fill_between(x, 0, 1, where=line["detached"] == 1, transform=heights.get_xaxis_transform(),
-                         color="orange", alpha=0.25, lw=0, label="detached")  # fmt: skip
+    heights.fill_between(
+        x,
+        0,
+        1,
+        where=line["detached"] == 1,
+        transform=heights.get_xaxis_transform(),
+        color="orange",
+        alpha=0.25,
+        lw=0,
+        label="detached",
+    )
     terrain.plot(x, bed(x, 0.0 * x), "k")
     for axis, label in ((speeds, "[m/s]"), (heights, "[m]"), (terrain, "bed [m]")):
         axis.axvspan(*CLIFF, color="gray", alpha=0.3, lw=0)
@@ -382,9 +419,15 @@ def main():
     else:
         grains = GRAINS | ({"grain_diameter": asked.grain} if asked.grain else {})
         record, running, exporting = make(
-            asked.folder, asked.cell, asked.end, not asked.no_crevasses, law=asked.law, grains=grains,
-            precision=asked.precision, interval=asked.frame_interval,
-        )  # fmt: skip
+            asked.folder,
+            asked.cell,
+            asked.end,
+            not asked.no_crevasses,
+            law=asked.law,
+            grains=grains,
+            precision=asked.precision,
+            interval=asked.frame_interval,
+        )
     balances = record["balances"]
     print(f"{record['particles']} points, {record['steps']} steps, run {running:.0f} s, export {exporting:.0f} s")
     print({key: value for key, value in balances.items() if not isinstance(value, (dict, list))})

@@ -285,8 +285,7 @@ SCENES = {
     ),
     "forest takes all": (
         lambda kind=ColumnSolver: made(
-            kind, frame=pile(0.02, spacing=5.0), places=trees(2e4, 0.0, 0.0, 1e12, clearing=0.0),
-            forest=Forest(),
+            kind, frame=pile(0.02, spacing=5.0), places=trees(2e4, 0.0, 0.0, 1e12, clearing=0.0), forest=Forest()
         ),
         4,
     ),
@@ -296,10 +295,13 @@ SCENES = {
     ),
     "forest, erosion and walls": (
         lambda kind=ColumnSolver: made(
-            kind, frame=pile(0.5, (-6.0, -5.0), west=0, east=20, south=30, north=50),
-            places=trees(50.0, 0.03, 0.05, 1e12, also_erodible=True), forest=Forest(), entrainment=ErosionSpeed(0.01),
+            kind,
+            frame=pile(0.5, (-6.0, -5.0), west=0, east=20, south=30, north=50),
+            places=trees(50.0, 0.03, 0.05, 1e12, also_erodible=True),
+            forest=Forest(),
+            entrainment=ErosionSpeed(0.01),
             edges="wall",
         ),
         4,
     ),
-} | {f"drawn {seed}": (drawn(seed), 4) for seed in range(8)}  # fmt: skip
+} | {f"drawn {seed}": (drawn(seed), 4) for seed in range(8)}

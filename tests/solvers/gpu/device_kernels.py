@@ -30,10 +30,25 @@ from mpmgis.solvers.gpu.rare_points import _between
 from mpmgis.solvers.points.point_rows import Settings
 
 SETTINGS = Settings(
-    dx=1.0, density=1000.0, gravity=9.81, cfl=0.4, signal_speed=100.0, viscous_limit=1.0, fixed_dt=0.0, clearance=0.5,
-    cells_x=10, cells_y=10, leak_stop=1e-3, wall=False, holes=False, keep_peaks=True, arrival_thickness=0.05,
-    lone_thickness=0.1, density_band=0.05, slack=1.0,
-)  # fmt: skip
+    dx=1.0,
+    density=1000.0,
+    gravity=9.81,
+    cfl=0.4,
+    signal_speed=100.0,
+    viscous_limit=1.0,
+    fixed_dt=0.0,
+    clearance=0.5,
+    cells_x=10,
+    cells_y=10,
+    leak_stop=1e-3,
+    wall=False,
+    holes=False,
+    keep_peaks=True,
+    arrival_thickness=0.05,
+    lone_thickness=0.1,
+    density_band=0.05,
+    slack=1.0,
+)
 MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
 CONE = (35.0, 500.0)  # friction angle [deg], cohesion [Pa]
 SOIL = drucker_prager(**MODULI, friction_angle=CONE[0], cohesion=CONE[1])
@@ -143,9 +158,11 @@ def _without_laws(real):
         ("note_peaks", run, now, nodes, touched, window, lowest, ground[0], columns, of_nodes),
     ):
         yield name, getattr(device_point_nodes, name), arguments
-    yield "find_contacts_barred", device_point_nodes.find_contacts, (
-        run, nodes, touched, free, *ground, columns, reports, of_nodes, walled,
-    )  # fmt: skip
+    yield (
+        "find_contacts_barred",
+        device_point_nodes.find_contacts,
+        (run, nodes, touched, free, *ground, columns, reports, of_nodes, walled),
+    )
     around, lines = (nodes, touched, window, lowest, *ground), (reports, columns)
     for name, *arguments in (
         ("share_face_rows", run, nodes, touched, window, lowest, *lines, of_nodes),
@@ -188,18 +205,37 @@ def _with_contacts(real, contacts):
             (device_point_nodes.couple_layers, run, now, *given, *places, columns, columns, reports, *laws),
             (device_point_nodes.press_on_ground, run, now, counts, *given, free, *places, yields, reports, *laws),
             (
-                device_point_nodes.hold_nodes, run, now, nodes, touched, free, *places, columns, columns, reports, reports,
+                device_point_nodes.hold_nodes,
+                run,
+                now,
+                nodes,
+                touched,
+                free,
+                *places,
+                columns,
+                columns,
+                reports,
+                reports,
                 *laws,
             ),
-        ]  # fmt: skip
+        ]
         if slots[-1].barrier_active():
             kernels += [
                 (device_barriers.settle_faces, run, now, *given, *ground, columns, reports, columns, *laws),
                 (
-                    device_barriers.hold_at_barriers, run, now, touched, *given, *places, columns, columns, reports,
-                    reports, *laws,
+                    device_barriers.hold_at_barriers,
+                    run,
+                    now,
+                    touched,
+                    *given,
+                    *places,
+                    columns,
+                    columns,
+                    reports,
+                    reports,
+                    *laws,
                 ),
-            ]  # fmt: skip
+            ]
         for kernel, *arguments in kernels:
             yield f"{kernel.function.__name__}_{label}", kernel, arguments
 

@@ -37,9 +37,18 @@ from mpmgis.solvers.points.point_faces import FACE_BARRIER, FACE_ENTRIES
 
 
 def at_barrier(
-    precision, *walls, degrees=0.0, x=57.5, y=12.2, z=0.0, speed=12.0, size=(1.5, 1, 1), contact=COULOMB, terrain=None,
+    precision,
+    *walls,
+    degrees=0.0,
+    x=57.5,
+    y=12.2,
+    z=0.0,
+    speed=12.0,
+    size=(1.5, 1, 1),
+    contact=COULOMB,
+    terrain=None,
     **options,
-):  # fmt: skip
+):
     """Points that run into `walls`, over a plane that falls to the east by `degrees`, `z` [m] above it."""
     frame = stretched_over(block_of(size, 0.5, (x - size[0], y, 0.0), velocity=(speed, 0.5, -1.0)), degrees, z)
     terrain = terrain or plane(degrees, 80.0, 24.0, 120.0, 4.0)
@@ -107,7 +116,7 @@ BARRIERS = {
 KERNELS = {
     *("share_face_rows", "weigh_face_rows", "weigh_face_columns", "settle_faces", "book_faces", "keep_before_faces"),
     *("press_on_crests", "hold_at_barriers", "sum_booked", "collect_barriers", "weigh_flow"),
-}  # fmt: skip
+}
 
 
 def launched(make):

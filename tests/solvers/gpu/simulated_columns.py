@@ -22,12 +22,24 @@ NARROW, WIDE = Launch(2, 8, 1, 2, 1, 3), Launch(3, 16, 1, 3, 1, 5)
 REPEATED = "slide", "outflow west and south", "lowered bed", "barriers and walls", "forest, erosion and walls"
 NAMES = ("rows", "ids", "keys", "wet", "clock", "counts", "ledger", "peaks", "barrier_sums", "left")
 PLACES = (  # of what is largest: of nodes with values that differ by rounding another may be taken
-    entry.DEEPEST_X, entry.DEEPEST_Y, entry.FASTEST_X, entry.FASTEST_Y, entry.BOUND_NOW_X, entry.BOUND_NOW_Y,
-)  # fmt: skip
+    entry.DEEPEST_X,
+    entry.DEEPEST_Y,
+    entry.FASTEST_X,
+    entry.FASTEST_Y,
+    entry.BOUND_NOW_X,
+    entry.BOUND_NOW_Y,
+)
 ENERGIES = (
-    entry.KINETIC_NOW, entry.KINETIC_PEAK, entry.FRICTION_TOTAL, entry.MERGING_TOTAL, entry.BARRIER_TOTAL,
-    entry.LIMITED_TOTAL, entry.WORK_TOTAL, entry.BENT_TOTAL, entry.ENTRAINED_POTENTIAL_TOTAL,
-)  # fmt: skip
+    entry.KINETIC_NOW,
+    entry.KINETIC_PEAK,
+    entry.FRICTION_TOTAL,
+    entry.MERGING_TOTAL,
+    entry.BARRIER_TOTAL,
+    entry.LIMITED_TOTAL,
+    entry.WORK_TOTAL,
+    entry.BENT_TOTAL,
+    entry.ENTRAINED_POTENTIAL_TOTAL,
+)
 
 
 def device_of(solver, launch=NARROW):
@@ -75,8 +87,14 @@ def difference(one, other):
     here = {"inexact": [name for name, same in exact.items() if not same]}
     if here["inexact"]:
         return here
-    groups = {"place": (row.X, row.Y), "velocity": (row.U, row.V), "affine": range(row.CXX, row.CYY + 1),
-              "mass": (row.MASS,), "area": (row.AREA,), "slope": (row.GX, row.GY)}  # fmt: skip
+    groups = {
+        "place": (row.X, row.Y),
+        "velocity": (row.U, row.V),
+        "affine": range(row.CXX, row.CYY + 1),
+        "mass": (row.MASS,),
+        "area": (row.AREA,),
+        "slope": (row.GX, row.GY),
+    }
     for name, numbers in groups.items():
         here[name] = scaled(b[:, list(numbers)], a[:, list(numbers)])
     for name in ("ledger", "peaks", "barrier_sums", "left"):
@@ -94,9 +112,21 @@ def difference(one, other):
 def facts(solver):
     """What a scene is for: that it happened."""
     clock, sums = solver._clock, solver.fields.forest_sums
-    names = ("CLAMPED_TOTAL", "STRETCH_TOTAL", "THIN_AREA_TOTAL", "SPEED_TOTAL", "WALL_TOTAL", "STIFF_TOTAL",
-             "THIN_TOTAL", "GREEDY_TOTAL", "AIRBORNE_TOTAL", "ENTRAINED_TOTAL", "BARRIER_TOTAL", "LIMITED_TOTAL",
-             "KICK_BEFORE")  # fmt: skip
+    names = (
+        "CLAMPED_TOTAL",
+        "STRETCH_TOTAL",
+        "THIN_AREA_TOTAL",
+        "SPEED_TOTAL",
+        "WALL_TOTAL",
+        "STIFF_TOTAL",
+        "THIN_TOTAL",
+        "GREEDY_TOTAL",
+        "AIRBORNE_TOTAL",
+        "ENTRAINED_TOTAL",
+        "BARRIER_TOTAL",
+        "LIMITED_TOTAL",
+        "KICK_BEFORE",
+    )
     here = {name: float(clock[getattr(entry, name)]) for name in names}
     here |= {"out": [float(mass) for mass in solver._ledger[:, 0]], "alive": int(solver._counts[entry.ALIVE])}
     held = solver._barrier_sums.tolist()

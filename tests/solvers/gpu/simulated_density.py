@@ -48,9 +48,20 @@ SHORT = 1e-4  # [s]
 
 
 def dense(
-    precision, size=(1.5, 1, 1), place=(57.5, 12.2, 0.0), degrees=0.0, velocity=(8.0, 0.5, -12.0), contact=COULOMB,
-    terrain=None, material=WATER, spacing=SPACING, heavy=HEAVY, pressure=PRESSED, time_step=SHORT, **options,
-):  # fmt: skip
+    precision,
+    size=(1.5, 1, 1),
+    place=(57.5, 12.2, 0.0),
+    degrees=0.0,
+    velocity=(8.0, 0.5, -12.0),
+    contact=COULOMB,
+    terrain=None,
+    material=WATER,
+    spacing=SPACING,
+    heavy=HEAVY,
+    pressure=PRESSED,
+    time_step=SHORT,
+    **options,
+):
     """Points so heavy that the nodes around them are too full; the block begins at `place`, its height over the ground.
 
     They are under `pressure` [Pa] from the start. A `time_step` of None is that of the solver.
@@ -72,9 +83,18 @@ def pool(precision, barrier):
     """
     terrain = terrain_of(lambda x, y: 120.0 + 0.0 * x, 12.0, 4.0, 1.0)
     return dense(
-        precision, (4, 4, 3), (0.1, 0.1, 0.0), velocity=(0.0, 0.0, 0.0), spacing=1.0, heavy=1.0, pressure=SQUEEZED,
-        contact=SMOOTH, walls=(barrier,), edges="wall", terrain=terrain,
-    )  # fmt: skip
+        precision,
+        (4, 4, 3),
+        (0.1, 0.1, 0.0),
+        velocity=(0.0, 0.0, 0.0),
+        spacing=1.0,
+        heavy=1.0,
+        pressure=SQUEEZED,
+        contact=SMOOTH,
+        walls=(barrier,),
+        edges="wall",
+        terrain=terrain,
+    )
 
 
 def ring():
@@ -119,7 +139,7 @@ ACTS = {  # all or some of the points are corrected
     "pool before a wall": partial(pool, barrier=wall(4.0)),
     "pool over a wall": partial(pool, barrier=wall(3.3, height=1.7)),
     "second correction": partial(later, step=EVERY - 1),  # in the second of two steps
-}  # fmt: skip
+}
 RESTS = {  # no point is corrected
     "free surface": partial(dense, heavy=1.0, pressure=SQUEEZED),
     "folds only": partial(dense, place=(59.2, 6.2, 0.0), terrain=CLIFF),

@@ -74,9 +74,7 @@ def stretched_over(frame, degrees, above=0.0):
     return frame
 
 
-def slab(
-    precision, contact=COULOMB, size=(1.5, 1, 1), velocity=(3.0, 0.5, -4.0), x=12.0, laws=(SOIL, SOFT), **more
-):  # fmt: skip
+def slab(precision, contact=COULOMB, size=(1.5, 1, 1), velocity=(3.0, 0.5, -4.0), x=12.0, laws=(SOIL, SOFT), **more):
     """Points that fall on a plane of 30 degrees and strain; 8 a cell of 1 m. `laws` are material and softening."""
     frame = stretched_over(block_of(size, 0.5, (x, 12.2, 0.0), velocity=velocity), 30.0)
     return points_on(plane(30.0), frame, 1.0, laws[0], contact, laws[1], precision=precision, maxima=True, **more)
@@ -211,12 +209,28 @@ def difference(one, other):
     impulses = slice(entry.IMPULSE_GROUND_X, entry.IMPULSE_GRAVITY + 1)
     most = np.abs(clock[impulses]).max()
     here["impulse"] = float(np.abs(clock[impulses] - there[impulses]).max() / max(most, 1e-300))
-    losses = [entry.GROUND_LOSS, entry.PLASTIC_LOSS, entry.LIMIT_LOSS, entry.LAYER_LOSS, entry.FRICTION_LOSS,
-              entry.LIFTED_ENERGY, entry.BARRIER_LOSS, entry.RETURNED]  # fmt: skip
+    losses = [
+        entry.GROUND_LOSS,
+        entry.PLASTIC_LOSS,
+        entry.LIMIT_LOSS,
+        entry.LAYER_LOSS,
+        entry.FRICTION_LOSS,
+        entry.LIFTED_ENERGY,
+        entry.BARRIER_LOSS,
+        entry.RETURNED,
+    ]
     most = np.abs(clock[losses]).max()
     here["losses"] = float(np.abs(clock[losses] - there[losses]).max() / max(most, 1e-300))
-    counted = [entry.TIP_TOTAL, entry.FAR_TOTAL, entry.LIFTED_TOTAL, entry.STRETCH_TOTAL, entry.WALL_TOTAL,
-               entry.LIMITED_TOTAL, entry.POINT_STEPS, entry.CORRECTED_TOTAL]  # fmt: skip
+    counted = [
+        entry.TIP_TOTAL,
+        entry.FAR_TOTAL,
+        entry.LIFTED_TOTAL,
+        entry.STRETCH_TOTAL,
+        entry.WALL_TOTAL,
+        entry.LIMITED_TOTAL,
+        entry.POINT_STEPS,
+        entry.CORRECTED_TOTAL,
+    ]
     here["counted"] = float(np.abs(clock[counted] - there[counted]).max())
     here["corrected"] = int(clock[entry.CORRECTED_TOTAL])
     gained, too = clock[entry.CORRECTION_ENERGY], there[entry.CORRECTION_ENERGY]

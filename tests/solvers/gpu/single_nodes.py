@@ -109,11 +109,31 @@ class SingleNodes(PointSolver):
         effects = self._effects
         effects = effects._replace(contact=law(effects.contact), zones=law(effects.zones), barrier=law(effects.barrier))
         reason = advance()(
-            self._rows, self._ids, self._keys, self._order, self._clock, self._counts, self._ledger, self._left,
-            self._barrier_sums, here["peaks"], ground, self._lowest, self.grid.inside, here["zone_values"],
-            here["barriers"], here["yields"], here["faces"], here["face_yields"], until, after, max_steps,
-            self._settings, effects, self._watched,
-        )  # fmt: skip
+            self._rows,
+            self._ids,
+            self._keys,
+            self._order,
+            self._clock,
+            self._counts,
+            self._ledger,
+            self._left,
+            self._barrier_sums,
+            here["peaks"],
+            ground,
+            self._lowest,
+            self.grid.inside,
+            here["zone_values"],
+            here["barriers"],
+            here["yields"],
+            here["faces"],
+            here["face_yields"],
+            until,
+            after,
+            max_steps,
+            self._settings,
+            effects,
+            self._watched,
+        )
         for name in CHANGED:
             getattr(self, f"_{name}")[...] = here[name]
         return reason

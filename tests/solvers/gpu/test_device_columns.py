@@ -37,16 +37,26 @@ def test_the_scenes_contain_what_they_are_for(found):
     facts = {name: found[name]["facts"] for name in SCENES}
     west, south, east, north, nodata = range(5)
     for scene, edges in (
-        ("outflow west and south", (west, south)), ("outflow east and north", (east, north)), ("nodata", (nodata,)),
-    ):  # fmt: skip
+        ("outflow west and south", (west, south)),
+        ("outflow east and north", (east, north)),
+        ("nodata", (nodata,)),
+    ):
         assert all(facts[scene]["out"][edge] > 0.0 for edge in edges), scene
     for scene, total in (
-        ("walls at edges", "WALL_TOTAL"), ("thin", "THIN_TOTAL"), ("viscosity", "STIFF_TOTAL"),
-        ("erosion", "ENTRAINED_TOTAL"), ("lowered bed", "ENTRAINED_TOTAL"), ("greedy erosion", "GREEDY_TOTAL"),
-        ("clamp", "CLAMPED_TOTAL"), ("speed bound", "SPEED_TOTAL"), ("walls at edges", "STRETCH_TOTAL"),
-        ("thin", "THIN_AREA_TOTAL"), ("weightless", "AIRBORNE_TOTAL"),
-        ("barriers", "BARRIER_TOTAL"), ("barriers and walls", "BARRIER_TOTAL"),
-    ):  # fmt: skip
+        ("walls at edges", "WALL_TOTAL"),
+        ("thin", "THIN_TOTAL"),
+        ("viscosity", "STIFF_TOTAL"),
+        ("erosion", "ENTRAINED_TOTAL"),
+        ("lowered bed", "ENTRAINED_TOTAL"),
+        ("greedy erosion", "GREEDY_TOTAL"),
+        ("clamp", "CLAMPED_TOTAL"),
+        ("speed bound", "SPEED_TOTAL"),
+        ("walls at edges", "STRETCH_TOTAL"),
+        ("thin", "THIN_AREA_TOTAL"),
+        ("weightless", "AIRBORNE_TOTAL"),
+        ("barriers", "BARRIER_TOTAL"),
+        ("barriers and walls", "BARRIER_TOTAL"),
+    ):
         assert facts[scene][total] > 0.0, (scene, total)
     assert all(max(map(abs, held)) > 0.0 for held in facts["barriers"]["held"])
     assert found["too fast"]["reason"] == column_clock.TOO_FAST

@@ -20,8 +20,18 @@ def test_runs_on_a_device_are_those_on_the_processor():
 
 
 def test_the_benchmark_compares_and_writes_its_table(tmp_path):
-    small = ("--checked", "32", "--steps", "2", "--materials", "Drucker-Prager", "--precisions", "float64",
-             "--scene-millions", "0")  # fmt: skip
+    small = (
+        "--checked",
+        "32",
+        "--steps",
+        "2",
+        "--materials",
+        "Drucker-Prager",
+        "--precisions",
+        "float64",
+        "--scene-millions",
+        "0",
+    )
     said = in_simulator("tests/bench/gpu.py", tmp_path, *small)
     (row,) = json.loads((tmp_path / "gpu.json").read_text())["agreement"]
     assert row["agrees"] and row["same_bits"] and row["place_cells"] < ROUNDING

@@ -49,11 +49,13 @@ configuration = {"file_label": "time", "output_control_type": "time", "output_in
 configuration |= {"gauss_point_results": ["MP_DISPLACEMENT", "MP_VELOCITY", "MP_MASS"]}
 parameters["output_processes"]["gid"] = [
     {
-        "python_module": "mpm_gid_output_process", "kratos_module": "KratosMultiphysics.MPMApplication",
+        "python_module": "mpm_gid_output_process",
+        "kratos_module": "KratosMultiphysics.MPMApplication",
         "Parameters": {
-            "model_part_name": "MPM_Material", "output_name": "slide",
+            "model_part_name": "MPM_Material",
+            "output_name": "slide",
             "postprocess_parameters": {"result_file_configuration": configuration},
         },
     }
-]  # fmt: skip
+]
 Told(KratosMultiphysics.Model(), KratosMultiphysics.Parameters(json.dumps(parameters))).Run()
