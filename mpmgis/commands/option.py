@@ -14,7 +14,17 @@ from typing import Any, get_type_hints
 
 PathLike = str | Path
 _INFRASTRUCTURE = (  # modules that are not verbs
-    *("demo_site", "forms", "option", "option_values", "results_api", "shared_options", "shell", "verb_calls"),
+    *(
+        "demo_site",
+        "forms",
+        "option",
+        "option_values",
+        "plugin_forms",
+        "results_api",
+        "shared_options",
+        "shell",
+        "verb_calls",
+    ),
 )
 GROUPS = ("from a terrain to a map", "answers from results", "many runs", "information")
 

@@ -1,4 +1,8 @@
-"""Footprints of columns on the map, stretched as the flow is."""
+"""Footprints of columns on the map, stretched as the flow is.
+
+A flow that stretches carries its columns apart along one direction and together across it; squares would then leave
+gaps in rows, which a 3D code treats as fractures. The stretch of a column is known only from its neighbours.
+"""
 
 from typing import NamedTuple
 

@@ -1,10 +1,4 @@
-"""Stacks of points from pieces of columns: positions, velocities, stress and affine velocity.
-
-Footprints of columns, and columns cut sideways so that their points leave no gaps (E8 on the theory page).
-
-A flow that stretches carries its columns apart along one direction and together across it; squares would then leave
-gaps in rows, which a 3D code treats as fractures. The stretch of a column is known only from its neighbours.
-"""
+"""Stacks of points from pieces of columns: positions, velocities, stress and affine velocity."""
 
 from dataclasses import dataclass, replace
 

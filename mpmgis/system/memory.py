@@ -1,6 +1,5 @@
 """Free memory of the machine, and limits of the address space."""
 
-import math
 import re
 from contextlib import suppress
 from pathlib import Path
@@ -45,13 +44,3 @@ def memory_lack(needed, share=1.0):
     if needed <= share * free:
         return ""
     return f"about {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free"
-
-
-def address_space_limit() -> float:
-    """Limit of this process's address space [bytes]; infinite without one, as always on Windows."""
-    try:
-        import resource
-    except ImportError:
-        return math.inf
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return math.inf if limit == resource.RLIM_INFINITY else float(limit)

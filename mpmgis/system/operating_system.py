@@ -7,6 +7,7 @@ Free memory and address space of this machine, and whether they are sufficient.
 """
 
 import errno
+import math
 import os
 import re
 import signal
@@ -155,6 +156,16 @@ def is_unread(stream, error) -> bool:
 def cores() -> int:
     """Number of processor cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def address_space_limit() -> float:
+    """Limit of this process's address space [bytes]; infinite without one, as always on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return math.inf
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return math.inf if limit == resource.RLIM_INFINITY else float(limit)
 
 
 def machine_number() -> str:

@@ -22,7 +22,7 @@ HEAVY = {
     *("scipy.stats", "numpy.f2py", "numpy.testing", "sympy", "IPython", "boto3"),
 }
 SEED = {"commands", "compiled", "frames", "laws", "seeding", "system", "terrain"}
-EXPORT = SEED | {"exchange", "maps"}
+EXPORT = SEED - {"seeding"} | {"exchange", "maps"}
 
 
 @pytest.fixture(scope="module")

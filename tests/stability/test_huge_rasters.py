@@ -14,7 +14,7 @@ from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.seeding import seeded_file as seeding
 from mpmgis.simulation import preparation
-from mpmgis.system import operating_system
+from mpmgis.system import memory
 from mpmgis.system.errors import InputError, SceneError
 from mpmgis.system.messages import collected
 from mpmgis.terrain.dtm import TerrainFile, read_terrain
@@ -29,7 +29,7 @@ CHILD = """
 import resource, sys
 from mpmgis.commands.shell.main import main
 from mpmgis.terrain.dtm import TerrainFile
-from mpmgis.compiled import raster_values
+from mpmgis.seeding import raster_values
 def peak():
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 dem, release, small, x, y = sys.argv[1:]
@@ -155,7 +155,7 @@ def scene_on(dem, folder, window=""):
 
 def test_a_run_reports_what_a_huge_terrain_takes_before_it_is_read(huge, tmp_path, monkeypatch, capsys):
     """14 GB with 8 GB free: refused in one line that suggests `window`; with a window it runs."""
-    monkeypatch.setattr(operating_system, "available_memory", lambda: 8e9)
+    monkeypatch.setattr(memory, "available_memory", lambda: 8e9)
     monkeypatch.setattr(TerrainFile, "whole", lambda file: pytest.fail("it was read"))
     assert main(["run", str(scene_on(huge, tmp_path)), "-q"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -177,6 +177,6 @@ def test_a_run_that_has_the_memory_prints_its_need(tmp_path, monkeypatch):
     with collected() as said:
         preparation.prepare(scene)
     assert any("200 x 200 cells, which need up to 0.0056 GB; [terrain] window" in text for text in said)
-    monkeypatch.setattr(operating_system, "available_memory", lambda: 5e6)
+    monkeypatch.setattr(memory, "available_memory", lambda: 5e6)
     with pytest.raises(SceneError, match=r"0\.005 GB are free"):
         preparation.prepare(scene)

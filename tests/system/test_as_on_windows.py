@@ -28,7 +28,7 @@ from mpmgis.frames.run_folder import RunFolder
 from mpmgis.laws.quantities import BAND
 from mpmgis.results import answer_files
 from mpmgis.solvers.columns.column_solver import ColumnSolver
-from mpmgis.system import disguised_files, folder_lock, links, operating_system, whole_files
+from mpmgis.system import disguised_files, links, operating_system, whole_files
 from mpmgis.system import writer_process as writer
 from mpmgis.system.errors import FormatError, OutputError
 from mpmgis.system.folder_lock import LOCK_FILE, sole_writer
@@ -41,6 +41,7 @@ from as_on_windows import ABSENT, MODULES, Windows
 PACKAGE = Path(mpmgis.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 ASKS = {
+    "system/memory.py",
     "system/operating_system.py",
     "qgis_plugin/mpmgis_qgis/calling.py",
 }  # which system this is; the plugin imports nothing of ours
@@ -371,10 +372,10 @@ def test_processes_are_found_without_a_proc(windows):
 
 
 def test_memory_is_found_without_a_proc(monkeypatch, tmp_path):
-    from mpmgis.system import memory, operating_system
+    from mpmgis.system import memory
 
     known = memory.available_memory()
-    monkeypatch.setattr(operating_system, "_LINUX", tmp_path / "nothing")
+    monkeypatch.setattr(memory, "_LINUX", tmp_path / "nothing")
     assert 0.5 < memory.available_memory() / known < 2.0
 
 
@@ -596,7 +597,7 @@ def test_a_link_that_comes_between_the_look_and_the_opening_is_seen(windows, tmp
         looked(path)
         Path(path).symlink_to(tmp_path / "victim.txt")
 
-    monkeypatch.setattr(folder_lock, "refuse_link", too_late)
+    monkeypatch.setattr(links, "refuse_link", too_late)
     with pytest.raises(OutputError, match=r"another name \(hard link\)"):
         links.open_own(tmp_path / LOCK_FILE)
 

@@ -13,7 +13,7 @@ import shapely
 from mpmgis.commands.shell.main import main
 from mpmgis.exchange.readers.npz import open_file, read_members
 from mpmgis.results.reports.map_facts import project_facts
-from mpmgis.system import operating_system
+from mpmgis.system import memory
 from mpmgis.system.errors import FormatError
 from mpmgis.terrain.vector_table import read_table
 
@@ -32,7 +32,7 @@ def write_zip(path, members, method=zipfile.ZIP_DEFLATED):
 
 @pytest.fixture
 def little_memory(monkeypatch):
-    monkeypatch.setattr(operating_system, "available_memory", lambda: 1e6)
+    monkeypatch.setattr(memory, "available_memory", lambda: 1e6)
 
 
 def refused(capfd, path):
@@ -144,6 +144,6 @@ def test_zipped_shapes_are_read_and_held_against_memory(tmp_path, monkeypatch):
     table.to_file(tmp_path / "a.geojson")
     path = write_zip(tmp_path / "a.zip", {"a.geojson": (tmp_path / "a.geojson").read_bytes()})
     assert len(read_table(path)) == 1
-    monkeypatch.setattr(operating_system, "available_memory", lambda: 100)
+    monkeypatch.setattr(memory, "available_memory", lambda: 100)
     with pytest.raises(FormatError, match=r"a\.zip uncompressed needs"):
         read_table(path)

@@ -8,7 +8,7 @@ import os
 import sys
 
 from ... import __version__
-from ...system import memory, operating_system
+from ...system import operating_system
 from ...system.errors import MpmgisError, one_line
 from ...system.memory import address_space_lack
 from ...system.trusted_files import trusting
@@ -134,7 +134,7 @@ def _guarded(arguments):
     """Run the verb; errors and interruptions become one line on stderr and an exit code."""
     name, verb = f"mpmgis {arguments.verb}", verb_of(arguments.verb)
     terminal.name_flags_of(verb)
-    if lack := address_space_lack(memory.address_space_limit()):
+    if lack := address_space_lack(operating_system.address_space_limit()):
         terminal.print_error(f"{name}: {lack}; raise the limit (ulimit -v)")
         return 2
     try:

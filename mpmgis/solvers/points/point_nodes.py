@@ -1,13 +1,4 @@
-"""The grid of the 3D MPM between the two transfers: momentum to velocity, gravity, ground, walls.
-
-Drag of the bed on a 3D flow (Voellmy's term): the mass of each node column on which it acts.
-
-The traction rho g |v|^2 / xi acts on dx^2 / c of bed under each node column, and slows its mean speed (`point_layers`);
-on folds of the ground, the nodes that touch it, whose summed mass is M_c. At a steep margin a column has less bed than
-that: splines spread the mass of a flow a cell and a half beyond it, which would add three columns of drag to a flow of
-any width. A column with less than RIM of the mass of its heaviest neighbour has the corresponding share of the bed:
-a steep margin then adds an eighth of a column, and a flow whose thickness changes by less than a fifth per cell none.
-"""
+"""The grid of the 3D MPM between the two transfers: momentum to velocity, gravity, ground, walls."""
 
 from math import sqrt
 

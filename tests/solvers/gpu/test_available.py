@@ -33,7 +33,7 @@ def test_without_numba_cuda_the_message_says_how_to_install_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     found = found_device()
     assert found.device is None and found.line() == f"numba-cuda is not installed; {available.INSTALL} installs it"
-    with pytest.raises(SceneError, match=r"pip install 'mpmgis.solvers.gpu.'.*device = 'cpu'"):
+    with pytest.raises(SceneError, match=r"pip install 'mpmgis.gpu.'.*device = 'cpu'"):
         require_device()
 
 
