@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import rasterio
 from mpmgis.commands.shell.main import main
-from mpmgis.frames.frame_contents import content_of
+from mpmgis.frames.frame_digest import content_of
 from mpmgis.frames.run_folder import RunFolder
 site, out, threads, stop = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4] == "stop"
 os.chdir(site)
