@@ -1,4 +1,4 @@
-"""Cut columns sideways into pieces, so that their points leave no gaps (E8 on the theory page)."""
+"""Cut columns sideways into pieces, so that their points leave no gaps."""
 
 from dataclasses import dataclass
 

@@ -79,20 +79,20 @@ def _printed(report):
     lines = ["every choice as MOX report 15/2025 prints it, with these defects:"]
     if deleted.count:
         lines.append(
-            "  E1: Eq (2) is 0/0 in columns of one point, which 'eliminate NaN' deletes: "
+            "  Eq (2) is 0/0 in columns of one point, which 'eliminate NaN' deletes: "
             + _left_out(deleted, before, "columns are lost")
         )
     lines += [
-        f"  E2: Eq (2) puts points on the bed and on the surface: the second moment of a column's mass is "
+        f"  Eq (2) puts points on the bed and on the surface: the second moment of a column's mass is "
         f"{100 * (report.second_moment - 1):.2g} % too large",
-        f"  E3: floor in Eq (1) leaves points up to {report.largest_gap:.3g} m apart where {report.spacing:g} m were "
+        f"  floor in Eq (1) leaves points up to {report.largest_gap:.3g} m apart where {report.spacing:g} m were "
         "asked for",
-        f"  E5: vertical velocity 0 (Eq 3) is not along the slope: the flow takes off at up to {report.launch:.3g} "
+        f"  vertical velocity 0 (Eq 3) is not along the slope: the flow takes off at up to {report.launch:.3g} "
         f"m/s, kinetic energy is {after.kinetic:.6g} J (columns: {before.kinetic:.6g} J)",
         "  Eq (3)'s horizontal accelerations are left out: an explicit MPM computes them in every step",
-        "  E7: no initial stress: layers first drop until their elasticity carries them",
-        f"  E8: columns up to {report.widest:.3g} m wide are not split sideways",
-        f"  E12: Eq (4) gives eps_m = {report.mass_scatter:.4g} kg and {report.momentum_scatter:.4g} kg m s-1: the "
+        "  no initial stress: layers first drop until their elasticity carries them",
+        f"  columns up to {report.widest:.3g} m wide are not split sideways",
+        f"  Eq (4) gives eps_m = {report.mass_scatter:.4g} kg and {report.momentum_scatter:.4g} kg m s-1: the "
         "scatter of particle masses, which falls with particle size whether or not mass is conserved",
     ]
     return lines

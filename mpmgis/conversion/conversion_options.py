@@ -32,7 +32,7 @@ class PointOptions:
         Points in the middle of equal slices, or from bed to surface as printed (Eq 2), which deletes columns
         of a single point: 0/0 is "eliminated".
     counting : {"round", "paper"}
-        Points in a column: round(h / r) or floor(h / r), at least 1 (Eq 1, E3). Halves are rounded upwards; a quotient
+        Points in a column: round(h / r) or floor(h / r), at least 1 (Eq 1). Halves are rounded upwards; a quotient
         that misses a whole number or a half by a millionth counts as that, so that equal columns have equally many.
     cell : float, optional [m]
         Grid spacing of the 3D solver to be filled: wider columns are split sideways.

@@ -88,7 +88,7 @@ def steepness(terrain):
 class Deposit:
     """Vertical thickness [m] of one release part on the raster `raster`, with its exact integral.
 
-    `volume` [m3] is D13's reference: every pixel with its value, times its area, times the exact share of it that the
+    `volume` [m3] is the reference of the conservation of mass: every pixel with its value, times its area, times the exact share of it that the
     polygon covers; `square` [m4] the same of the squared thickness; `area` [m2] the covered area.
     """
 

@@ -50,7 +50,7 @@ def test_columns_off_the_ground_are_reported_with_their_mass():
 def test_lost_columns_of_the_printed_algorithm_are_reported():
     frame = columns_on(GROUND, lambda x, y: np.where(x < 40, 0.2, 2.0))
     text = told(frame, PointOptions.as_printed(0.2))
-    assert "E1: Eq (2) is 0/0" in text and "384 columns are lost" in text and "(9.1 % of the mass)" in text
+    assert "Eq (2) is 0/0" in text and "384 columns are lost" in text and "(9.1 % of the mass)" in text
 
 
 def test_the_way_back_is_reported():

@@ -39,7 +39,7 @@ def test_points_stand_in_the_middle_of_slices():
 
 @pytest.mark.parametrize("turn", [0.0, 25.0])
 def test_motion_is_along_the_bed(turn):
-    """E5: no velocity across the slope; as printed the flow takes off at |u| sin(theta)."""
+    """No velocity across the slope; as printed the flow takes off at |u| sin(theta)."""
     ground = terrain_of(slope(0.6, 0.0), turn=turn, length=160, width=160)
     box = (20.0, 60.0, 20.0, 50.0) if turn == 0 else (60.0, 90.0, 110.0, 140.0)
     frame = columns_on(ground, 2.0, (7.0, 0.0), box=box)
@@ -61,7 +61,7 @@ def spreading(rate, ground, **more):
 
 
 def test_linear_vertical_velocity_closes_the_column():
-    """E5: w falls with height by the divergence, so that the surface sinks as the column spreads."""
+    """W falls with height by the divergence, so that the surface sinks as the column spreads."""
     ground = terrain_of(slope(0.5, 0.0))
     frame = spreading(0.1, ground)
     points = columns_to_points(frame, ground, PointOptions(spacing=0.25, vertical_velocity="linear")).frame
@@ -88,7 +88,7 @@ def test_pieces_move_by_their_columns_gradient():
 
 
 def test_load_of_the_column():
-    """E7: -rho g c^2 d, and the strain that bears it in a confined elastic layer."""
+    """Stress -rho g c^2 d, and the strain that bears it in a confined elastic layer."""
     ground = terrain_of(slope(0.5, 0.2))
     points = columns_to_points(columns_on(ground, 3.0), ground, PointOptions(spacing=0.5)).frame
     depth, load = points.state["depth"], points.state["vertical_stress"]
@@ -105,7 +105,7 @@ def test_load_of_the_column():
 
 
 def test_points_stand_on_the_terrain_and_not_on_the_columns_beds():
-    """E9: another terrain than the columns' moves them up or down with their thickness."""
+    """Another terrain than the columns' moves them up or down with their thickness."""
     ground = terrain_of(hills)
     frame = columns_on(terrain_of(lambda x, y: hills(x, y) + 0.7), 2.0)
     result = columns_to_points(frame, ground, PointOptions(spacing=0.25))
@@ -135,7 +135,7 @@ def stretch(frame, factor, turn=0.0):
 
 
 def test_no_curtains():
-    """E8: without a cell wide columns leave gaps, which is said; with it no cell under the flow is empty."""
+    """Without a cell wide columns leave gaps, which is said; with it no cell under the flow is empty."""
     ground = terrain_of(hills)
     frame = columns_on(ground, 2.0, spacing=2.0)
     box = (21.0, 59.0, 21.0, 49.0)
@@ -168,7 +168,7 @@ def test_no_curtains_in_a_flow_that_stretched(factor, turn):
 
 
 def test_overlapping_columns_are_raised_to_what_they_fill():
-    """E10: twice as many columns on the same ground are twice as dense, until relevelling; rims are left alone."""
+    """Twice as many columns on the same ground are twice as dense, until relevelling; rims are left alone."""
     ground = terrain_of(slope())
     frame = columns_on(ground, 1.0)
     p = frame.particles
@@ -192,7 +192,7 @@ def test_overlapping_columns_are_raised_to_what_they_fill():
 
 @pytest.mark.parametrize("cell", [None, 0.5])
 def test_inside_and_outside_of_a_window(cell):
-    """E11: what lies outside stays columns; mass, momentum and centre of the two add up to the whole."""
+    """What lies outside stays columns; mass, momentum and centre of the two add up to the whole."""
     ground = terrain_of(hills)
     frame = spreading(0.05, ground)
     window = shapely.Polygon([(30, 15), (52, 22), (47, 60), (28, 44)])
@@ -222,7 +222,7 @@ def test_inside_and_outside_of_a_window(cell):
 
 
 def test_columns_off_the_terrain_stay_columns():
-    """E11: no ground, no points; beside a gap pieces stand closer together and no mass is lost."""
+    """No ground, no points; beside a gap pieces stand closer together and no mass is lost."""
     ground = terrain_of(slope(), hole=(20, 15))
     frame = columns_on(terrain_of(slope()), 2.0)
     result = columns_to_points(frame, ground, PointOptions(cell=0.5))

@@ -90,7 +90,7 @@ def test_the_printed_measure_falls_with_the_size_of_particles(value):
 
 
 def test_the_printed_measure_does_not_see_lost_mass():
-    """A tenth of the mass thrown away has the same rate: eps is a scatter of particle masses, no conservation (E12)."""
+    """A tenth of the mass thrown away has the same rate: eps is a scatter of particle masses, no conservation."""
     wide = SPACINGS_X[:4]
     losing = [scatter(spacing, 0.01, kept=0.9) for spacing in wide]
     assert np.polyfit(np.log(wide), np.log(losing), 1)[0] == pytest.approx(2.0, abs=0.1)
@@ -103,7 +103,7 @@ def test_the_printed_measure_does_not_see_lost_mass():
 )
 @pytest.mark.parametrize("count", [2, 4, 8, 16])
 def test_second_moment_of_a_column(placement, ratio, count):
-    """E2, measured on the points: the printed levels have 2/(M - 1) too much, slices 1/M^2 too little."""
+    """Measured on the points: the printed levels have 2/(M - 1) too much, slices 1/M^2 too little."""
     ground = terrain_of(lambda x, y: 0 * x + 100.0)
     frame = columns_on(ground, 2.0)
     result = columns_to_points(frame, ground, PointOptions(spacing=2.0 / count, placement=placement))
@@ -146,7 +146,7 @@ def sum_of_climb(ground, frame):
 
 
 def test_as_printed_deletes_columns_of_one_point():
-    """E1: 0/0 in Eq (2) and 'eliminate NaN' lose the thin columns; the report says how much."""
+    """0/0 in Eq (2) and 'eliminate NaN' lose the thin columns; the report says how much."""
     ground = terrain_of(hills)
     frame = columns_on(ground, lambda x, y: np.where(x < 30, 0.15, 1.0))
     result = columns_to_points(frame, ground, PointOptions.as_printed(0.1))
@@ -165,7 +165,7 @@ def test_as_printed_deletes_columns_of_one_point():
 
 @pytest.mark.parametrize("thickness", [0.4, 1.49, 1.51, 1.99, 7.3])
 def test_spacing_of_floor_and_round(thickness):
-    """E3: floor leaves up to 2 r between the slices' points, round at most 1.5 r."""
+    """Floor leaves up to 2 r between the slices' points, round at most 1.5 r."""
     for counting, most in (("paper", 2.0), ("round", 1.5)):
         slices = thickness / PointOptions(counting=counting).points_in(np.array([thickness]), 1.0)[0]
         assert slices < most

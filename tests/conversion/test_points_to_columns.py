@@ -142,7 +142,7 @@ def test_what_has_left_the_bed(height, speed, by):
 
 
 def test_the_launch_of_the_printed_velocity_is_refused():
-    """Points with vertical velocity 0 on a slope are leaving it (E5)."""
+    """Points with vertical velocity 0 on a slope are leaving it."""
     ground = terrain_of(slope())
     frame = columns_on(ground, 2.0, (15.0, 0.0))
     points = columns_to_points(frame, ground, PointOptions.as_printed(0.2)).frame

@@ -53,7 +53,7 @@ def test_columns_become_points_with_all_that_they_had():
     require_kept(made.account)
     assert made.rest is None and made.account.outside.count == made.account.off.count == 0
     assert made.frame.particles.mass.sum() == pytest.approx(columns.particles.mass.sum(), rel=1e-12)
-    assert made.account.after.momentum[2] == pytest.approx(made.account.before.momentum[2], rel=1e-9)  # tangent (E5)
+    assert made.account.after.momentum[2] == pytest.approx(made.account.before.momentum[2], rel=1e-9)  # tangent
     n = len(made.frame.particles)
     assert made.vertical_stress.shape == (n,) and made.vertical_stress.max() < 0.0
     np.testing.assert_allclose(made.gradient[:, :2, :2], np.tile(SHEAR, (n, 1, 1)))

@@ -231,7 +231,7 @@ def test_shallow_flow_has_no_velocity():
 
 
 def test_pixel_without_slope_keeps_mass_only():
-    """X4: an island of one valid pixel."""
+    """An island of one valid pixel."""
     ground = flat((9, 9))
     ground.elevation[3:6, 3:6] = np.nan
     ground = Terrain(ground.grid, ground.elevation)

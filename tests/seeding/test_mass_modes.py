@@ -49,7 +49,7 @@ def test_modes_t_and_e_put_the_field_on_the_grid(points, mass, per_cell):
 
 
 def test_paper_mode_shows_the_papers_error_and_warns_of_it():
-    """D1: mean 1.094, the peak of 3 seen as 1.09, relative L2 error of the thickness field 25.8 %."""
+    """Mean 1.094, the peak of 3 seen as 1.09, relative L2 error of the thickness field 25.8 %."""
     terrain, release, hump = paper_hump()
     with collected() as said:
         frame = seed_columns(terrain, release, count=160_000, mass="paper")

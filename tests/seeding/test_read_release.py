@@ -170,7 +170,7 @@ def mask(shape=(60, 60)):
 
 
 def test_a_mask_raster_is_a_union_of_pixel_squares(tmp_path, terrain):
-    """D9: no contour through pixel centres, the hole is kept."""
+    """No contour through pixel centres, the hole is kept."""
     path = write_raster(tmp_path / "m.tif", mask().astype(np.uint8), PIXELS["north_up"])
     with pytest.raises(InputError, match=r"only 0 and 1.*--thickness"):
         read_release(path, terrain)
@@ -195,7 +195,7 @@ def test_a_thickness_raster_holds_metres(tmp_path, terrain):
 
 
 def test_thickness_of_polygons_from_a_raster(tmp_path, terrain):
-    """Only ground with thickness holds mass; what is left out is said; the sum is that of the pixels (D13)."""
+    """Only ground with thickness holds mass; what is left out is said; the sum is that of the pixels."""
     values = np.zeros((60, 60))
     values[:, :30] = 1.5
     write_raster(tmp_path / "t.tif", values, PIXELS["north_up"])
@@ -209,7 +209,7 @@ def test_thickness_of_polygons_from_a_raster(tmp_path, terrain):
 
 
 def test_surface_minus_bed(tmp_path, terrain):
-    """D2: vertical, clipped at 0, count and volume of what was clipped are said and recorded."""
+    """Vertical, clipped at 0, count and volume of what was clipped are said and recorded."""
     level = float(terrain.sample(X, Y)) + 4.0
     write_raster(tmp_path / "s.tif", np.full((60, 60), level), PIXELS["north_up"])
     features(shapely.box(X - 30, Y - 20, X + 30, Y + 20)).to_file(tmp_path / "a.gpkg")

@@ -21,7 +21,7 @@ from mpmgis.terrain.raster_input import read_raster
 
 @pytest.mark.parametrize("pixels", PIXELS.values(), ids=PIXELS)
 def test_slope_of_a_30_degree_plane_from_any_pixels(tmp_path, pixels):
-    """D8: 0.5774, whatever the pixel's size and direction."""
+    """0.5774, whatever the pixel's size and direction."""
     terrain = read_terrain(write_dtm(tmp_path / "d.tif", pixels))
     assert terrain.grid.crs.to_epsg() == 32632
     slope = np.hypot(*np.moveaxis(terrain.gradient, -1, 0))
@@ -30,7 +30,7 @@ def test_slope_of_a_30_degree_plane_from_any_pixels(tmp_path, pixels):
 
 
 def test_area_or_point_shifts_by_half_a_pixel(tmp_path):
-    """D5: GDAL applies the tag; the same array tagged Point lies half a pixel to the north-west."""
+    """GDAL applies the tag; the same array tagged Point lies half a pixel to the north-west."""
     heights = np.arange(12.0).reshape(3, 4)
     transform = Affine(10, 0, EAST, 0, -10, NORTH)
     with rasterio.Env(GTIFF_POINT_GEO_IGNORE="TRUE"):  # write the tie point as it stands
@@ -178,7 +178,7 @@ def test_coordinates_of_another_crs_are_refused(tmp_path, x, y):
 
 
 def test_a_neighbour_zone_is_no_false_tag_but_its_scale_is_reported(tmp_path):
-    """A whole country in one zone is usual; D7 warns of the area bias beyond 1e-3."""
+    """A whole country in one zone is usual; a message warns of the area bias beyond 1e-3."""
     path = write_raster(tmp_path / "d.tif", np.full((9, 9), 1.0), Affine(10, 0, 80_000, 0, -10, 5.2e6), "EPSG:32633")
     with collected() as said:
         read_terrain(path)
@@ -190,7 +190,7 @@ def test_a_neighbour_zone_is_no_false_tag_but_its_scale_is_reported(tmp_path):
 
 
 def test_cliffs_everywhere_are_reported(tmp_path):
-    """D7: more than 1 % of the cells above 85 degrees is a mix-up of units."""
+    """More than 1 % of the cells above 85 degrees is a mix-up of units."""
     rng = np.random.default_rng(1)
     with collected() as said:
         read_terrain(write_raster(tmp_path / "d.tif", rng.uniform(0, 4000, (30, 30)), PIXELS["north_up"]))

@@ -158,7 +158,7 @@ def test_velocity_is_tangent_to_the_bed():
 
 
 def test_refinement_follows_the_slope_and_keeps_the_mass():
-    """D14 on a slope of 45 degrees beside flat ground: 1 + beta times the columns, their areas in proportion."""
+    """Refinement on a slope of 45 degrees beside flat ground: 1 + beta times the columns, their areas in proportion."""
     grid = inclined(PIXELS["north_up"]).grid
     x, _ = grid.xy(*np.indices(grid.shape))
     terrain = Terrain(grid, np.where(x < CENTRE[0], CENTRE[0] - x, 0.0))
@@ -235,7 +235,7 @@ def test_any_ellipse_on_any_plane(shape, angle, azimuth, thickness, pixels, opti
 
 
 def test_thickness_raster_of_another_grid_keeps_its_volume():
-    """A turned, finer thickness raster on a north-up terrain: the sum over its own pixels is the reference (D13)."""
+    """A turned, finer thickness raster on a north-up terrain: the sum over its own pixels is the reference."""
     terrain = inclined(PIXELS["north_up"])
     other = grid_of(PIXELS["rotated"], (70, 70))
     other = Grid(None, other.transform, other.shape)

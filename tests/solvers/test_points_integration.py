@@ -147,7 +147,7 @@ def test_stress_of_weight_is_that_of_a_confined_column():
 
 
 def test_weight_keeps_layers_from_falling_onto_their_elasticity():
-    """Between smooth walls: they fall at 0.25 m/s without the stress of the weight, at a tenth of that with it (E7)."""
+    """Between smooth walls: they fall at 0.25 m/s without the stress of the weight, at a tenth of that with it."""
     terrain = terrain_of(lambda x, y: 0.0 * x, 20.0, 20.0, 5.0)
     frame = block_of((20, 20, 4), 0.5)
     depth = 4.0 - frame.particles.position[:, 2]

@@ -56,7 +56,7 @@ def test_plane_at_utm_coordinates(transform):
 
 @any_affine
 def test_quadratics_are_exact_up_to_the_rim(transform):
-    """Central differences and the one-sided (-3, 4, -1)/2 are both exact on a paraboloid (X4)."""
+    """Central differences and the one-sided (-3, 4, -1)/2 are both exact on a paraboloid."""
     surface = synthetic_terrain.bowl(50, 300, centre=(520, 850))
     terrain = surface.terrain(Grid(None, transform, (9, 11)))
     exact = np.stack(surface.gradient(*centres(terrain.grid)), axis=-1)
@@ -114,7 +114,7 @@ def test_sampling_beside_nodata_is_nan():
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (2, 2)])
 def test_tiny_rasters(shape):
-    """Where there is one row or column the slope across it is unknown and taken as 0 (X4)."""
+    """Where there is one row or column the slope across it is unknown and taken as 0."""
     terrain = synthetic_terrain.plane(45, 90).terrain(Grid.north_up(None, 0, 0, 2.0, shape))
     assert np.allclose(terrain.gradient[..., 0], -1.0 if shape[1] > 1 else 0.0)
     assert np.allclose(terrain.gradient[..., 1], 0.0)
@@ -151,7 +151,7 @@ def test_a_slope_known_along_one_axis_only_is_no_slope():
 @pytest.mark.parametrize("azimuth", [0, 90, 180, 270])
 @pytest.mark.parametrize("size", [1.0, 0.5])
 def test_limited_gradient_at_a_cliff_is_that_of_the_ground_beside_it(azimuth, size):
-    """X3: no pixel's tangent follows the cliff face; both sides keep their own slope exactly."""
+    """No pixel's tangent follows the cliff face; both sides keep their own slope exactly."""
     surface = synthetic_terrain.ramp_with_cliff(30, 10, edge=(0.1, 0.1), azimuth=azimuth)
     terrain = surface.terrain(Grid.north_up(None, -10, 10, size, (round(20 / size), round(20 / size))))
     exact = np.stack(surface.gradient(*centres(terrain.grid)), axis=-1)
