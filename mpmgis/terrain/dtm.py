@@ -17,7 +17,7 @@ from .georeference import LOCAL, horizontal, name_of, parse_crs, require_metric,
 from .grid import Grid
 from .nodata_fill import INTERPOLATE, filled
 from .raster_input import band_number, band_values, crs_of, file_sha256, open_raster, transform_of
-from .terrain_warp import METRES, UNIT_METRES, USUAL_NODATA, planned, warped_values
+from .terrain_warp import METRES, UNIT_METRES, USUAL_NODATA, planned_reprojection, warped_values
 
 _BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] limits of elevations on Earth
 STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01
@@ -83,7 +83,7 @@ class TerrainFile:
         with open_raster(path) as source:
             self._band = band_number(source, path, band)
             crs = _terrain_crs(source, path, crs, to_crs)
-            self.reprojection = None if to_crs is None else planned(source, path, self._band, crs, to_crs)
+            self.reprojection = None if to_crs is None else planned_reprojection(source, path, self._band, crs, to_crs)
             self.grid = self._grid(source, crs)
             if min(self.grid.shape) < 2:
                 raise InputError(f"{path} has {source.height} x {source.width} cells, expected at least 2 x 2")

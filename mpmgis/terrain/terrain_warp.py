@@ -69,7 +69,7 @@ _SAME_UNIT = 1e-5  # [1] apart: feet of two definitions are the same for heights
 _EXACT = 1e-6  # [pixel] of the coordinates that GDAL interpolates along a row; rasterio cannot be given 0
 
 
-def planned(source, path, band, crs, to_crs):
+def planned_reprojection(source, path, band, crs, to_crs):
     """The Reprojection of an open DTM in `crs` (its horizontal CRS) to what `to_crs` asks for.
 
     Parameters
