@@ -14,7 +14,8 @@ from .links import is_above, is_folder, real_place, refuse_link, remove, require
 from .writer_process import PATTERN, new_token, this_process, written_by
 
 _PROBE_SIZE = 1_000_000  # [bytes] if this does not fit, the disk is full
-_LONGEST_NAME, _LONGEST_SUFFIX = 170, 20  # [bytes] a token and suffixes added by libraries still fit into 255
+_LONGEST_NAME = 170  # [bytes] a token and suffixes added by libraries still fit into 255
+_LONGEST_SUFFIX = 20  # [bytes] a longer one is no suffix that libraries know
 MARK = ".mpmgis"  # file in every folder that `whole_folder` makes
 
 

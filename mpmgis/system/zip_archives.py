@@ -10,8 +10,8 @@ from .errors import FormatError, one_line
 from .memory import memory_lack
 from .trusted_files import require_file
 
-MAGIC = b"PK\x03\x04"
-MOST_MEMBERS = 100_000
+MAGIC = b"PK\x03\x04"  # first bytes of an archive
+MOST_MEMBERS = 100_000  # far more than any format needs; the list of members is read into memory
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods decompress without a limit
 DAMAGE = (zipfile.BadZipFile, EOFError, zlib.error, OSError, NotImplementedError, KeyError, ValueError, RuntimeError)
 

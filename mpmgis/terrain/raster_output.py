@@ -1,14 +1,9 @@
-"""Raster output: GeoTIFF bands as docs/formats.md describes them, ASCII grids, and rasters of the steps.
-
-Time, program and meaning of a raster in GDAL's default metadata domain, which GIS programs show.
-
-`gdalinfo`, the information panel of QGIS and the attributes of rioxarray show this domain; they do not show the
-namespace `mpmgis`, in which programs find the exact values. Symbols are those of Vicari et al. (2025), NHESS 25:3897.
-"""
+"""Raster output: GeoTIFF bands as docs/formats.md describes them, and ASCII grids."""
 
 import ctypes
 import os
 import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -16,15 +11,17 @@ import numpy as np
 import rasterio
 import rasterio._base
 import rasterio.shutil
+from rasterio.io import DatasetWriter
 
 from ..laws.quantities import NODATA, Quantity
 from ..system.errors import InputError, OutputError, one_line
 from ..system.whole_files import whole_file
 from .georeference import warp_command
+from .grid import Grid
 from .raster_metadata import band_metadata, dataset_metadata
 
-NAMESPACE = "mpmgis"
-BLOCK = 256
+NAMESPACE = "mpmgis"  # metadata domain of the exact values, for programs
+BLOCK = 256  # [pixels] side of a tile
 LAYOUT = {
     "driver": "GTiff",
     "dtype": "float32",
@@ -54,17 +51,23 @@ with suppress(OSError, AttributeError):  # where the functions of linked librari
     ctypes.CDLL(rasterio._base.__file__).TIFFSetErrorHandler(None)
 
 
-def write_geotiff(path, grid, bands, tags, cog=False):
+def write_geotiff(
+    path: str | Path,
+    grid: Grid,
+    bands: Sequence[tuple[Quantity, np.ndarray]],
+    tags: Mapping[str, object],
+    cog: bool = False,
+) -> None:
     """Write a raster atomically.
 
     Parameters
     ----------
-    path : path
+    path : str or Path
     grid : Grid
         North-up, or rotated like the DTM.
-    bands : list of (Quantity, float array [rows, columns])
+    bands : sequence of (Quantity, float[rows, columns])
         NaN where there is no data.
-    tags : dict
+    tags : mapping of str to object
         Written in the namespace `mpmgis`.
     cog : bool
         A Cloud Optimized GeoTIFF.
@@ -81,10 +84,33 @@ def write_geotiff(path, grid, bands, tags, cog=False):
         )
 
 
-def write_rows(path, grid, quantities, tags, rows_of, cog=False):
-    """As `write_geotiff`, directly to `path` and in strips, so that no complete band is in memory.
+def write_rows(
+    path: str | Path,
+    grid: Grid,
+    quantities: Sequence[Quantity],
+    tags: Mapping[str, object],
+    rows_of: Callable[[int, int, int], np.ndarray],
+    cog: bool = False,
+) -> None:
+    """Write a raster in strips, so that no complete band is in memory, and directly to `path`.
 
-    `rows_of(band, first, last)` returns float[last - first, columns] of band number `band`.
+    Parameters
+    ----------
+    path : str or Path
+    grid : Grid
+    quantities : sequence of Quantity
+        One per band.
+    tags : mapping of str to object
+        Written in the namespace `mpmgis`.
+    rows_of : callable (band, first, last) -> float[last - first, columns]
+        Rows of a band, counted from 0; NaN where there is no data.
+    cog : bool
+        A Cloud Optimized GeoTIFF.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
     """
     with new_geotiff(path, grid, quantities, tags, cog) as target:
         for first, last in strips(grid):
@@ -92,19 +118,53 @@ def write_rows(path, grid, quantities, tags, rows_of, cog=False):
                 write_strip(target, band + 1, first, last, rows_of(band, first, last))
 
 
-def strips(grid):
-    """(first, last) rows of each strip of tiles."""
+def strips(grid: Grid) -> list[tuple[int, int]]:
+    """Return the first row and the row after the last one of each strip of tiles.
+
+    Parameters
+    ----------
+    grid : Grid
+    """
     rows = grid.shape[0]
     return [(first, min(first + BLOCK, rows)) for first in range(0, rows, BLOCK)]
 
 
-def tag_text(value):
-    """`value` as text of a tag; numbers with all digits."""
+def tag_text(value: object) -> str:
+    """Return a value as text of a tag; numbers with all digits.
+
+    Parameters
+    ----------
+    value : object
+    """
     return repr(float(value)) if isinstance(value, float | np.floating) else str(value)
 
 
 @contextmanager
-def new_geotiff(path, grid, quantities, tags, cog):
+def new_geotiff(
+    path: str | Path, grid: Grid, quantities: Sequence[Quantity], tags: Mapping[str, object], cog: bool
+) -> Iterator[DatasetWriter]:
+    """Create a GeoTIFF with its metadata, and open it for this block.
+
+    Parameters
+    ----------
+    path : str or Path
+    grid : Grid
+    quantities : sequence of Quantity
+        One per band.
+    tags : mapping of str to object
+        Written in the namespace `mpmgis`.
+    cog : bool
+        The file is converted to a Cloud Optimized GeoTIFF after the block.
+
+    Yields
+    ------
+    rasterio dataset
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
     path = Path(path)
     plain = path.with_name(f".{path.name}.plain.tif") if cog else path
     try:
@@ -131,7 +191,19 @@ def _place(grid):
     return {"crs": crs, "transform": grid.transform, "width": columns, "height": rows}
 
 
-def write_strip(target, band, first, last, values):
+def write_strip(target: DatasetWriter, band: int, first: int, last: int, values: np.ndarray) -> None:
+    """Write some rows of a band.
+
+    Parameters
+    ----------
+    target : rasterio dataset
+    band : int
+        Counted from 1.
+    first, last : int
+        The first row, and the row after the last one.
+    values : float[last - first, columns]
+        NaN where there is no data.
+    """
     values = np.asarray(values, dtype=np.float32)
     gaps = np.isnan(values)
     if gaps.any():
@@ -139,8 +211,21 @@ def write_strip(target, band, first, last, values):
     target.write(values, band, window=((first, last), (0, target.width)))
 
 
-def require_square(grid, what, path):
-    """Refuse a grid (of the DTM at `path`) that is rotated or has non-square pixels: ASCII grids cannot store it."""
+def require_square(grid: Grid, what: str, path: str | Path) -> None:
+    """Refuse a grid that is rotated or has non-square pixels: ASCII grids cannot store it.
+
+    Parameters
+    ----------
+    grid : Grid
+    what : str
+        What writes ASCII grids, for the message.
+    path : str or Path
+        The DTM, for the message.
+
+    Raises
+    ------
+    InputError
+    """
     t = grid.transform
     if t.b or t.d or abs(abs(t.a) - abs(t.e)) > 1e-9 * abs(t.a):
         size = f"{grid.cell_size:.6g}"
@@ -150,8 +235,22 @@ def require_square(grid, what, path):
         )
 
 
-def write_ascii_grid(path, grid, values):
-    """Write float array [rows, columns] as an ASCII grid (NaN: -9999) with its .prj; `path` must be new."""
+def write_ascii_grid(path: str | Path, grid: Grid, values: np.ndarray) -> None:
+    """Write an ASCII grid with its .prj.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of a new file.
+    grid : Grid
+    values : float[rows, columns]
+        NaN becomes -9999.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
     path = Path(path)
     with tempfile.TemporaryDirectory() as folder:
         plain = os.path.join(folder, "values.tif")
@@ -164,22 +263,22 @@ def write_ascii_grid(path, grid, values):
 
 
 class SparseBands:
-    """Bands with values in some cells of a grid, returned by rows for the raster writer.
+    """Bands with values in some cells of a grid, returned by rows for the raster writer (`rows_of` of `write_rows`).
 
     Parameters
     ----------
     grid : Grid
     index : int64[k]
         Flat index of the cells with values, ascending.
-    bands : list of (float32[k], float)
+    bands : sequence of (float32[k], float)
         Values of these cells, and the value of all others.
     """
 
-    def __init__(self, grid, index, bands):
+    def __init__(self, grid: Grid, index: np.ndarray, bands: Sequence[tuple[np.ndarray, float]]):
         self.columns, self.index, self.bands = grid.shape[1], index, bands
 
-    def __call__(self, band, first, last):
-        """float32[last - first, columns] of band number `band`."""
+    def __call__(self, band: int, first: int, last: int) -> np.ndarray:
+        """Return rows of a band, float32[last - first, columns]."""
         values, empty = self.bands[band]
         rows = np.full((last - first) * self.columns, empty, np.float32)
         begin, end = np.searchsorted(self.index, (first * self.columns, last * self.columns))

@@ -1,35 +1,54 @@
 """Rasters of the steps of a run: one file for each step, or one stack for each variable."""
 
 from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ..laws.quantities import NODATA
+import numpy as np
+
+from ..laws.quantities import NODATA, Quantity
 from ..system.errors import OutputError
 from ..system.whole_files import output_error
+from .grid import Grid
 from .raster_metadata import band_metadata, dataset_metadata
 from .raster_output import NAMESPACE, new_geotiff, strips, tag_text, write_rows, write_strip
 
 
 class BandStack:
-    """One raster per variable with the steps as bands; all are open and written step by step.
+    """Rasters of several variables, one file each, whose bands are the steps; all are open and written step by step.
 
     Parameters
     ----------
-    paths : dict of str to path
+    paths : mapping of str to path
         Variable name -> file.
     grid : Grid
-    quantities : list of Quantity
+    quantities : sequence of Quantity
         One per file.
     times : sequence of float [s]
         One per band; a tag of the band.
-    tags : dict
+    tags : mapping of str to object
+        Written in the namespace `mpmgis`.
     cog : bool
+        Cloud Optimized GeoTIFFs.
+
+    Raises
+    ------
+    OutputError
+        They cannot be written.
     """
 
-    def __init__(self, paths, grid, quantities, times, tags, cog=False):
+    def __init__(
+        self,
+        paths: Mapping[str, Path],
+        grid: Grid,
+        quantities: Sequence[Quantity],
+        times: Sequence[float],
+        tags: Mapping[str, object],
+        cog: bool = False,
+    ):
         self.grid = grid
         self._stack = ExitStack()
         self._files = []
@@ -48,23 +67,86 @@ class BandStack:
     def __exit__(self, *problem):
         return self._stack.__exit__(*problem)
 
-    def write(self, step, rows_of):
-        """Write step number `step`; `rows_of` as in `write_rows`, by number of the variable."""
+    def write(self, step: int, rows_of: Callable[[int, int, int], np.ndarray]) -> None:
+        """Write a step.
+
+        Parameters
+        ----------
+        step : int
+            Counted from 0.
+        rows_of : callable (variable, first, last) -> float[last - first, columns]
+            Rows of a variable, counted from 0.
+        """
         for number, target in enumerate(self._files):
             for first, last in strips(self.grid):
                 write_strip(target, step + 1, first, last, rows_of(number, first, last))
 
 
 class StepFiles:
-    """One raster per step, written in `threads` while the next frames are read; at most `ahead` wait."""
+    """One raster per step, written by threads while the next frames are read.
 
-    def __init__(self, folder, name, grid, quantities, count, cog, threads: Executor, ahead):
+    Parameters
+    ----------
+    folder : str or Path
+    name : str
+        Of the run, the first part of the file names.
+    grid : Grid
+    quantities : sequence of Quantity
+        One per band.
+    count : int
+        Number of steps.
+    cog : bool
+        Cloud Optimized GeoTIFFs.
+    threads : Executor
+    ahead : int
+        Most steps that wait to be written.
+
+    Attributes
+    ----------
+    files : tuple of str
+        Names of the files of all steps.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        name: str,
+        grid: Grid,
+        quantities: Sequence[Quantity],
+        count: int,
+        cog: bool,
+        threads: Executor,
+        ahead: int,
+    ):
         self.folder, self.grid, self.quantities, self.cog = Path(folder), grid, quantities, cog
         self.files = tuple(f"{name}_{step:04d}.tif" for step in range(count))
         self._threads, self._ahead, self._waiting = threads, ahead, deque()
 
-    def write(self, step, tags, rows_of, at_once=False):
-        """Write step number `step`; `rows_of` as in `write_rows`; `at_once` where its data are valid only now."""
+    def write(
+        self,
+        step: int,
+        tags: Mapping[str, object],
+        rows_of: Callable[[int, int, int], np.ndarray],
+        at_once: bool = False,
+    ) -> None:
+        """Write a step, or hand it to a thread.
+
+        Parameters
+        ----------
+        step : int
+            Counted from 0.
+        tags : mapping of str to object
+            Of this step, in the namespace `mpmgis`.
+        rows_of : callable (band, first, last) -> float[last - first, columns]
+            As in `write_rows`.
+        at_once : bool
+            Write it in this thread, where its data are valid only now.
+
+        Raises
+        ------
+        OutputError
+            A step cannot be written.
+        """
         work = (write_rows, self.folder / self.files[step], self.grid, self.quantities, tags, rows_of, self.cog)
         if at_once:
             work[0](*work[1:])
@@ -73,28 +155,74 @@ class StepFiles:
         while len(self._waiting) > self._ahead:
             self._waiting.popleft().result()
 
-    def finish(self):
-        """Wait for all writes."""
+    def finish(self) -> None:
+        """Wait until all steps are written."""
         while self._waiting:
             self._waiting.popleft().result()
 
 
 class StepStacks:
-    """One raster per variable; the steps are VRTs that refer to them, so that no value is stored twice."""
+    """One raster per variable; the steps are VRTs that refer to them, so that no value is stored twice.
 
-    def __init__(self, folder, name, grid, quantities, times, tags, cog):
+    Parameters
+    ----------
+    folder : str or Path
+    name : str
+        Of the run, the first part of the file names.
+    grid : Grid
+    quantities : sequence of Quantity
+        One per file.
+    times : sequence of float [s]
+    tags : mapping of str to object
+        Of the stacks, in the namespace `mpmgis`.
+    cog : bool
+        Cloud Optimized GeoTIFFs.
+
+    Attributes
+    ----------
+    files : tuple of str
+        Names of the VRTs of all steps.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        name: str,
+        grid: Grid,
+        quantities: Sequence[Quantity],
+        times: Sequence[float],
+        tags: Mapping[str, object],
+        cog: bool,
+    ):
         self.folder, self.grid, self.quantities = Path(folder), grid, quantities
         self.files = tuple(f"{name}_{step:04d}.vrt" for step in range(len(times)))
         self._stacks = {quantity.name: f"{name}_{quantity.name}.tif" for quantity in quantities}
         paths = {key: self.folder / file for key, file in self._stacks.items()}
         self._open = BandStack(paths, grid, quantities, times, tags, cog)
 
-    def write(self, step, tags, rows_of, at_once=False):
-        """Write step number `step`; `rows_of` as in `write_rows`."""
+    def write(
+        self,
+        step: int,
+        tags: Mapping[str, object],
+        rows_of: Callable[[int, int, int], np.ndarray],
+        at_once: bool = False,
+    ) -> None:
+        """Write a step; the interface of `StepFiles.write`.
+
+        Parameters
+        ----------
+        step : int
+            Counted from 0.
+        tags : mapping of str to object
+            Of the VRT of this step.
+        rows_of : callable (variable, first, last) -> float[last - first, columns]
+        at_once : bool
+            Without effect: steps are always written at once.
+        """
         self._open.write(step, rows_of)
         self._write_vrt(step, tags)
 
-    def finish(self):
+    def finish(self) -> None:
         """Close the files."""
         self._open.__exit__(None, None, None)
 
@@ -131,8 +259,18 @@ def _add_metadata(parent, tags, **domain):
 
 
 @contextmanager
-def finished(writer):
-    """Yield `writer` and finish it, also after errors."""
+def finished(writer: StepFiles | StepStacks) -> Iterator[StepFiles | StepStacks]:
+    """Yield the writer of the steps, and finish it after this block, also after errors.
+
+    Parameters
+    ----------
+    writer : StepFiles or StepStacks
+
+    Raises
+    ------
+    OutputError
+        The last steps cannot be written.
+    """
     try:
         yield writer
     finally:
