@@ -16,7 +16,7 @@ from ..system.csv_rows import write_records
 from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, OutputError, one_line
 from ..system.folder_lock import LOCK_FILE, sole_writer
-from ..system.links import one_of, refuse_links, remove, within
+from ..system.links import input_at, input_inside, refuse_links, remove
 from ..system.trusted_files import require_file
 from ..system.whole_files import output_error, refuse_other, whole_file
 from ..terrain.raster_output import BLOCK
@@ -73,9 +73,9 @@ class EnsembleFolder:
         if not self.path.is_dir():
             return
         inputs = list(inputs)
-        given = within(self.members, inputs) or within(self.maps, inputs)
+        given = input_inside(self.members, inputs) or input_inside(self.maps, inputs)
         for name in (LOCK_FILE, PLAN_FILE, RECORD_FILE, TABLE_FILE):
-            given = given or one_of(self.path / name, inputs)
+            given = given or input_at(self.path / name, inputs)
         if given is not None:
             raise OutputError(f"{self.path} contains the input {given}; give another -o")
 

@@ -13,11 +13,11 @@ import rasterio
 from ..laws.quantities import BAND, MEMBER_BANDS, NODATA, Quantity
 from ..system.errors import FormatError, OutputError, one_line
 from ..system.folder_lock import LOCK_FILE, sole_writer
-from ..system.links import one_of, refuse_links, within
+from ..system.links import input_at, input_inside, refuse_links
 from ..system.optional_libraries import GEOPACKAGE
 from ..system.whole_files import output_error, refuse_other, whole_file
 from ..terrain.raster_metadata import band_metadata, dataset_metadata
-from ..terrain.raster_output import BLOCK, LAYOUT, NAMESPACE, tag
+from ..terrain.raster_output import BLOCK, LAYOUT, NAMESPACE, tag_text
 from .run_folder import versions
 
 LAYER, FOOTPRINTS = "areas", "footprints"
@@ -105,7 +105,7 @@ def _file(path, grid, quantities, tags, layout):
         count=len(quantities),
     )
     target.update_tags(**dataset_metadata(quantities, tags))
-    target.update_tags(ns=NAMESPACE, **{key: tag(value) for key, value in tags.items()})
+    target.update_tags(ns=NAMESPACE, **{key: tag_text(value) for key, value in tags.items()})
     for band, quantity in enumerate(quantities, 1):
         target.set_band_description(band, quantity.band)
         target.set_band_unit(band, quantity.unit)
@@ -204,9 +204,9 @@ class RegionFolder:
         if not self.path.is_dir():
             return
         inputs = list(inputs)
-        given = within(self.runs, inputs) or within(self.maps, inputs)
+        given = input_inside(self.runs, inputs) or input_inside(self.maps, inputs)
         for name in (LOCK_FILE, RECORD_FILE, AREAS_FILE):
-            given = given or one_of(self.path / name, inputs)
+            given = given or input_at(self.path / name, inputs)
         if given is not None:
             raise OutputError(f"{self.path} contains the input {given}; give another -o")
 

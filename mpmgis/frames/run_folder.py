@@ -13,7 +13,7 @@ from .. import __version__
 from ..system import operating_system
 from ..system.errors import FormatError, OutputError, one_line
 from ..system.folder_lock import LOCK_FILE, sole_writer
-from ..system.links import one_of, refuse_links, remove, require_free, status
+from ..system.links import input_at, refuse_links, remove, require_free, status
 from ..system.whole_files import MARK, is_left_over, output_error, refuse_existing, whole_file
 from ..system.writer_process import new_token
 from ..terrain.raster_input import file_sha256
@@ -107,7 +107,7 @@ class RunFolder:
         entries = [*self._entries(*FILES, LOCK_FILE), *map_files(self.path)] if self.path.is_dir() else []
         inputs = list(inputs) if entries else []
         for entry in entries:
-            given = one_of(entry, inputs)
+            given = input_at(entry, inputs)
             if given is not None:
                 name = entry if given == entry else f"{entry}, which is {given},"
                 raise OutputError(f"{name} is an input of the run and would be replaced; give another -o")
@@ -160,7 +160,7 @@ class RunFolder:
 
     def require(self):
         """Raise OutputError if the locked folder was removed, moved or replaced."""
-        self._hold.require()
+        self._hold.require_folder()
 
     def record(self):
         """The record of the run so far; {} where there is none.

@@ -17,7 +17,7 @@ from ..simulation.stage_sequence import Sequence
 from ..simulation.warmup import warm_up
 from ..system.csv_rows import write_records
 from ..system.errors import InputError, OutputError, SceneError
-from ..system.links import within
+from ..system.links import input_inside
 from ..system.messages import log, muted
 from ..system.whole_files import whole_folder
 from ..terrain.grid import Grid
@@ -117,7 +117,7 @@ def _require_possible(request):
 
 def _study(request, output, confirm, watch):
     base = prepare(request.scene, request.law)
-    given = within(output, input_files(request.scene, base.scene, request.law))
+    given = input_inside(output, input_files(request.scene, base.scene, request.law))
     if given is not None:
         raise OutputError(f"{output} contains the input {given} and would be replaced; give another `output`")
     scene, knobs = base.scene, parameters_of(base.scene, request.knobs, request.cell_sizes)

@@ -13,12 +13,12 @@ from ..laws.quantities import MEMBER_BANDS
 from ..simulation.cost_prediction import duration
 from ..simulation.run_cost import MEMORY_SHARE
 from ..simulation.scene_run import ASK_SECONDS
-from ..system import operating_system, parallel
+from ..system import dask_workers, operating_system
 from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
-from ..system.parallel import started
 from ..system.whole_files import whole_folder
+from ..system.worker_processes import started
 from .ensemble_maps import EnsembleMaps, write_maps
 from .ensemble_member import run_member, warm_worker, warmed
 from .ensemble_plan import TIMES, PlannedRuns, read_plan
@@ -108,7 +108,7 @@ def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=la
     workers = min(request.workers or operating_system.cores(), max(1, len(to_run)))
     if to_run:
         require_affordable(study, to_run, workers, confirm)
-        parallel.require_scheduler(request.dask)
+        dask_workers.require_scheduler(request.dask)
     before = sum(task.digest in records for task in tasks)
     if before:
         log.info(f"{before} of {len(tasks)} members are already finished")
@@ -196,7 +196,7 @@ def _run(request, study, tasks, workers, records, look):
 def pool_of(stack, dask, workers):
     """Workers until the ExitStack `stack` ends: a Dask cluster, processes, or None for this process alone."""
     if dask is not None:
-        return parallel.DaskWorkers(stack.enter_context(parallel.connected(dask)))
+        return dask_workers.DaskWorkers(stack.enter_context(dask_workers.dask_client(dask)))
     return stack.enter_context(started(workers)) if workers > 1 else None
 
 

@@ -12,9 +12,9 @@ from ..frames.region_folder import AreaRaster, RegionFolder, write_region_maps
 from ..maps.qgis.region_footprints import write_footprints
 from ..maps.qgis.region_project import RegionProject, terrain_path, write_region_project
 from ..system import operating_system
+from ..system.dask_workers import require_scheduler
 from ..system.errors import InputError
 from ..system.messages import log
-from ..system.parallel import require_scheduler
 from ..system.whole_files import whole_folder
 from .ensemble_member import warm_worker, warmed
 from .ensemble_runs import done_by, pool_of, require_affordable

@@ -1,4 +1,9 @@
-"""Files whose suffix hides that they refer to other files or to the network."""
+"""Untrusted files that refer to other files or to the network, refused before GDAL opens them.
+
+A file that the user names may be a list of files or a web service if its suffix shows that. A file that a scene, a
+frame or a folder names may come from another person: no part of it may lie in the network (on Windows: on another
+computer), unless the user trusts it (`trusted_files.trusting`).
+"""
 
 import os
 import re
@@ -23,12 +28,17 @@ _DRIVER = re.compile(rf"(?!(?:{_LOCAL_DRIVERS}):)[A-Za-z][A-Za-z0-9_]+:(?!$)")
 _SOURCES = re.compile(r"Source(?:Filename|Dataset|Array|DataSource)?|SrcDataSource|SrcDSN?|.*[Ff]ile[Nn]ame|.*Dataset$")
 
 
-def require_undisguised(path):
+def require_undisguised(path: str | Path) -> None:
     """Refuse pipes, devices, and virtual rasters or web services whose suffix hides them.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
     FormatError
+        The file, or its overview (.ovr) or mask (.msk), is one of these.
     """
     path = Path(path)
     require_file_or_folder(path)
@@ -44,13 +54,13 @@ def require_undisguised(path):
             )
 
 
-def require_local(path, named_by):
+def require_local(path: str | Path, named_by: str | Path) -> None:
     """Refuse references to the network in `path` and in the virtual rasters that it refers to.
 
     Parameters
     ----------
-    path : path
-    named_by : str
+    path : str or Path
+    named_by : str or Path
         File that contains the name, for the message.
 
     Raises
@@ -76,8 +86,8 @@ def require_local(path, named_by):
             left += _sources(place, named_by)
 
 
-def _head(path):
-    """The first bytes of a file; b"" for other objects and unreadable files."""
+def _head(path: Path) -> bytes:
+    """Return the first bytes of a file; b"" for other objects and unreadable files."""
     try:
         if not path.is_file():
             return b""
@@ -87,8 +97,9 @@ def _head(path):
         return b""
 
 
-def _require_local_name(name, named_by):
-    elsewhere = operating_system.WINDOWS and share(name) not in ("", share(os.path.abspath(named_by)))
+def _require_local_name(name: str, named_by: str | Path) -> None:
+    """Refuse a name in the network or in a database."""
+    elsewhere = operating_system.WINDOWS and network_share(name) not in ("", network_share(os.path.abspath(named_by)))
     if elsewhere or _NETWORK.search(name) or (_DRIVER.match(name) and not Path(name).exists()):
         raise FormatError(
             f"{one_line(name)[:120]}, which {named_by} refers to, is in the network or in a database; download it, "
@@ -96,11 +107,15 @@ def _require_local_name(name, named_by):
         )
 
 
-def share(path):
-    """Network computer and share of a Windows path, in lower case; "" for a local path.
+def network_share(path: str | Path) -> str:
+    """Return the network computer and share of a Windows path, in lower case; "" for a local path.
 
     Opening such a path, `\\\\host\\share\\file` or `//host/share/file`, sends the user's name and a digest of the
     password to that computer.
+
+    Parameters
+    ----------
+    path : str or Path
     """
     drive = PureWindowsPath(path).drive.lower().removeprefix("\\\\?\\unc\\")
     if drive.startswith(("\\\\?\\", "\\\\.\\")):
@@ -108,8 +123,8 @@ def share(path):
     return drive.lstrip("\\") if "\\" in drive else ""
 
 
-def _sources(path, named_by):
-    """Paths of the files that a virtual raster or vector file refers to; network references are refused."""
+def _sources(path: Path, named_by: str | Path) -> list[Path]:
+    """Return the paths of the files that a virtual raster or vector file refers to; refuse network references."""
     if path.stat().st_size > LARGEST_VRT:
         raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, expected a list of files below 20 MB")
     try:

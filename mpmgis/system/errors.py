@@ -1,4 +1,4 @@
-"""Kinds of errors. Every message is one line: what, where, got, expected, fix."""
+"""Kinds of errors; every message is one line: what, where, got, expected, fix."""
 
 import unicodedata
 
@@ -35,11 +35,22 @@ class UnphysicalError(MpmgisError):
     exit_code = 3
 
 
-def one_line(text):
-    """`text` with white space folded, so that messages of other libraries are one line."""
+def one_line(text: object) -> str:
+    """Return a text, or the message of an error, with white space folded into one line.
+
+    Parameters
+    ----------
+    text : object
+        Often an error of another library.
+    """
     return " ".join(str(text).split())
 
 
 def has_control_characters(text: str) -> bool:
-    """Whether `text` contains control characters (line ends too) or bytes that are not text."""
+    """Return whether `text` contains control characters (line ends too) or bytes that are not text.
+
+    Parameters
+    ----------
+    text : str
+    """
     return any(unicodedata.category(letter) in ("Cc", "Cs") for letter in text)

@@ -1,17 +1,10 @@
-"""Locks and links: one writer per folder at a time, the process that writes a file, and links that are never followed.
-
-Machines and containers can share a folder, and process numbers are valid only inside one of them. A process is
-identified by its machine, the start of that machine, its number and its own start. Where one of these is unknown, the
-process counts as alive and its incomplete files are kept.
-
-A folder from another person may contain links, hard links, pipes and devices under the names that this program uses.
-All functions that write or remove files in an output folder check with this module first.
-"""
+"""Locks of folders: one process at a time writes into a folder."""
 
 import errno
 import os
 import re
 import socket
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -29,8 +22,8 @@ _LONGEST = 1000  # [bytes] read from the file
 
 
 @contextmanager
-def sole_writer(folder):
-    """Lock the existing `folder` for this block; yields a Hold.
+def sole_writer(folder: str | Path) -> "Iterator[Hold]":
+    """Lock an existing folder for this block.
 
     The lock is a system lock on the file LOCK_FILE, not the existence of this file: the file of a killed process does
     not block other processes. Where the file system has no locks, the folder is locked as long as the process named
@@ -38,6 +31,14 @@ def sole_writer(folder):
 
     The library filelock provides the system locks (flock, LockFileEx). It gets the descriptor of the file opened
     here, so that the holder can be reported and a removed or replaced folder is detected.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Yields
+    ------
+    Hold
 
     Raises
     ------
@@ -52,17 +53,27 @@ def sole_writer(folder):
 
 
 class Hold:
-    """Exclusive lock on a folder until `release`."""
+    """Exclusive lock on a folder until `release`.
 
-    def __init__(self, folder):
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    OutputError
+        As `sole_writer`.
+    """
+
+    def __init__(self, folder: Path):
         self.folder, self._path = folder, folder / LOCK_FILE
         self._handle = self._locked()
         os.ftruncate(self._handle, 0)
         os.lseek(self._handle, 0, os.SEEK_SET)
         os.write(self._handle, f"process {os.getpid()} on {socket.gethostname()}, {new_token()}".encode())
 
-    def _locked(self):
-        """Descriptor of the lock file, locked; repeated if its holder released and removed it meanwhile."""
+    def _locked(self) -> int:
+        """Return the descriptor of the locked lock file; try again if its holder has just released and removed it."""
         while True:
             handle = open_own(self._path)
             try:
@@ -94,28 +105,33 @@ class Hold:
             if not locked:
                 raise self._held(holder, "wait for it to end")
 
-    def _lock_by_name(self, holder):
-        """Lock of file systems without locks: valid as long as the process named in the file may be alive."""
+    def _lock_by_name(self, holder: str) -> None:
+        """Lock where the file system has no locks: refuse while the process named in the file may be alive."""
         found = _HOLDER.fullmatch(holder)
         if found is not None and found[3] is not None and not written_by(found[3]).is_over():
             raise self._held(holder, f"wait for it to end, remove {self._path} if it has ended")
 
-    def _held(self, holder, fix):
-        """The error with the holder of the lock."""
+    def _held(self, holder: str, fix: str) -> OutputError:
+        """Return the error that names the holder of the lock."""
         who = holder.partition(",")[0] or "another process"
         return OutputError(f"{self.folder} is being written by {who}; {fix}, or give another -o")
 
-    def _is(self, handle):
-        """True where the path of the lock is still the file that is open as `handle`."""
+    def _is(self, handle: int) -> bool:
+        """Return whether the path of the lock is still the file that is open as `handle`."""
         found = status(self._path)
         return found is not None and os.path.samestat(found, os.fstat(handle))
 
-    def require(self):
-        """Raise OutputError if the folder was removed, moved or replaced."""
+    def require_folder(self) -> None:
+        """Raise OutputError if the folder was removed, moved or replaced.
+
+        Raises
+        ------
+        OutputError
+        """
         if not self._is(self._handle):
             raise OutputError(f"{self.folder} was removed or replaced while it was written; run the command again")
 
-    def release(self):
+    def release(self) -> None:
         """Remove the file while it is locked, then unlock it."""
         own = self._is(self._handle)
         if own:
@@ -128,8 +144,11 @@ class Hold:
                 self._path.unlink()
 
 
-def _read(handle):
-    """The text of the lock file. On Windows the first byte, which another process has locked, cannot be read."""
+def _read(handle: int) -> str:
+    """Return the text of the lock file.
+
+    On Windows the first byte cannot be read while another process has locked it.
+    """
     try:
         text = os.read(handle, _LONGEST)
     except PermissionError:

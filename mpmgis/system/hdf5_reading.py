@@ -1,12 +1,13 @@
-"""HDF5 files: writing to a disk that may become full, and safe reading of files of unknown origin.
+"""Safe reading of HDF5 files of unknown origin.
 
 HDF5 follows external links, virtual datasets and external storage to any readable file; a missing source gives the
 fill value, a pipe blocks. A few bytes can declare any shape. Therefore all HDF5 files are opened by this module.
-References to other files are followed only where the user trusts them (`zip_archives.trusting`) and they exist.
+References to other files are followed only where the user trusts them (`trusted_files.trusting`) and they exist.
 """
 
 import math
 import os
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,13 +17,21 @@ from .errors import FormatError, one_line
 from .memory import memory_lack
 from .trusted_files import is_trusted, require_file
 
-MOST_OBJECTS = 100_000
+MOST_OBJECTS = 100_000  # far more than any frame has; each costs 0.02 ms
 SMALL = 64 * 2**20  # [bytes] below which the memory is not checked: the check would take longer than reading
 
 
 @contextmanager
-def opened(path):
-    """The h5py.File at `path` for this block, with all references; check with `elsewhere` before reading.
+def opened(path: str | Path) -> Iterator[h5py.File]:
+    """Open an HDF5 file for this block, with all references; check with `reason_elsewhere` before reading.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Yields
+    ------
+    h5py.File
 
     Raises
     ------
@@ -37,8 +46,8 @@ def opened(path):
 
 
 @contextmanager
-def _library_failures():
-    """OSError instead of the SystemError that h5py raises for some damaged files."""
+def _library_failures() -> Iterator[None]:
+    """Raise OSError instead of the SystemError that h5py raises for some damaged files."""
     try:
         yield
     except SystemError as error:
@@ -46,19 +55,36 @@ def _library_failures():
 
 
 class WholeFile(h5py.File):
-    """An open file without references to other files; `is_small` where all values are numbers below SMALL bytes."""
+    """An open file without references to other files.
+
+    Attributes
+    ----------
+    is_small : bool
+        All values are numbers, with less than SMALL bytes in total.
+    """
 
     is_small = False
 
 
 @contextmanager
-def opened_whole(path):
-    """As `opened`, a WholeFile: all values are in the file itself; soft links are followed.
+def opened_whole(path: str | Path) -> Iterator[WholeFile]:
+    """Open an HDF5 file that contains all its values, for this block; soft links are followed.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Yields
+    ------
+    WholeFile
 
     Raises
     ------
     FormatError
-        Also an external link, a virtual dataset, external storage, or more than MOST_OBJECTS objects.
+        A pipe, a socket, a device, an external link, a virtual dataset, external storage, or more than MOST_OBJECTS
+        objects.
+    OSError
+        HDF5 cannot open the file.
     """
     require_file(path)
     with _library_failures(), WholeFile(path, "r") as file:
@@ -66,8 +92,8 @@ def opened_whole(path):
         yield file
 
 
-def _declared(path, file):
-    """Bytes of all datasets as float64, infinite where one has no numbers; refuses references as `opened_whole`.
+def _declared(path: str | Path, file: h5py.File) -> float:
+    """Return the bytes of all datasets as float64, infinite where one has no numbers; refuse references to other files.
 
     One visit of the links: 0.02 ms per dataset.
     """
@@ -79,7 +105,7 @@ def _declared(path, file):
         if left < 0:
             return name, f"one of more than {MOST_OBJECTS} objects"
         if info.type == h5py.h5l.TYPE_EXTERNAL:
-            kind = not_followed(file.get(name, getlink=True), path) if is_trusted() else "an external link"
+            kind = reason_not_followed(file.get(name, getlink=True), path) if is_trusted() else "an external link"
             return (name, kind) if kind else None
         if info.type != h5py.h5l.TYPE_HARD:
             return None if info.type == h5py.h5l.TYPE_SOFT else (name, "a link of a plugin")
@@ -87,7 +113,7 @@ def _declared(path, file):
         if not isinstance(found, h5py.h5d.DatasetID):
             return None
         size += _bytes_of(found)
-        kind = elsewhere(found, path)
+        kind = reason_elsewhere(found, path)
         return (name, kind) if kind else None
 
     found = file.id.links.visit(refused, info=True)
@@ -97,8 +123,8 @@ def _declared(path, file):
     return size
 
 
-def _bytes_of(dataset):
-    """Bytes of a dataset (h5py.h5d.DatasetID) as float64 plus one chunk; infinite where it has no numbers."""
+def _bytes_of(dataset: h5py.h5d.DatasetID) -> float:
+    """Return the bytes of a dataset as float64 plus one chunk; infinite where it has no numbers."""
     kind, count = dataset.get_type(), math.prod(dataset.shape or ())
     if kind.get_class() not in (h5py.h5t.INTEGER, h5py.h5t.FLOAT):
         return math.inf
@@ -109,11 +135,17 @@ def _bytes_of(dataset):
     return 8 * count + (8 * math.prod(layout.get_chunk()) if chunked else 0)
 
 
-def elsewhere(dataset, path):
-    """Reason why the values of a dataset (h5py.h5d.DatasetID) in the file at `path` are in other files and not read.
+def reason_elsewhere(dataset: h5py.h5d.DatasetID, path: str | Path) -> str:
+    """Return the reason why the values of a dataset are in other files and not read; "" where they are read.
 
-    "" where they are in this file, or in existing files that the user trusts. HDF5 reads the fill value where the
-    source of a virtual dataset is missing, and blocks on a pipe.
+    They are read where they are in this file, or in existing files that the user trusts. HDF5 reads the fill value
+    where the source of a virtual dataset is missing, and blocks on a pipe.
+
+    Parameters
+    ----------
+    dataset : h5py.h5d.DatasetID
+    path : str or Path
+        Its file.
     """
     if dataset.get_offset() is not None:  # contiguous, in this file
         return ""
@@ -125,15 +157,23 @@ def elsewhere(dataset, path):
     return _not_read("a dataset in external storage", path, names) if layout.get_external_count() else ""
 
 
-def not_followed(link, path):
-    """Reason why a link (of h5py, with getlink) in the file at `path` is not followed; "" where it is followed."""
+def reason_not_followed(link: h5py.HardLink | h5py.SoftLink | h5py.ExternalLink, path: str | Path) -> str:
+    """Return the reason why a link is not followed; "" where it is followed.
+
+    Parameters
+    ----------
+    link : h5py.HardLink, h5py.SoftLink or h5py.ExternalLink
+        From h5py with `getlink`.
+    path : str or Path
+        Its file.
+    """
     if isinstance(link, h5py.HardLink):
         return ""
     return _not_read("an external link", path, [link.filename]) if isinstance(link, h5py.ExternalLink) else "a link"
 
 
-def _not_read(kind, path, names):
-    """`kind` and the reason why the files `names` that `path` refers to are not read; "" where they are read.
+def _not_read(kind: str, path: str | Path, names: Iterable[str]) -> str:
+    """Return `kind` and why the files `names` that `path` refers to are not read; "" where they are read.
 
     "." is the file itself.
     """
@@ -147,7 +187,7 @@ def _not_read(kind, path, names):
     return ""
 
 
-def require_memory(where, rows, bytes_each, *datasets):
+def require_memory(where: str, rows: int, bytes_each: float, *datasets: h5py.Dataset) -> None:
     """Refuse datasets that do not fit into the memory of this machine, before they are read.
 
     Parameters
@@ -155,7 +195,7 @@ def require_memory(where, rows, bytes_each, *datasets):
     where : str
         File and dataset, for the message.
     rows : int
-    bytes_each : int
+    bytes_each : float [bytes]
         Per row, in all arrays that are created from it.
     *datasets : h5py.Dataset
         Datasets to read: one chunk of each is decompressed at a time.
@@ -169,10 +209,22 @@ def require_memory(where, rows, bytes_each, *datasets):
         raise FormatError(f"{where} of {rows:.6g} rows needs {lack}; it is damaged, or needs a larger machine")
 
 
-def require_numbers_that_fit(path, file, name):
-    """Refuse the group `name` of a WholeFile if its datasets do not fit into memory or are not numbers.
+def require_numbers_that_fit(path: str | Path, file: WholeFile, name: str) -> None:
+    """Refuse a group whose datasets do not fit into memory or are not numbers.
 
     Text of variable length is refused: its size in memory is unknown.
+
+    Parameters
+    ----------
+    path : str or Path
+        For the message.
+    file : WholeFile
+    name : str
+        Of the group.
+
+    Raises
+    ------
+    FormatError
     """
     if file.is_small or name not in file:
         return

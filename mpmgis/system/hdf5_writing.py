@@ -1,17 +1,27 @@
 """HDF5 files written so that a full disk raises one error."""
 
 import os
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import h5py
 
 
 @contextmanager
-def written(path):
-    """An empty h5py.File at `path` for this block.
+def written(path: str | Path) -> Iterator[h5py.File]:
+    """Create an empty HDF5 file for this block.
 
     HDF5 crashes after a failed write or close. Therefore a Python file object stores the first error, ignores later
     writes, and raises the error when the file is closed.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Yields
+    ------
+    h5py.File
 
     Raises
     ------
@@ -42,7 +52,7 @@ class _DeferredErrorFile:
             raise self._error
 
     def write(self, data):
-        """Write all of `data`; returns its length."""
+        """Write all of `data`, and return its length."""
         rest = memoryview(data).cast("B")
         size = len(rest)
         try:
@@ -77,8 +87,8 @@ class _DeferredErrorFile:
         return self._file.seek(offset, whence)
 
     def tell(self):
-        """The position in the file."""
+        """Return the position in the file."""
         return self._file.tell()
 
     def flush(self):
-        """The file is not buffered."""
+        """Do nothing: the file is not buffered."""

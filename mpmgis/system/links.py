@@ -1,9 +1,14 @@
-"""Links, and the real places of files and folders."""
+"""Links, which are never followed when output is written, and the real places of files and folders.
+
+A folder from another person may contain links, hard links, pipes and devices under the names that this program uses.
+All functions that write or remove files in an output folder check with this module first.
+"""
 
 import errno
 import os
 import shutil
 import stat
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,29 +18,48 @@ from .errors import OutputError
 _JUNCTIONS = (0xA000000C, 0xA0000003)  # reparse tags of Windows' symbolic links and mount points
 
 
-def status(path):
-    """os.lstat of `path` (of a link, not of its target); None where nothing exists."""
+def status(path: str | Path) -> os.stat_result | None:
+    """Return `os.lstat` of a path (of a link, not of its target); None where nothing exists.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     try:
         return os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
         return None
 
 
-def is_link(found):
-    """Whether a `status` is that of a link or a Windows junction."""
+def is_link(found: os.stat_result | None) -> bool:
+    """Return whether a `status` is that of a link or a Windows junction.
+
+    Parameters
+    ----------
+    found : os.stat_result or None
+    """
     if found is None:
         return False
     return stat.S_ISLNK(found.st_mode) or getattr(found, "st_reparse_tag", 0) in _JUNCTIONS
 
 
-def is_folder(path):
-    """Whether `path` is a folder and not a link to one."""
+def is_folder(path: str | Path) -> bool:
+    """Return whether `path` is a folder and not a link to one.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     found = status(path)
     return found is not None and stat.S_ISDIR(found.st_mode) and not is_link(found)
 
 
-def refuse_link(path):
+def refuse_link(path: str | Path) -> None:
     """Raise OutputError unless `path` is a regular file, a folder or nothing.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -54,8 +78,20 @@ def refuse_link(path):
         raise OutputError(f"{path} is a pipe, a socket or a device, expected a file; remove it, or give another -o")
 
 
-def refuse_links(folder, patterns=("*",)):
-    """As `refuse_link` for `folder` and all entries in it, hidden ones too, that match one of the `patterns`."""
+def refuse_links(folder: str | Path, patterns: Iterable[str] = ("*",)) -> None:
+    """Raise OutputError unless a folder and its entries, hidden ones too, are regular files or folders.
+
+    Parameters
+    ----------
+    folder : str or Path
+    patterns : iterable of str
+        Only entries that match one of these are checked.
+
+    Raises
+    ------
+    OutputError
+        As `refuse_link`.
+    """
     folder = Path(folder)
     refuse_link(folder)
     if not is_folder(folder):
@@ -65,16 +101,25 @@ def refuse_links(folder, patterns=("*",)):
             refuse_link(entry)
 
 
-def real_place(path):
-    """`path` with all links in its parents resolved; the last name itself may be a link."""
+def real_place(path: str | Path) -> Path:
+    """Return `path` with all links in its parents resolved; the last name itself may be a link.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     path = Path(path)
     if path.name in ("", ".."):
         return Path(os.path.realpath(path))
     return Path(os.path.realpath(path.parent)) / path.name
 
 
-def open_own(path):
-    """Descriptor of the regular file `path` for reading and writing, created if missing.
+def open_own(path: str | Path) -> int:
+    """Open a regular file for reading and writing, created if missing, and return its descriptor.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -96,10 +141,16 @@ def open_own(path):
     return handle
 
 
-def require_free(path, still="nothing has changed"):
+def require_free(path: str | Path, still: str = "nothing has changed") -> None:
     """Raise OutputError where a program has a file at `path`, or in the folder `path`, open.
 
-    Only Windows prevents the replacement of open files. `still` describes the unchanged state, for the message.
+    Only Windows prevents the replacement of open files.
+
+    Parameters
+    ----------
+    path : str or Path
+    still : str
+        The unchanged state, for the message.
 
     Raises
     ------
@@ -112,8 +163,13 @@ def require_free(path, still="nothing has changed"):
         )
 
 
-def is_above(path, folder):
-    """Whether `folder` is `path` or inside it, under any name."""
+def is_above(path: Path, folder: Path) -> bool:
+    """Return whether `folder` is `path` or inside it, under any name.
+
+    Parameters
+    ----------
+    path, folder : Path
+    """
     for place in (folder, *folder.parents):
         with suppress(OSError):
             if os.path.samefile(place, path):
@@ -121,8 +177,13 @@ def is_above(path, folder):
     return False
 
 
-def remove(path):
-    """Remove `path`: a file, a folder with its content, or a link but not its target."""
+def remove(path: str | Path) -> None:
+    """Remove a file, a folder with its content, or a link but not its target.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     if is_folder(path):
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -130,8 +191,19 @@ def remove(path):
             os.unlink(path)
 
 
-def within(folder, inputs):
-    """The first of the paths `inputs` that is in `folder` or its subfolders, under any name; None where none is."""
+def input_inside(folder: str | Path, inputs: Iterable[str | Path]) -> str | Path | None:
+    """Find the first input file that is in `folder` or its subfolders, under any name.
+
+    Parameters
+    ----------
+    folder : str or Path
+    inputs : iterable of str or Path
+
+    Returns
+    -------
+    str, Path or None
+        The path of `inputs`; None where none is there.
+    """
     if not is_folder(folder):
         return None
     known = {}
@@ -148,8 +220,19 @@ def within(folder, inputs):
     return None
 
 
-def one_of(path, inputs):
-    """The first of the paths `inputs` that is the same file as `path`, under any name; None where none is."""
+def input_at(path: str | Path, inputs: Iterable[str | Path]) -> str | Path | None:
+    """Find the first input file that is the same file as `path`, under any name.
+
+    Parameters
+    ----------
+    path : str or Path
+    inputs : iterable of str or Path
+
+    Returns
+    -------
+    str, Path or None
+        The path of `inputs`; None where none is the same file.
+    """
     try:
         found = os.stat(path)
     except OSError:

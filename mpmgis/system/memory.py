@@ -1,4 +1,4 @@
-"""Free memory of the machine, and limits of the address space."""
+"""Free memory and address space of this machine, and whether they are sufficient."""
 
 import re
 from contextlib import suppress
@@ -9,8 +9,8 @@ ADDRESS_SPACE = 1_000_000_000  # [bytes] `run` and `export-raster` with one thre
 _AVAILABLE = re.compile(r"^MemAvailable:\s+(\d+) kB", re.MULTILINE)
 
 
-def available_memory():
-    """Memory available to a program [bytes]; infinite where the system does not report it.
+def available_memory() -> float:
+    """Return the memory available to a program [bytes]; infinite where the system does not report it.
 
     The file cache of the system counts as free.
     """
@@ -25,20 +25,31 @@ def available_memory():
     return float("inf")
 
 
-def address_space_lack(limit):
-    """Error text for a `limit` [bytes] of this process's address space; "" if it is sufficient.
+def address_space_lack(limit: float) -> str:
+    """Return an error text where the address space of this process is too small; "" where it is sufficient.
 
     Beyond the limit C and C++ libraries abort the process.
+
+    Parameters
+    ----------
+    limit : float [bytes]
+        Of the address space.
     """
     if limit >= ADDRESS_SPACE:
         return ""
     return f"address space is limited to {limit / 1e9:.3g} GB, the libraries need {ADDRESS_SPACE / 1e9:g} GB"
 
 
-def memory_lack(needed, share=1.0):
-    """Part of an error text if `needed` [bytes] exceed a `share` of the free memory, else "".
+def memory_lack(needed: float, share: float = 1.0) -> str:
+    """Return a part of an error text where the free memory is too small; "" where it is sufficient.
 
     The caller adds what needs the memory, and the fix.
+
+    Parameters
+    ----------
+    needed : float [bytes]
+    share : float [1]
+        Of the free memory that may be used.
     """
     free = available_memory()
     if needed <= share * free:

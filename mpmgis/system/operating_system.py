@@ -1,9 +1,7 @@
 """Differences between Linux, macOS and Windows: folders, names, open files, processes, signals.
 
 No other module except the QGIS toolbox depends on the system; a test checks this. Functions are called as
-`system.name`, so that tests can emulate another system (`tests/system/as_on_windows.py`).
-
-Free memory and address space of this machine, and whether they are sufficient.
+`operating_system.name`, so that tests can emulate another system (`tests/system/as_on_windows.py`).
 """
 
 import errno
@@ -13,8 +11,10 @@ import re
 import signal
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import IO
 
 WINDOWS = os.name == "nt"
 MACOS = sys.platform == "darwin"
@@ -28,30 +28,42 @@ _NO_NAME = re.compile(r'[\x00-\x1f<>:"|?*\\/]')
 
 
 def cache_root() -> Path:
-    """The folder for cached files of this user."""
+    """Return the folder for cached files of this user."""
     if WINDOWS:
         return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     return Path.home() / "Library" / "Caches" if MACOS else Path.home() / ".cache"
 
 
 def modes_count() -> bool:
-    """Whether the mode of a file shows who can write to it; on Windows it does not, and the owner is unknown."""
+    """Return whether the mode of a file shows who can write to it.
+
+    On Windows it does not, and the owner is unknown.
+    """
     return not WINDOWS
 
 
-def slashed(path, folder) -> str:
-    """`path` relative to `folder`, with forward slashes; absolute if they are on different drives."""
+def slashed(path: str | Path, folder: str | Path) -> str:
+    """Return `path` relative to `folder`, with forward slashes; absolute if they are on different drives.
+
+    Parameters
+    ----------
+    path, folder : str or Path
+    """
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:
         return Path(path).resolve().as_posix()
 
 
-def wrong_name(path) -> str:
-    """Why the names in `path` are invalid on this system; "" if they are valid.
+def wrong_name(path: str | Path) -> str:
+    """Return why the names in `path` are invalid on this system; "" if they are valid.
 
     On Windows `nul.tif` is a device and `a:b` a second stream of a file `a`, and dots and spaces at the end are
     dropped: data written there would be lost, or be in another file.
+
+    Parameters
+    ----------
+    path : str or Path
     """
     if not WINDOWS:
         return ""
@@ -66,16 +78,26 @@ def wrong_name(path) -> str:
     return ""
 
 
-def file_name(text) -> str:
-    """`text` as a part of file names that is valid on every system: other characters, also slashes, become _."""
+def file_name(text: object) -> str:
+    """Return a text as a part of file names that is valid on every system: other characters, also slashes, become _.
+
+    Parameters
+    ----------
+    text : object
+        Converted to str.
+    """
     name = _NO_NAME.sub("_", str(text)).rstrip(". ")
     return f"_{name}" if not name or name.startswith(".") or _DEVICE.fullmatch(name) else name
 
 
-def flush(descriptor) -> None:
-    """Write all data of `descriptor` to the disk; on macOS fsync alone leaves it in the cache of the disk.
+def flush(descriptor: int) -> None:
+    """Write all data of an open file to the disk; on macOS fsync alone leaves it in the cache of the disk.
 
     Windows flushes only files that are open for writing.
+
+    Parameters
+    ----------
+    descriptor : int
     """
     if MACOS:
         import fcntl
@@ -87,21 +109,28 @@ def flush(descriptor) -> None:
 
 
 def own_flags() -> int:
-    """Flags of `os.open` that exist here: follow no links, do not block, binary mode."""
+    """Return the flags of `os.open` that exist here: follow no links, do not block, binary mode."""
     return sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY", "O_NOINHERIT"))
 
 
 def follows_links() -> bool:
-    """Whether `os.open` follows a link in spite of `own_flags`."""
+    """Return whether `os.open` follows a link in spite of `own_flags`."""
     return not hasattr(os, "O_NOFOLLOW")
 
 
-def replace(source, target) -> None:
-    """As `os.replace`; on Windows repeated for PATIENCE_SECONDS while another program has one of the files open."""
+def replace(source: str | Path, target: str | Path) -> None:
+    """Rename a file or folder and replace an existing one (`os.replace`).
+
+    On Windows this is repeated for PATIENCE_SECONDS while another program has one of the files open.
+
+    Parameters
+    ----------
+    source, target : str or Path
+    """
     _patiently(os.replace, source, target)
 
 
-def _patiently(act, source, target):
+def _patiently(act: Callable, source: str | Path, target: str | Path) -> None:
     wait, end = _FIRST_WAIT_SECONDS, time.monotonic() + PATIENCE_SECONDS
     while True:
         try:
@@ -113,10 +142,14 @@ def _patiently(act, source, target):
         wait *= 2.0
 
 
-def held_open(path):
-    """The first file at `path`, or in the folder `path`, that cannot be renamed or removed now; None without one.
+def held_open(path: str | Path) -> Path | None:
+    """Find the first file at `path`, or in the folder `path`, that cannot be renamed or removed now.
 
     On Windows that is a file which a program has open. On other systems open files can be replaced: always None.
+
+    Parameters
+    ----------
+    path : str or Path
     """
     if not WINDOWS:
         return None
@@ -135,13 +168,26 @@ def _is_held(file):
     return False
 
 
-def is_held_open(error) -> bool:
-    """Whether an OSError can mean that a program has the file open (Windows only)."""
+def is_held_open(error: OSError) -> bool:
+    """Return whether an error can mean that a program has the file open (Windows only).
+
+    Parameters
+    ----------
+    error : OSError
+    """
     return WINDOWS and error.errno in (errno.EACCES, errno.EPERM, errno.EBUSY)
 
 
-def is_unread(stream, error) -> bool:
-    """Whether an OSError means that the reader of a `stream` of this process has closed it (EINVAL on Windows)."""
+def is_unread(stream: IO, error: OSError) -> bool:
+    """Return whether an error means that the reader of a stream of this process has closed it (EINVAL on Windows).
+
+    Parameters
+    ----------
+    stream : file object
+        Standard output or standard error.
+    error : OSError
+        Met while writing to it.
+    """
     if isinstance(error, BrokenPipeError):
         return True
     if not (WINDOWS and error.errno == errno.EINVAL and error.filename is None):
@@ -154,12 +200,12 @@ def is_unread(stream, error) -> bool:
 
 
 def cores() -> int:
-    """Number of processor cores available to this process."""
+    """Return the number of processor cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def address_space_limit() -> float:
-    """Limit of this process's address space [bytes]; infinite without one, as always on Windows."""
+    """Return the limit of this process's address space [bytes]; infinite without one, as always on Windows."""
     try:
         import resource
     except ImportError:
@@ -169,7 +215,7 @@ def address_space_limit() -> float:
 
 
 def machine_number() -> str:
-    """Text that identifies this machine."""
+    """Return a text that identifies this machine."""
     if WINDOWS or MACOS:
         import uuid
 
@@ -178,22 +224,30 @@ def machine_number() -> str:
 
 
 def start_of_machine() -> str:
-    """Text that identifies this boot on Linux; elsewhere "", because process start times are absolute there."""
+    """Return a text that identifies this boot on Linux; "" on other systems.
+
+    Start times of processes are absolute there.
+    """
     return text_of(PROCESSES / "sys/kernel/random/boot_id")
 
 
 def process_space() -> str:
-    """The namespace of process numbers on Linux, different in each container; "" elsewhere."""
+    """Return the namespace of process numbers on Linux, different in each container; "" elsewhere."""
     try:
         return os.readlink(PROCESSES / "self/ns/pid")
     except OSError:
         return ""
 
 
-def process_start(number) -> int:
-    """Start time of process `number`; UNKNOWN if the system does not report it, or if there is no such process.
+def process_start(number: int) -> int:
+    """Return the start time of a process; UNKNOWN without one, or if there is no such process.
 
-    In Linux' ticks since the start of the machine, elsewhere in hundredths of a second since 1970.
+    In ticks since the start of the machine on Linux, elsewhere in hundredths of a second since 1970.
+
+    Parameters
+    ----------
+    number : int
+        Of the process.
     """
     if _has_processes():
         facts = process_facts(number)
@@ -206,8 +260,14 @@ def process_start(number) -> int:
         return UNKNOWN
 
 
-def runs(number) -> bool:
-    """Whether process `number` may be running; a zombie process is not."""
+def runs(number: int) -> bool:
+    """Return whether a process may be running; a zombie process is not.
+
+    Parameters
+    ----------
+    number : int
+        Of the process.
+    """
     if _has_processes():
         return _may_be_signalled(number) and process_facts(number)[:1] not in (["Z"], ["X"])
     import psutil
@@ -220,8 +280,14 @@ def runs(number) -> bool:
         return True
 
 
-def process_facts(number) -> list:
-    """The fields of process `number` on Linux after its name (state, ..., start time); [] elsewhere."""
+def process_facts(number: int) -> list[str]:
+    """Return the fields of a process on Linux after its name (state, ..., start time); [] elsewhere.
+
+    Parameters
+    ----------
+    number : int
+        Of the process.
+    """
     return text_of(PROCESSES / str(number) / "stat").rpartition(")")[2].split()
 
 
@@ -239,16 +305,21 @@ def _may_be_signalled(number):
     return True
 
 
-def text_of(path) -> str:
-    """The text of a system information file; "" if it does not exist."""
+def text_of(path: str | Path) -> str:
+    """Read the text of a system information file; "" if it does not exist.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     try:
         return Path(path).read_text(encoding="ascii", errors="replace").strip()
     except OSError:
         return ""
 
 
-def stop_signals() -> tuple:
-    """The signals with which a user, a terminal or the system stops a program; Windows also has Ctrl+Break."""
+def stop_signals() -> tuple[signal.Signals, ...]:
+    """Return the signals with which a user, a terminal or the system stops a program; Windows also has Ctrl+Break."""
     return tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))
 
 

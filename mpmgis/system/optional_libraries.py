@@ -1,4 +1,4 @@
-"""Imports of libraries: optional ones, and pyogrio without the libraries that it only detects."""
+"""Imports of optional libraries, and of pyogrio without the libraries that it only detects."""
 
 import importlib
 import sys
@@ -45,7 +45,7 @@ def needed_for(what: str, extra: str) -> Iterator[None]:
 
 
 def pyogrio() -> ModuleType:
-    """The module pyogrio, imported without pandas, geopandas and pyarrow.
+    """Import the module pyogrio without pandas, geopandas and pyarrow.
 
     Pyogrio imports these libraries where they are installed, only to know their versions: 0.6 s of the 0.8 s of a short
     command. While pyogrio is imported, empty modules with a version stand in for those that are installed and not yet
@@ -67,8 +67,8 @@ def pyogrio() -> ModuleType:
                 del sys.modules[name]
 
 
-def _of_version(name):
-    """An empty module with the version of the library `name`."""
+def _of_version(name: str) -> ModuleType:
+    """Return an empty module with the version of the library `name`."""
     module = ModuleType(name)
     module.__version__ = metadata.version(name)
     return module

@@ -1,4 +1,4 @@
-"""Files that the user trusts (`--trust`), and the refusal of what is no regular file."""
+"""Files that the user trusts (`--trust`), and the refusal of pipes and devices."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,10 +12,15 @@ _trusted = ContextVar("mpmgis_trusted", default=False)
 
 @contextmanager
 def trusting(trust: bool = True) -> Iterator[None]:
-    """Within this block, where `trust` is true, files may refer to other files and to the network.
+    """Allow files to refer to other files and to the network within this block.
 
-    This holds for the threads of a FramePool that start within the block, not for other processes. `gdal_input` and
-    `hdf5` decide which references are followed.
+    This holds for the threads of a FramePool that start within the block, not for other processes. The modules
+    `disguised_files` and `hdf5_reading` decide which references are followed.
+
+    Parameters
+    ----------
+    trust : bool
+        False refuses these references.
     """
     token = _trusted.set(bool(trust))
     try:
@@ -25,12 +30,16 @@ def trusting(trust: bool = True) -> Iterator[None]:
 
 
 def is_trusted() -> bool:
-    """Whether files may refer to other files and to the network now; false unless the user gives `--trust`."""
+    """Return whether files may refer to other files and to the network now; false unless the user gives `--trust`."""
     return _trusted.get()
 
 
-def require_file(path):
+def require_file(path: str | Path) -> None:
     """Refuse a pipe, a socket, a device or a folder; the caller reports missing files.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -41,8 +50,12 @@ def require_file(path):
         raise FormatError(f"{path} is a {'folder' if path.is_dir() else 'device or pipe'}, expected a file")
 
 
-def require_file_or_folder(path):
-    """As `require_file`, folders are accepted too.
+def require_file_or_folder(path: str | Path) -> None:
+    """Refuse a pipe, a socket or a device; the caller reports missing files.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------

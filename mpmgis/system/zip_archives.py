@@ -1,29 +1,34 @@
-"""Input files of unknown origin: trust (`--trust`), no pipes or devices, zip archives within the free memory.
-
-Checks of untrusted files before GDAL opens them: references to other files and to the network.
-
-A file that the user names may be a list of files or a web service if its suffix shows that. A file that a scene, a
-frame or a folder names may come from another person: no part of it may lie in the network (on Windows: on another
-computer), unless the user trusts it (`zip_archives.trusting`).
-"""
+"""Zip archives of unknown origin: refused where they are damaged or larger than the free memory."""
 
 import zipfile
 import zlib
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from .errors import FormatError, one_line
 from .memory import memory_lack
 from .trusted_files import require_file
 
-MAGIC = b"PK\x03\x04"
-MOST_MEMBERS = 100_000
+MAGIC = b"PK\x03\x04"  # first bytes of an archive
+MOST_MEMBERS = 100_000  # far more than any format needs; the list of members is read into memory
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods decompress without a limit
 DAMAGE = (zipfile.BadZipFile, EOFError, zlib.error, OSError, NotImplementedError, KeyError, ValueError, RuntimeError)
 
 
 @contextmanager
-def opened_zip(path, kind):
-    """The zipfile.ZipFile at `path` for this block; `kind` is the type of file for messages.
+def opened_zip(path: str | Path, kind: str) -> Iterator[zipfile.ZipFile]:
+    """Open a zip archive for this block.
+
+    Parameters
+    ----------
+    path : str or Path
+    kind : str
+        Type of the file, for messages.
+
+    Yields
+    ------
+    zipfile.ZipFile
 
     Raises
     ------
@@ -47,8 +52,15 @@ def opened_zip(path, kind):
         raise FormatError(f"{path} is not a readable {kind} ({one_line(error)[:100]}); it is damaged") from error
 
 
-def require_unpacked(where, size, most):
-    """Refuse a declared uncompressed `size` [bytes] of a member above `most`; zipfile decompresses no more than that.
+def require_unpacked(where: str, size: int, most: float) -> None:
+    """Refuse a member whose declared uncompressed size is too large; zipfile decompresses no more than that.
+
+    Parameters
+    ----------
+    where : str
+        Archive and member, for the message.
+    size : int [bytes]
+    most : float [bytes]
 
     Raises
     ------
@@ -60,8 +72,13 @@ def require_unpacked(where, size, most):
         )
 
 
-def require_zip_fits(path):
+def require_zip_fits(path: str | Path) -> None:
     """Refuse a zip archive larger than the free memory, before a library decompresses it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Any file; other files than zip archives are accepted.
 
     Raises
     ------
@@ -74,8 +91,14 @@ def require_zip_fits(path):
         require_unpacked_fits(path, sum(member.file_size for member in archive.infolist()))
 
 
-def require_unpacked_fits(where, size):
-    """Refuse members that need more than the free memory uncompressed: `size` [bytes].
+def require_unpacked_fits(where: str | Path, size: int) -> None:
+    """Refuse members that need more than the free memory uncompressed.
+
+    Parameters
+    ----------
+    where : str or Path
+        For the message.
+    size : int [bytes]
 
     Raises
     ------

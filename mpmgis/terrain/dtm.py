@@ -1,13 +1,12 @@
-"""Digital terrain models (DTM): elevation rasters with checks of CRS, unit, nodata and slope.
-
-Holes of a DTM filled by interpolation from the surrounding cells.
-"""
+"""Digital terrain models (DTM): elevation rasters with checks of CRS, unit, nodata and slope."""
 
 import math
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
+import pyproj
+from rasterio.io import DatasetReader
 from rasterio.windows import Window
 
 from ..system.errors import GeoreferenceError, InputError, one_line
@@ -17,22 +16,36 @@ from .georeference import LOCAL, horizontal, name_of, parse_crs, require_metric,
 from .grid import Grid
 from .nodata_fill import INTERPOLATE, filled
 from .raster_input import band_number, band_values, crs_of, file_sha256, open_raster, transform_of
-from .terrain_warp import METRES, UNIT_METRES, USUAL_NODATA, planned, warped_values
+from .terrain_warp import METRES, UNIT_METRES, USUAL_NODATA, planned_reprojection, warped_values
 
-_BELOW_EARTH, _ABOVE_EARTH = -12000.0, 9500.0  # [m] limits of elevations on Earth
-STEEP_DEGREES, STEEP_SHARE = 85.0, 0.01
-READ_WHOLE = 25_000_000  # pixels up to which a DTM is always read and checked completely: 0.2 GB
-_ROWS_AT_ONCE = 512
+_BELOW_EARTH = -12000.0  # [m] no elevation on Earth is lower
+_ABOVE_EARTH = 9500.0  # [m] no elevation on Earth is higher
+STEEP_DEGREES = 85.0  # [deg] steeper cells are hardly natural: wrong units or nodata
+STEEP_SHARE = 0.01  # [1] of the cells; more steep ones are reported
+READ_WHOLE = 25_000_000  # [pixels] up to here a DTM is always read and checked completely: 0.2 GB
+_ROWS_AT_ONCE = 512  # whose slopes are computed together, to limit the memory
 
 
 class WithoutCRS(GeoreferenceError):
-    """A DTM without a CRS; `bounds` are its (west, south, east, north)."""
+    """A DTM has no CRS.
 
-    bounds = None
+    Attributes
+    ----------
+    bounds : (float, float, float, float)
+        West, south, east, north of the raster.
+    """
+
+    bounds: tuple[float, float, float, float] | None = None
 
 
-def read_terrain(path, crs=None, band=None, fill_nodata=None, to_crs=None):
-    """The DTM at `path` as a Terrain.
+def read_terrain(
+    path: str | Path,
+    crs: str | None = None,
+    band: int | None = None,
+    fill_nodata: str | None = None,
+    to_crs: str | None = None,
+) -> Terrain:
+    """Read a DTM as a Terrain.
 
     Parameters
     ----------
@@ -43,7 +56,7 @@ def read_terrain(path, crs=None, band=None, fill_nodata=None, to_crs=None):
     band : int, optional
         Counted from 1; required where there are several bands.
     fill_nodata : {"interpolate"}, optional
-        Treatment of holes in the DTM (`dtm`).
+        Treatment of holes in the DTM (`nodata_fill`).
     to_crs : str, optional
         ``auto`` or ``EPSG:n``: a DTM in another CRS is reprojected, heights in feet become metres (`terrain_warp`).
 
@@ -77,13 +90,20 @@ class TerrainFile:
     FormatError, GeoreferenceError, InputError
     """
 
-    def __init__(self, path, crs=None, band=None, fill_nodata=None, to_crs=None):
+    def __init__(
+        self,
+        path: str | Path,
+        crs: str | None = None,
+        band: int | None = None,
+        fill_nodata: str | None = None,
+        to_crs: str | None = None,
+    ):
         self._file, self._fills, self.fill = Path(path), fill_nodata == INTERPOLATE, None
         self.path = str(self._file)
         with open_raster(path) as source:
             self._band = band_number(source, path, band)
             crs = _terrain_crs(source, path, crs, to_crs)
-            self.reprojection = None if to_crs is None else planned(source, path, self._band, crs, to_crs)
+            self.reprojection = None if to_crs is None else planned_reprojection(source, path, self._band, crs, to_crs)
             self.grid = self._grid(source, crs)
             if min(self.grid.shape) < 2:
                 raise InputError(f"{path} has {source.height} x {source.width} cells, expected at least 2 x 2")
@@ -99,27 +119,53 @@ class TerrainFile:
         return Grid(crs, transform_of(source, self._file, local=crs is None), source.shape)
 
     @property
-    def pixels(self):
+    def pixels(self) -> int:
         """Number of pixels of the whole file."""
         return self.grid.shape[0] * self.grid.shape[1]
 
     @cached_property
-    def sha256(self):
+    def sha256(self) -> str:
         """Hex digest of the whole file."""
         about = self._file.stat()
         return _sha256(self._file.resolve(), about.st_size, about.st_mtime_ns, about.st_ino)
 
-    def whole(self):
-        """The Terrain of all pixels."""
+    def whole(self) -> Terrain:
+        """Read all pixels as a Terrain.
+
+        Raises
+        ------
+        FormatError, InputError
+        """
         return self._terrain(self.grid, None)
 
-    def part(self, rows, columns):
-        """The Terrain of a slice of `rows` and a slice of `columns`."""
+    def part(self, rows: slice, columns: slice) -> Terrain:
+        """Read a part of the pixels as a Terrain.
+
+        Parameters
+        ----------
+        rows, columns : slice
+
+        Raises
+        ------
+        FormatError, InputError
+        """
         shape = rows.stop - rows.start, columns.stop - columns.start
         return self._terrain(self.grid.part(rows.start, columns.start, shape), Window.from_slices(rows, columns))
 
-    def cropped(self, bounds, margin):
-        """As `Terrain.cropped`."""
+    def cropped(self, bounds: tuple[float, float, float, float], margin: int) -> Terrain:
+        """Read the pixels that meet `bounds` and some around as a Terrain.
+
+        Parameters
+        ----------
+        bounds : (float, float, float, float) [m]
+            West, south, east, north.
+        margin : int [pixels]
+            Added on every side.
+
+        Raises
+        ------
+        FormatError, InputError
+        """
         return self.part(*self.grid.window(bounds, margin))
 
     def _values(self, source, window):
@@ -141,13 +187,15 @@ class TerrainFile:
 
 
 @lru_cache(maxsize=4)
-def _sha256(path, size, changed, number):
-    """Digest of a file, computed once for each state of it: many runs read windows of one large DTM."""
+def _sha256(path: Path, size: int, changed: int, number: int) -> str:
+    """Return the digest of a file, computed once for each state of it: many runs read windows of one large DTM."""
     return file_sha256(path)
 
 
-def _terrain_crs(source, path, asked, to_crs=None):
-    """The horizontal CRS of the DTM, None for a local frame; `asked` must not contradict the file."""
+def _terrain_crs(
+    source: DatasetReader, path: str | Path, asked: str | None, to_crs: str | None = None
+) -> pyproj.CRS | None:
+    """Return the horizontal CRS of the DTM, None for a local frame; `asked` must not contradict the file."""
     own = crs_of(source, path)
     given = parse_crs(asked) if asked is not None else None
     if own is not None and own.is_engineering:  # declared as a local frame
@@ -179,8 +227,8 @@ def _terrain_crs(source, path, asked, to_crs=None):
     return plane
 
 
-def _require_metres_up(source, path, band):
-    """Refuse a band with a known unit other than metre; an unknown unit is reported."""
+def _require_metres_up(source: DatasetReader, path: str | Path, band: int) -> None:
+    """Refuse a band with a known unit other than metre; report an unknown unit."""
     unit = (source.units[band - 1] or "").strip()
     factor = UNIT_METRES.get(unit.lower())
     if factor is not None:
@@ -192,8 +240,21 @@ def _require_metres_up(source, path, band):
         log.info(f"{path}: unit {unit!r} is unknown, elevations are assumed to be in metres")
 
 
-def mask_false_heights(elevation, path):
-    """Set usual but undeclared nodata values to NaN with a message; refuse impossible elevations."""
+def mask_false_heights(elevation: np.ndarray, path: str | Path) -> None:
+    """Set usual but undeclared nodata values to NaN with a message; refuse impossible elevations.
+
+    Parameters
+    ----------
+    elevation : float64[rows, columns] [m]
+        Changed in place.
+    path : str or Path
+        For messages.
+
+    Raises
+    ------
+    InputError
+        Every cell is nodata, or elevations are outside the range on Earth.
+    """
     for value in USUAL_NODATA:
         false = elevation == value
         count = int(false.sum())
@@ -211,8 +272,8 @@ def mask_false_heights(elevation, path):
         )
 
 
-def _is_gentler(terrain, limit):
-    """Whether no slope of a north-up DTM can exceed `limit` [1], from the largest step between two pixels.
+def _is_gentler(terrain: Terrain, limit: float) -> bool:
+    """Return whether no slope of a north-up DTM can exceed `limit` [1], from the largest step between two pixels.
 
     Differences at the rim are at most twice this step, and there are two directions. Much faster than all slopes.
     """

@@ -1,7 +1,4 @@
-"""Terrain: elevation on a grid, with its gradient, its normal and its value at any point.
-
-Cells without elevation: holes inside the DTM, and the nodata collar that extends to its edge.
-"""
+"""Terrain: elevation on a grid, with its gradient, its terrain breaks and its value at any point."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +12,7 @@ from .grid import Grid
 if TYPE_CHECKING:
     from .reprojection import Reprojection
 
-BREAK_TANGENT = 1.0  # one-sided slopes that differ by more than this in tan mark a cliff edge
+BREAK_TANGENT = 1.0  # [1] one-sided slopes that differ by more than this in tan mark a cliff edge
 
 
 @dataclass(frozen=True)
@@ -28,9 +25,9 @@ class Terrain:
     elevation : float64[rows, columns] [m]
         NaN where there is no data; the value of a pixel is that at its centre.
     path, sha256 : str
-        Where it came from and the digest of that file; '' where unknown.
+        File of the DTM and its digest; "" where unknown.
     reprojection : Reprojection, optional
-        How it came to its CRS and to metres, where that was asked for.
+        Where the file was in another CRS or its heights in another unit.
     """
 
     grid: Grid
@@ -40,13 +37,13 @@ class Terrain:
     reprojection: "Reprojection | None" = None
 
     @cached_property
-    def valid(self):
-        """bool[rows, columns]: pixels with an elevation."""
+    def valid(self) -> np.ndarray:
+        """Pixels with an elevation, bool[rows, columns]."""
         return np.isfinite(self.elevation)
 
     @cached_property
-    def gradient(self):
-        """float64[rows, columns, 2]: (db/dE, db/dN) at pixel centres by central differences (NHESS Eq 4).
+    def gradient(self) -> np.ndarray:
+        """Gradient (db/dE, db/dN) [1] at pixel centres by central differences (NHESS Eq 4), float64[rows, columns, 2].
 
         One-sided to second order at the rim and first order next to nodata; both components NaN where one axis has
         no valid neighbour; 0 across a raster of a single row or column. Mapped by the inverse
@@ -55,16 +52,19 @@ class Terrain:
         return self._map_gradient(*(_difference(self.elevation, axis) for axis in (1, 0)))
 
     @cached_property
-    def limited_gradient(self):
-        """As `gradient`, but with the smaller one-sided slope where the two differ by more than 1 in tan."""
+    def limited_gradient(self) -> np.ndarray:
+        """Gradient [1] as `gradient`, but with the smaller one-sided slope at a terrain break.
+
+        A break is where the two one-sided slopes differ by more than BREAK_TANGENT.
+        """
         pixel = [np.hypot(*self.grid.matrix[:, k]) for k in (0, 1)]
         return self._map_gradient(
             *(_difference(self.elevation, axis, BREAK_TANGENT * pixel[1 - axis]) for axis in (1, 0))
         )
 
     @cached_property
-    def breaks(self):
-        """bool[rows, columns]: pixels at a terrain break, where the one-sided slopes differ by more than 1."""
+    def breaks(self) -> np.ndarray:
+        """Pixels at a terrain break, where the one-sided slopes differ by more than 1, bool[rows, columns]."""
         different = self.gradient != self.limited_gradient
         return np.any(different & np.isfinite(self.gradient), axis=-1)
 
@@ -72,16 +72,33 @@ class Terrain:
         inverse_transpose = np.linalg.inv(self.grid.matrix).T
         return np.stack([d_column, d_row], axis=-1) @ inverse_transpose.T
 
-    def sample(self, x, y):
-        """Bilinear elevation [m] at map points `x`, `y` [m] (any shape); NaN outside the raster or next to nodata.
+    def sample(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Interpolate the elevation [m] bilinearly at map points; NaN outside the raster or next to nodata.
 
         Within the outermost half pixel the outer two pixels are extended linearly, so that a plane stays a plane.
+
+        Parameters
+        ----------
+        x, y : float64[...] [m]
         """
         row, column = self.grid.rowcol(x, y)
         return bilinear(self.elevation, row, column)
 
-    def rows_on(self, grid, first, last):
-        """Elevation [m] at the centres of some rows of `grid`: interpolated, or next to nodata that of the pixel."""
+    def rows_on(self, grid: Grid, first: int, last: int) -> np.ndarray:
+        """Return the elevation [m] at the centres of some rows of another grid.
+
+        It is interpolated; next to nodata it is that of the pixel.
+
+        Parameters
+        ----------
+        grid : Grid
+        first, last : int
+            The first row, and the row after the last one.
+
+        Returns
+        -------
+        float64[last - first, columns] [m]
+        """
         if (grid.transform, grid.shape) == (self.grid.transform, self.grid.shape):
             return self.elevation[first:last]
         row, column = np.meshgrid(np.arange(first, last), np.arange(grid.shape[1]), indexing="ij")
@@ -93,25 +110,55 @@ class Terrain:
         own = np.where(on, self.elevation[np.where(on, i, 0), np.where(on, j, 0)], np.nan)
         return np.where(np.isfinite(between), between, own)
 
-    def moved(self, east, north):
-        """The same ground `east` and `north` [m] further; see `Grid.moved`."""
+    def moved(self, east: float, north: float) -> "Terrain":
+        """Return the same ground, moved horizontally; see `Grid.moved`.
+
+        Parameters
+        ----------
+        east, north : float [m]
+        """
         return replace(self, grid=self.grid.moved(east, north))
 
-    def cropped(self, bounds, margin):
-        """The Terrain of the pixels that meet `bounds` (west, south, east, north) [m] and `margin` pixels around."""
+    def cropped(self, bounds: tuple[float, float, float, float], margin: int) -> "Terrain":
+        """Return the Terrain of the pixels that meet `bounds` and some around.
+
+        Parameters
+        ----------
+        bounds : (float, float, float, float) [m]
+            West, south, east, north.
+        margin : int [pixels]
+            Added on every side.
+        """
         return self.part(*self.grid.window(bounds, margin))
 
-    def part(self, rows, columns):
-        """The Terrain of two slices, of `rows` and of `columns`."""
+    def part(self, rows: slice, columns: slice) -> "Terrain":
+        """Return the Terrain of a part of the pixels.
+
+        Parameters
+        ----------
+        rows, columns : slice
+        """
         elevation = self.elevation[rows, columns]
         return replace(self, grid=self.grid.part(rows.start, columns.start, elevation.shape), elevation=elevation)
 
 
-def continued(elevation, pad=0, most=np.inf):
-    """`elevation` with `pad` more pixels on every side; without data the ground is extended with its slope.
+def continued(elevation: np.ndarray, pad: int = 0, most: float = np.inf) -> np.ndarray:
+    """Extend the ground with its slope to pixels without data, and beyond the rim.
 
     Each missing pixel is on the tangent plane of the nearest pixel with a known slope, so that a plane stays
-    one, whatever its holes; beyond `most` pixels along an axis it is level. What has an elevation keeps it.
+    one, whatever its holes. Pixels with an elevation keep it.
+
+    Parameters
+    ----------
+    elevation : float64[rows, columns] [m]
+    pad : int [pixels]
+        Added on every side.
+    most : float [pixels]
+        Along an axis; beyond it the ground is level.
+
+    Returns
+    -------
+    float64[rows + 2 pad, columns + 2 pad] [m]
     """
     padded = np.pad(elevation, pad, constant_values=np.nan)
     known = np.isfinite(padded)
@@ -131,10 +178,15 @@ def continued(elevation, pad=0, most=np.inf):
     return padded
 
 
-def bilinear(values, row, column):
-    """Bilinear interpolation of `values` [rows, columns] at fractional `row`, `column` (whole = pixel centre).
+def bilinear(values: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Interpolate a raster bilinearly at fractional rows and columns; whole numbers are pixel centres.
 
     Linear extrapolation over the outermost half pixel; NaN beyond it and wherever one of the four pixels is NaN.
+
+    Parameters
+    ----------
+    values : float[rows, columns]
+    row, column : float64[...]
     """
     row, column = np.asarray(row, float), np.asarray(column, float)
     rows, columns = values.shape
@@ -150,11 +202,11 @@ def bilinear(values, row, column):
     return np.where(inside, result, np.nan)
 
 
-def _difference(elevation, axis, limit=np.inf):
-    """Difference per pixel step along `axis`: central inside, one-sided at the rim and next to nodata.
+def _difference(elevation: np.ndarray, axis: int, limit: float = np.inf) -> np.ndarray:
+    """Return the difference per pixel step along `axis`: central inside, one-sided at the rim and next to nodata.
 
-    Where the forward and backward differences differ by more than `limit` the smaller one is taken (min-mod: zero
-    where they have opposite signs would hide a ridge, so the smaller in size is kept).
+    Where the forward and backward differences differ by more than `limit` the one that is smaller in size is taken.
+    (The min-mod limiter would take zero where they have opposite signs, and hide a ridge.)
     """
     z = np.moveaxis(elevation, axis, 0)
     n = z.shape[0]

@@ -11,26 +11,37 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..laws.quantities import GRAVITY
-from .elevation import bilinear, continued
+from .elevation import Terrain, bilinear, continued
+from .grid import Grid
 
-SECONDS = 0.5  # of free flight, after which a flow should be clear of the ground
+SECONDS = 0.5  # [s] of free flight, after which a flow should be clear of the ground
 STEP = 0.1  # [s] between two checks of the ground ahead
 AHEAD = 2.0  # [s] of the flow's way
-MOST_CELLS = 2e6  # enough for a quantile, whatever the raster's size
-MOST_VISITED = 50_000  # cells in the search for the downhill path
+MOST_CELLS = 2e6  # [cells] enough for a quantile, whatever the raster's size
+MOST_VISITED = 50_000  # [cells] in the search for the downhill path
 MOST_SOURCES = 32  # separate areas from which lines are drawn; more are united with their neighbours
-FLOW_WIDTHS = 2.0  # by which reachable ground is enlarged, for cells next to it
+FLOW_WIDTHS = 2.0  # [widths of the release] by which reachable ground is enlarged, for cells next to it
 SMOOTHING = 2.0  # [pixels] standard deviation of the Gaussian before second derivatives are taken
 SMOOTHED = 10  # [pixels] how far a second derivative sees: four standard deviations, and two differences
-EIGHT_WAYS = float(np.cos(np.pi / 8.0))  # the straight way over that by eight neighbours is at least this
-LEAST_GAIN = 1e-3  # [m] of energy by which a cell is reached again; in small cells LEAST_SHARE of the loss along a side
-LEAST_SHARE = 0.01
-LAYERS = 5000  # of the terrain's height, in which flow is followed downhill
+EIGHT_WAYS = float(np.cos(np.pi / 8.0))  # [1] least ratio of the straight way to the way by eight neighbours
+LEAST_GAIN = 1e-3  # [m] gain of energy from which on a cell is expanded again
+LEAST_SHARE = 0.01  # [1] the same, in small cells, as a share of the energy lost along a side
+BOTTOM_SHARE = 0.02  # [1] of the drop; cells up to here above the lowest one are the bottom
+LAYERS = 5000  # into which the terrain's height is divided to follow the flow downhill
 _NEIGHBOURS = tuple((i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
 
 
-def takes_off(terrain, x, y, u, v, depth, ahead=AHEAD, gravity=GRAVITY):
-    """bool[n]: whether flow with this motion is above the ground by more than its depth somewhere ahead.
+def takes_off(
+    terrain: Terrain,
+    x: np.ndarray,
+    y: np.ndarray,
+    u: np.ndarray,
+    v: np.ndarray,
+    depth: np.ndarray,
+    ahead: float = AHEAD,
+    gravity: float = GRAVITY,
+) -> np.ndarray:
+    """Return whether flow with this motion is above the ground by more than its depth somewhere ahead.
 
     From each place on its path it moves freely for half a second along the upstream slope: over ground of
     the curvature k it is then clear by (U^2 k / g - 1) g s^2 / 2, which is the detachment indicator
@@ -45,6 +56,11 @@ def takes_off(terrain, x, y, u, v, depth, ahead=AHEAD, gravity=GRAVITY):
     depth : float64[n] [m]
     ahead : float [s]
         Of the way, the flight included.
+    gravity : float [m s-2]
+
+    Returns
+    -------
+    bool[n]
     """
     moments = STEP * np.arange(-1, round(ahead / STEP) + 1)
     bed = terrain.sample(x[:, None] + np.outer(u, moments), y[:, None] + np.outer(v, moments))
@@ -57,27 +73,62 @@ def takes_off(terrain, x, y, u, v, depth, ahead=AHEAD, gravity=GRAVITY):
 
 
 class Reach(NamedTuple):
-    """What a flow can reach, on every `step`-th row and column of the DTM.
+    """Ground that a flow can reach, on every `step`-th row and column of the DTM.
 
     `line` is the ground below the energy line that is connected with the release. `inside` adds all ground downhill of
     it: a flow at the end of the line still moves where the ground falls.
+
+    Parameters
+    ----------
+    step : int [pixels]
+    line, inside : bool[rows, columns]
+    near : bool[rows, columns]
+        `line` grown by FLOW_WIDTHS widths of the release, not above the energy of the release.
+    height : float64[rows, columns] [m]
+        Of the energy over the ground; NaN without ground.
+    mu : float [1]
+        Slope of the line.
+    top : float [m]
+        Elevation of the highest ground of the release.
     """
 
     step: int
-    line: np.ndarray  # bool[rows, columns]
-    inside: np.ndarray  # bool[rows, columns]
-    near: np.ndarray  # bool[rows, columns], `line` grown by FLOW_WIDTHS widths of the release, not above its energy
-    height: np.ndarray  # float64[rows, columns], of the energy over the ground [m]; NaN without ground
-    mu: float  # [1] by which the line falls
-    top: float  # [m] elevation of the highest ground of the release
+    line: np.ndarray
+    inside: np.ndarray
+    near: np.ndarray
+    height: np.ndarray
+    mu: float
+    top: float
 
-    def at(self, grid, x, y):
-        """Whether map points x, y [m] lie on reachable ground or near it: (bool[n], bool[n])."""
+    def at(self, grid: Grid, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return whether map points are on reachable ground, and whether they are near it.
+
+        Parameters
+        ----------
+        grid : Grid
+            Of the DTM.
+        x, y : float64[n] [m]
+
+        Returns
+        -------
+        (bool[n], bool[n])
+        """
         there, cell = self._cells(grid, x, y)
         return there & self.inside[cell], there & self.near[cell]
 
-    def below_line(self, grid, x, y):
-        """bool[n]: whether map points x, y [m] are on ground below the energy line."""
+    def below_line(self, grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return whether map points are on ground below the energy line.
+
+        Parameters
+        ----------
+        grid : Grid
+            Of the DTM.
+        x, y : float64[n] [m]
+
+        Returns
+        -------
+        bool[n]
+        """
         there, cell = self._cells(grid, x, y)
         return there & self.line[cell]
 
@@ -88,10 +139,12 @@ class Reach(NamedTuple):
         return there, (np.where(there, i, 0), np.where(there, j, 0))
 
 
-def reach_of(terrain, release_xy, release_bed, mu, head=0.0):
-    """The `Reach` of a release: ground below a line that falls by `mu` from its highest energy, and downhill of it.
+def reach_of(
+    terrain: Terrain, release_xy: np.ndarray, release_bed: np.ndarray, mu: float, head: float | np.ndarray = 0.0
+) -> Reach:
+    """Find the ground below a line that falls by `mu` from its highest energy, and the ground downhill of it.
 
-    Separate areas have a line each, from the middle of the area.
+    Separate areas of the release have a line each, from the middle of the area.
 
     Parameters
     ----------
@@ -99,7 +152,8 @@ def reach_of(terrain, release_xy, release_bed, mu, head=0.0):
     release_xy : float[n, 2] [m]
         Some points of the release, of inflow and of later releases.
     release_bed : float[n] [m]
-    mu : float
+        Elevation of the ground there.
+    mu : float [1]
         Smallest friction coefficient.
     head : float or float[n] [m]
         v^2 / 2g of flow that starts there with the speed v.
@@ -133,8 +187,8 @@ def reach_of(terrain, release_xy, release_bed, mu, head=0.0):
     return Reach(step, line, inside, near, height, float(mu), float(np.nanmax(release_bed)))
 
 
-def _areas(xy, spacing):
-    """int[n]: number, from 0, of the area of each point; points of one area are adjacent."""
+def _areas(xy: np.ndarray, spacing: float) -> np.ndarray:
+    """Number the areas of the release from 0; int[n] of each point. Points of one area are adjacent."""
     if len(xy) < 2:
         return np.zeros(len(xy), int)
     apart = max(3.0 * float(np.quantile(cKDTree(xy).query(xy, k=2)[0][:, 1], 0.99)), 2.0 * spacing)
@@ -148,8 +202,19 @@ def _areas(xy, spacing):
         apart *= 2.0
 
 
-def connected(mask, start):
-    """Parts of `mask` with one of the cells `start`, (rows, columns); all without any."""
+def connected(mask: np.ndarray, start: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Keep the parts of a mask that contain a start cell; all of them where none does.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    start : (int[n], int[n])
+        Rows and columns.
+
+    Returns
+    -------
+    bool[rows, columns]
+    """
     labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
     kept = np.zeros(count + 1, bool)
     kept[labels[start]] = True
@@ -157,8 +222,8 @@ def connected(mask, start):
     return kept[labels] if kept.any() else mask
 
 
-def _downhill(elevation, start, fall):
-    """Energy [m] of a flow that leaves the cells `start` (bool) at rest, wherever it gets; -inf elsewhere.
+def _downhill(elevation: np.ndarray, start: np.ndarray, fall: float) -> np.ndarray:
+    """Return the energy [m] of a flow that leaves the cells `start` (bool) at rest, wherever it gets; -inf elsewhere.
 
     It loses `fall` [m] per cell side. It continues wherever its energy is above the ground, and wherever the ground
     falls: there its energy is at least the elevation of the ground. Energy never rises on the way. Cells are therefore
@@ -190,12 +255,17 @@ def _downhill(elevation, start, fall):
     return energy.reshape(-1, width)[1:-1, 1:-1]
 
 
-def reach_facts(terrain, reach):
-    """Numbers about reachable ground for `scene.TerrainFacts`.
+def reach_facts(terrain: Terrain, reach: Reach) -> dict[str, float]:
+    """Return numbers about reachable ground for `scene.TerrainFacts`.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    reach : Reach
 
     Returns
     -------
-    dict
+    dict of str to float
         centrifugal_ratio: 95 % quantile of |u^T Hess b u| / g at the line's speed; detachment_ratio: 99 % quantile of
         U^2 curvature / (g cos) along the fall line, convex ground positive; slope_median; slope_steep, the 99 %
         quantile near it; drop [m]; speed [m s-1], the largest of the line; edge_distance [m] of all that is in reach,
@@ -230,10 +300,22 @@ def _quantile(values, share):
     return float(np.quantile(values, share)) if values.size else 0.0
 
 
-def release_facts(terrain, xy, mass, thickness):
-    """Mean thickness h0 and length L0 down the slope of a release, weighted by `mass`: a dict [m, m].
+def release_facts(terrain: Terrain, xy: np.ndarray, mass: np.ndarray, thickness: np.ndarray) -> dict[str, float]:
+    """Return the mean thickness h0 and the length L0 down the slope of a release, weighted by mass.
 
     L0 is sqrt(12) standard deviations along the mean slope: the length of a rectangle.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    xy : float64[n, 2] [m]
+    mass : float64[n] [kg]
+    thickness : float64[n] [m]
+
+    Returns
+    -------
+    dict of str to float
+        release_thickness [m], release_length [m].
     """
     centre = np.average(xy, axis=0, weights=mass)
     row, column = terrain.grid.rowcol(xy[:, 0], xy[:, 1])
@@ -247,10 +329,20 @@ def release_facts(terrain, xy, mass, thickness):
     }
 
 
-def steepest_profile(terrain, start_xy, mu, most_points=200, head=0.0):
-    """The steepest way down from `start_xy`, through pits where they overflow, as far as a line of `mu` allows.
+def steepest_profile(
+    terrain: Terrain, start_xy: np.ndarray, mu: float, most_points: int = 200, head: float = 0.0
+) -> tuple[tuple[float, float], ...]:
+    """Find the steepest way down, through pits where they overflow, as far as an energy line allows.
 
-    The line begins `head` [m] above the ground there.
+    Parameters
+    ----------
+    terrain : Terrain
+    start_xy : float64[2] [m]
+    mu : float [1]
+        Slope of the line.
+    most_points : int
+    head : float [m]
+        Height of the line above the ground at the start.
 
     Returns
     -------
@@ -275,16 +367,20 @@ def steepest_profile(terrain, start_xy, mu, most_points=200, head=0.0):
     return (*thinned, path[-1])
 
 
-def _way_down(elevation, start, mu, spacing, head=0.0):
-    """Cells under the line of `mu` from `start`, the lowest beside those before first: water that rises and overflows.
+def _way_down(
+    elevation: np.ndarray, start: tuple[int, int], mu: float, spacing: float, head: float = 0.0
+) -> tuple[list, dict]:
+    """Visit the cells under the line of `mu` from `start`, always the lowest neighbour first, as rising water does.
 
     Cells are numbered row by row in the raster with a rim of one cell around it. Plain numbers are compared and looked
-    up several times faster than arrays are indexed by pairs, and a cell as high as the sky needs no other mark.
+    up several times faster than arrays are indexed by pairs. An infinite elevation marks the rim and visited cells.
 
     Returns
     -------
-    (list of (elevation [m], way to it [m], cell), dict)
-        The cells as they were visited; where from each was come to.
+    list of (float, float, int)
+        Elevation [m], way to it [m] and number of the cells, in the order of the visits.
+    dict of int to int
+        The cell from which each cell was reached.
     """
     walled = np.pad(np.asarray(elevation, float), 1, constant_values=np.inf)
     height, width = walled.ravel().tolist(), walled.shape[1]
@@ -313,29 +409,30 @@ def _way_down(elevation, start, mu, spacing, head=0.0):
     return visited, parent
 
 
-def _farthest_at_the_bottom(visited):
-    """The cell with the longest path among those at the lowest elevation; flooded cells are excluded."""
+def _farthest_at_the_bottom(visited: list) -> int:
+    """Return the cell with the longest path among those at the lowest elevation; flooded cells are excluded."""
     lowest = min(range(len(visited)), key=lambda k: visited[k][0])
-    shore = visited[lowest][0] + 0.02 * (visited[0][0] - visited[lowest][0])
+    shore = visited[lowest][0] + BOTTOM_SHARE * (visited[0][0] - visited[lowest][0])
     bottom = itertools.takewhile(lambda entry: entry[0] <= shore, visited[lowest:])
     return max(bottom, key=lambda entry: entry[1])[2]
 
 
-def _cell(grid, xy, step, shape):
-    """(row, column) of the thinned raster nearest to the map point `xy`."""
+def _cell(grid: Grid, xy: np.ndarray, step: int, shape: tuple[int, int]) -> tuple[int, int]:
+    """Return the (row, column) of the thinned raster nearest to the map point `xy`."""
     return tuple(int(np.clip(np.round(v / step), 0, m - 1)) for v, m in zip(grid.rowcol(*xy), shape, strict=True))
 
 
-def _cells_of(grid, xy, step, shape):
-    """(rows, columns) of the thinned raster nearest to the map points `xy` [n, 2]."""
+def _cells_of(grid: Grid, xy: np.ndarray, step: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (rows, columns) of the thinned raster nearest to the map points `xy` [n, 2]."""
     row, column = grid.rowcol(xy[:, 0], xy[:, 1])
     return tuple(np.clip(np.rint(v / step).astype(int), 0, m - 1) for v, m in zip((row, column), shape, strict=True))
 
 
-def _bending(elevation):
-    """Second derivatives [m per pixel^2], smoothed over two pixels: largest absolute eigenvalue, and down the slope.
+def _bending(elevation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return second derivatives [m per pixel^2]: the largest absolute eigenvalue, and that down the slope.
 
-    Beyond the raster and without data the ground is extended with its slope, so that a plane stays a plane.
+    The elevation is smoothed over two pixels. Beyond the raster and without data the ground is extended with its slope,
+    so that a plane stays a plane.
     """
     smooth = ndimage.gaussian_filter(continued(elevation, SMOOTHED), SMOOTHING, mode="nearest")
     d_row, d_column = np.gradient(smooth)

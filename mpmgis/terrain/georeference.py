@@ -1,7 +1,4 @@
-"""Coordinate reference systems: checks that coordinates are metres on a map, with the command that corrects them.
-
-How a DTM was brought to a metric CRS and to metres of height, in words and as facts for records.
-"""
+"""Coordinate reference systems: checks that coordinates are metres on a map, with the command that corrects them."""
 
 import math
 import warnings
@@ -13,15 +10,31 @@ import pyproj
 from ..system.errors import GeoreferenceError, InputError, one_line
 from ..system.messages import log
 
-LOCAL, AUTO = "local", "auto"
+LOCAL = "local"  # word for metres without a georeference
+AUTO = "auto"  # word for a metric CRS chosen for the place
 _FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside the area of use cannot be meant
-_SAME_NUMBERS = 1e-3  # [m] that the same place may differ by in two projections that are one
+_SAME_NUMBERS = 1e-3  # [m] two projections whose coordinates differ by less are the same
 _FAR_OUTSIDE = 20.0  # [deg] outside the area of use in latitude or longitude: cannot be meant at any scale error
-_LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1]
+_OUTSIDE = 3.0  # [deg] outside the area of use: cannot be meant if the scale error is large too
+_LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1] a larger one is reported: UTM has at most this within its zone
+_UNIT_ROUNDING = 1e-12  # [1] a unit that differs by less from the metre is the metre
+_UTM_NORTH = 84.0  # [deg] limits of UTM
+_UTM_SOUTH = -80.0
+_TURN = 360.0  # [deg] largest longitude
+_POLE = 90.0  # [deg] largest latitude
+_WIDEST_IN_DEGREES = 5.0  # [deg] coordinates as small as degrees over a wider raster are metres
+_NO_LONGITUDE = 400.0  # [deg] larger coordinates are not degrees; rasters may reach somewhat beyond 360
+_NO_LATITUDE = 100.0  # [deg] larger coordinates are not degrees
 
 
-def parse_crs(text, option="--crs"):
-    """The CRS that the `option` names: a pyproj.CRS, or None for ``local`` (metres without a place).
+def parse_crs(text: str, option: str = "--crs") -> pyproj.CRS | None:
+    """Return the CRS that an option names; None for ``local`` (metres without a georeference).
+
+    Parameters
+    ----------
+    text : str
+    option : str
+        Its name, for messages.
 
     Raises
     ------
@@ -41,8 +54,12 @@ def parse_crs(text, option="--crs"):
         raise InputError(f"{option} got {word!r}, but PROJ has no such EPSG code; look it up at epsg.io") from error
 
 
-def crs_of_text(text):
-    """The pyproj.CRS that a file names in its `crs`: `EPSG:n`, WKT or a PROJ string.
+def crs_of_text(text: str) -> pyproj.CRS:
+    """Return the CRS that a file names in its `crs`: `EPSG:n`, WKT or a PROJ string.
+
+    Parameters
+    ----------
+    text : str
 
     Raises
     ------
@@ -64,16 +81,28 @@ def crs_of_text(text):
         ) from error
 
 
-def name_of(crs):
-    """Short name of a CRS for messages: EPSG:n where it has one, else its name."""
+def name_of(crs: pyproj.CRS | None) -> str:
+    """Return a short name of a CRS for messages: EPSG:n where it has one, else its name.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS or None
+        None for a local frame.
+    """
     if crs is None:
         return "a local frame"
     epsg = crs.to_epsg()
     return f"EPSG:{epsg}" if epsg else one_line(crs.name)
 
 
-def horizontal(crs):
-    """The horizontal part of `crs`, without a vertical datum or a bound transformation."""
+def horizontal(crs: pyproj.CRS | None) -> pyproj.CRS | None:
+    """Return the horizontal part of a CRS, without a vertical datum or a bound transformation.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS or None
+        None stays None.
+    """
     if crs is None:
         return None
     if crs.is_bound:
@@ -83,21 +112,36 @@ def horizontal(crs):
     return crs.to_2d() if len(crs.axis_info) == 3 else crs
 
 
-def metric_equivalent(longitude, latitude):
-    """EPSG code (as text) of a metric CRS for a place: its UTM zone, or polar stereographic near the poles."""
-    if latitude > 84:
+def metric_equivalent(longitude: float, latitude: float) -> str:
+    """Return the EPSG code of a metric CRS for a place: its UTM zone, or polar stereographic near the poles.
+
+    Parameters
+    ----------
+    longitude, latitude : float [deg]
+    """
+    if latitude > _UTM_NORTH:
         return "EPSG:32661"
-    if latitude < -80:
+    if latitude < _UTM_SOUTH:
         return "EPSG:32761"
     zone = int((longitude + 180) // 6) % 60 + 1
     return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
 
 
-def warp_command(path, crs=None, resampling="bilinear", size=None):
-    """The command that creates `<name>_warped.tif` in the current folder from a raster.
+def warp_command(
+    path: str | PurePath, crs: str | None = None, resampling: str = "bilinear", size: str | None = None
+) -> str:
+    """Return the command that creates `<name>_warped.tif` in the current folder from a raster.
 
-    `rio` is part of rasterio and always available; the programs of GDAL are not. `crs` is a CRS by
-    its code, `size` [m] that of the new pixels.
+    `rio` is part of rasterio and always available; the programs of GDAL are not.
+
+    Parameters
+    ----------
+    path : str or Path
+    crs : str, optional
+        Code of the new CRS.
+    resampling : str
+    size : str, optional [m]
+        Of the new pixels.
     """
     path = PurePath(path)
     options = [f"--dst-crs {crs}"] * (crs is not None) + [f"--res {size}"] * (size is not None)
@@ -105,8 +149,14 @@ def warp_command(path, crs=None, resampling="bilinear", size=None):
     return f"rio warp {' '.join(words)}"
 
 
-def scale_command(path, factor):
-    """The command that creates `<name>_m.tif` in the current folder from a raster, its values times `factor`."""
+def scale_command(path: str | PurePath, factor: float) -> str:
+    """Return the command that creates `<name>_m.tif` in the current folder from a raster, its values times a factor.
+
+    Parameters
+    ----------
+    path : str or Path
+    factor : float [1]
+    """
     path = PurePath(path)
     return f"rio calc '(* {factor:.10g} (read 1))' {_quoted(path)} {_quoted(f'{path.stem}_m.tif')}"
 
@@ -115,16 +165,22 @@ def _quoted(path):
     return f'"{path}"' if " " in str(path) else str(path)
 
 
-def same_place(first, second):
-    """True where two CRS are one and the same on the map (vertical datum and axis order apart)."""
+def same_place(first: pyproj.CRS | None, second: pyproj.CRS | None) -> bool:
+    """Return whether two CRS are one and the same on the map (vertical datum and axis order apart).
+
+    Parameters
+    ----------
+    first, second : pyproj.CRS or None
+        None for a local frame, which is the same only as another one.
+    """
     if first is None or second is None:
         return first is second
     first, second = horizontal(first), horizontal(second)
     return first.equals(second, ignore_axis_order=True) or _same_but_for_the_datum(first, second)
 
 
-def _same_but_for_the_datum(first, second):
-    """True where one of two projections does not name its datum, as a PROJ string, and both give the same numbers."""
+def _same_but_for_the_datum(first: pyproj.CRS, second: pyproj.CRS) -> bool:
+    """Return whether two projections give the same numbers and one of them, a PROJ string, does not name its datum."""
     if not (first.is_projected and second.is_projected):
         return False
     unnamed = [crs.datum is None or crs.datum.name.lower().startswith("unknown") for crs in (first, second)]
@@ -140,13 +196,14 @@ def _same_but_for_the_datum(first, second):
     return bool(np.isfinite(places).all() and np.abs(places[0] - places[1]).max() < _SAME_NUMBERS)
 
 
-def require_metric(crs, bounds, where):
+def require_metric(crs: pyproj.CRS, bounds: tuple[float, float, float, float], where: str) -> None:
     """Refuse a CRS that is not a projection in metres, or coordinates that it cannot mean.
 
     Parameters
     ----------
     crs : pyproj.CRS
-    bounds : (west, south, east, north) in units of the CRS
+    bounds : (float, float, float, float)
+        West, south, east, north in units of the CRS.
     where : str
         The file, for messages.
 
@@ -170,7 +227,8 @@ def require_metric(crs, bounds, where):
             f"(rio edit-info FILE --unset-crs) and give --crs local or --crs EPSG:n"
         )
     _require_metres(plane, crs, where, centre)
-    if max(abs(v) for v in bounds[::2]) <= 360 and max(abs(v) for v in bounds[1::2]) <= 90 and _span(bounds) < 5:
+    east, north = (max(abs(v) for v in bounds[first::2]) for first in (0, 1))
+    if east <= _TURN and north <= _POLE and _span(bounds) < _WIDEST_IN_DEGREES:
         raise GeoreferenceError(
             f"{where} is tagged {name} (metres), but its coordinates {_pair(centre)} look like degrees; correct the "
             f"tag (rio edit-info FILE --crs EPSG:4326), then reproject, for example to "
@@ -186,14 +244,22 @@ def require_metric(crs, bounds, where):
         )
 
 
-def require_true_degrees(crs, bounds, where):
-    """Refuse a CRS in degrees for coordinates that are not degrees; arguments as for `require_metric`.
+def require_true_degrees(crs: pyproj.CRS, bounds: tuple[float, float, float, float], where: str | PurePath) -> None:
+    """Refuse a CRS in degrees for coordinates that are not degrees.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+    bounds : (float, float, float, float)
+        West, south, east, north in units of the CRS.
+    where : str or Path
+        The file, for messages.
 
     Raises
     ------
     GeoreferenceError
     """
-    far = max(abs(v) for v in bounds[::2]) > 400 or max(abs(v) for v in bounds[1::2]) > 100
+    far = max(abs(v) for v in bounds[::2]) > _NO_LONGITUDE or max(abs(v) for v in bounds[1::2]) > _NO_LATITUDE
     if horizontal(crs).is_geographic and far:
         centre = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
         raise GeoreferenceError(
@@ -202,13 +268,30 @@ def require_true_degrees(crs, bounds, where):
         )
 
 
-def is_metric(crs):
-    """True for a map projection whose axes are in metres."""
-    return crs.is_projected and all(abs(axis.unit_conversion_factor - 1.0) <= 1e-12 for axis in crs.axis_info)
+def is_metric(crs: pyproj.CRS) -> bool:
+    """Return whether a CRS is a map projection whose axes are in metres.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+    """
+    return crs.is_projected and all(abs(axis.unit_conversion_factor - 1.0) <= _UNIT_ROUNDING for axis in crs.axis_info)
 
 
-def centre_of(crs, bounds):
-    """(longitude, latitude) in WGS 84 of the middle of `bounds`; infinities where the CRS has none there."""
+def centre_of(crs: pyproj.CRS, bounds: tuple[float, float, float, float]) -> tuple[float, float]:
+    """Return the longitude and latitude [deg] in WGS 84 of the middle of `bounds`.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+    bounds : (float, float, float, float)
+        West, south, east, north in units of the CRS.
+
+    Returns
+    -------
+    (float, float)
+        Infinities where the CRS has none there.
+    """
     return _longitude_latitude(horizontal(crs), (0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])))
 
 
@@ -220,8 +303,8 @@ def _pair(point):
     return f"({point[0]:.6g}, {point[1]:.6g})"
 
 
-def _longitude_latitude(plane, point):
-    """(longitude, latitude) in WGS 84 of a point, or infinities where the projection has none."""
+def _longitude_latitude(plane: pyproj.CRS, point: tuple[float, float]) -> tuple[float, float]:
+    """Return the (longitude, latitude) in WGS 84 of a point, or infinities where the projection has none."""
     try:
         transformer = pyproj.Transformer.from_crs(plane, "EPSG:4326", always_xy=True)
         return transformer.transform(*point)
@@ -236,16 +319,16 @@ def _reprojection(where, longitude, latitude):
     return f"Give --to-crs auto ({target}), or reproject it: {warp_command(where, target)}"
 
 
-def _require_metres(plane, crs, where, centre):
-    """Horizontal axes, and the vertical axis where the CRS has one, must be in metres."""
+def _require_metres(plane: pyproj.CRS, crs: pyproj.CRS, where: str, centre: tuple[float, float]) -> None:
+    """Refuse horizontal axes, or a vertical axis where the CRS has one, that are not in metres."""
     for axis in plane.axis_info:
-        if abs(axis.unit_conversion_factor - 1.0) > 1e-12:
+        if abs(axis.unit_conversion_factor - 1.0) > _UNIT_ROUNDING:
             cure = _reprojection(where, *_longitude_latitude(plane, centre))
             raise GeoreferenceError(
                 f"{where} is in {name_of(crs)}, whose unit is {axis.unit_name}, expected metre. {cure}"
             )
     for axis in crs.axis_info:
-        if axis.direction in ("up", "down") and abs(axis.unit_conversion_factor - 1.0) > 1e-12:
+        if axis.direction in ("up", "down") and abs(axis.unit_conversion_factor - 1.0) > _UNIT_ROUNDING:
             raise GeoreferenceError(
                 f"{where}: heights are in {axis.unit_name} (vertical CRS of {one_line(crs.name)}), expected metre; "
                 f"give --to-crs auto, or convert them ({scale_command(where, axis.unit_conversion_factor)}) and give "
@@ -253,8 +336,8 @@ def _require_metres(plane, crs, where, centre):
             )
 
 
-def _require_place(plane, centre, where, name):
-    """Refuse coordinates that the CRS cannot mean; returns (|k - 1|, areal scale - 1) at `centre`."""
+def _require_place(plane: pyproj.CRS, centre: tuple[float, float], where: str, name: str) -> tuple[float, float]:
+    """Refuse coordinates that the CRS cannot mean; return (|k - 1|, areal scale - 1) at `centre`."""
     longitude, latitude = _longitude_latitude(plane, centre)
     if not (math.isfinite(longitude) and math.isfinite(latitude)):
         raise GeoreferenceError(
@@ -266,7 +349,7 @@ def _require_place(plane, centre, where, name):
     known = np.isfinite(scales).all() and math.isfinite(factors.areal_scale)
     scale_error, area_error = (float(np.abs(scales - 1.0).max()), factors.areal_scale - 1.0) if known else (0.0, 0.0)
     outside = _degrees_outside(plane.area_of_use, longitude, latitude)
-    if outside > _FAR_OUTSIDE or (outside > 3.0 and scale_error > _FAR_FROM_AREA_OF_USE):
+    if outside > _FAR_OUTSIDE or (outside > _OUTSIDE and scale_error > _FAR_FROM_AREA_OF_USE):
         raise GeoreferenceError(
             f"{where} is tagged {name}, but its coordinates {_pair(centre)} lie {outside:.0f} degrees outside that "
             "CRS's "
@@ -276,8 +359,8 @@ def _require_place(plane, centre, where, name):
     return scale_error, area_error
 
 
-def _degrees_outside(area, longitude, latitude):
-    """Distance [deg] of a place from an area of use; 0 inside, or if the CRS has none."""
+def _degrees_outside(area, longitude: float, latitude: float) -> float:
+    """Return the distance [deg] of a place from an area of use; 0 inside, or if the CRS has none."""
     if area is None:
         return 0.0
     width = (area.east - area.west) % 360 or 360.0

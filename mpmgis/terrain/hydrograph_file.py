@@ -1,4 +1,4 @@
-"""CSV tables: general rows, loads on barriers over time, and hydrographs in the formats of common spreadsheets."""
+"""Hydrographs read from CSV tables in the formats of common spreadsheets."""
 
 import codecs
 import csv
@@ -19,10 +19,14 @@ _DELIMITERS = ",;\t"
 _LARGEST = 10_000_000  # [bytes] of a table
 
 
-def read_hydrograph(path):
-    """The Hydrograph in the CSV file at `path`: a header and one row per time, separated by comma, semicolon or tab.
+def read_hydrograph(path: str | Path) -> Hydrograph:
+    """Read a Hydrograph from a CSV file: a header and one row per time, separated by comma, semicolon or tab.
 
     With semicolons or tabs, numbers may have a decimal comma. Empty lines and lines that start with # are skipped.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -48,8 +52,8 @@ def read_hydrograph(path):
     return Hydrograph(table["time"], table.get("discharge"), table.get("thickness"), table.get("speed"), velocity)
 
 
-def _text(path):
-    """The file's text: UTF-8 with or without a byte order mark, or UTF-16 with one."""
+def _text(path: Path) -> str:
+    """Read the file's text: UTF-8 with or without a byte order mark, or UTF-16 with one."""
     require_file(path)
     try:
         if path.stat().st_size > _LARGEST:
@@ -63,8 +67,8 @@ def _text(path):
         raise FormatError(f"{path} is not readable text, expected a CSV; save it as CSV UTF-8") from error
 
 
-def _names(path, cells):
-    """Column names of the header; checks that they are known, unique and complete."""
+def _names(path: Path, cells: list[str]) -> list[str]:
+    """Return the column names of the header; check that they are known, unique and complete."""
     takes = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
     names = [cell.lower() for cell in cells]
     for name in names:
@@ -88,8 +92,8 @@ def _names(path, cells):
     return names
 
 
-def _numbers(path, line, names, cells, decimal_comma):
-    """The numbers of one row."""
+def _numbers(path: Path, line: int, names: list[str], cells: list[str], decimal_comma: bool) -> list[float]:
+    """Return the numbers of one row."""
     while len(cells) > len(names) and cells[-1] == "":  # spreadsheets end lines with empty cells
         cells = cells[:-1]
     if len(cells) != len(names):
@@ -121,7 +125,7 @@ def _is_number(text):
     return "_" not in text
 
 
-def _require_valid_series(path, table, lines):
+def _require_valid_series(path: Path, table: dict[str, np.ndarray], lines: list[int]) -> None:
     """Check that times start at 0 or later and increase, and that there is inflow."""
     time = table["time"]
     if time[0] < 0:

@@ -1,4 +1,4 @@
-"""Holes of a DTM filled from the ground around them."""
+"""Holes of a DTM filled by interpolation from the surrounding cells."""
 
 from dataclasses import dataclass, replace
 
@@ -6,11 +6,12 @@ import numpy as np
 import scipy
 from rasterio.fill import fillnodata
 
+from .elevation import Terrain
 from .nodata_groups import nodata_groups
 
 INTERPOLATE = "interpolate"
 FILLS = (INTERPOLATE,)
-FAR_PIXELS = 10.0  # distance to known cells above which filled elevations are uncertain
+FAR_PIXELS = 10.0  # [pixels] distance to known cells above which filled elevations are uncertain
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,14 @@ class NodataFill:
     north: float
     left: int
 
-    def lines(self, pixel):
-        """Messages about the filling of a DTM with pixels of `pixel` [m]."""
+    def lines(self, pixel: float) -> list[str]:
+        """Return messages about the filling.
+
+        Parameters
+        ----------
+        pixel : float [m]
+            Cell size of the DTM.
+        """
         stay = f"; {self.left} nodata cells connected to the edge of the DTM are kept" if self.left else ""
         if not self.cells:
             return [f"[terrain] fill_nodata: the DTM has no hole{stay}"]
@@ -53,13 +60,22 @@ class NodataFill:
         return lines
 
 
-def filled(terrain):
-    """(`terrain` with its holes filled, the NodataFill).
+def filled(terrain: Terrain) -> tuple[Terrain, NodataFill]:
+    """Fill the holes of a DTM.
 
     A hole is a group of cells without elevation that is not connected to the edge of the DTM. The fill is the
     least-squares plane through the surrounding cells plus their interpolated residuals: the mean of the nearest known
     cells in four quadrants, weighted by inverse distance (`rasterio.fill.fillnodata`, i.e. GDALFillNodata, without
     smoothing). It is exact on a plane. Cells with elevation keep their bits.
+
+    Parameters
+    ----------
+    terrain : Terrain
+
+    Returns
+    -------
+    (Terrain, NodataFill)
+        The Terrain with its holes filled, and where.
     """
     nodata = ~terrain.valid
     labels, at_edge = nodata_groups(nodata)
@@ -83,8 +99,8 @@ def filled(terrain):
     return replace(terrain, elevation=elevation), fill
 
 
-def _heights(elevation, hole, known):
-    """Elevations [m] in the cells `hole` of a window, from its `known` cells."""
+def _heights(elevation: np.ndarray, hole: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return elevations [m] in the cells `hole` of a window, from its `known` cells."""
     around = scipy.ndimage.binary_dilation(hole, np.ones((3, 3))) & known
     row, column = np.indices(hole.shape)
     terms = np.stack([np.ones(hole.shape), row, column], axis=-1)

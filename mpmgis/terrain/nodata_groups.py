@@ -1,17 +1,33 @@
-"""Cells without elevation: holes, and the collar around the DTM."""
+"""Cells without elevation: holes inside the DTM, and the nodata collar that extends to its edge."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy
 
+if TYPE_CHECKING:
+    from .elevation import Terrain
+    from .flow_reach import Reach
+    from .grid import Grid
+
 _AROUND = np.ones((3, 3))
 
 
-def nodata_groups(nodata):
-    """(int[rows, columns] number of the group of each cell of bool `nodata`, from 1; set of the groups at the edge).
+def nodata_groups(nodata: np.ndarray) -> tuple[np.ndarray, set[int]]:
+    """Number the groups of cells without elevation; cells that share a side or a corner are of one group.
 
-    Cells that share a side or a corner are of one group. A group at the edge is the collar, any other a hole.
+    A group at the edge is the collar, any other a hole.
+
+    Parameters
+    ----------
+    nodata : bool[rows, columns]
+
+    Returns
+    -------
+    int[rows, columns]
+        Number of the group of each cell, from 1; 0 for cells with elevation.
+    set of int
+        The groups at the edge.
     """
     labels, _ = scipy.ndimage.label(nodata, _AROUND)
     rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
@@ -19,7 +35,15 @@ def nodata_groups(nodata):
 
 
 class NodataGroup(NamedTuple):
-    """Cells without elevation: their number, and a map place [m] among them."""
+    """A group of cells without elevation.
+
+    Parameters
+    ----------
+    cells : int
+        Number of cells.
+    east, north : float [m]
+        Map position of one of them.
+    """
 
     cells: int
     east: float
@@ -27,23 +51,31 @@ class NodataGroup(NamedTuple):
 
 
 class NodataInReach(NamedTuple):
-    """What the flow can reach of the nodata of a DTM: the holes, largest first, and cells of the collar (or None)."""
+    """Nodata of a DTM that the flow can reach.
+
+    Parameters
+    ----------
+    holes : tuple of NodataGroup
+        Whole holes, the largest first.
+    collar : NodataGroup or None
+        Only the cells of the collar next to reachable ground.
+    """
 
     holes: tuple = ()  # of NodataGroup, whole holes
     collar: NodataGroup | None = None  # only the cells next to reachable ground
 
     @property
-    def hole(self):
-        """(cells of all holes, east, north [m] of the largest); None where no hole is in reach."""
+    def hole(self) -> tuple[int, float, float] | None:
+        """Cells of all holes, east and north [m] of the largest; None where no hole is in reach."""
         return (sum(hole.cells for hole in self.holes), *self.holes[0][1:]) if self.holes else None
 
-    def as_numbers(self):
-        """All of it as plain numbers for a record."""
+    def as_numbers(self) -> dict[str, Any]:
+        """Return all of it as plain numbers for a record."""
         collar = None if self.collar is None else self.collar._asdict()
         return {"holes": [hole._asdict() for hole in self.holes], "collar": collar}
 
-    def lines(self):
-        """Messages before a run."""
+    def lines(self) -> list[str]:
+        """Return messages before a run."""
         lines = []
         if self.holes:
             cells, east, north = self.hole
@@ -62,8 +94,8 @@ class NodataInReach(NamedTuple):
         return lines
 
 
-def nodata_in_reach(terrain, reach, cell_size):
-    """The NodataInReach of a flow on cells of `cell_size` [m].
+def nodata_in_reach(terrain: "Terrain", reach: "Reach", cell_size: float) -> NodataInReach:
+    """Find the nodata that a flow can reach.
 
     Nodata is in reach where reachable ground is so near that a cell of the solver between them has no elevation.
 
@@ -73,6 +105,7 @@ def nodata_in_reach(terrain, reach, cell_size):
     reach : Reach
         Reachable ground, on every `reach.step`-th pixel.
     cell_size : float [m]
+        Of the solver.
     """
     nodata = ~terrain.valid
     if not nodata.any() or not reach.inside.any():
@@ -92,8 +125,8 @@ def nodata_in_reach(terrain, reach, cell_size):
     return NodataInReach(tuple(holes), _group(terrain.grid, of_collar, (0, 0)) if of_collar.any() else None)
 
 
-def _group(grid, cells, first):
-    """The NodataGroup of bool `cells` of a window of `grid` from the cell `first`; its place is one of them."""
+def _group(grid: "Grid", cells: np.ndarray, first: tuple[int, int]) -> NodataGroup:
+    """Return the NodataGroup of bool `cells` of a window of `grid` from the cell `first`; its place is one of them."""
     at = np.argwhere(cells)
     place = at[np.argmin(((at - at.mean(axis=0)) ** 2).sum(axis=1))] + first
     east, north = grid.xy(*place)

@@ -20,8 +20,13 @@ QUANTITIES = ("h_max", "Ut_max", "p_max", "t_arrival")  # columns, as the bands 
 DEVIATION = "_sd"  # suffix of the column with standard deviations
 
 
-def read_outline(path, grid):
-    """The polygons at `path` as one shapely geometry in the CRS of `grid`; reprojection and repairs are reported.
+def read_outline(path: str | Path, grid: Grid) -> shapely.Geometry:
+    """Read polygons as one geometry in the CRS of a grid; report reprojection and repairs.
+
+    Parameters
+    ----------
+    path : str or Path
+    grid : Grid
 
     Raises
     ------
@@ -38,8 +43,17 @@ def read_outline(path, grid):
     return whole
 
 
-def read_line(path, grid):
-    """float64[n, 2] [m]: vertices of the one line at `path`, in the CRS of `grid`.
+def read_line(path: str | Path, grid: Grid) -> np.ndarray:
+    """Read the vertices of a single line, in the CRS of a grid.
+
+    Parameters
+    ----------
+    path : str or Path
+    grid : Grid
+
+    Returns
+    -------
+    float64[n, 2] [m]
 
     Raises
     ------
@@ -55,8 +69,18 @@ def read_line(path, grid):
     return shapely.get_coordinates(shapely.remove_repeated_points(parts[0]))
 
 
-def read_points(path, grid):
-    """(names, x float64[n], y float64[n]) of the points at `path` [m], in the CRS of `grid`.
+def read_points(path: str | Path, grid: Grid) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Read points with their names, in the CRS of a grid.
+
+    Parameters
+    ----------
+    path : str or Path
+    grid : Grid
+
+    Returns
+    -------
+    names : tuple of str
+    x, y : float64[n] [m]
 
     Raises
     ------
@@ -69,18 +93,29 @@ def read_points(path, grid):
     return tuple(names[k] for k in of), x, y
 
 
-def cells_within(shape, grid):
-    """bool[rows, columns]: cells of `grid` whose centre lies within a shapely geometry."""
+def cells_within(shape: shapely.Geometry, grid: Grid) -> np.ndarray:
+    """Return which cells of a grid have their centre within a geometry.
+
+    Parameters
+    ----------
+    shape : shapely.Geometry
+        In the CRS of the grid.
+    grid : Grid
+
+    Returns
+    -------
+    bool[rows, columns]
+    """
     return geometry_mask([shape], grid.shape, grid.transform, invert=True)
 
 
-def _shapes(path, grid, kind, flag):
-    """Geometries of one kind at `path`, 2D and in the CRS of `grid`; empty ones are left out."""
+def _shapes(path: str | Path, grid: Grid, kind: str, flag: str) -> np.ndarray:
+    """Return the geometries of one kind at `path`, 2D and in the CRS of `grid`; leave empty ones out."""
     return _named_shapes(path, grid, kind, flag)[0]
 
 
-def _named_shapes(path, grid, kind, flag):
-    """As `_shapes`, with the name of each."""
+def _named_shapes(path: str | Path, grid: Grid, kind: str, flag: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the geometries as `_shapes`, and the name of each."""
     table = read_table(path, kind, flag)
     wanted = KINDS[kind]
     if table.geometry is None:
@@ -97,8 +132,8 @@ def _named_shapes(path, grid, kind, flag):
     return _on_grid(flat, table.crs, grid, path), np.array(names_of(table, path), dtype=object)[~table.without_geometry]
 
 
-def _on_grid(shapes, crs, grid, path):
-    """`shapes` in the CRS of `grid`; without a CRS on one side the coordinates must overlap the raster."""
+def _on_grid(shapes: np.ndarray, crs: pyproj.CRS | None, grid: Grid, path: str | Path) -> np.ndarray:
+    """Return `shapes` in the CRS of `grid`; without a CRS on one side the coordinates must overlap the raster."""
     if crs is None or grid.crs is None:
         _require_near(shapely.total_bounds(shapes), crs, grid, path)
         if crs is not None or grid.crs is not None:
@@ -116,7 +151,8 @@ def _on_grid(shapes, crs, grid, path):
     return shapely.set_coordinates(shapes.copy(), moved)
 
 
-def _require_near(bounds, crs, grid, path):
+def _require_near(bounds: np.ndarray, crs: pyproj.CRS | None, grid: Grid, path: str | Path) -> None:
+    """Refuse coordinates without a common CRS that are outside the raster."""
     west, south, east, north = grid.bounds
     if bounds[0] <= east and bounds[2] >= west and bounds[1] <= north and bounds[3] >= south:
         return
@@ -129,7 +165,19 @@ def _require_near(bounds, crs, grid, path):
 
 @dataclass(frozen=True)
 class ObservedValue:
-    """A value of a quantity [SI] at a point: cell `row`, `column`, and its standard deviation."""
+    """A value of a quantity at a point.
+
+    Parameters
+    ----------
+    point : str
+        Its name.
+    quantity : str
+        One of QUANTITIES.
+    row, column : int
+        Cell of the grid.
+    value, deviation : float [SI]
+        The value and its standard deviation.
+    """
 
     point: str
     quantity: str
@@ -139,14 +187,14 @@ class ObservedValue:
     deviation: float
 
 
-def read_values(path: Path, grid: Grid, error: float) -> list[ObservedValue]:
-    """The ObservedValues of the points at `path` on the cells of `grid`.
+def read_values(path: str | Path, grid: Grid, error: float) -> list[ObservedValue]:
+    """Read the values of QUANTITIES that were observed at points on the cells of a grid.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
     grid : Grid
-    error : float
+    error : float [1]
         Relative standard deviation of values without one.
 
     Raises

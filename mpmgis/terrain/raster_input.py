@@ -4,6 +4,7 @@ import hashlib
 import re
 import sys
 import warnings
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,20 +14,38 @@ import rasterio
 from affine import Affine
 from rasterio._err import CPLE_BaseError
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.io import DatasetReader
+from rasterio.windows import Window
 
 from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, GeoreferenceError, InputError, one_line
 from .georeference import horizontal, warp_command
 from .grid import Grid
 
-_SMALLEST_PIXEL, _FARTHEST = 1e-9, 1e14  # [m, or the map's unit]: side, and coordinate times number of pixels
+_SMALLEST_PIXEL = 1e-9  # [m, or the map's unit] a smaller side is an invalid georeference
+_FARTHEST = 1e14  # [m, or the map's unit] so is a larger product of coordinate and number of pixels
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
 ONE_BAND = "extract one: rio stack {path} --bidx N -o one.tif"  # where no option chooses a band
 _VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
 
-def read_raster(path, band=None, may_be_empty=False):
-    """(values float64[rows, columns] with NaN for nodata, Grid) of any raster; the grid's crs may be None.
+def read_raster(path: str | Path, band: int | None = None, may_be_empty: bool = False) -> tuple[np.ndarray, Grid]:
+    """Read a band of any raster.
+
+    Parameters
+    ----------
+    path : str or Path
+    band : int, optional
+        Counted from 1; required where there are several bands.
+    may_be_empty : bool
+        Nodata everywhere is no error.
+
+    Returns
+    -------
+    values : float64[rows, columns]
+        NaN for nodata.
+    grid : Grid
+        Its crs may be None.
 
     Raises
     ------
@@ -40,20 +59,50 @@ def read_raster(path, band=None, may_be_empty=False):
         return band_values(source, path, band, may_be_empty), grid_of(source, path)
 
 
-def raster_files(path):
-    """Paths of all files that GDAL reads for the raster at `path`: sources of a virtual raster, masks, world files."""
+def raster_files(path: str | Path) -> list[Path]:
+    """Return the paths of all files that GDAL reads for a raster: sources of a virtual raster, masks, world files.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     with open_raster(path) as source:
         return [Path(name) for name in source.files]
 
 
-def grid_of(source, path):
-    """Grid of an open raster; its crs is the horizontal CRS, None where the file has none."""
+def grid_of(source: DatasetReader, path: str | Path) -> Grid:
+    """Return the Grid of an open raster; its crs is the horizontal CRS, None where the file has none.
+
+    Parameters
+    ----------
+    source : rasterio dataset
+    path : str or Path
+        For messages.
+
+    Raises
+    ------
+    GeoreferenceError
+    """
     return Grid(horizontal(crs_of(source, path)), transform_of(source, path, local=True), source.shape)
 
 
 @contextmanager
-def open_raster(path):
-    """The rasterio dataset at `path`; errors and warnings become one line."""
+def open_raster(path: str | Path) -> Iterator[DatasetReader]:
+    """Open a raster for this block; errors and warnings become one line.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Yields
+    ------
+    rasterio dataset
+
+    Raises
+    ------
+    FormatError
+        Missing, empty, no raster, truncated, damaged, or a disguised list of other files.
+    """
     path = Path(path)
     if not _GDAL_NAME.match(str(path)):
         if not path.exists():
@@ -84,7 +133,7 @@ def open_raster(path):
                 raise FormatError(f"{path} is damaged ({_reason(error, path)}); copy or download it again") from error
 
 
-def _require_directory(path):
+def _require_directory(path: Path) -> None:
     """Refuse a TIFF whose first directory is beyond its end: libtiff would write to stderr."""
     if not path.is_file():
         return
@@ -124,8 +173,13 @@ def _messages_of_any_bytes():
         sys.excepthook, sys.unraisablehook = before
 
 
-def file_sha256(path):
-    """Hex digest of a file; '' for folders and GDAL virtual paths."""
+def file_sha256(path: str | Path) -> str:
+    """Return the hex digest of a file; "" for folders and GDAL virtual paths.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     path = Path(path)
     if not path.is_file():
         return ""
@@ -137,8 +191,29 @@ def _reason(error, path):
     return one_line(error).replace(str(path), path.name)[:120]
 
 
-def band_number(source, path, band, option="choose the band of the elevation with --dem-band N"):
-    """Number of the band to read (from 1); refuses palettes, other types than numbers, and an ambiguous choice."""
+def band_number(
+    source: DatasetReader,
+    path: str | Path,
+    band: int | None,
+    option: str = "choose the band of the elevation with --dem-band N",
+) -> int:
+    """Return the number of the band to read, counted from 1.
+
+    Parameters
+    ----------
+    source : rasterio dataset
+    path : str or Path
+        For messages.
+    band : int or None
+        The band that was asked for.
+    option : str
+        How to choose a band, for messages.
+
+    Raises
+    ------
+    InputError
+        A palette, another type than numbers, no such band, or several bands and none asked for.
+    """
     if band is None:
         if source.count > 1:
             raise InputError(f"{path} has {source.count} bands; {option.format(path=path)}")
@@ -154,8 +229,33 @@ def band_number(source, path, band, option="choose the band of the elevation wit
     return band
 
 
-def band_values(source, path, band, may_be_empty=False, window=None):
-    """float64[rows, columns]: band values with scale and offset applied, NaN for nodata, mask and infinities."""
+def band_values(
+    source: DatasetReader, path: str | Path, band: int, may_be_empty: bool = False, window: Window | None = None
+) -> np.ndarray:
+    """Read the values of a band with scale and offset applied, NaN for nodata, mask and infinities.
+
+    Parameters
+    ----------
+    source : rasterio dataset
+    path : str or Path
+        For messages.
+    band : int
+    may_be_empty : bool
+        Nodata everywhere is no error.
+    window : rasterio.windows.Window, optional
+        Only these pixels.
+
+    Returns
+    -------
+    float64[rows, columns]
+
+    Raises
+    ------
+    FormatError
+        Truncated or damaged.
+    InputError
+        Nodata everywhere.
+    """
     try:
         data = source.read(band, out_dtype="float64", window=window)
         valid = source.read_masks(band, window=window) != 0
@@ -177,8 +277,22 @@ def band_values(source, path, band, may_be_empty=False, window=None):
     return data
 
 
-def transform_of(source, path, local):
-    """The pixel-corner transform (GDAL respects AREA_OR_POINT); identity means no georeference."""
+def transform_of(source: DatasetReader, path: str | Path, local: bool) -> Affine:
+    """Return the transform from pixel corners to the map (GDAL respects AREA_OR_POINT).
+
+    Parameters
+    ----------
+    source : rasterio dataset
+    path : str or Path
+        For messages.
+    local : bool
+        The identity is accepted; otherwise it means no georeference.
+
+    Raises
+    ------
+    GeoreferenceError
+        None, not invertible, beyond any map, or only control points.
+    """
     t = source.transform
     numbers = np.array(t[:6], dtype=float)
     if not np.isfinite(numbers).all() or abs(t.a * t.e - t.b * t.d) <= 0:
@@ -202,8 +316,20 @@ def transform_of(source, path, local):
     return t
 
 
-def crs_of(source, path):
-    """pyproj.CRS of an open raster, the EPSG entry where there is one; None where the file has none."""
+def crs_of(source: DatasetReader, path: str | Path) -> pyproj.CRS | None:
+    """Return the CRS of an open raster, the EPSG entry where there is one; None where the file has none.
+
+    Parameters
+    ----------
+    source : rasterio dataset
+    path : str or Path
+        For messages.
+
+    Raises
+    ------
+    GeoreferenceError
+        It cannot be read.
+    """
     if source.crs is None or not source.crs.to_wkt():
         return None
     try:

@@ -1,4 +1,8 @@
-"""Metadata of rasters: symbol, unit, meaning and time."""
+"""Metadata of rasters in GDAL's default domain, which GIS programs show: time, program, symbol, unit and meaning.
+
+`gdalinfo`, the information panel of QGIS and the attributes of rioxarray show this domain; they do not show the
+namespace `mpmgis`, in which programs find the exact values. Symbols are those of Vicari et al. (2025), NHESS 25:3897.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,23 +24,47 @@ SYMBOLS = {
 
 
 def meaning(quantity: Quantity) -> str:
-    """Symbol, unit and description of a band, for example "Ũt [m s-1]: slope-parallel speed, length of ..."."""
+    """Return symbol, unit and description of a band, for example "Ũt [m s-1]: slope-parallel speed, length of ...".
+
+    Parameters
+    ----------
+    quantity : Quantity
+    """
     head = f"{SYMBOLS.get(quantity.name, quantity.name)} [{quantity.unit}]"
     return f"{head}: {quantity.long_name}" if quantity.long_name else head
 
 
 def dataset_metadata(quantities: Sequence[Quantity], tags: Mapping[str, object]) -> dict[str, str]:
-    """Default metadata of a raster with one band for each of `quantities`; `tags["time"]` [s] is its simulated time."""
+    """Return the default metadata of a raster with one band for each of `quantities`.
+
+    Parameters
+    ----------
+    quantities : sequence of Quantity
+    tags : mapping of str to object
+        Tags of the raster; ``time`` [s], where it is there, is the simulated time.
+    """
     described = "; ".join(dict.fromkeys(meaning(quantity) for quantity in quantities))
     time = {"time": time_text(tags["time"])} if "time" in tags else {}
     return {"TIFFTAG_SOFTWARE": f"mpmgis {__version__}", "TIFFTAG_IMAGEDESCRIPTION": described} | time
 
 
 def band_metadata(quantity: Quantity, time: float | None = None) -> dict[str, str]:
-    """Default metadata of a band; `time` [s] where the bands of its file are steps."""
+    """Return the default metadata of a band.
+
+    Parameters
+    ----------
+    quantity : Quantity
+    time : float, optional [s]
+        Where the bands of the file are steps.
+    """
     return {"meaning": meaning(quantity)} | ({} if time is None else {"time": time_text(time)})
 
 
 def time_text(time: float) -> str:
-    """Simulated time with its unit, for example "12.5 s"."""
+    """Return the simulated time with its unit, for example "12.5 s".
+
+    Parameters
+    ----------
+    time : float [s]
+    """
     return f"{float(time):.12g} s"

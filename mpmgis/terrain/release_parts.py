@@ -1,6 +1,8 @@
 """Release areas: location and thickness of the initial mass."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -10,17 +12,23 @@ from ..system.messages import log
 from .grid import Grid
 
 NORMAL, VERTICAL = "normal", "vertical"
-_TOUCHING = 1e-6  # share of the smaller area up to which an overlap is rounding of a common border
-CLIFF_DEGREES, STEEP_DEGREES = 80.0, 60.0  # rock avalanches do start on 60 to 68 degrees
-CLIFF_SHARE = 0.01  # of the mass
+_TOUCHING = 1e-6  # [1] share of the smaller area up to which an overlap is rounding of a common border
+CLIFF_DEGREES = 80.0  # [deg] a release on steeper ground is an error
+STEEP_DEGREES = 60.0  # [deg] a release on steeper ground is reported: rock avalanches do start on 60 to 68 degrees
+CLIFF_SHARE = 0.01  # [1] of the mass; less on such ground is accepted
 _COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 
 
 @dataclass(frozen=True, eq=False)
 class ThicknessRaster:
-    """Thickness [m] per pixel of `grid` (in the terrain's CRS), `values` float64[rows, columns].
+    """Thickness of a release, given as a raster.
 
-    NaN where there is no material; the value of a pixel is that at its centre.
+    Parameters
+    ----------
+    values : float64[rows, columns] [m]
+        NaN where there is no material; the value of a pixel is that at its centre.
+    grid : Grid
+        In the terrain's CRS.
     """
 
     values: np.ndarray
@@ -29,9 +37,14 @@ class ThicknessRaster:
 
 @dataclass(frozen=True)
 class ReleasePart:
-    """One feature: its name, its `polygon` (Polygon or MultiPolygon, holes allowed) [m], its thickness.
+    """One feature of a release area.
 
-    `thickness` is a number [m] or a ThicknessRaster.
+    Parameters
+    ----------
+    name : str
+    polygon : shapely.Geometry [m]
+        Polygon or MultiPolygon, holes allowed.
+    thickness : float [m] or ThicknessRaster
     """
 
     name: str
@@ -43,8 +56,21 @@ class ReleasePart:
 class ReleaseArea:
     """All features of a release, which do not overlap, in the terrain's CRS.
 
-    `thickness_mode` is the direction of every thickness: ``normal`` to the bed or ``vertical``. `path` and `sha256` are
-    those of the source; `record` has notes of reading (numbers and strings).
+    Parameters
+    ----------
+    parts : tuple of ReleasePart
+    thickness_mode : {"normal", "vertical"}
+        Direction of every thickness: normal to the bed, or vertical.
+    name : str
+    path, sha256 : str
+        Of the source.
+    record : dict
+        Notes of reading (numbers and strings).
+
+    Raises
+    ------
+    InputError
+        Another thickness mode, or no part.
     """
 
     parts: tuple
@@ -61,18 +87,22 @@ class ReleaseArea:
             raise InputError(f"release {self.name!r} has no area")
 
     @property
-    def area(self):
+    def area(self) -> float:
         """Plan area of all parts [m2]."""
         return float(sum(part.polygon.area for part in self.parts))
 
     @property
-    def polygons(self):
-        """The outlines [m], one shapely geometry a part."""
+    def polygons(self) -> list[shapely.Geometry]:
+        """Outlines [m], one for each part."""
         return [part.polygon for part in self.parts]
 
 
-def without_overlaps(parts):
-    """`parts` with those of equal thickness united, so that no ground is counted twice.
+def without_overlaps(parts: Sequence[ReleasePart]) -> tuple[ReleasePart, ...]:
+    """Unite the parts of equal thickness, so that no ground is counted twice.
+
+    Parameters
+    ----------
+    parts : sequence of ReleasePart
 
     Raises
     ------
@@ -91,8 +121,8 @@ def without_overlaps(parts):
     return tuple(united)
 
 
-def _unite(group):
-    """One part from features of one thickness; a true overlap is reported."""
+def _unite(group: list[ReleasePart]) -> ReleasePart:
+    """Return one part of the features of one thickness; report a true overlap."""
     if len(group) == 1:
         return group[0]
     names = [part.name for part in group]
@@ -104,8 +134,8 @@ def _unite(group):
     return replace(group[0], name=joined, polygon=whole)
 
 
-def _cut_common_border(first, second):
-    """`second` without its overlap with `first`: rounding only, a larger one is refused."""
+def _cut_common_border(first: ReleasePart, second: ReleasePart) -> ReleasePart:
+    """Return `second` without its overlap with `first`: only rounding, a larger one is refused."""
     shared = first.polygon.intersection(second.polygon).area
     if shared <= 0:
         return second
@@ -117,16 +147,31 @@ def _cut_common_border(first, second):
     return replace(second, polygon=polygons_only(second.polygon.difference(first.polygon)))
 
 
-def polygons_only(geometry):
-    """The areas in `geometry`: Polygon or MultiPolygon (maybe empty), lines and points left by a repair dropped."""
+def polygons_only(geometry: shapely.Geometry) -> shapely.Geometry:
+    """Return the areas in a geometry, without the lines and points that a repair left.
+
+    Parameters
+    ----------
+    geometry : shapely.Geometry
+
+    Returns
+    -------
+    shapely.Polygon or shapely.MultiPolygon
+        Maybe empty.
+    """
     if geometry.geom_type in ("Polygon", "MultiPolygon"):
         return geometry
     pieces = [g for g in getattr(geometry, "geoms", []) if g.geom_type in ("Polygon", "MultiPolygon")]
     return shapely.union_all(pieces) if pieces else shapely.MultiPolygon()
 
 
-def require_on_terrain(part, grid):
-    """Refuse a part that leaves the raster of `grid`, saying by how much and where.
+def require_on_terrain(part: ReleasePart, grid: Grid) -> None:
+    """Refuse a part that leaves the raster of a grid, saying by how much and where.
+
+    Parameters
+    ----------
+    part : ReleasePart
+    grid : Grid
 
     Raises
     ------
@@ -153,12 +198,12 @@ def require_on_terrain(part, grid):
     )
 
 
-def report_cliffs(gradient, frame):
+def report_cliffs(gradient: np.ndarray, frame: Any) -> None:
     """Refuse a release that starts on a cliff, and report the share on very steep ground.
 
     Parameters
     ----------
-    gradient : float64[n, 2]
+    gradient : float64[n, 2] [1]
         Of the bed under the columns of `frame`.
     frame : Frame
         Columns at the start.

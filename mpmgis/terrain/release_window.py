@@ -1,5 +1,6 @@
 """Automatic window of a release on a large DTM: the pixels below its energy line, read by part."""
 
+from collections.abc import Callable, Collection
 from math import ceil
 from typing import NamedTuple
 
@@ -7,17 +8,25 @@ import numpy as np
 import shapely
 
 from ..system.errors import InputError
+from .elevation import Terrain
 from .flow_reach import FLOW_WIDTHS, connected
+from .grid import Grid
 
 FIRST_MARGIN = 64  # [pixels] around a release in the first part of the DTM that is read
 RIM = 8  # [pixels] between the reach and the edge of the window
-MOST_PIXELS = 40_000_000  # of a part that is read for the energy line; a longer line is cut there
+MOST_PIXELS = 40_000_000  # [pixels] of a part that is read for the energy line; a longer line is cut there
 MOST_SAMPLES = 2000  # points of a release from which the line is drawn
 SIDES = ("north", "south", "west", "east")  # of pixels: first row, last row, first column, last column
 
 
 class Window(NamedTuple):
-    """Rows `top` to `bottom` and columns `left` to `right` of a DTM, the ends excluded."""
+    """Rows and columns of a DTM, the ends excluded.
+
+    Parameters
+    ----------
+    top, bottom, left, right : int [pixels]
+        First row, row after the last one, first column, column after the last one.
+    """
 
     top: int
     bottom: int
@@ -25,17 +34,25 @@ class Window(NamedTuple):
     right: int
 
     @property
-    def slices(self):
-        """(slice of rows, slice of columns)."""
+    def slices(self) -> tuple[slice, slice]:
+        """Slice of rows and slice of columns."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
     @property
-    def shape(self):
-        """(rows, columns)."""
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns."""
         return self.bottom - self.top, self.right - self.left
 
-    def grown(self, sides, shape):
-        """This window, larger by half its height or width beyond each of `sides`, within a DTM of `shape`."""
+    def grown(self, sides: Collection[str], shape: tuple[int, int]) -> "Window":
+        """Return this window, larger by half its height or width beyond some sides, within the DTM.
+
+        Parameters
+        ----------
+        sides : collection of str
+            Some of SIDES.
+        shape : (int, int)
+            Rows and columns of the DTM.
+        """
         rows, columns = (max(RIM, -(-n // 2)) for n in self.shape)
         return Window(
             max(0, self.top - rows * ("north" in sides)),
@@ -44,21 +61,37 @@ class Window(NamedTuple):
             min(shape[1], self.right + columns * ("east" in sides)),
         )
 
-    def inner_sides(self, shape):
-        """The sides that are not an edge of the DTM of `shape`."""
+    def inner_sides(self, shape: tuple[int, int]) -> tuple[str, ...]:
+        """Return the sides that are not an edge of the DTM.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Rows and columns of the DTM.
+        """
         inner = (self.top > 0, self.bottom < shape[0], self.left > 0, self.right < shape[1])
         return tuple(side for side, there in zip(SIDES, inner, strict=True) if there)
 
-    def sides_reached(self, extent, rim):
-        """The sides less than `rim` pixels from `extent` (first row, end, first column, end), counted in the window."""
+    def sides_reached(self, extent: tuple[int, int, int, int], rim: int) -> tuple[str, ...]:
+        """Return the sides that are near an extent.
+
+        Parameters
+        ----------
+        extent : (int, int, int, int)
+            First row, row after the last one, first column, column after the last one, counted in the window.
+        rim : int [pixels]
+            A distance below this is near.
+        """
         top, bottom, left, right = extent
         rows, columns = self.shape
         near = (top < rim, bottom > rows - rim, left < rim, right > columns - rim)
         return tuple(side for side, there in zip(SIDES, near, strict=True) if there)
 
 
-def reach_window(grid, part, polygon, mu, head=0.0):
-    """The Window of all pixels below the energy line of a release, connected with it, and a rim around.
+def reach_window(
+    grid: Grid, part: Callable[[slice, slice], Terrain], polygon: shapely.Geometry, mu: float, head: float = 0.0
+) -> Window:
+    """Find the window of all pixels below the energy line of a release, connected with it, and a rim around.
 
     The part of the DTM in which the line is drawn is enlarged until the line ends inside it or at the DTM's edge.
 
@@ -66,11 +99,11 @@ def reach_window(grid, part, polygon, mu, head=0.0):
     ----------
     grid : Grid
         Of the whole DTM.
-    part : callable
-        (slice of rows, slice of columns) -> Terrain.
-    polygon : shapely polygon
+    part : callable (rows, columns) -> Terrain
+        Reads a slice of rows and a slice of columns.
+    polygon : shapely.Geometry
         In the CRS of the DTM.
-    mu : float
+    mu : float [1]
         Slope of the line, tan of the travel angle.
     head : float [m]
         v^2 / 2g of the release.
@@ -99,13 +132,13 @@ def reach_window(grid, part, polygon, mu, head=0.0):
     )
 
 
-def _pixels(grid, bounds, margin):
+def _pixels(grid: Grid, bounds: tuple[float, float, float, float], margin: int) -> Window:
     rows, columns = grid.window(bounds, margin)
     return Window(rows.start, rows.stop, columns.start, columns.stop)
 
 
-def _extent(terrain, polygon, mu, head):
-    """(first row, end, first column, end) of the pixels of `terrain` that the energy line reaches."""
+def _extent(terrain: Terrain, polygon: shapely.Geometry, mu: float, head: float) -> tuple[int, int, int, int]:
+    """Return (first row, end, first column, end) of the pixels of `terrain` that the energy line reaches."""
     xy = _samples(terrain.grid, polygon)
     bed = terrain.sample(*xy.T)
     known = np.isfinite(bed)
@@ -134,8 +167,8 @@ def _extent(terrain, polygon, mu, head):
     )
 
 
-def _samples(grid, polygon):
-    """float64[n, 2] [m]: pixel centres in the polygon, at most about MOST_SAMPLES, and points of its outline."""
+def _samples(grid: Grid, polygon: shapely.Geometry) -> np.ndarray:
+    """Return pixel centres in the polygon, at most about MOST_SAMPLES, and points of its outline: float64[n, 2] [m]."""
     (i0, j0), (i1, j1) = grid.pixel_range(polygon.bounds)
     step = max(1, int(np.sqrt((i1 - i0) * (j1 - j0) / MOST_SAMPLES)))
     row, column = np.meshgrid(np.arange(i0, i1, step), np.arange(j0, j1, step), indexing="ij")

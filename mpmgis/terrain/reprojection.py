@@ -1,4 +1,4 @@
-"""How a DTM comes to another CRS, recorded and in words."""
+"""Facts about how a DTM is brought to a metric CRS and to metres of height, in words and for records."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -39,12 +39,18 @@ class Reprojection:
 
     @property
     def word(self) -> str:
-        """The target as `to_crs` takes it: ``EPSG:n``, or what was asked for."""
+        """Target as `to_crs` takes it: ``EPSG:n``, or what was asked for."""
         code = self.target.to_epsg()
         return f"EPSG:{code}" if code else self.asked
 
     def line(self, path: str) -> str:
-        """A message: what was done to the DTM at `path`; "" where nothing was."""
+        """Return a message on what was done to the DTM; "" where nothing was.
+
+        Parameters
+        ----------
+        path : str
+            Of the DTM.
+        """
         parts = []
         if self.resampled:
             rows, columns = self.grid.shape
@@ -57,7 +63,7 @@ class Reprojection:
         return f"{path}: {'; '.join(parts)}" if parts else ""
 
     def facts(self) -> dict[str, Any]:
-        """Numbers and text for records and tags."""
+        """Return numbers and text for records and tags."""
         return {
             "from_crs": name_of(self.source),
             "to_crs": name_of(self.target),

@@ -1,11 +1,10 @@
-"""Spatial inputs of a scene in the terrain's CRS: polygons and lines with their columns, and rasters.
-
-Vector and raster inputs brought to the terrain's CRS.
-"""
+"""Spatial inputs of a scene in the terrain's CRS: polygons and lines with their columns, and rasters."""
 
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyproj
@@ -16,6 +15,7 @@ from ..system.errors import FormatError, GeoreferenceError, InputError, MpmgisEr
 from ..system.messages import log, muted
 from ..system.optional_libraries import pyogrio
 from .dtm import WithoutCRS
+from .elevation import Terrain
 from .georeference import horizontal, name_of, same_place, warp_command
 from .grid import Grid
 from .raster_input import open_raster, read_raster
@@ -27,8 +27,18 @@ RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt
 _SAME_METRES = 1e-3  # [m] smaller displacements by a reprojection are not reported
 
 
-def is_raster(path):
-    """True where GDAL reads `path` as a raster; files that can be both (GeoPackage) count as vector."""
+def is_raster(path: str | Path) -> bool:
+    """Return whether GDAL reads a file as a raster; files that can be both (GeoPackage) count as vector.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    FormatError
+        A disguised list of other files (`disguised_files.require_undisguised`).
+    """
     text = str(path)
     if LAYER in text:
         return False
@@ -50,8 +60,22 @@ def is_raster(path):
         return False
 
 
-def repaired(shape, name, path):
-    """`shape` as valid polygons; a repair is reported with the new area."""
+def repaired(shape: shapely.Geometry, name: str, path: str | Path) -> shapely.Geometry:
+    """Return a shape as valid polygons; report a repair with the new area.
+
+    Parameters
+    ----------
+    shape : shapely.Geometry
+    name : str
+        Of the feature, for messages.
+    path : str or Path
+        For messages.
+
+    Raises
+    ------
+    InputError
+        It has no area.
+    """
     if not shapely.is_valid(shape):
         reason = shapely.is_valid_reason(shape).split("[")[0].strip().lower()
         fixed = polygons_only(_make_valid(shape))
@@ -62,8 +86,8 @@ def repaired(shape, name, path):
     return shape
 
 
-def _make_valid(shape):
-    """Repair by GEOS that unites overlapping parts (the other method cuts them out as holes)."""
+def _make_valid(shape: shapely.Geometry) -> shapely.Geometry:
+    """Repair by GEOS with the method that unites overlapping parts (the other one cuts them out as holes)."""
     try:
         return shapely.make_valid(shape, method="structure", keep_collapsed=False)
     except TypeError:  # shapely before 2.1 has only the other method: unite part by part
@@ -71,8 +95,26 @@ def _make_valid(shape):
         return shapely.union_all(parts)
 
 
-def to_terrain(shapes, crs, terrain, path):
-    """2D shapes in the terrain's CRS; reprojection and assumptions are reported."""
+def to_terrain(
+    shapes: np.ndarray, crs: pyproj.CRS | None, terrain: Terrain, path: str | Path
+) -> list[shapely.Geometry]:
+    """Return 2D shapes in the terrain's CRS; report reprojection and assumptions.
+
+    Parameters
+    ----------
+    shapes : object[n]
+        Of shapely.Geometry.
+    crs : pyproj.CRS or None
+        Of the shapes.
+    terrain : Terrain
+    path : str or Path
+        For messages.
+
+    Raises
+    ------
+    GeoreferenceError
+        They cannot be reprojected, or are outside the terrain and one side has no CRS.
+    """
     shapes = shapely.force_2d(shapes)
     target = terrain.grid.crs
     if crs is None or target is None:
@@ -93,8 +135,14 @@ def to_terrain(shapes, crs, terrain, path):
     return list(shapely.set_coordinates(shapes, after))
 
 
-def transformer_to(crs, target, path):
-    """pyproj's Transformer from `crs` to `target`, for the file at `path`.
+def transformer_to(crs: pyproj.CRS, target: pyproj.CRS, path: str | Path) -> pyproj.Transformer:
+    """Return the transformer of coordinates from one CRS to another.
+
+    Parameters
+    ----------
+    crs, target : pyproj.CRS
+    path : str or Path
+        For messages.
 
     Raises
     ------
@@ -109,8 +157,23 @@ def transformer_to(crs, target, path):
         ) from error
 
 
-def require_lies_on(bounds, crs, terrain, path):
-    """Without a CRS on one side, refuse coordinates outside the terrain; report the assumed CRS otherwise."""
+def require_lies_on(bounds: Sequence[float], crs: pyproj.CRS | None, terrain: Terrain, path: str | Path) -> None:
+    """Refuse coordinates outside the terrain where one side has no CRS; report the assumed CRS otherwise.
+
+    Parameters
+    ----------
+    bounds : (float, float, float, float)
+        West, south, east, north of the input.
+    crs : pyproj.CRS or None
+        Of the input.
+    terrain : Terrain
+    path : str or Path
+        For messages.
+
+    Raises
+    ------
+    GeoreferenceError
+    """
     grid = terrain.grid
     west, south, east, north = bounds
     apart = west > grid.bounds[2] or east < grid.bounds[0] or south > grid.bounds[3] or north < grid.bounds[1]
@@ -131,12 +194,24 @@ def require_lies_on(bounds, crs, terrain, path):
         )
 
 
-def with_crs_hint(path, open_terrain):
-    """`open_terrain()`; if the DTM has no CRS, the error suggests the CRS of the file `path` that overlaps it.
+def with_crs_hint(path: str | Path | None, open_terrain: Callable[[], Any]) -> Any:
+    """Call `open_terrain`; if the DTM has no CRS, suggest the CRS of another file that overlaps it.
+
+    Parameters
+    ----------
+    path : str, Path or None
+        Of the other file.
+    open_terrain : callable () -> object
+
+    Returns
+    -------
+    object
+        The result of `open_terrain`.
 
     Raises
     ------
-    MpmgisError
+    GeoreferenceError
+        The DTM has no CRS.
     """
     try:
         return open_terrain()
@@ -144,8 +219,8 @@ def with_crs_hint(path, open_terrain):
         raise GeoreferenceError(f"{error}{_crs_hint(path, error.bounds)}") from error
 
 
-def _crs_hint(path, bounds):
-    """Suggestion of the CRS of the file `path`; empty without an EPSG code in metres, or outside `bounds`."""
+def _crs_hint(path: str | Path | None, bounds: tuple[float, float, float, float]) -> str:
+    """Return the suggestion of the CRS of a file; "" without an EPSG code in metres, or outside `bounds`."""
     crs, lies = (None, None) if path is None else _crs_and_bounds(path)
     number = crs.to_epsg() if crs is not None else None
     if number is None or not all(axis.unit_name == "metre" for axis in crs.axis_info):
@@ -155,8 +230,8 @@ def _crs_hint(path, bounds):
     return f"; {path} overlaps it and is in {name_of(crs)}: if the DTM is too, give --crs EPSG:{number}"
 
 
-def _crs_and_bounds(path):
-    """(pyproj.CRS or None, bounds) of a vector file or a raster; (None, None) where it cannot be read."""
+def _crs_and_bounds(path: str | Path) -> tuple:
+    """Return (pyproj.CRS or None, bounds) of a vector file or a raster; (None, None) where it cannot be read."""
     try:
         if is_raster(path):
             grid = read_raster(path)[1]
@@ -169,15 +244,29 @@ def _crs_and_bounds(path):
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature of a vector file: its name, its `shape` (shapely, map metres), column -> value of its row."""
+    """One feature of a vector file.
+
+    Parameters
+    ----------
+    name : str
+    shape : shapely.Geometry [m]
+        In the terrain's CRS.
+    columns : dict
+        Column -> value of its row.
+    path : str
+    """
 
     name: str
     shape: shapely.Geometry
     columns: dict
     path: str
 
-    def number(self, column):
-        """The finite number in `column`.
+    def number(self, column: str) -> float:
+        """Return the finite number in a column.
+
+        Parameters
+        ----------
+        column : str
 
         Raises
         ------
@@ -198,8 +287,13 @@ class Feature:
         return value
 
 
-def read_polygons(path, terrain):
-    """The polygons at `path` as Features in the terrain's CRS; repairs and reprojections are reported.
+def read_polygons(path: str | Path, terrain: Terrain) -> list[Feature]:
+    """Read polygons as Features in the terrain's CRS; report repairs and reprojections.
+
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain
 
     Raises
     ------
@@ -208,8 +302,22 @@ def read_polygons(path, terrain):
     return _features(path, require_polygons(read_table(path, flag=""), path), terrain)
 
 
-def read_walls(path, terrain, width):
-    """As `read_polygons` for barriers: lines become polygons `width` [m] wide."""
+def read_walls(path: str | Path, terrain: Terrain, width: float | None) -> list[Feature]:
+    """Read barriers as Features in the terrain's CRS: polygons, or lines that become polygons.
+
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain
+    width : float or None [m]
+        Of the walls along lines; None for polygons.
+
+    Raises
+    ------
+    InputError
+        Lines without a width, a width for other shapes than lines, or a line without geometry.
+    FormatError, GeoreferenceError
+    """
     table = read_table(path, flag="")
     kinds = table.kinds if table.geometry is not None else set()
     if not kinds or not kinds <= {"LineString", "MultiLineString"}:
@@ -237,13 +345,35 @@ def _features(path, table, terrain):
     ]
 
 
-def read_area(path, terrain):
-    """The polygons at `path` as one shapely geometry in the terrain's CRS; errors as in `read_polygons`."""
+def read_area(path: str | Path, terrain: Terrain) -> shapely.Geometry:
+    """Read polygons as one geometry in the terrain's CRS.
+
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain
+
+    Raises
+    ------
+    FormatError, GeoreferenceError, InputError
+        As `read_polygons`.
+    """
     return shapely.union_all([feature.shape for feature in read_polygons(path, terrain)])
 
 
-def read_placed_raster(path, terrain):
-    """(values float64[rows, columns] with NaN for nodata, Grid) of a raster in the terrain's own CRS.
+def read_placed_raster(path: str | Path, terrain: Terrain) -> tuple[np.ndarray, Grid]:
+    """Read a raster that must be in the terrain's own CRS.
+
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain
+
+    Returns
+    -------
+    values : float64[rows, columns]
+        NaN for nodata.
+    grid : Grid
 
     Raises
     ------

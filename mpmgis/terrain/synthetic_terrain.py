@@ -12,11 +12,12 @@ import numpy as np
 
 from ..system.errors import InputError
 from .elevation import Terrain
+from .grid import Grid
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A surface given by formulas.
+    """A surface given by formulas; `+` adds two surfaces.
 
     Parameters
     ----------
@@ -29,20 +30,41 @@ class Surface:
     height: Callable
     gradient: Callable
 
-    def terrain(self, grid):
-        """The Terrain with the surface's exact height at every pixel centre of `grid`."""
+    def terrain(self, grid: Grid) -> Terrain:
+        """Return the Terrain with the surface's exact height at every pixel centre of a grid.
+
+        Parameters
+        ----------
+        grid : Grid
+        """
         rows, columns = np.indices(grid.shape)
         return Terrain(grid, self.height(*grid.xy(rows, columns)))
 
-    def __add__(self, other):
+    def __add__(self, other: "Surface") -> "Surface":
+        """Return the sum of two surfaces."""
+
         def gradient(x, y):
             return tuple(a + b for a, b in zip(self.gradient(x, y), other.gradient(x, y), strict=True))
 
         return Surface(lambda x, y: self.height(x, y) + other.height(x, y), gradient)
 
 
-def plane(angle, azimuth=90.0, point=(0.0, 0.0), height=0.0):
-    """A plane that falls at `angle` towards `azimuth` and has `height` at `point` (x, y)."""
+def plane(angle: float, azimuth: float = 90.0, point: tuple[float, float] = (0.0, 0.0), height: float = 0.0) -> Surface:
+    """Return an inclined plane.
+
+    Parameters
+    ----------
+    angle, azimuth : float [deg]
+        Slope, and direction in which it falls.
+    point : (float, float) [m]
+        Map point with the height `height`.
+    height : float [m]
+
+    Raises
+    ------
+    InputError
+        The angle is not from 0 to below 90.
+    """
     tangent = np.tan(np.radians(_within("angle", angle, 0.0, 90.0)))
     along, _ = _directions(azimuth)
 
@@ -56,8 +78,22 @@ def plane(angle, azimuth=90.0, point=(0.0, 0.0), height=0.0):
     return Surface(elevation, gradient)
 
 
-def bowl(depth, radius, centre=(0.0, 0.0)):
-    """A paraboloid ``-depth (1 - r^2 / radius^2)``: `depth` below 0 at `centre`, 0 at `radius` (Thacker 1981)."""
+def bowl(depth: float, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Surface:
+    """Return a paraboloid ``-depth (1 - r^2 / radius^2)`` (Thacker 1981).
+
+    Parameters
+    ----------
+    depth : float [m]
+        Below 0, at the centre.
+    radius : float [m]
+        At which the height is 0.
+    centre : (float, float) [m]
+
+    Raises
+    ------
+    InputError
+        Depth or radius is not above 0.
+    """
     curvature = _positive("depth", depth) / _positive("radius", radius) ** 2
 
     def elevation(x, y):
@@ -69,11 +105,30 @@ def bowl(depth, radius, centre=(0.0, 0.0)):
     return Surface(elevation, gradient)
 
 
-def ramp_with_cliff(angle, drop, edge=(0.0, 0.0), azimuth=90.0, foot=0.0):
-    """A ramp at `angle` that ends in a vertical cliff of height `drop` above flat ground at height `foot`.
+def ramp_with_cliff(
+    angle: float, drop: float, edge: tuple[float, float] = (0.0, 0.0), azimuth: float = 90.0, foot: float = 0.0
+) -> Surface:
+    """Return a ramp that ends in a vertical cliff above flat ground.
 
-    The cliff is at the point `edge`, normal to `azimuth`; on the edge the ground is that of the flat.
-    (NHESS supplement S1: angle 30, drop 10.)
+    On the edge the ground is that of the flat. (NHESS supplement S1: angle 30, drop 10.)
+
+    Parameters
+    ----------
+    angle : float [deg]
+        Slope of the ramp.
+    drop : float [m]
+        Height of the cliff.
+    edge : (float, float) [m]
+        Map point of the cliff, which is normal to `azimuth`.
+    azimuth : float [deg]
+        In which the ramp falls.
+    foot : float [m]
+        Height of the flat ground.
+
+    Raises
+    ------
+    InputError
+        The angle is not from 0 to below 90, or the drop is not above 0.
     """
     tangent = np.tan(np.radians(_within("angle", angle, 0.0, 90.0)))
     _positive("drop", drop)
@@ -90,11 +145,33 @@ def ramp_with_cliff(angle, drop, edge=(0.0, 0.0), azimuth=90.0, foot=0.0):
     return Surface(elevation, gradient)
 
 
-def circular_channel(radius, angle=0.0, azimuth=90.0, bank_angle=60.0, point=(0.0, 0.0), height=0.0):
-    """A channel whose cross-section is a circle of `radius`, its bed falling at `angle` towards `azimuth`.
+def circular_channel(
+    radius: float,
+    angle: float = 0.0,
+    azimuth: float = 90.0,
+    bank_angle: float = 60.0,
+    point: tuple[float, float] = (0.0, 0.0),
+    height: float = 0.0,
+) -> Surface:
+    """Return a channel whose cross-section is a circle.
 
-    The bed line passes through `point` at `height`; where the circle is steeper than `bank_angle` the banks continue
-    straight at that angle, so that the surface and its gradient are continuous.
+    Where the circle is steeper than `bank_angle` the banks continue straight at that angle, so that the surface and its
+    gradient are continuous.
+
+    Parameters
+    ----------
+    radius : float [m]
+    angle, azimuth : float [deg]
+        Slope of the bed line, and direction in which it falls.
+    bank_angle : float [deg]
+    point : (float, float) [m]
+        Map point of the bed line with the height `height`.
+    height : float [m]
+
+    Raises
+    ------
+    InputError
+        An angle is not from 0 to below 90, or the radius is not above 0.
     """
     _positive("radius", radius)
     bank = np.radians(_within("bank_angle", bank_angle, 0.0, 90.0))
@@ -111,10 +188,29 @@ def circular_channel(radius, angle=0.0, azimuth=90.0, bank_angle=60.0, point=(0.
     return _channel(section, section_slope, angle, azimuth, point, height)
 
 
-def v_channel(bank_angle, angle=0.0, azimuth=90.0, point=(0.0, 0.0), height=0.0):
-    """A channel of two planes that rise at `bank_angle` from a bed line falling at `angle` towards `azimuth`.
+def v_channel(
+    bank_angle: float,
+    angle: float = 0.0,
+    azimuth: float = 90.0,
+    point: tuple[float, float] = (0.0, 0.0),
+    height: float = 0.0,
+) -> Surface:
+    """Return a channel of two planes that rise from a bed line; its gradient there is the mean of both banks.
 
-    The bed line passes through `point` at `height`; its gradient is the mean of both banks.
+    Parameters
+    ----------
+    bank_angle : float [deg]
+        Slope of the banks across the bed line.
+    angle, azimuth : float [deg]
+        Slope of the bed line, and direction in which it falls.
+    point : (float, float) [m]
+        Map point of the bed line with the height `height`.
+    height : float [m]
+
+    Raises
+    ------
+    InputError
+        An angle is not from 0 to below 90.
     """
     tangent = np.tan(np.radians(_within("bank_angle", bank_angle, 0.0, 90.0)))
     return _channel(
@@ -122,8 +218,20 @@ def v_channel(bank_angle, angle=0.0, azimuth=90.0, point=(0.0, 0.0), height=0.0)
     )
 
 
-def bumps(amplitude, wavelength, point=(0.0, 0.0)):
-    """An egg-box ``amplitude sin(k (x - x0)) sin(k (y - y0))``, k = 2 pi / `wavelength`, about height 0."""
+def bumps(amplitude: float, wavelength: float, point: tuple[float, float] = (0.0, 0.0)) -> Surface:
+    """Return an egg-box ``amplitude sin(k (x - x0)) sin(k (y - y0))``, k = 2 pi / `wavelength`, about height 0.
+
+    Parameters
+    ----------
+    amplitude, wavelength : float [m]
+    point : (float, float) [m]
+        (x0, y0).
+
+    Raises
+    ------
+    InputError
+        The wavelength is not above 0.
+    """
     k = 2 * np.pi / _positive("wavelength", wavelength)
 
     def phases(x, y):
@@ -140,8 +248,10 @@ def bumps(amplitude, wavelength, point=(0.0, 0.0)):
     return Surface(elevation, gradient)
 
 
-def _channel(section, section_slope, angle, azimuth, point, height):
-    """A cross-section, given over the offset from the bed line, drawn along a bed line that falls at `angle`."""
+def _channel(
+    section: Callable, section_slope: Callable, angle: float, azimuth: float, point: tuple[float, float], height: float
+) -> Surface:
+    """Return a cross-section, given over the offset from the bed line, drawn along a bed line that falls at `angle`."""
     bed = plane(angle, azimuth, point, height)
     _, across = _directions(azimuth)
 
@@ -156,15 +266,15 @@ def _channel(section, section_slope, angle, azimuth, point, height):
     return Surface(elevation, gradient)
 
 
-def _directions(azimuth):
-    """Unit vectors (x, y) along `azimuth` [degrees clockwise from north] and at right angles to it, to the left."""
+def _directions(azimuth: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the unit vectors (x, y) along `azimuth` [deg] and at right angles to it, to the left."""
     azimuth = np.radians(float(azimuth))
     along = (float(np.sin(azimuth)), float(np.cos(azimuth)))
     return along, (-along[1], along[0])
 
 
-def _distance(x, y, point, direction):
-    """Distance [m] of map points from `point` along a unit `direction`."""
+def _distance(x: np.ndarray, y: np.ndarray, point: tuple[float, float], direction: tuple[float, float]) -> np.ndarray:
+    """Return the distance [m] of map points from `point` along a unit `direction`."""
     return (np.asarray(x, float) - point[0]) * direction[0] + (np.asarray(y, float) - point[1]) * direction[1]
 
 

@@ -1,4 +1,4 @@
-"""A DTM in degrees, feet or another CRS as a terrain in metres: the grid it gets, and its heights there.
+"""Reprojection of a DTM in degrees, feet or another CRS to a terrain in metres: its new grid, and the heights there.
 
 The pixels are resampled by GDAL through `rasterio.vrt.WarpedVRT`, window by window, so that of a very large DTM no more
 is read than is asked for. Heights are interpolated bilinearly, as everywhere in the program.
@@ -6,12 +6,16 @@ is read than is asked for. Heights are interpolated bilinearly, as everywhere in
 
 import math
 import re
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
+import pyproj
 from affine import Affine
 from rasterio.enums import MaskFlags, Resampling
 from rasterio.errors import RasterioError
+from rasterio.io import DatasetReader
 from rasterio.vrt import WarpedVRT
 from rasterio.warp import calculate_default_transform, transform_bounds
 from rasterio.windows import Window, from_bounds
@@ -34,7 +38,7 @@ from .grid import Grid
 from .raster_input import ONE_BAND, band_number, band_values, crs_of, open_raster, transform_of
 from .reprojection import Reprojection
 
-USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)
+USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)  # values that mean nodata in many files without saying so
 UNIT_METRES = {  # unit type of a band -> metres
     "ft": 0.3048,
     "foot": 0.3048,
@@ -63,14 +67,16 @@ UNIT_METRES = {  # unit type of a band -> metres
 }
 METRES = {"", "m", "metre", "metres", "meter", "meters"}
 WIDEST = 12.0  # [deg] of longitude in which one UTM zone is used: lengths 0.6 % too long at its edges, at the equator
-_MOST_PIXELS = 1e11
-_DIGITS = 3  # of the size of the new cells
+_MOST_PIXELS = 1e11  # of the new grid; more is no DTM but a CRS of another place
+_DIGITS = 3  # significant digits of the size of the new cells
 _SAME_UNIT = 1e-5  # [1] apart: feet of two definitions are the same for heights
 _EXACT = 1e-6  # [pixel] of the coordinates that GDAL interpolates along a row; rasterio cannot be given 0
 
 
-def planned(source, path, band, crs, to_crs):
-    """The Reprojection of an open DTM in `crs` (its horizontal CRS) to what `to_crs` asks for.
+def planned_reprojection(
+    source: DatasetReader, path: Path, band: int, crs: pyproj.CRS | None, to_crs: str
+) -> Reprojection:
+    """Return how an open DTM is brought to the CRS that `to_crs` asks for.
 
     Parameters
     ----------
@@ -78,6 +84,7 @@ def planned(source, path, band, crs, to_crs):
     path : Path
     band : int
     crs : pyproj.CRS or None
+        Horizontal CRS of the DTM.
     to_crs : str
         ``auto``: a CRS in metres is kept, otherwise the UTM zone of the DTM's centre, UPS beyond 84 N and 80 S; or
         ``EPSG:n``.
@@ -100,8 +107,27 @@ def planned(source, path, band, crs, to_crs):
     return Reprojection(to_crs, crs, target, grid, resampled, unit, factor)
 
 
-def target_of(crs, bounds, path, to_crs):
-    """The pyproj.CRS that `to_crs` means for a raster in `crs` with `bounds` (west, south, east, north)."""
+def target_of(crs: pyproj.CRS, bounds: tuple[float, float, float, float], path: str | Path, to_crs: str) -> pyproj.CRS:
+    """Return the CRS that `to_crs` means for a raster.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+        Of the raster.
+    bounds : (float, float, float, float)
+        West, south, east, north in units of the CRS.
+    path : str or Path
+        For messages.
+    to_crs : str
+        ``auto`` or ``EPSG:n``.
+
+    Raises
+    ------
+    GeoreferenceError
+        With ``auto``: no longitude and latitude, or too wide for one UTM zone.
+    InputError
+        Not a projected CRS in metres.
+    """
     if to_crs != AUTO:
         target = parse_crs(to_crs, "--to-crs")
         if target is None or not is_metric(horizontal(target)):
@@ -121,10 +147,10 @@ def target_of(crs, bounds, path, to_crs):
     return parse_crs(metric_equivalent(longitude, latitude), "--to-crs")
 
 
-def _height_unit(source, path, band, crs):
-    """(name of the unit of the heights, metres in one): by the band, by the vertical CRS, else metres.
+def _height_unit(source: DatasetReader, path: Path, band: int, crs: pyproj.CRS) -> tuple[str, float]:
+    """Return (name of the unit of the heights, metres in one): by the band, by the vertical CRS, else metres.
 
-    Refused where both contradict each other, and where the map is in feet and nothing says what the heights are in.
+    Refuse both if they contradict each other, and a map in feet without a unit of the heights.
     """
     named = (source.units[band - 1] or "").strip()
     by_band = 1.0 if named.lower() in METRES - {""} else UNIT_METRES.get(named.lower())
@@ -158,8 +184,24 @@ def _axes(source, path):
     return () if crs is None else crs.axis_info
 
 
-def metric_grid(own, target, path):
-    """North-up square cells about as fine as those of the Grid `own`, at multiples of their size, around all of it."""
+def metric_grid(own: Grid, target: pyproj.CRS, path: str | Path) -> Grid:
+    """Return a grid of north-up square cells in another CRS that covers a grid and is about as fine.
+
+    Its cells are at multiples of their size.
+
+    Parameters
+    ----------
+    own : Grid
+    target : pyproj.CRS
+        In metres.
+    path : str or Path
+        For messages.
+
+    Raises
+    ------
+    GeoreferenceError
+        It cannot be reprojected there, or becomes far too large.
+    """
     west, south, east, north = own.bounds
     rows, columns = own.shape
     if own.is_rotated:  # pixels that cover the bounds
@@ -185,17 +227,33 @@ def metric_grid(own, target, path):
     return Grid.north_up(target, west, north, side, shape)
 
 
-def _cannot(path, crs, target):
+def _cannot(path: str | Path, crs: pyproj.CRS, target: pyproj.CRS) -> GeoreferenceError:
     return GeoreferenceError(
         f"{path} is in {name_of(crs)} and cannot be reprojected to {name_of(target)}; give a CRS of its place: "
         "--to-crs auto"
     )
 
 
-def warped_values(source, path, band, plan, window=None):
-    """float64[rows, columns] [m]: heights on the grid of a Reprojection, or on a `window` of it; NaN for nodata.
+def warped_values(
+    source: DatasetReader, path: Path, band: int, plan: Reprojection, window: Window | None = None
+) -> np.ndarray:
+    """Read the heights [m] of a DTM on the grid of its reprojection; NaN for nodata.
 
     Values that usually mean nodata count as such where the file declares none, before anything is interpolated.
+
+    Parameters
+    ----------
+    source : rasterio dataset
+    path : Path
+        For messages.
+    band : int
+    plan : Reprojection
+    window : rasterio.windows.Window, optional
+        Part of the grid.
+
+    Returns
+    -------
+    float64[rows, columns] [m]
 
     Raises
     ------
@@ -211,8 +269,42 @@ def warped_values(source, path, band, plan, window=None):
     return values * plan.height_factor
 
 
-def read_warped(source, path, band, crs, grid, resampling, nodata=None, window=None):
-    """float64[rows, columns]: a band in `crs` on `grid` (or a `window` of it), scaled, NaN for nodata."""
+def read_warped(
+    source: DatasetReader,
+    path: str | Path,
+    band: int,
+    crs: pyproj.CRS,
+    grid: Grid,
+    resampling: Resampling,
+    nodata: float | None = None,
+    window: Window | None = None,
+) -> np.ndarray:
+    """Read a band on another grid, with scale and offset applied; NaN for nodata.
+
+    Parameters
+    ----------
+    source : rasterio dataset
+    path : str or Path
+        For messages.
+    band : int
+    crs : pyproj.CRS
+        Of the band.
+    grid : Grid
+    resampling : rasterio.enums.Resampling
+    nodata : float, optional
+        Value that means nodata.
+    window : rasterio.windows.Window, optional
+        Part of the grid.
+
+    Returns
+    -------
+    float64[rows, columns]
+
+    Raises
+    ------
+    FormatError
+        It cannot be reprojected.
+    """
     try:
         with _warped(source, crs, grid, resampling, nodata) as view:
             data = view.read(band, window=window, out_dtype="float64")
@@ -223,10 +315,24 @@ def read_warped(source, path, band, crs, grid, resampling, nodata=None, window=N
     return data if (scale, offset) == (1.0, 0.0) else data * scale + offset
 
 
-def reprojected_raster(path, target, resampling=Resampling.nearest):
-    """(values float64[rows, columns] with NaN for nodata, Grid) of a raster with one band, in the CRS `target`.
+def reprojected_raster(
+    path: str | Path, target: pyproj.CRS, resampling: Resampling = Resampling.nearest
+) -> tuple[np.ndarray, Grid]:
+    """Read a raster with one band in another CRS.
 
     Masks and thicknesses keep their values and their area by the nearest pixel; heights are interpolated (bilinear).
+
+    Parameters
+    ----------
+    path : str or Path
+    target : pyproj.CRS
+    resampling : rasterio.enums.Resampling
+
+    Returns
+    -------
+    values : float64[rows, columns]
+        NaN for nodata.
+    grid : Grid
 
     Raises
     ------
@@ -246,10 +352,12 @@ def reprojected_raster(path, target, resampling=Resampling.nearest):
 
 
 @contextmanager
-def _warped(source, crs, grid, resampling, nodata):
-    """The WarpedVRT of `source` on a Grid; NaN where there is nothing.
+def _warped(
+    source: DatasetReader, crs: pyproj.CRS, grid: Grid, resampling: Resampling, nodata: float | None
+) -> Iterator[WarpedVRT]:
+    """Open the WarpedVRT of `source` on a Grid for this block; NaN where there is nothing.
 
-    Without nodata of its own a file of real numbers has NaN as such.
+    A file of real numbers that declares no nodata value has NaN as such.
     """
     masked = any({MaskFlags.per_dataset, MaskFlags.alpha} & set(flags) for flags in source.mask_flag_enums)
     if nodata is None and not masked and np.dtype(source.dtypes[0]).kind == "f":
@@ -273,8 +381,8 @@ def _warped(source, crs, grid, resampling, nodata):
         yield view
 
 
-def _source_wkt(crs, bounds):
-    """WKT of a raster's CRS; across the antimeridian with the longitude that GDAL counts from."""
+def _source_wkt(crs: pyproj.CRS, bounds: tuple[float, float, float, float]) -> str:
+    """Return the WKT of a raster's CRS; across the antimeridian with the longitude that GDAL counts from."""
     if not crs.is_geographic or (bounds[0] >= -180.0 and bounds[2] <= 180.0):
         return crs.to_wkt()
     # with its code it would be read as that code alone; and GDAL keeps transformations by name, not by the longitude
@@ -284,8 +392,10 @@ def _source_wkt(crs, bounds):
     return f'{named[:-1]},EXTENSION["CENTER_LONG","{centre}"]]'
 
 
-def _source_nodata(source, path, band, plan, window):
-    """The nodata value of a band: what the file declares, else the usual one that its pixels under `window` have."""
+def _source_nodata(
+    source: DatasetReader, path: Path, band: int, plan: Reprojection, window: Window | None
+) -> float | None:
+    """Return the nodata value of a band: what the file declares, else the usual one in its pixels under `window`."""
     declared = source.nodatavals[band - 1]
     values = source.read(band, window=_pixels_under(source, plan, window))
     found = [value for value in USUAL_NODATA if value != declared and (values == value).any()]
@@ -302,8 +412,8 @@ def _source_nodata(source, path, band, plan, window):
     return declared if declared is not None else found[0] if found else None
 
 
-def _pixels_under(source, plan, window):
-    """The Window of the file that lies under a `window` of the new grid; None for the whole."""
+def _pixels_under(source: DatasetReader, plan: Reprojection, window: Window | None) -> Window | None:
+    """Return the Window of the file that lies under a `window` of the new grid; None for the whole."""
     if window is None:
         return None
     t = plan.grid.transform

@@ -3,6 +3,7 @@
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyproj
@@ -25,9 +26,15 @@ _GEOMETRY_TYPES = (
 
 @dataclass(frozen=True)
 class VectorTable:
-    """Features of a layer: name of a column -> array[n], `geometry` object[n] (shapely or None), CRS.
+    """Features of a layer.
 
-    `geometry` is None for a table without geometry, `crs` (pyproj.CRS) is None where the file has none.
+    Parameters
+    ----------
+    columns : dict of str to array[n]
+    geometry : object[n] or None
+        Of shapely.Geometry or None; None for a table without geometry.
+    crs : pyproj.CRS or None
+        None where the file has none.
     """
 
     columns: dict = field(default_factory=dict)
@@ -39,28 +46,33 @@ class VectorTable:
         return len(arrays[0]) if arrays else 0
 
     @property
-    def kinds(self):
+    def kinds(self) -> set[str]:
         """Names of the geometry types in the table."""
         return {_GEOMETRY_TYPES[number] for number in np.unique(shapely.get_type_id(self.geometry)) if number >= 0}
 
     @property
-    def without_geometry(self):
-        """bool[n]: where the geometry is missing or empty."""
+    def without_geometry(self) -> np.ndarray:
+        """Features whose geometry is missing or empty, bool[n]."""
         return shapely.is_missing(self.geometry) | shapely.is_empty(self.geometry)
 
-    def where(self, chosen):
-        """The features that are `chosen` (bool[n])."""
+    def where(self, chosen: np.ndarray) -> "VectorTable":
+        """Return the chosen features.
+
+        Parameters
+        ----------
+        chosen : bool[n]
+        """
         columns = {name: values[chosen] for name, values in self.columns.items()}
         return VectorTable(columns, self.geometry[chosen], self.crs)
 
-    def rows(self):
-        """A dict of column -> Python value for each feature."""
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a dict of column -> Python value for each feature."""
         columns = [values.tolist() for values in self.columns.values()]
         return [dict(zip(self.columns, row, strict=True)) for row in zip(*columns, strict=True)] or [{}] * len(self)
 
 
-def read_table(path, kind="Polygon", flag="--release "):
-    """The VectorTable at `path`; `file.gpkg|layername=name` selects a layer.
+def read_table(path: str | Path, kind: str = "Polygon", flag: str = "--release ") -> VectorTable:
+    """Read a layer of a vector file; `file.gpkg|layername=name` selects the layer.
 
     Parameters
     ----------
@@ -72,8 +84,10 @@ def read_table(path, kind="Polygon", flag="--release "):
 
     Raises
     ------
-    FormatError, InputError
-        No vector file, or several layers of that kind and none selected.
+    FormatError
+        No vector file, or no layer with geometry.
+    InputError
+        No such layer, several layers of that kind and none selected, or coordinates outside any map.
     """
     text, _, layer = str(path).partition(LAYER)
     source = Path(text)
@@ -101,8 +115,8 @@ def read_table(path, kind="Polygon", flag="--release "):
     return table
 
 
-def _ogr_table(source, layer):
-    """The VectorTable in a layer of a file that GDAL reads."""
+def _ogr_table(source: Path, layer: str) -> VectorTable:
+    """Read the VectorTable in a layer of a file that GDAL reads."""
     pyogrio()
     from pyogrio.raw import read
 
@@ -114,8 +128,8 @@ def _ogr_table(source, layer):
     return VectorTable(columns, shapely.from_wkb(shapes), crs)
 
 
-def _parquet_table(source):
-    """The VectorTable in a GeoParquet file."""
+def _parquet_table(source: Path) -> VectorTable:
+    """Read the VectorTable in a GeoParquet file."""
     with needed_for(f"{source}: Parquet", "parquet"):
         import geopandas  # 0.5 s
 
@@ -124,8 +138,8 @@ def _parquet_table(source):
     return VectorTable(columns, table.geometry.to_numpy(), table.crs)
 
 
-def _values(column):
-    """The array of a pandas.Series; numbers with missing values as float64 with NaN."""
+def _values(column: Any) -> np.ndarray:
+    """Return the array of a pandas.Series; numbers with missing values as float64 with NaN."""
     if column.dtype.kind in "fiu" and column.hasnans:
         return column.to_numpy(dtype=float, na_value=np.nan)
     return column.to_numpy()
@@ -143,7 +157,8 @@ def _require_places(shapes, path):
         )
 
 
-def _only_layer(source, kind, flag):
+def _only_layer(source: Path, kind: str, flag: str) -> str:
+    """Return the name of the only layer of a kind; refuse several."""
     layers = pyogrio().list_layers(source)
     with_geometry = [name for name, found in layers if found is not None]
     right = [name for name, found in layers if found is not None and (kind in found or found == "Unknown")]
@@ -160,7 +175,7 @@ def _only_layer(source, kind, flag):
     return choice[0]
 
 
-def _require_layer(source, layer, kind):
+def _require_layer(source: Path, layer: str, kind: str) -> str:
     """Refuse a layer that the file does not have; the message lists the existing layers."""
     there = [str(name) for name, _ in pyogrio().list_layers(source)]
     if layer not in there:
@@ -176,8 +191,19 @@ def _unreadable(source, error):
     return f"{source} is neither a vector file nor a raster that GDAL can read ({reason})"
 
 
-def require_polygons(table, path):
-    """The features with geometry; other types than polygons are refused, empty geometries are reported."""
+def require_polygons(table: VectorTable, path: str | Path) -> VectorTable:
+    """Return the features with geometry; refuse other types than polygons, report empty geometries.
+
+    Parameters
+    ----------
+    table : VectorTable
+    path : str or Path
+        For messages.
+
+    Raises
+    ------
+    InputError
+    """
     if table.geometry is None:
         raise InputError(f"{path} contains a table without geometry, expected polygons")
     if len(table) == 0:
@@ -196,7 +222,13 @@ def require_polygons(table, path):
 
 
 def names_of(table: VectorTable, path: str | Path) -> list[str]:
-    """Names of the features: the column 'name' where there is one, else the number in the file.
+    """Return the names of the features: the column 'name' where there is one, else the number in the file.
+
+    Parameters
+    ----------
+    table : VectorTable
+    path : str or Path
+        For messages.
 
     Raises
     ------

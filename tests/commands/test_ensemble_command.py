@@ -20,7 +20,7 @@ from mpmgis.frames import ensemble_folder
 from mpmgis.studies import ensemble_member
 from mpmgis.studies.ensemble_plan import read_plan
 from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
-from mpmgis.system import parallel
+from mpmgis.system import worker_processes as workers
 from mpmgis.system.errors import UnphysicalError
 from mpmgis.system.messages import collected
 
@@ -227,7 +227,7 @@ def worker_processes():
     found = []
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):
-            if "mpmgis.system.parallel" in " ".join(process.cmdline()):
+            if "mpmgis.system.worker_processes" in " ".join(process.cmdline()):
                 found.append(process.pid)
     return found
 
@@ -261,7 +261,7 @@ def deadly(piece):
 @pytest.mark.thorough
 def test_a_piece_of_work_that_kills_each_worker_is_given_up_and_the_rest_is_done():
     died, done = [], {}
-    with parallel.started(2) as pool:
+    with workers.started(2) as pool:
         pieces = [SimpleNamespace(number=k) for k in range(5)]
         for piece, answer in pool.worked(deadly, pieces, died=lambda piece, again: died.append(again)):
             done[piece.number] = answer

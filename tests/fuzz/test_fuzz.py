@@ -53,10 +53,10 @@ def calls():
 
 # of the compiler's cache, whose folder and checksums are looked at before; of this program's own processes, over pipes
 OWN = {
-    ("compiled/cache_folder.py", "pickle.loads"),
-    ("system/parallel.py", "pickle.loads"),
-    ("system/parallel.py", "pickle.dumps"),
-    ("system/parallel.py", "subprocess.Popen"),
+    ("compiled/checked_cache.py", "pickle.loads"),
+    ("system/worker_processes.py", "pickle.loads"),
+    ("system/worker_processes.py", "pickle.dumps"),
+    ("system/worker_processes.py", "subprocess.Popen"),
 }
 
 

@@ -401,12 +401,13 @@ def test_output_without_write_permission(run, capsys):
 
 def test_disk_full(run, capsys, monkeypatch):
     """A failure during the export leaves no files."""
-    from mpmgis.terrain import raster_output
+    from mpmgis.terrain import raster_output, raster_series
 
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(raster_output, "write_rows", full)
+    monkeypatch.setattr(raster_series, "write_rows", full)
     refused(capsys, run, says="disk is full")
 
 

@@ -17,7 +17,8 @@ from mpmgis import __version__
 from mpmgis.laws.quantities import BAND
 from mpmgis.results.comparison_files import write_classes, write_classes_style
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.raster_output import BandStack, StepStacks, write_geotiff
+from mpmgis.terrain.raster_output import write_geotiff
+from mpmgis.terrain.raster_series import BandStack, StepStacks
 
 GRID = Grid.north_up(pyproj.CRS.from_epsg(32632), 600000.0, 5170000.0, 5.0, (30, 40))
 SPEED = "Ũt [m s-1]: slope-parallel speed"

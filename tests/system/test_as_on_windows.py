@@ -316,7 +316,7 @@ def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
     ],
 )
 def test_the_share_of_a_path_is_found(name, share):
-    assert disguised_files.share(name) == share
+    assert disguised_files.network_share(name) == share
 
 
 def test_what_others_name_leads_to_no_other_computer(windows, tmp_path):
@@ -360,8 +360,10 @@ def test_ctrl_break_ends_a_program_as_ctrl_c(monkeypatch):
 def test_processes_are_found_without_a_proc(windows):
     """As on Windows and macOS, by psutil: no signal is sent."""
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    start = writer.started(child.pid)
-    assert start > 100 * 1_500_000_000 and start == writer.started(child.pid)  # hundredths of a second since 1970
+    start = operating_system.process_start(child.pid)
+    assert start > 100 * 1_500_000_000 and start == operating_system.process_start(
+        child.pid
+    )  # hundredths of a second since 1970
     living = writer.Writer(child.pid, writer.host(), writer.boot(), start)
     assert not living.is_over() and writer.written_by(str(living)) == living
     assert living._replace(start=start - 1).is_over()  # its number was given again
@@ -553,7 +555,7 @@ def test_elsewhere_no_permission_is_not_waited_for(tmp_path, monkeypatch):
 def test_a_folder_has_one_writer_on_windows(windows, tmp_path):
     """The byte that is locked cannot be read, and yet the line names the holder; the file goes when it is let go."""
     with sole_writer(tmp_path) as hold:
-        hold.require()
+        hold.require_folder()
         for _ in range(2):
             refusal = pytest.raises(OutputError, match=f"is being written by process {os.getpid()} on ")
             with refusal, sole_writer(tmp_path):
@@ -689,7 +691,9 @@ def test_a_run_continues_after_a_kill(windows, site, monkeypatch):
         assert main([*run, str(cut)]) == 130
     assert 3 <= len(list(cut.glob("frame_*.h5"))) < len(list((site / "whole").glob("frame_*.h5")))
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    left = f"{writer.Writer(child.pid, writer.host(), writer.boot(), writer.started(child.pid))}-0123abcd"
+    left = (
+        f"{writer.Writer(child.pid, writer.host(), writer.boot(), operating_system.process_start(child.pid))}-0123abcd"
+    )
     child.communicate(b"\n")
     (cut / LOCK_FILE).write_text(f"process {child.pid} on here, {left}")
     (cut / f".frame_000009.part{left}.h5").write_text("half")

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mpmgis.system import whole_files, writer_process
+from mpmgis.system import operating_system, whole_files, writer_process
 from mpmgis.system.errors import OutputError
 from mpmgis.system.whole_files import refuse_existing, whole_file, whole_folder
 from mpmgis.system.writer_process import Writer
@@ -194,7 +194,7 @@ def dead():
 def alive(number=None, **other):
     """The token of a process that runs (this one's parent), or of an `other` machine's."""
     number = number or os.getppid()
-    known = Writer(number, writer_process.host(), writer_process.boot(), writer_process.started(number))
+    known = Writer(number, writer_process.host(), writer_process.boot(), operating_system.process_start(number))
     return f"{known._replace(**other)}-0123abcd"
 
 

@@ -18,7 +18,7 @@ from mpmgis.system.writer_process import Writer
 posix_only = pytest.mark.skipif(os.name != "posix", reason="elsewhere a process cannot be asked whether it is alive")
 removes_open_files = pytest.mark.skipif(os.name == "nt", reason="there no open file is removed, no folder of one moved")
 needs_start = pytest.mark.skipif(
-    writer_process.started(os.getpid()) == writer_process.UNKNOWN, reason="no start of processes here"
+    operating_system.process_start(os.getpid()) == operating_system.UNKNOWN, reason="no start of processes here"
 )
 
 
@@ -60,8 +60,8 @@ def test_a_process_that_has_ended_is_over(ended):
 @posix_only
 @needs_start
 def test_a_number_that_was_given_again_is_another_process():
-    assert here(start=writer_process.started(os.getpid()) - 1).is_over()
-    assert not here(start=writer_process.UNKNOWN).is_over()
+    assert here(start=operating_system.process_start(os.getpid()) - 1).is_over()
+    assert not here(start=operating_system.UNKNOWN).is_over()
 
 
 @posix_only
@@ -95,7 +95,9 @@ def test_a_process_that_was_not_waited_for_has_ended():
         if operating_system.process_facts(child.pid)[:1] == ["Z"]:
             break
         os.sched_yield()
-    assert Writer(child.pid, writer_process.host(), writer_process.boot(), writer_process.started(child.pid)).is_over()
+    assert Writer(
+        child.pid, writer_process.host(), writer_process.boot(), operating_system.process_start(child.pid)
+    ).is_over()
     child.wait()
     child.stdout.close()
 
@@ -174,7 +176,7 @@ def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
 
 def test_a_folder_has_one_writer(tmp_path):
     with sole_writer(tmp_path) as hold:
-        hold.require()
+        hold.require_folder()
         with pytest.raises(OutputError, match=f"is being written by process {os.getpid()}"), sole_writer(tmp_path):
             raise AssertionError("the block must not run")
         assert (
@@ -206,7 +208,7 @@ def test_a_folder_that_is_removed_or_replaced_is_not_held_any_more(tmp_path):
                 folder.mkdir()
                 (folder / LOCK_FILE).write_text("process 4711")
             with pytest.raises(OutputError, match="was removed or replaced"):
-                hold.require()
+                hold.require_folder()
         assert (folder / LOCK_FILE).exists() == replaced  # that of another run stays
         folder.mkdir(exist_ok=True)
 
@@ -224,7 +226,7 @@ def test_a_lock_whose_holder_removed_it_meanwhile_is_taken_anew(tmp_path, monkey
 
     monkeypatch.setattr(filelock, "lock_descriptor", removed)
     with sole_writer(tmp_path) as hold:
-        hold.require()
+        hold.require_folder()
         assert len(seen) == 2
         with pytest.raises(OutputError, match="is being written by"), sole_writer(tmp_path):
             raise AssertionError("the block must not run")

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from mpmgis.system import parallel
+from mpmgis.system import dask_workers
 from mpmgis.system.errors import InputError, UnphysicalError
-from mpmgis.system.parallel import started
+from mpmgis.system.worker_processes import started
 
 
 def pieces(count):
@@ -103,7 +103,7 @@ def test_modules_beside_the_scene_are_not_imported_by_workers(tmp_path, monkeypa
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no SIGKILL here")
 def test_workers_end_with_a_parent_that_is_killed():
     program = (
-        "from test_workers import number_of, pieces, slow\nfrom mpmgis.system.parallel import started\n"
+        "from test_workers import number_of, pieces, slow\nfrom mpmgis.system.worker_processes import started\n"
         "with started(1) as workers:\n"
         "    print([answer for _, answer in workers.worked(number_of, pieces(1))][0], flush=True)\n"
         "    list(workers.worked(slow, pieces(1), look=lambda: print('at work', flush=True)))\n"
@@ -126,9 +126,9 @@ def test_a_users_own_dask_cluster_is_asked_in_the_same_way():
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, silence_logs=50
         ) as there,
-        parallel.connected(there.scheduler_address) as client,
+        dask_workers.dask_client(there.scheduler_address) as client,
     ):
-        workers = parallel.DaskWorkers(client)
+        workers = dask_workers.DaskWorkers(client)
         workers.warm(square, SimpleNamespace(number=1))
         assert {piece.number: answer for piece, answer in workers.worked(square, pieces(5))} == {
             k: k * k for k in range(5)

@@ -9,7 +9,8 @@ from rasterio.enums import ColorInterp
 from mpmgis.laws.quantities import BAND
 from mpmgis.system.errors import OutputError
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.raster_output import BandStack, write_geotiff
+from mpmgis.terrain.raster_output import write_geotiff
+from mpmgis.terrain.raster_series import BandStack
 
 GRID = Grid.north_up(pyproj.CRS.from_epsg(32632), 600000.0, 5170000.0, 2.5, (600, 700))
 

@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 from ...system.errors import InputError, OutputError
-from ...system.links import one_of
+from ...system.links import input_at
 from ...system.whole_files import refuse_existing, whole_file
 from ..option import verb_of
 from ..option_values import request
@@ -95,7 +95,7 @@ def require_writable(arguments, inputs):
     if arguments.output in (None, STDOUT):
         return
     refuse_existing(arguments.output, arguments.overwrite)
-    if one_of(arguments.output, inputs) is not None:
+    if input_at(arguments.output, inputs) is not None:
         raise OutputError(f"{arguments.output} is also an input; give another -o")
 
 

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from ...system.errors import FormatError, one_line
-from ...system.hdf5_reading import elsewhere, opened, require_memory
+from ...system.hdf5_reading import opened, reason_elsewhere, require_memory
 from .reader_interface import (
     Reader,
     ThirdPartyFrame,
@@ -61,7 +61,7 @@ def _table(path):
             table = file["table"] if isinstance(link, h5py.HardLink) else None
             if not isinstance(table, h5py.Dataset) or table.ndim != 1 or table.dtype.names is None:
                 raise FormatError(f"{path} has no table of records; it is not a particle file of CB-Geo MPM")
-            if elsewhere(table.id, path):
+            if reason_elsewhere(table.id, path):
                 raise FormatError(f"{path}: its table is in other files; expected values in the file itself")
             yield table
     except FormatError:

@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 
 from ...system.errors import FormatError, InputError, one_line
-from ...system.hdf5_reading import MOST_OBJECTS, elsewhere, not_followed, opened, require_memory
+from ...system.hdf5_reading import MOST_OBJECTS, opened, reason_elsewhere, reason_not_followed, require_memory
 from ..declarations import POSSIBLE, VECTORS, terms_in
 from .reader_interface import Reader, ThirdPartyFrame, number_of, require_readable
 from .record_parsing import candidates_named, columns_of, picked
@@ -164,7 +164,7 @@ def _group(path, name, group, apart, inner, left):
         if left[0] < 0:
             raise FormatError(f"{path} contains more than {MOST_OBJECTS} objects; it is not a particle file")
         full = f"{name}/{key}" if name else key
-        if not_followed(group.get(key, getlink=True), path):
+        if reason_not_followed(group.get(key, getlink=True), path):
             apart.append(full)
             continue
         kind = group.get(key, getclass=True)
@@ -172,7 +172,7 @@ def _group(path, name, group, apart, inner, left):
             inner.append(full)
         elif kind is h5py.Dataset:
             dataset = group[key]
-            if elsewhere(dataset.id, path):
+            if reason_elsewhere(dataset.id, path):
                 apart.append(full)
             elif dataset.size == 1 and key.lower() == "time":
                 require_memory(f"{path}: {full}", 1, 8, dataset)
@@ -360,7 +360,7 @@ def _array(path, file, source):
     """float64[rows, components] of a Source."""
     dataset = file[source.dataset]
     where = f"{path}: {source.dataset}"
-    if not isinstance(dataset, h5py.Dataset) or elsewhere(dataset.id, path):
+    if not isinstance(dataset, h5py.Dataset) or reason_elsewhere(dataset.id, path):
         raise FormatError(f"{where} has changed since it was opened; repeat when its code has finished writing")
     if dataset.shape[:1] != (source.rows,):
         raise FormatError(f"{where} has shape {dataset.shape}, expected {source.rows} rows; the file has changed")

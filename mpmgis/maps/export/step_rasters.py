@@ -9,7 +9,8 @@ import numpy as np
 from ... import __version__
 from ...laws.quantities import BAND, Quantity
 from ...system import operating_system
-from ...terrain.raster_output import SparseBands, StepFiles, StepStacks, finished, write_ascii_grid, write_rows
+from ...terrain.raster_output import SparseBands, write_ascii_grid, write_rows
+from ...terrain.raster_series import StepFiles, StepStacks, finished
 from ..averaging.band_products import PRODUCTS, layer_quantities
 from ..averaging.exported_folder import ExportedRun
 from ..averaging.frame_values import average_frame
