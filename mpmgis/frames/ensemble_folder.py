@@ -63,7 +63,7 @@ class EnsembleFolder:
         refuse_links(self.path, (LOCK_FILE, PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS))
         refuse_links(self.members)
 
-    def spare(self, inputs):
+    def refuse_inputs(self, inputs):
         """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
 
         Raises

@@ -7,9 +7,10 @@ import h5py
 import numpy as np
 
 from ..laws.quantities import PARTICLE
-from ..system.errors import FormatError
+from ..system.errors import FormatError, one_line
 from ..system.hdf5_reading import require_memory
 from .particles import Particles
+from .peaks import PEAK_NAMES, lattices_of
 
 _WIDTH = {"position": 3, "velocity": 3}
 _POSITIVE = ("mass", "volume", "area")
@@ -80,6 +81,45 @@ def require_particles_fit(path, group, memory, names):
         rows = max(some.shape[0] if some.shape else 1 for some in new.values())
         size = sum(8 * some.size for some in new.values())
         require_memory(f"{path}: particles", rows, size / max(rows, 1), *new.values())
+
+
+def require_bed_change(path, kept):
+    """`kept` if it is what a frame holds of its bed: masses of at least 0 on north-up squares, a density above 0.
+
+    Forest adds further arrays of the same shape, which are of at least 0 too.
+
+    Raises
+    ------
+    FormatError
+    """
+    mass, transform, density = (np.asarray(kept.get(name)) for name in ("eroded_mass", "transform", "bed_density"))
+    if mass.ndim != 2 or mass.dtype.kind != "f" or not (np.isfinite(mass).all() and (mass >= 0).all()):
+        raise FormatError(f"{path}: bed_change/eroded_mass is not an array (rows, columns) of numbers of at least 0")
+    for name in set(kept) & {"detrained_mass", "broken_forest"}:
+        found = np.asarray(kept[name])
+        sound = found.shape == mass.shape and found.dtype.kind == "f"
+        if not (sound and np.isfinite(found).all() and (found >= 0).all()):
+            raise FormatError(f"{path}: bed_change/{name} is not an array {list(mass.shape)} of numbers of at least 0")
+    if transform.shape != (6,) or transform.dtype.kind != "f" or not np.isfinite(transform).all():
+        raise FormatError(f"{path}: bed_change/transform is not (dx, 0, west, 0, dx, south)")
+    dx, shear, _, turn, dy, _ = transform.tolist()
+    if not (dx > 0 and dx == dy and shear == turn == 0):
+        raise FormatError(f"{path}: bed_change/transform is {transform.tolist()}, expected (dx, 0, west, 0, dx, south)")
+    if density.size != 1 or density.dtype.kind not in "fiu" or not (np.isfinite(density).all() and density > 0):
+        raise FormatError(f"{path}: bed_change/bed_density is {one_line(density)[:40]}, expected kg m-3 above 0")
+    return kept
+
+
+def require_maxima(path, kept):
+    """`kept` (arrays and numbers by name, from the file at `path`) if every lattice of peaks in it is complete.
+
+    Raises
+    ------
+    FormatError
+    """
+    for lattice in lattices_of(kept):
+        _require_lattice(path, lattice)
+    return kept
 
 
 def _require_shape(path, name, dataset, count):
@@ -179,4 +219,27 @@ def _require_above_zero(path, name, values):
         row = int(values.argmin())
         raise FormatError(
             f"{path}: particles/{name} is {values[row]:g} in row {row}, expected above 0 ({_SMALLEST:g} at least)"
+        )
+
+
+def _require_lattice(path, kept):
+    missing = [name for name in (*PEAK_NAMES, "transform") if name not in kept]
+    if missing:
+        raise FormatError(f"{path}: its maxima lack {missing[0]!r}, expected {', '.join(PEAK_NAMES)} and transform")
+    shape = np.shape(kept["thickness"])
+    for name in PEAK_NAMES:
+        values = np.asarray(kept[name])
+        if values.shape != shape or values.ndim != 2 or values.dtype.kind not in "fiu":
+            raise FormatError(
+                f"{path}: maxima/{name} has shape {values.shape}, expected numbers of shape (rows, columns)"
+            )
+        if not (np.isfinite(values) & (values >= (-1 if name == "arrival_time" else 0))).all():
+            raise FormatError(f"{path}: maxima/{name} contains negative, NaN or infinite values")
+    t = np.asarray(kept["transform"], float).ravel()
+    if t.size != 6 or not np.isfinite(t).all() or not t[0] == t[4] > 0 or t[1] != 0 or t[3] != 0:
+        raise FormatError(f"{path}: maxima/transform is {t.tolist()}, expected (dx, 0, west, 0, dx, south)")
+    threshold = np.asarray(kept.get("arrival_thickness", 0.0))
+    if threshold.size != 1 or threshold.dtype.kind not in "fiu" or not 0 <= threshold.item() < np.inf:
+        raise FormatError(
+            f"{path}: maxima/arrival_thickness is {one_line(threshold)[:40]}, expected a number of metres"
         )

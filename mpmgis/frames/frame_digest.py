@@ -7,8 +7,6 @@ import numpy as np
 
 from ..system.errors import FormatError, one_line
 from ..system.hdf5_reading import opened_whole, require_numbers_that_fit
-from .peaks import PEAK_NAMES as MAXIMA
-from .peaks import lattices_of
 
 CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # attributes of a frame
 BED_CHANGE = "bed_change"
@@ -51,7 +49,7 @@ def result_after(before, content):
     return hashlib.sha256(f"{before} {content}".encode()).hexdigest()
 
 
-def stored(path):
+def stored_digests(path):
     """(content, result) digests stored in the frame at `path`; '' where one is missing."""
     return _read_attributes(path, CONTENT, RESULT)
 
@@ -80,7 +78,7 @@ def content_of(path):
 
 def check_content(path):
     """AS_WRITTEN, or a description of the change in the frame at `path`; None where it has no digest."""
-    content, _ = stored(path)
+    content, _ = stored_digests(path)
     if not content:
         return None
     return AS_WRITTEN if content_of(path) == content else "changed since it was written"
@@ -109,7 +107,7 @@ def require_restartable(path, before):
         raise FormatError(f"{path} has no digest of the restart state (written by an older mpmgis); {fix}")
     if content_of(path) != content or state_digest(content, kept) != state:
         raise FormatError(f"{path} was changed since it was written, a run cannot continue from it; {fix}")
-    last = stored(before)[1] if before.is_file() else ""
+    last = stored_digests(before)[1] if before.is_file() else ""
     if result and last and result_after(last, content) != result:
         raise FormatError(f"{path} does not follow {before.name}: they belong to different runs; {fix}")
     return True
@@ -135,7 +133,7 @@ def check_result(paths, recorded):
     for number, path in enumerate(map(Path, paths)):
         if path.stem.rpartition("_")[2] != f"{number:06d}":
             return f"frame {number} is missing"
-        _, stored_result = stored(path)
+        _, stored_result = stored_digests(path)
         if not stored_result:
             return None
         result = result_after(result, content_of(path))
@@ -150,66 +148,8 @@ def check_kept(paths, recorded):
         found = check_content(path)
         if found != AS_WRITTEN:
             return found and f"{path.name} was {found}"
-    return AS_WRITTEN if recorded in ("", stored(paths[-1])[1]) else f"frames after {Path(paths[-1]).name} are missing"
-
-
-def require_bed_change(path, kept):
-    """`kept` if it is what a frame holds of its bed: masses of at least 0 on north-up squares, a density above 0.
-
-    Forest adds further arrays of the same shape, which are of at least 0 too.
-
-    Raises
-    ------
-    FormatError
-    """
-    mass, transform, density = (np.asarray(kept.get(name)) for name in ("eroded_mass", "transform", "bed_density"))
-    if mass.ndim != 2 or mass.dtype.kind != "f" or not (np.isfinite(mass).all() and (mass >= 0).all()):
-        raise FormatError(f"{path}: bed_change/eroded_mass is not an array (rows, columns) of numbers of at least 0")
-    for name in set(kept) & {"detrained_mass", "broken_forest"}:
-        found = np.asarray(kept[name])
-        sound = found.shape == mass.shape and found.dtype.kind == "f"
-        if not (sound and np.isfinite(found).all() and (found >= 0).all()):
-            raise FormatError(f"{path}: bed_change/{name} is not an array {list(mass.shape)} of numbers of at least 0")
-    if transform.shape != (6,) or transform.dtype.kind != "f" or not np.isfinite(transform).all():
-        raise FormatError(f"{path}: bed_change/transform is not (dx, 0, west, 0, dx, south)")
-    dx, shear, _, turn, dy, _ = transform.tolist()
-    if not (dx > 0 and dx == dy and shear == turn == 0):
-        raise FormatError(f"{path}: bed_change/transform is {transform.tolist()}, expected (dx, 0, west, 0, dx, south)")
-    if density.size != 1 or density.dtype.kind not in "fiu" or not (np.isfinite(density).all() and density > 0):
-        raise FormatError(f"{path}: bed_change/bed_density is {one_line(density)[:40]}, expected kg m-3 above 0")
-    return kept
-
-
-def require_maxima(path, kept):
-    """`kept` (arrays and numbers by name, from the file at `path`) if every lattice of peaks in it is complete.
-
-    Raises
-    ------
-    FormatError
-    """
-    for lattice in lattices_of(kept):
-        _require_lattice(path, lattice)
-    return kept
-
-
-def _require_lattice(path, kept):
-    missing = [name for name in (*MAXIMA, "transform") if name not in kept]
-    if missing:
-        raise FormatError(f"{path}: its maxima lack {missing[0]!r}, expected {', '.join(MAXIMA)} and transform")
-    shape = np.shape(kept["thickness"])
-    for name in MAXIMA:
-        values = np.asarray(kept[name])
-        if values.shape != shape or values.ndim != 2 or values.dtype.kind not in "fiu":
-            raise FormatError(
-                f"{path}: maxima/{name} has shape {values.shape}, expected numbers of shape (rows, columns)"
-            )
-        if not (np.isfinite(values) & (values >= (-1 if name == "arrival_time" else 0))).all():
-            raise FormatError(f"{path}: maxima/{name} contains negative, NaN or infinite values")
-    t = np.asarray(kept["transform"], float).ravel()
-    if t.size != 6 or not np.isfinite(t).all() or not t[0] == t[4] > 0 or t[1] != 0 or t[3] != 0:
-        raise FormatError(f"{path}: maxima/transform is {t.tolist()}, expected (dx, 0, west, 0, dx, south)")
-    threshold = np.asarray(kept.get("arrival_thickness", 0.0))
-    if threshold.size != 1 or threshold.dtype.kind not in "fiu" or not 0 <= threshold.item() < np.inf:
-        raise FormatError(
-            f"{path}: maxima/arrival_thickness is {one_line(threshold)[:40]}, expected a number of metres"
-        )
+    return (
+        AS_WRITTEN
+        if recorded in ("", stored_digests(paths[-1])[1])
+        else f"frames after {Path(paths[-1]).name} are missing"
+    )

@@ -12,18 +12,16 @@ from ..system.errors import FormatError, InputError, one_line
 from ..system.hdf5_reading import opened_whole, require_numbers_that_fit
 from ..system.hdf5_writing import written
 from ..system.whole_files import whole_file
-from .frame_contents import create_dataset, particle_count, read_particles, require_particles_fit, stored_type
-from .frame_digest import (
-    BED_CHANGE,
-    CONTENT,
-    RESULT,
-    STATE,
-    ContentDigest,
+from .frame_contents import (
+    create_dataset,
+    particle_count,
+    read_particles,
     require_bed_change,
     require_maxima,
-    result_after,
-    state_digest,
+    require_particles_fit,
+    stored_type,
 )
+from .frame_digest import BED_CHANGE, CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
 from .particles import Frame
 
 FORMAT = "mpmgis-frame"

@@ -13,145 +13,12 @@ from pathlib import Path
 import numpy as np
 import pyproj
 
-from .. import __version__
-from ..system.errors import InputError, OutputError, one_line
+from ..system.errors import OutputError
 from ..system.optional_libraries import GEOPACKAGE, needed_for
 from ..system.whole_files import whole_file
 from .frame_files import write_frame_slabs
-from .load_table import append_rows
-from .particles import Frame
-
-SUFFIX = ".las"
-RESOLUTION = 0.001  # [m] of a coordinate, which LAS keeps as a 32-bit integer
-_POINT_FORMAT = 6
-_EXTRA = {
-    "velocity_e": ("m s-1", "velocity to the east"),
-    "velocity_n": ("m s-1", "velocity to the north"),
-    "velocity_u": ("m s-1", "velocity upwards"),
-    "speed": ("m s-1", "speed"),
-    "mass": ("kg", "mass"),
-    "volume": ("m3", "volume"),
-}
-
-
-def is_point_cloud(path: Path) -> bool:
-    """Whether a file name is that of a point cloud."""
-    return Path(path).suffix.lower() == SUFFIX
-
-
-def require_point_cloud(path: Path) -> None:
-    """Refuse a machine without the library before any work.
-
-    Raises
-    ------
-    InputError
-    """
-    with needed_for(f"{path}: LAS", "pointcloud"):
-        import laspy  # noqa: F401
-
-
-def write_las(path: Path, frame: Frame) -> None:
-    """Write the particles of a frame; the file appears whole or not at all.
-
-    Coordinates are map coordinates and elevation in the frame's CRS, to a millimetre. Besides them each point has its
-    velocity and speed [m s-1], mass [kg] and volume [m3] as extra dimensions, and the frame's time [s] as GPS time.
-
-    Parameters
-    ----------
-    path : Path
-    frame : Frame
-        Of points (dimension 3).
-
-    Raises
-    ------
-    InputError
-        No library laspy, or a cloud wider than 2^31 millimetres.
-    """
-    require_point_cloud(path)
-    import laspy
-
-    particles = frame.particles
-    header = laspy.LasHeader(point_format=_POINT_FORMAT, version="1.4")
-    place = particles.position.astype(float) + np.asarray(frame.origin, dtype=float)
-    header.scales = np.full(3, RESOLUTION)
-    header.offsets = np.floor(place.min(axis=0)) if len(place) else np.zeros(3)
-    header.generating_software, header.system_identifier = f"mpmgis {__version__}"[:32], "Material Point Method"
-    header.add_extra_dims(
-        [laspy.ExtraBytesParams(name, "f4", f"{text} [{unit}]"[:32]) for name, (unit, text) in _EXTRA.items()]
-    )
-    if frame.crs is not None:
-        header.add_crs(frame.crs)
-    cloud = laspy.LasData(header)
-    try:
-        cloud.x, cloud.y, cloud.z = place.T
-    except OverflowError as error:
-        raise InputError(f"{path}: too wide for the millimetres of LAS ({one_line(error)})") from error
-    for name, values in _extra_values(particles).items():
-        cloud[name] = values.astype(np.float32)
-    cloud.gps_time = np.full(len(place), float(frame.time))
-    cloud.return_number[:] = cloud.number_of_returns[:] = 1
-    with whole_file(path) as part:
-        cloud.write(part)
-
-
-def _extra_values(particles):
-    velocity = particles.velocity.astype(float)
-    values = (*velocity.T, np.linalg.norm(velocity, axis=1), particles.mass, particles.volume)
-    return dict(zip(_EXTRA, values, strict=True))
-
-
-def write_vtp(path, points, data, fields, note=""):
-    """Write points to `path`.
-
-    Parameters
-    ----------
-    path : Path
-    points : float64[n, 3]
-    data : dict of str to array[n] or array[n, k]
-        Data of the points.
-    fields : dict of str to list of float
-        Data of the file: `TimeValue` is the time that ParaView shows.
-    note : str
-        Comment in the file.
-    """
-    count, blocks = len(points), []
-    arrays = "".join(_array(name, values, blocks) for name, values in data.items())
-    place = _array("points", points, blocks)
-    verts = _array("connectivity", np.arange(count), blocks)
-    verts += _array("offsets", np.arange(1, count + 1), blocks)
-    field_data = "".join(_field(name, values) for name, values in fields.items())
-    head = (
-        '<?xml version="1.0"?>\n<!-- ' + note.replace("--", "- -") + " -->\n"
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f"<PolyData><FieldData>{field_data}</FieldData>\n"
-        f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" '
-        'NumberOfPolys="0">\n'
-        f"<PointData>{arrays}</PointData>\n<Points>{place}</Points>\n<Verts>{verts}</Verts>\n"
-        '</Piece></PolyData>\n<AppendedData encoding="raw">\n_'
-    )
-    with whole_file(path) as part, open(part, "wb") as sink:
-        sink.write(head.encode())
-        for block in blocks:
-            sink.write(np.uint64(block.nbytes).tobytes())
-            sink.write(block.data)
-        sink.write(b"\n</AppendedData>\n</VTKFile>\n")
-
-
-def _array(name, values, blocks):
-    """The XML of an array whose bytes are appended to `blocks`."""
-    kind = {"f": "Float64", "i": "Int64", "u": "UInt64"}[values.dtype.kind]
-    offset = sum(block.nbytes + 8 for block in blocks)
-    eight = np.ascontiguousarray(values).astype(f"<{values.dtype.kind}8", copy=False)
-    blocks.append(eight)
-    parts = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
-    return f'\n<DataArray type="{kind}" Name="{name}"{parts} format="appended" offset="{offset}"/>'
-
-
-def _field(name, values):
-    text = " ".join(repr(float(value)) for value in values)
-    size = f'NumberOfTuples="{len(values)}"'
-    return f'<DataArray type="Float64" Name="{name}" {size} format="ascii">{text}</DataArray>'
-
+from .text_rows import append_rows
+from .vtp_file import write_vtp
 
 UNITS = {
     "id": "1",
@@ -211,7 +78,7 @@ def _require_space(path, count):
         )
 
 
-def table(particles, origin):
+def column_table(particles, origin):
     """Name -> array of the fields of all tables, in map coordinates."""
     x, y, z = (particles.position[:, axis] + origin[axis] for axis in range(3))
     values = (
@@ -230,7 +97,7 @@ def table(particles, origin):
 
 
 def _whole_table(frame, slabs):
-    parts = [table(particles, frame.origin) for particles in slabs]
+    parts = [column_table(particles, frame.origin) for particles in slabs]
     return {name: np.concatenate([part[name] for part in parts]) for name in UNITS}
 
 
@@ -246,7 +113,7 @@ def _write_csv(path, frame, count, slabs):
     with whole_file(path) as part, open(part, "wb") as sink:
         sink.write((",".join(UNITS) + "\n").encode())
         for particles in slabs:
-            append_rows(sink, list(table(particles, frame.origin).values()), ",")
+            append_rows(sink, list(column_table(particles, frame.origin).values()), ",")
 
 
 def _write_json(path, frame, count, slabs):
@@ -293,7 +160,7 @@ def _write_parquet(path, frame, count, slabs):
     with whole_file(path) as part:
         writer = None
         for particles in slabs:
-            columns = table(particles, frame.origin)
+            columns = column_table(particles, frame.origin)
             rows = pyarrow.table({**columns, "geometry": _wkb_points(columns["x"], columns["y"])})
             rows = rows.replace_schema_metadata(notes)
             writer = writer or pyarrow.parquet.ParquetWriter(part, rows.schema)

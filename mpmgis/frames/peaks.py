@@ -31,7 +31,7 @@ def peaks_state(peaks):
     return dict(zip(PEAK_STATE, (peaks.reshape(-1, PEAK_ENTRIES)[nodes], nodes), strict=True))
 
 
-def fits(peaks, state):
+def is_peaks_state(peaks, state):
     """Whether `state` is a valid result of `peaks_state` for an array like `peaks`."""
     if not set(PEAK_STATE) <= set(state):
         return False
@@ -73,7 +73,7 @@ def lattices_of(kept):
     return sets
 
 
-def together(now, *others):
+def combined_peaks(now, *others):
     """Combined peaks of several flows, or of one at several times: the largest values and the earliest arrival.
 
     Lattices whose nodes coincide are merged; that of `now` is the first.

@@ -17,9 +17,9 @@ from ..system.links import one_of, refuse_links, remove, require_free, status
 from ..system.whole_files import MARK, is_left_over, output_error, refuse_existing, whole_file
 from ..system.writer_process import new_token
 from ..terrain.raster_input import file_sha256
-from .frame_digest import require_restartable, result_after, stored
+from .frame_digest import require_restartable, result_after, stored_digests
 from .frame_files import FRAMES_WITH_STATE, content_digest, drop_state, read_frame, set_digest, write_frame
-from .run_maps import assign_maps, map_files, move_maps, refuse_other_maps, remove_maps
+from .run_maps import map_files, move_maps, refuse_other_maps, remove_maps, set_digest_of_maps
 
 FRAME_PATTERN = "frame_*.h5"
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
@@ -97,7 +97,7 @@ class RunFolder:
                 record = read_record(self.path)
             refuse_other_maps(self.path, record)
 
-    def spare(self, inputs):
+    def refuse_inputs(self, inputs):
         """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
 
         Raises
@@ -218,14 +218,14 @@ class RunFolder:
                     path.unlink()
                 else:
                     set_digest(path, digest)
-            assign_maps(self.path, digest)
+            set_digest_of_maps(self.path, digest)
         except OSError as error:
             raise output_error(self.path, error) from error
         self._go_on_after(number)
 
     def _go_on_after(self, number):
         self.frames = number + 1
-        self.result = stored(self._frame_path(number))[1] or None
+        self.result = stored_digests(self._frame_path(number))[1] or None
 
     def open(self, anew=True):
         """Prepare the locked folder for a run that begins `anew` or continues.

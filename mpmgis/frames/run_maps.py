@@ -114,7 +114,7 @@ def move_maps(source, folder):
         operating_system.replace(path, place)
 
 
-def assign_maps(folder, digest):
+def set_digest_of_maps(folder, digest):
     """Set the `digest` of the scene in the rasters of the run in `folder`, each atomically."""
     for path in map_files(folder):
         if path.suffix != ".tif" or path.name.startswith("."):

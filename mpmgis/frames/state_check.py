@@ -46,7 +46,7 @@ class StateCheck:
             least, most = values.min(), values.max()
             self.require(low <= least and most <= high, f"{name} is {least} to {most}, expected {low} to {high}")
 
-    def like(self, arrays):
+    def arrays_like(self, arrays):
         """Require each of `arrays` (name -> array) with the same type and shape, finite where `arrays` are."""
         for name, now in arrays.items():
             values = self.array(name, now.dtype, now.shape, finite=False)
@@ -54,7 +54,7 @@ class StateCheck:
                 known = np.isfinite(values) | ~np.isfinite(now)
                 self.require(known.all(), f"{name} has values that are NaN or infinite")
 
-    def places(self, name, size):
+    def indices(self, name, size):
         """The array `name` of flat indices into `size` entries, which ascend."""
         values = self._state.get(name)
         self.require(isinstance(values, np.ndarray) and values.ndim == 1, f"{name} is not a list of indices")
@@ -77,10 +77,10 @@ class StateCheck:
     def peaks(self, peaks):
         """Check running peaks at some of the nodes of `peaks` [rows, columns, entries]."""
         values, where = PEAK_STATE
-        nodes = self.places(where, peaks[..., 0].size)
+        nodes = self.indices(where, peaks[..., 0].size)
         self.array(values, peaks.dtype, (len(nodes), peaks.shape[-1]))
 
     def left(self, sums):
         """Check sums of the outflow at some of the entries of `sums` [ways, blocks, blocks, entries]."""
-        blocks = self.places(LEFT_STATE[0], sums[..., 0].size)
+        blocks = self.indices(LEFT_STATE[0], sums[..., 0].size)
         self.array(LEFT_STATE[1], sums.dtype, (len(blocks), sums.shape[-1]))

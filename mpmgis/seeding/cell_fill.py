@@ -141,13 +141,13 @@ def _quad(corners, first, second):
 
 
 @jit_inline
-def mapped(affine, u, v):
+def map_point(affine, u, v):
     """The point (u, v) under an affine of six numbers."""
     return affine[0] * u + affine[1] * v + affine[2], affine[3] * u + affine[4] * v + affine[5]
 
 
 @jit
-def evaluate(points, count, n, ground, out, sums):
+def evaluate_columns(points, count, n, ground, out, sums):
     """Evaluate columns at `count` points float64[:, 3] (u, v, area [m2]); write them from number n on if `out.write`.
 
     `sums` float64[3] takes sum, smallest and largest of thickness times area [m3] before closure.
@@ -156,14 +156,14 @@ def evaluate(points, count, n, ground, out, sums):
     place, law, position, columns = ground.place, ground.law, out.position, out.columns
     for k in range(count):
         u, v, area = points[k, 0], points[k, 1], points[k, 2]
-        i, j = mapped(thick_map, u, v)
+        i, j = map_point(thick_map, u, v)
         thickness = valid_at(thick, i, j)
         volume = thickness * area
         sums[0] += volume
         sums[1], sums[2] = min(sums[1], volume), max(sums[2], volume)
         if out.write:
-            x, y = mapped(place, u, v)
-            i, j = mapped(bed_map, u, v)
+            x, y = map_point(place, u, v)
+            i, j = map_point(bed_map, u, v)
             position[n + k, 0], position[n + k, 1], position[n + k, 2] = x, y, linear_at(bed, i, j)
             if law[2] > 0.0:
                 thickness, area, volume = thickness, law[2] / thickness, law[2]
@@ -215,11 +215,11 @@ def fill_row(row, n, inner, pieces, counting, tiles, ground, out, sums):
         for column in range(inner[s, 1], inner[s, 2]):
             count = cell_count(counting, row, column)
             cell_points(points, corners, row, column, count, counting, tiles)
-            evaluate(points, count, n, ground, out, sums)
+            evaluate_columns(points, count, n, ground, out, sums)
             n += count
     for p in range(len(pieces)):
         points[p, 0], points[p, 1], points[p, 2] = pieces[p, 0], pieces[p, 1], pieces[p, 2] * tiles.cell_area
-    evaluate(points, len(pieces), n, ground, out, sums)
+    evaluate_columns(points, len(pieces), n, ground, out, sums)
 
 
 @jit_parallel

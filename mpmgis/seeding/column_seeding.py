@@ -14,7 +14,8 @@ from ..terrain.grid import Grid
 from ..terrain.release_parts import require_on_terrain
 from . import cell_fill, raster_values
 from .column_sources import column_sources
-from .release_bed import bed_under, deposit_of, extended_elevation, steepness
+from .release_bed import bed_under, extended_elevation, steepness
+from .release_thickness import deposit_of
 from .seeding_options import SeedOptions
 
 THINNEST = 1e-9  # [m] mean thickness of a release

@@ -129,7 +129,7 @@ class Outline:
 
     def contains(self, points):
         """bool[n]: which points float64[n, 2] in (u, v) of the window lie inside."""
-        return polygon_points.inside(np.ascontiguousarray(points), *self.binned_edges)
+        return polygon_points.are_inside(np.ascontiguousarray(points), *self.binned_edges)
 
     def points_in_squares(self, corners, sizes):
         """float64[n, 2]: a point inside the polygon in each square of lower corner and size float64[n, 2], or NaN."""

@@ -247,7 +247,7 @@ def split_cells(cover, share, sliver):
 
 
 @jit_inline
-def find(keys, first, last, key):
+def find_key(keys, first, last, key):
     """Index of `key` in ascending keys[first:last], or -1."""
     while first < last:
         middle = (first + last) // 2

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled.jit import jit, jit_inline
+from .polygon_cover import find_key, in_span
 from .random_numbers import uniform
 
 
@@ -52,8 +53,34 @@ def is_inside(u, v, edges, starts, index):
     return odd
 
 
+@jit_inline
+def in_whole_cell(u, v, columns, spans, span_start):
+    """Is (u, v) in a cell that the polygon covers whole?"""
+    row, column = math.floor(v), math.floor(u)
+    if row < 0 or row >= span_start.size - 1 or column < 0 or column >= columns:
+        return False
+    return in_span(spans, span_start[row], span_start[row + 1], column)
+
+
 @jit
-def inside(points, edges, starts, index):
+def covered(u, v, cover, edges):
+    """Is (u, v) inside the polygon of `cover` and `edges` (Edges)? Edges are tested in rim cells only.
+
+    Kernels call `in_whole_cell` first, because a call with many arrays is more expensive.
+    """
+    columns, rim_start = cover.columns, cover.rim_start
+    if in_whole_cell(u, v, columns, cover.spans, cover.span_start):
+        return True
+    row, column = math.floor(v), math.floor(u)
+    if row < 0 or row >= rim_start.size - 1 or column < 0 or column >= columns:
+        return False
+    if find_key(cover.rim_key, rim_start[row], rim_start[row + 1], row * columns + column) < 0:
+        return False
+    return is_inside(u, v, edges.ends, edges.start, edges.index)
+
+
+@jit
+def are_inside(points, edges, starts, index):
     """bool[n]: whether the points float64[n, 2] are inside the polygon of `edges`."""
     result = np.empty(points.shape[0], np.bool_)
     for n in range(points.shape[0]):

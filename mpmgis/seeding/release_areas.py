@@ -84,7 +84,7 @@ def read_outlines(path, terrain):
     return [part.polygon for part in without_overlaps(features)]
 
 
-def parts_of(path, terrain, thickness=None, surface=None):
+def read_parts(path, terrain, thickness=None, surface=None):
     """ReleasePart per polygon of a vector file, overlaps included; thickness NaN where a raster gives it.
 
     Parameters as in `read_release`.

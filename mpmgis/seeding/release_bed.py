@@ -1,18 +1,12 @@
 """The part of the terrain under a release, and the vertical thickness of the release on it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import shapely
 
 from ..system.errors import InputError
-from ..terrain.elevation import bilinear
-from ..terrain.release_parts import NORMAL, ThicknessRaster
-from . import polygon_cover
 from .lattice import Lattice, Outline
 
 _MARGIN = 3  # [cells] beyond the release, so that gradients under it are central
-_SAME_CELL = 1 + 1e-9
 
 
 def bed_under(parts, terrain):
@@ -82,81 +76,3 @@ def _pixel_gradient(terrain):
 def steepness(terrain):
     """float64[rows, columns]: |grad b| = tan(slope) at pixel centres; NaN where there is no bed."""
     return np.hypot(terrain.gradient[..., 0], terrain.gradient[..., 1])
-
-
-@dataclass(frozen=True, eq=False)
-class Deposit:
-    """Vertical thickness [m] of one release part on the raster `raster`, with its exact integral.
-
-    `volume` [m3] is D13's reference: every pixel with its value, times its area, times the exact share of it that the
-    polygon covers; `square` [m4] the same of the squared thickness; `area` [m2] the covered area.
-    """
-
-    raster: ThicknessRaster
-    volume: float
-    square: float
-    area: float
-
-
-def deposit_of(part, mode, terrain):
-    """The Deposit of a ReleasePart on `terrain` (cropped to it or larger).
-
-    Thickness normal to the bed is divided by the cosine of the slope of the DTM cell (vertical = normal / cos).
-    """
-    raster = _vertical_raster(part, mode, terrain)
-    return Deposit(raster, *integral(part.polygon, raster))
-
-
-def integral(polygon, raster):
-    """(sum of values [m3], of squared values [m4], area [m2]) of a ThicknessRaster over a polygon."""
-    lattice = Lattice.of_grid(raster.grid)
-    outline = Outline.of(polygon, lattice)
-    cover = outline.cover()
-    inside = _spans_within(cover.spans, outline.window, raster.values.shape)
-    total, square, area = polygon_cover.integrate_cover(
-        raster.values, cover.rim_key, cover.rim, inside, cover.columns, outline.window.row, outline.window.column
-    )
-    return total * lattice.cell_area, square * lattice.cell_area, area * lattice.cell_area
-
-
-def _spans_within(spans, window, shape):
-    """`spans` clipped to a raster of `shape`: rounding may put an outline's last cell beyond the raster's edge."""
-    spans = spans.copy()
-    spans[:, 1] = np.maximum(spans[:, 1], -window.column)
-    spans[:, 2] = np.minimum(spans[:, 2], shape[1] - window.column)
-    rows = spans[:, 0] + window.row
-    return spans[(rows >= 0) & (rows < shape[0]) & (spans[:, 1] < spans[:, 2])]
-
-
-def _vertical_raster(part, mode, terrain):
-    """The part's vertical thickness as a raster: on its own grid, or on the terrain's."""
-    metric = np.sqrt(1.0 + steepness(terrain) ** 2) if mode == NORMAL else np.ones(terrain.grid.shape)
-    if not isinstance(part.thickness, ThicknessRaster):
-        return ThicknessRaster(part.thickness * metric, terrain.grid)
-    own = _cropped_raster(part.thickness, part.polygon.bounds)
-    if mode != NORMAL:
-        return own
-    if own.grid.cell_size <= terrain.grid.cell_size * _SAME_CELL:
-        row, column = terrain.grid.rowcol(*own.grid.xy(*np.indices(own.grid.shape)))
-        return ThicknessRaster(own.values * _valid_bilinear(metric, row, column), own.grid)
-    row, column = own.grid.rowcol(*terrain.grid.xy(*np.indices(terrain.grid.shape)))
-    return ThicknessRaster(_valid_bilinear(own.values, row, column) * metric, terrain.grid)
-
-
-def _cropped_raster(raster, bounds):
-    (i0, j0), (i1, j1) = raster.grid.pixel_range(bounds, 1)
-    i0, j0 = max(min(i0, i1 - 1), 0), max(min(j0, j1 - 1), 0)
-    values = np.ascontiguousarray(raster.values[i0:i1, j0:j1])
-    return ThicknessRaster(values, raster.grid.part(i0, j0, values.shape))
-
-
-def _valid_bilinear(values, row, column):
-    """Bilinear over valid neighbours with renormalised weights; NaN where the pixel under the point is not
-    valid."""
-    row = np.clip(row, 0, values.shape[0] - 1)
-    column = np.clip(column, 0, values.shape[1] - 1)
-    valid = np.isfinite(values)
-    weight = bilinear(valid.astype(float), row, column)
-    total = bilinear(np.where(valid, values, 0.0), row, column)
-    here = valid[np.round(row).astype(int), np.round(column).astype(int)]
-    return np.divide(total, weight, out=np.full(row.shape, np.nan), where=here & (weight > 0))

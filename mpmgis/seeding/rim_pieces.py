@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..compiled.jit import jit, jit_inline
-from .polygon_cover import find, in_span
+from .polygon_cover import find_key, in_span
 
 SLIVER = 0.05  # share of a sub-square below which a rim piece joins its neighbour
 
@@ -18,7 +18,7 @@ def cells_with_slivers(cell_key, columns, rim_key, share, across, down):
     for i in range(rim_key.size):
         if share[i] < SLIVER:
             row, column = rim_key[i] // (columns * across), rim_key[i] % (columns * across)
-            at = find(cell_key, 0, cell_key.size, (row // down) * columns + column // across)
+            at = find_key(cell_key, 0, cell_key.size, (row // down) * columns + column // across)
             if at >= 0:
                 sliver[at] = True
     return sliver
@@ -53,7 +53,7 @@ def gather_pieces(cells, across, down, cover):
             row = cells[m, 0] * down + sy
             for sx in range(across):
                 column = cells[m, 1] * across + sx
-                at = find(cover.rim_key, cover.rim_start[row], cover.rim_start[row + 1], row * columns + column)
+                at = find_key(cover.rim_key, cover.rim_start[row], cover.rim_start[row + 1], row * columns + column)
                 if at >= 0:
                     share, cu, cv, edges = rim[at, 0], rim[at, 1], rim[at, 2], rim[at, 3]
                 elif in_span(spans, cover.span_start[row], cover.span_start[row + 1], column):
@@ -117,7 +117,7 @@ def _nearest(i, pieces, starts, cells, key, columns, home, alive, large):
     best, distance = np.int64(-1), np.inf
     for dr in range(-1, 2):
         for dc in range(-1, 2):
-            m = find(key, 0, key.size, (cells[home, 0] + dr) * columns + cells[home, 1] + dc)
+            m = find_key(key, 0, key.size, (cells[home, 0] + dr) * columns + cells[home, 1] + dc)
             if m < 0:
                 continue
             for j in range(starts[m], starts[m + 1]):

@@ -15,8 +15,8 @@ from ..terrain.dtm import READ_WHOLE, TerrainFile, read_terrain
 from ..terrain.release_parts import NORMAL
 from ..terrain.spatial_inputs import with_crs_hint
 from .column_seeding import plan_seed
+from .implausible_values import Fixes, report_implausible
 from .release_areas import read_release
-from .seeding_options import Fixes, report_implausible
 
 _FIXES = Fixes("`density`", "`thickness`", "give a larger `per_cell` or `count`, a smaller `spacing`, or a finer DTM")
 

@@ -2,12 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ..system.errors import InputError
-from ..system.messages import log
 from .lattice import Lattice
 from .lattice_columns import KINDS
 
@@ -15,10 +13,6 @@ POINTS = (*KINDS, "halton")
 MASSES = ("thickness", "equal", "paper")
 REFINEMENT_LIMIT = 3.0  # largest beta
 _MOST = 4_000_000_000
-DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore
-THICKNESS = (0.01, 100.0)  # [m]
-FEWEST_COLUMNS = 50
-MOST_MU, LEAST_XI = 1.2, 10.0  # of friction: tan 50 degrees [1]; drag of a dense forest [m s-2]
 
 
 @dataclass(frozen=True)
@@ -140,48 +134,3 @@ class SeedOptions:
 def _require_choice(name, value, choices):
     if value not in choices:
         raise InputError(f"{name} {value!r} is unknown, expected {', '.join(choices)}")
-
-
-class Fixes(NamedTuple):
-    """What the user would change: where `density` and `thickness` are given, and how to have `more` columns."""
-
-    density: str
-    thickness: str
-    more: str
-
-
-def report_implausible_friction(parameters):
-    """Report each of the friction's `parameters` (name -> value) outside its usual range; it is used as it is."""
-    mu, xi = (parameters.get(name) for name in ("mu", "xi"))
-    if isinstance(mu, (int, float)) and mu > MOST_MU:
-        log.info(
-            f"[friction] mu = {mu:g}, usual is 0 to {MOST_MU:g}; it is the tangent of the friction angle: that of 20 "
-            "degrees is 0.36"
-        )
-    if isinstance(xi, (int, float)) and xi < LEAST_XI:
-        log.info(f"[friction] xi = {xi:g} m s-2, usual is {LEAST_XI:g} to 3000; check it and its unit")
-
-
-def report_implausible(count, density, thickness, fixes):
-    """Report in one line each what is unusual about a release; it is used as it is.
-
-    Parameters
-    ----------
-    count : int
-        Columns.
-    density : float [kg m-3]
-    thickness : float [m]
-        Mean, vertical.
-    fixes : Fixes
-    """
-    for name, value, unit, (low, high), cure in (
-        ("density", density, "kg m-3", DENSITY, fixes.density),
-        ("mean thickness", thickness, "m", THICKNESS, fixes.thickness),
-    ):
-        if not low <= value <= high:
-            log.info(
-                f"{name} of the release: {value:.5g} {unit}, usual is {low:g} to {high:g}; check {cure} and its unit"
-            )
-    if count < FEWEST_COLUMNS:
-        columns = "1 column carries" if count == 1 else f"{count} columns carry"
-        log.info(f"only {columns} the release, too few to resolve a flow; {fixes.more}")

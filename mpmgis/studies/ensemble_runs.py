@@ -112,7 +112,7 @@ def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=la
     before = sum(task.digest in records for task in tasks)
     if before:
         log.info(f"{before} of {len(tasks)} members are already finished")
-    folder.spare(study.input_files())
+    folder.refuse_inputs(study.input_files())
     with folder.held():
         ensemble_tables = plan.as_tables() | products.as_tables()
         folder.write_plan(ensemble_tables, f"the plan of {Path(request.scene).name}, for mpmgis ensemble --plan")
