@@ -1,7 +1,7 @@
-"""Contents of a frame: particles and solver maxima, with checks of shape, type and range.
+"""Contents of a frame: particles, bed change and solver maxima, with checks of shape, type and range."""
 
-Digests (checksums) of frames and of a whole result, to detect changes after writing.
-"""
+from collections.abc import Collection
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -19,34 +19,82 @@ _LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # quotients of two stay finite; sma
 _IDENTITY = ("id", "parent")
 
 
-def stored_type(name, dimension):
-    """Type of the quantity `name` in a frame; 3D frames store real numbers in float32."""
+def stored_type(name: str, dimension: int) -> np.dtype:
+    """Return the type in which a frame stores a quantity; 3D frames store real numbers in float32.
+
+    Parameters
+    ----------
+    name : str
+        Name of the quantity.
+    dimension : int
+        2 or 3.
+    """
     dtype = PARTICLE[name].dtype
     return np.dtype("float32" if dimension == 3 and dtype == "float64" else dtype)
 
 
-def create_dataset(group, name, count, dimension):
-    """An empty dataset of the quantity `name`, in its `stored_type`."""
+def create_dataset(group: h5py.Group, name: str, count: int, dimension: int) -> None:
+    """Create an empty dataset of a quantity, in its `stored_type`.
+
+    Parameters
+    ----------
+    group : h5py.Group
+    name : str
+        Name of the quantity.
+    count : int
+        Number of particles.
+    dimension : int
+        2 or 3.
+    """
     quantity = PARTICLE[name]
     shape = (count, _WIDTH[name]) if name in _WIDTH else (count,)
     dataset = group.create_dataset(name, shape, stored_type(name, dimension))
     dataset.attrs.update(units=quantity.unit, long_name=quantity.long_name)
 
 
-def particle_count(group):
-    """Number of particles in their HDF5 `group`; 0 where it has no positions."""
+def particle_count(group: h5py.Group) -> int:
+    """Return the number of particles in their group; 0 where it has no positions.
+
+    Parameters
+    ----------
+    group : h5py.Group
+    """
     position = group.get("position")
     return len(position) if isinstance(position, h5py.Dataset) and position.ndim else 0
 
 
-def read_particles(path, group, dimension, header, density, memory, names):
-    """Particles of the HDF5 `group` of a frame; the other arguments as in `frames.read_frame`.
+def read_particles(
+    path: str | Path,
+    group: h5py.Group,
+    dimension: int,
+    header: dict,
+    density: float,
+    memory: dict,
+    names: Collection[str] | None,
+) -> Particles:
+    """Read the particles of a frame.
 
-    `header` gets the `assumed_density` where mass or volume is missing; `memory` is a dict.
+    Parameters
+    ----------
+    path : str or Path
+        Path of the frame, for messages.
+    group : h5py.Group
+        Group of the particles.
+    dimension : int
+        2 or 3.
+    header : dict
+        Gets the `assumed_density` where mass or volume is missing.
+    density : float [kg m-3]
+        Gives the missing one of mass and volume.
+    memory : dict
+        Arrays of an earlier frame, reused where their shapes fit.
+    names : collection of str or None
+        Arrays to read, `position` included; None for all. Columns without a stored area are read completely.
 
     Raises
     ------
     FormatError
+        No particle, a missing array, wrong shapes, NaN or impossible values.
     """
     arrays = {}
     if dimension == 2 and "area" not in group:
@@ -69,8 +117,20 @@ def read_particles(path, group, dimension, header, density, memory, names):
     return Particles(**arrays)
 
 
-def require_particles_fit(path, group, memory, names):
-    """Refuse arrays that do not fit into memory as float64, plus one array as it is stored."""
+def require_particles_fit(path: str | Path, group: h5py.Group, memory: dict, names: Collection[str] | None) -> None:
+    """Raise unless the arrays fit into memory as float64, plus one array as it is stored.
+
+    Parameters
+    ----------
+    path : str or Path
+        Path of the frame, for messages.
+    group : h5py.Group
+        Group of the particles.
+    memory : dict
+        Arrays of an earlier frame; those of the same shape need no new memory.
+    names : collection of str or None
+        Arrays to read; None for all.
+    """
     read = {name: group[name] for name in PARTICLE if name in group and (names is None or name in names)}
     new = {
         name: some
@@ -83,14 +143,28 @@ def require_particles_fit(path, group, memory, names):
         require_memory(f"{path}: particles", rows, size / max(rows, 1), *new.values())
 
 
-def require_bed_change(path, kept):
-    """`kept` if it is what a frame holds of its bed: masses of at least 0 on north-up squares, a density above 0.
+def require_bed_change(path: str | Path, kept: dict) -> dict:
+    """Return the bed change of a frame if it is valid.
 
-    Forest adds further arrays of the same shape, which are of at least 0 too.
+    Masses are at least 0 on north-up squares, the density is above 0. Forest adds arrays of the same shape, which are
+    at least 0 too.
+
+    Parameters
+    ----------
+    path : str or Path
+        Path of the frame, for messages.
+    kept : dict
+        Arrays and numbers by name, as in the file.
+
+    Returns
+    -------
+    dict
+        `kept`.
 
     Raises
     ------
     FormatError
+        An array or a number is missing or not valid.
     """
     mass, transform, density = (np.asarray(kept.get(name)) for name in ("eroded_mass", "transform", "bed_density"))
     if mass.ndim != 2 or mass.dtype.kind != "f" or not (np.isfinite(mass).all() and (mass >= 0).all()):
@@ -110,19 +184,32 @@ def require_bed_change(path, kept):
     return kept
 
 
-def require_maxima(path, kept):
-    """`kept` (arrays and numbers by name, from the file at `path`) if every lattice of peaks in it is complete.
+def require_maxima(path: str | Path, kept: dict) -> dict:
+    """Return the maxima of a frame if every lattice of peaks in them is complete.
+
+    Parameters
+    ----------
+    path : str or Path
+        Path of the frame, for messages.
+    kept : dict
+        Arrays and numbers by name, as in the file.
+
+    Returns
+    -------
+    dict
+        `kept`.
 
     Raises
     ------
     FormatError
+        An array is missing, or has another shape or values that are not valid.
     """
     for lattice in lattices_of(kept):
         _require_lattice(path, lattice)
     return kept
 
 
-def _require_shape(path, name, dataset, count):
+def _require_shape(path: str | Path, name: str, dataset: object, count: int | None) -> None:
     """Refuse a dataset that is no array of numbers of the right width for `count` particles (None: any number)."""
     if not isinstance(dataset, h5py.Dataset):
         raise FormatError(f"{path}: particles/{name} is not a dataset")
@@ -135,8 +222,8 @@ def _require_shape(path, name, dataset, count):
         )
 
 
-def _array(path, name, dataset, memory):
-    """The values of a dataset: ids as uint64, all others as finite float64 in the valid range."""
+def _array(path: str | Path, name: str, dataset: h5py.Dataset, memory: dict) -> np.ndarray:
+    """Return the values of a dataset: ids as uint64, all others as finite float64 in the valid range."""
     if name not in _IDENTITY:
         values = _filled(dataset, name, memory)
         _require_possible(path, name, values)
@@ -147,8 +234,8 @@ def _array(path, name, dataset, memory):
     return values.astype(np.uint64, copy=False)
 
 
-def _complete_mass(path, arrays, header, density):
-    """Mass from volume, or volume from mass, with a `density` [kg m-3] that is recorded in `header`."""
+def _complete_mass(path: str | Path, arrays: dict, header: dict, density: float) -> None:
+    """Compute mass from volume, or volume from mass, with a `density` [kg m-3] that is recorded in `header`."""
     if "mass" in arrays and "volume" in arrays:
         return
     if "mass" not in arrays and "volume" not in arrays:
@@ -158,8 +245,8 @@ def _complete_mass(path, arrays, header, density):
     arrays.setdefault("volume", arrays["mass"] / density)
 
 
-def _complete_columns(path, arrays):
-    """Area from thickness, or thickness from area, with the volume of the columns."""
+def _complete_columns(path: str | Path, arrays: dict) -> None:
+    """Compute area from thickness, or thickness from area, with the volume of the columns."""
     if "thickness" not in arrays and "area" not in arrays:
         raise FormatError(f"{path}: dimension 2 needs particles/thickness or particles/area")
     if "area" not in arrays:
@@ -171,8 +258,8 @@ def _complete_columns(path, arrays):
         _require_possible(path, "thickness", arrays["thickness"])
 
 
-def _filled(dataset, name, memory):
-    """The dataset as float64, in the array of `memory` if its shape fits."""
+def _filled(dataset: h5py.Dataset, name: str, memory: dict) -> np.ndarray:
+    """Return the dataset as float64, in the array of `memory` if its shape fits."""
     if name not in memory or memory[name].shape != dataset.shape:
         memory[name] = np.empty(dataset.shape)
     values = stored = memory[name]
@@ -185,8 +272,8 @@ def _filled(dataset, name, memory):
     return values
 
 
-def _scratch(memory, size):
-    """uint8[size] of the scratch array in `memory`."""
+def _scratch(memory: dict, size: int) -> np.ndarray:
+    """Return the first `size` bytes of the scratch array in `memory`, uint8[size]."""
     if "scratch" not in memory or len(memory["scratch"]) < size:
         memory["scratch"] = np.empty(size, np.uint8)
     return memory["scratch"][:size]

@@ -1,6 +1,7 @@
-"""Digests of the content of frames, and what a frame keeps besides its particles."""
+"""Digests (checksums) of frames and of a whole result, to detect changes after writing."""
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,27 +16,50 @@ AS_WRITTEN = "as written"
 
 
 class ContentDigest:
-    """Digest of the time and the arrays of a frame, in their stored types, slab by slab."""
+    """Digest of the time and the arrays of a frame, in their stored types, slab by slab.
 
-    def __init__(self, time, step):
+    Parameters
+    ----------
+    time : float [s]
+    step : int
+        Number of time steps.
+    """
+
+    def __init__(self, time: float, step: int):
         self._head = f"{float(time).hex()} {int(step)}"
         self._arrays = {}
 
-    def add(self, name, values):
-        """Add the next rows of the array `name`."""
+    def add(self, name: str, values: np.ndarray) -> None:
+        """Add the next rows of an array.
+
+        Parameters
+        ----------
+        name : str
+            Group and name of the array.
+        values : array[n, ...]
+            In the stored type.
+        """
         values = np.ascontiguousarray(values)
         if name not in self._arrays:
             self._arrays[name] = hashlib.sha256(f"{values.dtype.str} {values.shape[1:]} ".encode())
         self._arrays[name].update(values.view(np.uint8).reshape(-1) if values.size else b"")
 
-    def hexdigest(self):
-        """64 hexadecimal digits."""
+    def hexdigest(self) -> str:
+        """Return the digest as 64 hexadecimal digits."""
         lines = [f"{name} {digest.hexdigest()}" for name, digest in sorted(self._arrays.items())]
         return hashlib.sha256("\n".join([self._head, *lines]).encode()).hexdigest()
 
 
-def state_digest(content, state):
-    """Digest of the restart `state` (dict) in a frame with the digest `content`."""
+def state_digest(content: str, state: dict) -> str:
+    """Return the digest of the restart state in a frame.
+
+    Parameters
+    ----------
+    content : str
+        Digest of the content of the frame.
+    state : dict
+        Name -> array.
+    """
     digest = hashlib.sha256(content.encode())
     for name, values in sorted(state.items()):
         values = np.ascontiguousarray(values)
@@ -44,17 +68,35 @@ def state_digest(content, state):
     return digest.hexdigest()
 
 
-def result_after(before, content):
-    """Digest of a result after a frame with the digest `content`; `before` is '' at the first frame."""
+def result_after(before: str, content: str) -> str:
+    """Return the digest of a result after one more frame.
+
+    Parameters
+    ----------
+    before : str
+        Digest of the result up to the previous frame, '' at the first frame.
+    content : str
+        Digest of the content of the frame.
+    """
     return hashlib.sha256(f"{before} {content}".encode()).hexdigest()
 
 
-def stored_digests(path):
-    """(content, result) digests stored in the frame at `path`; '' where one is missing."""
+def stored_digests(path: str | Path) -> tuple[str, str]:
+    """Read the digests that the frame at `path` stores.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    content, result : str
+        '' where one is missing.
+    """
     return _read_attributes(path, CONTENT, RESULT)
 
 
-def _read_attributes(path, *names):
+def _read_attributes(path: str | Path, *names: str) -> tuple[str, ...]:
     try:
         with opened_whole(path) as file:
             return tuple(str(file.attrs.get(name, "")) for name in names)
@@ -62,8 +104,18 @@ def _read_attributes(path, *names):
         raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
 
 
-def content_of(path):
-    """Digest of the present content of the frame at `path`."""
+def content_of(path: str | Path) -> str:
+    """Compute the digest of the present content of the frame at `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    FormatError
+        The file is not readable.
+    """
     try:
         with opened_whole(path) as file:
             digest = ContentDigest(file.attrs["time"], file.attrs["step"])
@@ -76,22 +128,32 @@ def content_of(path):
         raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
 
 
-def check_content(path):
-    """AS_WRITTEN, or a description of the change in the frame at `path`; None where it has no digest."""
+def check_content(path: str | Path) -> str | None:
+    """Compare the content of the frame at `path` with its stored digest.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    str or None
+        AS_WRITTEN, or a description of the change; None where the frame has no digest.
+    """
     content, _ = stored_digests(path)
     if not content:
         return None
     return AS_WRITTEN if content_of(path) == content else "changed since it was written"
 
 
-def require_restartable(path, before):
-    """Whether the frame at `path` contains a valid restart state.
+def require_restartable(path: Path, before: Path) -> bool:
+    """Return whether the frame at `path` contains a valid restart state.
 
     Parameters
     ----------
     path : Path
     before : Path
-        The previous frame of the run; where it exists, its result digest must fit that of `path`.
+        Previous frame of the run; where it exists, its result digest must fit that of `path`.
 
     Raises
     ------
@@ -113,8 +175,23 @@ def require_restartable(path, before):
     return True
 
 
-def state_of(path):
-    """The restart state in the frame at `path`, by name; {} where it has none."""
+def state_of(path: str | Path) -> dict:
+    """Read the restart state in the frame at `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict
+        Name -> array or number; empty where there is no state.
+
+    Raises
+    ------
+    FormatError
+        The file is not readable.
+    """
     try:
         with opened_whole(path) as file:
             group = file.get("state", {})
@@ -124,10 +201,19 @@ def state_of(path):
         raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:120]}); it is damaged") from error
 
 
-def check_result(paths, recorded):
-    """AS_WRITTEN, or a description of the change in the ordered frames `paths` of one run; None without digests.
+def check_result(paths: Sequence[str | Path], recorded: str) -> str | None:
+    """Compare the ordered frames of one run with their stored digests.
 
-    `recorded` is the digest in the record of the run, '' where the run has not ended.
+    Parameters
+    ----------
+    paths : sequence of str or Path
+    recorded : str
+        Digest in the record of the run, '' where the run has not ended.
+
+    Returns
+    -------
+    str or None
+        AS_WRITTEN, or a description of the change; None where a frame has no digest.
     """
     result = ""
     for number, path in enumerate(map(Path, paths)):
@@ -142,8 +228,23 @@ def check_result(paths, recorded):
     return AS_WRITTEN if recorded in ("", result) else f"frames after {Path(paths[-1]).name} are missing"
 
 
-def check_kept(paths, recorded):
-    """As `check_result` for the frames that a run with rasters keeps: each by itself, and the last one's result."""
+def check_kept(paths: Sequence[str | Path], recorded: str) -> str | None:
+    """Compare the frames that a run with rasters keeps with their stored digests.
+
+    Most frames of such a run are missing. Each frame is compared by itself, and the result of the last one with the
+    record.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+    recorded : str
+        Digest in the record of the run, '' where the run has not ended.
+
+    Returns
+    -------
+    str or None
+        AS_WRITTEN, or a description of the change; None where a frame has no digest.
+    """
     for path in map(Path, paths):
         found = check_content(path)
         if found != AS_WRITTEN:

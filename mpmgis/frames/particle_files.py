@@ -1,4 +1,4 @@
-"""Particles as files of other programs: columns as .h5, .csv, .json, .gpkg, .parquet and .vtp, points as LAS 1.4.
+"""Columns as files of other programs: .h5, .csv, .json, .gpkg, .parquet and .vtp.
 
 .h5 (a frame), .csv and .parquet (GeoParquet) are written slab by slab in bounded memory; .gpkg,
 .json and .vtp need the whole table in memory. Tables have a row per column and these fields: id, x, y [m, in the
@@ -8,6 +8,7 @@ CRS], z_bed, z_surface [m], thickness [m, vertical], area [m2, plan], mass [kg],
 import json
 import shutil
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..system.errors import OutputError
 from ..system.optional_libraries import GEOPACKAGE, needed_for
 from ..system.whole_files import whole_file
 from .frame_files import write_frame_slabs
+from .particles import Frame, Particles
 from .text_rows import append_rows
 from .vtp_file import write_vtp
 
@@ -38,8 +40,20 @@ _BYTES_PER_COLUMN = {".h5": 88, ".csv": 200, ".json": 220, ".gpkg": 160, ".parqu
 _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8")])
 
 
-def require_format(path):
-    """Refuse a file name with an unknown suffix, or with a suffix whose library is not installed."""
+def require_format(path: str | Path) -> None:
+    """Raise unless the suffix of a file name is known and its library is installed.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    OutputError
+        The suffix is unknown.
+    InputError
+        The library for it is not installed.
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:
         raise OutputError(f"{path}: format {suffix or 'without a suffix'} is unknown, expected {', '.join(_WRITERS)}")
@@ -48,16 +62,22 @@ def require_format(path):
             import pyarrow.parquet  # noqa: F401
 
 
-def write_columns(path, frame, count, slabs):
-    """Write `count` columns to `path` in the format of its suffix.
+def write_columns(path: str | Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
+    """Write columns to `path` in the format of its suffix.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
     frame : Frame
         Everything but the particles: CRS, origin, header.
     count : int
+        Number of columns.
     slabs : iterable of Particles
+
+    Raises
+    ------
+    OutputError
+        The suffix is unknown, or the disk has too little space.
     """
     require_format(path)
     _require_space(path, count)
@@ -78,8 +98,20 @@ def _require_space(path, count):
         )
 
 
-def column_table(particles, origin):
-    """Name -> array of the fields of all tables, in map coordinates."""
+def column_table(particles: Particles, origin: tuple[float, float, float]) -> dict[str, np.ndarray]:
+    """Return the fields of all tables, in map coordinates.
+
+    Parameters
+    ----------
+    particles : Particles
+    origin : (float, float, float) [m]
+        Origin (E, N, H) of the positions.
+
+    Returns
+    -------
+    dict
+        Name of a field -> array[n].
+    """
     x, y, z = (particles.position[:, axis] + origin[axis] for axis in range(3))
     values = (
         particles.id,
@@ -101,22 +133,22 @@ def _whole_table(frame, slabs):
     return {name: np.concatenate([part[name] for part in parts]) for name in UNITS}
 
 
-def _record(frame):
-    """Metadata of a table: numbers, strings and lists."""
+def _record(frame: Frame) -> dict:
+    """Return the metadata of a table: numbers, strings and lists."""
     crs = frame.crs.to_wkt() if frame.crs is not None else ""
     place = {"crs": crs, "dem": frame.dem, "dem_sha256": frame.dem_sha256}
     header = {k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in frame.header.items()}
     return {"format": "mpmgis-columns", "time": frame.time, **place, **header}
 
 
-def _write_csv(path, frame, count, slabs):
+def _write_csv(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
     with whole_file(path) as part, open(part, "wb") as sink:
         sink.write((",".join(UNITS) + "\n").encode())
         for particles in slabs:
             append_rows(sink, list(column_table(particles, frame.origin).values()), ",")
 
 
-def _write_json(path, frame, count, slabs):
+def _write_json(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
     columns = _whole_table(frame, slabs)
     with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="\n") as sink:
         sink.write('{"header": ' + json.dumps(_record(frame)) + ',\n"units": ' + json.dumps(UNITS))
@@ -127,7 +159,7 @@ def _write_json(path, frame, count, slabs):
         sink.write("}}\n")
 
 
-def _write_gpkg(path, frame, count, slabs):
+def _write_gpkg(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
     import geopandas  # 0.5 s; not needed by the other formats
     import shapely
 
@@ -148,8 +180,8 @@ def _write_gpkg(path, frame, count, slabs):
         )
 
 
-def _write_parquet(path, frame, count, slabs):
-    """GeoParquet 1.0 with WKB points, which QGIS and geopandas open as a layer."""
+def _write_parquet(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
+    """Write GeoParquet 1.0 with WKB points, which QGIS and geopandas open as a layer."""
     import pyarrow
     import pyarrow.parquet
 
@@ -168,8 +200,8 @@ def _write_parquet(path, frame, count, slabs):
         writer.close()
 
 
-def _wkb_points(x, y):
-    """Arrow binary array of little-endian WKB points."""
+def _wkb_points(x: np.ndarray, y: np.ndarray) -> object:
+    """Return little-endian WKB points as an Arrow binary array."""
     import pyarrow
 
     points = np.empty(len(x), _WKB_POINT)
@@ -179,8 +211,11 @@ def _wkb_points(x, y):
     return pyarrow.Array.from_buffers(pyarrow.binary(), len(x), buffers)
 
 
-def _write_vtp(path, frame, count, slabs):
-    """VTK PolyData with a vertex per column; positions relative to the field `origin`, for viewers with float32."""
+def _write_vtp(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
+    """Write VTK PolyData with a vertex per column.
+
+    Positions are relative to the field `origin`, for viewers with float32.
+    """
     columns = _whole_table(frame, slabs)
     origin = np.array(frame.origin)
     points = np.column_stack([columns.pop("x"), columns.pop("y"), columns["z_bed"]]) - origin

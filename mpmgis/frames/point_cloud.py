@@ -1,4 +1,4 @@
-"""Points of a frame as a point cloud, LAS 1.4."""
+"""Points of a frame as a point cloud, in the format LAS 1.4."""
 
 from pathlib import Path
 
@@ -24,16 +24,27 @@ _EXTRA = {
 
 
 def is_point_cloud(path: Path) -> bool:
-    """Whether a file name is that of a point cloud."""
+    """Return whether a file name is that of a point cloud.
+
+    Parameters
+    ----------
+    path : Path
+    """
     return Path(path).suffix.lower() == SUFFIX
 
 
 def require_point_cloud(path: Path) -> None:
-    """Refuse a machine without the library before any work.
+    """Raise unless the library for point clouds is installed, before any work.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the point cloud, for the message.
 
     Raises
     ------
     InputError
+        The library is not installed.
     """
     with needed_for(f"{path}: LAS", "pointcloud"):
         import laspy  # noqa: F401
@@ -49,7 +60,7 @@ def write_las(path: Path, frame: Frame) -> None:
     ----------
     path : Path
     frame : Frame
-        Of points (dimension 3).
+        Frame of points (dimension 3).
 
     Raises
     ------

@@ -1,9 +1,11 @@
-"""The folder of a region: release areas with their results, maps tile by tile, record."""
+"""Folder of a region: layer of the release areas with their results, runs, maps, record."""
 
 import json
 import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ..system.errors import FormatError, OutputError, one_line
 from ..system.folder_lock import LOCK_FILE, sole_writer
@@ -16,8 +18,19 @@ LAYER, FOOTPRINTS = "areas", "footprints"
 RECORD_FILE, AREAS_FILE, RUNS, MAPS = "region.json", "areas.gpkg", "runs", "maps"
 
 
-def write_layer(path, layer, shapes, columns, crs):
-    """Write a GeoPackage with one `layer`: `shapes` with `columns` (name -> sequence)."""
+def write_layer(path: Path, layer: str, shapes: Sequence, columns: Mapping[str, Sequence], crs: Any) -> None:
+    """Write a GeoPackage with one layer of shapes.
+
+    Parameters
+    ----------
+    path : Path
+    layer : str
+        Name of the layer.
+    shapes : sequence of shapely.Geometry [m]
+    columns : dict of str to sequence
+        Attributes of the shapes.
+    crs : pyproj.CRS or None
+    """
     import geopandas  # 0.5 s
 
     table = geopandas.GeoDataFrame(columns, geometry=shapes, crs=crs)
@@ -31,16 +44,22 @@ class RegionFolder:
 
     Parameters
     ----------
-    path : path
+    path : str or Path
     digest : str
-        Of all areas and of the scene; a folder with another digest is not continued without `overwrite`.
+        Digest of all areas and of the scene; a folder with another digest is not continued.
+    overwrite : bool
+        Replace the region of another scene.
 
     Raises
     ------
     OutputError
+        The folder holds other content, or another region without `overwrite`; it is a link or contains one under a name
+        that the region uses.
+    FormatError
+        The record of an earlier start cannot be read.
     """
 
-    def __init__(self, path, digest, overwrite=False):
+    def __init__(self, path: str | Path, digest: str, overwrite: bool = False):
         self.path, self.digest = Path(path), digest
         self.runs, self.maps, self.areas = self.path / RUNS, self.path / MAPS, self.path / AREAS_FILE
         refuse_links(self.path, (LOCK_FILE, RECORD_FILE, AREAS_FILE, RUNS, MAPS))
@@ -63,8 +82,18 @@ class RegionFolder:
             raise FormatError(f"{file} cannot be read ({one_line(error)[:80]}); give another folder") from error
         return record.get("digest") if isinstance(record, dict) else None
 
-    def refuse_inputs(self, inputs):
-        """Refuse a folder where one of the `inputs` would be replaced."""
+    def refuse_inputs(self, inputs: Iterable[Path]) -> None:
+        """Refuse a folder where one of the `inputs`, under any name, would be replaced.
+
+        Parameters
+        ----------
+        inputs : iterable of Path
+
+        Raises
+        ------
+        OutputError
+            The folder contains an input.
+        """
         if not self.path.is_dir():
             return
         inputs = list(inputs)
@@ -75,8 +104,14 @@ class RegionFolder:
             raise OutputError(f"{self.path} contains the input {given}; give another -o")
 
     @contextmanager
-    def held(self):
-        """Create the folder and lock it for this block."""
+    def held(self) -> Iterator[None]:
+        """Create the folder and lock it for this block.
+
+        Raises
+        ------
+        OutputError
+            Another process has locked it, or it cannot be created.
+        """
         try:
             self.runs.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -84,8 +119,14 @@ class RegionFolder:
         with sole_writer(self.path):
             yield
 
-    def write_record(self, **record):
-        """Write `region.json`."""
+    def write_record(self, **record: object) -> None:
+        """Write `region.json`.
+
+        Parameters
+        ----------
+        **record
+            Entries of the record, values that JSON can hold.
+        """
         whole = {"format": "mpmgis-region", "format_version": 1, "digest": self.digest, "versions": versions()}
         with whole_file(self.path / RECORD_FILE) as part:
             text = json.dumps(whole | record, indent=1, allow_nan=False) + "\n"

@@ -1,8 +1,10 @@
 """Maps of a region: largest values of the flows of all release areas, written tile by tile."""
 
 from collections import defaultdict
+from collections.abc import Iterable
 from contextlib import ExitStack
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import rasterio
@@ -11,6 +13,10 @@ from ..laws.quantities import BAND, MEMBER_BANDS, NODATA, Quantity
 from ..system.whole_files import whole_file
 from ..terrain.raster_metadata import band_metadata, dataset_metadata
 from ..terrain.raster_output import BLOCK, LAYOUT, NAMESPACE, tag
+
+if TYPE_CHECKING:
+    from ..terrain.grid import Grid
+
 
 TILE = 4 * BLOCK  # [pixels] along a side; memory follows it, not the DTM
 LARGEST = ("h_max", "Ut_max", "p_max")
@@ -25,7 +31,20 @@ CHANCES = (
 
 
 class AreaRaster(NamedTuple):
-    """Maxima of one area: its number, raster, first row and column on the DTM, extent in it, events a year."""
+    """Raster of the maxima of one release area.
+
+    Parameters
+    ----------
+    number : int
+        Number of the area.
+    path : Path
+    row, column : int
+        First row and column of the raster on the DTM.
+    extent : (int, int, int, int)
+        First row, end, first column, end of the flow, counted in the raster.
+    frequency : float [a-1]
+        Events a year.
+    """
 
     number: int
     path: object
@@ -35,17 +54,44 @@ class AreaRaster(NamedTuple):
     frequency: float = 0.0
 
     @property
-    def place(self):
-        """(first row, end, first column, end) on the DTM."""
+    def place(self) -> tuple[int, int, int, int]:
+        """First row, end, first column, end of the flow on the DTM."""
         top, bottom, left, right = self.extent
         return self.row + top, self.row + bottom, self.column + left, self.column + right
 
 
-def write_region_maps(folder, name, grid, areas, min_depth, tags, frequency=False):
-    """Write the maps of `areas` (AreaRaster) as `{name}_h_max.tif`, ...; returns the paths.
+def write_region_maps(
+    folder: Path,
+    name: str,
+    grid: "Grid",
+    areas: Iterable[AreaRaster],
+    min_depth: float,
+    tags: dict,
+    frequency: bool = False,
+) -> list[Path]:
+    """Write the maps of a region as `{name}_h_max.tif`, ...
 
     The largest values are of all cells with flow; a cell is reached where the largest depth is at least `min_depth`.
     Tiles without flow are not written (sparse). The order of `areas` has no effect.
+
+    Parameters
+    ----------
+    folder : Path
+    name : str
+        Beginning of the file names.
+    grid : Grid
+        Grid of the DTM.
+    areas : iterable of AreaRaster
+    min_depth : float [m]
+    tags : dict
+        Metadata of the rasters.
+    frequency : bool
+        Write the map of frequencies and probabilities, too.
+
+    Returns
+    -------
+    list of Path
+        Paths of the maps.
     """
     areas = sorted(areas)
     kinds = {key: ((BAND[key],), {}) for key in LARGEST}
@@ -66,7 +112,10 @@ def write_region_maps(folder, name, grid, areas, min_depth, tags, frequency=Fals
     return list(paths.values())
 
 
-def _file(path, grid, quantities, tags, layout):
+def _file(
+    path: Path, grid: "Grid", quantities: tuple[Quantity, ...], tags: dict, layout: dict
+) -> rasterio.io.DatasetWriter:
+    """Open a new raster on `grid` with a band for each quantity."""
     rows, columns = grid.shape
     crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
     target = rasterio.open(
@@ -88,8 +137,8 @@ def _file(path, grid, quantities, tags, layout):
     return target
 
 
-def _by_tile(areas):
-    """(first row, first column) of a tile -> the areas with flow in it, in their order."""
+def _by_tile(areas: list[AreaRaster]) -> dict[tuple[int, int], list[AreaRaster]]:
+    """Return the areas with flow in each tile, in their order, by first row and first column of the tile."""
     tiles = defaultdict(list)
     for area in areas:
         top, bottom, left, right = area.place
@@ -99,8 +148,10 @@ def _by_tile(areas):
     return tiles
 
 
-def _tile(areas, place, min_depth, frequency):
-    """Key of a map -> its bands [bands, rows, columns] in one tile, nodata where there is none."""
+def _tile(
+    areas: list[AreaRaster], place: tuple[int, int, int, int], min_depth: float, frequency: bool
+) -> dict[str, np.ndarray]:
+    """Return the bands [bands, rows, columns] of one tile by the keys of the maps, nodata where there is none."""
     shape = place[1] - place[0], place[3] - place[2]
     largest = {key: np.full(shape, np.float32(NODATA), np.float32) for key in LARGEST}
     counts, often = np.zeros((2, *shape), np.int32), np.zeros(shape)
@@ -124,8 +175,16 @@ def _tile(areas, place, min_depth, frequency):
     return bands
 
 
-def _values(area, place):
-    """((slices in the tile), {band: float32[rows, columns], NaN without flow}) of an area within a tile."""
+def _values(area: AreaRaster, place: tuple[int, int, int, int]) -> tuple[tuple[slice, slice], dict[str, np.ndarray]]:
+    """Read the values of an area within a tile.
+
+    Returns
+    -------
+    cells : (slice, slice)
+        Rows and columns in the tile.
+    values : dict
+        Band -> float32[rows, columns], NaN without flow.
+    """
     top, bottom, left, right = area.place
     top, bottom = max(top, place[0]), min(bottom, place[1])
     left, right = max(left, place[2]), min(right, place[3])

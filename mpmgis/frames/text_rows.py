@@ -1,10 +1,13 @@
-"""Rows of numbers appended to text files."""
+"""Rows of numbers in text files, written with Arrow where it is installed."""
+
+from collections.abc import Sequence
+from typing import BinaryIO
 
 import numpy as np
 
 
-def append_rows(sink, columns, delimiter):
-    """Append rows to a binary file.
+def append_rows(sink: BinaryIO, columns: Sequence[np.ndarray], delimiter: str) -> None:
+    """Append rows of numbers to a binary file.
 
     Parameters
     ----------
@@ -25,7 +28,16 @@ def append_rows(sink, columns, delimiter):
     pyarrow.csv.write_csv(table, sink, pyarrow.csv.WriteOptions(include_header=False, delimiter=delimiter))
 
 
-def as_text(columns, delimiter):
-    """The rows as bytes without Arrow: shortest decimals that give the same float64; 0.5 s per million numbers."""
+def as_text(columns: Sequence[np.ndarray], delimiter: str) -> bytes:
+    """Return the rows as text without Arrow.
+
+    The numbers are the shortest decimals that give the same float64. This takes 0.5 s per million numbers.
+
+    Parameters
+    ----------
+    columns : sequence of array[n]
+        Floats or integers.
+    delimiter : str
+    """
     texts = [map(repr, np.asarray(values).tolist()) for values in columns]
     return ("\n".join(map(delimiter.join, zip(*texts, strict=True))) + "\n").encode()

@@ -1,21 +1,30 @@
 """Points with data as VTK PolyData (.vtp), for ParaView."""
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 
 from ..system.whole_files import whole_file
 
 
-def write_vtp(path, points, data, fields, note=""):
-    """Write points to `path`.
+def write_vtp(
+    path: str | Path,
+    points: np.ndarray,
+    data: dict[str, np.ndarray],
+    fields: dict[str, Sequence[float]],
+    note: str = "",
+) -> None:
+    """Write points with data to `path`.
 
     Parameters
     ----------
-    path : Path
-    points : float64[n, 3]
+    path : str or Path
+    points : float64[n, 3] [m]
     data : dict of str to array[n] or array[n, k]
         Data of the points.
-    fields : dict of str to list of float
-        Data of the file: `TimeValue` is the time that ParaView shows.
+    fields : dict of str to sequence of float
+        Data of the file: `TimeValue` [s] is the time that ParaView shows.
     note : str
         Comment in the file.
     """
@@ -42,8 +51,8 @@ def write_vtp(path, points, data, fields, note=""):
         sink.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
-def _array(name, values, blocks):
-    """The XML of an array whose bytes are appended to `blocks`."""
+def _array(name: str, values: np.ndarray, blocks: list[np.ndarray]) -> str:
+    """Return the XML of an array; its bytes are appended to `blocks`."""
     kind = {"f": "Float64", "i": "Int64", "u": "UInt64"}[values.dtype.kind]
     offset = sum(block.nbytes + 8 for block in blocks)
     eight = np.ascontiguousarray(values).astype(f"<{values.dtype.kind}8", copy=False)
