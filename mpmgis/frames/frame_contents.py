@@ -12,10 +12,11 @@ from ..system.hdf5_reading import require_memory
 from .particles import Particles
 from .peaks import PEAK_NAMES, lattices_of
 
-_WIDTH = {"position": 3, "velocity": 3}
-_POSITIVE = ("mass", "volume", "area")
-_LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1]: above any flow; sums of squares stay finite
-_LARGEST_OF_OTHERS, _SMALLEST = 1e30, 1e-30  # quotients of two stay finite; smallest positive value
+_WIDTH = {"position": 3, "velocity": 3}  # numbers per particle; 1 for all others
+_POSITIVE = ("mass", "volume", "area")  # above 0
+_LARGEST = {"position": 1e9, "velocity": 1e6}  # [m], [m s-1] above any flow; sums of squares stay finite
+_LARGEST_OF_OTHERS = 1e30  # in the unit of the quantity; quotients of two stay finite
+_SMALLEST = 1e-30  # smallest mass, volume, area, in their units; quotients of two stay finite
 _IDENTITY = ("id", "parent")
 
 

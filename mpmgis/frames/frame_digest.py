@@ -9,10 +9,13 @@ import numpy as np
 from ..system.errors import FormatError, one_line
 from ..system.hdf5_reading import opened_whole, require_numbers_that_fit
 
-CONTENT, RESULT, STATE = "content_sha256", "result_sha256", "state_sha256"  # attributes of a frame
-BED_CHANGE = "bed_change"
-DIGESTED = ("particles", "maxima", BED_CHANGE)  # groups; the restart state is removed later
-AS_WRITTEN = "as written"
+# attributes of a frame
+CONTENT = "content_sha256"
+RESULT = "result_sha256"
+STATE = "state_sha256"
+BED_CHANGE = "bed_change"  # group
+DIGESTED = ("particles", "maxima", BED_CHANGE)  # groups; not the restart state, which is removed later
+AS_WRITTEN = "as written"  # result of a check: nothing has changed
 
 
 class ContentDigest:

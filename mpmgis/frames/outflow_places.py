@@ -18,10 +18,11 @@ from ..compiled.block_order import (
 )
 from ..terrain.nodata_groups import nodata_groups
 
-HOLE, COLLAR = "hole", "collar"
+HOLE = "hole"  # nodata amid the DTM
+COLLAR = "collar"  # nodata that reaches the edge of the DTM
 SIDES = {WEST_EDGE: "west", SOUTH_EDGE: "south", EAST_EDGE: "east", NORTH_EDGE: "north"}
-MOST_PLACES = 10  # number of places; the smallest ones are summed in one entry
-_AROUND = np.ones((3, 3))
+MOST_PLACES = 10  # entries in the list; the smallest places beyond are summed in one entry
+_AROUND = np.ones((3, 3))  # blocks that touch at a corner belong together, too
 
 
 def left_places(grid: Any, left: np.ndarray) -> list[dict]:

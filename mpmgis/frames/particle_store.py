@@ -11,9 +11,9 @@ from ..system.errors import FormatError
 from .state_check import LEFT_STATE, StateCheck
 from .watched_features import EAST, NORTH, STATE, TAKEN, TIME, TakenIn, Watch, block_marks, marks_reached
 
-GAIN_STOP = 0.1  # largest accepted gain of energy since the last look, over kinetic energy and work
-REST_SHARE = 0.01  # of the largest kinetic energy so far, below which a flow is at rest; smallest reference for gains
-REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the smallest reference for gains
+GAIN_STOP = 0.1  # [1] largest accepted gain of energy since the last look, over kinetic energy and work
+REST_SHARE = 0.01  # [1] of the largest kinetic energy so far: a flow with less is at rest; least reference for gains
+REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the least reference for gains
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
 

@@ -11,10 +11,15 @@ import re
 import numpy as np
 
 PEAK_NAMES = ("thickness", "speed", "pressure", "arrival_time")
-THICKNESS, SPEED, PRESSURE, ARRIVAL, PEAK_ENTRIES = range(5)
-PEAK_STATE = ("peaks", "peak_nodes")  # of a frame's state
+# entries of the peaks of a node, in the order of PEAK_NAMES
+THICKNESS = 0  # [m] vertical
+SPEED = 1  # [m s-1]
+PRESSURE = 2  # [Pa]
+ARRIVAL = 3  # [s] -1 where the flow never arrived
+PEAK_ENTRIES = 4
+PEAK_STATE = ("peaks", "peak_nodes")  # names in the restart state of a frame
 TRANSFORM, THRESHOLD = "transform", "arrival_thickness"
-_ALIGNED = 1e-6  # of a spacing: tolerance for nodes of two lattices to coincide
+_ALIGNED = 1e-6  # [spacings] tolerance for nodes of two lattices to coincide, far above rounding
 _OTHER = re.compile(r"other(\d+)_")
 
 

@@ -12,7 +12,8 @@ from .particles import Frame
 
 SUFFIX = ".las"
 RESOLUTION = 0.001  # [m] of a coordinate, which LAS keeps as a 32-bit integer
-_POINT_FORMAT = 6
+_POINT_FORMAT = 6  # the first one of LAS 1.4: coordinates, returns, GPS time
+# extra dimension -> unit, description
 _EXTRA = {
     "velocity_e": ("m s-1", "velocity to the east"),
     "velocity_n": ("m s-1", "velocity to the north"),

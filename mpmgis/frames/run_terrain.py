@@ -86,7 +86,7 @@ def run_terrain(source: Any, entries: Sequence, output: Path | None) -> Terrain:
 
 
 def _target(source: Any, header: Any) -> str | None:
-    """Return the CRS for the DTM: that of `to_crs` (auto: that of the frames), or that with which the frames were made."""
+    """Return the CRS for the DTM: that of `to_crs` (auto: that of the frames), or the one recorded in the frames."""
     if source.to_crs == AUTO:
         return (_crs_option(header.crs) if header.crs is not None else None) or AUTO
     return source.to_crs or (header.header.get("to_crs") if source.dem is None else None)

@@ -7,9 +7,12 @@ import numpy as np
 from ..system.errors import FormatError
 from .peaks import PEAK_STATE
 
-LARGEST_COUNT = 2**53
-YIELD_STATE = ("yield_columns", "yields")  # of points: node columns where the ground yields, and the yield [m]
-LEFT_STATE = ("left_blocks", "left_sums")  # of a frame: blocks with outflow and their sums
+LARGEST_COUNT = 2**53  # largest range of integers that float64 represents exactly
+YIELD_STATE = (
+    "yield_columns",
+    "yields",
+)  # names in the state of points: node columns where the ground yields; yield [m]
+LEFT_STATE = ("left_blocks", "left_sums")  # names in the state: blocks with outflow; their sums
 
 
 class StateCheck:

@@ -10,8 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-STATE = "taken_in"  # of a frame: float64[features, 4], TAKEN, TIME, EAST, NORTH of each
-TAKEN, TIME, EAST, NORTH, ENTRIES = range(5)
+STATE = "taken_in"  # name in the restart state of a frame: float64[features, ENTRIES]
+# entries of the state of a feature
+TAKEN = 0  # [1] 1 where the effect is on
+TIME = 1  # [s] when the flow reached it
+EAST = 2  # [m] map position of the particle that reached it
+NORTH = 3  # [m]
+ENTRIES = 4
 MOST_FEATURES = 8  # bits of the mark of a block of nodes
 
 

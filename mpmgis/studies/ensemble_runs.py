@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .. import __version__
-from ..frames.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
+from ..frames.ensemble_folder import EnsembleFolder, member_files, read_member
+from ..frames.member_stack import MemberStack
 from ..laws.quantities import MEMBER_BANDS
 from ..simulation.cost_prediction import duration
 from ..simulation.run_cost import MEMORY_SHARE
