@@ -30,7 +30,7 @@ FORMAT_VERSION = 1
 _SIZES = {"density", "cell_size", "converted_spacing"}  # attributes of the particles: numbers above 0
 _LARGEST_STEP = 2**53  # largest range of integers that float64 represents exactly
 HASHING = 4  # threads that hash arrays while a frame is written
-FRAMES_WITH_STATE = 2  # of a run, the newest
+FRAMES_WITH_STATE = 2  # the newest of a run: where the last one is damaged, the one before it is left
 PLACES = ("position", "area")  # arrays that are read where only positions are needed
 
 

@@ -22,6 +22,7 @@ from .particles import Frame, Particles
 from .text_rows import append_rows
 from .vtp_file import write_vtp
 
+# field of a table -> unit
 UNITS = {
     "id": "1",
     "x": "m",
@@ -36,6 +37,7 @@ UNITS = {
     "v": "m s-1",
     "w": "m s-1",
 }
+# [bytes] of a column on disk, about
 _BYTES_PER_COLUMN = {".h5": 88, ".csv": 200, ".json": 220, ".gpkg": 160, ".parquet": 120, ".vtp": 104}
 _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8")])
 

@@ -14,7 +14,8 @@ from ..system.optional_libraries import GEOPACKAGE
 from ..system.whole_files import output_error, refuse_other, whole_file
 from .run_folder import versions
 
-LAYER, FOOTPRINTS = "areas", "footprints"
+LAYER = "areas"  # name of the layer of the release areas
+FOOTPRINTS = "footprints"  # name of the layer of the areas that the flows reach
 RECORD_FILE, AREAS_FILE, RUNS, MAPS = "region.json", "areas.gpkg", "runs", "maps"
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 TILE = 4 * BLOCK  # [pixels] along a side; memory follows it, not the DTM
-LARGEST = ("h_max", "Ut_max", "p_max")
+LARGEST = ("h_max", "Ut_max", "p_max")  # bands of the members, a map each
 COUNTS = (
     Quantity("areas", "1", "number of release areas whose flow reaches the cell"),
     Quantity("deepest_area", "1", "number of the release area with the largest depth; of equal ones the smallest"),

@@ -1,43 +1,62 @@
-"""Sources of columns: one for each release part, at the requested resolution.
+"""Sources of columns: one for each release part, at the requested resolution."""
 
-Columns of equal mass (mode E), and columns at the points of Halton's sequence.
-
-The release is cut into strips, each holding a whole number of column masses and about as high as its columns are
-wide; each strip is cut across into pieces of one column mass. A piece's column lies at its centre of mass, so that
-total and centroid are kept; other point sets move it within its piece (stratified inverse distribution function).
-"""
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..system.errors import InputError
-from ..terrain.release_parts import ThicknessRaster
+from ..terrain.grid import Grid
+from ..terrain.release_parts import ReleaseArea, ThicknessRaster
 from .equal_mass_columns import EqualMassColumns
 from .halton_columns import HaltonColumns
 from .lattice_columns import LatticeColumns, Tiling, tiling_rows
-from .release_thickness import integral
+from .part_scene import PartScene
+from .release_thickness import PartVolume, integral
+from .seeding_options import SeedOptions
 
 _BLOCK = 4  # sub-squares along a cell's side where spacing or count set the lattice: 4 x 4 to a cell
-_TOLERANCE = 0.01  # of a requested count
-_GOOD_ENOUGH = 0.004
+_TOLERANCE = 0.01  # [1] of a requested count: no larger error is accepted
+_GOOD_ENOUGH = 0.004  # [1] of a requested count: the search ends
 
 
-def column_sources(grid, release, deposits, scenes, slope, options):
-    """A source of columns per release part: `counts` int64[blocks], `count`, and `fill` over a range of blocks.
+def column_sources(
+    grid: Grid,
+    release: ReleaseArea,
+    volumes: list[PartVolume],
+    scenes: list[PartScene],
+    slope: tuple[np.ndarray, Grid] | None,
+    options: SeedOptions,
+) -> list:
+    """Return a source of columns for each release part.
 
     Parameters
     ----------
     grid : Grid
-        Of the DTM.
+        Grid of the DTM.
     release : ReleaseArea
-    deposits, scenes : lists of Deposit and PartScene, one a part
+    volumes : list of PartVolume
+        One a part.
+    scenes : list of PartScene
+        One a part.
     slope : (float64[rows, columns], Grid) or None
         tan of the slope, for refinement.
     options : SeedOptions
+
+    Returns
+    -------
+    list
+        EqualMassColumns, HaltonColumns or LatticeColumns: each has `counts` int64[blocks], `count`, and `fill` over a
+        range of blocks.
+
+    Raises
+    ------
+    InputError
+        The requested number of columns cannot be met, or the cells cannot be cut regularly.
     """
     polygons = release.polygons
     expected = options.expected(grid, release.area)
     if options.mass == "equal":
-        shares = apportion(expected, [deposit.volume for deposit in deposits])
+        shares = apportion(expected, [part.volume for part in volumes])
         return [
             EqualMassColumns(polygon, n, options.squares, grid, scene, options.points, options.seed)
             for polygon, n, scene in zip(polygons, shares, scenes, strict=True)
@@ -52,8 +71,15 @@ def column_sources(grid, release, deposits, scenes, slope, options):
     return _lattice_sources(grid, polygons, slope, options, expected)
 
 
-def apportion(total, weights):
-    """Whole numbers that sum to `total` (rounded) in proportion to `weights`, at least 1 each."""
+def apportion(total: float, weights: Sequence[float]) -> list[int]:
+    """Return whole numbers with a given sum in proportion to `weights`, at least 1 each.
+
+    Parameters
+    ----------
+    total : float
+        The sum, rounded.
+    weights : sequence of float
+    """
     weights = np.asarray(weights, dtype=float)
     total = max(round(total), len(weights))
     wanted = (total - len(weights)) * weights / weights.sum()
@@ -63,15 +89,17 @@ def apportion(total, weights):
     return (shares + 1).tolist()
 
 
-def _mean_steepness(slope, polygons):
-    """Mean of min(tan slope, 1) over the polygons."""
+def _mean_steepness(slope: tuple[np.ndarray, Grid], polygons: Sequence) -> float:
+    """Return the mean of min(tan slope, 1) over the polygons."""
     raster = ThicknessRaster(np.minimum(slope[0], 1.0), slope[1])
     totals = [integral(polygon, raster) for polygon in polygons]
     return sum(total for total, _, _ in totals) / sum(area for _, _, area in totals)
 
 
-def _lattice_sources(grid, polygons, slope, options, expected):
-    """Columns on the cells' own tiling, on a lattice of free spacing, or with the requested count."""
+def _lattice_sources(
+    grid: Grid, polygons: Sequence, slope: tuple[np.ndarray, Grid] | None, options: SeedOptions, expected: float
+) -> list[LatticeColumns]:
+    """Return columns on the cells' own tiling, on a lattice of free spacing, or with the requested count."""
     beta = options.refine_slope
 
     def make(cells, n0, forced=None):
@@ -110,8 +138,10 @@ def _require_regular(options, cells):
         )
 
 
-def _meet_count(make, start, power, wanted):
-    """Sources whose columns number `wanted` within 1 %: `make(x)` has about const * x^(1 / power) of them.
+def _meet_count(
+    make: Callable[..., list[LatticeColumns]], start: float, power: float, wanted: int
+) -> list[LatticeColumns]:
+    """Return sources whose columns number `wanted` within 1 %: `make(x)` has about const * x^(1 / power) of them.
 
     The rim makes the number jump, so secant steps are followed by a scan; where no lattice fits (few columns), the
     smallest pieces of one that has slightly more are joined to their neighbours.
@@ -139,8 +169,8 @@ def _meet_count(make, start, power, wanted):
     return _joined_to(make, tried, wanted)
 
 
-def _joined_to(make, tried, wanted):
-    """The smallest pieces joined until `wanted` columns are left."""
+def _joined_to(make: Callable[..., list[LatticeColumns]], tried: dict[float, int], wanted: int) -> list[LatticeColumns]:
+    """Return sources whose smallest pieces are joined until `wanted` columns are left."""
     more = [x for x in tried if tried[x] > wanted]
     best = min(more, key=lambda x: tried[x]) if more else min(tried, key=lambda x: abs(tried[x] - wanted))
     sources = make(best)

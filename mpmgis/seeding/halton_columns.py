@@ -1,18 +1,21 @@
-"""Columns at the points of Halton's sequence."""
+"""Columns at the points of Halton's sequence, exactly as many as requested."""
 
 import numpy as np
+import shapely
 
 from ..system.errors import InputError
+from ..terrain.grid import Grid
 from . import cell_fill, halton_fill, random_numbers
-from .lattice import Outline
+from .lattice import Lattice, Outline
+from .part_scene import PartScene
 
-_CHUNK = 4096  # indices of the sequence
-_CHUNKS_AT_ONCE = 256
-_MOST_TRIES = 100_000  # indices a point: a region that fills less of its bounding box is no region for this point set
+_CHUNK = 4096  # indices of the sequence that one thread works on
+_CHUNKS_AT_ONCE = 256  # [chunks] tried at least before a region is refused; a batch has up to 64 times as many
+_MOST_TRIES = 100_000  # [indices a point] a region that needs more fills too little of its bounding box
 
 
 class HaltonColumns:
-    """Exactly `count` columns of one polygon; `counts` int64[blocks] is the number from each chunk of the sequence.
+    """Exactly `count` columns of one polygon, at points of Halton's sequence.
 
     Parameters
     ----------
@@ -20,13 +23,35 @@ class HaltonColumns:
     count : int
     lattice : Lattice
         Its cells sort the plane into inside, outside and rim.
-    beta, slope
-        Refinement on steep ground: beta, and (tan of the slope, Grid) or None.
+    beta : float
+        Refinement on steep ground.
+    slope : (float64[rows, columns], Grid) or None
+        tan of the slope on its grid.
     seed : int
         Shifts the sequence (Cranley and Patterson 1976).
+
+    Attributes
+    ----------
+    counts : int64[blocks]
+        Number of columns from each chunk of the sequence.
+    area : float [m2]
+        Area of the polygon.
+
+    Raises
+    ------
+    InputError
+        The polygon fills too little of its bounding box.
     """
 
-    def __init__(self, polygon, count, lattice, beta, slope, seed):
+    def __init__(
+        self,
+        polygon: shapely.Geometry,
+        count: int,
+        lattice: Lattice,
+        beta: float,
+        slope: tuple[np.ndarray, Grid] | None,
+        seed: int,
+    ):
         self.count, self.lattice, self.beta, self.seed = int(count), lattice, float(beta), int(seed)
         self.outline = Outline.of(polygon, lattice)
         self.cover = self.outline.cover()
@@ -90,6 +115,34 @@ class HaltonColumns:
             cell_fill.Output(write, position, columns),
         )
 
-    def fill(self, first, last, scene, law, position=None, columns=None, at=0):
-        """As `LatticeColumns.fill`, over chunks of the sequence."""
+    def fill(
+        self,
+        first: int,
+        last: int,
+        scene: PartScene,
+        law: np.ndarray,
+        position: np.ndarray | None = None,
+        columns: np.ndarray | None = None,
+        at: int = 0,
+    ) -> np.ndarray:
+        """Evaluate the chunks first <= chunk < last of the sequence; write their columns if `position` is given.
+
+        Parameters
+        ----------
+        first, last : int
+        scene : PartScene
+        law : float64[3]
+            As in Ground.
+        position : float64[n, 3], optional [m]
+            Filled, as in Output.
+        columns : float64[4, n], optional
+            Filled, as in Output.
+        at : int
+            Number of the first column in the arrays.
+
+        Returns
+        -------
+        float64[last - first, 3]
+            Sum, smallest and largest of thickness times area [m3] of each chunk.
+        """
         return self._chunks(first, last, self.counts, self._unit_area, scene, law, position, columns, at)[:, :3]

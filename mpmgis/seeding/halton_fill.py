@@ -1,4 +1,9 @@
-"""Columns at those points of Halton's sequence that lie in a polygon."""
+"""Columns at those points of Halton's sequence that lie in a polygon.
+
+Everything works in *lattice coordinates* (u, v): a cell of the lattice is a unit square, cell (row, column) is
+[column, column + 1] x [row, row + 1]. An affine of six numbers ``(a, b, c, d, e, f)`` takes (u, v) to
+``(a u + b v + c, d u + e v + f)``. Every loop that runs in parallel owns the rows that it writes.
+"""
 
 import math
 from typing import NamedTuple
@@ -6,18 +11,33 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled.jit import jit, jit_parallel, prange
-from .cell_fill import evaluate_columns, map_point
-from .polygon_points import covered, in_whole_cell
+from .cell_fill import Ground, Output, evaluate_columns, map_point
+from .polygon_cover import Cover
+from .polygon_points import Edges, covered, in_whole_cell
 from .random_numbers import halton, uniform
 from .raster_values import valid_at
 
 
 class Sequence(NamedTuple):
-    """Points of Halton's sequence (bases 2 and 3), moved by `shift` and map_point to `box` (u0, v0, width, height).
+    """Points of Halton's sequence (bases 2 and 3), moved and mapped to a box.
 
     With `beta` a point survives with the probability (1 + beta min(tan slope, 1)) / (1 + beta), by random numbers of
-    `seed`, and stands for an area in inverse proportion. `slope` float64[rows, columns] is tan of the slope and
-    `slope_map` the affine from (u, v) to its pixels; `area` [m2] is that of a point of weight 1.
+    `seed`, and stands for an area in inverse proportion.
+
+    Parameters
+    ----------
+    shift : float64[2]
+        Added to the points of the unit square, modulo 1.
+    box : float64[4]
+        u0, v0, width, height.
+    beta : float
+    slope : float64[rows, columns]
+        tan of the slope.
+    slope_map : float64[6]
+        Affine from (u, v) to the pixels of `slope`.
+    seed : int
+    area : float [m2]
+        Area of a point of weight 1.
     """
 
     shift: np.ndarray
@@ -30,13 +50,27 @@ class Sequence(NamedTuple):
 
 
 @jit
-def halton_chunk(index, size, quota, sequence, cover, edges, points):
-    """Fill points float64[:, 3] (u, v, area [m2]) with those of `size` Halton points from `index` on that lie inside.
+def halton_chunk(
+    index: int, size: int, quota: int, sequence: Sequence, cover: Cover, edges: Edges, points: np.ndarray
+) -> tuple[int, float]:
+    """Collect those points of a chunk of Halton's sequence that lie inside the polygon.
+
+    Parameters
+    ----------
+    index, size : int
+        First index of the chunk, and number of its indices.
+    quota : int
+        Largest number of points.
+    sequence : Sequence
+    cover : Cover
+    edges : Edges
+    points : float64[:, 3]
+        Filled with u, v, area [m2].
 
     Returns
     -------
     taken, weights : int, float
-        Their number (at most `quota`) and sum of weights.
+        Number of points (at most `quota`) and sum of their weights.
     """
     taken, weights = 0, 0.0
     columns, spans, span_start = cover.columns, cover.spans, cover.span_start
@@ -63,11 +97,34 @@ def halton_chunk(index, size, quota, sequence, cover, edges, points):
 
 
 @jit_parallel
-def halton_chunks(first, last, size, quota, offsets, sequence, cover, edges, ground, out):
-    """Columns at points of Halton's sequence inside a polygon; chunks of `size` indices.
+def halton_chunks(
+    first: int,
+    last: int,
+    size: int,
+    quota: np.ndarray,
+    offsets: np.ndarray,
+    sequence: Sequence,
+    cover: Cover,
+    edges: Edges,
+    ground: Ground,
+    out: Output,
+) -> np.ndarray:
+    """Evaluate columns at points of Halton's sequence inside a polygon, in the chunks first <= chunk < last.
 
-    `quota` int64[chunks] is the most points that a chunk gives; chunk `first + c` is written from number
-    ``offsets[c]`` on.
+    Parameters
+    ----------
+    first, last : int
+    size : int
+        Indices in a chunk.
+    quota : int64[chunks]
+        Largest number of points of each chunk.
+    offsets : int64[last - first]
+        Chunk `first + c` is written from number ``offsets[c]`` on.
+    sequence : Sequence
+    cover : Cover
+    edges : Edges
+    ground : Ground
+    out : Output
 
     Returns
     -------

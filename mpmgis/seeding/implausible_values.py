@@ -5,22 +5,36 @@ from typing import NamedTuple
 from ..system.messages import log
 
 DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore
-THICKNESS = (0.01, 100.0)  # [m]
-FEWEST_COLUMNS = 50
+THICKNESS = (0.01, 100.0)  # [m] mean, vertical; usual range
+FEWEST_COLUMNS = 50  # fewer do not resolve a flow
 MOST_MU = 1.2  # [1] of friction: tan 50 degrees
 LEAST_XI = 10.0  # [m s-2] of friction: drag of a dense forest
 
 
 class Fixes(NamedTuple):
-    """What the user would change: where `density` and `thickness` are given, and how to have `more` columns."""
+    """What the user would change, for the messages.
+
+    Parameters
+    ----------
+    density, thickness : str
+        Where they are given.
+    more : str
+        How to have more columns.
+    """
 
     density: str
     thickness: str
     more: str
 
 
-def report_implausible_friction(parameters):
-    """Report each of the friction's `parameters` (name -> value) outside its usual range; it is used as it is."""
+def report_implausible_friction(parameters: dict) -> None:
+    """Report each parameter of the friction outside its usual range; it is used as it is.
+
+    Parameters
+    ----------
+    parameters : dict
+        Name -> value.
+    """
     mu, xi = (parameters.get(name) for name in ("mu", "xi"))
     if isinstance(mu, (int, float)) and mu > MOST_MU:
         log.info(
@@ -31,16 +45,16 @@ def report_implausible_friction(parameters):
         log.info(f"[friction] xi = {xi:g} m s-2, usual is {LEAST_XI:g} to 3000; check it and its unit")
 
 
-def report_implausible(count, density, thickness, fixes):
-    """Report in one line each what is unusual about a release; it is used as it is.
+def report_implausible(count: int, density: float, thickness: float, fixes: Fixes) -> None:
+    """Report what is unusual about a release, in one line each; it is used as it is.
 
     Parameters
     ----------
     count : int
-        Columns.
+        Number of columns.
     density : float [kg m-3]
     thickness : float [m]
-        Mean, vertical.
+        Mean vertical thickness.
     fixes : Fixes
     """
     for name, value, unit, (low, high), cure in (

@@ -1,18 +1,28 @@
-"""The part of the terrain under a release, and the vertical thickness of the release on it."""
+"""Part of the terrain under a release."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
 
 from ..system.errors import InputError
+from ..terrain.dtm import TerrainFile
+from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
+from ..terrain.release_parts import ReleasePart
 from .lattice import Lattice, Outline
 
 _MARGIN = 3  # [cells] beyond the release, so that gradients under it are central
 
 
-def bed_under(parts, terrain):
-    """The Terrain around release `parts`, with a margin of three cells where there is one.
+def bed_under(parts: Sequence[ReleasePart], terrain: Terrain | TerrainFile) -> Terrain:
+    """Return the terrain around release parts, with a margin of three cells where there is one.
 
-    `terrain` is a Terrain, or a TerrainFile of which no more than this is read.
+    Parameters
+    ----------
+    parts : sequence of ReleasePart
+    terrain : Terrain or TerrainFile
+        Of a TerrainFile no more than this is read.
 
     Raises
     ------
@@ -27,7 +37,7 @@ def bed_under(parts, terrain):
     return near
 
 
-def _require_bed(part, terrain, grid, first):
+def _require_bed(part: ReleasePart, terrain: Terrain, grid: Grid, first: np.ndarray) -> None:
     """Refuse a part over cells without an elevation; `terrain` begins at the cell `first` of the whole `grid`."""
     outline = Outline.of(part.polygon, Lattice.of_grid(grid))
     cells = outline.cover().cells() + np.array([outline.window.row, outline.window.column])
@@ -45,10 +55,18 @@ def _require_bed(part, terrain, grid, first):
         )
 
 
-def extended_elevation(terrain):
-    """Elevation float64[rows, columns] [m] with the gaps that border on valid pixels filled along the bed's plane.
+def extended_elevation(terrain: Terrain) -> np.ndarray:
+    """Return the elevation with the gaps that border on valid pixels filled along the bed's plane.
 
     Interpolation beside a gap then never meets NaN; what lies further in a gap is the nearest of these values.
+
+    Parameters
+    ----------
+    terrain : Terrain
+
+    Returns
+    -------
+    float64[rows, columns] [m]
     """
     elevation = terrain.elevation
     if terrain.valid.all():
@@ -68,11 +86,20 @@ def extended_elevation(terrain):
     return np.where(terrain.valid, elevation, filled)
 
 
-def _pixel_gradient(terrain):
-    """Elevation per step in (column, row) [m]."""
+def _pixel_gradient(terrain: Terrain) -> np.ndarray:
+    """Return the change of elevation [m] per step in column and row."""
     return terrain.gradient @ terrain.grid.matrix
 
 
-def steepness(terrain):
-    """float64[rows, columns]: |grad b| = tan(slope) at pixel centres; NaN where there is no bed."""
+def steepness(terrain: Terrain) -> np.ndarray:
+    """Return |grad b| = tan(slope) at pixel centres; NaN where there is no bed.
+
+    Parameters
+    ----------
+    terrain : Terrain
+
+    Returns
+    -------
+    float64[rows, columns]
+    """
     return np.hypot(terrain.gradient[..., 0], terrain.gradient[..., 1])

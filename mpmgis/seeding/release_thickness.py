@@ -1,24 +1,35 @@
-"""Vertical thickness of a release on the terrain, with its exact volume."""
+"""Vertical thickness of a release part on the terrain, with its exact volume."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
-from ..terrain.elevation import bilinear
-from ..terrain.release_parts import NORMAL, ThicknessRaster
+from ..terrain.elevation import Terrain, bilinear
+from ..terrain.release_parts import NORMAL, ReleasePart, ThicknessRaster
 from . import polygon_cover
-from .lattice import Lattice, Outline
+from .lattice import Lattice, Outline, Window
 from .release_bed import steepness
 
-_SAME_CELL = 1 + 1e-9
+_SAME_CELL = 1 + 1e-9  # [1] ratio up to which two cell sizes are equal: rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Deposit:
-    """Vertical thickness [m] of one release part on the raster `raster`, with its exact integral.
+class PartVolume:
+    """Vertical thickness of one release part, with its exact integral.
 
-    `volume` [m3] is D13's reference: every pixel with its value, times its area, times the exact share of it that the
-    polygon covers; `square` [m4] the same of the squared thickness; `area` [m2] the covered area.
+    The integral is D13's reference: every pixel with its value, times its area, times the exact share of it that the
+    polygon covers.
+
+    Parameters
+    ----------
+    raster : ThicknessRaster
+        Vertical thickness [m].
+    volume : float [m3]
+    square : float [m4]
+        Integral of the squared thickness.
+    area : float [m2]
+        Covered area.
     """
 
     raster: ThicknessRaster
@@ -27,17 +38,38 @@ class Deposit:
     area: float
 
 
-def deposit_of(part, mode, terrain):
-    """The Deposit of a ReleasePart on `terrain` (cropped to it or larger).
+def part_volume(part: ReleasePart, mode: str, terrain: Terrain) -> PartVolume:
+    """Compute vertical thickness and volume of a release part.
 
     Thickness normal to the bed is divided by the cosine of the slope of the DTM cell (vertical = normal / cos).
+
+    Parameters
+    ----------
+    part : ReleasePart
+    mode : {"normal", "vertical"}
+        Direction of the part's thickness.
+    terrain : Terrain
+        The part of the terrain under it, or more.
     """
     raster = _vertical_raster(part, mode, terrain)
-    return Deposit(raster, *integral(part.polygon, raster))
+    return PartVolume(raster, *integral(part.polygon, raster))
 
 
-def integral(polygon, raster):
-    """(sum of values [m3], of squared values [m4], area [m2]) of a ThicknessRaster over a polygon."""
+def integral(polygon: shapely.Geometry, raster: ThicknessRaster) -> tuple[float, float, float]:
+    """Integrate the values of a ThicknessRaster over a polygon.
+
+    Parameters
+    ----------
+    polygon : Polygon or MultiPolygon [m]
+    raster : ThicknessRaster
+
+    Returns
+    -------
+    total : float [m3]
+    square : float [m4]
+        Integral of the squared values.
+    area : float [m2]
+    """
     lattice = Lattice.of_grid(raster.grid)
     outline = Outline.of(polygon, lattice)
     cover = outline.cover()
@@ -48,8 +80,8 @@ def integral(polygon, raster):
     return total * lattice.cell_area, square * lattice.cell_area, area * lattice.cell_area
 
 
-def _spans_within(spans, window, shape):
-    """`spans` clipped to a raster of `shape`: rounding may put an outline's last cell beyond the raster's edge."""
+def _spans_within(spans: np.ndarray, window: Window, shape: tuple[int, int]) -> np.ndarray:
+    """Clip spans to a raster of `shape`: rounding may put an outline's last cell beyond the raster's edge."""
     spans = spans.copy()
     spans[:, 1] = np.maximum(spans[:, 1], -window.column)
     spans[:, 2] = np.minimum(spans[:, 2], shape[1] - window.column)
@@ -57,8 +89,8 @@ def _spans_within(spans, window, shape):
     return spans[(rows >= 0) & (rows < shape[0]) & (spans[:, 1] < spans[:, 2])]
 
 
-def _vertical_raster(part, mode, terrain):
-    """The part's vertical thickness as a raster: on its own grid, or on the terrain's."""
+def _vertical_raster(part: ReleasePart, mode: str, terrain: Terrain) -> ThicknessRaster:
+    """Return the part's vertical thickness as a raster: on its own grid, or on the terrain's."""
     metric = np.sqrt(1.0 + steepness(terrain) ** 2) if mode == NORMAL else np.ones(terrain.grid.shape)
     if not isinstance(part.thickness, ThicknessRaster):
         return ThicknessRaster(part.thickness * metric, terrain.grid)
@@ -79,9 +111,8 @@ def _cropped_raster(raster, bounds):
     return ThicknessRaster(values, raster.grid.part(i0, j0, values.shape))
 
 
-def _valid_bilinear(values, row, column):
-    """Bilinear over valid neighbours with renormalised weights; NaN where the pixel under the point is not
-    valid."""
+def _valid_bilinear(values: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Return bilinear values of valid neighbours, renormalised; NaN where the pixel under a point is not valid."""
     row = np.clip(row, 0, values.shape[0] - 1)
     column = np.clip(column, 0, values.shape[1] - 1)
     valid = np.isfinite(values)

@@ -1,4 +1,4 @@
-"""Options of the seeding, checked once, and warnings about releases that are possible but unlikely."""
+"""Options of the seeding, checked once."""
 
 import math
 from dataclasses import dataclass
@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..system.errors import InputError
+from ..terrain.grid import Grid
 from .lattice import Lattice
 from .lattice_columns import KINDS
 
 POINTS = (*KINDS, "halton")
 MASSES = ("thickness", "equal", "paper")
-REFINEMENT_LIMIT = 3.0  # largest beta
-_MOST = 4_000_000_000
+REFINEMENT_LIMIT = 3.0  # [1] largest beta, which keeps particle masses alike
+_MOST = 4_000_000_000  # columns that may be requested
 
 
 @dataclass(frozen=True)
@@ -22,14 +23,15 @@ class SeedOptions:
     Parameters
     ----------
     cell_size : float, optional [m]
+        Side of the square cells; default the DTM's own cells, of any shape.
     anchor : (float, float), optional [m]
-        Side of the square cells and (x, y) of one of their corners; default the DTM's own cells, of any shape.
+        x, y of a corner of the square cells.
     per_cell : int, optional
-        Columns a whole cell, 16 by default; or instead
+        Columns a whole cell; 16 where neither `count` nor `spacing` is given.
     count : int, optional
-        columns in all (met within 1 %), or
+        Columns in all (met within 1 %), instead of `per_cell`.
     spacing : float, optional [m]
-        of the lattice.
+        Spacing of the lattice, instead of `per_cell`.
     points : {"lattice", "staggered", "jittered", "halton", "random"}
     mass : {"thickness", "equal", "paper"}
         Mass from thickness and area of each column; equal masses, dense where it is thick; or as the paper prints it.
@@ -44,6 +46,7 @@ class SeedOptions:
     Raises
     ------
     InputError
+        An option is out of its range, or two options exclude each other.
     """
 
     cell_size: float | None = None
@@ -99,21 +102,47 @@ class SeedOptions:
         if beta and self.points == "jittered":
             raise InputError("refine slope has no jittered points; use lattice, staggered, halton or random")
 
-    def cells(self, grid):
-        """The Lattice of cells: those requested, or the pixels of the DTM's `grid`."""
+    def cells(self, grid: Grid) -> Lattice:
+        """Return the lattice of cells: those requested, or the pixels of the DTM.
+
+        Parameters
+        ----------
+        grid : Grid
+            Grid of the DTM.
+        """
         if self.cell_size is None and self.anchor is None:
             return Lattice.of_grid(grid)
         corner = self.anchor if self.anchor is not None else (grid.transform.c, grid.transform.f)
         return Lattice.squares(corner, self.cell_size or grid.cell_size)
 
-    def squares(self, grid, side):
-        """A Lattice of squares of `side` [m], anchored to the cells and along their rows."""
+    def squares(self, grid: Grid, side: float) -> Lattice:
+        """Return a lattice of squares, anchored to the cells and along their rows.
+
+        Parameters
+        ----------
+        grid : Grid
+            Grid of the DTM.
+        side : float [m]
+        """
         cells = self.cells(grid)
         along = cells.matrix[:, 0] / np.hypot(*cells.matrix[:, 0])
         return Lattice.squares(cells.origin, side, tuple(along.tolist()))
 
-    def expected(self, grid, area):
-        """The requested number of columns on `area` [m2] (a real number), refinement apart."""
+    def expected(self, grid: Grid, area: float) -> float:
+        """Return the requested number of columns (a real number), refinement apart.
+
+        Parameters
+        ----------
+        grid : Grid
+            Grid of the DTM.
+        area : float [m2]
+            Area of the release.
+
+        Raises
+        ------
+        InputError
+            Too many columns, or a spacing wider than the release.
+        """
         if self.count is not None:
             return float(self.count)
         side = math.sqrt(area)

@@ -1,4 +1,9 @@
-"""Columns of equal mass in a polygon, by strips of lattice cells."""
+"""Columns of equal mass in a polygon, by strips of lattice cells.
+
+Everything works in *lattice coordinates* (u, v): a cell of the lattice is a unit square, cell (row, column) is
+[column, column + 1] x [row, row + 1]. An affine of six numbers ``(a, b, c, d, e, f)`` takes (u, v) to
+``(a u + b v + c, d u + e v + f)``. Every loop that runs in parallel owns the rows that it writes.
+"""
 
 import math
 from typing import NamedTuple
@@ -6,16 +11,24 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled.jit import jit, jit_inline, jit_parallel, prange
-from .cell_fill import evaluate_columns, map_point
-from .polygon_cover import find_key, in_span
-from .polygon_points import covered, in_whole_cell
+from .cell_fill import Ground, Output, evaluate_columns, map_point
+from .polygon_cover import Cover, find_key, in_span
+from .polygon_points import Edges, covered, in_whole_cell
 from .random_numbers import halton, uniform
 from .raster_values import valid_at
 
 
 class Strips(NamedTuple):
-    """Strips of cells: strip s lies between ``borders[s] <= v < borders[s + 1]`` and is cut into ``counts[s]`` pieces,
-    the first of which has the number ``start[s]``."""
+    """Strips of cells: strip s lies between ``borders[s] <= v < borders[s + 1]``.
+
+    Parameters
+    ----------
+    borders : float64[strips + 1]
+    counts : int64[strips]
+        Number of pieces, with one column each, into which a strip is cut.
+    start : int64[strips]
+        Number of the first piece of each strip.
+    """
 
     borders: np.ndarray
     counts: np.ndarray
@@ -23,9 +36,22 @@ class Strips(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """Where a column lies in its piece: at the centroid with `width` 0, otherwise random numbers of `seed` (or those of
-    Halton's sequence, moved by `shift`, if `sequence`) pick the quantile of mass along the strip and the height in it,
-    over the middle `width` of both."""
+    """Place of a column in its piece.
+
+    With `width` 0 it is the centroid. Otherwise random numbers pick the quantile of mass along the strip and the height
+    in it, over the middle `width` of both.
+
+    Parameters
+    ----------
+    width : float
+        0 to 1.
+    sequence : bool
+        Take the numbers of Halton's sequence instead of random ones.
+    seed : int
+        Of the random numbers.
+    shift : float64[2]
+        Added to the numbers of the sequence, modulo 1.
+    """
 
     width: float
     sequence: bool
@@ -34,8 +60,19 @@ class Spread(NamedTuple):
 
 
 @jit
-def cover_row_sum(row, cover, thick, thick_map, sums):
-    """Fill sums float64[2]: sum of thickness times covered share, and of covered share, of a row of cells."""
+def cover_row_sum(row: int, cover: Cover, thick: np.ndarray, thick_map: np.ndarray, sums: np.ndarray) -> None:
+    """Sum up thickness and covered share of a row of cells.
+
+    Parameters
+    ----------
+    row : int
+    cover : Cover
+    thick : float64[rows, columns] [m]
+    thick_map : float64[6]
+        Affine from (u, v) to the pixels of `thick`.
+    sums : float64[2]
+        Updated: sum of thickness times covered share, and of covered share.
+    """
     spans, span_start, rim, rim_start = cover.spans, cover.span_start, cover.rim, cover.rim_start
     for s in range(span_start[row], span_start[row + 1]):
         for column in range(spans[s, 1], spans[s, 2]):
@@ -49,8 +86,20 @@ def cover_row_sum(row, cover, thick, thick_map, sums):
 
 
 @jit_parallel
-def cover_row_sums(cover, thick, thick_map):
-    """float64[rows, 2]: `cover_row_sum` of every row of cells."""
+def cover_row_sums(cover: Cover, thick: np.ndarray, thick_map: np.ndarray) -> np.ndarray:
+    """Compute `cover_row_sum` of every row of cells.
+
+    Parameters
+    ----------
+    cover : Cover
+    thick : float64[rows, columns] [m]
+    thick_map : float64[6]
+        Affine from (u, v) to the pixels of `thick`.
+
+    Returns
+    -------
+    float64[rows, 2]
+    """
     sums = np.zeros((cover.rows, 2))
     for row in prange(cover.rows):
         cover_row_sum(np.int64(row), cover, thick, thick_map, sums[row])
@@ -65,8 +114,23 @@ def _add_cell(sums, column, u, v, mass):
 
 
 @jit
-def strip_columns(v0, v1, cover, thick, thick_map):
-    """float64[3, columns]: thickness times area, and its u- and v-moment, of each column of cells of a strip."""
+def strip_columns(v0: float, v1: float, cover: Cover, thick: np.ndarray, thick_map: np.ndarray) -> np.ndarray:
+    """Sum up thickness times area of each column of cells of a strip.
+
+    Parameters
+    ----------
+    v0, v1 : float
+        Borders of the strip.
+    cover : Cover
+    thick : float64[rows, columns] [m]
+    thick_map : float64[6]
+        Affine from (u, v) to the pixels of `thick`.
+
+    Returns
+    -------
+    float64[3, columns]
+        Thickness times area, and its u- and v-moment.
+    """
     sums = np.zeros((3, cover.columns))
     spans, span_start, rim, rim_start = cover.spans, cover.span_start, cover.rim, cover.rim_start
     for row in range(math.floor(v0), math.ceil(v1)):
@@ -89,8 +153,8 @@ def strip_columns(v0, v1, cover, thick, thick_map):
 
 
 @jit_inline
-def _thickest(column, v0, v1, cover):
-    """A point inside the polygon in the cell of `column` that the strip covers most."""
+def _thickest(column: int, v0: float, v1: float, cover: Cover) -> tuple[float, float]:
+    """Return a point inside the polygon in the cell of `column` that the strip covers most."""
     best, u, v = -1.0, 0.0, 0.0
     rim, rim_start, span_start = cover.rim, cover.rim_start, cover.span_start
     for row in range(math.floor(v0), math.ceil(v1)):
@@ -104,8 +168,17 @@ def _thickest(column, v0, v1, cover):
 
 
 @jit
-def cut_equal(sums, count, quantile):
-    """Cut a strip's columns into `count` pieces of equal mass, from left to right.
+def cut_equal(sums: np.ndarray, count: int, quantile: np.ndarray) -> np.ndarray:
+    """Cut a strip's columns of cells into pieces of equal mass, from left to right.
+
+    Parameters
+    ----------
+    sums : float64[3, columns]
+        From `strip_columns`.
+    count : int
+        Number of pieces.
+    quantile : float64[count]
+        0 to 1.
 
     Returns
     -------
@@ -152,8 +225,29 @@ def cut_equal(sums, count, quantile):
 
 
 @jit
-def strip_points(strip, strips, spread, cover, edges, thick, thick_map):
-    """float64[count, 3]: (u, v, 0) of a strip's columns of equal mass; see `fill_strips`."""
+def strip_points(
+    strip: int, strips: Strips, spread: Spread, cover: Cover, edges: Edges, thick: np.ndarray, thick_map: np.ndarray
+) -> np.ndarray:
+    """Place a strip's columns of equal mass.
+
+    A column that would lie outside the polygon goes to the cell, at the piece's median, that the strip covers most.
+
+    Parameters
+    ----------
+    strip : int
+    strips : Strips
+    spread : Spread
+    cover : Cover
+    edges : Edges
+    thick : float64[rows, columns] [m]
+    thick_map : float64[6]
+        Affine from (u, v) to the pixels of `thick`.
+
+    Returns
+    -------
+    float64[count, 3]
+        u, v, 0.
+    """
     v0, v1, count = strips.borders[strip], strips.borders[strip + 1], strips.counts[strip]
     width, shift = spread.width, spread.shift
     across, up = np.full(count, 0.5), np.full(count, 0.5)
@@ -179,11 +273,30 @@ def strip_points(strip, strips, spread, cover, edges, thick, thick_map):
 
 
 @jit_parallel
-def fill_strips(first, last, offsets, strips, spread, cover, edges, ground, out):
-    """Columns of equal mass in the strips first <= s < last, strip `first + c` written from number ``offsets[c]`` on.
+def fill_strips(
+    first: int,
+    last: int,
+    offsets: np.ndarray,
+    strips: Strips,
+    spread: Spread,
+    cover: Cover,
+    edges: Edges,
+    ground: Ground,
+    out: Output,
+) -> None:
+    """Write columns of equal mass in the strips first <= strip < last.
 
-    `strips` (Strips) and `spread` (Spread) place the columns. What would fall outside the polygon goes to the thickest
-    cell at the piece's median.
+    Parameters
+    ----------
+    first, last : int
+    offsets : int64[last - first]
+        Strip `first + c` is written from number ``offsets[c]`` on.
+    strips : Strips
+    spread : Spread
+    cover : Cover
+    edges : Edges
+    ground : Ground
+    out : Output
     """
     sums = np.zeros((last - first, 3))
     for c in prange(last - first):
