@@ -92,7 +92,7 @@ def plan_seed(terrain: Terrain | TerrainFile, release: ReleaseArea, **options: o
 
 @dataclass(frozen=True, eq=False)
 class _Closure:
-    """How the columns' mass meets the reference.
+    """Closure of the columns' mass to the reference volume.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ LEAST_XI = 10.0  # [m s-2] of friction: drag of a dense forest
 
 
 class Fixes(NamedTuple):
-    """What the user would change, for the messages.
+    """Advice on what to change, for the messages.
 
     Parameters
     ----------

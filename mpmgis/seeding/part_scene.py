@@ -11,7 +11,7 @@ from .lattice import Lattice, Window
 
 @dataclass(frozen=True, eq=False)
 class PartScene:
-    """What a kernel reads for one part: bed and thickness.
+    """Rasters of one part of a release that kernels read: bed and thickness.
 
     Parameters
     ----------
