@@ -296,7 +296,7 @@ def solver_start(
 def converted(values: dict[str, Any]) -> "Written":
     """Convert with options by name."""
     from ..conversion import frame_conversion as workflow
-    from ..frames.particle_files import is_point_cloud
+    from ..frames.point_cloud import is_point_cloud
     from .option_values import made
 
     if len(values["source"]) > 1:

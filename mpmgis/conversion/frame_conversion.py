@@ -8,7 +8,8 @@ import numpy as np
 from ..exchange.frame_list import OWN, list_frames
 from ..exchange.frame_source import FrameSource
 from ..frames.frame_files import read_frame, write_frame
-from ..frames.particle_files import is_point_cloud, require_format, require_point_cloud, write_columns, write_las
+from ..frames.particle_files import require_format, write_columns
+from ..frames.point_cloud import is_point_cloud, require_point_cloud, write_las
 from ..frames.run_terrain import run_terrain
 from ..maps.averaging.sampling import require_cells_within
 from ..system import operating_system

@@ -1,29 +1,20 @@
-"""The folder of an ensemble: plan, results of the members, and windows of all members' rasters.
-
-Results of the members of an ensemble: values of the varied keys, figures, and the raster of each.
-"""
+"""Folder of an ensemble: plan, record, table and results of the members."""
 
 import json
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-import rasterio
-
 from ..scene.scene_text import toml_value
 from ..system.csv_rows import write_records
-from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, OutputError, one_line
 from ..system.folder_lock import LOCK_FILE, sole_writer
 from ..system.links import input_at, input_inside, refuse_links, remove
 from ..system.trusted_files import require_file
 from ..system.whole_files import output_error, refuse_other, whole_file
-from ..terrain.raster_output import BLOCK
 from .run_folder import versions
 
 PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS = "plan.toml", "ensemble.json", "members.csv", "members", "maps"
-STACK_BYTES = 64_000_000  # of members' values in memory at a time, all threads together
 FINAL = ("finished", "unphysical")  # final states of a member: a repetition gives the same
 
 
@@ -32,9 +23,9 @@ class EnsembleFolder:
 
     Parameters
     ----------
-    path : path
+    path : str or Path
     digest : str
-        Of the plan and the scene; a folder with another digest is not continued.
+        Digest of the plan and the scene; a folder with another digest is not continued.
     overwrite : bool
         Replace the ensemble of another plan.
 
@@ -45,7 +36,7 @@ class EnsembleFolder:
         a name that the ensemble uses.
     """
 
-    def __init__(self, path, digest, overwrite=False):
+    def __init__(self, path: str | Path, digest: str, overwrite: bool = False):
         self.path, self.digest = Path(path), digest
         self._refuse_links()
         if self.path.exists() and not self.path.is_dir():
@@ -63,12 +54,17 @@ class EnsembleFolder:
         refuse_links(self.path, (LOCK_FILE, PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS))
         refuse_links(self.members)
 
-    def spare(self, inputs):
-        """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
+    def refuse_inputs(self, inputs: Iterable[Path]) -> None:
+        """Refuse a folder where one of the `inputs`, under any name, would be replaced or removed.
+
+        Parameters
+        ----------
+        inputs : iterable of Path
 
         Raises
         ------
         OutputError
+            The folder contains an input.
         """
         if not self.path.is_dir():
             return
@@ -85,28 +81,28 @@ class EnsembleFolder:
         refuse_other(self.path, "an ensemble")
 
     @property
-    def members(self):
-        """The folder of the members' results."""
+    def members(self) -> Path:
+        """Folder of the members' results."""
         return self.path / MEMBERS
 
     @property
-    def plan(self):
+    def plan(self) -> Path:
         """Path of the plan."""
         return self.path / PLAN_FILE
 
     @property
-    def maps(self):
-        """The folder of the maps."""
+    def maps(self) -> Path:
+        """Folder of the maps."""
         return self.path / MAPS
 
     @contextmanager
-    def held(self):
+    def held(self) -> Iterator[None]:
         """Create the folder and lock it for this block.
 
         Raises
         ------
         OutputError
-            Another process has locked it.
+            Another process has locked it, or it cannot be created.
         """
         try:
             self.members.mkdir(parents=True, exist_ok=True)
@@ -116,34 +112,77 @@ class EnsembleFolder:
             self._refuse_links()
             yield
 
-    def keep_members(self, digests):
-        """Remove the results of all other members."""
+    def keep_members(self, digests: Iterable[str]) -> None:
+        """Remove the results of all members but those with the given digests.
+
+        Parameters
+        ----------
+        digests : iterable of str
+            Digests of the members that are kept.
+        """
         kept = set(digests)
         for entry in self.members.iterdir():
             if entry.name.split(".")[0].removesuffix("_max").removesuffix("_deposit") in kept:
                 continue
             remove(entry)
 
-    def write_plan(self, tables, note):
-        """Write the plan as a TOML file for --plan."""
+    def write_plan(self, tables: dict, note: str) -> None:
+        """Write the plan as a TOML file that the option --plan reads.
+
+        Parameters
+        ----------
+        tables : dict
+            Keys and tables of the plan.
+        note : str
+            Comment in the first line.
+        """
         with whole_file(self.plan) as part:
             part.write_text(plan_text(tables, note), encoding="utf-8", newline="\n")
 
-    def write_record(self, **record):
-        """Write `ensemble.json`: request, versions, progress."""
+    def write_record(self, **record: object) -> None:
+        """Write `ensemble.json`: request, versions, progress.
+
+        Parameters
+        ----------
+        **record
+            Entries of the record, values that JSON can hold.
+        """
         whole = {"format": "mpmgis-ensemble", "format_version": 1, "digest": self.digest, "versions": versions()}
         with whole_file(self.path / RECORD_FILE) as part:
             text = json.dumps(whole | record, indent=1, allow_nan=False) + "\n"
             part.write_text(text, encoding="utf-8", newline="\n")
 
-    def write_table(self, names, rows):
-        """Write `members.csv`; returns its path."""
+    def write_table(self, names: Sequence[str], rows: Iterable[Sequence]) -> Path:
+        """Write `members.csv`.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Headings of the columns.
+        rows : iterable of sequences
+            Values of one member each.
+
+        Returns
+        -------
+        Path
+            Path of the table.
+        """
         write_records(self.path / TABLE_FILE, names, rows)
         return self.path / TABLE_FILE
 
 
-def read_ensemble_record(folder):
-    """The record of the last start in `folder`; None where there is none.
+def read_ensemble_record(folder: str | Path) -> dict | None:
+    """Read the record of the last start in `folder`.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the ensemble.
+
+    Returns
+    -------
+    dict or None
+        None where there is no record.
 
     Raises
     ------
@@ -160,8 +199,16 @@ def read_ensemble_record(folder):
     return record if isinstance(record, dict) else {}
 
 
-def plan_text(tables, note):
-    """A plan as TOML text."""
+def plan_text(tables: dict, note: str) -> str:
+    """Return a plan as TOML text.
+
+    Parameters
+    ----------
+    tables : dict
+        Keys and tables of the plan.
+    note : str
+        Comment in the first line.
+    """
     lines = [f"# {note}"]
     lines += [f"{key} = {toml_value(value)}" for key, value in tables.items() if not isinstance(value, dict)]
     for name, table in tables.items():
@@ -170,19 +217,57 @@ def plan_text(tables, note):
     return "\n".join(lines) + "\n"
 
 
-def member_files(folder, digest):
-    """Paths (record, raster of maxima, folder of frames) of the member with a digest."""
+def member_files(folder: str | Path, digest: str) -> tuple[Path, Path, Path]:
+    """Return the paths of the files of the member with a digest.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the members' results.
+    digest : str
+        Digest of the member.
+
+    Returns
+    -------
+    record, maxima, frames : Path
+        Record, raster of the maxima, folder of the frames.
+    """
     folder = Path(folder)
     return folder / f"{digest}.json", folder / f"{digest}_max.tif", folder / digest
 
 
-def deposit_file(folder, digest):
-    """Path of the deposit of the member with a digest."""
+def deposit_file(folder: str | Path, digest: str) -> Path:
+    """Return the path of the deposit of the member with a digest.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the members' results.
+    digest : str
+        Digest of the member.
+    """
     return Path(folder) / f"{digest}_deposit.tif"
 
 
-def read_member(folder, digest, frames=False, deposit=False):
-    """The record of a member in a final state; None where there is none, or results are missing."""
+def read_member(folder: str | Path, digest: str, frames: bool = False, deposit: bool = False) -> dict | None:
+    """Read the record of a member in a final state.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the members' results.
+    digest : str
+        Digest of the member.
+    frames : bool
+        Its frames are needed.
+    deposit : bool
+        Its deposit is needed.
+
+    Returns
+    -------
+    dict or None
+        None where there is no such record, or needed results are missing.
+    """
     record_file, raster, kept = member_files(folder, digest)
     require_file(record_file)
     try:
@@ -198,86 +283,15 @@ def read_member(folder, digest, frames=False, deposit=False):
     return record
 
 
-def write_member(folder, record):
-    """Write the record of a member after its results: a member with a record is complete."""
-    with whole_file(member_files(folder, record["digest"])[0]) as part:
-        part.write_text(json.dumps(record, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
-
-
-class MemberStack:
-    """The maxima of many members on one grid, read a window at a time.
-
-    Memory is bounded by the window, whose size follows from the number of members.
+def write_member(folder: str | Path, record: dict) -> None:
+    """Write the record of a member after its results: a member with a record is complete.
 
     Parameters
     ----------
-    paths : list of Path
-    grid : Grid
-    extent : (int, int, int, int) or None
-        First and one past the last row, first and one past the last column that any member reached.
-    bands : sequence of str
-        Names of the bands in each raster, in order.
-    threads : int
+    folder : str or Path
+        Folder of the members' results.
+    record : dict
+        Record of the member, with its `digest`.
     """
-
-    def __init__(self, paths, grid, extent, bands, threads=1):
-        self.paths, self.grid, self.extent, self.bands = list(paths), grid, extent, list(bands)
-        self.threads = max(1, threads)
-
-    def windows(self, first, last):
-        """[(row, row end, column, column end)] that cover the reached cells of some rows, small enough for memory."""
-        if self.extent is None:
-            return []
-        top, bottom, left, right = self.extent
-        first, last = max(first, top), min(last, bottom)
-        cells = max(1, STACK_BYTES // (4 * len(self.paths) * self.threads))
-        width = min(BLOCK, cells)
-        height = max(1, cells // width)
-        rows = [(row, min(row + height, last)) for row in range(first, last, height)]
-        columns = [(column, min(column + width, right)) for column in range(left - left % width, right, width)]
-        return [(*row, max(column, left), end) for row in rows for column, end in columns]
-
-    def read(self, band, window):
-        """float32[members, rows, columns] of a band by name, NaN where there is no data."""
-        row, row_end, column, column_end = window
-        number = self.bands.index(band) + 1
-        stack = np.empty((len(self.paths), row_end - row, column_end - column), np.float32)
-        for values, path in zip(stack, self.paths, strict=True):
-            require_undisguised(path)
-            with rasterio.open(path) as source:
-                source.read(number, window=((row, row_end), (column, column_end)), out=values)
-                values[values == np.float32(source.nodata)] = np.nan
-        return stack
-
-    def rows_of(self, count, sources, compute):
-        """A function for `raster_output.write_rows` with `count` bands.
-
-        Parameters
-        ----------
-        sources : sequence of str
-            Bands of the members to read.
-        compute : callable
-            (source, stack) -> {number of a band: float32[rows, columns]}.
-        """
-        strip = {}
-
-        def rows(band, first, last):
-            if strip.get("rows") != (first, last):
-                strip["rows"], strip["values"] = (first, last), self._strip(count, sources, compute, first, last)
-            return strip["values"][band]
-
-        return rows
-
-    def _strip(self, count, sources, compute, first, last):
-        """float32[count, rows, columns] of a strip of rows."""
-        strip = np.full((count, last - first, self.grid.shape[1]), np.nan, np.float32)
-
-        def fill(window):
-            row, row_end, column, column_end = window
-            for source in sources:
-                for number, values in compute(source, self.read(source, window)).items():
-                    strip[number, row - first : row_end - first, column:column_end] = values
-
-        with ThreadPoolExecutor(self.threads) as threads:
-            list(threads.map(fill, self.windows(first, last)))
-        return strip
+    with whole_file(member_files(folder, record["digest"])[0]) as part:
+        part.write_text(json.dumps(record, allow_nan=False) + "\n", encoding="utf-8", newline="\n")

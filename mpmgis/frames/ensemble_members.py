@@ -1,6 +1,7 @@
-"""Results of the members of an ensemble as arrays."""
+"""Results of the members of an ensemble as arrays: values of the varied keys, figures, and the raster of each."""
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,9 +20,9 @@ class Members:
     Parameters
     ----------
     folder : Path
-        Of the ensemble.
+        Folder of the ensemble.
     rows : tuple of dict
-        Column -> text, of `members.csv`.
+        Rows of `members.csv`: heading -> text.
     """
 
     folder: Path
@@ -30,51 +31,113 @@ class Members:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def values(self, keys) -> np.ndarray:
-        """float64[n, len(keys)]: values of varied keys."""
+    def values(self, keys: Sequence[str]) -> np.ndarray:
+        """Return the values of varied keys.
+
+        Parameters
+        ----------
+        keys : sequence of str
+
+        Returns
+        -------
+        float64[n, len(keys)]
+        """
         return np.array([[float(row[key]) for key in keys] for row in self.rows]).reshape(len(self), len(keys))
 
     def figure(self, name: str) -> np.ndarray:
-        """float64[n]: a figure by its column, NaN where it is missing."""
+        """Return a figure of each member, NaN where it is missing.
+
+        Parameters
+        ----------
+        name : str
+            Heading of its column.
+
+        Returns
+        -------
+        float64[n]
+        """
         return np.array([float(row[name] or "nan") for row in self.rows])
 
     @property
     def finished(self) -> np.ndarray:
-        """bool[n]."""
+        """Whether each member has finished, bool[n]."""
         return np.array([row["status"] == "finished" for row in self.rows])
 
     def raster(self, k: int) -> Path:
-        """Path of the maxima of member `k`, from 0."""
+        """Return the path of the maxima of a member.
+
+        Parameters
+        ----------
+        k : int
+            Number of the member, from 0.
+        """
         return member_files(self.folder / MEMBERS, self.rows[k]["digest"])[1]
 
     def deposit(self, k: int) -> Path:
-        """Path of the deposit of member `k`, from 0."""
+        """Return the path of the deposit of a member.
+
+        Parameters
+        ----------
+        k : int
+            Number of the member, from 0.
+        """
         return deposit_file(self.folder / MEMBERS, self.rows[k]["digest"])
 
     def band(self, k: int, name: str) -> np.ndarray:
-        """float64[rows, columns] of member `k`, NaN without flow."""
+        """Read a band of the maxima of a member.
+
+        Parameters
+        ----------
+        k : int
+            Number of the member, from 0.
+        name : str
+            Name of the band.
+
+        Returns
+        -------
+        float64[rows, columns]
+            NaN without flow.
+        """
         return read_band(self.raster(k), name)
 
     def grid(self) -> Grid:
-        """Grid of the rasters of all members."""
+        """Return the grid of the rasters of all members."""
         path = self.raster(int(np.argmax(self.finished)))
         with open_raster(path) as source:
             return grid_of(source, path)
 
 
 def read_band(path: Path, name: str) -> np.ndarray:
-    """float64[rows, columns] of the band `name` of a raster of this program, NaN without a value."""
+    """Read a band of a raster that this program wrote.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        Name of the band.
+
+    Returns
+    -------
+    float64[rows, columns]
+        NaN without a value.
+    """
     with open_raster(path) as source:
         names = [text.split(" [")[0] for text in source.descriptions]
         return band_values(source, path, names.index(name) + 1, may_be_empty=True)
 
 
 def read_members(folder: Path) -> Members:
-    """The Members of the ensemble in `folder`.
+    """Read the members of the ensemble in `folder`.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the ensemble.
 
     Raises
     ------
     FormatError
+        The table of the members is missing or cannot be read.
     """
     path = Path(folder) / TABLE_FILE
     try:

@@ -1,6 +1,7 @@
 """Frames on disk: `*.h5`, one file per saved time; docs/formats.md describes the format."""
 
 import shutil
+from collections.abc import Collection, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -12,42 +13,74 @@ from ..system.errors import FormatError, InputError, one_line
 from ..system.hdf5_reading import opened_whole, require_numbers_that_fit
 from ..system.hdf5_writing import written
 from ..system.whole_files import whole_file
-from .frame_contents import create_dataset, particle_count, read_particles, require_particles_fit, stored_type
-from .frame_digest import (
-    BED_CHANGE,
-    CONTENT,
-    RESULT,
-    STATE,
-    ContentDigest,
+from .frame_contents import (
+    create_dataset,
+    particle_count,
+    read_particles,
     require_bed_change,
     require_maxima,
-    result_after,
-    state_digest,
+    require_particles_fit,
+    stored_type,
 )
-from .particles import Frame
+from .frame_digest import BED_CHANGE, CONTENT, RESULT, STATE, ContentDigest, result_after, state_digest
+from .particles import Frame, Particles
 
 FORMAT = "mpmgis-frame"
 FORMAT_VERSION = 1
 _SIZES = {"density", "cell_size", "converted_spacing"}  # attributes of the particles: numbers above 0
 _LARGEST_STEP = 2**53  # largest range of integers that float64 represents exactly
 HASHING = 4  # threads that hash arrays while a frame is written
-FRAMES_WITH_STATE = 2  # of a run, the newest
+FRAMES_WITH_STATE = 2  # the newest of a run: where the last one is damaged, the one before it is left
 PLACES = ("position", "area")  # arrays that are read where only positions are needed
 
 
-def write_frame(path, frame, before=None):
-    """Write `frame` to `path` atomically; returns the digest of its content.
+def write_frame(path: str | Path, frame: Frame, before: str | None = None) -> str:
+    """Write a frame atomically.
 
     3D frames store position, velocity, mass and volume in float32 (relative to the origin), columns in float64.
-    `before` is the digest of the result up to the previous frame ('' for the first frame).
+
+    Parameters
+    ----------
+    path : str or Path
+    frame : Frame
+    before : str, optional
+        Digest of the result up to the previous frame, '' for the first frame. Without it no digest of the result is
+        stored.
+
+    Returns
+    -------
+    str
+        Digest of the content of the frame.
     """
     return write_frame_slabs(path, frame, len(frame.particles), [frame.particles], before)
 
 
-def write_frame_slabs(path, frame, count, slabs, before=None):
-    """As `write_frame` for `count` particles in slabs; only one slab is in memory at a time.
+def write_frame_slabs(
+    path: str | Path, frame: Frame, count: int, slabs: Iterable[Particles], before: str | None = None
+) -> str:
+    """Write a frame atomically from slabs of particles; only one slab is in memory at a time.
 
-    `frame` gives all except the particles; `slabs` is an iterable of Particles with the same arrays each.
+    Parameters
+    ----------
+    path : str or Path
+    frame : Frame
+        Everything except the particles.
+    count : int
+        Number of particles.
+    slabs : iterable of Particles
+        With the same arrays each.
+    before : str, optional
+        As for `write_frame`.
+
+    Returns
+    -------
+    str
+        Digest of the content of the frame.
+
+    Raises
+    ------
+    ValueError
+        The slabs do not contain `count` particles.
     """
     digest = ContentDigest(frame.time, frame.step)
     with whole_file(path) as part, written(part) as file, ThreadPoolExecutor(HASHING) as threads:
@@ -101,11 +134,11 @@ def _write_root(file, frame):
     )
 
 
-def _write_group(file, name, values, count):
-    """Arrays as datasets, grids compressed; numbers and strings as attributes; nothing where `values` is empty.
+def _write_group(file: h5py.File, name: str, values: dict, count: int) -> None:
+    """Write arrays as datasets, numbers and strings as attributes; nothing where `values` is empty.
 
-    Arrays with a row for each of the `count` particles are not compressed: compression gains little and takes longer
-    than the rest of the frame.
+    Grids are compressed. Arrays with a row for each of the `count` particles are not: compression gains little and
+    takes longer than the rest of the frame.
     """
     if not values:
         return
@@ -119,8 +152,13 @@ def _write_group(file, name, values, count):
             group.attrs[key] = value
 
 
-def content_digest(frame):
-    """Digest of the content that `write_frame` would write; nothing is written."""
+def content_digest(frame: Frame) -> str:
+    """Compute the digest of the content that `write_frame` would write; nothing is written.
+
+    Parameters
+    ----------
+    frame : Frame
+    """
     digest = ContentDigest(frame.time, frame.step)
     for name, values in frame.particles.arrays().items():
         digest.add(f"particles/{name}", values.astype(stored_type(name, frame.dimension), copy=False))
@@ -136,8 +174,13 @@ def _add_groups(digest, frame):
                 digest.add(f"{group}/{name}", values)
 
 
-def drop_state(path):
-    """Rewrite the frame at `path` without the restart state, atomically."""
+def drop_state(path: str | Path) -> None:
+    """Rewrite the frame at `path` without the restart state, atomically.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     with opened_whole(path) as source:
         if "state" not in source:
             return
@@ -148,23 +191,47 @@ def drop_state(path):
                 source.copy(name, target)
 
 
-def set_digest(path, digest):
-    """Rewrite the frame at `path` with the `digest` of another scene, atomically."""
+def set_digest(path: str | Path, digest: str) -> None:
+    """Rewrite the frame at `path` with the digest of another scene, atomically.
+
+    Parameters
+    ----------
+    path : str or Path
+    digest : str
+    """
     with whole_file(path) as part:
         shutil.copyfile(path, part)
         with h5py.File(part, "r+") as target:
             target.attrs["digest"] = digest
 
 
-def read_frame(path, with_state=True, with_particles=True, density=1000.0, memory=None, names=None):
+def read_frame(
+    path: str | Path,
+    with_state: bool = True,
+    with_particles: bool = True,
+    density: float = 1000.0,
+    memory: dict | None = None,
+    names: Collection[str] | None = None,
+) -> Frame:
     """Read the frame at `path`.
 
-    The file must contain position, velocity and mass or volume. The missing one of mass and volume follows from
-    `density` [kg m-3], which is recorded in the header as `assumed_density`; other missing arrays take the default of
-    docs/formats.md. Without `with_particles` only attributes are read: `particles` is None and `header` has `count`.
-    With a dict as `memory` the arrays of an earlier frame are reused where their shapes fit, which is faster.
-    With `names` (of particle arrays, `position` included) the others are None; columns without a stored area are read
-    completely.
+    The file must contain position, velocity and mass or volume. Other missing arrays take the default of
+    docs/formats.md.
+
+    Parameters
+    ----------
+    path : str or Path
+    with_state : bool
+        Read restart state, maxima and bed change.
+    with_particles : bool
+        Without it only attributes are read: `particles` is None and `header` has `count`.
+    density : float [kg m-3]
+        Gives the missing one of mass and volume; it is then recorded in the header as `assumed_density`.
+    memory : dict, optional
+        The arrays of an earlier frame in it are reused where their shapes fit, which is faster.
+    names : collection of str, optional
+        Particle arrays to read, `position` included; the others are None. Columns without a stored area are read
+        completely.
 
     Raises
     ------
@@ -184,8 +251,17 @@ def read_frame(path, with_state=True, with_particles=True, density=1000.0, memor
         raise FormatError(f"{path} is not a readable HDF5 file ({reason}); it is truncated or damaged") from error
 
 
-def read_maxima(path):
-    """The running peaks of the solver in the frame at `path`: arrays by name; empty where there are none.
+def read_maxima(path: str | Path) -> dict:
+    """Read the running peaks of the solver in the frame at `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict
+        Arrays by name, as `peaks` describes them; empty where there are none.
 
     Raises
     ------
@@ -200,18 +276,23 @@ def read_maxima(path):
     return require_maxima(path, kept) if kept else {}
 
 
-def read_bed_change(path):
-    """What the flow took from its bed up to the frame at `path`; empty where nothing is eroded.
+def read_bed_change(path: str | Path) -> dict:
+    """Read what the flow eroded from its bed up to the frame at `path`.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Returns
     -------
     dict
         eroded_mass float64[rows, columns] [kg m-2], row 0 in the south; transform float64[6]; bed_density [kg m-3];
-        with forest detrained_mass [kg m-2] and broken_forest [1].
+        with forest detrained_mass [kg m-2] and broken_forest [1]. Empty where nothing is eroded.
 
     Raises
     ------
     FormatError
+        Unreadable, an array missing, or values that are not valid.
     """
     try:
         with opened_whole(path) as file:
@@ -221,7 +302,15 @@ def read_bed_change(path):
     return require_bed_change(path, kept) if kept else {}
 
 
-def _read(path, file, with_state, with_particles, density, memory, names):
+def _read(
+    path: Path,
+    file: h5py.File,
+    with_state: bool,
+    with_particles: bool,
+    density: float,
+    memory: dict | None,
+    names: Collection[str] | None,
+) -> Frame:
     attrs = _attributes(path, file)
     if attrs.get("format") != FORMAT:
         got = attrs.get("format", "unknown")
@@ -270,8 +359,8 @@ def _read(path, file, with_state, with_particles, density, memory, names):
     )
 
 
-def _number(path, attrs, name, default):
-    """The attribute `name` as a number."""
+def _number(path: Path, attrs: dict, name: str, default: float | None) -> float:
+    """Return the attribute `name` as a number."""
     value = np.asarray(attrs.get(name, default))
     if value.size != 1 or value.dtype.kind not in "fiu":
         raise FormatError(f"{path}: {name} is {one_line(value)[:40]!r}, expected a number")
@@ -285,16 +374,16 @@ def _require_size(path, header, name):
         raise FormatError(f"{path}: {name} is {value:g}, expected a finite number above 0")
 
 
-def _step(path, attrs):
-    """Number of time steps of the solver."""
+def _step(path: Path, attrs: dict) -> int:
+    """Return the number of time steps of the solver."""
     value = _number(path, attrs, "step", 0)
     if not 0 <= value <= _LARGEST_STEP or value != int(value):
         raise FormatError(f"{path}: step is {value:g}, expected an integer from 0 to 2^53")
     return int(value)
 
 
-def _attributes(path, group):
-    """The attributes of an HDF5 group; text must be UTF-8, so that it can be written again."""
+def _attributes(path: Path, group: h5py.Group) -> dict:
+    """Return the attributes of an HDF5 group; text must be UTF-8, so that it can be written again."""
     found = dict(group.attrs)
     for name, value in found.items():
         if isinstance(value, str):
@@ -307,8 +396,8 @@ def _attributes(path, group):
     return found
 
 
-def _origin(path, attrs):
-    """(E, N, H) [m]: origin of the positions."""
+def _origin(path: Path, attrs: dict) -> tuple[float, float, float]:
+    """Return the origin (E, N, H) [m] of the positions."""
     origin = np.asarray(attrs.get("origin", (0.0, 0.0, 0.0)))
     if origin.dtype.kind not in "fiu":
         raise FormatError(f"{path}: origin has type {origin.dtype}, expected three numbers (E, N, H)")

@@ -1,4 +1,4 @@
-"""The table of the loads on barriers, with a row for each frame and barrier."""
+"""Table of the loads on barriers, with a row for each frame and barrier."""
 
 import csv
 import io
@@ -34,7 +34,7 @@ RATES = {
 
 
 class BarrierTable:
-    """The file `path` with a row for each frame and barrier; rewritten atomically with every frame.
+    """Writer of a table with a row for each frame and barrier; the file is rewritten atomically with every frame.
 
     The mean force is over the time since the previous frame; impulses, mass and the largest force of a single step
     are those of the run so far.
@@ -43,20 +43,27 @@ class BarrierTable:
     ----------
     path : str or Path
     names : tuple of str
-        Of the barriers.
+        Names of the barriers.
     sums : tuple of str
         Keys of SUMS: the sums of the solver for each barrier.
-    resumed : float, optional
-        Time [s] of the frame from which a run continues: earlier rows of the file are kept.
+    resumed : float, optional [s]
+        Time of the frame from which a run continues: earlier rows of the file are kept.
     """
 
-    def __init__(self, path, names, sums, resumed=None):
+    def __init__(self, path: str | Path, names: tuple[str, ...], sums: tuple[str, ...], resumed: float | None = None):
         self.path, self.names, self.sums = Path(path), tuple(names), tuple(sums)
         self._rated = [k for k, name in enumerate(sums) if name in (RATES if "impulse_up" in sums else list(RATES)[:1])]
         self._rows = [] if resumed is None else self._read(resumed)
 
-    def add(self, time, sums):
-        """Write the rows of one frame at `time` [s]; `sums` float64[barriers, k] in the order of `self.sums`."""
+    def add(self, time: float, sums: np.ndarray) -> None:
+        """Write the rows of one frame.
+
+        Parameters
+        ----------
+        time : float [s]
+        sums : float64[barriers, k]
+            In the order of `self.sums`.
+        """
         before = {row[1]: (row[0], row[2 + len(self._rated) :]) for row in self._rows}
         for name, now in zip(self.names, sums.tolist(), strict=True):
             last_time, last = before.get(name, (time, now))
@@ -85,11 +92,21 @@ class BarrierTable:
 
 
 def read_barrier_table(path: Path) -> dict[str, dict[str, np.ndarray]]:
-    """Name of a barrier -> heading of a column -> float64[frames], of a file that BarrierTable wrote.
+    """Read a file that BarrierTable wrote.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    dict
+        Name of a barrier -> heading of a column -> float64[frames].
 
     Raises
     ------
     FormatError
+        The file is not such a table.
     """
     try:
         with open(path, encoding="utf-8", newline="") as handle:
@@ -102,31 +119,3 @@ def read_barrier_table(path: Path) -> dict[str, dict[str, np.ndarray]]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FormatError(f"{path} is not a table of barriers of a run ({one_line(error)[:80]})") from error
     return found
-
-
-def append_rows(sink, columns, delimiter):
-    """Append rows to a binary file.
-
-    Parameters
-    ----------
-    sink : binary file
-    columns : sequence of array[n]
-        Floats or integers.
-    delimiter : str
-    """
-    if not len(columns[0]):
-        return
-    try:
-        import pyarrow
-        import pyarrow.csv
-    except ImportError:
-        sink.write(as_text(columns, delimiter))
-        return
-    table = pyarrow.table({str(number): np.ascontiguousarray(values) for number, values in enumerate(columns)})
-    pyarrow.csv.write_csv(table, sink, pyarrow.csv.WriteOptions(include_header=False, delimiter=delimiter))
-
-
-def as_text(columns, delimiter):
-    """The rows as bytes without Arrow: shortest decimals that give the same float64; 0.5 s per million numbers."""
-    texts = [map(repr, np.asarray(values).tolist()) for values in columns]
-    return ("\n".join(map(delimiter.join, zip(*texts, strict=True))) + "\n").encode()

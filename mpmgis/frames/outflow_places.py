@@ -1,4 +1,6 @@
-"""Places at which mass left the terrain."""
+"""Map places of outflow: over an edge of the DTM, into a nodata collar, into a hole."""
+
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -16,20 +18,21 @@ from ..compiled.block_order import (
 )
 from ..terrain.nodata_groups import nodata_groups
 
-HOLE, COLLAR = "hole", "collar"
+HOLE = "hole"  # nodata amid the DTM
+COLLAR = "collar"  # nodata that reaches the edge of the DTM
 SIDES = {WEST_EDGE: "west", SOUTH_EDGE: "south", EAST_EDGE: "east", NORTH_EDGE: "north"}
-MOST_PLACES = 10  # number of places; the smallest ones are summed in one entry
-_AROUND = np.ones((3, 3))
+MOST_PLACES = 10  # entries in the list; the smallest places beyond are summed in one entry
+_AROUND = np.ones((3, 3))  # blocks that touch at a corner belong together, too
 
 
-def left_places(grid, left):
-    """The places at which mass left, the largest first.
+def left_places(grid: Any, left: np.ndarray) -> list[dict]:
+    """Return the places at which mass left the terrain, the largest first.
 
     Parameters
     ----------
     grid : ColumnGrid
     left : float64[ways, blocks, blocks, entries]
-        As `block_order.book_left` fills it.
+        Sums of the outflow that `block_order.book_left` fills.
 
     Returns
     -------
@@ -50,8 +53,8 @@ def left_places(grid, left):
     return kept
 
 
-def _groups(blocks):
-    """Sums over each group of blocks that touch, float64[entries]."""
+def _groups(blocks: np.ndarray) -> list[np.ndarray]:
+    """Return the sums over each group of blocks that touch, float64[entries]."""
     labels, count = ndimage.label(blocks[..., LEFT_MASS] > 0.0, _AROUND)
     return [blocks[labels == k].sum(axis=0) for k in range(1, count + 1)]
 
@@ -61,8 +64,8 @@ def _place(grid, sums, where):
     return {"where": where, "mass": float(sums[LEFT_MASS]), "east": float(grid.x0 + x), "north": float(grid.y0 + y)}
 
 
-def _nodata_places(grid, blocks):
-    """One place for each hole, and one for each stretch of the collar."""
+def _nodata_places(grid: Any, blocks: np.ndarray) -> list[dict]:
+    """Return one place for each hole, and one for each stretch of the collar."""
     labels, edge_labels = nodata_groups(grid.inside == 0)
     holes, collar = {}, np.zeros_like(blocks)
     for row, column in np.argwhere(blocks[..., LEFT_MASS] > 0.0):
@@ -77,8 +80,8 @@ def _nodata_places(grid, blocks):
     ]
 
 
-def _nearest_label(labels, row, column, sums, dx):
-    """Number of the group of nodata cells in or next to a block that is nearest to the outflow there; 0: none."""
+def _nearest_label(labels: np.ndarray, row: int, column: int, sums: np.ndarray, dx: float) -> int:
+    """Return the number of the group of nodata cells, in or next to a block, nearest to the outflow there; 0: none."""
     first = np.maximum(np.array((row, column)) * LEFT_BLOCK - 1, 0)
     window = labels[first[0] : first[0] + LEFT_BLOCK + 2, first[1] : first[1] + LEFT_BLOCK + 2]
     cells = np.argwhere(window > 0)

@@ -1,4 +1,4 @@
-"""Particles as files of other programs: columns as .h5, .csv, .json, .gpkg, .parquet and .vtp, points as LAS 1.4.
+"""Columns as files of other programs: .h5, .csv, .json, .gpkg, .parquet and .vtp.
 
 .h5 (a frame), .csv and .parquet (GeoParquet) are written slab by slab in bounded memory; .gpkg,
 .json and .vtp need the whole table in memory. Tables have a row per column and these fields: id, x, y [m, in the
@@ -8,151 +8,21 @@ CRS], z_bed, z_surface [m], thickness [m, vertical], area [m2, plan], mass [kg],
 import json
 import shutil
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pyproj
 
-from .. import __version__
-from ..system.errors import InputError, OutputError, one_line
+from ..system.errors import OutputError
 from ..system.optional_libraries import GEOPACKAGE, needed_for
 from ..system.whole_files import whole_file
 from .frame_files import write_frame_slabs
-from .load_table import append_rows
-from .particles import Frame
+from .particles import Frame, Particles
+from .text_rows import append_rows
+from .vtp_file import write_vtp
 
-SUFFIX = ".las"
-RESOLUTION = 0.001  # [m] of a coordinate, which LAS keeps as a 32-bit integer
-_POINT_FORMAT = 6
-_EXTRA = {
-    "velocity_e": ("m s-1", "velocity to the east"),
-    "velocity_n": ("m s-1", "velocity to the north"),
-    "velocity_u": ("m s-1", "velocity upwards"),
-    "speed": ("m s-1", "speed"),
-    "mass": ("kg", "mass"),
-    "volume": ("m3", "volume"),
-}
-
-
-def is_point_cloud(path: Path) -> bool:
-    """Whether a file name is that of a point cloud."""
-    return Path(path).suffix.lower() == SUFFIX
-
-
-def require_point_cloud(path: Path) -> None:
-    """Refuse a machine without the library before any work.
-
-    Raises
-    ------
-    InputError
-    """
-    with needed_for(f"{path}: LAS", "pointcloud"):
-        import laspy  # noqa: F401
-
-
-def write_las(path: Path, frame: Frame) -> None:
-    """Write the particles of a frame; the file appears whole or not at all.
-
-    Coordinates are map coordinates and elevation in the frame's CRS, to a millimetre. Besides them each point has its
-    velocity and speed [m s-1], mass [kg] and volume [m3] as extra dimensions, and the frame's time [s] as GPS time.
-
-    Parameters
-    ----------
-    path : Path
-    frame : Frame
-        Of points (dimension 3).
-
-    Raises
-    ------
-    InputError
-        No library laspy, or a cloud wider than 2^31 millimetres.
-    """
-    require_point_cloud(path)
-    import laspy
-
-    particles = frame.particles
-    header = laspy.LasHeader(point_format=_POINT_FORMAT, version="1.4")
-    place = particles.position.astype(float) + np.asarray(frame.origin, dtype=float)
-    header.scales = np.full(3, RESOLUTION)
-    header.offsets = np.floor(place.min(axis=0)) if len(place) else np.zeros(3)
-    header.generating_software, header.system_identifier = f"mpmgis {__version__}"[:32], "Material Point Method"
-    header.add_extra_dims(
-        [laspy.ExtraBytesParams(name, "f4", f"{text} [{unit}]"[:32]) for name, (unit, text) in _EXTRA.items()]
-    )
-    if frame.crs is not None:
-        header.add_crs(frame.crs)
-    cloud = laspy.LasData(header)
-    try:
-        cloud.x, cloud.y, cloud.z = place.T
-    except OverflowError as error:
-        raise InputError(f"{path}: too wide for the millimetres of LAS ({one_line(error)})") from error
-    for name, values in _extra_values(particles).items():
-        cloud[name] = values.astype(np.float32)
-    cloud.gps_time = np.full(len(place), float(frame.time))
-    cloud.return_number[:] = cloud.number_of_returns[:] = 1
-    with whole_file(path) as part:
-        cloud.write(part)
-
-
-def _extra_values(particles):
-    velocity = particles.velocity.astype(float)
-    values = (*velocity.T, np.linalg.norm(velocity, axis=1), particles.mass, particles.volume)
-    return dict(zip(_EXTRA, values, strict=True))
-
-
-def write_vtp(path, points, data, fields, note=""):
-    """Write points to `path`.
-
-    Parameters
-    ----------
-    path : Path
-    points : float64[n, 3]
-    data : dict of str to array[n] or array[n, k]
-        Data of the points.
-    fields : dict of str to list of float
-        Data of the file: `TimeValue` is the time that ParaView shows.
-    note : str
-        Comment in the file.
-    """
-    count, blocks = len(points), []
-    arrays = "".join(_array(name, values, blocks) for name, values in data.items())
-    place = _array("points", points, blocks)
-    verts = _array("connectivity", np.arange(count), blocks)
-    verts += _array("offsets", np.arange(1, count + 1), blocks)
-    field_data = "".join(_field(name, values) for name, values in fields.items())
-    head = (
-        '<?xml version="1.0"?>\n<!-- ' + note.replace("--", "- -") + " -->\n"
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f"<PolyData><FieldData>{field_data}</FieldData>\n"
-        f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" '
-        'NumberOfPolys="0">\n'
-        f"<PointData>{arrays}</PointData>\n<Points>{place}</Points>\n<Verts>{verts}</Verts>\n"
-        '</Piece></PolyData>\n<AppendedData encoding="raw">\n_'
-    )
-    with whole_file(path) as part, open(part, "wb") as sink:
-        sink.write(head.encode())
-        for block in blocks:
-            sink.write(np.uint64(block.nbytes).tobytes())
-            sink.write(block.data)
-        sink.write(b"\n</AppendedData>\n</VTKFile>\n")
-
-
-def _array(name, values, blocks):
-    """The XML of an array whose bytes are appended to `blocks`."""
-    kind = {"f": "Float64", "i": "Int64", "u": "UInt64"}[values.dtype.kind]
-    offset = sum(block.nbytes + 8 for block in blocks)
-    eight = np.ascontiguousarray(values).astype(f"<{values.dtype.kind}8", copy=False)
-    blocks.append(eight)
-    parts = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
-    return f'\n<DataArray type="{kind}" Name="{name}"{parts} format="appended" offset="{offset}"/>'
-
-
-def _field(name, values):
-    text = " ".join(repr(float(value)) for value in values)
-    size = f'NumberOfTuples="{len(values)}"'
-    return f'<DataArray type="Float64" Name="{name}" {size} format="ascii">{text}</DataArray>'
-
-
+# field of a table -> unit
 UNITS = {
     "id": "1",
     "x": "m",
@@ -167,12 +37,25 @@ UNITS = {
     "v": "m s-1",
     "w": "m s-1",
 }
+# [bytes] of a column on disk, about
 _BYTES_PER_COLUMN = {".h5": 88, ".csv": 200, ".json": 220, ".gpkg": 160, ".parquet": 120, ".vtp": 104}
 _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8")])
 
 
-def require_format(path):
-    """Refuse a file name with an unknown suffix, or with a suffix whose library is not installed."""
+def require_format(path: str | Path) -> None:
+    """Raise unless the suffix of a file name is known and its library is installed.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    OutputError
+        The suffix is unknown.
+    InputError
+        The library for it is not installed.
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:
         raise OutputError(f"{path}: format {suffix or 'without a suffix'} is unknown, expected {', '.join(_WRITERS)}")
@@ -181,16 +64,22 @@ def require_format(path):
             import pyarrow.parquet  # noqa: F401
 
 
-def write_columns(path, frame, count, slabs):
-    """Write `count` columns to `path` in the format of its suffix.
+def write_columns(path: str | Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
+    """Write columns to `path` in the format of its suffix.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
     frame : Frame
         Everything but the particles: CRS, origin, header.
     count : int
+        Number of columns.
     slabs : iterable of Particles
+
+    Raises
+    ------
+    OutputError
+        The suffix is unknown, or the disk has too little space.
     """
     require_format(path)
     _require_space(path, count)
@@ -211,8 +100,20 @@ def _require_space(path, count):
         )
 
 
-def table(particles, origin):
-    """Name -> array of the fields of all tables, in map coordinates."""
+def column_table(particles: Particles, origin: tuple[float, float, float]) -> dict[str, np.ndarray]:
+    """Return the fields of all tables, in map coordinates.
+
+    Parameters
+    ----------
+    particles : Particles
+    origin : (float, float, float) [m]
+        Origin (E, N, H) of the positions.
+
+    Returns
+    -------
+    dict
+        Name of a field -> array[n].
+    """
     x, y, z = (particles.position[:, axis] + origin[axis] for axis in range(3))
     values = (
         particles.id,
@@ -230,26 +131,26 @@ def table(particles, origin):
 
 
 def _whole_table(frame, slabs):
-    parts = [table(particles, frame.origin) for particles in slabs]
+    parts = [column_table(particles, frame.origin) for particles in slabs]
     return {name: np.concatenate([part[name] for part in parts]) for name in UNITS}
 
 
-def _record(frame):
-    """Metadata of a table: numbers, strings and lists."""
+def _record(frame: Frame) -> dict:
+    """Return the metadata of a table: numbers, strings and lists."""
     crs = frame.crs.to_wkt() if frame.crs is not None else ""
     place = {"crs": crs, "dem": frame.dem, "dem_sha256": frame.dem_sha256}
     header = {k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in frame.header.items()}
     return {"format": "mpmgis-columns", "time": frame.time, **place, **header}
 
 
-def _write_csv(path, frame, count, slabs):
+def _write_csv(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
     with whole_file(path) as part, open(part, "wb") as sink:
         sink.write((",".join(UNITS) + "\n").encode())
         for particles in slabs:
-            append_rows(sink, list(table(particles, frame.origin).values()), ",")
+            append_rows(sink, list(column_table(particles, frame.origin).values()), ",")
 
 
-def _write_json(path, frame, count, slabs):
+def _write_json(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
     columns = _whole_table(frame, slabs)
     with whole_file(path) as part, open(part, "w", encoding="utf-8", newline="\n") as sink:
         sink.write('{"header": ' + json.dumps(_record(frame)) + ',\n"units": ' + json.dumps(UNITS))
@@ -260,7 +161,7 @@ def _write_json(path, frame, count, slabs):
         sink.write("}}\n")
 
 
-def _write_gpkg(path, frame, count, slabs):
+def _write_gpkg(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
     import geopandas  # 0.5 s; not needed by the other formats
     import shapely
 
@@ -281,8 +182,8 @@ def _write_gpkg(path, frame, count, slabs):
         )
 
 
-def _write_parquet(path, frame, count, slabs):
-    """GeoParquet 1.0 with WKB points, which QGIS and geopandas open as a layer."""
+def _write_parquet(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
+    """Write GeoParquet 1.0 with WKB points, which QGIS and geopandas open as a layer."""
     import pyarrow
     import pyarrow.parquet
 
@@ -293,7 +194,7 @@ def _write_parquet(path, frame, count, slabs):
     with whole_file(path) as part:
         writer = None
         for particles in slabs:
-            columns = table(particles, frame.origin)
+            columns = column_table(particles, frame.origin)
             rows = pyarrow.table({**columns, "geometry": _wkb_points(columns["x"], columns["y"])})
             rows = rows.replace_schema_metadata(notes)
             writer = writer or pyarrow.parquet.ParquetWriter(part, rows.schema)
@@ -301,8 +202,8 @@ def _write_parquet(path, frame, count, slabs):
         writer.close()
 
 
-def _wkb_points(x, y):
-    """Arrow binary array of little-endian WKB points."""
+def _wkb_points(x: np.ndarray, y: np.ndarray) -> object:
+    """Return little-endian WKB points as an Arrow binary array."""
     import pyarrow
 
     points = np.empty(len(x), _WKB_POINT)
@@ -312,8 +213,11 @@ def _wkb_points(x, y):
     return pyarrow.Array.from_buffers(pyarrow.binary(), len(x), buffers)
 
 
-def _write_vtp(path, frame, count, slabs):
-    """VTK PolyData with a vertex per column; positions relative to the field `origin`, for viewers with float32."""
+def _write_vtp(path: Path, frame: Frame, count: int, slabs: Iterable[Particles]) -> None:
+    """Write VTK PolyData with a vertex per column.
+
+    Positions are relative to the field `origin`, for viewers with float32.
+    """
     columns = _whole_table(frame, slabs)
     origin = np.array(frame.origin)
     points = np.column_stack([columns.pop("x"), columns.pop("y"), columns["z_bed"]]) - origin

@@ -1,24 +1,25 @@
 """Particle arrays, energies and sums common to both solvers."""
 
+from collections.abc import Callable, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled.particle_slices import copied, taken
 from ..system.errors import FormatError
 from .state_check import LEFT_STATE, StateCheck
-from .watched_features import EAST, NORTH, STATE, TAKEN, TIME, block_marks, marks_reached
+from .watched_features import EAST, NORTH, STATE, TAKEN, TIME, TakenIn, Watch, block_marks, marks_reached
 
-GAIN_STOP = 0.1  # largest accepted gain of energy since the last look, over kinetic energy and work
-REST_SHARE = 0.01  # of the largest kinetic energy so far, below which a flow is at rest; smallest reference for gains
-REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the smallest reference for gains
+GAIN_STOP = 0.1  # [1] largest accepted gain of energy since the last look, over kinetic energy and work
+REST_SHARE = 0.01  # [1] of the largest kinetic energy so far: a flow with less is at rest; least reference for gains
+REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the least reference for gains
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
 NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
 
 
 class Flow(NamedTuple):
-    """Arrays float64[n], one entry per column or point."""
+    """State of the flow, one entry per column or point; all arrays are float64[n]."""
 
     x: np.ndarray  # [m] on the map
     y: np.ndarray
@@ -31,8 +32,13 @@ class Flow(NamedTuple):
     def __len__(self):
         return len(self.mass)
 
-    def take(self, index):
-        """The entries that `index` (bool, int or slice) picks."""
+    def take(self, index: np.ndarray | slice) -> "Flow":
+        """Return the entries that `index` picks.
+
+        Parameters
+        ----------
+        index : bool[n], int[m] or slice
+        """
         return Flow(*(values[index] for values in self))
 
 
@@ -41,14 +47,14 @@ class EnergyLook(NamedTuple):
 
     Parameters
     ----------
-    made : float
+    made : float [J]
         Present and outflown energy minus all energy input since the start: negative by the losses, and increasing only
         by errors.
-    kinetic : float
-        Of the particles on the terrain.
-    least : float
+    kinetic : float [J]
+        Kinetic energy of the particles on the terrain.
+    least : float [J]
         Smallest kinetic energy for comparison, see `least_kinetic`.
-    work : tuple of float
+    work : tuple of float [J]
         Work since the start by weight, by stress, and of the recorded losses; and kinetic energy input.
     time : float [s]
     """
@@ -59,17 +65,36 @@ class EnergyLook(NamedTuple):
     work: tuple
     time: float
 
-    def gained_since(self, last):
-        """Energy gained since the EnergyLook `last`: (share of kinetic energy and work [1], gain [J])."""
+    def gained_since(self, last: "EnergyLook") -> tuple[float, float]:
+        """Return the energy gained since an earlier look.
+
+        Parameters
+        ----------
+        last : EnergyLook
+
+        Returns
+        -------
+        share : float [1]
+            Gain over kinetic energy and work.
+        gain : float [J]
+        """
         made = self.made - last.made
         work = sum(abs(now - before) for now, before in zip(self.work, last.work, strict=True))
         return made / max(max(last.kinetic, last.least) + work, 1e-300), made
 
 
-def least_kinetic(peak, mass, gravity, cell_size):
-    """Smallest kinetic energy [J] for comparison: 1 % of its `peak` [J], or lifting `mass` [kg] by 1 % of a cell.
+def least_kinetic(peak: float, mass: float, gravity: float, cell_size: float) -> float:
+    """Return the smallest kinetic energy [J] for comparison: 1 % of its peak, or lifting all mass by 1 % of a cell.
 
     Rounding of single precision is below a tenth of that.
+
+    Parameters
+    ----------
+    peak : float [J]
+        Largest kinetic energy so far.
+    mass : float [kg]
+    gravity : float [m s-2]
+    cell_size : float [m]
     """
     return max(REST_SHARE * peak, mass * gravity * REST_LIFT * cell_size)
 
@@ -88,36 +113,52 @@ class ParticleStore:
     _computed = MappingProxyType({})  # name -> what was computed from the present state
 
     @property
-    def time(self):
+    def time(self) -> float:
         """Simulated time [s]."""
         return float(self._clock[self.kernel.TIME])
 
     @property
-    def step(self):
+    def step(self) -> int:
         """Number of steps taken."""
         return int(self._counts[self.kernel.STEP])
 
-    def wait(self, until):
-        """Set the time to `until` [s] on a terrain without particles."""
+    def wait(self, until: float) -> None:
+        """Set the time to `until` on a terrain without particles.
+
+        Parameters
+        ----------
+        until : float [s]
+        """
         self._clock[self.kernel.TIME] = until
 
-    def share_step(self, share):
-        """Use steps of `share` [1] of their normal length, from the next step that is not chosen yet."""
+    def share_step(self, share: float) -> None:
+        """Use shorter steps, from the next step whose length is not chosen yet.
+
+        Parameters
+        ----------
+        share : float [1]
+            Length of a step over its normal length.
+        """
         whole = self._whole_step
         self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
 
-    def watch(self, watch):
-        """Watch the features of `watch` (Watch); `advance` stops before the flow touches one of them."""
+    def watch(self, watch: Watch) -> None:
+        """Watch features that are off; `advance` stops before the flow touches one of them.
+
+        Parameters
+        ----------
+        watch : Watch
+        """
         self._watch = watch
         self._mark_watched()
 
     @property
-    def taken_in(self):
-        """tuple of TakenIn: features that were off and that the flow has reached."""
+    def taken_in(self) -> tuple[TakenIn, ...]:
+        """Features that were off and that the flow has reached."""
         return () if self._watch is None else self._watch.taken_in
 
-    def take_in(self):
-        """Switch on the features that the flow is about to touch; tuple of TakenIn."""
+    def take_in(self) -> tuple[TakenIn, ...]:
+        """Switch on the features that the flow is about to touch, and return them."""
         rows, _, keys = self._seen()
         reached = marks_reached(self._watched, *self.kernel.rows_and_columns(keys))
         state, before = self._watch.state, self._watch.taken_in
@@ -141,8 +182,8 @@ class ParticleStore:
         else:
             self._watched = block_marks(self._on_kernel_nodes(marks), self.kernel.BLOCK)
 
-    def _watch_state(self):
-        """State of the watch for a frame, by name; empty without a watch."""
+    def _watch_state(self) -> dict[str, np.ndarray]:
+        """Return the state of the watch for a frame, by name; empty without a watch."""
         return {} if self._watch is None else {STATE: self._watch.state.copy()}
 
     def _restore_watch(self, frame):
@@ -159,8 +200,11 @@ class ParticleStore:
             self._watch.state[:] = state
             self._integrate_with_inflow()
 
-    def _once(self, name, compute):
-        """`compute()`, computed once for the present state. Code that changes the state calls `_forget_computed`."""
+    def _once(self, name: str, compute: Callable[[], Any]) -> Any:
+        """Return `compute()`, computed once for the present state.
+
+        Code that changes the state calls `_forget_computed`.
+        """
         if name not in self._computed:
             self._computed = {**self._computed, name: compute()}
         return self._computed[name]
@@ -169,48 +213,48 @@ class ParticleStore:
         """Forget what was computed from the state, because the state is about to change."""
         self._computed = {}
 
-    def _alive(self):
-        """Rows, ids and keys of the particles that are on the terrain, which later steps do not change."""
+    def _alive(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return rows, ids and keys of the particles that are on the terrain, which later steps do not change."""
         seen = self._seen()
         return seen if self._have_left() else tuple(copied(array) for array in seen)
 
-    def _seen(self):
-        """As `_alive`, valid until the next step: without copies where no particle has left."""
+    def _seen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `_alive` does, valid until the next step only: without copies where no particle has left."""
         n = self._counts[self.kernel.ROWS]
         arrays = self._rows[:n], self._ids[:n], self._keys[:n]
         return self._once("seen", lambda: self._on_terrain(arrays)) if self._have_left() else arrays
 
-    def _have_left(self):
-        """Whether rows are of particles that have left the terrain."""
+    def _have_left(self) -> bool:
+        """Return whether rows are of particles that have left the terrain."""
         return self._counts[self.kernel.ALIVE] != self._counts[self.kernel.ROWS]
 
     def _on_terrain(self, arrays):
         here = np.flatnonzero(arrays[2] != self.kernel.GONE)
         return tuple(taken(array, here) for array in arrays)
 
-    def _counts_of_rows(self):
-        """Counts for a restart, whose rows are contiguous: independent of the history of the run."""
+    def _counts_of_rows(self) -> np.ndarray:
+        """Return counts for a restart, whose rows are contiguous: independent of the history of the run."""
         counts = self._counts.copy()
         counts[self.kernel.ROWS] = counts[self.kernel.ALIVE]
         return counts
 
-    def _no_mass_left(self, grid):
-        """Empty sums of the outflow by blocks of the cells of `grid`, see `block_order`."""
+    def _no_mass_left(self, grid: Any) -> np.ndarray:
+        """Return empty sums of the outflow by blocks of the cells of `grid`, see `block_order`."""
         rows, columns = (n // self.kernel.LEFT_BLOCK + 1 for n in grid.inside.shape)
         return np.zeros((self.kernel.WAYS, rows, columns, self.kernel.LEFT_ENTRIES))
 
     @property
-    def peaks(self):
-        """float64[rows, columns, PEAK_ENTRIES]: running peaks at the nodes."""
+    def peaks(self) -> np.ndarray:
+        """Running peaks at the nodes, float64[rows, columns, PEAK_ENTRIES]."""
         return self._peaks
 
     @property
-    def left_sums(self):
-        """float64[ways, block rows, block columns, entries]: outflow, see `block_order`."""
+    def left_sums(self) -> np.ndarray:
+        """Sums of the outflow, float64[ways, block rows, block columns, entries], see `block_order`."""
         return self._left
 
-    def _left_state(self):
-        """Sums of the blocks with outflow."""
+    def _left_state(self) -> dict[str, np.ndarray]:
+        """Return the sums of the blocks with outflow, for a restart."""
         sums = self._left.reshape(-1, self._left.shape[-1])
         blocks = np.flatnonzero(sums[:, 0])
         return dict(zip(LEFT_STATE, (blocks, sums[blocks]), strict=True))
@@ -234,6 +278,21 @@ class ParticleStore:
         self._order = np.zeros(len(self._rows), np.int32)
 
 
-def named_sums(names, rows, sums):
-    """Name -> (name of a sum -> number): `rows` float[n, m] have the m `sums` of each of the n `names`."""
+def named_sums(names: Sequence[str], rows: np.ndarray, sums: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Return sums by the names of their owners.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of n owners, for example of barriers.
+    rows : float[n, m]
+        The sums of each owner.
+    sums : sequence of str
+        Names of the m sums.
+
+    Returns
+    -------
+    dict
+        Name -> (name of a sum -> number).
+    """
     return {name: dict(zip(sums, map(float, row), strict=True)) for name, row in zip(names, rows, strict=True)}

@@ -38,12 +38,17 @@ class Particles:
     def __len__(self):
         return len(self.position)
 
-    def arrays(self):
-        """Name -> array of everything that is present, in the table's order."""
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return all arrays that are present by name, in the order of the fields."""
         return {name: value for name, value in vars(self).items() if value is not None}
 
-    def take(self, index):
-        """The particles at `index` (bool or int)."""
+    def take(self, index: np.ndarray) -> "Particles":
+        """Return the particles at `index`.
+
+        Parameters
+        ----------
+        index : bool[n] or int[m]
+        """
         return Particles(**{name: value[index] for name, value in self.arrays().items()})
 
 
@@ -51,9 +56,32 @@ class Particles:
 class Frame:
     """All particles at one time, with their georeference. The file format is in docs/formats.md.
 
-    `origin` (E, N, H) [m] is added to positions; `dem` is the terrain's path relative to the frame's file, '' if
-    unknown; `state` contains further data for a restart; `maxima` running maxima of the solver, `bed_change` the eroded
-    mass; `header` records of the program that made it (plain numbers and strings).
+    Parameters
+    ----------
+    particles : Particles
+    time : float [s]
+    step : int
+        Number of time steps of the solver.
+    dimension : int
+        2 (columns) or 3 (points).
+    solver : str
+        Name of the program part that made it.
+    crs : pyproj.CRS or None
+    origin : (float, float, float) [m]
+        (E, N, H), added to positions.
+    dem : str
+        Path of the terrain relative to the frame's file, '' if unknown.
+    dem_sha256 : str
+    digest : str
+        Digest of the scene.
+    state : dict
+        Further data for a restart.
+    maxima : dict
+        Running maxima of the solver, as `peaks` describes them.
+    bed_change : dict
+        Eroded mass.
+    header : dict
+        Records of the program that made it (plain numbers and strings).
     """
 
     particles: Particles
@@ -71,19 +99,41 @@ class Frame:
     bed_change: dict = field(default_factory=dict)
     header: dict = field(default_factory=dict)
 
-    def particle_state(self, name, *shape):
-        """float64[n, *shape]: the array `name` of `state`; None if it does not exist or has another shape or type."""
+    def particle_state(self, name: str, *shape: int) -> np.ndarray | None:
+        """Return an array of `state` with a row for each particle.
+
+        Parameters
+        ----------
+        name : str
+        *shape : int
+            Shape of the entry of one particle.
+
+        Returns
+        -------
+        float64[n, *shape] or None
+            None if it does not exist or has another shape or type.
+        """
         values = np.asarray(self.state.get(name))
         if values.shape != (len(self.particles), *shape) or values.dtype.kind != "f":
             return None
         return values.astype(float, copy=False)
 
-    def map_xy(self):
-        """(x, y) [m] in the CRS."""
+    def map_xy(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the positions x, y [m] in the CRS, float64[n] each."""
         position = self.particles.position
         return position[:, 0] + self.origin[0], position[:, 1] + self.origin[1]
 
-    def xy_from(self, east, north):
-        """(x, y) [m] relative to the map point `east`, `north`, computed without loss of digits."""
+    def xy_from(self, east: float, north: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the positions relative to a map point, computed without loss of digits.
+
+        Parameters
+        ----------
+        east, north : float [m]
+            The map point.
+
+        Returns
+        -------
+        x, y : float64[n] [m]
+        """
         position = self.particles.position
         return position[:, 0] + (self.origin[0] - east), position[:, 1] + (self.origin[1] - north)

@@ -11,45 +11,98 @@ import re
 import numpy as np
 
 PEAK_NAMES = ("thickness", "speed", "pressure", "arrival_time")
-THICKNESS, SPEED, PRESSURE, ARRIVAL, PEAK_ENTRIES = range(5)
-PEAK_STATE = ("peaks", "peak_nodes")  # of a frame's state
+# entries of the peaks of a node, in the order of PEAK_NAMES
+THICKNESS = 0  # [m] vertical
+SPEED = 1  # [m s-1]
+PRESSURE = 2  # [Pa]
+ARRIVAL = 3  # [s] -1 where the flow never arrived
+PEAK_ENTRIES = 4
+PEAK_STATE = ("peaks", "peak_nodes")  # names in the restart state of a frame
 TRANSFORM, THRESHOLD = "transform", "arrival_thickness"
-_ALIGNED = 1e-6  # of a spacing: tolerance for nodes of two lattices to coincide
+_ALIGNED = 1e-6  # [spacings] tolerance for nodes of two lattices to coincide, far above rounding
 _OTHER = re.compile(r"other(\d+)_")
 
 
-def no_peaks(shape, kept=True):
-    """float64[*shape, PEAK_ENTRIES] of nodes that no flow has reached; of a single node if peaks are not `kept`."""
+def no_peaks(shape: tuple[int, int], kept: bool = True) -> np.ndarray:
+    """Return the peaks of nodes that no flow has reached.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of nodes.
+    kept : bool
+        Whether peaks are kept; if not, the array has a single node.
+
+    Returns
+    -------
+    float64[*shape, PEAK_ENTRIES]
+    """
     peaks = np.zeros((*(shape if kept else (1, 1)), PEAK_ENTRIES))
     peaks[..., ARRIVAL] = -1.0
     return peaks
 
 
-def peaks_state(peaks):
-    """Data for a restart: the peaks of the nodes that the flow has reached."""
+def peaks_state(peaks: np.ndarray) -> dict[str, np.ndarray]:
+    """Return data for a restart: the peaks of the nodes that the flow has reached.
+
+    Parameters
+    ----------
+    peaks : float64[rows, columns, PEAK_ENTRIES]
+
+    Returns
+    -------
+    dict
+        The names PEAK_STATE -> float64[n, PEAK_ENTRIES] peaks, int64[n] flat indices of the nodes.
+    """
     nodes = np.flatnonzero((peaks[..., THICKNESS] > 0.0) | (peaks[..., ARRIVAL] >= 0.0))
     return dict(zip(PEAK_STATE, (peaks.reshape(-1, PEAK_ENTRIES)[nodes], nodes), strict=True))
 
 
-def fits(peaks, state):
-    """Whether `state` is a valid result of `peaks_state` for an array like `peaks`."""
+def is_peaks_state(peaks: np.ndarray, state: dict) -> bool:
+    """Return whether `state` is a valid result of `peaks_state` for an array like `peaks`.
+
+    Parameters
+    ----------
+    peaks : float64[rows, columns, PEAK_ENTRIES]
+    state : dict
+    """
     if not set(PEAK_STATE) <= set(state):
         return False
     values, nodes = (state[name] for name in PEAK_STATE)
     return values.shape == (len(nodes), PEAK_ENTRIES) and not np.any(nodes >= peaks[..., THICKNESS].size)
 
 
-def restore_peaks(peaks, state):
-    """Set `peaks` from a result of `peaks_state`."""
+def restore_peaks(peaks: np.ndarray, state: dict) -> None:
+    """Set peaks from a result of `peaks_state`.
+
+    Parameters
+    ----------
+    peaks : float64[rows, columns, PEAK_ENTRIES]
+        Changed in place.
+    state : dict
+    """
     peaks[:] = 0.0
     peaks[..., ARRIVAL] = -1.0
     peaks.reshape(-1, PEAK_ENTRIES)[state["peak_nodes"]] = state["peaks"]
 
 
-def maxima_of(peaks, west, south, spacing, arrival_thickness):
-    """`peaks` float64[rows, columns, PEAK_ENTRIES] as in a frame, cropped to the nodes that the flow reached.
+def maxima_of(peaks: np.ndarray, west: float, south: float, spacing: float, arrival_thickness: float) -> dict:
+    """Return peaks in the form of a frame, cropped to the nodes that the flow reached.
 
-    `west`, `south` [m] are the map position of the first node, `spacing` [m] is the node spacing.
+    Parameters
+    ----------
+    peaks : float64[rows, columns, PEAK_ENTRIES]
+    west, south : float [m]
+        Map position of the first node.
+    spacing : float [m]
+        Distance of neighbouring nodes.
+    arrival_thickness : float [m]
+        Threshold of all peaks but the thickness.
+
+    Returns
+    -------
+    dict
+        As described in the module.
     """
     j, i = np.nonzero(peaks[..., THICKNESS] > 0)
     window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
@@ -59,8 +112,19 @@ def maxima_of(peaks, west, south, spacing, arrival_thickness):
     return kept | {THRESHOLD: float(arrival_thickness)}
 
 
-def lattices_of(kept):
-    """List of dictionaries: the peaks of each lattice in the dictionary `kept`."""
+def lattices_of(kept: dict) -> list[dict]:
+    """Return the peaks of each lattice separately.
+
+    Parameters
+    ----------
+    kept : dict
+        Peaks as in a frame.
+
+    Returns
+    -------
+    list of dict
+        Peaks of each lattice under their plain names; empty for an empty `kept`.
+    """
     if not kept:
         return []
     numbers = sorted({int(found.group(1)) for name in kept if (found := _OTHER.match(name))})
@@ -73,10 +137,20 @@ def lattices_of(kept):
     return sets
 
 
-def together(now, *others):
-    """Combined peaks of several flows, or of one at several times: the largest values and the earliest arrival.
+def combined_peaks(now: dict, *others: dict) -> dict:
+    """Combine peaks of several flows, or of one at several times: the largest values and the earliest arrival.
 
     Lattices whose nodes coincide are merged; that of `now` is the first.
+
+    Parameters
+    ----------
+    now, *others : dict
+        Peaks as in a frame.
+
+    Returns
+    -------
+    dict
+        Peaks as in a frame.
     """
     lattices = []
     for one in (lattice for kept in (now, *others) for lattice in lattices_of(kept)):
@@ -94,9 +168,20 @@ def together(now, *others):
     return first
 
 
-def largest_peaks(kept):
-    """The largest `thickness`, `speed` and `pressure` of all lattices in `kept`, and the `area` [m2] that the flow
-    reached in each with its `cell_size` [m], as plain numbers; empty for an empty `kept`."""
+def largest_peaks(kept: dict) -> dict:
+    """Return the largest values of all lattices as plain numbers.
+
+    Parameters
+    ----------
+    kept : dict
+        Peaks as in a frame.
+
+    Returns
+    -------
+    dict
+        `thickness` [m], `speed` [m s-1] and `pressure` [Pa]; `reached`: for each lattice its `cell_size` [m] and the
+        `area` [m2] that the flow reached. Empty for an empty `kept`.
+    """
     lattices = lattices_of(kept)
     if not lattices:
         return {}
@@ -110,21 +195,22 @@ def _reached(lattice):
     return bool((lattice["thickness"] > 0).any())
 
 
-def _offset(one, other):
-    """float64[2]: offset of `one` to the north and east of `other` [nodes]."""
+def _offset(one: dict, other: dict) -> np.ndarray:
+    """Return the offset of `one` to the north and east of `other` [nodes], float64[2]."""
     a, b = np.asarray(one[TRANSFORM], float), np.asarray(other[TRANSFORM], float)
     return (a[[5, 2]] - b[[5, 2]]) / a[0]
 
 
-def _meet(one, other):
+def _meet(one: dict, other: dict) -> bool:
+    """Return whether the nodes of two lattices coincide."""
     if float(one[TRANSFORM][0]) != float(other[TRANSFORM][0]):
         return False
     offset = _offset(one, other)
     return bool((np.abs(offset - np.rint(offset)) <= _ALIGNED * (1.0 + np.abs(offset))).all())
 
 
-def _larger(one, other):
-    """The larger values of two lattices whose nodes coincide, on the smallest window that contains both."""
+def _larger(one: dict, other: dict) -> dict:
+    """Return the larger values of two lattices whose nodes coincide, on the smallest window that contains both."""
     if not _reached(other):
         return one
     if not _reached(one):

@@ -1,10 +1,12 @@
-"""The folder of a run: frames, the resolved scene, the terrain, and the record of the run."""
+"""Folder of a run: frames, the resolved scene, the terrain, and the record of the run."""
 
 import contextlib
 import json
 import platform
+from collections.abc import Iterable, Iterator
 from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rasterio
@@ -17,14 +19,19 @@ from ..system.links import input_at, refuse_links, remove, require_free, status
 from ..system.whole_files import MARK, is_left_over, output_error, refuse_existing, whole_file
 from ..system.writer_process import new_token
 from ..terrain.raster_input import file_sha256
-from .frame_digest import require_restartable, result_after, stored
+from .frame_digest import require_restartable, result_after, stored_digests
 from .frame_files import FRAMES_WITH_STATE, content_digest, drop_state, read_frame, set_digest, write_frame
-from .run_maps import assign_maps, map_files, move_maps, refuse_other_maps, remove_maps
+from .run_maps import map_files, move_maps, refuse_other_maps, remove_maps, set_digest_of_maps
+
+if TYPE_CHECKING:
+    from ..terrain.elevation import Terrain
+    from .particles import Frame
+
 
 FRAME_PATTERN = "frame_*.h5"
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
-_LISTS = ("effects", "stages", "troubles", "unusable")  # of a record
-_TABLES = ("balances", "mass", "resolution", "scene", "versions", "volume")
+_LISTS = ("effects", "stages", "troubles", "unusable")  # entries of a record that are lists
+_TABLES = ("balances", "mass", "resolution", "scene", "versions", "volume")  # and those that are tables
 BARRIER_FILE = "barriers.csv"
 STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum different quantities
 FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE, STAGE_BARRIER_FILE.format("*"))
@@ -33,14 +40,20 @@ _FORMAT = "mpmgis-run"
 
 
 class RunFolder:
-    """Writes one run; every file is written atomically.
+    """Writer of one run; every file is written atomically.
 
     Parameters
     ----------
     path : str or Path
-        Created if missing; refused if it is not empty, unless `overwrite`, which replaces only the files of an
-        earlier run, after the first frame of the new run is complete. Refused if it is a link, or contains a link
+        Created if missing; refused if it is not empty, unless `overwrite`. Refused if it is a link, or contains a link
         under the name of a file of a run.
+    overwrite : bool
+        Replace only the files of an earlier run, after the first frame of the new run is complete.
+
+    Raises
+    ------
+    OutputError
+        The folder is refused.
 
     Attributes
     ----------
@@ -50,7 +63,7 @@ class RunFolder:
         Digest of all frames, '' while there is none; None in the folder of a version without digests.
     """
 
-    def __init__(self, path, overwrite=False):
+    def __init__(self, path: str | Path, overwrite: bool = False):
         self.path = Path(path)
         self._refuse_links()
         if self.path.exists() and not self.path.is_dir():
@@ -61,8 +74,13 @@ class RunFolder:
         self.frames, self.result, self._passed = 0, "", None
 
     @classmethod
-    def resumed(cls, path):
-        """The folder of an earlier run to continue; an empty or missing folder starts at the beginning."""
+    def resumed(cls, path: str | Path) -> "RunFolder":
+        """Return the folder of an earlier run to continue; an empty or missing folder starts at the beginning.
+
+        Parameters
+        ----------
+        path : str or Path
+        """
         path = Path(path)
         if path.is_dir() and (path / RECORD_FILE).is_file():
             folder = cls(path, overwrite=True)
@@ -73,8 +91,8 @@ class RunFolder:
         return folder
 
     @property
-    def place(self):
-        """The folder of new files: a hidden folder in `path` as long as an earlier run is there."""
+    def place(self) -> Path:
+        """Folder of new files: a hidden folder in `path` as long as an earlier run is there."""
         return self._stage or self.path
 
     def _refuse_links(self):
@@ -97,12 +115,17 @@ class RunFolder:
                 record = read_record(self.path)
             refuse_other_maps(self.path, record)
 
-    def spare(self, inputs):
-        """Refuse a folder where one of the `inputs` (iterable of Path), under any name, would be replaced or removed.
+    def refuse_inputs(self, inputs: Iterable[Path]) -> None:
+        """Refuse a folder where one of the `inputs`, under any name, would be replaced or removed.
+
+        Parameters
+        ----------
+        inputs : iterable of Path
 
         Raises
         ------
         OutputError
+            A file of the run is an input.
         """
         entries = [*self._entries(*FILES, LOCK_FILE), *map_files(self.path)] if self.path.is_dir() else []
         inputs = list(inputs) if entries else []
@@ -112,8 +135,8 @@ class RunFolder:
                 name = entry if given == entry else f"{entry}, which is {given},"
                 raise OutputError(f"{name} is an input of the run and would be replaced; give another -o")
 
-    def _entries(self, *patterns):
-        """Entries of the folder that match one of the `patterns`, links and other types included."""
+    def _entries(self, *patterns: str) -> Iterator[Path]:
+        """Return the entries of the folder that match one of the `patterns`, links and other types included."""
         return (path for path in sorted(self.path.iterdir()) if any(path.match(pattern) for pattern in patterns))
 
     def _refuse_filled(self):
@@ -127,7 +150,7 @@ class RunFolder:
         return path.name == LOCK_FILE or any(path.match(pattern) for pattern in LEFT_OVER)
 
     @contextlib.contextmanager
-    def held(self):
+    def held(self) -> Iterator[None]:
         """Create the folder and lock it for this block, so that no other run writes to it; removed again if empty.
 
         Raises
@@ -158,12 +181,12 @@ class RunFolder:
             if is_left_over(path.name.rpartition(".part")[2]):
                 remove(path)
 
-    def require(self):
+    def require(self) -> None:
         """Raise OutputError if the locked folder was removed, moved or replaced."""
         self._hold.require_folder()
 
-    def record(self):
-        """The record of the run so far; {} where there is none.
+    def record(self) -> dict:
+        """Return the record of the run so far; {} where there is none.
 
         Raises
         ------
@@ -172,18 +195,38 @@ class RunFolder:
         """
         return read_record(self.path, "start again with --overwrite")
 
-    def last_frame(self, digest):
-        """The newest complete frame with its state, None where there is none; `frames` then counts up to it.
+    def last_frame(self, digest: str) -> "Frame | None":
+        """Return the newest complete frame with its state; `frames` then counts up to it.
 
-        Newer frames without state, which no run leaves, are written again. `digest` is that of the scene.
+        Newer frames without state, which no run leaves, are written again.
+
+        Parameters
+        ----------
+        digest : str
+            Digest of the scene.
+
+        Returns
+        -------
+        Frame or None
+            None where there is no such frame.
         """
         for number, frame in self.restartable(digest):
             self._go_on_after(number)
             return frame
         return None
 
-    def restartable(self, *digests):
-        """(number, Frame) of each complete frame with state of a scene with one of the `digests`, newest first.
+    def restartable(self, *digests: str) -> Iterator[tuple[int, "Frame"]]:
+        """Yield each complete frame with state, newest first.
+
+        Parameters
+        ----------
+        *digests : str
+            Digests of scenes; frames of other scenes are left out.
+
+        Yields
+        ------
+        number : int
+        frame : Frame
 
         Raises
         ------
@@ -206,11 +249,23 @@ class RunFolder:
                 yield number, read_frame(path)
 
     def missing_frames(self) -> list[int]:
-        """Numbers of the frames before the next one that are not in the folder."""
+        """Return the numbers of the frames before the next one that are not in the folder."""
         return [number for number in range(self.frames) if not self._frame_path(number).is_file()]
 
-    def go_back_to(self, number, digest):
-        """Remove the frames after `number`; the others get the `digest` of another scene."""
+    def go_back_to(self, number: int, digest: str) -> None:
+        """Remove the frames after `number`; the others get the digest of another scene.
+
+        Parameters
+        ----------
+        number : int
+        digest : str
+            Digest of the other scene.
+
+        Raises
+        ------
+        OutputError
+            A file cannot be removed or written.
+        """
         self._require_free()
         try:
             for path in sorted(self.path.glob(FRAME_PATTERN), reverse=True):
@@ -218,24 +273,29 @@ class RunFolder:
                     path.unlink()
                 else:
                     set_digest(path, digest)
-            assign_maps(self.path, digest)
+            set_digest_of_maps(self.path, digest)
         except OSError as error:
             raise output_error(self.path, error) from error
         self._go_on_after(number)
 
     def _go_on_after(self, number):
         self.frames = number + 1
-        self.result = stored(self._frame_path(number))[1] or None
+        self.result = stored_digests(self._frame_path(number))[1] or None
 
-    def open(self, anew=True):
-        """Prepare the locked folder for a run that begins `anew` or continues.
+    def open(self, anew: bool = True) -> None:
+        """Prepare the locked folder for a run.
 
         The files of an earlier run are kept until the new run has its first frame.
+
+        Parameters
+        ----------
+        anew : bool
+            The run begins; otherwise it continues.
 
         Raises
         ------
         OutputError
-            They cannot be replaced; the folder cannot be written.
+            The files of an earlier run cannot be replaced; the folder cannot be written.
         """
         if anew:
             self._require_free()
@@ -281,13 +341,29 @@ class RunFolder:
             remove(self._stage)
             self._stage = None
 
-    def write_scene(self, text):
-        """Write the resolved scene, as TOML text."""
+    def write_scene(self, text: str) -> None:
+        """Write the resolved scene.
+
+        Parameters
+        ----------
+        text : str
+            The scene as TOML.
+        """
         with whole_file(self.place / SCENE_FILE) as part:
             part.write_text(text, encoding="utf-8", newline="\n")
 
-    def write_terrain(self, terrain):
-        """Write the terrain as float64 GeoTIFF with the transform of its source; returns its digest."""
+    def write_terrain(self, terrain: "Terrain") -> str:
+        """Write the terrain as float64 GeoTIFF with the transform of its source.
+
+        Parameters
+        ----------
+        terrain : Terrain
+
+        Returns
+        -------
+        str
+            Digest (SHA-256) of the file.
+        """
         path = self.place / TERRAIN_FILE
         rows, columns = terrain.elevation.shape
         profile = {
@@ -313,8 +389,13 @@ class RunFolder:
                 target.update_tags(**{name: str(value) for name, value in terrain.reprojection.facts().items()})
         return file_sha256(path)
 
-    def write_frame(self, frame):
-        """Write the next frame, numbered in the order of writing; only the newest two keep the restart state."""
+    def write_frame(self, frame: "Frame") -> None:
+        """Write the next frame, numbered in the order of writing; only the newest two keep the restart state.
+
+        Parameters
+        ----------
+        frame : Frame
+        """
         content = write_frame(self._frame_path(self.frames), frame, self.result)
         self.frames += 1
         if self.result is not None:
@@ -323,19 +404,30 @@ class RunFolder:
             self._take_over()
         self._drop_older_state()
 
-    def newest_frame(self):
-        """Path of the frame that a run continues from."""
+    def newest_frame(self) -> Path:
+        """Return the path of the frame that a run continues from."""
         return self._frame_path(self.frames - 1)
 
-    def pass_frame(self, frame):
-        """Count the next frame and add it to the digest of the result, without writing it."""
+    def pass_frame(self, frame: "Frame") -> None:
+        """Count the next frame and add it to the digest of the result, without writing it.
+
+        Parameters
+        ----------
+        frame : Frame
+        """
         before, self._passed = self.result, (self.frames, frame, self.result)
         self.frames += 1
         if before is not None:
             self.result = result_after(before, content_digest(frame))
 
-    def keep_frame(self, frame=None):
-        """Write the next frame, or without `frame` the newest that was passed; keep the first and the newest two."""
+    def keep_frame(self, frame: "Frame | None" = None) -> None:
+        """Write the next frame; keep the first and the newest two.
+
+        Parameters
+        ----------
+        frame : Frame, optional
+            Default: the newest one that was passed.
+        """
         if frame is not None:
             self.write_frame(frame)
         elif self._passed is not None:
@@ -355,8 +447,14 @@ class RunFolder:
     def _frame_path(self, number):
         return self.place / f"frame_{number:06d}.h5"
 
-    def write_record(self, **record):
-        """Write `run.json`: versions, effects and reasons, balances, timings, state, digest of the result."""
+    def write_record(self, **record: object) -> None:
+        """Write `run.json`: versions, effects and reasons, balances, timings, state, digest of the result.
+
+        Parameters
+        ----------
+        **record
+            Entries of the record, values that JSON can hold.
+        """
         whole = {"format": _FORMAT, "format_version": 1, "versions": versions(), **record}
         if record.get("state") != "running":
             whole["result_digest"] = self.result
@@ -372,8 +470,8 @@ class RunFolder:
             self.path.rmdir()
 
 
-def _is_of_a_run(file):
-    """Whether a run wrote the record `file`; an unreadable file counts as a damaged record."""
+def _is_of_a_run(file: Path) -> bool:
+    """Return whether a run wrote the record `file`; an unreadable file counts as a damaged record."""
     if status(file) is None:
         return False
     if not file.is_file():
@@ -385,13 +483,24 @@ def _is_of_a_run(file):
     return isinstance(record, dict) and record.get("format") == _FORMAT
 
 
-def read_record(folder, fix="remove it"):
-    """The record of the run in `folder`; {} where there is none.
+def read_record(folder: str | Path, fix: str = "remove it") -> dict:
+    """Read the record of the run in `folder`.
+
+    Parameters
+    ----------
+    folder : str or Path
+    fix : str
+        Advice in the message of an error.
+
+    Returns
+    -------
+    dict
+        Empty where there is no record.
 
     Raises
     ------
     FormatError
-        `run.json` cannot be read, or a run did not write it; `fix` is the advice in the message.
+        `run.json` cannot be read, or a run did not write it.
     """
     file = Path(folder) / RECORD_FILE
     if not file.is_file():
@@ -419,8 +528,8 @@ def _require_shape(record, wrong, fix):
         _require_shape(stage, wrong, fix)
 
 
-def versions():
-    """Versions of the software that computes a result."""
+def versions() -> dict[str, str]:
+    """Return the versions of the software that computes a result."""
     return {
         "mpmgis": __version__,
         "python": platform.python_version(),

@@ -19,14 +19,20 @@ _OWN = re.compile(rf"(.*)_(\d{{4,}}|{'|'.join(_SUMMARIES)})\.(tif|qml)", re.DOTA
 _LEFT_OVER = tuple(f"{place}.*.part[0-9]*.{suffix}" for place in ("", f"{RASTERS}/") for suffix in ("tif", "qml"))
 
 
-def map_names(folder):
-    """Names with which the rasters of the run in `folder` begin, sorted; more than one only if files were added."""
+def map_names(folder: str | Path) -> list[str]:
+    """Return the names with which the rasters of a run begin, sorted; more than one only if files were added.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the run.
+    """
     first = sorted((Path(folder) / MAPS / RASTERS).glob(f"*{_FIRST}"))
     return [path.name.removesuffix(_FIRST) for path in first if _is_of_a_run(path)]
 
 
-def _is_of_a_run(path):
-    """Whether a run or an export wrote the raster at `path`."""
+def _is_of_a_run(path: Path) -> bool:
+    """Return whether a run or an export wrote the raster at `path`."""
     try:
         with rasterio.open(path) as source:
             return "digest" in source.tags(ns=NAMESPACE)
@@ -34,8 +40,14 @@ def _is_of_a_run(path):
         return False
 
 
-def map_files(folder):
-    """Paths of the rasters of a run in its `folder`, the first step last; files with other names are not of the run."""
+def map_files(folder: str | Path) -> list[Path]:
+    """Return the paths of the rasters of a run, the first step last; files with other names are not of the run.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the run.
+    """
     maps = Path(folder) / MAPS
     if not maps.is_dir():
         return []
@@ -46,18 +58,26 @@ def map_files(folder):
     return sorted({*left_over, *rasters, *terrain}, key=lambda path: (path.name.endswith(_FIRST), path))
 
 
-def _name_of(path):
-    """The name of the run in the name of one of its rasters; None for other files."""
+def _name_of(path: Path) -> str | None:
+    """Return the name of the run in the name of one of its rasters; None for other files."""
     found = _OWN.fullmatch(path.name)
     return found and found[1]
 
 
-def refuse_other_maps(folder, record):
-    """Refuse links in `maps/`, and a `maps/` that the run of the `record` did not write.
+def refuse_other_maps(folder: str | Path, record: dict) -> None:
+    """Refuse links in `maps/`, and a `maps/` that the run of the record did not write.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the run.
+    record : dict
+        Record of the run, empty where there is none.
 
     Raises
     ------
     OutputError
+        `maps/` is a link, contains one, or is not of the run.
     """
     maps = Path(folder) / MAPS
     if not maps.exists() and not maps.is_symlink():
@@ -72,20 +92,37 @@ def refuse_other_maps(folder, record):
     refuse_links(maps / RASTERS)
 
 
-def has_rasters(record):
-    """Whether the run of a `record` wrote rasters, and particles only for a restart."""
+def has_rasters(record: dict) -> bool:
+    """Return whether a run wrote rasters, and particles only for a restart.
+
+    Parameters
+    ----------
+    record : dict
+        Record of the run.
+    """
     output = (record.get("scene") or {}).get("output")
     return isinstance(output, dict) and output.get("rasters") is True
 
 
-def run_of_maps(folder):
-    """The folder of the run that wrote the rasters in `folder`; None for other folders."""
+def run_of_maps(folder: str | Path) -> Path | None:
+    """Return the folder of the run that wrote the rasters in `folder`; None for other folders.
+
+    Parameters
+    ----------
+    folder : str or Path
+    """
     place = Path(folder).resolve()
     return place.parent if place.name == MAPS and (place.parent / "run.json").is_file() else None
 
 
-def remove_maps(folder):
-    """Remove the rasters of a run in its `folder`, and folders that are then empty."""
+def remove_maps(folder: str | Path) -> None:
+    """Remove the rasters of a run, and folders that are then empty.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the run.
+    """
     for path in map_files(folder):
         path.unlink()
     for place in (Path(folder) / MAPS / RASTERS, Path(folder) / MAPS):
@@ -93,8 +130,21 @@ def remove_maps(folder):
             place.rmdir()
 
 
-def remove_summaries(folder, name):
-    """Remove the rasters of all steps of the run `name`, which are those until its last end."""
+def remove_summaries(folder: str | Path, name: str) -> None:
+    """Remove the rasters that summarise all steps of a run; a run that continues writes them again at its end.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the run.
+    name : str
+        Name with which its rasters begin.
+
+    Raises
+    ------
+    OutputError
+        A raster cannot be removed.
+    """
     for word in _SUMMARIES:
         for suffix in ("tif", "qml"):
             path = Path(folder) / MAPS / RASTERS / f"{name}_{word}.{suffix}"
@@ -104,8 +154,14 @@ def remove_summaries(folder, name):
                 raise output_error(path, error) from error
 
 
-def move_maps(source, folder):
-    """Move the rasters of a run from the folder `source` to `folder`."""
+def move_maps(source: str | Path, folder: str | Path) -> None:
+    """Move the rasters of a run to another folder.
+
+    Parameters
+    ----------
+    source, folder : str or Path
+        Folders of the run, old and new.
+    """
     for path in map_files(source):
         if path.name.startswith("."):  # of a killed process
             continue
@@ -114,8 +170,15 @@ def move_maps(source, folder):
         operating_system.replace(path, place)
 
 
-def assign_maps(folder, digest):
-    """Set the `digest` of the scene in the rasters of the run in `folder`, each atomically."""
+def set_digest_of_maps(folder: str | Path, digest: str) -> None:
+    """Set the digest of the scene in the rasters of a run, each atomically.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the run.
+    digest : str
+    """
     for path in map_files(folder):
         if path.suffix != ".tif" or path.name.startswith("."):
             continue

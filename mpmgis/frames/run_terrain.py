@@ -1,27 +1,50 @@
-"""The DTM of a run: that of the user, or the one that the frames name."""
+"""DTM of a run: that of the user, or the one that the frames name."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..system.disguised_files import require_local
 from ..system.errors import GeoreferenceError, InputError, OutputError
 from ..system.links import is_above
 from ..system.messages import log
 from ..terrain.dtm import read_terrain
+from ..terrain.elevation import Terrain
 from ..terrain.georeference import AUTO, LOCAL, name_of, same_place, warp_command
 from ..terrain.raster_input import open_raster
 
 
-def refuse_within(output, path):
-    """Raise OutputError if the folder `output`, which will be replaced, contains the input at `path`."""
+def refuse_within(output: Path, path: Path) -> None:
+    """Raise unless an input lies outside the folder that will be replaced.
+
+    Parameters
+    ----------
+    output : Path
+        Folder that will be replaced.
+    path : Path
+        Path of the input.
+
+    Raises
+    ------
+    OutputError
+        The folder contains the input.
+    """
     if is_above(output, path.resolve()):
         raise OutputError(f"{output} contains the input {path.name} and would be replaced; give another `output`")
 
 
-def run_terrain(source, entries, output):
-    """The DTM of the request, or the one named in the frames. Its CRS must be that of the frames.
+def run_terrain(source: Any, entries: Sequence, output: Path | None) -> Terrain:
+    """Read the DTM of the request, or the one named in the frames. Its CRS must be that of the frames.
 
-    `output` is the folder to write, None if nothing is written.
+    Parameters
+    ----------
+    source : DeclaredByUser
+        DTM, CRS and band in the request.
+    entries : sequence of FrameEntry
+        Frames of the run.
+    output : Path or None
+        Folder to write, None if nothing is written.
 
     Raises
     ------
@@ -62,22 +85,30 @@ def run_terrain(source, entries, output):
     return terrain
 
 
-def _target(source, header):
-    """CRS for the DTM: that of `to_crs` (auto: that of the frames), or the one that the frames were made with."""
+def _target(source: Any, header: Any) -> str | None:
+    """Return the CRS for the DTM: that of `to_crs` (auto: that of the frames), or the one recorded in the frames."""
     if source.to_crs == AUTO:
         return (_crs_option(header.crs) if header.crs is not None else None) or AUTO
     return source.to_crs or (header.header.get("to_crs") if source.dem is None else None)
 
 
-def terrain_of_rasters(path, crs, band=None, to_crs=None):
-    """The DTM at `path` for rasters in `crs`, which is assumed if the DTM has no CRS.
+def terrain_of_rasters(path: str | Path, crs: Any, band: int | None = None, to_crs: str | None = None) -> Terrain:
+    """Read a DTM for rasters in a given CRS, which is assumed if the DTM has no CRS.
 
-    `to_crs` is as for `read_terrain`, auto the CRS of the rasters.
+    Parameters
+    ----------
+    path : str or Path
+        Path of the DTM.
+    crs : pyproj.CRS or None
+        CRS of the rasters.
+    band : int, optional
+    to_crs : str, optional
+        As for `read_terrain`; auto is the CRS of the rasters.
 
     Raises
     ------
     GeoreferenceError
-        It has another CRS.
+        The DTM has another CRS.
     """
     if to_crs == AUTO and crs is not None:
         to_crs = _crs_option(crs) or AUTO
@@ -91,8 +122,8 @@ def terrain_of_rasters(path, crs, band=None, to_crs=None):
     return replace(terrain, grid=replace(terrain.grid, crs=crs))
 
 
-def _reprojection(path, crs):
-    """Command that reprojects the DTM at `path` to `crs`; "" if `crs` has no EPSG code."""
+def _reprojection(path: Path, crs: Any) -> str:
+    """Return advice on how to reproject the DTM at `path` to `crs`; "" if `crs` has no EPSG code."""
     code = None if crs is None else crs.to_epsg()
     return f", or `to_crs=auto`, or reproject it: {warp_command(path, f'EPSG:{code}')}" if code else ""
 
@@ -102,8 +133,8 @@ def _carries_crs(path):
         return source.crs is not None
 
 
-def _crs_option(crs):
-    """Value of the option `crs` for `crs`; None if it has no EPSG code."""
+def _crs_option(crs: Any) -> str | None:
+    """Return the value of the option `crs` for `crs`; None if it has no EPSG code."""
     if crs is None:
         return "local"
     code = crs.to_epsg()

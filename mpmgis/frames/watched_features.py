@@ -1,23 +1,37 @@
-"""Map places of outflow: over an edge of the DTM, into a nodata collar, into a hole.
-
-Inactive features on the map: an effect is switched on before the flow reaches its feature.
+"""Inactive features on the map: an effect is switched on before the flow reaches its feature.
 
 The kernels stop before a step in which a particle would add mass to a block of nodes with such a feature.
 An effect acts only on its own nodes, so switching it on at that moment gives the same result as from
 the start: no step is repeated, and no flow is ever on a feature whose effect is off.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-STATE = "taken_in"  # of a frame: float64[features, 4], TAKEN, TIME, EAST, NORTH of each
-TAKEN, TIME, EAST, NORTH, ENTRIES = range(5)
+STATE = "taken_in"  # name in the restart state of a frame: float64[features, ENTRIES]
+# entries of the state of a feature
+TAKEN = 0  # [1] 1 where the effect is on
+TIME = 1  # [s] when the flow reached it
+EAST = 2  # [m] map position of the particle that reached it
+NORTH = 3  # [m]
+ENTRIES = 4
 MOST_FEATURES = 8  # bits of the mark of a block of nodes
 
 
 class Feature(NamedTuple):
-    """A spatial effect of a scene that is off; `nodes` bool[ny + 3, nx + 3] are the nodes on which it would act."""
+    """A spatial effect of a scene that is off.
+
+    Parameters
+    ----------
+    effect : str
+        Name, as in a Decision.
+    words : str
+        Description, and the reason for which it is off.
+    nodes : bool[ny + 3, nx + 3]
+        Nodes on which it would act.
+    """
 
     effect: str  # as in a Decision
     words: str  # description, and reason for which it is off
@@ -25,7 +39,16 @@ class Feature(NamedTuple):
 
 
 class TakenIn(NamedTuple):
-    """Time [s] and place (map E, N [m] of a particle) where the flow reached a feature and switched its effect on."""
+    """Time and place where the flow reached a feature and switched its effect on.
+
+    Parameters
+    ----------
+    effect, words : str
+        As in Feature.
+    time : float [s]
+    east, north : float [m]
+        Map position of a particle that reached it.
+    """
 
     effect: str
     words: str
@@ -33,8 +56,8 @@ class TakenIn(NamedTuple):
     east: float
     north: float
 
-    def line(self):
-        """As a message."""
+    def line(self) -> str:
+        """Return a message about it."""
         return (
             f"t = {self.time:.2f} s, E {self.east:.1f} N {self.north:.1f}: the flow comes to {self.words}; the effect "
             f"'{self.effect}' is on from here"
@@ -49,22 +72,33 @@ class Watch:
     features : sequence of Feature
     with_effects : callable
         (names of additional effects) -> (effects, Places, walls) for the solver.
+
+    Raises
+    ------
+    ValueError
+        More features than MOST_FEATURES.
     """
 
-    def __init__(self, features, with_effects):
+    def __init__(self, features: Sequence[Feature], with_effects: Callable[[tuple[str, ...]], tuple]):
         self.features, self.with_effects = tuple(features), with_effects
         if len(self.features) > MOST_FEATURES:
             raise ValueError(f"{len(self.features)} features are watched, at most {MOST_FEATURES} can be")
         self.state = np.zeros((len(self.features), ENTRIES))
 
     @property
-    def taken_in(self):
-        """tuple of TakenIn so far."""
+    def taken_in(self) -> tuple[TakenIn, ...]:
+        """Features that the flow has reached so far."""
         pairs = zip(self.features, self.state.tolist(), strict=True)
         return tuple(TakenIn(f.effect, f.words, *row[TIME:]) for f, row in pairs if row[TAKEN])
 
-    def marks(self):
-        """uint8[ny + 3, nx + 3]: bit k at the nodes of feature k that is not taken in yet; None where all are."""
+    def marks(self) -> np.ndarray | None:
+        """Return bit k at the nodes of each feature k that is still off.
+
+        Returns
+        -------
+        uint8[ny + 3, nx + 3] or None
+            None where all features are on.
+        """
         if self.state[:, TAKEN].all():
             return None
         marks = np.zeros(self.features[0].nodes.shape, np.uint8)
@@ -74,14 +108,37 @@ class Watch:
         return marks
 
 
-def block_marks(marks, block):
-    """uint8[block rows, block columns]: `marks` [rows, columns] combined over each block of `block` x `block` nodes."""
+def block_marks(marks: np.ndarray, block: int) -> np.ndarray:
+    """Combine the marks of nodes over blocks of nodes.
+
+    Parameters
+    ----------
+    marks : uint8[rows, columns]
+    block : int
+        Nodes along a side of a block.
+
+    Returns
+    -------
+    uint8[block rows, block columns]
+    """
     rows, columns = (-(-n // block) for n in marks.shape)
     padded = np.pad(marks, ((0, rows * block - marks.shape[0]), (0, columns * block - marks.shape[1])))
     return np.bitwise_or.reduce(padded.reshape(rows, block, columns, block), axis=(1, 3))
 
 
-def marks_reached(blocks, row, column):
-    """uint8[n]: marks of the blocks that particles in the blocks `row`, `column` reach: theirs and the next ones."""
+def marks_reached(blocks: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Return the marks of the blocks that particles reach: their own block and the next ones.
+
+    Parameters
+    ----------
+    blocks : uint8[block rows, block columns]
+        Marks from `block_marks`.
+    row, column : int[n]
+        Block of each particle.
+
+    Returns
+    -------
+    uint8[n]
+    """
     beyond = np.pad(blocks, ((0, 2), (0, 2)))
     return beyond[row, column] | beyond[row + 1, column] | beyond[row, column + 1] | beyond[row + 1, column + 1]

@@ -1,6 +1,7 @@
 """Seeding of columns on a terrain: Algorithm 1 of MOX report 15/2025."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,21 +10,24 @@ from .. import __version__
 from ..frames.particles import Frame, Particles
 from ..system.errors import InputError
 from ..system.messages import log
+from ..terrain.dtm import TerrainFile
+from ..terrain.elevation import Terrain
 from ..terrain.georeference import name_of
-from ..terrain.grid import Grid
-from ..terrain.release_parts import require_on_terrain
-from . import cell_fill, raster_values
+from ..terrain.release_parts import ReleaseArea, require_on_terrain
+from . import raster_values
 from .column_sources import column_sources
-from .release_bed import bed_under, deposit_of, extended_elevation, steepness
+from .part_scene import PartScene
+from .release_bed import bed_under, extended_elevation, steepness
+from .release_thickness import PartVolume, part_volume
 from .seeding_options import SeedOptions
 
-THINNEST = 1e-9  # [m] mean thickness of a release
-_LARGEST_CLOSURE = 0.02  # beyond it the region is too coarse for its raster
-_SLAB = 1 << 20  # [columns]
+THINNEST = 1e-9  # [m] mean thickness of a release; no unit of length makes a flow of less
+_LARGEST_CLOSURE = 0.02  # [1] of the volume; with more the thickness raster is too coarse for the columns
+_SLAB = 1 << 20  # [columns] made at a time; 100 MB
 
 
-def seed_columns(terrain, release, **options):
-    """Columns of material on `terrain`: a Frame of dimension 2 at time 0.
+def seed_columns(terrain: Terrain, release: ReleaseArea, **options: object) -> Frame:
+    """Seed columns of material on a terrain, at time 0.
 
     Parameters
     ----------
@@ -31,13 +35,14 @@ def seed_columns(terrain, release, **options):
     release : ReleaseArea
         In the terrain's CRS.
     **options
-        As in `SeedOptions`: cell_size, anchor, per_cell | count | spacing, points, mass, density, refine_slope,
+        Fields of `SeedOptions`: cell_size, anchor, per_cell | count | spacing, points, mass, density, refine_slope,
         velocity, seed.
 
     Returns
     -------
     Frame
-        Its origin is the terrain's south-west corner in whole metres at height 0; its `header` has the seed's record.
+        Of dimension 2. Its origin is the terrain's south-west corner in whole metres at height 0; its `header` has the
+        seed's record.
 
     Raises
     ------
@@ -47,24 +52,36 @@ def seed_columns(terrain, release, **options):
     return plan_seed(terrain, release, **options).frame()
 
 
-def plan_seed(terrain, release, **options):
-    """As `seed_columns`, but answers a `Seed` whose columns are still to be made, in slabs of any size.
+def plan_seed(terrain: Terrain | TerrainFile, release: ReleaseArea, **options: object) -> "Seed":
+    """Plan columns of material on a terrain; they are made later, in slabs of any size.
 
-    `terrain` may be a TerrainFile, too: no more of it is read than what lies under the release.
+    Parameters
+    ----------
+    terrain : Terrain or TerrainFile
+        Of a TerrainFile no more is read than what lies under the release.
+    release : ReleaseArea
+        In the terrain's CRS.
+    **options
+        Fields of `SeedOptions`.
+
+    Raises
+    ------
+    InputError
+        As from `seed_columns`.
     """
     options = SeedOptions(**options)
     for part in release.parts:
         require_on_terrain(part, terrain.grid)
     near = bed_under(release.parts, terrain)
-    deposits = [deposit_of(part, release.thickness_mode, near) for part in release.parts]
-    _require_thickness(deposits)
+    volumes = [part_volume(part, release.thickness_mode, near) for part in release.parts]
+    _require_thickness(volumes)
     origin = float(math.floor(terrain.grid.bounds[0])), float(math.floor(terrain.grid.bounds[1]))
     bed = np.ascontiguousarray(extended_elevation(near))
-    scenes = [PartScene(origin, bed, near.grid, d.raster.values, d.raster.grid) for d in deposits]
+    scenes = [PartScene(origin, bed, near.grid, d.raster.values, d.raster.grid) for d in volumes]
     slope = (steepness(near), near.grid) if options.refine_slope else None
-    sources = column_sources(terrain.grid, release, deposits, scenes, slope, options)
-    closure = _close(sources, scenes, deposits, options)
-    record = _record(terrain, release, options, deposits, closure)
+    sources = column_sources(terrain.grid, release, volumes, scenes, slope, options)
+    closure = _close(sources, scenes, volumes, options)
+    record = _record(terrain, release, options, volumes, closure)
     if options.mass == "paper":
         log.info(
             f"mass 'paper' gives every column the same mass whatever its thickness, so a grid sees the mean thickness: "
@@ -74,30 +91,18 @@ def plan_seed(terrain, release, **options):
 
 
 @dataclass(frozen=True, eq=False)
-class PartScene:
-    """What a kernel reads for one part: bed and vertical thickness rasters [m] on their grids, origin (x, y) [m]."""
-
-    origin: tuple
-    bed: np.ndarray
-    bed_grid: Grid
-    thickness: np.ndarray
-    thickness_grid: Grid
-
-    def ground(self, lattice, window, law):
-        """The Ground of kernels for the cells of `window`; `law` as in `Ground`."""
-        return cell_fill.Ground(
-            lattice.map_affine(window, self.origin),
-            self.bed,
-            lattice.raster_affine(window, self.bed_grid),
-            self.thickness,
-            lattice.raster_affine(window, self.thickness_grid),
-            law,
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class _Closure:
-    """How the columns' mass meets the reference: `law` (factor, density, volume of every column or 0) for kernels."""
+    """Closure of the columns' mass to the reference volume.
+
+    Parameters
+    ----------
+    law : float64[3]
+        Factor, density, volume of every column or 0, as in Ground.
+    volume : float [m3]
+        Reference volume.
+    lightest, heaviest : float [m3]
+        Smallest and largest volume of a column.
+    """
 
     law: np.ndarray
     volume: float
@@ -105,18 +110,18 @@ class _Closure:
     heaviest: float
 
 
-def _require_thickness(deposits):
+def _require_thickness(volumes):
     """Refuse a release whose mean thickness is below THINNEST: no unit of length makes one of a flow."""
-    mean = math.fsum(deposit.volume for deposit in deposits) / math.fsum(deposit.area for deposit in deposits)
+    mean = math.fsum(part.volume for part in volumes) / math.fsum(part.area for part in volumes)
     if not mean >= THINNEST:
         raise InputError(
             f"release: its mean thickness is {mean:.3g} m, expected at least {THINNEST:g} m; check the thickness's unit"
         )
 
 
-def _close(sources, scenes, deposits, options):
-    """Closure of the total mass: one factor k for mode T, one mass for modes E and P."""
-    volume = math.fsum(deposit.volume for deposit in deposits)
+def _close(sources: list, scenes: list[PartScene], volumes: list[PartVolume], options: SeedOptions) -> _Closure:
+    """Return the closure of the total mass: one factor k for mode T, one mass for modes E and P."""
+    volume = math.fsum(part.volume for part in volumes)
     number = sum(source.count for source in sources)
     if options.mass != "thickness":
         each = volume / number
@@ -134,11 +139,17 @@ def _close(sources, scenes, deposits, options):
     return _Closure(np.array([factor, options.density, 0.0]), volume, lightest, heaviest)
 
 
-def _record(terrain, release, options, deposits, closure):
-    """Record of the seed for the frame's header: plain numbers and strings."""
-    area = math.fsum(deposit.area for deposit in deposits)
+def _record(
+    terrain: Terrain | TerrainFile,
+    release: ReleaseArea,
+    options: SeedOptions,
+    volumes: list[PartVolume],
+    closure: _Closure,
+) -> dict:
+    """Return the record of the seed for the frame's header: plain numbers and strings."""
+    area = math.fsum(part.area for part in volumes)
     mean = closure.volume / area
-    mean_square = math.fsum(deposit.square for deposit in deposits) / area
+    mean_square = math.fsum(part.square for part in volumes) / area
     error = math.sqrt(max(mean_square - mean**2, 0.0) / mean_square)
     cells = options.cells(terrain.grid)
     record = {
@@ -173,22 +184,47 @@ def _record(terrain, release, options, deposits, closure):
 class Seed:
     """A planned seed: everything is counted and closed, the columns themselves are made slab by slab.
 
+    Parameters
+    ----------
+    sources : list
+        Sources of columns, one a part of the release.
+    scenes : list of PartScene
+    law : float64[3]
+        As in Ground.
+    terrain : Terrain
+        Part of the terrain around the release.
+    velocity : (float, float) [m s-1]
+        To the east and north.
+    origin : (float, float) [m]
+        x, y of the particles' origin.
+    record : dict
+
     Attributes
     ----------
     count : int
+        Number of columns.
     record : dict
         Numbers and strings that go into the frame's header; among them `reference_volume` [m3], `reference_mass` [kg]
         and `closure_factor` [1].
     """
 
-    def __init__(self, sources, scenes, law, terrain, velocity, origin, record):
+    def __init__(
+        self,
+        sources: list,
+        scenes: list[PartScene],
+        law: np.ndarray,
+        terrain: Terrain,
+        velocity: tuple[float, float],
+        origin: tuple[float, float],
+        record: dict,
+    ):
         self._sources, self._scenes, self._law = sources, scenes, law
         self._terrain, self._velocity, self._origin = terrain, tuple(map(float, velocity)), origin
         self.count = sum(source.count for source in sources)
         self.record = record
 
-    def empty_frame(self):
-        """The Frame without its particles: time, CRS, origin, header."""
+    def empty_frame(self) -> Frame:
+        """Return the Frame without its particles: time, CRS, origin, header."""
         return Frame(
             Particles(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0)),
             dimension=2,
@@ -200,26 +236,36 @@ class Seed:
             header=self.record | self._terrain_facts(),
         )
 
-    def _terrain_facts(self):
-        """What the file of the DTM has to be brought to, where it is not in metres, or not in the CRS of the frame."""
+    def _terrain_facts(self) -> dict:
+        """Return how the file of the DTM is reprojected, where it is not in metres, or not in the CRS of the frame."""
         how = self._terrain.reprojection
         return {} if how is None else {"to_crs": how.word, "dem_crs": name_of(how.source)}
 
-    def frame(self):
-        """All columns in one Frame."""
+    def frame(self) -> Frame:
+        """Return all columns in one Frame."""
         (particles,) = self.slabs(self.count)
         return replace(self.empty_frame(), particles=particles)
 
-    def slabs(self, size=_SLAB):
-        """Particles in order, about `size` at a time (at least one row of cells)."""
+    def slabs(self, size: int = _SLAB) -> Iterator[Particles]:
+        """Yield the particles in order, slab by slab.
+
+        Parameters
+        ----------
+        size : int
+            About so many particles at a time; at least one row of cells.
+
+        Yields
+        ------
+        Particles
+        """
         start = 0
         for group in self._groups(size):
             particles = self._fill(group, start)
             start += len(particles)
             yield particles
 
-    def _groups(self, size):
-        """Lists of (source, scene, first block, block after the last) that hold at most about `size` columns."""
+    def _groups(self, size: int) -> Iterator[list[tuple]]:
+        """Yield lists of (source, scene, first block, block after the last) that hold at most about `size` columns."""
         group, held = [], 0
         for source, scene in zip(self._sources, self._scenes, strict=True):
             first, blocks = 0, len(source.counts)
@@ -250,8 +296,8 @@ class Seed:
         number = np.arange(start, start + n, dtype=np.uint64)
         return Particles(position, self._tangent_velocity(position), mass, volume, thickness, area, number)
 
-    def _tangent_velocity(self, position):
-        """float64[n, 3] [m s-1]: the given (east, north) velocity with the vertical part u . grad b."""
+    def _tangent_velocity(self, position: np.ndarray) -> np.ndarray:
+        """Return the given (east, north) velocity with the vertical part u . grad b, float64[n, 3] [m s-1]."""
         velocity = np.zeros((len(position), 3))
         if any(self._velocity):
             near = self._terrain.grid.moved(-self._origin[0], -self._origin[1])

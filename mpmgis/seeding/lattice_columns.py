@@ -1,14 +1,15 @@
-"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon.
-
-Lattices, and what a polygon covers of them: exact areas and centroids, no supersampling.
-"""
+"""Columns on a lattice: whole cells tiled, rim cells cut exactly to the polygon."""
 
 from functools import cached_property
 
 import numpy as np
+import shapely
 
+from ..terrain.grid import Grid
 from . import cell_fill, polygon_cover, polygon_points, rim_pieces
-from .lattice import Outline
+from .lattice import Lattice, Outline
+from .part_scene import PartScene
+from .polygon_cover import Cover
 
 KINDS = {
     "lattice": cell_fill.CENTRED,
@@ -16,13 +17,26 @@ KINDS = {
     "jittered": cell_fill.JITTERED,
     "random": cell_fill.RANDOM,
 }
-_REGULAR = 2.0  # longest side over shortest that a regular tiling may have
+_REGULAR = 2.0  # [1] largest ratio of a tile's sides; beyond it the rows of a cell share the tiles unevenly
 
 
-def tiling_rows(count, aspect):
-    """(rows, regular?): how many rows of tiles cut a cell of height over width `aspect` into `count` equal tiles.
+def tiling_rows(count: int, aspect: float) -> tuple[int, bool]:
+    """Return how many rows of tiles cut a cell into equal tiles.
 
-    The divisor that makes the tiles squarest; where all are longer than 2 : 1, rows that share `count` unevenly.
+    It is the divisor that makes the tiles squarest; where all are longer than 2 : 1, rows share `count` unevenly.
+
+    Parameters
+    ----------
+    count : int
+        Number of tiles.
+    aspect : float
+        Height of the cell over its width.
+
+    Returns
+    -------
+    rows : int
+    regular : bool
+        Whether all rows have the same number of tiles.
     """
     small = np.arange(1, int(np.sqrt(count)) + 1)
     small = small[count % small == 0]
@@ -35,9 +49,16 @@ def tiling_rows(count, aspect):
 
 
 class Tiling:
-    """How many particles a cell gets, and how it is cut: ``n0 (1 + beta min(tan slope, 1))``."""
+    """Number of particles of a cell, and its cut: ``n0 (1 + beta min(tan slope, 1))``.
 
-    def __init__(self, n0, beta, aspect):
+    Parameters
+    ----------
+    n0, beta : float
+    aspect : float
+        Height of a cell over its width.
+    """
+
+    def __init__(self, n0: float, beta: float, aspect: float):
         self.n0, self.beta, self.aspect = float(n0), float(beta), aspect
         self.largest = int(n0) if beta == 0 else int(np.ceil(n0 * (1 + beta))) + 1
         lowest = int(n0) if beta == 0 else max(int(n0), 1)
@@ -45,20 +66,59 @@ class Tiling:
         for count in range(lowest, self.largest + 1):
             self.rows[count] = tiling_rows(count, aspect)[0]
 
-    def cut(self, count):
-        """(across, down): the regular cut of a rim cell that comes closest to `count` sub-squares."""
+    def cut(self, count: int) -> tuple[int, int]:
+        """Return the regular cut of a rim cell that comes closest to a number of sub-squares.
+
+        Parameters
+        ----------
+        count : int
+
+        Returns
+        -------
+        across, down : int
+            Number of sub-squares along the cell's sides.
+        """
         down = int(self.rows[count])
         return max(1, round(count / down)), down
 
 
 class LatticeColumns:
-    """The columns of one polygon on a lattice, row of cells by row of cells.
+    """Columns of one polygon on a lattice, row of cells by row of cells.
 
-    `counts` int64[blocks] is the number of columns in each row; `mergeable` is the number of pieces at the rim,
-    `joined` how many slivers went into them.
+    Parameters
+    ----------
+    polygon : Polygon or MultiPolygon [m]
+    lattice : Lattice
+    tiling : Tiling
+    kind : str
+        Arrangement in a cell, a key of KINDS.
+    seed : int
+        Of the random numbers.
+    slope : (float64[rows, columns], Grid), optional
+        tan of the slope, for refinement.
+    forced : int
+        So many of the smallest pieces at the rim are joined to others, whatever their size.
+
+    Attributes
+    ----------
+    counts : int64[blocks]
+        Number of columns in each row of cells.
+    mergeable : int
+        Number of pieces at the rim.
+    joined : int
+        Number of slivers that went into them.
     """
 
-    def __init__(self, polygon, lattice, tiling, kind, seed, slope=None, forced=0):
+    def __init__(
+        self,
+        polygon: shapely.Geometry,
+        lattice: Lattice,
+        tiling: Tiling,
+        kind: str,
+        seed: int,
+        slope: tuple[np.ndarray, Grid] | None = None,
+        forced: int = 0,
+    ):
         self.lattice, self.tiling, self.kind, self.seed = lattice, tiling, KINDS[kind], int(seed)
         self.outline = Outline.of(polygon, lattice)
         self.window = self.outline.window
@@ -92,8 +152,8 @@ class LatticeColumns:
             tiling.largest,
         )
 
-    def _slivers(self, cover, forced):
-        """bool[m]: rim cells whose pieces may have to join others beyond the cell."""
+    def _slivers(self, cover: Cover, forced: int) -> np.ndarray:
+        """Return which rim cells have pieces that may have to join others beyond the cell, bool[m]."""
         if self.tiling.beta or forced:  # cells of several levels, or pieces joined for their number's sake
             return np.ones(len(cover.rim_key), bool)
         across, down = self.tiling.cut(int(self.tiling.n0))
@@ -101,8 +161,8 @@ class LatticeColumns:
         share = np.ascontiguousarray(fine.rim[:, 0])
         return rim_pieces.cells_with_slivers(cover.rim_key, cover.columns, fine.rim_key, share, across, down)
 
-    def _level(self, across, down):
-        """The Cover with every cell cut into `across` x `down` sub-squares, kept until the pieces are cut."""
+    def _level(self, across: int, down: int) -> Cover:
+        """Return the Cover with every cell cut into sub-squares; it is kept until the pieces are cut."""
         if (across, down) not in self._levels:
             self._levels[across, down] = self.outline.cover(across, down)
         return self._levels[across, down]
@@ -121,8 +181,8 @@ class LatticeColumns:
         self.piece_start = polygon_cover.row_starts(near[owner[alive], 0], self.window.rows)
         self._levels.clear()
 
-    def _cut(self, counts):
-        """(owner, pieces, sub-square sizes) of all near cells; cells of another count are cut at another level."""
+    def _cut(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return owner, pieces and sub-square sizes of all near cells; each number of particles has its own cut."""
         owners, pieces, cuts = [], [], []
         for count in np.unique(counts):
             across, down = self.tiling.cut(count)
@@ -137,16 +197,16 @@ class LatticeColumns:
         return owner[order], np.vstack([np.empty((0, 5)), *pieces])[order], np.vstack([np.empty((0, 2)), *cuts])[order]
 
     @cached_property
-    def piece(self):
-        """float64[n, 3]: (u, v, area [cells]) of the columns of all pieces, inside the polygon."""
+    def piece(self) -> np.ndarray:
+        """Columns of all pieces, inside the polygon: float64[n, 3], u, v, area [cells]."""
         owner, pieces, alone, cut = self._pieces
         self._keep_inside(pieces, alone, cut)
         if self.kind == cell_fill.RANDOM:
             self._scatter(owner, pieces, cut)
         return np.ascontiguousarray(pieces[:, :3])
 
-    def _keep_inside(self, pieces, alone, cut):
-        """A centroid outside the polygon goes to a point of its piece inside.
+    def _keep_inside(self, pieces: np.ndarray, alone: np.ndarray, cut: np.ndarray) -> None:
+        """Move each centroid outside the polygon to a point of its piece inside.
 
         `alone` float64[n, 2] are the centroids before slivers joined.
         """
@@ -172,15 +232,39 @@ class LatticeColumns:
         pieces[:, :2] = points
 
     @cached_property
-    def count(self):
-        """How many columns in all."""
+    def count(self) -> int:
+        """Number of columns in all."""
         return int(self.counts.sum())
 
-    def fill(self, first, last, scene, law, position=None, columns=None, at=0):
-        """Evaluate the rows first <= row < last; write them from `at` on if `position` is given.
+    def fill(
+        self,
+        first: int,
+        last: int,
+        scene: PartScene,
+        law: np.ndarray,
+        position: np.ndarray | None = None,
+        columns: np.ndarray | None = None,
+        at: int = 0,
+    ) -> np.ndarray:
+        """Evaluate the rows first <= row < last; write their columns if `position` is given.
 
-        `scene` is a `PartScene`; `law`, `position`, `columns` as in `Ground` and `Output`. Returns
-        float64[last - first, 3]: sum, smallest and largest of thickness times area [m3].
+        Parameters
+        ----------
+        first, last : int
+        scene : PartScene
+        law : float64[3]
+            As in Ground.
+        position : float64[n, 3], optional [m]
+            Filled, as in Output.
+        columns : float64[4, n], optional
+            Filled, as in Output.
+        at : int
+            Number of the first column in the arrays.
+
+        Returns
+        -------
+        float64[last - first, 3]
+            Sum, smallest and largest of thickness times area [m3] of each row.
         """
         offsets = at + np.concatenate(([0], np.cumsum(self.counts[first:last])))[:-1]
         write = position is not None

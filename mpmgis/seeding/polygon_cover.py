@@ -12,16 +12,27 @@ import numpy as np
 from ..compiled.jit import jit, jit_inline
 from .raster_values import valid_at
 
-_ROUNDING = 1e-9
-_NOTHING = 1e-13
+_ROUNDING = 1e-9  # [cells] a sum along a row this close to a whole number is one, up to rounding
+_NOTHING = 1e-13  # [cells] covered area that is rounding
 
 
 class Cover(NamedTuple):
     """Cells that a polygon covers: rim cells one by one, whole ones in spans of rows.
 
-    `rim_key` int64[m] is row * columns + column, `rim` float64[m, 4] (covered share, its centroid (u, v) in the cell,
-    edge pieces in the cell); `spans` int64[s, 3] (row, first column, column after the last). `rim_start` and
-    `span_start` int64[rows + 1] hold the start of each row.
+    Parameters
+    ----------
+    rows, columns : int
+        Size of the window of the lattice.
+    rim_key : int64[m]
+        row * columns + column of each rim cell, ascending.
+    rim : float64[m, 4]
+        Covered share, its centroid (u, v) in the cell, number of edge pieces in the cell.
+    rim_start : int64[rows + 1]
+        Start of each row in `rim_key`.
+    spans : int64[s, 3]
+        Row, first column, column after the last.
+    span_start : int64[rows + 1]
+        Start of each row in `spans`.
     """
 
     rows: int
@@ -33,12 +44,12 @@ class Cover(NamedTuple):
     span_start: np.ndarray
 
     @property
-    def area(self):
+    def area(self) -> float:
         """Covered area [cells]."""
         return float(self.rim[:, 0].sum() + (self.spans[:, 2] - self.spans[:, 1]).sum())
 
-    def cells(self):
-        """int64[n, 2]: (row, column) of every cell that is covered in part or whole."""
+    def cells(self) -> np.ndarray:
+        """Return row and column of every cell that is covered in part or whole, int64[n, 2]."""
         rim = np.column_stack((self.rim_key // self.columns, self.rim_key % self.columns))
         lengths = self.spans[:, 2] - self.spans[:, 1]
         rows = np.repeat(self.spans[:, 0], lengths)
@@ -49,7 +60,7 @@ class Cover(NamedTuple):
 
 @jit_inline
 def _emit(n, row, column, sign, xa, ya, xb, yb, columns, key, terms):
-    """One edge piece within cell (row, column): the area to its right inside the cell, by Green's theorem."""
+    """Add one edge piece within cell (row, column): the area to its right inside the cell, by Green's theorem."""
     xa, xb = min(max(xa - column, 0.0), 1.0), min(max(xb - column, 0.0), 1.0)
     ya, yb = ya - row, yb - row
     dy = sign * (yb - ya)
@@ -79,13 +90,13 @@ def _cut_in_row(n, row, sign, xa, ya, xb, yb, columns, key, terms):
 
 
 @jit
-def cut_edges(edges, columns):
+def cut_edges(edges: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
     """Cut polygon edges at the cells' borders.
 
     Parameters
     ----------
     edges : float64[n, 4]
-        (u0, v0, u1, v1), all within 0 <= v and 0 <= u < columns.
+        u0, v0, u1, v1, all within 0 <= v and 0 <= u < columns.
     columns : int
 
     Returns
@@ -123,16 +134,31 @@ def cut_edges(edges, columns):
 
 
 @jit
-def accumulate_cover(key, order, terms, columns, orientation):
-    """Rim cells and full spans from cut edges, row by row from left to right.
+def accumulate_cover(
+    key: np.ndarray, order: np.ndarray, terms: np.ndarray, columns: int, orientation: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute rim cells and whole spans from cut edges, row by row from left to right.
+
+    Parameters
+    ----------
+    key : int64[n]
+        From `cut_edges`.
+    order : int64[n]
+        Order of ascending `key`.
+    terms : float64[n, 5]
+        From `cut_edges`.
+    columns : int
+    orientation : float
+        1 or -1, so that the covered area is positive.
 
     Returns
     -------
-    rim_key : int64[m], ascending
+    rim_key : int64[m]
+        Ascending.
     rim : float64[m, 4]
         Covered share of the cell, its centroid (u, v) within the cell, number of edge pieces in it.
     spans : int64[s, 3]
-        (row, first column, column after the last) of cells without an edge and inside.
+        Row, first column, column after the last of cells without an edge and inside.
     """
     n = key.size
     rim_key, rim = np.empty(n, np.int64), np.empty((n, 4))
@@ -177,8 +203,20 @@ def accumulate_cover(key, order, terms, columns, orientation):
 
 
 @jit
-def row_starts(rows, count):
-    """int64[count + 1]: where each row starts in ascending `rows`."""
+def row_starts(rows: np.ndarray, count: int) -> np.ndarray:
+    """Return where each row starts in an ascending array of rows.
+
+    Parameters
+    ----------
+    rows : int64[n]
+        Ascending.
+    count : int
+        Number of rows.
+
+    Returns
+    -------
+    int64[count + 1]
+    """
     starts = np.zeros(count + 1, np.int64)
     for row in rows:
         starts[row + 1] += 1
@@ -188,8 +226,8 @@ def row_starts(rows, count):
 
 
 @jit_inline
-def _mark(status, row, cover, share, sliver):
-    """Status of the cells of `row`: 0 outside, 1 whole, 2 rim, 3 rim with a sliver in it."""
+def _mark(status: np.ndarray, row: int, cover: Cover, share: np.ndarray, sliver: np.ndarray) -> None:
+    """Set the status of the cells of `row`: 0 outside, 1 whole, 2 rim, 3 rim with a sliver in it."""
     status[:] = 0
     if row < 0 or row >= cover.rows:
         return
@@ -200,18 +238,25 @@ def _mark(status, row, cover, share, sliver):
 
 
 @jit
-def split_cells(cover, share, sliver):
-    """Part the covered cells into spans that need no care and cells at or near the rim.
+def split_cells(cover: Cover, share: np.ndarray, sliver: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Split the covered cells into spans of whole ones and cells at or near the rim.
 
-    Cells beside one with a sliver are cut into pieces like rim cells, because the sliver may join them. `share` and
-    `sliver` give for each rim cell how much of it is covered, and whether there is a sliver in it.
+    Cells beside one with a sliver are cut into pieces like rim cells, because the sliver may join them.
+
+    Parameters
+    ----------
+    cover : Cover
+    share : float64[m]
+        Covered share of each rim cell.
+    sliver : bool[m]
+        Whether there is a sliver in a rim cell.
 
     Returns
     -------
     inner : int64[s, 3]
-        (row, first column, column after the last).
+        Row, first column, column after the last.
     near : int64[m, 2]
-        (row, column), ascending.
+        Row and column, ascending.
     """
     rows, columns = cover.rows, cover.columns
     inner = np.empty((cover.spans.shape[0] + 9 * cover.rim_key.size + 1, 3), np.int64)
@@ -247,8 +292,16 @@ def split_cells(cover, share, sliver):
 
 
 @jit_inline
-def find(keys, first, last, key):
-    """Index of `key` in ascending keys[first:last], or -1."""
+def find_key(keys: np.ndarray, first: int, last: int, key: int) -> int:
+    """Return the index of a key in a part of ascending keys, or -1.
+
+    Parameters
+    ----------
+    keys : int64[n]
+    first, last : int
+        The part is keys[first:last].
+    key : int
+    """
     while first < last:
         middle = (first + last) // 2
         if keys[middle] < key:
@@ -261,8 +314,17 @@ def find(keys, first, last, key):
 
 
 @jit_inline
-def in_span(spans, first, last, column):
-    """Whether one of the spans first <= s < last contains `column`."""
+def in_span(spans: np.ndarray, first: int, last: int, column: int) -> bool:
+    """Return whether one of the spans of a row contains a column.
+
+    Parameters
+    ----------
+    spans : int64[s, 3]
+        Row, first column, column after the last.
+    first, last : int
+        The spans of the row are first <= s < last.
+    column : int
+    """
     while first < last:
         middle = (first + last) // 2
         if spans[middle, 2] <= column:
@@ -275,11 +337,28 @@ def in_span(spans, first, last, column):
 
 
 @jit
-def integrate_cover(values, rim_key, rim, spans, columns, row0, column0):
-    """(sum of h, sum of h^2, covered area), in cells, of pixel `values` over an exact cover.
+def integrate_cover(
+    values: np.ndarray, rim_key: np.ndarray, rim: np.ndarray, spans: np.ndarray, columns: int, row0: int, column0: int
+) -> tuple[float, float, float]:
+    """Integrate pixel values h over an exact cover.
 
-    A whole pixel counts with its value, a cut one with the value at the centroid of what is left of it. Pixel
-    (0, 0) of `values` is cell (-row0, -column0) of the cover's window.
+    A whole pixel counts with its value, a cut one with the value at the centroid of what is left of it.
+
+    Parameters
+    ----------
+    values : float64[rows, columns]
+    rim_key : int64[m]
+    rim : float64[m, 4]
+    spans : int64[s, 3]
+    columns : int
+        As in Cover.
+    row0, column0 : int
+        Pixel (0, 0) of `values` is cell (-row0, -column0) of the cover's window.
+
+    Returns
+    -------
+    total, square, area : float
+        Sum of h, sum of h^2, covered area, in cells.
     """
     total, square, area = 0.0, 0.0, 0.0
     for s in range(spans.shape[0]):

@@ -8,18 +8,25 @@ _POSITIVE = 1 << 40  # added to cell indices, so that they can be taken as unsig
 
 
 @jit_inline
-def _mix(word):
-    """SplitMix64's finaliser: a bijection of 64-bit words that avalanches (Steele, Lea, Flood 2014)."""
+def _mix(word: np.uint64) -> np.uint64:
+    """Apply SplitMix64's finaliser: a bijection of 64-bit words that avalanches (Steele, Lea, Flood 2014)."""
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return word ^ (word >> np.uint64(31))
 
 
 @jit_inline
-def uniform(seed, i, j, k):
-    """A number in [0, 1) that depends on nothing but (seed, i, j, k): the same for any number of threads.
+def uniform(seed: int, i: int, j: int, k: int) -> float:
+    """Return a random number in [0, 1) that depends on nothing but its arguments: the same for any number of threads.
 
-    Cells i and j may be negative, above -2^40; seed and k are not.
+    Parameters
+    ----------
+    seed : int
+        0 or more.
+    i, j : int
+        Indices of a cell, above -2^40.
+    k : int
+        Number of the draw in the cell, 0 or more.
     """
     word = _mix(np.uint64(seed) ^ np.uint64(0x9E3779B97F4A7C15))
     word = _mix(word ^ (np.uint64(i + _POSITIVE) * np.uint64(0xD1B54A32D192ED03)))
@@ -29,8 +36,14 @@ def uniform(seed, i, j, k):
 
 
 @jit
-def halton(index):
-    """Point (s, t) number `index` of Halton's sequence: van der Corput's sequences in the bases 2 and 3."""
+def halton(index: int) -> tuple[float, float]:
+    """Return a point of Halton's sequence: van der Corput's sequences in the bases 2 and 3.
+
+    Parameters
+    ----------
+    index : int
+        Number of the point, from 0.
+    """
     bits, s, half = np.uint64(index), 0.0, 0.5
     while bits > np.uint64(0):
         if bits & np.uint64(1):

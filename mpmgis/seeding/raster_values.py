@@ -8,8 +8,15 @@ from ..compiled.jit import jit_inline, jit_parallel, prange
 
 
 @jit_inline
-def linear_at(values, row, column):
-    """Bilinear value at fractional (row, column), whole numbers being centres; extended linearly beyond the last."""
+def linear_at(values: np.ndarray, row: float, column: float) -> float:
+    """Return the bilinear value of a raster at a point, extended linearly beyond the last pixel centres.
+
+    Parameters
+    ----------
+    values : float64[rows, columns]
+    row, column : float
+        Fractional; whole numbers are pixel centres.
+    """
     rows, columns = values.shape
     i = min(max(math.floor(row), 0), rows - 2)
     j = min(max(math.floor(column), 0), columns - 2)
@@ -20,8 +27,15 @@ def linear_at(values, row, column):
 
 
 @jit_inline
-def valid_at(values, row, column):
-    """Bilinear value of the valid (not NaN) neighbours, weights renormalised; 0 where none is valid."""
+def valid_at(values: np.ndarray, row: float, column: float) -> float:
+    """Return the bilinear value of the valid (not NaN) neighbours, weights renormalised; 0 where none is valid.
+
+    Parameters
+    ----------
+    values : float64[rows, columns]
+    row, column : float
+        Fractional; whole numbers are pixel centres.
+    """
     rows, columns = values.shape
     row = min(max(row, 0.0), rows - 1.0)
     column = min(max(column, 0.0), columns - 1.0)
@@ -46,8 +60,19 @@ def valid_at(values, row, column):
 
 
 @jit_parallel
-def valid_values(values, row, column):
-    """float64[n]: `valid_at` at each fractional (row, column)."""
+def valid_values(values: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Compute `valid_at` at many points.
+
+    Parameters
+    ----------
+    values : float64[rows, columns]
+    row, column : float64[n]
+        Fractional; whole numbers are pixel centres.
+
+    Returns
+    -------
+    float64[n]
+    """
     result = np.empty(row.size)
     for n in prange(row.size):
         result[n] = valid_at(values, row[n], column[n])

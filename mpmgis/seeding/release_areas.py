@@ -4,27 +4,37 @@ import difflib
 import math
 from pathlib import Path
 
+import shapely
+
 from ..system.errors import InputError
 from ..system.messages import log, muted
+from ..terrain.dtm import TerrainFile
+from ..terrain.elevation import Terrain
 from ..terrain.raster_input import file_sha256
 from ..terrain.release_parts import NORMAL, VERTICAL, ReleaseArea, ReleasePart, require_on_terrain, without_overlaps
 from ..terrain.spatial_inputs import RASTER_SUFFIXES, is_raster, repaired, to_terrain
-from ..terrain.vector_table import LAYER, names_of, read_table, require_polygons
+from ..terrain.vector_table import LAYER, VectorTable, names_of, read_table, require_polygons
 from .release_rasters import area_of_raster, surface_thickness, thickness_raster, within_thickness
 
-USUAL_COLUMNS = ("thickness", "d0", "relth")
+USUAL_COLUMNS = ("thickness", "d0", "relth")  # names of a column with the thickness, lower case
 
 
-def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=None):
-    """The release areas at `path`, in the terrain's CRS, with their thickness.
+def read_release(
+    path: str | Path,
+    terrain: Terrain | TerrainFile,
+    thickness: float | str | Path | None = None,
+    thickness_mode: str = NORMAL,
+    surface: str | Path | None = None,
+) -> ReleaseArea:
+    """Read the release areas at `path`, in the terrain's CRS, with their thickness.
 
     Parameters
     ----------
     path : str or Path
         Vector file (polygons; ``file.gpkg|layername=name`` selects a layer) or raster (mask, or thickness per cell).
     terrain : Terrain or TerrainFile
-    thickness : float, str or Path, optional
-        A number [m], the name of a column, or the path of a raster. Default: the first of the columns thickness, d0,
+    thickness : float [m], str or Path, optional
+        A number, the name of a column, or the path of a raster. Default: the first of the columns thickness, d0,
         relth, or the values of a release raster.
     thickness_mode : {"normal", "vertical"}
     surface : str or Path, optional
@@ -33,6 +43,7 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
     Raises
     ------
     FormatError, GeoreferenceError, InputError
+        The file is not readable, in an unsuitable CRS, or has no usable area or thickness.
     """
     from .release_bed import bed_under  # imports the kernels of seeding; not needed for outlines
 
@@ -67,12 +78,19 @@ def read_release(path, terrain, thickness=None, thickness_mode=NORMAL, surface=N
 
 
 @muted()
-def read_outlines(path, terrain):
-    """Polygons of the release areas at `path` in the terrain's CRS, without overlaps; as in `read_release`.
+def read_outlines(path: str | Path, terrain: Terrain | TerrainFile) -> list[shapely.Geometry]:
+    """Read the polygons of the release areas at `path` in the terrain's CRS, without overlaps.
+
+    Parameters
+    ----------
+    path : str or Path
+        As for `read_release`.
+    terrain : Terrain or TerrainFile
 
     Raises
     ------
     FormatError, GeoreferenceError, InputError
+        The file is not readable, in an unsuitable CRS, or has no usable area.
     """
     wanted = _Thickness(number=1.0)
     if is_raster(path):
@@ -84,10 +102,32 @@ def read_outlines(path, terrain):
     return [part.polygon for part in without_overlaps(features)]
 
 
-def parts_of(path, terrain, thickness=None, surface=None):
-    """ReleasePart per polygon of a vector file, overlaps included; thickness NaN where a raster gives it.
+def read_parts(
+    path: str | Path,
+    terrain: Terrain | TerrainFile,
+    thickness: float | str | Path | None = None,
+    surface: str | Path | None = None,
+) -> list[ReleasePart]:
+    """Read a release part for each polygon of a vector file, overlaps included.
 
-    Parameters as in `read_release`.
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain or TerrainFile
+    thickness : float [m], str or Path, optional
+        As for `read_release`.
+    surface : str or Path, optional
+        As for `read_release`.
+
+    Returns
+    -------
+    list of ReleasePart
+        Thickness NaN where a raster gives it.
+
+    Raises
+    ------
+    InputError
+        The file is a raster, or its polygons or thickness are not usable.
     """
     if is_raster(path):
         raise InputError(f"{path} is a raster, expected polygons; convert it in QGIS: Polygonize")
@@ -95,7 +135,7 @@ def parts_of(path, terrain, thickness=None, surface=None):
 
 
 class _Thickness:
-    """The thickness by --thickness or --surface: a number, the name of a column, or a raster."""
+    """Thickness by --thickness or --surface: a number, the name of a column, or a raster."""
 
     def __init__(self, number=None, column=None, raster=None):
         self.number, self.column, self.raster = number, column, raster
@@ -116,15 +156,27 @@ class _Thickness:
         return cls(column=text)
 
 
-def require_thickness(value, where):
-    """`value` [m] if it is a finite number above 0; `where` is for the error message."""
+def require_thickness(value: float, where: str) -> float:
+    """Return a thickness [m] if it is a finite number above 0.
+
+    Parameters
+    ----------
+    value : float [m]
+    where : str
+        Source of the number, for the message.
+
+    Raises
+    ------
+    InputError
+        It is not a finite number above 0.
+    """
     if not math.isfinite(value) or value <= 0:
         raise InputError(f"{where}: thickness is {value:g}, expected a number of metres above 0")
     return value
 
 
-def _vector_features(path, terrain, wanted):
-    """ReleasePart per feature of a vector file, in the terrain's CRS; thickness NaN where a raster gives it later."""
+def _vector_features(path: str | Path, terrain: Terrain | TerrainFile, wanted: "_Thickness") -> list[ReleasePart]:
+    """Read a ReleasePart per feature, in the terrain's CRS; thickness NaN where a raster gives it later."""
     table = read_table(path)
     table = require_polygons(table, path)
     names = names_of(table, path)
@@ -134,8 +186,8 @@ def _vector_features(path, terrain, wanted):
     return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
 
 
-def _feature_thickness(table, names, path, wanted):
-    """Thickness [m] per feature: the number or the values of the column; NaN where a raster gives it later."""
+def _feature_thickness(table: VectorTable, names: list[str], path: str | Path, wanted: "_Thickness") -> list[float]:
+    """Return the thickness [m] per feature, from the number or the column; NaN where a raster gives it later."""
     if wanted.raster is not None:
         return [math.nan] * len(names)
     if wanted.number is not None:
@@ -150,8 +202,8 @@ def _feature_thickness(table, names, path, wanted):
     return [require_thickness(v, f"{path}: '{name}', column {column!r}") for name, v in zip(names, values, strict=True)]
 
 
-def _usual_column(table):
-    """The first of USUAL_COLUMNS that the table has; None without one."""
+def _usual_column(table: VectorTable) -> str | None:
+    """Return the first of USUAL_COLUMNS that the table has; None without one."""
     lower = {c.lower(): c for c in reversed(list(table.columns))}
     return next((lower[name] for name in USUAL_COLUMNS if name in lower), None)
 
@@ -160,8 +212,8 @@ def _kind(values):
     return "text" if any(isinstance(value, str) for value in values) else str(values.dtype)
 
 
-def _thickness_column(table, path, asked):
-    """The thickness column: `asked`, or the first of USUAL_COLUMNS with a message."""
+def _thickness_column(table: VectorTable, path: str | Path, asked: str | None) -> str:
+    """Return the thickness column: `asked`, or the first of USUAL_COLUMNS with a message."""
     columns = list(table.columns)
     if asked is None:
         found = _usual_column(table)

@@ -1,7 +1,9 @@
 """Release areas and thickness from rasters: masks, thickness per cell, surface minus bed."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio.features
@@ -11,7 +13,8 @@ from rasterio.enums import Resampling
 
 from ..system.errors import GeoreferenceError, InputError
 from ..system.messages import log
-from ..terrain.elevation import bilinear
+from ..terrain.dtm import TerrainFile
+from ..terrain.elevation import Terrain, bilinear
 from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
 from ..terrain.raster_input import read_raster
@@ -19,13 +22,38 @@ from ..terrain.release_parts import ReleasePart, ThicknessRaster, polygons_only
 from ..terrain.spatial_inputs import require_lies_on, transformer_to
 from ..terrain.terrain_warp import reprojected_raster
 
-_ELEVATION, _NEAR_GROUND = 10.0, 50.0  # [m] larger values this close to the terrain are elevations
-_SURFACE_CUT, _MOST_PIXELS = 8, 20_000_000  # subdivision of the pixels of a surface, limited by memory
-_AFFINE_PIXELS = 0.25  # largest misfit [pixel] of the affine transform that approximates a reprojection
+# values above the first and closer to the terrain than the second are elevations, given by mistake
+_ELEVATION = 10.0  # [m]
+_NEAR_GROUND = 50.0  # [m]
+_SURFACE_CUT = 8  # parts into which a side of a pixel of a surface is divided
+_MOST_PIXELS = 20_000_000  # of a divided surface, 160 MB; with more pixels the division is coarser
+_AFFINE_PIXELS = 0.25  # [pixels] largest misfit of the affine transform that approximates a reprojection
 
 
-def area_of_raster(path, terrain, wanted):
-    """(one ReleasePart, its ThicknessRaster or None) from a release raster: a mask, or thickness per cell."""
+def area_of_raster(
+    path: str | Path, terrain: Terrain | TerrainFile, wanted: Any
+) -> tuple[list[ReleasePart], ThicknessRaster | None]:
+    """Read a release area from a raster: a mask, or thickness per cell.
+
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain or TerrainFile
+    wanted : object
+        The requested thickness: `number` [m], `column` or `raster`, the others None.
+
+    Returns
+    -------
+    parts : list of ReleasePart
+        A single one.
+    thickness : ThicknessRaster or None
+        The values of the raster; None where they are a mask.
+
+    Raises
+    ------
+    InputError
+        A column is requested, or the values are no mask and no thickness.
+    """
     if wanted.column is not None:
         raise InputError(
             f"--thickness {wanted.column!r}: {path} is a raster and has no columns; give a number of metres or a raster"
@@ -50,7 +78,9 @@ def area_of_raster(path, terrain, wanted):
     return [ReleasePart(Path(path).stem, _outline(inside, grid), number)], own
 
 
-def _refuse_elevations(values, inside, grid, terrain, path):
+def _refuse_elevations(
+    values: np.ndarray, inside: np.ndarray, grid: Grid, terrain: Terrain | TerrainFile, path: str | Path
+) -> None:
     """Refuse a release raster whose values are the elevations of the terrain under it: a DTM given by mistake."""
     x, y = grid.xy(*np.nonzero(inside))
     ground = terrain.sample(x, y)
@@ -63,8 +93,8 @@ def _refuse_elevations(values, inside, grid, terrain, path):
         )
 
 
-def _outline(inside, grid):
-    """The union of the pixel squares that are `inside` (not a contour through the centres)."""
+def _outline(inside: np.ndarray, grid: Grid) -> shapely.Geometry:
+    """Return the union of the pixel squares that are `inside` (not a contour through the centres)."""
     shapes = rasterio.features.shapes(inside.astype(np.uint8), mask=inside, connectivity=4)
     pieces = [shapely.geometry.shape(shape) for shape, _ in shapes]
     whole = shapely.union_all(pieces)
@@ -87,8 +117,14 @@ def _require_no_negative(values, path):
     return values
 
 
-def thickness_raster(path, terrain):
-    """The thickness raster at `path` on its own grid, in the terrain's CRS; 0 and nodata mean no material."""
+def thickness_raster(path: str | Path, terrain: Terrain | TerrainFile) -> ThicknessRaster:
+    """Read a thickness raster on its own grid, in the terrain's CRS; 0 and nodata mean no material.
+
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain or TerrainFile
+    """
     values, grid = read_raster(path)
     values, grid = _on_terrain(values, grid, terrain, path)
     _require_no_negative(values, path)
@@ -96,11 +132,22 @@ def thickness_raster(path, terrain):
         return ThicknessRaster(np.where(values > 0, values, np.nan), grid)
 
 
-def surface_thickness(path, terrain, features, record):
-    """Surface minus bed on the finer of the two grids, clipped at 0; clipped volumes in the release are reported.
+def surface_thickness(
+    path: str | Path, terrain: Terrain | TerrainFile, features: Sequence[ReleasePart], record: dict
+) -> ThicknessRaster:
+    """Compute surface minus bed on the finer of the two grids, clipped at 0.
 
-    Pixels are subdivided before clipping, so that the material ends where surface and bed intersect, not at the border
-    of a pixel.
+    Clipped volumes in the release are reported. Pixels are subdivided before clipping, so that the material ends where
+    surface and bed intersect, not at the border of a pixel.
+
+    Parameters
+    ----------
+    path : str or Path
+        Raster of the surface [m].
+    terrain : Terrain or TerrainFile
+    features : sequence of ReleasePart
+    record : dict
+        Gets the number of clipped cells and the clipped volume [m3].
     """
     values, grid = read_raster(path)
     values, grid = _on_terrain(values, grid, terrain, path, Resampling.bilinear)
@@ -128,15 +175,15 @@ def surface_thickness(path, terrain, features, record):
         return ThicknessRaster(np.where(fine.values > 0, fine.values, np.nan), fine.grid)
 
 
-def _bed_at(terrain, x, y):
-    """Elevation [m] at map points [m]; a TerrainFile reads only the pixels around them."""
+def _bed_at(terrain: Terrain | TerrainFile, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the elevation [m] at map points [m]; a TerrainFile reads only the pixels around them."""
     rows, columns = terrain.grid.window((x.min(), y.min(), x.max(), y.max()), 2)
     row, column = terrain.grid.rowcol(x, y)
     return bilinear(terrain.part(rows, columns).elevation, row - rows.start, column - columns.start)
 
 
-def _finer(raster):
-    """`raster` with every pixel divided into up to 8 x 8, bilinear."""
+def _finer(raster: ThicknessRaster) -> ThicknessRaster:
+    """Return the raster with every pixel divided into up to 8 x 8, bilinear."""
     cut = int(np.clip(np.sqrt(_MOST_PIXELS / raster.values.size), 1, _SURFACE_CUT))
     rows, columns = (n * cut for n in raster.grid.shape)
     row, column = np.ogrid[:rows, :columns]
@@ -145,8 +192,19 @@ def _finer(raster):
     return ThicknessRaster(values, Grid(raster.grid.crs, transform, (rows, columns)))
 
 
-def within_thickness(part, thickness):
-    """`part` clipped to the pixels with a thickness; the lost area is reported."""
+def within_thickness(part: ReleasePart, thickness: ThicknessRaster) -> ReleasePart:
+    """Clip a part to the pixels with a thickness; the lost area is reported.
+
+    Parameters
+    ----------
+    part : ReleasePart
+    thickness : ThicknessRaster
+
+    Raises
+    ------
+    InputError
+        No pixel in the part has a thickness.
+    """
     near = _cropped(thickness, part.polygon.bounds)
     valid = np.isfinite(near.values)
     polygon = part.polygon
@@ -168,15 +226,15 @@ def within_thickness(part, thickness):
     return ReleasePart(part.name, polygon, thickness)
 
 
-def _cropped(thickness, bounds):
-    """The part of a ThicknessRaster within `bounds` [m], at least one cell."""
+def _cropped(thickness: ThicknessRaster, bounds: tuple[float, float, float, float]) -> ThicknessRaster:
+    """Return the part of a ThicknessRaster within `bounds` [m], at least one cell."""
     rows, columns = around = _pixels_around(thickness.grid, bounds)
     values = thickness.values[around]
     return ThicknessRaster(values, thickness.grid.part(rows.start, columns.start, values.shape))
 
 
-def _pixels_around(grid, bounds):
-    """(slice of rows, slice of columns) of the pixels needed for values in `bounds` [m], at least one pixel."""
+def _pixels_around(grid: Grid, bounds: tuple[float, float, float, float]) -> tuple[slice, slice]:
+    """Return the rows and columns of the pixels needed for values in `bounds` [m], at least one pixel."""
     west, south, east, north = bounds
     places = grid.rowcol(np.array([west, east, east, west]), np.array([south, south, north, north]))
     slices = []
@@ -186,8 +244,14 @@ def _pixels_around(grid, bounds):
     return tuple(slices)
 
 
-def _on_terrain(values, grid, terrain, path, resampling=Resampling.nearest):
-    """(values, Grid) of the raster in the terrain's CRS; another CRS is approximated by an affine over valid pixels.
+def _on_terrain(
+    values: np.ndarray,
+    grid: Grid,
+    terrain: Terrain | TerrainFile,
+    path: str | Path,
+    resampling: Resampling = Resampling.nearest,
+) -> tuple[np.ndarray, Grid]:
+    """Return a raster in the terrain's CRS; another CRS is approximated by an affine over valid pixels.
 
     Where no affine fits, it is resampled if the terrain was brought to its CRS by `to_crs`, else refused.
     """

@@ -1,40 +1,61 @@
-"""Pieces of polygon in the cells at its boundary."""
+"""Pieces of cells at the rim of a polygon, and slivers that join their neighbours.
+
+Everything works in *lattice coordinates* (u, v): a cell of the lattice is a unit square, cell (row, column) is
+[column, column + 1] x [row, row + 1].
+"""
 
 import numpy as np
 
 from ..compiled.jit import jit, jit_inline
-from .polygon_cover import find, in_span
+from .polygon_cover import Cover, find_key, in_span
 
-SLIVER = 0.05  # share of a sub-square below which a rim piece joins its neighbour
+SLIVER = 0.05  # [1] share of a sub-square; a smaller rim piece would be a column of little mass and joins another
 
 
 @jit
-def cells_with_slivers(cell_key, columns, rim_key, share, across, down):
-    """bool[m]: which cells of ascending `cell_key` hold a sub-square that is covered by less than 5 %.
+def cells_with_slivers(
+    cell_key: np.ndarray, columns: int, rim_key: np.ndarray, share: np.ndarray, across: int, down: int
+) -> np.ndarray:
+    """Return which cells hold a sub-square that is covered by less than SLIVER.
 
-    `rim_key`, `share` are the rim of the lattice with every cell of `columns` cut into across x down sub-squares.
+    Parameters
+    ----------
+    cell_key : int64[m]
+        row * columns + column of each cell, ascending.
+    columns : int
+    rim_key : int64[n]
+        Rim of the lattice with every cell cut into sub-squares, as in Cover.
+    share : float64[n]
+        Covered share of each sub-square of the rim.
+    across, down : int
+        Number of sub-squares along the cell's sides.
+
+    Returns
+    -------
+    bool[m]
     """
     sliver = np.zeros(cell_key.size, np.bool_)
     for i in range(rim_key.size):
         if share[i] < SLIVER:
             row, column = rim_key[i] // (columns * across), rim_key[i] % (columns * across)
-            at = find(cell_key, 0, cell_key.size, (row // down) * columns + column // across)
+            at = find_key(cell_key, 0, cell_key.size, (row // down) * columns + column // across)
             if at >= 0:
                 sliver[at] = True
     return sliver
 
 
 @jit
-def gather_pieces(cells, across, down, cover):
-    """The pieces of polygon in the across x down sub-squares of each cell.
+def gather_pieces(cells: np.ndarray, across: int, down: int, cover: Cover) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pieces of polygon in the sub-squares of each cell.
 
     Parameters
     ----------
     cells : int64[m, 2]
-        (row, column).
+        Row and column.
     across, down : int
+        Number of sub-squares along the cell's sides.
     cover : Cover
-        Of the sub-squares.
+        Cover of the sub-squares.
 
     Returns
     -------
@@ -53,7 +74,7 @@ def gather_pieces(cells, across, down, cover):
             row = cells[m, 0] * down + sy
             for sx in range(across):
                 column = cells[m, 1] * across + sx
-                at = find(cover.rim_key, cover.rim_start[row], cover.rim_start[row + 1], row * columns + column)
+                at = find_key(cover.rim_key, cover.rim_start[row], cover.rim_start[row + 1], row * columns + column)
                 if at >= 0:
                     share, cu, cv, edges = rim[at, 0], rim[at, 1], rim[at, 2], rim[at, 3]
                 elif in_span(spans, cover.span_start[row], cover.span_start[row + 1], column):
@@ -68,14 +89,20 @@ def gather_pieces(cells, across, down, cover):
 
 
 @jit
-def merge_slivers(pieces, starts, cells, columns, order, forced):
-    """Join slivers (below 5 % of their sub-square) to the nearest piece, area and first moment kept.
+def merge_slivers(
+    pieces: np.ndarray, starts: np.ndarray, cells: np.ndarray, columns: int, order: np.ndarray, forced: int
+) -> np.ndarray:
+    """Join slivers (below SLIVER of their sub-square) to the nearest piece, area and first moment kept.
 
     Parameters
     ----------
-    pieces : float64[n, 5], changed in place
-        As from `gather_pieces`, sorted by cell; `starts` int64[m + 1] holds the start of each cell's pieces.
-    cells : int64[m, 2], ascending
+    pieces : float64[n, 5]
+        From `gather_pieces`, sorted by cell; changed in place.
+    starts : int64[m + 1]
+        Start of each cell's pieces.
+    cells : int64[m, 2]
+        Row and column, ascending.
+    columns : int
     order : int64[n]
         Pieces from small to large.
     forced : int
@@ -84,6 +111,7 @@ def merge_slivers(pieces, starts, cells, columns, order, forced):
     Returns
     -------
     alive : bool[n]
+        Pieces that were not joined to others.
     """
     alive = np.ones(pieces.shape[0], np.bool_)
     key = cells[:, 0] * columns + cells[:, 1]
@@ -113,11 +141,11 @@ def merge_slivers(pieces, starts, cells, columns, order, forced):
 
 @jit_inline
 def _nearest(i, pieces, starts, cells, key, columns, home, alive, large):
-    """The nearest other piece alive in the 3 x 3 cells around, or -1; `large`: no sliver."""
+    """Return the nearest other piece alive in the 3 x 3 cells around, or -1; `large`: no sliver."""
     best, distance = np.int64(-1), np.inf
     for dr in range(-1, 2):
         for dc in range(-1, 2):
-            m = find(key, 0, key.size, (cells[home, 0] + dr) * columns + cells[home, 1] + dc)
+            m = find_key(key, 0, key.size, (cells[home, 0] + dr) * columns + cells[home, 1] + dc)
             if m < 0:
                 continue
             for j in range(starts[m], starts[m + 1]):

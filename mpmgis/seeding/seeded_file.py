@@ -1,4 +1,4 @@
-"""`mpmgis seed`: columns from a DTM and release areas."""
+"""Seeding from files: columns from a DTM and release areas (`mpmgis seed`)."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -6,24 +6,35 @@ from pathlib import Path
 import numpy as np
 
 from ..frames.particle_files import require_format, write_columns
-from ..frames.particles import Particles
+from ..frames.particles import Frame, Particles
 from ..system import operating_system
 from ..system.errors import OutputError
 from ..system.messages import log
 from ..system.whole_files import refuse_existing
 from ..terrain.dtm import READ_WHOLE, TerrainFile, read_terrain
-from ..terrain.release_parts import NORMAL
+from ..terrain.elevation import Terrain
+from ..terrain.release_parts import NORMAL, ReleaseArea
 from ..terrain.spatial_inputs import with_crs_hint
-from .column_seeding import plan_seed
+from .column_seeding import Seed, plan_seed
+from .implausible_values import Fixes, report_implausible
 from .release_areas import read_release
-from .seeding_options import Fixes, report_implausible
 
 _FIXES = Fixes("`density`", "`thickness`", "give a larger `per_cell` or `count`, a smaller `spacing`, or a finer DTM")
 
 
 @dataclass(frozen=True)
 class Seeded:
-    """The file, the number of columns, and the record of the seeding."""
+    """Result of `seed_file`.
+
+    Parameters
+    ----------
+    path : Path
+        File of the columns.
+    count : int
+        Number of columns.
+    record : dict
+        Record of the seeding.
+    """
 
     path: Path
     count: int
@@ -31,36 +42,41 @@ class Seeded:
 
 
 def seed_file(
-    dem,
-    release,
-    output=None,
+    dem: str | Path,
+    release: str | Path,
+    output: str | Path | None = None,
     *,
-    crs=None,
-    dem_band=None,
-    fill_nodata=None,
-    to_crs=None,
-    thickness=None,
-    thickness_mode=NORMAL,
-    surface=None,
-    overwrite=False,
-    **options,
-):
-    """Seed `release` on `dem` and write the columns to `output`.
+    crs: str | None = None,
+    dem_band: int | None = None,
+    fill_nodata: str | None = None,
+    to_crs: str | None = None,
+    thickness: float | str | Path | None = None,
+    thickness_mode: str = NORMAL,
+    surface: str | Path | None = None,
+    overwrite: bool = False,
+    **options: object,
+) -> Seeded:
+    """Seed a release on a DTM and write the columns to a file.
 
     Parameters
     ----------
     dem, release : str or Path
     output : str or Path, optional
         Its suffix picks the format; default ``<release name>_particles.h5`` in the current folder.
-    crs, dem_band, fill_nodata, to_crs : as for `read_terrain`
-    thickness, thickness_mode, surface : as for `read_release`
+    crs, dem_band, fill_nodata, to_crs
+        As for `read_terrain`.
+    thickness, thickness_mode, surface
+        As for `read_release`.
     overwrite : bool
     **options
-        As in `SeedOptions`.
+        Fields of `SeedOptions`.
 
-    Returns
-    -------
-    Seeded
+    Raises
+    ------
+    OutputError
+        The file exists, or is an input.
+    InputError
+        As from `seed_columns`.
     """
     if output is not None:
         require_format(output)
@@ -76,8 +92,10 @@ def seed_file(
     return Seeded(path, seed.count, seed.record)
 
 
-def _terrain(dem, crs, band, fill_nodata, to_crs):
-    """The DTM, or for a very large one its file, of which only the part under the release is read.
+def _terrain(
+    dem: str | Path, crs: str | None, band: int | None, fill_nodata: str | None, to_crs: str | None
+) -> Terrain | TerrainFile:
+    """Return the DTM, or for a very large one its file, of which only the part under the release is read.
 
     To fill holes the whole DTM is read, because a part may not contain a whole hole.
     """
@@ -90,19 +108,40 @@ def _terrain(dem, crs, band, fill_nodata, to_crs):
 
 
 def seed_frame(
-    dem,
-    release,
+    dem: str | Path,
+    release: str | Path,
     *,
-    crs=None,
-    dem_band=None,
-    fill_nodata=None,
-    to_crs=None,
-    thickness=None,
-    thickness_mode=NORMAL,
-    surface=None,
-    **options,
-):
-    """As `seed_file` in memory: (Frame of columns, Terrain, name of the release, record of the seeding)."""
+    crs: str | None = None,
+    dem_band: int | None = None,
+    fill_nodata: str | None = None,
+    to_crs: str | None = None,
+    thickness: float | str | Path | None = None,
+    thickness_mode: str = NORMAL,
+    surface: str | Path | None = None,
+    **options: object,
+) -> tuple[Frame, Terrain, str, dict]:
+    """Seed a release on a DTM in memory.
+
+    Parameters
+    ----------
+    dem, release : str or Path
+    crs, dem_band, fill_nodata, to_crs
+        As for `read_terrain`.
+    thickness, thickness_mode, surface
+        As for `read_release`.
+    **options
+        Fields of `SeedOptions`.
+
+    Returns
+    -------
+    frame : Frame
+        All columns.
+    terrain : Terrain
+    name : str
+        Name of the release.
+    record : dict
+        Record of the seeding.
+    """
     terrain = with_crs_hint(
         release, lambda: read_terrain(dem, crs=crs, band=dem_band, fill_nodata=fill_nodata, to_crs=to_crs)
     )
@@ -113,8 +152,8 @@ def seed_frame(
     return replace(seed.empty_frame(), particles=particles), terrain, area.name, seed.record
 
 
-def _planned(terrain, area, options):
-    """The Seed of a release on a terrain; implausible values are logged."""
+def _planned(terrain: Terrain | TerrainFile, area: ReleaseArea, options: dict) -> Seed:
+    """Return the Seed of a release on a terrain; implausible values are logged."""
     seed = plan_seed(terrain, area, **options)
     mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
     report_implausible(seed.count, seed.record["density"], mean_thickness, _FIXES)

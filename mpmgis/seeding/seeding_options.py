@@ -1,24 +1,19 @@
-"""Options of the seeding, checked once, and warnings about releases that are possible but unlikely."""
+"""Options of the seeding, checked once."""
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ..system.errors import InputError
-from ..system.messages import log
+from ..terrain.grid import Grid
 from .lattice import Lattice
 from .lattice_columns import KINDS
 
 POINTS = (*KINDS, "halton")
 MASSES = ("thickness", "equal", "paper")
-REFINEMENT_LIMIT = 3.0  # largest beta
-_MOST = 4_000_000_000
-DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore
-THICKNESS = (0.01, 100.0)  # [m]
-FEWEST_COLUMNS = 50
-MOST_MU, LEAST_XI = 1.2, 10.0  # of friction: tan 50 degrees [1]; drag of a dense forest [m s-2]
+REFINEMENT_LIMIT = 3.0  # [1] largest beta, which keeps particle masses alike
+_MOST = 4_000_000_000  # columns that may be requested
 
 
 @dataclass(frozen=True)
@@ -28,14 +23,15 @@ class SeedOptions:
     Parameters
     ----------
     cell_size : float, optional [m]
+        Side of the square cells; default the DTM's own cells, of any shape.
     anchor : (float, float), optional [m]
-        Side of the square cells and (x, y) of one of their corners; default the DTM's own cells, of any shape.
+        x, y of a corner of the square cells.
     per_cell : int, optional
-        Columns a whole cell, 16 by default; or instead
+        Columns a whole cell; 16 where neither `count` nor `spacing` is given.
     count : int, optional
-        columns in all (met within 1 %), or
+        Columns in all (met within 1 %), instead of `per_cell`.
     spacing : float, optional [m]
-        of the lattice.
+        Spacing of the lattice, instead of `per_cell`.
     points : {"lattice", "staggered", "jittered", "halton", "random"}
     mass : {"thickness", "equal", "paper"}
         Mass from thickness and area of each column; equal masses, dense where it is thick; or as the paper prints it.
@@ -50,6 +46,7 @@ class SeedOptions:
     Raises
     ------
     InputError
+        An option is out of its range, or two options exclude each other.
     """
 
     cell_size: float | None = None
@@ -105,21 +102,47 @@ class SeedOptions:
         if beta and self.points == "jittered":
             raise InputError("refine slope has no jittered points; use lattice, staggered, halton or random")
 
-    def cells(self, grid):
-        """The Lattice of cells: those requested, or the pixels of the DTM's `grid`."""
+    def cells(self, grid: Grid) -> Lattice:
+        """Return the lattice of cells: those requested, or the pixels of the DTM.
+
+        Parameters
+        ----------
+        grid : Grid
+            Grid of the DTM.
+        """
         if self.cell_size is None and self.anchor is None:
             return Lattice.of_grid(grid)
         corner = self.anchor if self.anchor is not None else (grid.transform.c, grid.transform.f)
         return Lattice.squares(corner, self.cell_size or grid.cell_size)
 
-    def squares(self, grid, side):
-        """A Lattice of squares of `side` [m], anchored to the cells and along their rows."""
+    def squares(self, grid: Grid, side: float) -> Lattice:
+        """Return a lattice of squares, anchored to the cells and along their rows.
+
+        Parameters
+        ----------
+        grid : Grid
+            Grid of the DTM.
+        side : float [m]
+        """
         cells = self.cells(grid)
         along = cells.matrix[:, 0] / np.hypot(*cells.matrix[:, 0])
         return Lattice.squares(cells.origin, side, tuple(along.tolist()))
 
-    def expected(self, grid, area):
-        """The requested number of columns on `area` [m2] (a real number), refinement apart."""
+    def expected(self, grid: Grid, area: float) -> float:
+        """Return the requested number of columns (a real number), refinement apart.
+
+        Parameters
+        ----------
+        grid : Grid
+            Grid of the DTM.
+        area : float [m2]
+            Area of the release.
+
+        Raises
+        ------
+        InputError
+            Too many columns, or a spacing wider than the release.
+        """
         if self.count is not None:
             return float(self.count)
         side = math.sqrt(area)
@@ -140,48 +163,3 @@ class SeedOptions:
 def _require_choice(name, value, choices):
     if value not in choices:
         raise InputError(f"{name} {value!r} is unknown, expected {', '.join(choices)}")
-
-
-class Fixes(NamedTuple):
-    """What the user would change: where `density` and `thickness` are given, and how to have `more` columns."""
-
-    density: str
-    thickness: str
-    more: str
-
-
-def report_implausible_friction(parameters):
-    """Report each of the friction's `parameters` (name -> value) outside its usual range; it is used as it is."""
-    mu, xi = (parameters.get(name) for name in ("mu", "xi"))
-    if isinstance(mu, (int, float)) and mu > MOST_MU:
-        log.info(
-            f"[friction] mu = {mu:g}, usual is 0 to {MOST_MU:g}; it is the tangent of the friction angle: that of 20 "
-            "degrees is 0.36"
-        )
-    if isinstance(xi, (int, float)) and xi < LEAST_XI:
-        log.info(f"[friction] xi = {xi:g} m s-2, usual is {LEAST_XI:g} to 3000; check it and its unit")
-
-
-def report_implausible(count, density, thickness, fixes):
-    """Report in one line each what is unusual about a release; it is used as it is.
-
-    Parameters
-    ----------
-    count : int
-        Columns.
-    density : float [kg m-3]
-    thickness : float [m]
-        Mean, vertical.
-    fixes : Fixes
-    """
-    for name, value, unit, (low, high), cure in (
-        ("density", density, "kg m-3", DENSITY, fixes.density),
-        ("mean thickness", thickness, "m", THICKNESS, fixes.thickness),
-    ):
-        if not low <= value <= high:
-            log.info(
-                f"{name} of the release: {value:.5g} {unit}, usual is {low:g} to {high:g}; check {cure} and its unit"
-            )
-    if count < FEWEST_COLUMNS:
-        columns = "1 column carries" if count == 1 else f"{count} columns carry"
-        log.info(f"only {columns} the release, too few to resolve a flow; {fixes.more}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..frames.particle_store import Flow
 from ..frames.particles import Particles
-from ..frames.peaks import together
+from ..frames.peaks import combined_peaks
 from ..solvers.columns import column_clock
 from ..solvers.points import point_loop as point_kernel
 from ..system.errors import FormatError
@@ -184,7 +184,7 @@ class CoupledSolver:
 
     def maxima(self):
         """Running peaks of both, as a frame has them."""
-        return together(self.points_solver.maxima(), self.columns_solver.maxima())
+        return combined_peaks(self.points_solver.maxima(), self.columns_solver.maxima())
 
     def parts(self):
         """(Frame of the points, Frame of the columns) now."""

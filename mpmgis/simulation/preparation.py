@@ -15,7 +15,7 @@ from ..laws.quantities import GRAVITY
 from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
 from ..scene.joint_checks import check_together
 from ..scene.tables import DENSITY
-from ..seeding.seeding_options import Fixes, report_implausible, report_implausible_friction
+from ..seeding.implausible_values import Fixes, report_implausible, report_implausible_friction
 from ..solvers.columns.column_solver import ColumnNumerics
 from ..solvers.columns.node_grid import ColumnGrid, require_ground
 from ..solvers.features.feature_placement import levelled

@@ -128,7 +128,7 @@ def run(
     device = require_devices(prepared)
     if prepared.scene.output.rasters:
         _require_rasters(prepared)
-    folder.spare(input_files(scene, prepared.scene, law))
+    folder.refuse_inputs(input_files(scene, prepared.scene, law))
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
     ahead = require_affordable(prepared, used, confirm)
     if not ahead.compiled:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..frames.peaks import together
+from ..frames.peaks import combined_peaks
 from ..scene.point_effects import stiffness_in_hindsight
 from ..solvers.columns.column_state import with_density
 from ..system.errors import FormatError, InputError, one_line
@@ -200,12 +200,12 @@ class Sequence:
             "checks": self.checks,
         }
         state = frame.state | {STATE: np.frombuffer(json.dumps(stored).encode(), np.uint8)}
-        maxima = together(frame.maxima, self._peaks_before)
+        maxima = combined_peaks(frame.maxima, self._peaks_before)
         return replace(frame, step=self.steps, maxima=maxima, state=state)
 
     def maxima(self):
         """Running peaks of all stages so far, as in a frame."""
-        return together(self.solver.maxima(), self._peaks_before)
+        return combined_peaks(self.solver.maxima(), self._peaks_before)
 
     def restore(self, frame):
         """Continue from a `frame` of this run with the state of a restart.

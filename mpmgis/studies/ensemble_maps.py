@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
-from ..frames.ensemble_folder import MemberStack
+from ..frames.member_stack import MemberStack
 from ..laws.quantities import Quantity
 from ..maps.averaging.exported_folder import TYPICAL_PERCENTILE, moved_corner
 from ..maps.export.band_map import write_band_map

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .. import __version__
-from ..frames.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
+from ..frames.ensemble_folder import EnsembleFolder, member_files, read_member
+from ..frames.member_stack import MemberStack
 from ..laws.quantities import MEMBER_BANDS
 from ..simulation.cost_prediction import duration
 from ..simulation.run_cost import MEMORY_SHARE
@@ -112,7 +113,7 @@ def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=la
     before = sum(task.digest in records for task in tasks)
     if before:
         log.info(f"{before} of {len(tasks)} members are already finished")
-    folder.spare(study.input_files())
+    folder.refuse_inputs(study.input_files())
     with folder.held():
         ensemble_tables = plan.as_tables() | products.as_tables()
         folder.write_plan(ensemble_tables, f"the plan of {Path(request.scene).name}, for mpmgis ensemble --plan")

@@ -8,7 +8,7 @@ import pyproj
 import shapely
 
 from ..frames.region_folder import LAYER, write_layer
-from ..seeding.release_areas import parts_of
+from ..seeding.release_areas import read_parts
 from ..system.errors import InputError
 from ..system.messages import log, muted
 from ..system.optional_libraries import pyogrio
@@ -52,9 +52,9 @@ def read_areas(path, terrain, thickness=None, surface=None):
     ------
     FormatError, GeoreferenceError, InputError
     """
-    with muted():  # `parts_of` reads it again and reports what it ignores or repairs
+    with muted():  # `read_parts` reads it again and reports what it ignores or repairs
         table = require_polygons(read_table(path, flag="--releases "), path)
-    return RegionAreas(parts_of(path, terrain, thickness, surface), table.columns, terrain.grid.crs)
+    return RegionAreas(read_parts(path, terrain, thickness, surface), table.columns, terrain.grid.crs)
 
 
 def write_area(path, shape, name, crs):

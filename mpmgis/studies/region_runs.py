@@ -8,7 +8,8 @@ from pathlib import Path
 
 from .. import __version__
 from ..frames.ensemble_folder import member_files, read_member
-from ..frames.region_folder import AreaRaster, RegionFolder, write_region_maps
+from ..frames.region_folder import RegionFolder
+from ..frames.region_maps import AreaRaster, write_region_maps
 from ..maps.qgis.region_footprints import write_footprints
 from ..maps.qgis.region_project import RegionProject, terrain_path, write_region_project
 from ..system import operating_system
@@ -106,7 +107,7 @@ def region(request: RegionRequest, *, confirm=lambda question: True, look=lambda
     output = Path(request.output or Path(request.scene).parent / "region")
     plan = PlannedRegion.of(request, output)
     folder = RegionFolder(output, plan.digest, request.overwrite)
-    folder.spare(plan.input_files())
+    folder.refuse_inputs(plan.input_files())
     records = {task.digest: read_member(task.run.output, task.digest) for task in plan.tasks}
     records = {digest: record for digest, record in records.items() if record is not None}
     before = sum(task.digest in records for task in plan.tasks)

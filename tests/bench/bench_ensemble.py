@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from mpmgis.commands.demo_site import sample_folder
-from mpmgis.frames.ensemble_folder import STACK_BYTES
+from mpmgis.frames.member_stack import STACK_BYTES
 from mpmgis.laws.quantities import BAND, MEMBER_BANDS
 from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
 from mpmgis.terrain.grid import Grid
@@ -33,7 +33,7 @@ from functools import partial
 from pathlib import Path
 import pyproj
 from mpmgis.terrain.grid import Grid
-from mpmgis.frames.ensemble_folder import MemberStack
+from mpmgis.frames.member_stack import MemberStack
 from mpmgis.terrain.raster_output import write_rows
 from mpmgis.studies.ensemble_statistics import Products, statistics
 from mpmgis.laws.quantities import MEMBER_BANDS

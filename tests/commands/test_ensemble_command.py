@@ -16,7 +16,7 @@ import rasterio
 from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_shapes, write_site
 
 from mpmgis.commands.shell.main import main
-from mpmgis.frames import ensemble_folder
+from mpmgis.frames import member_stack
 from mpmgis.studies import ensemble_member
 from mpmgis.studies.ensemble_plan import read_plan
 from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
@@ -409,13 +409,13 @@ def test_windows_of_many_members_stay_within_the_memory_that_is_set(done):
 
     grid = Grid(None, source.transform, (3000, 4000))
     for count in (1, 300, 5000, 100_000):
-        stack = ensemble_folder.MemberStack(["x"] * count, grid, (10, 2990, 5, 3900), ("h_max",), threads=2)
+        stack = member_stack.MemberStack(["x"] * count, grid, (10, 2990, 5, 3900), ("h_max",), threads=2)
         covered = np.zeros(grid.shape, int)
         for first in range(0, 3000, 256):
             for row, row_end, column, column_end in stack.windows(first, min(first + 256, 3000)):
                 covered[row:row_end, column:column_end] += 1
                 size = 4 * count * (row_end - row) * (column_end - column)
-                assert size <= ensemble_folder.STACK_BYTES / 2
+                assert size <= member_stack.STACK_BYTES / 2
         assert (covered[10:2990, 5:3900] == 1).all() and covered.sum() == 2980 * 3895
     assert shape == (40, 80)
 

@@ -11,7 +11,7 @@ from slope_site import SCENE, write_site
 
 from mpmgis.commands.shell.main import main
 from mpmgis.exchange.readers.record_parsing import Form, read_by_python, read_rows
-from mpmgis.frames.load_table import append_rows, as_text
+from mpmgis.frames.text_rows import append_rows, as_text
 
 FEW_NEED = ("pyarrow", "dask", "distributed", "zarr", "IPython", "pytest", "hypothesis", "psutil")
 SEED = ("seed", "--dem", "dtm.tif", "--release", "release.geojson", "--thickness", "2", "--overwrite")

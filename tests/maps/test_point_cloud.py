@@ -10,8 +10,8 @@ from qgis_python import report_of
 
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import write_frame
-from mpmgis.frames.particle_files import write_las
 from mpmgis.frames.particles import Frame, Particles
+from mpmgis.frames.point_cloud import write_las
 from mpmgis.system.errors import InputError
 
 laspy = pytest.importorskip("laspy", reason="no laspy (pip install mpmgis[pointcloud])")

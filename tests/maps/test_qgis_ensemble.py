@@ -5,7 +5,7 @@ import pytest
 from pyproj import CRS
 from test_qgis_open import look
 
-from mpmgis.frames.ensemble_folder import MemberStack
+from mpmgis.frames.member_stack import MemberStack
 from mpmgis.laws.quantities import BAND, MEMBER_BANDS
 from mpmgis.studies.ensemble_maps import EnsembleMaps, write_maps
 from mpmgis.studies.ensemble_statistics import Products

@@ -7,7 +7,8 @@ import shapely
 from pyproj import CRS
 from test_qgis_open import look
 
-from mpmgis.frames.region_folder import LAYER, AreaRaster, write_region_maps
+from mpmgis.frames.region_folder import LAYER
+from mpmgis.frames.region_maps import AreaRaster, write_region_maps
 from mpmgis.laws.quantities import BAND, MEMBER_BANDS
 from mpmgis.maps.qgis.region_footprints import write_footprints
 from mpmgis.maps.qgis.region_project import RegionProject, terrain_path, write_region_project

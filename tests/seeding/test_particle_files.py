@@ -15,7 +15,7 @@ import pytest
 from seed_sites import PIXELS, area_of, grid_of, ring, two_islands
 
 from mpmgis.frames.frame_files import read_frame
-from mpmgis.frames.particle_files import UNITS, require_format, table, write_columns
+from mpmgis.frames.particle_files import UNITS, column_table, require_format, write_columns
 from mpmgis.seeding.column_seeding import plan_seed
 from mpmgis.system.errors import OutputError
 from mpmgis.terrain.georeference import parse_crs
@@ -33,7 +33,7 @@ def plan():
 def write(plan, path, slab=500):
     write_columns(path, plan.empty_frame(), plan.count, plan.slabs(slab))
     frame = plan.frame()
-    return path, table(frame.particles, frame.origin), plan.record
+    return path, column_table(frame.particles, frame.origin), plan.record
 
 
 def check(read, wanted, tolerance=0.0):

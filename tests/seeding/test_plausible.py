@@ -7,7 +7,7 @@ import pytest
 from mpmgis.commands.demo_site import sample_folder
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame
-from mpmgis.seeding.seeding_options import Fixes, report_implausible
+from mpmgis.seeding.implausible_values import Fixes, report_implausible
 from mpmgis.simulation.preparation import prepare
 from mpmgis.system.messages import collected
 

@@ -9,7 +9,7 @@ import pytest
 
 from mpmgis.commands.shell.main import main
 from mpmgis.exchange.readers import cbgeo
-from mpmgis.frames.frame_digest import AS_WRITTEN, check_content, content_of, state_of, stored
+from mpmgis.frames.frame_digest import AS_WRITTEN, check_content, content_of, state_of, stored_digests
 from mpmgis.frames.frame_files import drop_state, read_frame, read_maxima, write_frame
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.system import memory as machine
@@ -17,7 +17,7 @@ from mpmgis.system.errors import FormatError
 from mpmgis.system.hdf5_reading import opened_whole
 
 COUNT = 50
-READERS = (read_frame, read_maxima, content_of, state_of, stored, drop_state)
+READERS = (read_frame, read_maxima, content_of, state_of, stored_digests, drop_state)
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ...frames.particle_files import write_vtp
+from ...frames.vtp_file import write_vtp
 from ..readers.vtk_xml import POINTS, read_array, read_layout
 from .start_files import SolverFiles
 

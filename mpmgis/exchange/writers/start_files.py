@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from affine import Affine
 
-from ...frames.load_table import append_rows
+from ...frames.text_rows import append_rows
 from ...terrain.grid import Grid
 from ...terrain.raster_output import write_ascii_grid
 

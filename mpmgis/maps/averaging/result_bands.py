@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...frames.region_folder import LARGEST, MAPS, RECORD_FILE
+from ...frames.region_folder import MAPS, RECORD_FILE
+from ...frames.region_maps import LARGEST
 from ...laws.quantities import Quantity
 from ...system.errors import FormatError, GeoreferenceError, InputError
 from ...system.messages import muted

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
-from ...frames.region_folder import AreaRaster, write_footprint_layer
+from ...frames.region_folder import FOOTPRINTS, write_layer
+from ...frames.region_maps import AreaRaster
 from ...laws.quantities import MEMBER_BANDS
 from ...terrain.grid import Grid
 from .outlines import mask_outline
@@ -47,7 +48,7 @@ def write_footprints(
     columns = dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
     if all(scenario is None for scenario in scenarios):
         del columns["scenario"]
-    write_footprint_layer(path, shapes, columns, grid.crs)
+    write_layer(path, FOOTPRINTS, shapes, columns, grid.crs)
 
 
 def _largest_depth(area):

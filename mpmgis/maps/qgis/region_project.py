@@ -13,8 +13,9 @@ import numpy as np
 import rasterio
 
 from ... import __version__
-from ...frames.region_folder import FOOTPRINTS, LARGEST, AreaRaster
+from ...frames.region_folder import FOOTPRINTS
 from ...frames.region_folder import LAYER as AREAS
+from ...frames.region_maps import LARGEST, AreaRaster
 from ...laws.quantities import BAND, MEMBER_BANDS
 from ...terrain.grid import Grid
 from ..averaging.exported_folder import TYPICAL_PERCENTILE

@@ -20,7 +20,7 @@ def require_column_state(frame, solver, changing):
     check = StateCheck(frame.time, state)
     ny, nx = solver.grid.inside.shape
     rows = check.array("rows", np.float64, (n, kernel.ROW))
-    check.like(changing)
+    check.arrays_like(changing)
     check.counts(kernel, n)
     size = solver.grid.cell_size
     check.within("the place of a column east of the domain's corner [m]", rows[:, kernel.X], 0.0, nx * size)

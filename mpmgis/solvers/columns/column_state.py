@@ -10,7 +10,7 @@ import numpy as np
 from ...compiled.particle_slices import in_slices
 from ...frames.outflow_places import left_places
 from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
-from ...frames.peaks import PEAK_STATE, fits, maxima_of, peaks_state, restore_peaks
+from ...frames.peaks import PEAK_STATE, is_peaks_state, maxima_of, peaks_state, restore_peaks
 from ...frames.state_check import LEFT_STATE
 from ...laws.forest import STRENGTH
 from ...laws.ground_metric import cosine_squared
@@ -125,7 +125,7 @@ class ColumnState(ParticleStore):
         rows = state["rows"]
         shapes = {name: array.shape for name, array in changing.items()}
         shapes |= {"rows": (len(ids), self._rows.shape[1]), "reached": np.packbits(self._wet, axis=1).shape}
-        if (peaks and not fits(self._peaks, state)) or any(
+        if (peaks and not is_peaks_state(self._peaks, state)) or any(
             state[name].shape != shape for name, shape in shapes.items()
         ):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")

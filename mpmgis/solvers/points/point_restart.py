@@ -18,7 +18,7 @@ def require_point_state(frame, solver, changing, like):
     check = StateCheck(frame.time, state)
     rows = check.array("rows", like.dtype, (n, like.shape[-1]))
     keys = check.array("keys", np.int64, (n,))
-    check.like(changing)
+    check.arrays_like(changing)
     check.counts(kernel, n)
     for axis in range(3):
         check.within("the place of a point in its block [cells]", rows[:, X + axis], 0.0, BLOCK + 1.0)
@@ -42,7 +42,7 @@ def require_point_state(frame, solver, changing, like):
 def _require_yields(check, solver):
     """Check the yields [m] of the ground at some node columns, from 0 to the largest possible yield."""
     where, yields = YIELD_STATE
-    columns = check.places(where, solver.yields[0, ..., 0].size)
+    columns = check.indices(where, solver.yields[0, ..., 0].size)
     values = check.array(yields, np.float64, (len(columns),))
     most = MOST_YIELD * solver.grid.cell_size * (1.0 + 1e-6)
     check.within("the yield of the ground [m]", values, 0.0, most)
