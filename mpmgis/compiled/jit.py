@@ -6,7 +6,6 @@ to run every kernel as plain Python.
 
 import os
 from pathlib import Path
-from types import FunctionType
 
 from .cache_folder import cache_folder, choose, given_cache_folder
 
@@ -24,11 +23,12 @@ if GIVEN_CACHE_DIR is None:
     choose(cache_folder())
 
 import numba  # noqa: E402  (the cache folder must be known before numba is imported)
-import numpy as np  # noqa: E402
 from numba import types  # noqa: E402
 from numba.extending import overload, overload_method, register_jitable  # noqa: E402
 
+from .blas_import import import_array_functions  # noqa: E402
 from .checked_cache import keep_checked  # noqa: E402
+from .single_constants import of_precision  # noqa: E402
 
 # numba may have been imported before this module.
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
@@ -36,25 +36,8 @@ numba.config.THREADING_LAYER_PRIORITY = os.environ["NUMBA_THREADING_LAYER_PRIORI
 # LLVM's SLP pass stays off, the default of numba: it vectorises parts of loops, which then cannot be vectorised as a
 # whole. With it the 3D step takes 190 ns instead of 105, the depth-averaged one 48 instead of 44 (measured 2026-11-21).
 
-
-def _without_a_look_at_blas():
-    """Import numba's functions of arrays, which it needs at the first kernel, without scipy.linalg (0.2 s).
-
-    It is imported there to detect a BLAS. SciPy is a dependency, so there is one; code that calls BLAS imports it when
-    it is compiled.
-    """
-    from numba.np import linalg
-
-    look = linalg.ensure_blas
-    linalg.ensure_blas = lambda: None
-    try:
-        from numba.np import arraymath  # noqa: F401
-    finally:
-        linalg.ensure_blas = look
-
-
 if not numba.config.DISABLE_JIT:
-    _without_a_look_at_blas()
+    import_array_functions()
 
 # Only flags that keep IEEE 754 results. "contract" lets the compiler choose which product of a*b + c*d goes
 # into a fused multiply-add; numba's order of instructions varies from process to process, and so would the last bits
@@ -69,7 +52,6 @@ INNER = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}  # for functions 
 prange = numba.prange
 
 _kernels = []  # all that have a cache on disk
-_single = {}  # function -> the same with constants of single precision
 _own_laws = set()  # digests of the files of user-defined laws in this process
 
 
@@ -206,36 +188,3 @@ def _is_never(active, law):
         return not getattr(law, active)(None)
     except (AttributeError, TypeError):  # it depends on them
         return False
-
-
-def of_precision(function, arguments):
-    """`function`, or where it works in single precision the same with float32 for every constant in it.
-
-    So laws write 0.5 once: of a float32 and a Python float numba would make a float64, at half the speed.
-    """
-    if not _is_single(arguments):
-        return function
-    if function not in _single:
-        code = function.__code__.replace(co_consts=tuple(map(_single_precision, function.__code__.co_consts)))
-        names = {name: _single_precision(value) for name, value in function.__globals__.items()}
-        rest = function.__name__, function.__defaults__, function.__closure__
-        _single[function] = FunctionType(code, names, *rest)
-    return _single[function]
-
-
-def _is_single(arguments):
-    """Whether the first array is of float32, or without one there is a float32 and no float64."""
-    arrays = [kind.dtype for kind in arguments if isinstance(kind, types.Array)]
-    if arrays:
-        return arrays[0] == types.float32
-    given = set()
-    for kind in arguments:
-        given.update(kind.types if isinstance(kind, types.BaseTuple) else [kind])
-    return types.float32 in given and types.float64 not in given
-
-
-def _single_precision(value):
-    """The float, or the floats in the tuple, `value` as float32; anything else as it is."""
-    if type(value) is tuple:
-        return tuple(map(_single_precision, value))
-    return np.float32(value) if type(value) is float else value
