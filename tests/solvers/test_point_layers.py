@@ -11,8 +11,9 @@ from point_scenes import block_of, integrate_to
 from mpmgis.laws import flow_layers
 from mpmgis.laws.bed_contact import VoellmyContact
 from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.gradient_transfer import TurningGradient, WholeGradient
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.slots import PointEffects, TurningGradient, WholeGradient
+from mpmgis.laws.slots import PointEffects
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 
