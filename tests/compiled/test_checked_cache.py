@@ -23,8 +23,12 @@ def double(number):
 @pytest.fixture
 def own_kernel(tmp_path, monkeypatch):
     """Makes a kernel of `double` whose files in `tmp_path` are numba's own."""
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    return lambda: numba.njit(**OPTIONS)(double)
+
+    def make():
+        monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))  # each time: numba reads its environment again
+        return numba.njit(**OPTIONS)(double)
+
+    return make
 
 
 def test_numba_lets_its_files_be_replaced():
@@ -44,7 +48,7 @@ def test_numba_itself_fails_with_a_file_that_is_cut_off(own_kernel, tmp_path, su
     pytest.fail(NEEDLESS.format("checksums"))
 
 
-def test_numba_itself_gives_the_code_of_two_processes_one_name(own_kernel, tmp_path, monkeypatch):
+def test_numba_itself_gives_the_code_of_two_processes_one_name(own_kernel, tmp_path):
     """Both have read the index before either wrote it; the file of the one is then the code of the other."""
     first, second = own_kernel(), own_kernel()
     assert first(3) == 6
