@@ -1,4 +1,4 @@
-"""Layers of a 3D flow with Voellmy's drag: steady chute, profile, momentum and energy of links (`effects/layers`)."""
+"""Layers of a 3D flow with Voellmy's drag: steady chute, profile, momentum and energy of links (`laws/flow_layers`)."""
 
 from itertools import pairwise
 
