@@ -1,22 +1,48 @@
 """Sorting by blocks: ranks of blocks, even division of work, reordering of rows; mass that left, by block."""
 
+import numpy as np
+
 from .jit import jit, jit_inline, jit_parallel, prange
 
 CHUNKS = 32  # pieces of work per loop; fixed, so that sums do not depend on the number of threads
-REORDER_STEPS = 20  # rows are put into block order in memory this often
+REORDER_STEPS = 20  # [steps] between two times that rows are put into block order in memory
 STRIP = 4  # numbers of each row that are moved at a time when rows are put in order
 GONE = -1  # key of a particle that has left
-LEFT_BLOCK = 8  # cells along the side of a block
+LEFT_BLOCK = 8  # [cells] side of a block in which the mass that left is counted
+# ways to leave, and their number: over an edge of the domain, or into ground without data
 WEST_EDGE, SOUTH_EDGE, EAST_EDGE, NORTH_EDGE, INTO_NODATA, WAYS = range(6)
-LEFT_MASS, LEFT_X, LEFT_Y, LEFT_ENTRIES = range(4)  # mass [kg]; mass times place from the domain's corner [kg m]
+# sums of what left over a block
+LEFT_MASS = 0  # [kg]
+LEFT_X = 1  # [kg m] mass times distance from the western edge of the domain
+LEFT_Y = 2  # [kg m] mass times distance from its southern edge
+LEFT_ENTRIES = 3  # number of sums
 
 
 @jit
-def rank_blocks(histogram, pieces, size, slot, block, start):
-    """Convert the counts of `histogram` int[pieces, size] to the first index of each piece and block.
+def rank_blocks(
+    histogram: np.ndarray, pieces: int, size: int, slot: np.ndarray, block: np.ndarray, start: np.ndarray
+) -> tuple[int, int]:
+    """Convert counts of rows to the first index of each piece and block, and number the active blocks.
 
-    `slot[b]` is the active block at place b of the window or -1, `block[a]` its place, `start[a]` to `start[a + 1]` its
-    particles. Returns (active blocks, particles).
+    Parameters
+    ----------
+    histogram : int64[pieces, size]
+        In: number of rows of each piece of work in each block. Out: their first index.
+    pieces : int
+        Number of pieces of work.
+    size : int
+        Number of blocks of the window.
+    slot : int64[size], out
+        Number of the active block at each place of the window; -1 where there is none.
+    block : int64[size], out
+        Place of each active block.
+    start : int64[size + 1], out
+        First particle of each active block.
+
+    Returns
+    -------
+    active, total : int
+        Number of active blocks and of particles.
     """
     total, active = 0, 0
     for b in range(size):
@@ -36,8 +62,18 @@ def rank_blocks(histogram, pieces, size, slot, block, start):
 
 
 @jit
-def split_evenly(start, active, bounds):
-    """Cut the active blocks into CHUNKS pieces of nearly equal numbers of particles: `bounds[c]`..`bounds[c + 1]`."""
+def split_evenly(start: np.ndarray, active: int, bounds: np.ndarray) -> None:
+    """Cut the active blocks into CHUNKS pieces of nearly equal numbers of particles.
+
+    Parameters
+    ----------
+    start : int64[active + 1]
+        First particle of each active block.
+    active : int
+        Number of active blocks.
+    bounds : int64[CHUNKS + 1], out
+        Piece c is the active blocks from `bounds[c]` to `bounds[c + 1]`.
+    """
     total, a = start[active], 0
     for c in range(CHUNKS):
         bounds[c] = a
@@ -47,11 +83,33 @@ def split_evenly(start, active, bounds):
 
 
 @jit_parallel
-def reorder(rows, ids, keys, order, alive, strip, names):
-    """Put rows [n, k], ids and keys [n] into block order in memory; particles that have left are dropped.
+def reorder(
+    rows: np.ndarray,
+    ids: np.ndarray,
+    keys: np.ndarray,
+    order: np.ndarray,
+    alive: int,
+    strip: np.ndarray,
+    names: np.ndarray,
+) -> None:
+    """Put rows, ids and keys into block order in memory; particles that have left are dropped.
 
-    A few numbers of all rows at a time pass through `strip` [n, STRIP], which avoids a second copy of the rows; ids and
-    keys pass through `names` int64[n, 2].
+    A few numbers of all rows at a time pass through `strip`, which avoids a second copy of the rows.
+
+    Parameters
+    ----------
+    rows : float[n, k]
+    ids : uint64[n]
+    keys : int64[n]
+        Key of each particle, from which its block follows; GONE where it has left.
+    order : int64[alive]
+        Rows in block order.
+    alive : int
+        Number of particles that have not left.
+    strip : float[n, STRIP]
+        Working space, in the precision of `rows`.
+    names : int64[n, 2]
+        Working space for ids and keys.
     """
     for first in range(0, rows.shape[1], STRIP):
         width = min(STRIP, rows.shape[1] - first)
@@ -71,10 +129,20 @@ def reorder(rows, ids, keys, order, alive, strip, names):
 
 
 @jit
-def book_left(left, shape, x, y, dx, mass):
-    """Add `mass` [kg] that left to (x, y) [m] from the corner of the domain, which has `shape` cells of `dx` [m].
+def book_left(left: np.ndarray, shape: tuple[int, int], x: float, y: float, dx: float, mass: float) -> None:
+    """Add the mass of a particle that left to the block of cells where it left.
 
-    `left` is float64[WAYS, blocks, blocks, LEFT_ENTRIES]; a place beyond the edge counts on the edge.
+    Parameters
+    ----------
+    left : float64[WAYS, blocks, blocks, LEFT_ENTRIES]
+        Sums of what left; a place beyond the edge counts on the edge.
+    shape : tuple of int
+        Rows and columns of cells of the domain.
+    x, y : float [m]
+        Place from the corner of the domain.
+    dx : float [m]
+        Size of a cell.
+    mass : float [kg]
     """
     way, row, column, x, y = place_left(shape, x, y, dx)
     sums = left[way, row, column]
@@ -84,8 +152,23 @@ def book_left(left, shape, x, y, dx, mass):
 
 
 @jit_inline
-def place_left(shape, x, y, dx):
-    """(way, row and column of the block of cells, place [m] on the edge) of what left to (x, y) [m]."""
+def place_left(shape: tuple[int, int], x: float, y: float, dx: float) -> tuple[int, int, int, float, float]:
+    """Find the edge and the block of cells where a particle left.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of cells of the domain.
+    x, y : float [m]
+        Place from the corner of the domain.
+    dx : float [m]
+        Size of a cell.
+
+    Returns
+    -------
+    way, row, column, x, y : int, int, int, float, float
+        WEST_EDGE to INTO_NODATA, block of cells, place [m] on the edge.
+    """
     ny, nx = shape
     way = INTO_NODATA
     if x < 0.0:

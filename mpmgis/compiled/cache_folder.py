@@ -1,8 +1,4 @@
-"""Compiled kernels on disk: a private folder, and checksums that are verified before code is loaded.
-
-Numba unpickles and runs what it finds in its cache: a file that is cut off or damaged ends every run in an error, or
-runs as broken machine code. Here each file begins with a checksum of its name and the rest. What does not fit it is
-removed, and compiled again.
+"""Folder of compiled kernels: private to the user, and one for each state of the sources.
 
 The folder is named by a hash of the package's sources, because numba does not see that a law in another file was
 edited. A user's own laws are in that hash too: the index of a folder names the classes of all its kernels, and could
@@ -16,6 +12,7 @@ import re
 import shutil
 import stat
 import tempfile
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -32,8 +29,8 @@ _NAME = re.compile(rb"\w+")
 _private = []  # the temporary folder of this process, once it is made
 
 
-def source_digest():
-    """Hex digest of all sources that a kernel may be compiled from: modules that use `jit`, and what they import."""
+def source_digest() -> str:
+    """Return a hex digest of all sources that a kernel may be compiled from: users of `jit`, and what they import."""
     digest = hashlib.sha256()
     for path, source in sorted(_kernel_sources().items()):
         digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + source)
@@ -61,8 +58,8 @@ def _imported(path, source):
         yield from (base / f"{name.decode()}.py" for name in _NAME.findall(names))
 
 
-def cache_folder(own_laws=()):
-    """The folder for compiled kernels: of this user, with mode 0700 and no link, else a private temporary one.
+def cache_folder(own_laws: Iterable[str] = ()) -> Path:
+    """Make the folder for compiled kernels: of this user, with mode 0700 and no link, else a private temporary one.
 
     A private one is removed when this process ends; its child processes use it too.
 
@@ -87,15 +84,20 @@ def cache_folder(own_laws=()):
     return folder
 
 
-def is_own(folder):
-    """Whether `folder`, which is no link, is this user's and not writable by others."""
+def is_own(folder: str | Path) -> bool:
+    """Return whether a folder is this user's, is no link, and is not writable by others.
+
+    Parameters
+    ----------
+    folder : path
+    """
     found = os.lstat(folder)
     others = operating_system.modes_count() and found.st_mode & _OTHERS_WRITE
     return stat.S_ISDIR(found.st_mode) and _is_ours(found) and not others
 
 
-def given_cache_folder():
-    """The folder that the user set for numba; None without one, or if a parent process chose it.
+def given_cache_folder() -> str | None:
+    """Return the folder that the user set for numba; None without one, or if a parent process chose it.
 
     One that is another user's, or that others can write to, is not used either.
     """
@@ -109,8 +111,13 @@ def given_cache_folder():
         return None
 
 
-def choose(folder):
-    """Let numba keep compiled kernels in `folder`: by the environment too, which it may read again at any time."""
+def choose(folder: str | Path) -> None:
+    """Let numba keep compiled kernels in a folder: by the environment too, which it may read again at any time.
+
+    Parameters
+    ----------
+    folder : path
+    """
     os.environ["NUMBA_CACHE_DIR"] = os.environ[CHOSEN] = str(folder)
 
 

@@ -1,9 +1,25 @@
-"""Compiled kernels on disk, each with a checksum that is checked before it is loaded."""
+"""Files of compiled kernels, each with a checksum that is checked before it is loaded.
+
+Numba 0.68 has two faults in its cache on disk, and no interface to replace the class of its files
+(`IndexDataCacheFile`). The class of the object in a kernel's cache is therefore replaced.
+
+Numba unpickles what it finds: a file that is cut off ends every later run in an error, and one that is damaged may run
+as broken machine code. Here each file begins with a checksum of its name and of the rest. A file that does not fit it
+is removed, and the kernel is compiled again.
+
+Numba numbers the files of a kernel by the index as it last read it. Of two processes that compile for other laws at a
+time both then take the same number, and the code of one law remains under the name of the other: in 3 of 12 starts of 8
+processes (numba 0.68, measured 2026-11-22). Here every compiled form has a file of a name that no other process can
+take. Now the worst is an entry that is lost and compiled again.
+
+`tests/compiled/test_checked_cache.py` fails when numba no longer needs this, or no longer allows it.
+"""
 
 import hashlib
 import os
 import pickle
 from contextlib import suppress
+from typing import Any
 from uuid import uuid4
 
 from numba.core.caching import IndexDataCacheFile
@@ -11,22 +27,28 @@ from numba.core.caching import IndexDataCacheFile
 _LENGTH = hashlib.sha256().digest_size
 
 
-def keep_checked(kernel):
-    """Let `kernel`, which has a cache, keep and read its compiled forms as CheckedFiles."""
+def keep_checked(kernel: Any) -> None:
+    """Let a kernel that has a cache keep and read its compiled forms as CheckedFiles.
+
+    Parameters
+    ----------
+    kernel : numba dispatcher
+    """
     kernel._cache._cache_file.__class__ = CheckedFiles
 
 
 class CheckedFiles(IndexDataCacheFile):
-    """The index of a kernel's compiled forms, and a file for each of them.
+    """The index of a kernel's compiled forms, and a file for each of them."""
 
-    Every compiled form has a file of a name that no other process can take. Numba numbers these files by the index as
-    it last read it. Of two processes that compile for other laws at a time both then took the same number, and one
-    code of one law remained under the name of the other: in 3 of 12 starts of 8 processes (numba 0.68, measured
-    2026-11-22). Now the worst is an entry that is lost and compiled again.
-    """
+    def save(self, key: tuple, data: tuple) -> None:
+        """Keep the compiled form `data`; do nothing where the disk does not take it.
 
-    def save(self, key, data):
-        """Keep `data`; not at all where the disk does not take it."""
+        Parameters
+        ----------
+        key : tuple
+            Signature and processor, as numba makes it.
+        data : tuple
+        """
         with suppress(OSError):
             super().save(key, data)
 

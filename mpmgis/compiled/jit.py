@@ -5,8 +5,9 @@ to run every kernel as plain Python.
 """
 
 import os
+from collections.abc import Callable
 from pathlib import Path
-from types import FunctionType
+from typing import Any
 
 from .cache_folder import cache_folder, choose, given_cache_folder
 
@@ -24,11 +25,12 @@ if GIVEN_CACHE_DIR is None:
     choose(cache_folder())
 
 import numba  # noqa: E402  (the cache folder must be known before numba is imported)
-import numpy as np  # noqa: E402
 from numba import types  # noqa: E402
 from numba.extending import overload, overload_method, register_jitable  # noqa: E402
 
+from .blas_import import import_array_functions  # noqa: E402
 from .checked_cache import keep_checked  # noqa: E402
+from .single_constants import of_precision  # noqa: E402
 
 # numba may have been imported before this module.
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
@@ -36,25 +38,8 @@ numba.config.THREADING_LAYER_PRIORITY = os.environ["NUMBA_THREADING_LAYER_PRIORI
 # LLVM's SLP pass stays off, the default of numba: it vectorises parts of loops, which then cannot be vectorised as a
 # whole. With it the 3D step takes 190 ns instead of 105, the depth-averaged one 48 instead of 44 (measured 2026-11-21).
 
-
-def _without_a_look_at_blas():
-    """Import numba's functions of arrays, which it needs at the first kernel, without scipy.linalg (0.2 s).
-
-    It is imported there to detect a BLAS. SciPy is a dependency, so there is one; code that calls BLAS imports it when
-    it is compiled.
-    """
-    from numba.np import linalg
-
-    look = linalg.ensure_blas
-    linalg.ensure_blas = lambda: None
-    try:
-        from numba.np import arraymath  # noqa: F401
-    finally:
-        linalg.ensure_blas = look
-
-
 if not numba.config.DISABLE_JIT:
-    _without_a_look_at_blas()
+    import_array_functions()
 
 # Only flags that keep IEEE 754 results. "contract" lets the compiler choose which product of a*b + c*d goes
 # into a fused multiply-add; numba's order of instructions varies from process to process, and so would the last bits
@@ -69,14 +54,18 @@ INNER = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}  # for functions 
 prange = numba.prange
 
 _kernels = []  # all that have a cache on disk
-_single = {}  # function -> the same with constants of single precision
 _own_laws = set()  # digests of the files of user-defined laws in this process
 
 
-def include_own_laws(sha256):
+def include_own_laws(sha256: str) -> None:
     """Use a separate cache folder from now on, whose name includes the digest of a file of user-defined laws.
 
     Must be called before the first kernel is compiled with one of these laws; compiled kernels stay valid.
+
+    Parameters
+    ----------
+    sha256 : str
+        Digest of the file.
     """
     if sha256 in _own_laws:
         return
@@ -93,60 +82,91 @@ def include_own_laws(sha256):
 
 
 def _kept(kernel):
-    """`kernel`, registered if it has a cache (it has none with NUMBA_DISABLE_JIT)."""
+    """Register `kernel` and return it, if it has a cache (it has none with NUMBA_DISABLE_JIT)."""
     if hasattr(kernel, "enable_caching"):
         _kernels.append(kernel)
         keep_checked(kernel)
     return kernel
 
 
-def jit(function):
-    """Compile a serial kernel, cached on disk; the GIL is released."""
+def jit(function: Callable) -> Callable:
+    """Compile a serial kernel, cached on disk; the GIL is released.
+
+    Parameters
+    ----------
+    function : callable
+    """
     return _kept(numba.njit(**OPTIONS)(function))
 
 
-def jit_inline(function):
+def jit_inline(function: Callable) -> Callable:
     """Compile a function as `jit_borrowing` does, which LLVM inlines wherever kernels call it.
 
     Its types are inferred once. With numba's own inlining, which copies its source into every caller and infers the
     types there again, `update_nodes` of columns took 9 s to compile instead of 3 (measured 2026-11-25).
+
+    Parameters
+    ----------
+    function : callable
     """
     return jit_borrowing(function, forceinline=True)
 
 
-def jit_borrowing(function, **more):
+def jit_borrowing(function: Callable, **more: Any) -> Callable:
     """Compile a serial function that works on its array arguments only: it neither creates nor returns arrays.
 
     References to arrays are not counted in it. A count costs as much as twenty additions, and the compiler leaves some
-    of them in loops: they took half of the 3D step (measured 2026-11-21). `more` are further options of numba.
+    of them in loops: they took half of the 3D step (measured 2026-11-21).
+
+    Parameters
+    ----------
+    function : callable
+    more : dict
+        Further options of numba.
     """
     return _kept(numba.njit(**OPTIONS, _nrt=False, **more)(function))
 
 
-def kernel_part(function):
-    """A part of kernels for both precisions; its constants have single precision if its first array has."""
+def kernel_part(function: Callable) -> Callable:
+    """Register a part of kernels for both precisions; its constants have the precision of its first array.
+
+    Parameters
+    ----------
+    function : callable
+    """
     law_function(function, inlined=False)
     return function
 
 
-def jit_parallel(function):
-    """Compile a kernel with `prange` loops, cached on disk. No atomics: each loop writes only its own data."""
+def jit_parallel(function: Callable) -> Callable:
+    """Compile a kernel with `prange` loops, cached on disk. No atomics: each loop writes only its own data.
+
+    Parameters
+    ----------
+    function : callable
+    """
     return _kept(numba.njit(**OPTIONS, parallel=True)(function))
 
 
-def set_threads(count):
-    """Use `count` threads (None: all that there are); returns the number in use."""
+def set_threads(count: int | None) -> int:
+    """Set the number of threads; return the number in use.
+
+    Parameters
+    ----------
+    count : int, optional
+        None: all that there are.
+    """
     available = numba.config.NUMBA_NUM_THREADS
     numba.set_num_threads(available if count is None else max(1, min(int(count), available)))
     return numba.get_num_threads()
 
 
-def threads_in_use():
-    """Number of threads that parallel kernels use in the calling thread."""
+def threads_in_use() -> int:
+    """Return the number of threads that parallel kernels use in the calling thread."""
     return numba.get_num_threads()
 
 
-def ready_threads():
+def ready_threads() -> None:
     """Start the threads before a kernel from the disk cache is called.
 
     A cached kernel does not start them if its parallel loops came from the cache when it was compiled (for example
@@ -155,13 +175,19 @@ def ready_threads():
     numba.get_num_threads()
 
 
-def law_method(name, inlined=False):
-    """Let kernels call method `name` of any law.
+def law_method(name: str, inlined: bool = False) -> None:
+    """Let kernels call a method of any law.
 
-    A law is a NamedTuple of numbers with plain methods; the kernel is specialised by the law's type, so that an
-    absent law has no cost and new parameter values need no compilation. `inlined` puts it into the loop of the
-    caller whatever its length; otherwise loops over points are not vectorised: 12 ns instead of 130 for
-    Drucker-Prager (measured 2026-11-21).
+    A law is a NamedTuple of numbers with plain methods; the kernel is specialised by the law's type, so that an absent
+    law has no cost and new parameter values need no compilation.
+
+    Parameters
+    ----------
+    name : str
+        Name of the method.
+    inlined : bool
+        Whether it is put into the loop of the caller whatever its length; otherwise loops over points are not
+        vectorised: 12 ns instead of 130 for Drucker-Prager (measured 2026-11-21).
     """
     options = INNER | ({"forceinline": True} if inlined else {})
 
@@ -172,8 +198,16 @@ def law_method(name, inlined=False):
         return lambda law, *arguments: method(law, *arguments)
 
 
-def law_function(function, inlined=True):
-    """Let laws' methods call the plain `function`; `inlined` as in `law_method`."""
+def law_function(function: Callable, inlined: bool = True) -> None:
+    """Let laws' methods call a plain function.
+
+    Parameters
+    ----------
+    function : callable
+    inlined : bool
+        Whether it is put into the loop of the caller whatever its length; otherwise loops over points are not
+        vectorised: 12 ns instead of 130 for Drucker-Prager (measured 2026-11-21).
+    """
     options = INNER | ({"forceinline": True} if inlined else {})
 
     @overload(function, jit_options=options, strict=False)
@@ -181,11 +215,19 @@ def law_function(function, inlined=True):
         return of_precision(function, arguments)
 
 
-def for_law(kernel, place, active):
-    """`kernel` for callers that call it only where the law at argument `place` is active.
+def for_law(kernel: Callable, place: int, active: str) -> Callable:
+    """Make a function that calls a kernel only where a law is active.
 
     Where the law's method `active` returns False whatever the law's values, the call is left out when the caller is
     compiled: an absent law then takes no time to compile either.
+
+    Parameters
+    ----------
+    kernel : callable
+    place : int
+        Place of the law among the arguments of the kernel.
+    active : str
+        Name of the method.
     """
 
     def called(*arguments):
@@ -206,36 +248,3 @@ def _is_never(active, law):
         return not getattr(law, active)(None)
     except (AttributeError, TypeError):  # it depends on them
         return False
-
-
-def of_precision(function, arguments):
-    """`function`, or where it works in single precision the same with float32 for every constant in it.
-
-    So laws write 0.5 once: of a float32 and a Python float numba would make a float64, at half the speed.
-    """
-    if not _is_single(arguments):
-        return function
-    if function not in _single:
-        code = function.__code__.replace(co_consts=tuple(map(_single_precision, function.__code__.co_consts)))
-        names = {name: _single_precision(value) for name, value in function.__globals__.items()}
-        rest = function.__name__, function.__defaults__, function.__closure__
-        _single[function] = FunctionType(code, names, *rest)
-    return _single[function]
-
-
-def _is_single(arguments):
-    """Whether the first array is of float32, or without one there is a float32 and no float64."""
-    arrays = [kind.dtype for kind in arguments if isinstance(kind, types.Array)]
-    if arrays:
-        return arrays[0] == types.float32
-    given = set()
-    for kind in arguments:
-        given.update(kind.types if isinstance(kind, types.BaseTuple) else [kind])
-    return types.float32 in given and types.float64 not in given
-
-
-def _single_precision(value):
-    """The float, or the floats in the tuple, `value` as float32; anything else as it is."""
-    if type(value) is tuple:
-        return tuple(map(_single_precision, value))
-    return np.float32(value) if type(value) is float else value

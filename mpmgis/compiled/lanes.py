@@ -4,8 +4,13 @@ A numba type whose data model is LLVM's <4 x double> or <4 x float>, as in the a
 LLVM splits it where the processor has narrower registers. The compiler finds this form by itself only now and then;
 written down, it halves the transfer loops (measured 2026-11-21).
 
+The functions below are intrinsics: a kernel passes values, and the function gets their numba types and returns the
+signature and what builds the instructions. `Parameters` describe the values, annotations the types.
+
 With NUMBA_DISABLE_JIT=1, four numbers are a NumPy array, and a product and a sum are rounded one after the other.
 """
+
+from typing import Any
 
 import numba
 import numpy as np
@@ -73,8 +78,16 @@ def _multiply_add(builder, kind, factor, vector, total):
 
 
 @_meaning(lambda a, b, c, d: np.array((a, b, c, d)))
-def lanes(typingctx, a, b, c, d):
-    """Lanes(a, b, c, d) of four floats: of float32 if all of them are."""
+def lanes(typingctx: Any, a: types.Type, b: types.Type, c: types.Type, d: types.Type) -> tuple:
+    """Make Lanes of four floats: of float32 if all of them are.
+
+    Parameters
+    ----------
+    a : float
+    b : float
+    c : float
+    d : float
+    """
     kind = Lanes(types.float32 if {a, b, c, d} == {types.float32} else types.float64)
 
     def codegen(context, builder, signature, arguments):
@@ -87,8 +100,15 @@ def lanes(typingctx, a, b, c, d):
 
 
 @_meaning(lambda value, index: value[index])
-def lane(typingctx, value, index):
-    """The float in lane `index`, a literal 0 to 3."""
+def lane(typingctx: Any, value: types.Type, index: types.Type) -> tuple | None:
+    """Take the float in one lane.
+
+    Parameters
+    ----------
+    value : Lanes
+    index : int
+        A literal 0 to 3.
+    """
     if not isinstance(index, types.IntegerLiteral):
         return None
     place = index.literal_value
@@ -100,8 +120,15 @@ def lane(typingctx, value, index):
 
 
 @_meaning(lambda factor, value, total: factor * value + total)
-def multiply_add(typingctx, factor, value, total):
-    """factor * value + total, for a float and two Lanes of one precision, which is that of the product too."""
+def multiply_add(typingctx: Any, factor: types.Type, value: types.Type, total: types.Type) -> tuple:
+    """Compute factor * value + total of one precision.
+
+    Parameters
+    ----------
+    factor : float
+    value : Lanes
+    total : Lanes
+    """
 
     def codegen(context, builder, signature, arguments):
         return _multiply_add(builder, value, _splat(builder, value, arguments[0]), arguments[1], arguments[2])
@@ -110,8 +137,16 @@ def multiply_add(typingctx, factor, value, total):
 
 
 @_meaning(lambda a, b, factor, total: factor * a * b + total)
-def multiply_lanes(typingctx, a, b, factor, total):
-    """factor * a * b + total, lane by lane, for three Lanes and a float of one precision."""
+def multiply_lanes(typingctx: Any, a: types.Type, b: types.Type, factor: types.Type, total: types.Type) -> tuple:
+    """Compute factor * a * b + total, lane by lane, of one precision.
+
+    Parameters
+    ----------
+    a : Lanes
+    b : Lanes
+    factor : float
+    total : Lanes
+    """
 
     def codegen(context, builder, signature, arguments):
         a, b, factor, total = arguments
@@ -124,8 +159,13 @@ def multiply_lanes(typingctx, a, b, factor, total):
 
 
 @_meaning(lambda value: np.append(value[:3], value.dtype.type(0.0)))
-def without_last(typingctx, value):
-    """The Lanes with a zero in place of the fourth."""
+def without_last(typingctx: Any, value: types.Type) -> tuple:
+    """Replace the fourth lane by zero.
+
+    Parameters
+    ----------
+    value : Lanes
+    """
 
     def codegen(context, builder, signature, arguments):
         zero = ir.Constant(value.scalar, 0.0)
@@ -147,8 +187,14 @@ def _pointer(context, builder, kind, array, index):
 
 
 @_meaning(_four_of)
-def load(typingctx, array, index):
-    """Lanes at flat position `index` of a C-contiguous array of floats; without bounds checks."""
+def load(typingctx: Any, array: types.Type, index: types.Type) -> tuple | None:
+    """Load Lanes at a flat position of an array; without bounds checks.
+
+    Parameters
+    ----------
+    array : float32[...] or float64[...], C-contiguous
+    index : int
+    """
     kind = _lanes_of(array)
     if kind is None:
         return None
@@ -170,8 +216,15 @@ def _place(context, builder, kind, array, line, index, step=1):
 
 
 @_meaning(lambda array, line, index: array.reshape(-1)[line + index])
-def get(typingctx, array, line, index):
-    """array.flat[line + index] of a C-contiguous array; without bounds checks."""
+def get(typingctx: Any, array: types.Type, line: types.Type, index: types.Type) -> tuple:
+    """Return array.flat[line + index]; without bounds checks.
+
+    Parameters
+    ----------
+    array : float32[...] or float64[...], C-contiguous
+    line : int
+    index : int
+    """
 
     def codegen(context, builder, signature, arguments):
         return builder.load(_place(context, builder, signature.args[0], *arguments), align=_bytes(array))
@@ -180,8 +233,19 @@ def get(typingctx, array, line, index):
 
 
 @_meaning(lambda array, line, index, entry: array.reshape(-1)[line + 4 * index + entry])
-def get_of_four(typingctx, array, line, index, entry):
-    """array.flat[line + 4 index + entry] of a C-contiguous array, `entry` a literal 0 to 3; unchecked."""
+def get_of_four(
+    typingctx: Any, array: types.Type, line: types.Type, index: types.Type, entry: types.Type
+) -> tuple | None:
+    """Return array.flat[line + 4 index + entry]; without bounds checks.
+
+    Parameters
+    ----------
+    array : float32[...] or float64[...], C-contiguous
+    line : int
+    index : int
+    entry : int
+        A literal 0 to 3.
+    """
     if not isinstance(entry, types.IntegerLiteral):
         return None
     within = ir.Constant(ir.IntType(32), entry.literal_value)
@@ -195,8 +259,16 @@ def get_of_four(typingctx, array, line, index, entry):
 
 
 @_meaning(lambda array, line, index, value: _set(array, line + index, value))
-def put(typingctx, array, line, index, value):
-    """array.flat[line + index] = value, for a C-contiguous array; without bounds checks."""
+def put(typingctx: Any, array: types.Type, line: types.Type, index: types.Type, value: types.Type) -> tuple:
+    """Set array.flat[line + index] = value; without bounds checks.
+
+    Parameters
+    ----------
+    array : float32[...] or float64[...], C-contiguous
+    line : int
+    index : int
+    value : float
+    """
 
     def codegen(context, builder, signature, arguments):
         place = _place(context, builder, signature.args[0], *arguments[:3])
@@ -207,8 +279,28 @@ def put(typingctx, array, line, index, value):
 
 
 @_meaning(lambda array, line, index, *values: _set(array, slice(line + 4 * index, line + 4 * index + 4), values))
-def put_four(typingctx, array, line, index, a, b, c, d):
-    """array.flat[line + 4 index : line + 4 index + 4] = a, b, c, d, for a C-contiguous array; unchecked."""
+def put_four(
+    typingctx: Any,
+    array: types.Type,
+    line: types.Type,
+    index: types.Type,
+    a: types.Type,
+    b: types.Type,
+    c: types.Type,
+    d: types.Type,
+) -> tuple:
+    """Set array.flat[line + 4 index : line + 4 index + 4] = a, b, c, d; without bounds checks.
+
+    Parameters
+    ----------
+    array : float32[...] or float64[...], C-contiguous
+    line : int
+    index : int
+    a : float
+    b : float
+    c : float
+    d : float
+    """
 
     def codegen(context, builder, signature, arguments):
         group = _place(context, builder, signature.args[0], *arguments[:3], step=4)
@@ -221,8 +313,16 @@ def put_four(typingctx, array, line, index, a, b, c, d):
 
 
 @_meaning(lambda *values: tuple(np.stack(values, 1)))
-def transposed(typingctx, a, b, c, d):
-    """Four Lanes as a tuple of four others: the first of each, the second of each..."""
+def transposed(typingctx: Any, a: types.Type, b: types.Type, c: types.Type, d: types.Type) -> tuple:
+    """Turn four Lanes into four others: the first of each, the second of each, and so on.
+
+    Parameters
+    ----------
+    a : Lanes
+    b : Lanes
+    c : Lanes
+    d : Lanes
+    """
 
     def codegen(context, builder, signature, arguments):
         a, b, c, d = arguments
@@ -245,8 +345,15 @@ def transposed(typingctx, a, b, c, d):
 
 
 @_meaning(lambda array, index, value: _set(array, slice(index, index + 4), value))
-def store(typingctx, array, index, value):
-    """array.flat[index : index + 4] = value, for a C-contiguous array of floats; without bounds checks."""
+def store(typingctx: Any, array: types.Type, index: types.Type, value: types.Type) -> tuple:
+    """Set array.flat[index : index + 4] = value; without bounds checks.
+
+    Parameters
+    ----------
+    array : float32[...] or float64[...], C-contiguous
+    index : int
+    value : Lanes
+    """
 
     def codegen(context, builder, signature, arguments):
         pointer = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
@@ -257,8 +364,14 @@ def store(typingctx, array, index, value):
 
 
 @_meaning(lambda array, index: None)
-def prefetch(typingctx, array, index):
-    """Prefetch the cache line of array.flat[index] of a C-contiguous array."""
+def prefetch(typingctx: Any, array: types.Type, index: types.Type) -> tuple:
+    """Prefetch the cache line of array.flat[index].
+
+    Parameters
+    ----------
+    array : float32[...] or float64[...], C-contiguous
+    index : int
+    """
 
     def codegen(context, builder, signature, arguments):
         struct = context.make_array(signature.args[0])(context, builder, arguments[0])

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from ..laws import flow_layers, hencky, softening
-from ..laws.own_law import tried_inputs
+from ..laws.own_law import OwnLaws, tried_inputs
 from ..system.errors import SceneError, one_line
 from .jit import FASTMATH, include_own_laws, law_function, law_method
 
@@ -97,14 +97,26 @@ for _function in FUNCTIONS:
 TOLERANCE = 1e-9  # of compiled against plain: the compiler may take another root or power
 
 
-def use_own_laws(own_laws):
-    """Prepare the compilation of kernels with `own_laws` (`own_law.OwnLaws`), in a separate cache."""
+def use_own_laws(own_laws: OwnLaws) -> None:
+    """Prepare the compilation of kernels with user-defined laws, in a separate cache.
+
+    Parameters
+    ----------
+    own_laws : own_law.OwnLaws
+    """
     if own_laws.laws:
         include_own_laws(own_laws.sha256)
 
 
-def require_compiled(law, name):
+def require_compiled(law: tuple, name: str) -> None:
     """Refuse a law that does not compile, or whose compiled results differ.
+
+    Parameters
+    ----------
+    law : law
+        User-defined friction law.
+    name : str
+        Name of the law in a scene, for messages.
 
     Raises
     ------

@@ -18,8 +18,16 @@ AHEAD_RIGHT = np.array([[-1, -1], [0, -1], [0, 0], [-1, 0]])
 
 
 @jit_inline
-def root_of(parent, k):
-    """The smallest label that label `k` belongs with; shortens the way there for the next time."""
+def root_of(parent: np.ndarray, k: int) -> int:
+    """Find the smallest label that a label belongs with, and shorten the way there for the next time.
+
+    Parameters
+    ----------
+    parent : int32[labels]
+        Label that each label belongs with; working space: one more than half of the cells is enough.
+    k : int
+        Label.
+    """
     while parent[k] != k:
         parent[k] = parent[parent[k]]
         k = parent[k]
@@ -27,10 +35,20 @@ def root_of(parent, k):
 
 
 @jit
-def label_parts(part, parent):
-    """Number the marked cells of `part` (int32[rows + 2, columns + 2], 1 where marked, its rim 0) by parts, from 1.
+def label_parts(part: np.ndarray, parent: np.ndarray) -> int:
+    """Number the marked cells by parts, from 1.
 
-    `parent` int32[labels] is working space: one more than half of the cells is enough. Answers the number of parts.
+    Parameters
+    ----------
+    part : int32[rows + 2, columns + 2]
+        Number of each cell's part, 0 in its rim; for `label_parts` 1 where a cell is marked.
+    parent : int32[labels]
+        Label that each label belongs with; working space: one more than half of the cells is enough.
+
+    Returns
+    -------
+    int
+        Number of parts.
     """
     rows, columns = part.shape
     labels = 0
@@ -64,8 +82,14 @@ def label_parts(part, parent):
 
 
 @jit
-def count_corners(part):
-    """How many corners the rings around the cells of `part` have in all, where the rim of `part` is 0."""
+def count_corners(part: np.ndarray) -> int:
+    """Count the corners that the rings around the cells of all parts have.
+
+    Parameters
+    ----------
+    part : int32[rows + 2, columns + 2]
+        Number of each cell's part, 0 in its rim; for `label_parts` 1 where a cell is marked.
+    """
     rows, columns = part.shape
     corners = 0
     for i in range(1, rows):
@@ -79,8 +103,18 @@ def count_corners(part):
 
 
 @jit_inline
-def turn_at(part, row, column, heading):
-    """How many left turns to make at a corner, with the part's cells on the left: 1, 0 or -1 (to the right)."""
+def turn_at(part: np.ndarray, row: int, column: int, heading: int) -> int:
+    """Count the left turns to make at a corner, with the part's cells on the left: 1, 0 or -1 (to the right).
+
+    Parameters
+    ----------
+    part : int32[rows + 2, columns + 2]
+        Number of each cell's part, 0 in its rim; for `label_parts` 1 where a cell is marked.
+    row, column : int
+        Corner.
+    heading : int
+        Direction of the way to the corner: WEST, SOUTH, EAST or NORTH.
+    """
     left = part[row + AHEAD_LEFT[heading, 0], column + AHEAD_LEFT[heading, 1]]
     right = part[row + AHEAD_RIGHT[heading, 0], column + AHEAD_RIGHT[heading, 1]]
     if left != 0:
@@ -93,13 +127,13 @@ def turn_at(part, row, column, heading):
 
 
 @jit
-def trace_rings(part, corners, ends, parts, area):
-    """Follow every ring around the cells of `part`, counter-clockwise on the map, holes clockwise.
+def trace_rings(part: np.ndarray, corners: np.ndarray, ends: np.ndarray, parts: np.ndarray, area: np.ndarray) -> int:
+    """Follow every ring around the cells of all parts, counter-clockwise on the map, holes clockwise.
 
     Parameters
     ----------
     part : int32[rows + 2, columns + 2]
-        Number of each cell's part as `label_parts` gives it; cells under a side that was followed turn negative.
+        As `label_parts` gives it; cells under a side that was followed turn negative.
     corners : float64[corners, 2], out
         Row and column of each ring's corners, counted in cells of the mask without its rim.
     ends : int64[rings], out

@@ -3,19 +3,28 @@
 Slices have a fixed number of particles: sums over them have the same bits with any number of threads.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 
 from .jit import threads_in_use
 
-SLICE = 1 << 16  # particles
+SLICE = 1 << 16  # [particles] in a slice
 
 
-def in_slices(work, count):
-    """List of `work(slice)` for the slices of `count` particles, in their order.
+def in_slices(work: Callable[[slice], Any], count: int) -> list:
+    """Call `work` for each slice of the particles; return the results in the order of the slices.
 
     `work` runs in several threads at the same time. It releases the GIL where it calls NumPy or serial kernels.
+
+    Parameters
+    ----------
+    work : callable
+        Of one slice.
+    count : int
+        Number of particles.
     """
     slices = [slice(first, min(first + SLICE, count)) for first in range(0, count, SLICE)]
     threads = min(threads_in_use(), len(slices))
@@ -25,8 +34,13 @@ def in_slices(work, count):
         return list(pool.map(work, slices))
 
 
-def copied(array):
-    """A copy of `array`."""
+def copied(array: np.ndarray) -> np.ndarray:
+    """Copy an array.
+
+    Parameters
+    ----------
+    array : array[n, ...]
+    """
     copy = np.empty_like(array)
 
     def fill(some):
@@ -36,8 +50,14 @@ def copied(array):
     return copy
 
 
-def taken(array, index):
-    """`array[index]` for whole numbers `index`."""
+def taken(array: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Take the rows `array[index]`.
+
+    Parameters
+    ----------
+    array : array[n, ...]
+    index : int64[m]
+    """
     rows = np.empty((len(index), *array.shape[1:]), array.dtype)
 
     def fill(some):

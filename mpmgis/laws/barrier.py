@@ -8,8 +8,10 @@ splash, no jet and one velocity from bed to surface.
 from math import sqrt
 from typing import NamedTuple
 
-# boundary condition of a node in a wall: FACE, flow can leave; CORE, flow cannot cross; CORNER, no flow
-FACE, CORE, CORNER = 0.0, 1.0, 2.0
+# boundary condition of a node in a wall
+FACE = 0.0  # the flow can leave the wall
+CORE = 1.0  # the flow cannot cross
+CORNER = 2.0  # there is no flow
 
 
 class NoBarrier(NamedTuple):
@@ -17,22 +19,88 @@ class NoBarrier(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def barrier_active(self):
+    def barrier_active(self) -> bool:
+        """Return False: there is no barrier."""
         return False
 
-    def weir_discharge(self, gravity, head, speed):
+    def weir_discharge(self, gravity: float, head: float, speed: float) -> float:
+        """Return 0: nothing flows over a crest.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        head : float [m]
+        speed : float [m s-1]
+        """
         return 0.0
 
-    def opening_discharge(self, gravity, depth, speed, depth_beyond, speed_beyond):
+    def opening_discharge(
+        self, gravity: float, depth: float, speed: float, depth_beyond: float, speed_beyond: float
+    ) -> float:
+        """Return 0: nothing flows through an opening.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        depth, speed : float [m], [m s-1]
+            Depth on one side, and speed there towards the opening.
+        depth_beyond, speed_beyond : float [m], [m s-1]
+            The same of the other side.
+        """
         return 0.0
 
-    def kept_along(self, mu, slip, pressed):
+    def kept_along(self, mu: float, slip: float, pressed: float) -> float:
+        """Return 1: no speed is lost.
+
+        Parameters
+        ----------
+        mu : float [1]
+            Friction coefficient along the wall.
+        slip : float [m s-1]
+            Speed along the face.
+        pressed : float [m s-1]
+            Speed towards the face, which the face stops.
+        """
         return 1.0
 
-    def deflected(self, u, v, normal_x, normal_y, hold, mu, open_speed):
+    def deflected(
+        self, u: float, v: float, normal_x: float, normal_y: float, hold: float, mu: float, open_speed: float
+    ) -> tuple[float, float]:
+        """Return the velocity unchanged.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Velocity of the node.
+        normal_x, normal_y : float [1]
+            Outward unit normal of the wall on this side.
+        hold : float
+            Boundary condition of the node: FACE, CORE or CORNER.
+        mu : float [1]
+            Friction coefficient along the wall.
+        open_speed : float [m s-1]
+            Largest speed across the wall; 0 below the crest.
+        """
         return u, v
 
-    def let_through(self, u, v, normal_x, normal_y, side, mu, open_speed):
+    def let_through(
+        self, u: float, v: float, normal_x: float, normal_y: float, side: float, mu: float, open_speed: float
+    ) -> tuple[float, float]:
+        """Return the velocity unchanged.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Velocity of the node.
+        normal_x, normal_y : float [1]
+            Outward unit normal of the wall on this side.
+        side : float
+            Sign of the direction (normal_y, -normal_x) in which the opening lies.
+        mu : float [1]
+            Friction coefficient along the wall.
+        open_speed : float [m s-1]
+            Largest speed across the wall; 0 below the crest.
+        """
         return u, v
 
 
@@ -41,28 +109,52 @@ class Barrier(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def barrier_active(self):
+    def barrier_active(self) -> bool:
+        """Return True: there are barriers."""
         return True
 
-    def weir_discharge(self, gravity, head, speed):
-        """Discharge over a metre of crest [m2 s-1].
+    def weir_discharge(self, gravity: float, head: float, speed: float) -> float:
+        """Compute the discharge over a metre of crest.
 
-        `head` [m] is the surface before the wall above its crest, `speed` [m s-1] the flow's towards the wall. A slow
-        flow passes critically, q = sqrt(g) (2 head / 3)^(3/2) (broad-crested weir); a fast one keeps its speed above
-        the crest, q = head * speed.
+        A slow flow passes critically, q = sqrt(g) (2 head / 3)^(3/2) (broad-crested weir); a fast one keeps its speed
+        above the crest, q = head * speed.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        head : float [m]
+            Surface before the wall above its crest.
+        speed : float [m s-1]
+            Speed of the flow towards the wall.
+
+        Returns
+        -------
+        float [m2 s-1]
         """
         above = max(head, 0.0)
         critical = 2.0 * above / 3.0
         return max(sqrt(gravity * critical) * critical, above * speed)
 
-    def opening_discharge(self, gravity, depth, speed, depth_beyond, speed_beyond):
-        """Largest discharge through a metre of an opening [m2 s-1].
+    def opening_discharge(
+        self, gravity: float, depth: float, speed: float, depth_beyond: float, speed_beyond: float
+    ) -> float:
+        """Compute the largest discharge through a metre of an opening.
 
-        `depth` [m] is the flow's on one side and `speed` [m s-1] its speed towards the opening, `depth_beyond` and
-        `speed_beyond` those of the other side. From the side with the larger energy head E = depth + speed^2 / 2g the
-        flow passes critically, q = sqrt(g) (2 E / 3)^(3/2), the largest discharge that any flow of this head has
-        (Chow 1959, section 3-3). If the depth beyond exceeds 2 E / 3, it is the depth in the opening,
-        q = depth sqrt(2 g (E - depth)).
+        From the side with the larger energy head E = depth + speed^2 / 2g the flow passes critically, q = sqrt(g) (2 E
+        / 3)^(3/2), the largest discharge that any flow of this head has (Chow 1959, section 3-3). If the depth beyond
+        exceeds 2 E / 3, it is the depth in the opening, q = depth sqrt(2 g (E - depth)).
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        depth, speed : float [m], [m s-1]
+            Depth on one side, and speed there towards the opening.
+        depth_beyond, speed_beyond : float [m], [m s-1]
+            The same of the other side.
+
+        Returns
+        -------
+        float [m2 s-1]
         """
         head = depth + 0.5 * speed * speed / gravity
         head_beyond = depth_beyond + 0.5 * speed_beyond * speed_beyond / gravity
@@ -71,15 +163,48 @@ class Barrier(NamedTuple):
         within = max(2.0 * head / 3.0, min(tail, head))
         return within * sqrt(2.0 * gravity * (head - within))
 
-    def kept_along(self, mu, slip, pressed):
-        """Share [1] left of the speed `slip` [m s-1] on a rigid face that stops the normal speed `pressed` [m s-1]."""
+    def kept_along(self, mu: float, slip: float, pressed: float) -> float:
+        """Compute the share of the speed along a rigid face that is left after Coulomb friction.
+
+        Parameters
+        ----------
+        mu : float [1]
+            Friction coefficient along the wall.
+        slip : float [m s-1]
+            Speed along the face.
+        pressed : float [m s-1]
+            Speed towards the face, which the face stops.
+
+        Returns
+        -------
+        float [1]
+        """
         return max(0.0, 1.0 - mu * pressed / slip)
 
-    def deflected(self, u, v, normal_x, normal_y, hold, mu, open_speed):
-        """Velocity [m s-1] at a node in the wall, whose outward unit normal on this side is (normal_x, normal_y).
+    def deflected(
+        self, u: float, v: float, normal_x: float, normal_y: float, hold: float, mu: float, open_speed: float
+    ) -> tuple[float, float]:
+        """Compute the velocity at a node in the wall.
 
-        Through the wall the flow keeps at most `open_speed`, which is 0 below the crest. A reduction of the speed
-        across the wall reduces the speed along it by `mu` times as much.
+        Through the wall the flow keeps at most `open_speed`. A reduction of the speed across the wall reduces the speed
+        along it by `mu` times as much.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Velocity of the node.
+        normal_x, normal_y : float [1]
+            Outward unit normal of the wall on this side.
+        hold : float
+            Boundary condition of the node: FACE, CORE or CORNER.
+        mu : float [1]
+            Friction coefficient along the wall.
+        open_speed : float [m s-1]
+            Largest speed across the wall; 0 below the crest.
+
+        Returns
+        -------
+        u, v : float [m s-1]
         """
         across = u * normal_x + v * normal_y
         along_x, along_y = u - across * normal_x, v - across * normal_y
@@ -93,11 +218,30 @@ class Barrier(NamedTuple):
         share = kept_along / along if along > 0.0 else 0.0
         return kept_across * normal_x + share * along_x, kept_across * normal_y + share * along_y
 
-    def let_through(self, u, v, normal_x, normal_y, side, mu, open_speed):
-        """Velocity [m s-1] at a node that is partly open; the flow passes along the normal (normal_x, normal_y).
+    def let_through(
+        self, u: float, v: float, normal_x: float, normal_y: float, side: float, mu: float, open_speed: float
+    ) -> tuple[float, float]:
+        """Compute the velocity at a node that is partly open.
 
-        It passes at `open_speed` at most. Sideways, along (normal_y, -normal_x), it moves only away from the wall,
-        whose opening is in the direction `side`. A reduction of one speed reduces the other by `mu` times as much.
+        Along the normal the flow passes at `open_speed` at most. Sideways, along (normal_y, -normal_x), it moves only
+        away from the wall. A reduction of one speed reduces the other by `mu` times as much.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Velocity of the node.
+        normal_x, normal_y : float [1]
+            Outward unit normal of the wall on this side.
+        side : float
+            Sign of the direction (normal_y, -normal_x) in which the opening lies.
+        mu : float [1]
+            Friction coefficient along the wall.
+        open_speed : float [m s-1]
+            Largest speed through the opening.
+
+        Returns
+        -------
+        u, v : float [m s-1]
         """
         across, along = u * normal_x + v * normal_y, u * normal_y - v * normal_x
         kept_across = min(max(across, -open_speed), open_speed)

@@ -1,13 +1,30 @@
 """Contact of the 3D flow with the ground: Coulomb friction on the impulse, Voellmy's drag, or sticking."""
 
 from math import sqrt
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from .flow_layers import chezy_number, relative_roughness
 
+if TYPE_CHECKING:
+    import numpy as np
 
-def dry_slip(law, slip, pressed):
-    """Share [1] left of the tangential speed `slip` [m s-1] if the ground stops the normal speed `pressed` [m s-1]."""
+
+def dry_slip(law: tuple, slip: float, pressed: float) -> float:
+    """Compute the share of the tangential speed that Coulomb friction on the impulse leaves.
+
+    Parameters
+    ----------
+    law : law
+        With the field `mu` [1].
+    slip : float [m s-1]
+        Tangential speed.
+    pressed : float [m s-1]
+        Normal speed that the ground stops.
+
+    Returns
+    -------
+    float [1]
+    """
     return max(0.0, 1.0 - law.mu * pressed / slip)
 
 
@@ -24,36 +41,55 @@ class CoulombContact(NamedTuple):
 
     kept_slip = dry_slip
 
-    def sticks(self):
-        """Whether the flow stays on the ground when it moves away from it."""
+    def sticks(self) -> bool:
+        """Return False: the flow may leave the ground."""
         return False
 
-    def drag_active(self):
-        """Whether there is a stress on the bed in addition to Coulomb friction."""
+    def drag_active(self) -> bool:
+        """Return False: there is no stress on the bed in addition to Coulomb friction."""
         return False
 
-    def kept_by_drag(self, slip, load):
-        """No drag."""
+    def kept_by_drag(self, slip: float, load: float) -> float:
+        """Return 1: there is no drag.
+
+        Parameters
+        ----------
+        slip : float [m s-1]
+            Tangential speed.
+        load : float [s-1]
+            rho g dt times the area of bed, over the mass that it slows.
+        """
         return 1.0
 
-    def layer_friction(self):
-        """No friction between layers in addition to that of the material."""
+    def layer_friction(self) -> float:
+        """Return 0: layers have no friction in addition to that of the material."""
         return 0.0
 
-    def layer_roughness(self, gravity):
-        """No drag, no turbulence."""
+    def layer_roughness(self, gravity: float) -> float:
+        """Return 1: there is no drag and no turbulence.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        """
         return 1.0
 
-    def at_node(self, values, j, i):
-        """The law with the parameters values[j, i, :] of a node."""
+    def at_node(self, values: "np.ndarray", j: int, i: int) -> "CoulombContact":
+        """Return the law with the parameters of node [j, i].
+
+        Parameters
+        ----------
+        values : float64[rows, columns, parameters]
+        j, i : int
+        """
         return CoulombContact(values[j, i, 0])
 
 
 class VoellmyContact(NamedTuple):
     """Dry friction and turbulent drag on the ground, tau = mu sigma + rho g u^2 / xi (Voellmy 1955).
 
-    The same law as `effects/friction.Voellmy` of the depth-averaged solver: u is the mean speed over the flow's depth,
-    and its layers transfer mu p and turbulent stress (`effects/layers`). Drag acts on flow that touches the bed, with
+    The same law as `friction.Voellmy` of the depth-averaged solver: u is the mean speed over the flow's depth,
+    and its layers transfer mu p and turbulent stress (`flow_layers`). Drag acts on flow that touches the bed, with
     or without pressure in the same step: elastic oscillation of the flow does not reduce it.
 
     Parameters
@@ -70,31 +106,58 @@ class VoellmyContact(NamedTuple):
 
     kept_slip = dry_slip
 
-    def sticks(self):
-        """Whether the flow stays on the ground when it moves away from it."""
+    def sticks(self) -> bool:
+        """Return False: the flow may leave the ground."""
         return False
 
-    def drag_active(self):
-        """Whether there is a stress on the bed in addition to Coulomb friction."""
+    def drag_active(self) -> bool:
+        """Return True: there is drag on the bed in addition to Coulomb friction."""
         return True
 
-    def kept_by_drag(self, slip, load):
-        """Share [1] left of the speed `slip` [m s-1] after a step of drag, exact for s = slip - load s^2 / xi.
+    def kept_by_drag(self, slip: float, load: float) -> float:
+        """Compute the share of the speed that is left after a step of drag.
 
-        `load` [s m s-2 m-1] is rho g dt times the area of bed over the mass that it slows.
+        The exact solution s of s = slip - load s^2 / xi, over slip.
+
+        Parameters
+        ----------
+        slip : float [m s-1]
+            Tangential speed.
+        load : float [s-1]
+            rho g dt times the area of bed, over the mass that it slows.
+
+        Returns
+        -------
+        float [1]
         """
         return 2.0 / (1.0 + sqrt(1.0 + 4.0 * load * slip / self.xi))
 
-    def layer_friction(self):
-        """mu [1], also between layers of a flow whose material has no strength."""
+    def layer_friction(self) -> float:
+        """Return mu [1], the friction also between layers of a flow whose material has no strength."""
         return self.mu
 
-    def layer_roughness(self, gravity):
-        """Roughness of the bed over the flow's depth, z0 / h [1], whose log law has the drag of xi."""
+    def layer_roughness(self, gravity: float) -> float:
+        """Compute the roughness of the bed whose logarithmic law has the drag of xi.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+
+        Returns
+        -------
+        float [1]
+            Roughness over the depth of the flow, z0 / h.
+        """
         return relative_roughness(chezy_number(self.xi, gravity))
 
-    def at_node(self, values, j, i):
-        """The law with the parameters values[j, i, :] of a node."""
+    def at_node(self, values: "np.ndarray", j: int, i: int) -> "VoellmyContact":
+        """Return the law with the parameters of node [j, i].
+
+        Parameters
+        ----------
+        values : float64[rows, columns, parameters]
+        j, i : int
+        """
         return VoellmyContact(values[j, i, 0], values[j, i, 1])
 
 
@@ -103,30 +166,57 @@ class StickingContact(NamedTuple):
 
     null: float = 0.0
 
-    def kept_slip(self, slip, pressed):
-        """No slip."""
+    def kept_slip(self, slip: float, pressed: float) -> float:
+        """Return 0: there is no slip.
+
+        Parameters
+        ----------
+        slip : float [m s-1]
+            Tangential speed.
+        pressed : float [m s-1]
+            Normal speed that the ground stops.
+        """
         return 0.0
 
-    def sticks(self):
-        """Whether the flow stays on the ground when it moves away from it."""
+    def sticks(self) -> bool:
+        """Return True: the flow stays on the ground, also where it would move away from it."""
         return True
 
-    def drag_active(self):
-        """Whether there is a stress on the bed in addition to Coulomb friction."""
+    def drag_active(self) -> bool:
+        """Return False: there is no stress on the bed in addition to Coulomb friction."""
         return False
 
-    def kept_by_drag(self, slip, load):
-        """No drag."""
+    def kept_by_drag(self, slip: float, load: float) -> float:
+        """Return 1: there is no drag.
+
+        Parameters
+        ----------
+        slip : float [m s-1]
+            Tangential speed.
+        load : float [s-1]
+            rho g dt times the area of bed, over the mass that it slows.
+        """
         return 1.0
 
-    def layer_friction(self):
-        """No friction between layers in addition to that of the material."""
+    def layer_friction(self) -> float:
+        """Return 0: layers have no friction in addition to that of the material."""
         return 0.0
 
-    def layer_roughness(self, gravity):
-        """No drag, no turbulence."""
+    def layer_roughness(self, gravity: float) -> float:
+        """Return 1: there is no drag and no turbulence.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        """
         return 1.0
 
-    def at_node(self, values, j, i):
-        """Sticks everywhere."""
+    def at_node(self, values: "np.ndarray", j: int, i: int) -> "StickingContact":
+        """Return this law, which is the same at each node.
+
+        Parameters
+        ----------
+        values : float64[rows, columns, parameters]
+        j, i : int
+        """
         return self

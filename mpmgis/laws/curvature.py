@@ -8,22 +8,54 @@ tests against exact solutions without the other; on real ground T alone gives to
 from math import sqrt
 from typing import NamedTuple
 
+# Smallest squared speed that the turned velocity is scaled by: a share of the squared speed before, plus [m2 s-2].
+LEAST_SHARE, LEAST_SQUARE = 1e-12, 1e-300
+
 
 class NoCurvature(NamedTuple):
     """The null law: velocities are not turned, the load is that of gravity alone."""
 
     null: float = 0.0  # the compiler requires a field
 
-    def curvature_active(self):
+    def curvature_active(self) -> bool:
+        """Return False: curvature has no effect."""
         return False
 
-    def turned_velocity(self, u, v, old_x, old_y, new_x, new_y):
+    def turned_velocity(
+        self, u: float, v: float, old_x: float, old_y: float, new_x: float, new_y: float
+    ) -> tuple[float, float]:
+        """Return the velocity unchanged.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Horizontal velocity.
+        old_x, old_y, new_x, new_y : float [1]
+            Gradient of the bed before and after the step.
+        """
         return u, v
 
-    def centrifugal_acceleration(self, u, v, bend_xx, bend_xy, bend_yy):
+    def centrifugal_acceleration(self, u: float, v: float, bend_xx: float, bend_xy: float, bend_yy: float) -> float:
+        """Return 0: there is no centrifugal acceleration.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Horizontal velocity.
+        bend_xx, bend_xy, bend_yy : float [m-1]
+            Second derivatives (Hessian) of the bed.
+        """
         return 0.0
 
-    def effective_gravity(self, gravity, centrifugal):
+    def effective_gravity(self, gravity: float, centrifugal: float) -> float:
+        """Return gravity unchanged.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        centrifugal : float [m s-2]
+            kappa of `centrifugal_acceleration`.
+        """
         return gravity
 
 
@@ -32,25 +64,63 @@ class Curvature(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def curvature_active(self):
+    def curvature_active(self) -> bool:
+        """Return True: curvature has an effect."""
         return True
 
-    def turned_velocity(self, u, v, old_x, old_y, new_x, new_y):
-        """Horizontal velocity after the bed's gradient changed from `old` to `new`; its length on the bed is kept."""
+    def turned_velocity(
+        self, u: float, v: float, old_x: float, old_y: float, new_x: float, new_y: float
+    ) -> tuple[float, float]:
+        """Turn the velocity with the bed; its length on the bed is kept.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Horizontal velocity.
+        old_x, old_y, new_x, new_y : float [1]
+            Gradient of the bed before and after the step.
+
+        Returns
+        -------
+        u, v : float [m s-1]
+        """
         w = u * old_x + v * old_y
         out = (w - u * new_x - v * new_y) / (1.0 + new_x * new_x + new_y * new_y)  # along (-b_x, -b_y, 1)
         u_new, v_new, w_new = u + out * new_x, v + out * new_y, w - out
         before = u * u + v * v + w * w
         after = u_new * u_new + v_new * v_new + w_new * w_new
-        scale = sqrt(before / max(after, 1e-12 * before + 1e-300))
+        scale = sqrt(before / max(after, LEAST_SHARE * before + LEAST_SQUARE))
         return u_new * scale, v_new * scale
 
-    def centrifugal_acceleration(self, u, v, bend_xx, bend_xy, bend_yy):
-        """kappa = u^T Hess(b) u [m s-2] of the Hessian `bend` [m-1]; positive in hollows."""
+    def centrifugal_acceleration(self, u: float, v: float, bend_xx: float, bend_xy: float, bend_yy: float) -> float:
+        """Compute kappa = u^T Hess(b) u, positive in hollows.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Horizontal velocity.
+        bend_xx, bend_xy, bend_yy : float [m-1]
+            Second derivatives (Hessian) of the bed.
+
+        Returns
+        -------
+        float [m s-2]
+        """
         return u * u * bend_xx + 2.0 * u * v * bend_xy + v * v * bend_yy
 
-    def effective_gravity(self, gravity, centrifugal):
-        """max(0, g + kappa) [m s-2]; zero means take-off, and then there is no friction."""
+    def effective_gravity(self, gravity: float, centrifugal: float) -> float:
+        """Compute max(0, g + kappa); zero means take-off, and then there is no friction.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        centrifugal : float [m s-2]
+            kappa of `centrifugal_acceleration`.
+
+        Returns
+        -------
+        float [m s-2]
+        """
         return max(0.0, gravity + centrifugal)
 
 

@@ -14,13 +14,26 @@ class NoEntrainment(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def entrainment_active(self):
+    def entrainment_active(self) -> bool:
+        """Return False: the bed is rigid."""
         return False
 
-    def erosion_rate(self, density, basal_stress, speed):
+    def erosion_rate(self, density: float, basal_stress: float, speed: float) -> float:
+        """Return 0: nothing is eroded.
+
+        Parameters
+        ----------
+        density : float [kg m-3]
+            rho of the flow.
+        basal_stress : float [Pa]
+            tau_b.
+        speed : float [m s-1]
+            Length of the velocity along the ground.
+        """
         return 0.0
 
-    def bed_lowering(self):
+    def bed_lowering(self) -> float:
+        """Return 0: the bed stays where it is."""
         return 0.0
 
 
@@ -33,14 +46,31 @@ class ErosionEnergy(NamedTuple):
     erosion_energy: float  # e_b [J kg-1]
     lowering: float = 0.0  # bed lowered per eroded mass and area [m3 kg-1], 1 / bed density; 0: the bed stays as it is
 
-    def entrainment_active(self):
+    def entrainment_active(self) -> bool:
+        """Return True: the bed erodes."""
         return True
 
-    def erosion_rate(self, density, basal_stress, speed):
-        """Erosion rate q [kg m-2 s-1] per area of the bed's surface; `basal_stress` tau_b [Pa], `speed` |U| [m s-1]."""
+    def erosion_rate(self, density: float, basal_stress: float, speed: float) -> float:
+        """Compute q = tau_b |U| / e_b.
+
+        Parameters
+        ----------
+        density : float [kg m-3]
+            rho of the flow.
+        basal_stress : float [Pa]
+            tau_b.
+        speed : float [m s-1]
+            Length of the velocity along the ground.
+
+        Returns
+        -------
+        float [kg m-2 s-1]
+            Per area of the bed's surface.
+        """
         return basal_stress * speed / self.erosion_energy
 
-    def bed_lowering(self):
+    def bed_lowering(self) -> float:
+        """Return the depth by which the bed is lowered per eroded mass and area [m3 kg-1]."""
         return self.lowering
 
 
@@ -53,14 +83,31 @@ class ErosionSpeed(NamedTuple):
     coefficient: float  # k_e [1]
     lowering: float = 0.0  # [m3 kg-1]
 
-    def entrainment_active(self):
+    def entrainment_active(self) -> bool:
+        """Return True: the bed erodes."""
         return True
 
-    def erosion_rate(self, density, basal_stress, speed):
-        """Erosion rate q [kg m-2 s-1] per area of the bed's surface; `density` rho [kg m-3], `speed` |U| [m s-1]."""
+    def erosion_rate(self, density: float, basal_stress: float, speed: float) -> float:
+        """Compute q = k_e rho |U|.
+
+        Parameters
+        ----------
+        density : float [kg m-3]
+            rho of the flow.
+        basal_stress : float [Pa]
+            tau_b.
+        speed : float [m s-1]
+            Length of the velocity along the ground.
+
+        Returns
+        -------
+        float [kg m-2 s-1]
+            Per area of the bed's surface.
+        """
         return self.coefficient * density * speed
 
-    def bed_lowering(self):
+    def bed_lowering(self) -> float:
+        """Return the depth by which the bed is lowered per eroded mass and area [m3 kg-1]."""
         return self.lowering
 
 

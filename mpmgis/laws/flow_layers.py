@@ -12,16 +12,23 @@ solves (1 + r) ln(1 + 1 / r) - 1 = KAPPA sqrt(xi / g): xi determines the roughne
 
 from math import exp, log, sqrt
 
-KAPPA = 0.4  # von Karman's constant
+KAPPA = 0.4  # [1] von Karman's constant
 NEWTON_STEPS = 5  # to round-off for Chezy numbers of 0.01 to 1000
-SMOOTHEST = 1e-30  # smallest z0 / h
-LEAST_SPREAD = 0.05  # smallest difference of ln(z + z0) between two layers
+SMOOTHEST = 1e-30  # [1] smallest z0 / h
+LEAST_GRAVITY = 1e-300  # [m s-2] a divisor in place of 0
+LEAST_SPREAD = 0.05  # [1] smallest difference of ln(z + z0) between two layers
 
 
-def relative_roughness(chezy):
-    """r = z0 / h [1] of a bed over which a flow of depth h has the mean speed `chezy` [1] times u*, sqrt(xi / g).
+def relative_roughness(chezy: float) -> float:
+    """Compute r = z0 / h [1] of a bed over which the mean speed of a flow is `chezy` times u*.
 
-    Newton's method for ln r; from the limits of smooth beds, r = exp(-1 - X), and of rough ones, 1 / (2 X).
+    Newton's method for ln r; from the limits of smooth beds, r = exp(-1 - X), and of rough ones, 1 / (2 X), with X =
+    KAPPA `chezy`.
+
+    Parameters
+    ----------
+    chezy : float [1]
+        sqrt(xi / g), the mean speed over the shear velocity u*.
     """
     asked = KAPPA * chezy
     guess = -1.0 - asked if asked > 1.0 else -log(2.0 * asked)
@@ -34,21 +41,49 @@ def relative_roughness(chezy):
     return exp(guess)
 
 
-def layer_speed(above, roughness, chezy):
-    """Steady speed over its depth mean [1] at `above` = z / h [1], over a bed of `roughness` z0 / h [1]."""
+def layer_speed(above: float, roughness: float, chezy: float) -> float:
+    """Compute the steady speed at a height over its mean over the depth [1].
+
+    Parameters
+    ----------
+    above : float [1]
+        Height z / h.
+    roughness : float [1]
+        z0 / h of the bed.
+    chezy : float [1]
+        sqrt(xi / g), the mean speed over the shear velocity u*.
+    """
     return log(1.0 + above / roughness) / (KAPPA * chezy)
 
 
-def turbulent_link(slip, lower, upper):
-    """Turbulent stress over density and slip [m s-1] between layers at `lower` and `upper` [m], both with z0 added.
+def turbulent_link(slip: float, lower: float, upper: float) -> float:
+    """Compute the turbulent stress between two layers, over density and slip.
 
-    The stress is rho `turbulent_link` `slip` where it is as at the bed; `slip` [m s-1] is their difference of speed.
-    Between them du/dz is proportional to 1 / (z + z0), so that the steady profile is exact at any two heights.
+    The stress is rho `turbulent_link` `slip` where it is as at the bed. Between the layers du/dz is proportional to 1 /
+    (z + z0), so that the steady profile is exact at any two heights.
+
+    Parameters
+    ----------
+    slip : float [m s-1]
+        Difference of speed of the layers.
+    lower, upper : float [m]
+        Heights of the layers, both with z0 added.
+
+    Returns
+    -------
+    float [m s-1]
     """
     spread = max(log(upper / lower), LEAST_SPREAD)
     return KAPPA * KAPPA * slip / (spread * spread)
 
 
-def chezy_number(xi, gravity):
-    """sqrt(xi / g) [1]: the mean speed of a flow over the shear velocity u* of its drag."""
-    return sqrt(xi / max(gravity, 1e-300))
+def chezy_number(xi: float, gravity: float) -> float:
+    """Compute sqrt(xi / g) [1]: the mean speed of a flow over the shear velocity u* of its drag.
+
+    Parameters
+    ----------
+    xi : float [m s-2]
+        Turbulent coefficient.
+    gravity : float [m s-2]
+    """
+    return sqrt(xi / max(gravity, LEAST_GRAVITY))

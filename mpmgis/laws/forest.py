@@ -11,9 +11,15 @@ and other flow is braked and loses no mass. Flow that is too thick breaks the tr
 
 from typing import NamedTuple
 
-# values of a node with forest: detrainment K [Pa], added drag c [m-1], added friction mu_f [1], strength [Pa], limits
-# of detrainment (speed [m s-1], thickness normal to the ground [m]), thickness that breaks it [m]; 0 is no limit
-DETRAINMENT, DRAG, FRICTION, STRENGTH, SLOW, THIN, TOO_THICK, FOREST_ENTRIES = range(8)
+# entries of a node with forest
+DETRAINMENT = 0  # [Pa] K
+DRAG = 1  # [m-1] added drag c
+FRICTION = 2  # [1] added friction mu_f
+STRENGTH = 3  # [Pa] pressure from which on trees break
+SLOW = 4  # [m s-1] largest speed of flow that only loses mass; 0: no limit
+THIN = 5  # [m] largest thickness, normal to the ground, of flow that only loses mass; 0: no limit
+TOO_THICK = 6  # [m] thickness above which the flow breaks trees; 0: no limit
+FOREST_ENTRIES = 7  # number of entries
 
 
 class NoForest(NamedTuple):
@@ -21,16 +27,53 @@ class NoForest(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def forest_active(self):
+    def forest_active(self) -> bool:
+        """Return False: there are no trees."""
         return False
 
-    def forest_breaks(self, strength, too_thick, density, thickness_normal, speed):
+    def forest_breaks(
+        self, strength: float, too_thick: float, density: float, thickness_normal: float, speed: float
+    ) -> bool:
+        """Return False: there are no trees to break.
+
+        Parameters
+        ----------
+        strength : float [Pa]
+            Pressure from which on trees break.
+        too_thick : float [m]
+            Thickness above which the flow breaks them at any speed; 0: at none.
+        density : float [kg m-3]
+        thickness_normal : float [m]
+            Normal to the ground.
+        speed : float [m s-1]
+        """
         return False
 
-    def forest_only_detrains(self, slow, thin, thickness_normal, speed):
+    def forest_only_detrains(self, slow: float, thin: float, thickness_normal: float, speed: float) -> bool:
+        """Return False: there are no trees.
+
+        Parameters
+        ----------
+        slow : float [m s-1]
+            Largest speed of slow flow.
+        thin : float [m]
+            Largest thickness of thin flow.
+        thickness_normal : float [m]
+            Normal to the ground.
+        speed : float [m s-1]
+        """
         return False
 
-    def forest_detrained(self, detrainment, speed, time_step):
+    def forest_detrained(self, detrainment: float, speed: float, time_step: float) -> float:
+        """Return 0: no mass stops.
+
+        Parameters
+        ----------
+        detrainment : float [Pa]
+            K.
+        speed : float [m s-1]
+        time_step : float [s]
+        """
         return 0.0
 
 
@@ -39,22 +82,57 @@ class Forest(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def forest_active(self):
+    def forest_active(self) -> bool:
+        """Return True: there are trees."""
         return True
 
-    def forest_breaks(self, strength, too_thick, density, thickness_normal, speed):
-        """Whether flow of `density` [kg m-3] and `speed` [m s-1] breaks trees of `strength` [Pa].
+    def forest_breaks(
+        self, strength: float, too_thick: float, density: float, thickness_normal: float, speed: float
+    ) -> bool:
+        """Return whether the flow breaks trees: by its pressure rho U^2, or by its thickness.
 
-        Flow of more than `too_thick` [m] normal to the ground breaks them at any speed; 0: none does.
+        Parameters
+        ----------
+        strength : float [Pa]
+            Pressure from which on trees break.
+        too_thick : float [m]
+            Thickness above which the flow breaks them at any speed; 0: at none.
+        density : float [kg m-3]
+        thickness_normal : float [m]
+            Normal to the ground.
+        speed : float [m s-1]
         """
         return density * speed * speed >= strength or (too_thick > 0.0 and thickness_normal > too_thick)
 
-    def forest_only_detrains(self, slow, thin, thickness_normal, speed):
-        """Whether flow is at most `slow` [m s-1] or at most `thin` [m]: it loses mass and is not braked (com1DFA)."""
+    def forest_only_detrains(self, slow: float, thin: float, thickness_normal: float, speed: float) -> bool:
+        """Return whether the flow is slow or thin: it then loses mass and is not braked (com1DFA).
+
+        Parameters
+        ----------
+        slow : float [m s-1]
+            Largest speed of slow flow.
+        thin : float [m]
+            Largest thickness of thin flow.
+        thickness_normal : float [m]
+            Normal to the ground.
+        speed : float [m s-1]
+        """
         return speed <= slow or thickness_normal <= thin
 
-    def forest_detrained(self, detrainment, speed, time_step):
-        """Mass [kg m-2] per area of the ground that stops in `time_step` [s]; none of a flow at rest."""
+    def forest_detrained(self, detrainment: float, speed: float, time_step: float) -> float:
+        """Compute the mass per area of the ground that stops in a step; none of a flow at rest.
+
+        Parameters
+        ----------
+        detrainment : float [Pa]
+            K.
+        speed : float [m s-1]
+        time_step : float [s]
+
+        Returns
+        -------
+        float [kg m-2]
+        """
         if speed <= 0.0:
             return 0.0
         return detrainment * time_step / speed

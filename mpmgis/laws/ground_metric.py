@@ -2,8 +2,6 @@
 
 `slope` is for mass flows on steep ground: a body constrained to the bed is driven by g sin cos, and speed is the
 length along the ground. `swe` is the shallow-water form for water and lakes on gentle beds.
-
-Still water as a reference state: a lake at rest stays at rest to round-off.
 """
 
 from typing import NamedTuple
@@ -14,7 +12,14 @@ class SlopeMetric(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def metric_gradient(self, gradient_x, gradient_y):
+    def metric_gradient(self, gradient_x: float, gradient_y: float) -> tuple[float, float]:
+        """Return the gradient of the bed.
+
+        Parameters
+        ----------
+        gradient_x, gradient_y : float [1]
+            Gradient of the bed.
+        """
         return gradient_x, gradient_y
 
 
@@ -23,38 +28,26 @@ class WaterMetric(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def metric_gradient(self, gradient_x, gradient_y):
+    def metric_gradient(self, gradient_x: float, gradient_y: float) -> tuple[float, float]:
+        """Return (0, 0): lengths are horizontal.
+
+        Parameters
+        ----------
+        gradient_x, gradient_y : float [1]
+            Gradient of the bed.
+        """
         return 0.0, 0.0
 
 
-def cosine_squared(metric_x, metric_y):
-    """c^2 = 1 / (1 + T^2) of a metric gradient."""
+def cosine_squared(metric_x: float, metric_y: float) -> float:
+    """Compute c^2 = 1 / (1 + T^2) [1], where T is the length of the metric gradient.
+
+    Parameters
+    ----------
+    metric_x, metric_y : float [1]
+        Metric gradient.
+    """
     return 1.0 / (1.0 + metric_x * metric_x + metric_y * metric_y)
 
 
 FORMS = {"slope": SlopeMetric, "swe": WaterMetric}
-
-
-class NoStillWater(NamedTuple):
-    """The null law: no reference depth."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def still_water_active(self):
-        return False
-
-    def reference_depth(self, bed, level):
-        return 0.0
-
-
-class StillWater(NamedTuple):
-    """Lakes at rest; form `swe` only. Each cell of the grid has the still-water level of its lake."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def still_water_active(self):
-        return True
-
-    def reference_depth(self, bed, level):
-        """Depth of the still lake [m] over `bed` [m]; `level` [m] is very low where there is no lake."""
-        return max(level - bed, 0.0)

@@ -1,9 +1,9 @@
 """Symmetric tensors and their logarithms, for solid materials of the 3D solver.
 
-A symmetric tensor is six numbers xx, yy, zz, xy, xz, yz; any other nine, row by row. Small strains take straight lines
-of + - * / that a compiler runs for several points at once: no tensor is taken apart into principal values, because
+A symmetric tensor is six numbers xx, yy, zz, xy, xz, yz; any other nine, row by row. Small strains are computed by a
+fixed sequence of + - * /, which a compiler runs for several points at once. No principal values are needed, because
 every power of a 3 x 3 tensor is a combination of itself, its square and the unit tensor (Cayley and Hamilton), so that
-a series costs three numbers a term. Large strains take Jacobi's rotations, a point at a time.
+a series costs three numbers a term. Large strains need principal values, by Jacobi's rotations, one point at a time.
 
 The left Cauchy-Green tensor b is kept as x = b - I. In single precision b itself resolves strains of 6e-8 and steps
 below that are lost: after 60 000 small steps up to 12 kPa of an ice's 112 kPa (K = 6.7 MPa), and any stress where K is
@@ -14,19 +14,56 @@ from math import log1p, sqrt
 
 # Largest |b - I| (Frobenius) of the series, squared. There |Z| <= 1/7, and the truncation error is below 2e-14.
 SERIES_REACH = 0.0625
+SWEEPS = 12  # of Jacobi's method at most; 5 or 6 are enough, because the convergence is quadratic
+DIAGONAL = 1e-36  # [1] squared off-diagonal entries over squared diagonal ones that end the sweeps
 SMALLEST_STRETCH, LARGEST_STRETCH = 1e-4, 1e4  # limits of the singular values of the deformation
 
 
-def determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz):
-    """det(I + g) [1]: how a step changes volumes; at or below 0 it turns the point inside out."""
+def determinant_of_step(
+    gxx: float, gxy: float, gxz: float, gyx: float, gyy: float, gyz: float, gzx: float, gzy: float, gzz: float
+) -> float:
+    """Compute det(I + g) [1]: how a step changes volumes; at or below 0 it turns the point inside out.
+
+    Parameters
+    ----------
+    gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz : float [1]
+        Gradient of the step, dt grad v.
+    """
     axx, ayy, azz = 1.0 + gxx, 1.0 + gyy, 1.0 + gzz
     return axx * (ayy * azz - gyz * gzy) - gxy * (gyx * azz - gyz * gzx) + gxz * (gyx * gzy - ayy * gzx)
 
 
-def pushed_forward(xxx, xyy, xzz, xxy, xxz, xyz, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz):
-    """x after a step of gradient g = dt grad v [1]: (I + g)(I + x)(I + g)^T - I, without a difference of large numbers.
+def pushed_forward(
+    xxx: float,
+    xyy: float,
+    xzz: float,
+    xxy: float,
+    xxz: float,
+    xyz: float,
+    gxx: float,
+    gxy: float,
+    gxz: float,
+    gyx: float,
+    gyy: float,
+    gyz: float,
+    gzx: float,
+    gzy: float,
+    gzz: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Compute x after a step: (I + g)(I + x)(I + g)^T - I, without a difference of large numbers.
 
     It is c (I + g)^T + g^T with c = (I + g) x + g.
+
+    Parameters
+    ----------
+    xxx, xyy, xzz, xxy, xxz, xyz : float [1]
+        x = b - I before the step.
+    gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz : float [1]
+        Gradient of the step, dt grad v.
+
+    Returns
+    -------
+    xx, yy, zz, xy, xz, yz : float [1]
     """
     axx, ayy, azz = 1.0 + gxx, 1.0 + gyy, 1.0 + gzz
     cxx = axx * xxx + gxy * xxy + gxz * xxz + gxx
@@ -48,8 +85,16 @@ def pushed_forward(xxx, xyy, xzz, xxy, xxz, xyz, gxx, gxy, gxz, gyx, gyy, gyz, g
     )
 
 
-def squared(xx, yy, zz, xy, xz, yz):
-    """a a of a symmetric tensor a."""
+def squared(
+    xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
+) -> tuple[float, float, float, float, float, float]:
+    """Compute a a of a symmetric tensor a.
+
+    Parameters
+    ----------
+    xx, yy, zz, xy, xz, yz : float
+        Entries of the tensor.
+    """
     return (
         xx * xx + xy * xy + xz * xz,
         xy * xy + yy * yy + yz * yz,
@@ -60,20 +105,40 @@ def squared(xx, yy, zz, xy, xz, yz):
     )
 
 
-def determinant(xx, yy, zz, xy, xz, yz):
-    """det a of a symmetric tensor a."""
+def determinant(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> float:
+    """Compute det a of a symmetric tensor a.
+
+    Parameters
+    ----------
+    xx, yy, zz, xy, xz, yz : float
+        Entries of the tensor.
+    """
     return xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
 
 
-def squared_norm(xx, yy, zz, xy, xz, yz):
-    """a : a of a symmetric tensor a."""
+def squared_norm(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> float:
+    """Compute a : a of a symmetric tensor a.
+
+    Parameters
+    ----------
+    xx, yy, zz, xy, xz, yz : float
+        Entries of the tensor.
+    """
     return xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + xz * xz + yz * yz)
 
 
-def cayley(xx, yy, zz, xy, xz, yz):
-    """Z = x (2 I + x)^-1 of x = b - I, between -I and I while b is positive definite; log(b) = 2 artanh(Z).
+def cayley(
+    xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
+) -> tuple[float, float, float, float, float, float]:
+    """Compute Z = x (2 I + x)^-1 of x = b - I; log(b) = 2 artanh(Z).
 
-    By Cayley and Hamilton it is (I3 I + (4 + 2 I1) x - 2 x x) / (8 + 4 I1 + 2 I2 + I3) with the invariants of x.
+    Z is between -I and I while b is positive definite. By Cayley and Hamilton it is (I3 I + (4 + 2 I1) x - 2 x x) / (8
+    + 4 I1 + 2 I2 + I3) with the invariants of x.
+
+    Parameters
+    ----------
+    xx, yy, zz, xy, xz, yz : float
+        Entries of the tensor.
     """
     sxx, syy, szz, sxy, sxz, syz = squared(xx, yy, zz, xy, xz, yz)
     first, third = xx + yy + zz, determinant(xx, yy, zz, xy, xz, yz)
@@ -90,10 +155,20 @@ def cayley(xx, yy, zz, xy, xz, yz):
     )
 
 
-def hencky_strain(xx, yy, zz, xy, xz, yz):
-    """e = log(I + x) / 2 within the reach of the series: its trace and its deviator xx, yy, zz, xy, xz, yz [1].
+def hencky_strain(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> tuple[float, ...]:
+    """Compute e = log(I + x) / 2 within the reach of the series.
 
     e = Z + Z^3/3 + Z^5/5 + ... + Z^13/13 with Z of `cayley`, evaluated by Horner on p Z^2 + q Z + r I.
+
+    Parameters
+    ----------
+    xx, yy, zz, xy, xz, yz : float
+        Entries of the tensor.
+
+    Returns
+    -------
+    trace, xx, yy, zz, xy, xz, yz : float [1]
+        Trace of e, and its deviator.
     """
     zxx, zyy, zzz, zxy, zxz, zyz = cayley(xx, yy, zz, xy, xz, yz)
     yxx, yyy, yzz, yxy, yxz, yyz = squared(zxx, zyy, zzz, zxy, zxz, zyz)
@@ -125,17 +200,37 @@ def hencky_strain(xx, yy, zz, xy, xz, yz):
     )
 
 
-def times_square(p, q, r, first, second, third):
-    """(p a^2 + q a + r I) a^2 as p, q, r again, for a tensor a of these three invariants."""
+def times_square(p: float, q: float, r: float, first: float, second: float, third: float) -> tuple[float, float, float]:
+    """Compute p, q, r of (p a^2 + q a + r I) a^2 for a tensor a.
+
+    Parameters
+    ----------
+    p, q, r : float
+    first, second, third : float
+        Invariants of a.
+    """
     lead = first * p + q
     return first * lead + r - second * p, third * p - second * lead, third * lead
 
 
-def exponential_less_unit(trace, xx, yy, zz, xy, xz, yz):
-    """exp(a) - I of a symmetric tensor a given by its trace and its deviator; to 1e-15 while its norm is below 0.3.
+def exponential_less_unit(
+    trace: float, xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
+) -> tuple[float, float, float, float, float, float]:
+    """Compute exp(a) - I of a symmetric tensor a; to 1e-15 while its norm is below 0.3.
 
     exp(trace / 3) times exp(deviator), Taylor to the 11th power; the deviator's by Horner on p s^2 + q s + r I, where
     s^3 = (s : s / 2) s + det(s) I.
+
+    Parameters
+    ----------
+    trace : float [1]
+        Trace of a.
+    xx, yy, zz, xy, xz, yz : float
+        Entries of the tensor.
+
+    Returns
+    -------
+    xx, yy, zz, xy, xz, yz : float [1]
     """
     sxx, syy, szz, sxy, sxz, syz = squared(xx, yy, zz, xy, xz, yz)
     half, third = 0.5 * (sxx + syy + szz), determinant(xx, yy, zz, xy, xz, yz)
@@ -163,8 +258,20 @@ def exponential_less_unit(trace, xx, yy, zz, xy, xz, yz):
     )
 
 
-def large_exponential_less_unit(trace, xx, yy, zz, xy, xz, yz):
-    """`exponential_less_unit` up to a norm of 4, of numbers or of arrays: that of a 16th, squared four times."""
+def large_exponential_less_unit(
+    trace: float, xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
+) -> tuple:
+    """Compute `exponential_less_unit` up to a norm of 4, of numbers or of arrays.
+
+    It is that of a 16th, squared four times.
+
+    Parameters
+    ----------
+    trace : float [1]
+        Trace of a.
+    xx, yy, zz, xy, xz, yz : float
+        Entries of the tensor.
+    """
     part = 1.0 / 16.0
     power = exponential_less_unit(trace * part, xx * part, yy * part, zz * part, xy * part, xz * part, yz * part)
     for _ in range(4):  # (I + y)^2 - I = y y + 2 y
@@ -173,8 +280,18 @@ def large_exponential_less_unit(trace, xx, yy, zz, xy, xz, yz):
     return power
 
 
-def rotation(app, aqq, apq):
-    """Cosine, sine and tangent of Jacobi's rotation that clears the entry apq between the diagonal app and aqq."""
+def rotation(app: float, aqq: float, apq: float) -> tuple[float, float, float]:
+    """Compute Jacobi's rotation that clears the entry apq between the diagonal entries app and aqq.
+
+    Parameters
+    ----------
+    app, aqq, apq : float
+        Entries of the tensor.
+
+    Returns
+    -------
+    cosine, sine, tangent : float [1]
+    """
     tangent = 0.0
     if apq != 0.0:
         turn = (aqq - app) / (2.0 * apq)
@@ -183,16 +300,37 @@ def rotation(app, aqq, apq):
     return cosine, tangent * cosine, tangent
 
 
-def turned(c, s, ax, ay, az, bx, by, bz):
-    """Directions a and b after a rotation of cosine c and sine s."""
+def turned(
+    c: float, s: float, ax: float, ay: float, az: float, bx: float, by: float, bz: float
+) -> tuple[float, float, float, float, float, float]:
+    """Rotate the directions a and b.
+
+    Parameters
+    ----------
+    c, s : float [1]
+        Cosine and sine of the rotation.
+    ax, ay, az, bx, by, bz : float [1]
+        Directions a and b.
+    """
     return c * ax - s * bx, c * ay - s * by, c * az - s * bz, s * ax + c * bx, s * ay + c * by, s * az + c * bz
 
 
-def principal(xx, yy, zz, xy, xz, yz):
-    """Principal values of a symmetric tensor, then their directions: (a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz)."""
+def principal(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> tuple[float, ...]:
+    """Compute the principal values of a symmetric tensor and their directions, by Jacobi's rotations.
+
+    Parameters
+    ----------
+    xx, yy, zz, xy, xz, yz : float
+        Entries of the tensor.
+
+    Returns
+    -------
+    a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz : float
+        Values, then directions [1].
+    """
     ax, ay, az, bx, by, bz, cx, cy, cz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
-    for _ in range(12):  # sweeps; 5 or 6 are enough, because the convergence is quadratic
-        if xy * xy + xz * xz + yz * yz <= 1e-36 * (xx * xx + yy * yy + zz * zz):
+    for _ in range(SWEEPS):
+        if xy * xy + xz * xz + yz * yz <= DIAGONAL * (xx * xx + yy * yy + zz * zz):
             break
         c, s, t = rotation(xx, yy, xy)
         xx, yy, xy, xz, yz = xx - t * xy, yy + t * xy, 0.0, c * xz - s * yz, s * xz + c * yz
@@ -206,8 +344,29 @@ def principal(xx, yy, zz, xy, xz, yz):
     return xx, yy, zz, ax, ay, az, bx, by, bz, cx, cy, cz
 
 
-def assembled(a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz):
-    """The symmetric tensor of these principal values and directions."""
+def assembled(
+    a: float,
+    b: float,
+    c: float,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    cx: float,
+    cy: float,
+    cz: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Compute the symmetric tensor with these principal values and directions.
+
+    Parameters
+    ----------
+    a, b, c : float
+        Principal values.
+    ax, ay, az, bx, by, bz, cx, cy, cz : float [1]
+        Their directions.
+    """
     return (
         a * ax * ax + b * bx * bx + c * cx * cx,
         a * ay * ay + b * by * by + c * cy * cy,
@@ -218,7 +377,13 @@ def assembled(a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz):
     )
 
 
-def principal_strain(value):
-    """log(1 + value) / 2 [1] of a principal value of b - I, limited to the allowed stretches."""
+def principal_strain(value: float) -> float:
+    """Compute log(1 + value) / 2 [1], limited to the allowed stretches.
+
+    Parameters
+    ----------
+    value : float [1]
+        Principal value of b - I.
+    """
     smallest, largest = SMALLEST_STRETCH * SMALLEST_STRETCH - 1.0, LARGEST_STRETCH * LARGEST_STRETCH - 1.0
     return 0.5 * log1p(min(max(value, smallest), largest))

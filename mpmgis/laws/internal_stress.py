@@ -3,12 +3,14 @@
 from math import cos, radians, sqrt
 from typing import NamedTuple
 
-from .friction import plug_ratio
+from .friction import NO_YIELD_STRESS, plug_ratio
 
 # Compression in one time step over which K changes from active to passive. With a twentieth of that, and the mean K at
 # rest, the push alternates between the two from column to column: 16 % error in a dam break whose exact solution is
 # Ritter's with K_active, against 1.7 % (measured 2026-11-21).
-SWITCH = 0.02
+SWITCH = 0.02  # [1]
+LEAST_THICKNESS = 1e-3  # [m] a divisor in place of a smaller thickness
+LEAST_SQUARED_RATE = 1e-6  # [s-2] e^2 of the regularised yield stress
 
 
 class NoEarthPressure(NamedTuple):
@@ -16,13 +18,23 @@ class NoEarthPressure(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def earth_pressure_active(self):
+    def earth_pressure_active(self) -> bool:
+        """Return False: the push is hydrostatic."""
         return False
 
-    def pressure_factor(self, rate, time_step):
+    def pressure_factor(self, rate: float, time_step: float) -> float:
+        """Return 1: K of hydrostatic push.
+
+        Parameters
+        ----------
+        rate : float [s-1]
+            Rate of stretching along the flow.
+        time_step : float [s]
+        """
         return 1.0
 
-    def largest_factor(self):
+    def largest_factor(self) -> float:
+        """Return 1: K of hydrostatic push."""
         return 1.0
 
 
@@ -37,24 +49,39 @@ class EarthPressure(NamedTuple):
     active: float  # [1]
     passive: float  # [1]
 
-    def earth_pressure_active(self):
+    def earth_pressure_active(self) -> bool:
+        """Return True: K depends on whether the flow stretches."""
         return True
 
-    def pressure_factor(self, rate, time_step):
-        """K [1] for a stretching `rate` [s-1] along the flow: active from rest on, passive below -SWITCH / dt."""
+    def pressure_factor(self, rate: float, time_step: float) -> float:
+        """Compute K [1]: active at rest and where the flow stretches, passive below a rate of -SWITCH / dt.
+
+        Parameters
+        ----------
+        rate : float [s-1]
+            Rate of stretching along the flow.
+        time_step : float [s]
+        """
         compressed = min(max(-rate * time_step / SWITCH, 0.0), 1.0)
         return self.active + compressed * (self.passive - self.active)
 
-    def largest_factor(self):
-        """Largest K [1]: the wave speed for the time step is proportional to its root."""
+    def largest_factor(self) -> float:
+        """Return the largest K [1]: the wave speed for the time step is proportional to its root."""
         return max(self.active, self.passive)
 
 
-def earth_pressure(friction_angle, bed_friction_angle):
-    """`EarthPressure` of an internal and a bed friction angle phi and delta <= phi [deg] (Hutter et al. 1993).
+def earth_pressure(friction_angle: float, bed_friction_angle: float) -> EarthPressure:
+    """Make the `EarthPressure` of an internal friction angle phi and a bed friction angle delta (Hutter et al. 1993).
 
-    K = 2 / cos^2 phi (1 -+ sqrt(1 - cos^2 phi / cos^2 delta)) - 1, minus where active. delta = 0 is Rankine's
-    tan^2(45 -+ phi / 2), delta = phi the 2 / cos^2 phi - 1 of a layer about to fail.
+    K = 2 / cos^2 phi (1 -+ sqrt(1 - cos^2 phi / cos^2 delta)) - 1, minus where active. delta = 0 is Rankine's tan^2(45
+    -+ phi / 2), delta = phi the 2 / cos^2 phi - 1 of a layer about to fail.
+
+    Parameters
+    ----------
+    friction_angle : float [deg]
+        phi.
+    bed_friction_angle : float [deg]
+        delta, at most phi.
     """
     cos2_phi, cos2_delta = cos(radians(friction_angle)) ** 2, cos(radians(bed_friction_angle)) ** 2
     root = sqrt(max(1.0 - cos2_phi / cos2_delta, 0.0))
@@ -66,10 +93,21 @@ class NoViscosity(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def viscosity_active(self):
+    def viscosity_active(self) -> bool:
+        """Return False: there is only pressure."""
         return False
 
-    def apparent_viscosity(self, thickness, u, v, dxx, dxy, dyy):
+    def apparent_viscosity(self, thickness: float, u: float, v: float, dxx: float, dxy: float, dyy: float) -> float:
+        """Return 0: there is no viscous stress in the plane.
+
+        Parameters
+        ----------
+        thickness : float [m]
+        u, v : float [m s-1]
+            Velocity.
+        dxx, dxy, dyy : float [s-1]
+            Symmetric gradient of the velocity.
+        """
         return 0.0
 
 
@@ -87,17 +125,27 @@ class InPlaneViscosity(NamedTuple):
 
     plug_ratio = plug_ratio
 
-    def viscosity_active(self):
+    def viscosity_active(self) -> bool:
+        """Return True: there is viscous stress in the plane."""
         return True
 
-    def apparent_viscosity(self, thickness, u, v, dxx, dxy, dyy):
-        """eta_eff [Pa s] in sigma = 2 eta_eff D; thickness [m], velocity [m s-1], its symmetric gradient [s-1]."""
+    def apparent_viscosity(self, thickness: float, u: float, v: float, dxx: float, dxy: float, dyy: float) -> float:
+        """Compute eta_eff [Pa s] in sigma = 2 eta_eff D.
+
+        Parameters
+        ----------
+        thickness : float [m]
+        u, v : float [m s-1]
+            Velocity.
+        dxx, dxy, dyy : float [s-1]
+            Symmetric gradient of the velocity.
+        """
         apparent = self.viscosity
-        if self.yield_stress > 1e-6:  # less than that is none
-            deep = max(thickness, 1e-3)
+        if self.yield_stress > NO_YIELD_STRESS:
+            deep = max(thickness, LEAST_THICKNESS)
             speed = sqrt(u * u + v * v)
             bed_shear = 1.5 * speed / ((2.0 + self.plug_ratio(deep, speed)) * deep)  # D_xz
             dzz = -(dxx + dyy)
             second = 0.5 * (dxx * dxx + dyy * dyy + dzz * dzz) + dxy * dxy + bed_shear * bed_shear
-            apparent += 0.5 * self.yield_stress / sqrt(second + 1e-6)
+            apparent += 0.5 * self.yield_stress / sqrt(second + LEAST_SQUARED_RATE)
         return apparent

@@ -16,7 +16,7 @@ limited to 1e-4..1e4, or the determinant of the step is negative).
 """
 
 from math import exp, expm1, inf, sqrt
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .hencky import (
     LARGEST_STRETCH,
@@ -34,14 +34,58 @@ from .hencky import (
 )
 from .softening import cone
 
-ORDINARY, NO_TENSION, FAR = 0.0, 1.0, 2.0
-TINY = 1e-30  # keeps quotients finite, in float32 too
+if TYPE_CHECKING:
+    import numpy as np
+
+ORDINARY = 0.0  # code of a step
+NO_TENSION = 1.0  # code of a step: the stress is at the tip of the cone
+FAR = 2.0  # code of a step: strains beyond the series; of `stress_step_far`: beyond the allowed stretches
+TINY = 1e-30  # a divisor in place of 0: its inverse is finite in float32 too
 
 
 def stress_step(
-    material, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
-):
-    """State and Kirchhoff stress after a step of gradient g: (s0..s7, txx, tyy, tzz, txy, txz, tyz [Pa], code)."""
+    material: tuple,
+    s0: float,
+    s1: float,
+    s2: float,
+    s3: float,
+    s4: float,
+    s5: float,
+    s6: float,
+    s7: float,
+    gxx: float,
+    gxy: float,
+    gxz: float,
+    gyx: float,
+    gyy: float,
+    gyz: float,
+    gzx: float,
+    gzy: float,
+    gzz: float,
+    time_step: float,
+    softening: tuple,
+) -> tuple[float, ...]:
+    """Compute state and stress of a point after a step, for strains within the reach of the series.
+
+    The Kirchhoff stress is tau = J sigma = 2 G dev e + K tr(e) I of the elastic Hencky strain e.
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    s0, s1, s2, s3, s4, s5, s6, s7 : float
+        State: b - I (xx, yy, zz, xy, xz, yz) [1], e_d [1], v_c [1].
+    gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz : float [1]
+        Gradient of the step, dt grad v.
+    time_step : float [s]
+    softening : law
+        Law of the slot `softening`.
+
+    Returns
+    -------
+    s0..s7, txx, tyy, tzz, txy, txz, tyz, code : float
+        New state, Kirchhoff stress [Pa], and the code ORDINARY, NO_TENSION or FAR.
+    """
     xxx, xyy, xzz, xxy, xxz, xyz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
     near = squared_norm(xxx, xyy, xzz, xxy, xxz, xyz) <= SERIES_REACH
     upright = determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz) > 0.0
@@ -73,9 +117,41 @@ def stress_step(
 
 
 def stress_step_far(
-    material, s0, s1, s2, s3, s4, s5, s6, s7, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz, time_step, softening
-):
-    """`stress_step` of one point for strains of any size, by principal values."""
+    material: tuple,
+    s0: float,
+    s1: float,
+    s2: float,
+    s3: float,
+    s4: float,
+    s5: float,
+    s6: float,
+    s7: float,
+    gxx: float,
+    gxy: float,
+    gxz: float,
+    gyx: float,
+    gyy: float,
+    gyz: float,
+    gzx: float,
+    gzy: float,
+    gzz: float,
+    time_step: float,
+    softening: tuple,
+) -> tuple[float, ...]:
+    """Compute `stress_step` of one point for strains of any size, by principal values.
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    s0, s1, s2, s3, s4, s5, s6, s7 : float
+        State: b - I (xx, yy, zz, xy, xz, yz) [1], e_d [1], v_c [1].
+    gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz : float [1]
+        Gradient of the step, dt grad v.
+    time_step : float [s]
+    softening : law
+        Law of the slot `softening`.
+    """
     xxx, xyy, xzz, xxy, xxz, xyz = pushed_forward(s0, s1, s2, s3, s4, s5, gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz)
     upright = determinant_of_step(gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz) > 0.0
     a, b, c, ax, ay, az, bx, by, bz, cx, cy, cz = principal(xxx, xyy, xzz, xxy, xxz, xyz)
@@ -98,10 +174,25 @@ def stress_step_far(
     return xxx, xyy, xzz, xxy, xxz, xyz, s6, s7, txx, tyy, tzz, txy, txz, tyz, code
 
 
-def state_at_stress(material, txx, tyy, tzz, txy, txz, tyz):
-    """State s0..s7 of this Kirchhoff stress [Pa], elastic; for numbers or arrays.
+def state_at_stress(
+    material: tuple,
+    txx: "float | np.ndarray",
+    tyy: "float | np.ndarray",
+    tzz: "float | np.ndarray",
+    txy: "float | np.ndarray",
+    txz: "float | np.ndarray",
+    tyz: "float | np.ndarray",
+) -> tuple:
+    """Compute the elastic state s0..s7 of a Kirchhoff stress; for numbers or arrays.
 
     The first step returns stress beyond the yield surface. Strains up to a norm of 2.
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    txx, tyy, tzz, txy, txz, tyz : float or float64[n] [Pa]
+        Kirchhoff stress.
     """
     trace, bearing = (txx + tyy + tzz) / (3.0 * material.bulk_modulus), 1.0 / material.shear_modulus
     mean = (txx + tyy + tzz) / 3.0
@@ -118,8 +209,18 @@ def state_at_stress(material, txx, tyy, tzz, txy, txz, tyz):
     return x[0], x[1], x[2], x[3], x[4], x[5], nothing, nothing
 
 
-def stored_energy(material, s0, s1, s2, s3, s4, s5, s6, s7):
-    """Elastic energy [J m-3] per volume free of stress: K tr(e)^2 / 2 + G |dev e|^2."""
+def stored_energy(
+    material: tuple, s0: float, s1: float, s2: float, s3: float, s4: float, s5: float, s6: float, s7: float
+) -> float:
+    """Compute the elastic energy [J m-3] per volume free of stress: K tr(e)^2 / 2 + G |dev e|^2.
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    s0, s1, s2, s3, s4, s5, s6, s7 : float
+        State: b - I (xx, yy, zz, xy, xz, yz) [1], e_d [1], v_c [1].
+    """
     if squared_norm(s0, s1, s2, s3, s4, s5) <= SERIES_REACH:
         trace, dxx, dyy, dzz, dxy, dxz, dyz = hencky_strain(s0, s1, s2, s3, s4, s5)
         norm2 = squared_norm(dxx, dyy, dzz, dxy, dxz, dyz)
@@ -131,30 +232,65 @@ def stored_energy(material, s0, s1, s2, s3, s4, s5, s6, s7):
     return 0.5 * material.bulk_modulus * trace * trace + material.shear_modulus * norm2
 
 
-def volume_ratio(material, s0, s1, s2, s3, s4, s5, s6, s7):
-    """Volume over stress-free volume [1]: sqrt(det b), times the opening exp(v_c)."""
+def volume_ratio(
+    material: tuple, s0: float, s1: float, s2: float, s3: float, s4: float, s5: float, s6: float, s7: float
+) -> float:
+    """Compute the volume over the stress-free volume [1]: sqrt(det b), times the opening exp(v_c).
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    s0, s1, s2, s3, s4, s5, s6, s7 : float
+        State: b - I (xx, yy, zz, xy, xz, yz) [1], e_d [1], v_c [1].
+    """
     xx, yy, zz = 1.0 + s0, 1.0 + s1, 1.0 + s2
     determinant = xx * (yy * zz - s5 * s5) - s3 * (s3 * zz - s5 * s4) + s4 * (s3 * s5 - yy * s4)
     return sqrt(max(determinant, 0.0)) * exp(s7)
 
 
-def wave_speed(material, density):
-    """Speed [m s-1] of pressure waves at `density` [kg m-3], sqrt((K + 4 G / 3) / rho), for the time step."""
+def wave_speed(material: tuple, density: float) -> float:
+    """Compute the speed of pressure waves [m s-1], sqrt((K + 4 G / 3) / rho), for the time step.
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    density : float [kg m-3]
+    """
     return sqrt((material.bulk_modulus + 4.0 / 3.0 * material.shear_modulus) / density)
 
 
-def no_viscosity(material):
-    """0 Pa s: no viscous limit of the time step."""
+def no_viscosity(material: tuple) -> float:
+    """Return 0 [Pa s]: no viscous limit of the time step.
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    """
     return 0.0
 
 
-def no_density(material):
-    """False: the density at the nodes is not used (`point_density`)."""
+def no_density(material: tuple) -> bool:
+    """Return False: the density at the nodes is not used (`point_density`).
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    """
     return False
 
 
-def eight(material):
-    """Number of state variables of a point."""
+def eight_variables(material: tuple) -> int:
+    """Return the number of state variables of a point, 8.
+
+    Parameters
+    ----------
+    material : law
+        Material with the fields `bulk_modulus` and `shear_modulus` [Pa].
+    """
     return 8
 
 
@@ -168,11 +304,29 @@ class Elastic(NamedTuple):
     bulk_modulus: float  # K [Pa]
     shear_modulus: float  # G [Pa]
 
-    def strength_at_rest(self):
-        """m [1] and k [Pa]: |s| / sqrt(2) is at most m p + k at rest; here it is not limited."""
+    def strength_at_rest(self) -> tuple[float, float]:
+        """Return m [1] and k [Pa]: |s| / sqrt(2) is at most m p + k at rest; here it is not limited."""
         return inf, 0.0
 
-    def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
+    def returned_strain(
+        self, trace: float, norm: float, plastic_strain: float, opening: float, time_step: float, softening: tuple
+    ) -> tuple[float, float, float, float, float, bool]:
+        """Return the trial strain, all of which is elastic, as `DruckerPrager.returned_strain`.
+
+        Parameters
+        ----------
+        trace : float [1]
+            Trace of the trial strain.
+        norm : float [1]
+            Norm of its deviator.
+        plastic_strain : float [1]
+            e_d.
+        opening : float [1]
+            v_c.
+        time_step : float [s]
+        softening : law
+            Law of the slot `softening`.
+        """
         return trace, 1.0, plastic_strain, opening, ORDINARY, False
 
     stress_step = stress_step
@@ -182,7 +336,7 @@ class Elastic(NamedTuple):
     volume_ratio = volume_ratio
     wave_speed = wave_speed
     viscosity = no_viscosity
-    state_count = eight
+    state_count = eight_variables
     follows_density = no_density
 
 
@@ -202,12 +356,35 @@ class DruckerPrager(NamedTuple):
     tension_limit: float  # largest tension -p [Pa], below that of the tip of the cone (always if slope is 0)
     volume_correction: float  # 1 or 0
 
-    def strength_at_rest(self):
-        """As in `Elastic`."""
+    def strength_at_rest(self) -> tuple[float, float]:
+        """Return m [1] and k [Pa]: at rest |s| / sqrt(2) is at most m p + k."""
         return self.slope / sqrt(3.0), self.strength / sqrt(3.0)
 
-    def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
-        """Elastic trace, share of the deviator that is elastic, new e_d, new v_c, code, whether it yields."""
+    def returned_strain(
+        self, trace: float, norm: float, plastic_strain: float, opening: float, time_step: float, softening: tuple
+    ) -> tuple[float, float, float, float, float, bool]:
+        """Reduce the trial strain of a step to what is elastic (return mapping).
+
+        Parameters
+        ----------
+        trace : float [1]
+            Trace of the trial strain.
+        norm : float [1]
+            Norm of its deviator.
+        plastic_strain : float [1]
+            e_d.
+        opening : float [1]
+            v_c.
+        time_step : float [s]
+        softening : law
+            Law of the slot `softening`.
+
+        Returns
+        -------
+        elastic, kept, plastic_strain, opening, code, yields : float, float, float, float, float, bool
+            Elastic trace [1], share of the deviator that is elastic [1], new e_d [1], new v_c [1], code of the step,
+            whether the material yields.
+        """
         slope, strength = softening.softened_cone(self.slope, self.strength, plastic_strain)
         tension = min(strength / max(slope, TINY), self.tension_limit)
         pull = self.bulk_modulus * (trace + opening)  # -p, v_c included
@@ -227,7 +404,7 @@ class DruckerPrager(NamedTuple):
     volume_ratio = volume_ratio
     wave_speed = wave_speed
     viscosity = no_viscosity
-    state_count = eight
+    state_count = eight_variables
     follows_density = no_density
 
 
@@ -247,12 +424,29 @@ class MuI(NamedTuple):
     grain_density: float  # rho_s [kg m-3]
     volume_correction: float  # 1 or 0
 
-    def strength_at_rest(self):
-        """As in `Elastic`."""
+    def strength_at_rest(self) -> tuple[float, float]:
+        """Return m [1] and k [Pa]: at rest |s| / sqrt(2) is at most m p + k."""
         return self.mu1, 0.0
 
-    def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
-        """As in `DruckerPrager`."""
+    def returned_strain(
+        self, trace: float, norm: float, plastic_strain: float, opening: float, time_step: float, softening: tuple
+    ) -> tuple[float, float, float, float, float, bool]:
+        """Reduce the trial strain of a step to what is elastic, as `DruckerPrager.returned_strain`.
+
+        Parameters
+        ----------
+        trace : float [1]
+            Trace of the trial strain.
+        norm : float [1]
+            Norm of its deviator.
+        plastic_strain : float [1]
+            e_d.
+        opening : float [1]
+            v_c.
+        time_step : float [s]
+        softening : law
+            Law of the slot `softening`.
+        """
         pressure = max(-self.bulk_modulus * (trace + opening), 0.0)
         shear = sqrt(2.0) * self.shear_modulus * norm  # |s| / sqrt(2)
         excess = max(shear - self.mu1 * pressure, 0.0)
@@ -277,7 +471,7 @@ class MuI(NamedTuple):
     volume_ratio = volume_ratio
     wave_speed = wave_speed
     viscosity = no_viscosity
-    state_count = eight
+    state_count = eight_variables
     follows_density = no_density
 
 
@@ -302,12 +496,29 @@ class CohesiveMuI(NamedTuple):
     grain_density: float  # rho_s [kg m-3]
     volume_correction: float  # 1 or 0
 
-    def strength_at_rest(self):
-        """As in `Elastic`."""
+    def strength_at_rest(self) -> tuple[float, float]:
+        """Return m [1] and k [Pa]: at rest |s| / sqrt(2) is at most m p + k."""
         return self.slope / sqrt(3.0), self.strength / sqrt(3.0)
 
-    def returned_strain(self, trace, norm, plastic_strain, opening, time_step, softening):
-        """As in `DruckerPrager`."""
+    def returned_strain(
+        self, trace: float, norm: float, plastic_strain: float, opening: float, time_step: float, softening: tuple
+    ) -> tuple[float, float, float, float, float, bool]:
+        """Reduce the trial strain of a step to what is elastic, as `DruckerPrager.returned_strain`.
+
+        Parameters
+        ----------
+        trace : float [1]
+            Trace of the trial strain.
+        norm : float [1]
+            Norm of its deviator.
+        plastic_strain : float [1]
+            e_d.
+        opening : float [1]
+            v_c.
+        time_step : float [s]
+        softening : law
+            Law of the slot `softening`.
+        """
         slope, strength = softening.softened_cone(self.slope, self.strength, plastic_strain)
         tension = min(strength / max(slope, TINY), self.tension_limit)
         pull = self.bulk_modulus * (trace + opening)  # -p, v_c included
@@ -337,18 +548,38 @@ class CohesiveMuI(NamedTuple):
     volume_ratio = volume_ratio
     wave_speed = wave_speed
     viscosity = no_viscosity
-    state_count = eight
+    state_count = eight_variables
     follows_density = no_density
 
 
 def drucker_prager(
-    bulk_modulus, shear_modulus, friction_angle, cohesion, match="triaxial", tension_limit=None, volume_correction=True
-):
-    """`DruckerPrager` of moduli [Pa], friction angle phi [deg] and cohesion c [Pa].
+    bulk_modulus: float,
+    shear_modulus: float,
+    friction_angle: float,
+    cohesion: float,
+    match: str = "triaxial",
+    tension_limit: float | None = None,
+    volume_correction: bool = True,
+) -> DruckerPrager:
+    """Make a `DruckerPrager` from a friction angle phi and a cohesion c.
 
-    `match` is where the cone meets Mohr-Coulomb: `triaxial` compression, or `plane_strain`, where a cone matched at
-    triaxial compression is too strong (30 degrees: slope 1.2 in place of 0.866). Tension [Pa] is borne up to the cone's
-    tip c / tan(phi), and nowhere above `tension_limit` (default 10 c, which cuts no cone steeper than 5.7 degrees).
+    A cone matched at triaxial compression is too strong in plane strain (30 degrees: slope 1.2 in place of 0.866).
+
+    Parameters
+    ----------
+    bulk_modulus, shear_modulus : float [Pa]
+        K and G.
+    friction_angle : float [deg]
+        phi.
+    cohesion : float [Pa]
+        c.
+    match : str
+        `triaxial` (compression) or `plane_strain`: where the cone meets Mohr-Coulomb.
+    tension_limit : float [Pa], optional
+        Tension is borne up to the cone's tip c / tan(phi), and nowhere above this limit. Default 10 c, which cuts no
+        cone steeper than 5.7 degrees.
+    volume_correction : bool
+        Whether the opening v_c is stored.
 
     Raises
     ------
@@ -360,8 +591,32 @@ def drucker_prager(
     return DruckerPrager(bulk_modulus, shear_modulus, slope, strength, limit, 1.0 if volume_correction else 0.0)
 
 
-def cohesive_mu_i(friction_angle, cohesion, rate_friction, inertial_number, grain_diameter, grain_density, **cone):
-    """`CohesiveMuI` with the cone of `drucker_prager`, whose moduli and options are in `cone`."""
+def cohesive_mu_i(
+    friction_angle: float,
+    cohesion: float,
+    rate_friction: float,
+    inertial_number: float,
+    grain_diameter: float,
+    grain_density: float,
+    **cone: Any,
+) -> CohesiveMuI:
+    """Make a `CohesiveMuI` with the cone of `drucker_prager`.
+
+    Parameters
+    ----------
+    friction_angle : float [deg]
+        phi.
+    cohesion : float [Pa]
+        c.
+    rate_friction : float [1]
+        mu_r.
+    inertial_number : float [1]
+        I0.
+    grain_diameter : float [m]
+    grain_density : float [kg m-3]
+    cone : dict
+        Further parameters of `drucker_prager`: the moduli, and options.
+    """
     at_rest = drucker_prager(friction_angle=friction_angle, cohesion=cohesion, **cone)
     grows = {
         "rate_friction": rate_friction,

@@ -4,7 +4,7 @@ Such a law is a NamedTuple of its parameters with either
 
     basal_stress(self, density, gravity, normal_stress, thickness_normal, speed)  [Pa]
 
-or the three methods into which `effects/friction` splits it, with arithmetic, `math` and `if` only.
+or the three methods into which `friction` splits it, with arithmetic, `math` and `if` only.
 The file is executed; it is always the one that the user named.
 """
 
@@ -14,11 +14,12 @@ import inspect
 import itertools
 import math
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from ..system.errors import InputError, SceneError, one_line
-from .friction import Parameter
+from .friction import LEAST_SPEED, Parameter
 
 SPLIT = ("dry_stress", "viscous_coefficient", "drag_coefficient")
 WHOLE = "basal_stress"
@@ -39,12 +40,13 @@ class OwnLaws(NamedTuple):
 NO_OWN_LAWS = OwnLaws("", "", {})
 
 
-def load_laws(path):
-    """The laws in the Python file at `path`, with the methods that the solver requires.
+def load_laws(path: str | Path) -> OwnLaws:
+    """Load the laws of a Python file, with the methods that the solver requires.
 
-    Returns
-    -------
-    OwnLaws
+    Parameters
+    ----------
+    path : path
+        A file with the suffix .py.
 
     Raises
     ------
@@ -132,7 +134,7 @@ def _chord_of_whole(self, density, gravity, normal_stress, thickness_normal, spe
     """The increase with speed, as the chord of the law from rest to this speed."""
     at_rest = self.basal_stress(density, gravity, normal_stress, thickness_normal, 0.0)
     here = self.basal_stress(density, gravity, normal_stress, thickness_normal, speed)
-    return max(here - at_rest, 0.0) / max(speed, 1e-12)
+    return max(here - at_rest, 0.0) / max(speed, LEAST_SPEED)
 
 
 def _no_drag(self, gravity, thickness_normal, speed):
@@ -161,14 +163,26 @@ def _require_signatures(kind, name):
             raise InputError(f"{name}.{method} takes ({', '.join(got)}), expected ({wanted})")
 
 
-def tried_inputs():
-    """(density, gravity, normal_stress, thickness_normal, speed) for which laws are tested."""
+def tried_inputs() -> Iterator[tuple[float, float, float, float, float]]:
+    """Yield the arguments for which laws are tested.
+
+    Returns
+    -------
+    iterator of (density, gravity, normal_stress, thickness_normal, speed)
+        [kg m-3], [m s-2], [Pa], [m], [m s-1]
+    """
     for density, gravity, thickness, slope, speed in itertools.product(*TRIED):
         yield density, gravity, density * gravity * thickness / math.sqrt(1.0 + slope * slope), thickness, speed
 
 
-def require_sound(law, name):
+def require_sound(law: tuple, name: str) -> None:
     """Refuse a law that in the range of flows fails, accelerates the flow, or gives a number that is not finite.
+
+    Parameters
+    ----------
+    law : law
+    name : str
+        Name of the law in a scene, for messages.
 
     Raises
     ------

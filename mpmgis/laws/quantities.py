@@ -24,8 +24,8 @@ class Quantity(NamedTuple):
     dtype: str = "float64"
 
     @property
-    def band(self):
-        """The band description in a raster, for example ``Ut [m s-1]``."""
+    def band(self) -> str:
+        """Description of the band in a raster, for example ``Ut [m s-1]``."""
         return f"{self.name} [{self.unit}]"
 
 

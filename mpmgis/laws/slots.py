@@ -1,7 +1,4 @@
-"""The slots of each solver, each with a law or a null law without cost.
-
-Part of the velocity gradient of a point that the 3D transfer keeps for the next step (Jiang et al. 2015).
-"""
+"""The slots of each solver, each with a law or a null law without cost."""
 
 from typing import Any, NamedTuple
 
@@ -11,30 +8,11 @@ from .curvature import NoCurvature
 from .entrainment import NoEntrainment
 from .forest import NoForest
 from .friction import Frictionless, NoCohesion, NoZones
-from .ground_metric import NoStillWater, SlopeMetric
+from .gradient_transfer import WholeGradient
+from .ground_metric import SlopeMetric
 from .internal_stress import NoEarthPressure, NoViscosity
 from .softening import NoSoftening
-
-
-class WholeGradient(NamedTuple):
-    """APIC: the whole gradient. Exact for linear fields."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def only_turns(self):
-        return False
-
-
-class TurningGradient(NamedTuple):
-    """RPIC: only the antisymmetric part, its rotation. Angular momentum is conserved, strain rates diffuse.
-
-    Not available in scenes; used in tests of results that must not depend on the transfer.
-    """
-
-    null: float = 0.0  # the compiler requires a field
-
-    def only_turns(self):
-        return True
+from .still_water import NoStillWater
 
 
 class ColumnEffects(NamedTuple):

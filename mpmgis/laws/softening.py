@@ -20,8 +20,15 @@ MATCHES = {
 }
 
 
-def decay(y):
-    """exp(-y) [1] within 1e-14, y clipped to 0..40, by + - * alone: Taylor's exp(-y / 32), squared five times."""
+def decay(y: float) -> float:
+    """Compute exp(-y) [1] within 1e-14, y clipped to 0..40, by + - * alone.
+
+    By Taylor's series of exp(-y / 32), squared five times.
+
+    Parameters
+    ----------
+    y : float [1]
+    """
     z = min(max(y, 0.0), 40.0) * -0.03125
     power = z * (1.0 / 3628800.0) + 1.0 / 362880.0
     power = power * z + 1.0 / 40320.0
@@ -40,8 +47,16 @@ def decay(y):
     return power * power
 
 
-def sine_cosine(angle):
-    """sin and cos [1] of `angle` [rad] in 0..pi/2, within 1e-12, of + - * alone: Taylor's series of half the angle."""
+def sine_cosine(angle: float) -> tuple[float, float]:
+    """Compute sin and cos [1] of an angle within 1e-12, by + - * alone.
+
+    By Taylor's series of half the angle.
+
+    Parameters
+    ----------
+    angle : float [rad]
+        0 to pi/2.
+    """
     half = 0.5 * angle
     y = half * half
     sine = y * (1.0 / 6227020800.0) - 1.0 / 39916800.0
@@ -59,13 +74,33 @@ def sine_cosine(angle):
     return 2.0 * sine * cosine, 1.0 - 2.0 * sine * sine
 
 
-def faded(initial, residual, left):
-    """Strength between `initial` (`left` = 1) and `residual` (`left` = 0)."""
+def faded(initial: float, residual: float, left: float) -> float:
+    """Compute the strength between the initial and the residual one.
+
+    Parameters
+    ----------
+    initial, residual : float
+    left : float [1]
+        Share that is left: 1 is `initial`, 0 is `residual`.
+    """
     return residual + (initial - residual) * left
 
 
-def matched_cone(sine, cosine, cohesion, factor, share):
-    """Slope [1] and strength [Pa] of the cone for sin and cos of the friction angle and a cohesion [Pa]."""
+def matched_cone(sine: float, cosine: float, cohesion: float, factor: float, share: float) -> tuple[float, float]:
+    """Compute the cone q <= slope p + strength of a friction angle and a cohesion.
+
+    Parameters
+    ----------
+    sine, cosine : float [1]
+        Of the friction angle.
+    cohesion : float [Pa]
+    factor, share : float [1]
+        Values of MATCHES.
+
+    Returns
+    -------
+    slope, strength : float [1], [Pa]
+    """
     scale = factor / (1.0 - share * sine)
     return scale * sine, scale * cosine * cohesion
 
@@ -75,7 +110,18 @@ class NoSoftening(NamedTuple):
 
     null: float = 0.0  # the compiler requires a field
 
-    def softened_cone(self, slope, strength, plastic_strain):
+    def softened_cone(self, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
+        """Return the cone unchanged.
+
+        Parameters
+        ----------
+        slope : float [1]
+            Slope of the cone without softening; used by the null law only.
+        strength : float [Pa]
+            Its strength; used by the null law only.
+        plastic_strain : float [1]
+            Accumulated deviatoric plastic strain e_d.
+        """
         return slope, strength
 
 
@@ -94,7 +140,22 @@ class Softening(NamedTuple):
     factor: float  # of MATCHES
     share: float
 
-    def softened_cone(self, slope, strength, plastic_strain):
+    def softened_cone(self, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
+        """Compute the cone after a plastic strain.
+
+        Parameters
+        ----------
+        slope : float [1]
+            Slope of the cone without softening; used by the null law only.
+        strength : float [Pa]
+            Its strength; used by the null law only.
+        plastic_strain : float [1]
+            Accumulated deviatoric plastic strain e_d.
+
+        Returns
+        -------
+        slope, strength : float [1], [Pa]
+        """
         left = decay(self.coefficient * plastic_strain)
         sine, cosine = sine_cosine(faded(self.friction_angle, self.residual_friction_angle, left))
         cohesion = faded(self.cohesion, self.residual_cohesion, left)
@@ -112,7 +173,22 @@ class TangentSoftening(NamedTuple):
     factor: float  # of MATCHES
     share: float
 
-    def softened_cone(self, slope, strength, plastic_strain):
+    def softened_cone(self, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
+        """Compute the cone after a plastic strain.
+
+        Parameters
+        ----------
+        slope : float [1]
+            Slope of the cone without softening; used by the null law only.
+        strength : float [Pa]
+            Its strength; used by the null law only.
+        plastic_strain : float [1]
+            Accumulated deviatoric plastic strain e_d.
+
+        Returns
+        -------
+        slope, strength : float [1], [Pa]
+        """
         left = decay(self.coefficient * plastic_strain)
         tangent = faded(self.tangent, self.residual_tangent, left)
         cosine = 1.0 / sqrt(1.0 + tangent * tangent)
@@ -132,7 +208,22 @@ class LinearSoftening(NamedTuple):
     factor: float  # of MATCHES
     share: float
 
-    def softened_cone(self, slope, strength, plastic_strain):
+    def softened_cone(self, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
+        """Compute the cone after a plastic strain.
+
+        Parameters
+        ----------
+        slope : float [1]
+            Slope of the cone without softening; used by the null law only.
+        strength : float [Pa]
+            Its strength; used by the null law only.
+        plastic_strain : float [1]
+            Accumulated deviatoric plastic strain e_d.
+
+        Returns
+        -------
+        slope, strength : float [1], [Pa]
+        """
         way = (self.residual_strain - plastic_strain) / (self.residual_strain - self.peak_strain)
         left = min(max(way, 0.0), 1.0)
         sine, cosine = sine_cosine(faded(self.friction_angle, self.residual_friction_angle, left))
@@ -140,8 +231,20 @@ class LinearSoftening(NamedTuple):
         return matched_cone(sine, cosine, cohesion, self.factor, self.share)
 
 
-def cone(friction_angle, cohesion, match="triaxial"):
-    """Slope [1] and strength [Pa] of the cone q <= slope p + strength for phi [deg] and cohesion [Pa].
+def cone(friction_angle: float, cohesion: float, match: str = "triaxial") -> tuple[float, float]:
+    """Compute the cone q <= slope p + strength for a friction angle and a cohesion.
+
+    Parameters
+    ----------
+    friction_angle : float [deg]
+        phi.
+    cohesion : float [Pa]
+    match : str
+        A key of MATCHES.
+
+    Returns
+    -------
+    slope, strength : float [1], [Pa]
 
     Raises
     ------
@@ -154,11 +257,31 @@ def cone(friction_angle, cohesion, match="triaxial"):
     return matched_cone(sin(phi), cos(phi), cohesion, *MATCHES[match])
 
 
-def softening(initial, residual, coefficient, form="exponential", match="triaxial", peak_strain=0.0):
-    """The law of softening from `initial` to `residual`, each a friction angle [deg] and a cohesion [Pa].
+def softening(
+    initial: tuple[float, float],
+    residual: tuple[float, float],
+    coefficient: float,
+    form: str = "exponential",
+    match: str = "triaxial",
+    peak_strain: float = 0.0,
+) -> "Softening | TangentSoftening | LinearSoftening":
+    """Make the law of softening from an initial to a residual strength.
 
-    `form` is `exponential`, `tangent` (both with xi_s as `coefficient`) or `linear`, with a loss of strength between
-    the plastic strains `peak_strain` and `peak_strain + 1 / coefficient`.
+    Parameters
+    ----------
+    initial : tuple of float
+        Friction angle [deg] and cohesion [Pa].
+    residual : tuple of float
+        The same.
+    coefficient : float [1]
+        xi_s; of `linear`: 1 over the range of plastic strain in which strength is lost.
+    form : str
+        `exponential`, `tangent` (both with xi_s) or `linear`, with a loss of strength between the plastic strains
+        `peak_strain` and `peak_strain + 1 / coefficient`.
+    match : str
+        A key of MATCHES.
+    peak_strain : float [1]
+        Of `linear`.
 
     Raises
     ------

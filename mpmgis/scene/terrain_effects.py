@@ -6,6 +6,7 @@ Decision on forest and checks of its tables.
 from dataclasses import replace
 
 from ..laws import barrier, curvature, entrainment, friction, ground_metric
+from ..laws.still_water import StillWater
 from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for, use_of
 
 METRIC_THRESHOLD = 0.02  # 1 / c^2 - 1: slopes above 8 degrees
@@ -177,7 +178,7 @@ def decide_still_water(scene, facts, slots):
     level = f"at {table.level:g} m" if not isinstance(table.level, str) else f"at levels of column {table.level!r}"
     decision = as_asked("still_water", table.use, f"lake at rest {level}", facts.lake_ratio)
     if decision.state == "on":
-        slots["still_water"] = ground_metric.StillWater()
+        slots["still_water"] = StillWater()
     return decision
 
 

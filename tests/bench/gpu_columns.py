@@ -41,9 +41,10 @@ from mpmgis.laws.curvature import Curvature  # noqa: E402
 from mpmgis.laws.entrainment import ErosionEnergy  # noqa: E402
 from mpmgis.laws.forest import FOREST_ENTRIES, Forest  # noqa: E402
 from mpmgis.laws.friction import Bingham, Cohesion, FrictionZones, Voellmy  # noqa: E402
-from mpmgis.laws.ground_metric import StillWater, WaterMetric  # noqa: E402
+from mpmgis.laws.ground_metric import WaterMetric  # noqa: E402
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure  # noqa: E402
 from mpmgis.laws.slots import ColumnEffects  # noqa: E402
+from mpmgis.laws.still_water import StillWater  # noqa: E402
 from mpmgis.solvers.columns import column_barriers as wall  # noqa: E402
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver  # noqa: E402
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places  # noqa: E402

@@ -91,23 +91,3 @@ finally:
 """
     done = subprocess.run([sys.executable, "-c", code], cwd=site, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stderr
-
-
-def test_kernels_may_call_blas_though_it_is_not_looked_for():
-    code = """
-import sys
-import numpy as np
-from mpmgis.compiled.jit import jit
-assert "scipy.linalg" not in sys.modules
-import numba
-
-@numba.njit
-def product(a, b):
-    return np.dot(a, b)
-
-a = np.arange(9.0).reshape(3, 3)
-assert np.array_equal(product(a, a), a @ a)
-assert np.allclose(numba.njit(lambda a: np.linalg.inv(a))(np.eye(3)), np.eye(3))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
-    assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Layers of a flow with Voellmy's drag: roughness, profile and links, plain and compiled (`effects/layers`)."""
+"""Layers of a flow with Voellmy's drag: roughness, profile and links, plain and compiled (`laws/flow_layers`)."""
 
 import numpy as np
 import pytest

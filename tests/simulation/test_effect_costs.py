@@ -18,8 +18,9 @@ from mpmgis.laws.friction import (
     NoZones,
     Voellmy,
 )
-from mpmgis.laws.ground_metric import NoStillWater, StillWater, WaterMetric
+from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.laws.slots import ColumnEffects
+from mpmgis.laws.still_water import NoStillWater, StillWater
 from mpmgis.simulation.effect_cost import STEPS, effect_costs, under_way, without_each
 from mpmgis.simulation.events import Events
 from mpmgis.system.errors import SceneError

@@ -11,7 +11,8 @@ from column_scenes import G, columns_of, dam_break, node_thickness, orders, rela
 
 from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.friction import Coulomb, Voellmy
-from mpmgis.laws.ground_metric import StillWater, WaterMetric
+from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_rows import beds_at
 from mpmgis.solvers.columns.feature_arrays import Places
 

@@ -15,7 +15,8 @@ from mpmgis.laws.barrier import CORE, CORNER, FACE, Barrier
 from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
 from mpmgis.laws.friction import Coulomb, FrictionZones, Voellmy
-from mpmgis.laws.ground_metric import StillWater, WaterMetric
+from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_rows import beds_at
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries
 from mpmgis.solvers.columns.node_grid import ColumnGrid

@@ -1,4 +1,4 @@
-"""Layers of a 3D flow with Voellmy's drag: steady chute, profile, momentum and energy of links (`effects/layers`)."""
+"""Layers of a 3D flow with Voellmy's drag: steady chute, profile, momentum and energy of links (`laws/flow_layers`)."""
 
 from itertools import pairwise
 
@@ -11,8 +11,9 @@ from point_scenes import block_of, integrate_to
 from mpmgis.laws import flow_layers
 from mpmgis.laws.bed_contact import VoellmyContact
 from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.gradient_transfer import TurningGradient, WholeGradient
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.slots import PointEffects, TurningGradient, WholeGradient
+from mpmgis.laws.slots import PointEffects
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 

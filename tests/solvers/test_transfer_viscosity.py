@@ -7,7 +7,8 @@ from test_points_catalogue import level
 
 from mpmgis.laws.bed_contact import VoellmyContact
 from mpmgis.laws.fluid import Fluid
-from mpmgis.laws.slots import PointEffects, TurningGradient, WholeGradient
+from mpmgis.laws.gradient_transfer import TurningGradient, WholeGradient
+from mpmgis.laws.slots import PointEffects
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 

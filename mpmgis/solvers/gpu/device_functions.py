@@ -12,6 +12,8 @@ import numpy as np
 from numba import cuda, types
 from numba.core import config
 
+from ...compiled import single_constants
+
 SIMULATED = bool(config.ENABLE_CUDASIM)
 if SIMULATED:
     from .cuda_simulator import plain_number, repair
@@ -23,7 +25,7 @@ else:  # kernels of one thread, and those that add up, are small on purpose
     os.environ.setdefault("NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS", "0")  # numba reads it again when it compiles
     cuda_config.CUDA_LOW_OCCUPANCY_WARNINGS = int(os.environ["NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS"])
 KERNELS = ("mpmgis.compiled.", "mpmgis.solvers.columns.", "mpmgis.solvers.points.")
-SMALL = np.float32(1e-30)  # for smaller constants, which keep divisors off 0: its inverse is finite in float32
+SMALL = 1e-30  # for smaller constants, which keep divisors off 0: its inverse is finite in float32
 REGISTERS = 96  # of a thread, with which 20 warps of 32 threads fit on a multiprocessor
 
 _functions = {}  # (function, precision) -> what a kernel calls
@@ -110,21 +112,13 @@ def _of_precision(function, precision, double):
     names, known = {}, function.__globals__ | _stand_ins.get(function.__module__, {})
     if precision is np.float32 and not double:
         known = known | {"float": precision}
-    for name in _names(function.__code__):
+    for name in single_constants.global_names(function.__code__):
         if name in known:
             names[name] = _on_device(known[name], precision, single, double)
-    code = _with_constants(function.__code__) if single else function.__code__
+    code = single_constants.single_code(function.__code__, SMALL) if single else function.__code__
     return FunctionType(
         code, function.__globals__ | names, function.__name__, function.__defaults__, function.__closure__
     )
-
-
-def _names(code):
-    """Names of globals in `code` and in the code within it."""
-    yield from code.co_names
-    for constant in code.co_consts:
-        if hasattr(constant, "co_names"):
-            yield from _names(constant)
 
 
 def _on_device(value, precision, single, double):
@@ -139,19 +133,5 @@ def _on_device(value, precision, single, double):
     if isinstance(plain, FunctionType) and (plain is not value or plain.__module__.startswith(KERNELS)):
         return _device_function(plain, precision, double)
     if single and not isinstance(value, (ModuleType, type)):
-        return _single(value)
+        return single_constants.single(value, SMALL)
     return value
-
-
-def _with_constants(code):
-    """`code` with float32 for each float among its constants."""
-    return code.replace(co_consts=tuple(map(_single, code.co_consts)))
-
-
-def _single(value):
-    """The float, or the floats in the tuple, `value` as float32, SMALL if it is too small; anything else as it is."""
-    if type(value) is tuple:
-        return tuple(map(_single, value))
-    if type(value) is not float:
-        return value
-    return SMALL if 0.0 < value < SMALL else np.float32(value)

@@ -7,7 +7,7 @@ see those that are registered with numba; the source of the laws is the same. A 
 from numba import config, types
 
 from ...compiled import law_methods
-from ...compiled.jit import of_precision
+from ...compiled.single_constants import of_precision
 from ..points import point_rows
 
 FUNCTIONS = (*law_methods.INLINED_FUNCTIONS, *law_methods.FUNCTIONS, point_rows.stencil)

@@ -9,9 +9,10 @@ from mpmgis.laws.barrier import Barrier
 from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.entrainment import ErosionEnergy
 from mpmgis.laws.forest import Forest
-from mpmgis.laws.ground_metric import StillWater, WaterMetric
+from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
 from mpmgis.laws.slots import ColumnEffects
+from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_loop import NodeFields, Settings
 from mpmgis.solvers.gpu import (
     device_column_detrainment,

@@ -14,9 +14,10 @@ from mpmgis.laws.barrier import Barrier
 from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
 from mpmgis.laws.forest import FOREST_ENTRIES, Forest
-from mpmgis.laws.ground_metric import StillWater, WaterMetric
+from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
 from mpmgis.laws.slots import ColumnEffects
+from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_rows import CXX
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries

@@ -6,7 +6,6 @@ Run as `simulated_points.py`.
 from functools import partial
 
 import numpy as np
-from numba import cuda
 from simulated_barriers import BARRIERS
 from simulated_points import (
     BOTH,
@@ -23,7 +22,6 @@ from simulated_points import (
     slab,
 )
 
-from mpmgis.solvers.gpu.device_functions import Kernel
 from mpmgis.solvers.points import point_clock as entry
 from mpmgis.solvers.points import point_rows as row
 
@@ -105,71 +103,9 @@ def grown(make, precision, steps=2):
     return {"same": same and bits(one) == bits(other), "grew": count[0] - 1}
 
 
-def shared_arrays():
-    """Whether a thread that asks for a shared array while another makes it gets the same one."""
-    from threading import Barrier, Thread
-    from time import sleep
-    from types import SimpleNamespace
-
-    from mpmgis.solvers.gpu import cuda_simulator
-
-    def slow_empty(shape, kind):
-        sleep(0.1)
-        return np.empty(shape, kind)
-
-    shared, got, both = SimpleNamespace(_allocations={}), [], Barrier(2)
-
-    def ask():
-        both.wait()
-        got.append(cuda_simulator.shared_array(shared, 4, np.dtype(np.float64)))
-
-    cuda_simulator.np = SimpleNamespace(empty=slow_empty)
-    try:
-        threads = [Thread(target=ask) for _ in range(2)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(10.0)
-    finally:
-        cuda_simulator.np = np
-    return {"same": len(got) == 2 and got[0] is got[1]}
-
-
-def turns():
-    """What threads read after they waited for each other, and the error of a kernel that fails in one thread."""
-
-    @Kernel
-    def rotate(values, seen):
-        shared = cuda.shared.array(4, np.int64)
-        t = cuda.threadIdx.x
-        shared[t] = values[t]
-        cuda.syncthreads()
-        seen[cuda.blockIdx.x, t] = shared[(t + 1) % 4]
-
-    @Kernel
-    def number(seen):
-        seen[cuda.grid(1)] = cuda.grid(1)
-
-    @Kernel
-    def fail(values):
-        if cuda.threadIdx.x == 2:
-            raise ValueError("the third")
-        cuda.syncthreads()
-        values[cuda.threadIdx.x] = -1
-
-    values, seen, numbers, errors = np.arange(4), np.zeros((3, 4), int), np.zeros(6, int), []
-    rotate.of(np.float64)[3, 4](values, seen)
-    number.of(np.float64)[2, 3](numbers)
-    try:
-        fail.of(np.float64)[1, 4](values)
-    except ValueError as error:
-        errors.append(str(error))
-    return {"seen": seen.tolist(), "numbers": numbers.tolist(), "errors": errors, "values": values.tolist()}
-
-
 def cases():
     """Name -> what answers the results of each case."""
-    here = {"shared arrays": shared_arrays, "shared turns": turns}
+    here = {}
     for p in BOTH:
         ends = {
             "nan": partial(not_finite, np.nan, row.PX, "outflow"),

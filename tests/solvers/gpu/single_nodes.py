@@ -10,7 +10,8 @@ import numba
 import numpy as np
 
 from mpmgis.compiled.jit import FASTMATH, for_law
-from mpmgis.solvers.gpu.device_functions import _names, _single, _with_constants
+from mpmgis.compiled.single_constants import global_names, single, single_code
+from mpmgis.solvers.gpu.device_functions import SMALL
 from mpmgis.solvers.points import (
     bed_drag,
     contact_shares,
@@ -49,14 +50,14 @@ def in_single(kernel):
     """The compiled `kernel` in single precision, with all functions on nodes that it calls."""
     plain = kernel.py_func
     names = plain.__globals__ | {"float": np.float32}
-    for name in _names(plain.__code__):
+    for name in global_names(plain.__code__):
         if name not in names:
             continue
         value = names[name]
         called = getattr(value, "py_func", None)
         on_nodes = called is not None and called.__module__ in ON_NODES
-        names[name] = in_single(value) if on_nodes else _single(value)
-    copy = FunctionType(_with_constants(plain.__code__), names, plain.__name__, plain.__defaults__)
+        names[name] = in_single(value) if on_nodes else single(value, SMALL)
+    copy = FunctionType(single_code(plain.__code__, SMALL), names, plain.__name__, plain.__defaults__)
     return numba.njit(fastmath=FASTMATH, error_model="numpy")(copy)
 
 
@@ -96,7 +97,7 @@ def advance():
 
 def law(values):
     """A law with parameters in single precision."""
-    return type(values)(*map(_single, values))
+    return type(values)(*(single(value, SMALL) for value in values))
 
 
 class SingleNodes(PointSolver):

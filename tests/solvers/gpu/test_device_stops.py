@@ -23,7 +23,7 @@ each_precision = pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.fixture(scope="module")
 def found():
     """Precision -> results of its cases; computed once, when they are asked for."""
-    return cache(partial(results_of, "simulated_stops.py", "shared"))
+    return cache(partial(results_of, "simulated_stops.py"))
 
 
 @both
@@ -53,17 +53,6 @@ def test_points_that_jump_over_blocks_are_where_the_processor_puts_them(found, c
 def test_arrays_that_grow_in_the_middle_of_a_run_change_no_bits(found, case, precision):
     here = found(precision)[f"{case} {precision}"]
     assert here["same"] and here["grew"] >= 3
-
-
-def test_threads_of_a_simulated_block_share_their_arrays(found):
-    assert found("float64")["shared arrays"]["same"]
-
-
-def test_threads_of_a_simulated_block_wait_for_each_other(found):
-    here = found("float64")["shared turns"]
-    assert here["seen"] == [[1, 2, 3, 0]] * 3 and here["numbers"] == [0, 1, 2, 3, 4, 5]
-    (error,) = here["errors"]
-    assert "the third" in error and here["values"] == [0, 1, 2, 3]
 
 
 @pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())
