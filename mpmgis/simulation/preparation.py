@@ -99,10 +99,10 @@ class Prepared:
     events: Events
     digest: str
     stages: tuple  # of Stage
-    seen: "Frame"  # Frame
+    seen: "Frame"
     vertical_stress: np.ndarray | None = None  # float64[n] [Pa]
     affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
-    fill: "NodataFill | None" = None  # NodataFill of the terrain, where the scene requests it
+    fill: "NodataFill | None" = None
 
     effects = property(lambda self: self.stages[0].effects)
     decisions = property(lambda self: self.stages[0].decisions)
