@@ -14,7 +14,7 @@ from ..system.messages import log, muted
 from . import run_cost
 from .mass_sources import read_sources
 from .run_cost import BYTES_PER_COLUMN, BYTES_PER_GRID_NODE, MEMORY_SHARE, require_memory_for_points
-from .stage_end import LOOK_SECONDS
+from .stage_end import CHECK_SECONDS
 from .stepping import PACE_SECONDS, measured_pace
 from .warmup import sample_of, switched_sample, warm_up
 
@@ -154,7 +154,7 @@ def predicted(prepared: "Prepared", threads: int, trial_from: float | None = Non
     trial = longest > trial_from and memory < run_cost.MEMORY_SHARE * available_memory()
     if trial:
         warm_up(prepared)
-        machine = tried(prepared, threads, seconds)
+        machine = tried_machine(prepared, threads, seconds)
         seconds = predicted_cost(prepared, threads, machine)
         longest = predicted_cost(prepared, threads, machine, longest=True)
     return Prediction(seconds, longest, memory, machine.words, trial)
@@ -262,7 +262,7 @@ def _steps(prepared: "Prepared", number: int, threads: int, seconds: float) -> t
         return run_cost.predicted_in_3d(
             particles, stage.effects.material, numerics, nodes, elevation_bytes, seconds, facts.speed, threads
         )
-    return run_cost.predicted(
+    return run_cost.predicted_in_2d(
         particles,
         facts.release_thickness,
         nodes,
@@ -281,7 +281,7 @@ def _frames(prepared: "Prepared", number: int, seconds: float, interval: float |
     frames = seconds / (interval or prepared.scene.output.frame_interval) + 1
     shown = run_cost.seconds_of_frames(stage.scene.solver, particles, frames, interval is None)
     conditions = () if stage.table is None else stage.table.until or ()
-    return shown + run_cost.seconds_of_looks(particles, seconds / LOOK_SECONDS, conditions)
+    return shown + run_cost.seconds_of_checks(particles, seconds / CHECK_SECONDS, conditions)
 
 
 def _switch(prepared, number):
@@ -292,7 +292,9 @@ def _switch(prepared, number):
     return run_cost.seconds_to_columns(prepared.particles_of(number - 1), nodes)
 
 
-def tried(prepared: "Prepared", threads: int, seconds: float, clock: Callable[[], float] = perf_counter) -> Machine:
+def tried_machine(
+    prepared: "Prepared", threads: int, seconds: float, clock: Callable[[], float] = perf_counter
+) -> Machine:
     """Measure this machine by a trial of each solver, with the columns or points of the scene.
 
     A trial takes a tenth of `seconds`. Kernels must be compiled before. The run is not changed.
@@ -379,7 +381,7 @@ class OwnPace:
         self.seconds, self._ahead = ahead.seconds, ahead
         self._prepared, self._threads, self._steps, self._words = prepared, threads, {}, []
 
-    def look(self, sequence: "Sequence") -> None:
+    def update(self, sequence: "Sequence") -> None:
         """Measure the pace of the current stage of `sequence`, if it is unknown and enough steps are done.
 
         Parameters
@@ -411,7 +413,7 @@ class OwnPace:
         """
 
         def watching(now, end_time):
-            self.look(sequence)
+            self.update(sequence)
             watch(now, end_time)
 
         return watching
@@ -424,20 +426,20 @@ def prediction_line(ahead: Prediction) -> str:
     ----------
     ahead : Prediction
     """
-    return f"predicted: {need(ahead)}{ahead.source}{at_most(ahead)}"
+    return f"predicted: {need_words(ahead)}{ahead.source}{longest_words(ahead)}"
 
 
-def need(ahead: Prediction) -> str:
+def need_words(ahead: Prediction) -> str:
     """Return time and memory of a Prediction in words.
 
     Parameters
     ----------
     ahead : Prediction
     """
-    return f"{duration(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
+    return f"{duration_words(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
 
 
-def at_most(ahead: Prediction) -> str:
+def longest_words(ahead: Prediction) -> str:
     """Return the longest time of a run in words; '' unless it is longer than the expected one.
 
     Parameters
@@ -445,10 +447,10 @@ def at_most(ahead: Prediction) -> str:
     ahead : Prediction
     """
     longer = ahead.longest > LONGER * ahead.seconds
-    return f"; up to {duration(ahead.longest)}, depending on the end of its stages" if longer else ""
+    return f"; up to {duration_words(ahead.longest)}, depending on the end of its stages" if longer else ""
 
 
-def duration(seconds: float) -> str:
+def duration_words(seconds: float) -> str:
     """Return a wall time in words.
 
     Parameters

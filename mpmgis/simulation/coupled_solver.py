@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from ..solvers.columns.node_grid import CellWindow
     from ..solvers.points.point_solver import PointSolver
 
-EXCHANGE_SECONDS = 0.1  # simulated time between two checks for columns that entered the window
-PREFIX = "outside_"  # of the columns' state in a frame
-SHOWN_ID = 1 << 60  # from here on ids are of columns that a frame shows as points
-MOST_SHOWN = 16  # bits of the number of such a point in its column
+EXCHANGE_SECONDS = 0.1  # [s] simulated time between two checks for columns that entered the window
+PREFIX = "outside_"  # of the arrays of the columns in the state of a frame
+SHOWN_ID = 1 << 60  # first id of points that stand for columns in a frame
+SHOWN_BITS = 16  # of the id of such a point: its number in its column
 RUNNING, REACHED_TIME, ALL_LEFT = point_kernel.RUNNING, point_kernel.REACHED_TIME, point_kernel.ALL_LEFT
 OF_COLUMNS = 1000  # added to the reasons of columns to stop, which differ from those of points
-_TIME = 1e-9  # [s], and in exchanges, by which a time may be missed for rounding
+_TIME = 1e-9  # [s] and [exchanges] rounding error of a time
 
 
 class _Ids(NamedTuple):
@@ -399,7 +399,7 @@ def _together(points, shown):
     row = np.arange(len(others))
     begins = np.append(True, others.parent[1:] != others.parent[:-1])
     number = row - np.maximum.accumulate(np.where(begins, row, 0))
-    ids = np.uint64(SHOWN_ID) + (others.parent << np.uint64(MOST_SHOWN)) + number.astype(np.uint64)
+    ids = np.uint64(SHOWN_ID) + (others.parent << np.uint64(SHOWN_BITS)) + number.astype(np.uint64)
     shift = np.subtract(shown.origin, points.origin)
     return Particles(
         np.concatenate([own.position, others.position + shift]),

@@ -19,12 +19,14 @@ if TYPE_CHECKING:
     from ..solvers.columns.column_solver import ColumnSolver
     from .events import Events
 
-STEPS = 20  # timed at a time; the quickest of all rounds counts
-LEAST_ROUNDS, MOST_ROUNDS, ROUNDS_SECONDS = 5, 60, 6.0  # as many rounds as fit into that time [s]
-UNTIMED_STEPS = 2  # after each restart: the first ever compiles, the first of each puts the columns in order
-UNDER_WAY_STEPS, UNDER_WAY_SECONDS = 200, 5.0  # until the flow counts as under way
-FIRST, AGAIN = "whole", "whole again"  # no names of effects
-CHOICES = ("metric",)  # slots that hold one of two forms, neither of which is the absence of the other
+STEPS = 20  # in a measurement; the quickest of all rounds counts
+LEAST_ROUNDS, MOST_ROUNDS = 5, 60  # of measurements
+ROUNDS_SECONDS = 6.0  # [s] wall time after which no further round begins
+UNTIMED_STEPS = 2  # after each restart: the first one may compile, and it sorts the columns
+UNDER_WAY_STEPS = 200  # after which the flow counts as moving
+UNDER_WAY_SECONDS = 5.0  # [s] wall time for these steps
+FIRST, AGAIN = "whole", "whole again"  # the two measurements of the whole scene; not names of effects
+CHOICES = ("metric",)  # effects with two forms, neither of which means that there is no effect
 
 
 class EffectCosts(NamedTuple):
@@ -95,7 +97,7 @@ def under_way(
         before = solver.step
         solver.advance(min(end_time, events.next_time(solver.time)), 10, may_stop=False)
         events.let_in(solver)
-        if solver.step == before:  # it has stopped itself, or all has left
+        if solver.step == before:  # it has come to rest, or all mass has left
             break
     return solver.frame() if solver.columns else start
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 LARGEST_REASON = 100  # for the end of a time integration (`stepping.STOPPED_AT_REST`)
 
-# Order of the columns of an inlet by their places on the lattice, 0 to 7 by halves of this matrix (Bayer 1973, ordered
-# dither): batches of one layer each are evenly distributed, and eight of them fill the lattice once.
+# Number of the layer, 0 to 7, of a column of an inlet by its place on the lattice: half of the matrix of ordered dither
+# (Bayer 1973). The columns of a layer are evenly distributed, and eight layers fill the lattice once.
 _TURNS = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) // 2
 
 

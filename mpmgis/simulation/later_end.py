@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from .preparation import Prepared
     from .stage_sequence import Sequence
 
-DIFFERENCES = 3  # keys that a message names
-LONGEST = 60  # characters of a value there
+DIFFERENCES = 3  # number of keys that a message names
+LONGEST = 60  # [characters] of a value in a message
 
 
 def earlier_run(prepared: "Prepared", record: dict) -> "Prepared | None":
@@ -90,7 +90,7 @@ def _value(keys, key):
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
-def goes_on(record: dict) -> bool:
+def can_continue(record: dict) -> bool:
     """Return whether a later end has an effect: not if the run ended by itself, at rest or without mass.
 
     Parameters
@@ -101,7 +101,7 @@ def goes_on(record: dict) -> bool:
     return record.get("state") != "finished" or record.get("reason") == END_TIME
 
 
-def go_on(folder: "RunFolder", sequence: "Sequence", earlier: "Prepared") -> "Frame":
+def continue_earlier(folder: "RunFolder", sequence: "Sequence", earlier: "Prepared") -> "Frame":
     """Set `sequence` to the newest frame in `folder` up to which the `earlier` run equals the longer one.
 
     Newer frames are removed; the others are assigned to the longer run.

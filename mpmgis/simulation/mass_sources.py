@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..solvers.columns.node_grid import ColumnGrid
     from ..terrain.elevation import Terrain
 
-_TOUCHING = 1e-6  # of the smaller area: smaller overlaps are rounding errors of a common border
+_TOUCHING = 1e-6  # [1] of the smaller area: smaller overlaps are rounding errors of a common border
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from ..solvers.points.point_numerics import PointNumerics
 from ..system.errors import InputError
 
 HIGHEST_CFL = NumericsTable.__dataclass_fields__["cfl"].metadata["high"]  # stability limit of the schemes
-STEP = 2.0**0.5  # between two cell sizes
-# cost is proportional to the inverse cell size to this power: particles (2 or 3) and steps (1)
+STEP = 2.0**0.5  # [1] ratio of two cell sizes
+# the cost is proportional to the inverse cell size to this power: particles (2 or 3) and steps (1)
 COST_POWER = {"columns": 3, "points": 4}
-LEAST_FINER = 1.2  # smallest refinement of the reference
-COLUMNS_A_CELL = (4, 9, 16, 25, 36)
+LEAST_FINER = 1.2  # [1] smallest refinement of the reference over the finest setting
+COLUMNS_A_CELL = (4, 9, 16, 25, 36)  # values of particles_per_cell that a study runs
 CROSSED = ("cell_size", "particles_per_cell", "points_per_cell", "cfl")  # combined by --full, three values each
 
 

@@ -16,30 +16,32 @@ from ..system.memory import memory_lack
 if TYPE_CHECKING:
     from ..solvers.points.point_numerics import PointNumerics
 
-BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; a frame on its way out, the last one
+BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; two frames
 BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
-BYTES_PER_POINT_BESIDE = 190  # of its two rows and those of two frames: ids, keys, order; a frame on its way out
+BYTES_PER_POINT_BESIDE = 190  # without its rows: ids, keys, order, and the point in two frames
 BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and its properties
-BYTES_PER_GRID_NODE = 110  # of a grid on the map while it is made (measured 105 with 1.1e8 nodes, 2026-11-22)
+BYTES_PER_GRID_NODE = 110  # of a grid in plan view while it is built (measured 105 with 1.1e8 nodes, 2026-11-22)
 BYTES_PER_START = 320  # of a point while columns become points
 BYTES_PER_SWITCHED = 640  # of a point during a conversion within a run (measured 2026-11-22)
 MEMORY_SHARE = 0.8  # share of the free memory or disk above which a run requires confirmation
 NANOSECONDS_PER_STEP = 50.0  # of one column on one thread: a rough estimate, for the confirmation of long runs
 NANOSECONDS_PER_POINT_STEP = {"float64": 85.0, "float32": 55.0}  # of one point on one thread, sort and grid included
 SECONDS_PER_STEP = 2e-5  # of any step, however few particles it moves
-# Beside the steps, in processor time (measured 2026-11-22 with 1e3 to 6e5 particles, frames 2026-11-27 by
-# tests/bench/run.py frames; disks and other programs add to it)
-SECONDS_PER_RUN, SECONDS_PER_PIXEL = 0.05, 1e-7  # scene, record; terrain of the frames
-SECONDS_PER_FRAME = 0.02  # of a file that is whole or not there
+# Apart from the steps, in processor time (measured 2026-11-22 with 1e3 to 6e5 particles, frames 2026-11-27 by
+# tests/bench/run.py frames; disks and other programs add to this time)
+SECONDS_PER_RUN = 0.05  # scene and record
+SECONDS_PER_PIXEL = 1e-7  # of the terrain of the frames
+SECONDS_PER_FRAME = 0.02  # of a file that is written atomically
 NANOSECONDS_PER_WRITTEN = {"columns": 600.0, "points": 600.0}  # of one particle in a frame that is written
 NANOSECONDS_PER_SHOWN = 200.0  # of one particle in a frame that is displayed
-SECONDS_PER_SWITCH = 0.02
-NANOSECONDS_TO_POINTS, NANOSECONDS_TO_COLUMNS = 1700.0, 900.0  # of a point that is made or taken back, sums included
-NANOSECONDS_PER_NODE = 300.0  # of a grid's table of the ground
-NANOSECONDS_PER_LOOK = {"reach": 100.0, "calm": 700.0}  # of a particle, at a check of the end of a stage
+SECONDS_PER_SWITCH = 0.02  # of any conversion, however few particles it has
+NANOSECONDS_TO_POINTS = 1700.0  # of a point that is made from columns, with the sums of the account
+NANOSECONDS_TO_COLUMNS = 900.0  # of a point that becomes part of a column, with the sums of the account
+NANOSECONDS_PER_NODE = 300.0  # of the ground of a grid
+NANOSECONDS_PER_CHECK = {"reach": 100.0, "calm": 700.0}  # of a particle, at a check of the end of a stage
 
 
-def predicted(
+def predicted_in_2d(
     columns: int,
     thickness: float,
     nodes: float,
@@ -206,15 +208,14 @@ def seconds_to_columns(points: float, nodes: float) -> float:
     return SECONDS_PER_SWITCH + 1e-9 * (points * NANOSECONDS_TO_COLUMNS + nodes * NANOSECONDS_PER_NODE)
 
 
-def seconds_of_looks(particles: float, looks: float, conditions: Iterable[str]) -> float:
+def seconds_of_checks(particles: float, checks: float, conditions: Iterable[str]) -> float:
     """Return the wall time of checks of the end of a stage.
 
     Parameters
     ----------
     particles : float
         Number of particles.
-    looks : float
-        Number of checks.
+    checks : float
     conditions : iterable of str
         Keys of the `until` of the stage.
 
@@ -222,7 +223,7 @@ def seconds_of_looks(particles: float, looks: float, conditions: Iterable[str]) 
     -------
     float [s]
     """
-    return looks * particles * 1e-9 * sum(NANOSECONDS_PER_LOOK.get(name, 0.0) for name in conditions)
+    return checks * particles * 1e-9 * sum(NANOSECONDS_PER_CHECK.get(name, 0.0) for name in conditions)
 
 
 def require_memory_for_points(count: float, cell_size: float) -> None:

@@ -8,7 +8,7 @@ from ..solvers.points.point_volume import PACKED, PACKED_SHARE
 
 UNUSABLE = "unusable"  # first word of the message on points that have lost their volume
 _KEPT = {"kept": True}
-AIRBORNE_SHARE = 0.05  # of the mass that would leave the ground, above which a depth-averaged run reports it
+AIRBORNE_SHARE = 0.05  # [1] share of the mass that would leave the ground, above which a run of columns reports it
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, above which the consequence is reported
 SHOWN_SHARE = 1e-5  # of the mass that left at one location, above which the location is reported
 SHOWN_PLACES = 4  # number of reported locations

@@ -22,9 +22,9 @@ from ..system import operating_system
 from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import details, log
-from .cost_prediction import OwnPace, at_most, need, predicted, prediction_line
+from .cost_prediction import OwnPace, longest_words, need_words, predicted, prediction_line
 from .effect_cost import effect_costs, under_way
-from .later_end import differences, earlier_run, go_on, goes_on
+from .later_end import can_continue, continue_earlier, differences, earlier_run
 from .preparation import prepare
 from .run_cost import MEMORY_SHARE
 from .run_device import devices_record, require_devices
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from .effect_cost import EffectCosts
     from .preparation import Prepared
 
-ANEW, RESUMED, FINISHED = range(3)  # start of a run
-PARTICLES_PER_THREAD = 10_000
+ANEW, RESUMED, FINISHED = range(3)  # how a run starts
+PARTICLES_PER_THREAD = 10_000  # with fewer, threads cost more time than they save
 BARRIER_SUMS = {"columns": COLUMN_BARRIER_SUMS, "points": POINT_BARRIER_SUMS}
-ASK_SECONDS = 3600.0
+ASK_SECONDS = 3600.0  # [s] predicted time of a run above which it must be confirmed
 TRIAL_FROM = 0.1 * ASK_SECONDS  # [s] on a typical machine; no machine is ten times slower
 
 
@@ -132,7 +132,9 @@ def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[st
     log.info(prediction_line(ahead))
     if ahead.longest < ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
         return ahead
-    question = f"this run is predicted to take {need(ahead)}{at_most(ahead)} ({available / 1e9:.1f} GB are free)"
+    question = (
+        f"this run is predicted to take {need_words(ahead)}{longest_words(ahead)} ({available / 1e9:.1f} GB are free)"
+    )
     if not confirm(question):
         fewer = "or fewer particles_per_cell"
         if "points" in prepared.scene.solvers:
@@ -278,13 +280,13 @@ def _restored_earlier(folder, sequence, record):
             "`output`, or `overwrite`"
         )
     before, now = earlier.scene.output.end_time, prepared.scene.output.end_time
-    if not goes_on(record):
+    if not can_continue(record):
         last = folder.last_frame(earlier.digest)
         if last is not None:
             sequence.restore(last)
         log.info(f"{folder.path} is finished: {record.get('reason')}; the later end_time = {now:g} s has no effect")
         return FINISHED
-    frame = go_on(folder, sequence, earlier)
+    frame = continue_earlier(folder, sequence, earlier)
     log.info(
         f"end_time = {before:g} s is now {now:g} s: continuing after frame {folder.frames - 1}, t = {frame.time:g} s"
     )
@@ -516,7 +518,9 @@ def _with_paths_from(scene, folder):
     return scene.with_files(moved)
 
 
-def decided(scene_path: str | Path, laws: str | Path | None = None) -> "tuple[tuple[str, tuple[Decision, ...]], ...]":
+def scene_decisions(
+    scene_path: str | Path, laws: str | Path | None = None
+) -> "tuple[tuple[str, tuple[Decision, ...]], ...]":
     """Return the decisions on the effects of a scene, without running it.
 
     Parameters
@@ -535,7 +539,9 @@ def decided(scene_path: str | Path, laws: str | Path | None = None) -> "tuple[tu
     return tuple(("" if stage.table is None else stage.words(), stage.decisions) for stage in stages)
 
 
-def measured(scene_path: str | Path, laws: str | Path | None = None) -> "tuple[tuple[Decision, ...], EffectCosts]":
+def scene_effect_costs(
+    scene_path: str | Path, laws: str | Path | None = None
+) -> "tuple[tuple[Decision, ...], EffectCosts]":
     """Measure the cost of the effects of a scene: its first steps are run with and without each of them.
 
     Parameters

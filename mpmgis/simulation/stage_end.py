@@ -17,13 +17,14 @@ if TYPE_CHECKING:
     from ..terrain.elevation import Terrain
     from .coupled_solver import CoupledSolver
 
-LOOK_SECONDS = 0.25  # simulated time between two checks of the flow, also after a restart
-DEPTHS, SECONDS = 3.0, 2.0  # near: within 3 flow depths, or the distance of 2 s
-MOST_LOOKED_AT = 2000  # columns or points whose path to a cliff is computed
+CHECK_SECONDS = 0.25  # [s] simulated time between two checks of the flow, also after a restart
+NEAR_DEPTHS = 3.0  # [flow depths] distance within which the flow is near a feature
+NEAR_SECONDS = 2.0  # [s] or the distance that it moves in this time
+MOST_CHECKED = 2000  # columns or points whose path to a cliff is computed
 FLYING_SHARE = 0.01  # share of the mass that takes off, at which the flow has reached a cliff
 CALM_SHARE = 0.01  # share of the mass that can be near a feature or off the bed in a calm flow
 CALM_NORMAL = 0.1  # largest speed across the slope in a calm flow, over the speed along it
-_TIME = 1e-9  # [s], and in intervals of checks, rounding of a time
+_TIME = 1e-9  # [s] and [intervals of checks] rounding error of a time
 
 
 class Near(NamedTuple):
@@ -55,7 +56,7 @@ class Near(NamedTuple):
         flow = flow.take(flow.depth > self.least)
         if not len(flow):
             return 0.0
-        reach = np.maximum(DEPTHS * flow.depth, SECONDS * flow.speed)
+        reach = np.maximum(NEAR_DEPTHS * flow.depth, NEAR_SECONDS * flow.speed)
         west, south, east, north = self.shape.bounds
         beside = np.maximum(west - flow.x, flow.x - east), np.maximum(south - flow.y, flow.y - north)
         maybe = np.flatnonzero(np.maximum(*beside) < reach)
@@ -83,7 +84,7 @@ class Cliff(NamedTuple):
         ----------
         flow : Flow
         """
-        some = flow.take(slice(None, None, max(1, len(flow) // MOST_LOOKED_AT)))
+        some = flow.take(slice(None, None, max(1, len(flow) // MOST_CHECKED)))
         flying = takes_off(self.terrain, some.x, some.y, some.u, some.v, some.depth)
         return float(some.mass[flying].sum() / some.mass.sum())
 
@@ -135,7 +136,7 @@ class StageEnd:
         """
         due = [self.time] if self.time > time + _TIME else []
         if self.reached is not None or self.calm is not None:
-            due.append((math.floor(time / LOOK_SECONDS + _TIME) + 1) * LOOK_SECONDS)
+            due.append((math.floor(time / CHECK_SECONDS + _TIME) + 1) * CHECK_SECONDS)
         return min(due, default=math.inf)
 
     def over(self, solver: "ColumnSolver | PointSolver | CoupledSolver") -> str:
@@ -147,7 +148,7 @@ class StageEnd:
         """
         if solver.time >= self.time - _TIME:
             return f"t = {self.time:g} s"
-        if not self._is_look(solver.time):
+        if not self._is_check(solver.time):
             return ""
         flow = solver.flow()
         if not len(flow):
@@ -156,9 +157,9 @@ class StageEnd:
             return f"the flow is within reach of {self.reached.words}"
         return self._calm(solver, flow) if self.calm is not None else ""
 
-    def _is_look(self, time):
-        looks = self.reached is not None or self.calm is not None
-        return looks and abs(time / LOOK_SECONDS - round(time / LOOK_SECONDS)) < _TIME
+    def _is_check(self, time):
+        checks = self.reached is not None or self.calm is not None
+        return checks and abs(time / CHECK_SECONDS - round(time / CHECK_SECONDS)) < _TIME
 
     def _calm(self, solver, flow):
         stirred = any(thing.share(flow) > CALM_SHARE for thing in self.disturbing)

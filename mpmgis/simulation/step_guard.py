@@ -48,7 +48,7 @@ class Guard:
     ) -> None:
         self._solver, self._stepper, self._events, self._stage_end = solver, stepper, events, stage_end
         self._kept, self._calm_since, self._halvings, self._first = None, -1.0, 0, ""
-        self._look = None  # energies of the last valid state
+        self._energies = None  # of the last valid state
         self.resolved = []
 
     def keep(self, frame: "Frame") -> None:
@@ -66,7 +66,7 @@ class Guard:
             )
         ids = SimpleNamespace(id=frame.particles.id)
         self._kept = SimpleNamespace(time=frame.time, state=frame.state, particles=ids)
-        self._look = self._stepper.look()
+        self._energies = self._stepper.energy_look()
         self._calm_since, self._halvings, self._first = self._stage_end.calm_since, 0, ""
 
     def trouble(self, code: int, at_frame: bool) -> str:
@@ -80,9 +80,9 @@ class Guard:
             It is the time of a frame: the energy is checked too.
         """
         trouble = self._stepper.trouble(code)
-        if trouble or not at_frame or self._look is None or not self._stepper.particles:
+        if trouble or not at_frame or self._energies is None or not self._stepper.particles:
             return trouble
-        return self._stepper.energy_trouble(self._look)
+        return self._stepper.energy_trouble(self._energies)
 
     def go_back(self, trouble: str) -> None:
         """Return to the last valid state, with half the step.

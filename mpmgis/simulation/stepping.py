@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from ..frames.watched_features import TakenIn
     from ..solvers.columns.column_solver import ColumnSolver
 
-REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow is at rest below this share of its peak kinetic energy
-STOPPED_AT_REST = 100  # in addition to the reasons of the kernel
-STILL_FLOWS, FLOWING_SHARE = 1.0, 0.05  # [m s-1] and share of the mass, from which the reason to end mentions it
+REST_SHARE = 0.01  # [1] of its peak kinetic energy, below which a 3D flow is at rest
+REST_SECONDS = 2.0  # [s] for which it must be at rest before the run ends
+STOPPED_AT_REST = 100  # reason to end, in addition to those of the kernel
+STILL_FLOWS = 1.0  # [m s-1] faster material still flows
+FLOWING_SHARE = 0.05  # [1] of the mass that still flows, above which the reason to end mentions it
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
 NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
 COLUMN_REASONS = {
@@ -33,8 +35,9 @@ COLUMN_REASONS = {
     column_clock.ALL_LEFT: ALL_LEFT,
 }
 POINT_REASONS = {point_kernel.REACHED_TIME: END_TIME, STOPPED_AT_REST: NEARLY_AT_REST, point_kernel.ALL_LEFT: ALL_LEFT}
-PACE_SECONDS = 2.0
-COMPILING_STEPS, FIRST_STEPS = 2, 4
+PACE_SECONDS = 2.0  # [s] wall time of a measurement of the pace
+COMPILING_STEPS = 2  # before the measurement
+FIRST_STEPS = 4  # between the first two readings of the clock
 
 
 def end_reason(stepper: "IntegratedColumns | IntegratedPoints | IntegratedCoupled", code: int) -> str:
@@ -150,7 +153,7 @@ class IntegratedColumns:
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
 
-    def look(self) -> "EnergyLook":
+    def energy_look(self) -> "EnergyLook":
         """Return the present energies, for comparison with later ones."""
         return self.solver.energy_look()
 
@@ -251,7 +254,7 @@ class IntegratedPoints:
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
 
-    def look(self) -> "EnergyLook":
+    def energy_look(self) -> "EnergyLook":
         """Return the present energies, for comparison with later ones."""
         return self.solver.energy_look()
 
@@ -356,9 +359,9 @@ class IntegratedCoupled:
         """
         return self._columns.trouble(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.trouble(code)
 
-    def look(self) -> "tuple[EnergyLook, EnergyLook]":
+    def energy_look(self) -> "tuple[EnergyLook, EnergyLook]":
         """Return the present energies of points and of columns, for comparison with later ones."""
-        return self._points.look(), self._columns.look()
+        return self._points.energy_look(), self._columns.energy_look()
 
     def energy_trouble(self, last: "tuple[EnergyLook, EnergyLook]") -> str:
         """Return a message with E and N about energy that either solver gained since `last`; '' for none.

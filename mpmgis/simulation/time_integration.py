@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..solvers.points.point_solver import PointSolver
     from .coupled_solver import CoupledSolver
 
-SLICE_SECONDS = 0.25  # wall time between two checks of progress and Ctrl+C
+SLICE_SECONDS = 0.25  # [s] wall time between two checks of progress and Ctrl+C
 
 
 class TimeIntegration:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .stage import Stage
 
 FEW = 16  # particles that pass the stages
-LOG_SECONDS = 3.0  # a message is logged if a stage takes longer; loading takes less
+LOG_SECONDS = 3.0  # [s] wall time of a stage after which a message is logged; loading kernels takes less
 
 
 def warm_up(prepared: "Prepared", first: int = 0) -> "list[Frame]":

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..maps.averaging.cells import Bed
 from ..results.comparison import nearest
-from ..simulation.cost_prediction import predicted_cost, tried
+from ..simulation.cost_prediction import predicted_cost, tried_machine
 from ..simulation.numerical_parameters import crossed, one_at_a_time, parameters_of, reference
 from ..simulation.preparation import prepare, prepare_scene
 from ..simulation.scene_files import input_files
@@ -135,7 +135,7 @@ def _study(request, output, confirm, watch):
     def machine():  # a trial, after compilation of the first setting
         with muted():
             warm_up(base)
-        return tried(base, threads, TRIAL_SECONDS)
+        return tried_machine(base, threads, TRIAL_SECONDS)
 
     def run(settings, repeats, begun=lambda turn, number: None):
         return outcomes(

@@ -10,7 +10,7 @@ from pathlib import Path
 from .. import __version__
 from ..frames.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
 from ..laws.quantities import MEMBER_BANDS
-from ..simulation.cost_prediction import duration
+from ..simulation.cost_prediction import duration_words
 from ..simulation.run_cost import MEMORY_SHARE
 from ..simulation.scene_run import ASK_SECONDS
 from ..system import operating_system, parallel
@@ -156,7 +156,7 @@ def require_affordable(study, tasks, workers, confirm):
     seconds, memory = study.cost(tasks)
     at_once = "" if study.request.dask else f" on {workers} worker{'s' if workers > 1 else ''}"
     seconds, memory = (seconds, 0.0) if study.request.dask else (seconds / workers, memory * workers)
-    need = f"{duration(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")
+    need = f"{duration_words(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")
     log.info(f"{len(tasks)} run{'s' if len(tasks) != 1 else ''}, predicted: {need}")
     if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available_memory():
         return
