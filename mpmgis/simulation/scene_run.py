@@ -21,9 +21,8 @@ from ..solvers.points.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
 from ..system import operating_system
 from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
-from ..system.messages import details, log
+from ..system.messages import log
 from .cost_prediction import OwnPace, longest_words, need_words, predicted, prediction_line
-from .effect_cost import effect_costs, under_way
 from .later_end import can_continue, continue_earlier, differences, earlier_run
 from .preparation import prepare
 from .run_cost import MEMORY_SHARE
@@ -34,9 +33,7 @@ from .stage_sequence import Sequence
 from .warmup import warm_up
 
 if TYPE_CHECKING:
-    from ..scene import Decision
     from .cost_prediction import Prediction
-    from .effect_cost import EffectCosts
     from .preparation import Prepared
 
 ANEW, RESUMED, FINISHED = range(3)  # how a run starts
@@ -516,55 +513,3 @@ def _with_paths_from(scene, folder):
         return operating_system.slashed(scene.path(path).resolve(), folder.resolve()) + bar + layer
 
     return scene.with_files(moved)
-
-
-def scene_decisions(
-    scene_path: str | Path, laws: str | Path | None = None
-) -> "tuple[tuple[str, tuple[Decision, ...]], ...]":
-    """Return the decisions on the effects of a scene, without running it.
-
-    Parameters
-    ----------
-    scene_path : path
-    laws : path, optional
-        Python file with the user's own friction laws; it is executed.
-
-    Returns
-    -------
-    tuple of (str, tuple of Decision)
-        Description of each stage and its decisions. A scene without [[stage]] is one stage with the description "".
-    """
-    with details():
-        stages = prepare(scene_path, laws).stages
-    return tuple(("" if stage.table is None else stage.words(), stage.decisions) for stage in stages)
-
-
-def scene_effect_costs(
-    scene_path: str | Path, laws: str | Path | None = None
-) -> "tuple[tuple[Decision, ...], EffectCosts]":
-    """Measure the cost of the effects of a scene: its first steps are run with and without each of them.
-
-    Parameters
-    ----------
-    scene_path : path
-    laws : path, optional
-        Python file with the user's own friction laws; it is executed.
-
-    Returns
-    -------
-    decisions : tuple of Decision
-    costs : EffectCosts
-
-    Raises
-    ------
-    SceneError
-        The scene has a solver other than columns.
-    """
-    with details():
-        prepared = prepare(scene_path, laws)
-    if prepared.scene.solvers != {"columns"}:
-        raise SceneError("`measure` times the effects of solver = 'columns' only; leave it out")
-    use_threads(prepared.particles)
-    solver = prepared.solver()
-    start = under_way(solver, prepared.events, prepared.scene.output.end_time)
-    return prepared.decisions, effect_costs(solver, start)

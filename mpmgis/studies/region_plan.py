@@ -4,9 +4,7 @@ import hashlib
 import json
 import math
 import re
-import time
-from dataclasses import dataclass, field, replace
-from math import ceil
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,147 +13,24 @@ import shapely
 from .. import __version__
 from ..compiled.cache_folder import source_digest
 from ..compiled.jit import set_threads
-from ..frames.ensemble_folder import read_member, write_member
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import GRAVITY
 from ..scene import scene_from_tables
 from ..scene.scene_reading import read_toml
 from ..simulation.cost_prediction import predicted
 from ..simulation.scene_files import input_files
-from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError, one_line
+from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log, muted
 from ..terrain.dtm import TerrainFile
 from ..terrain.raster_input import file_sha256
-from ..terrain.release_parts import ReleasePart, require_on_terrain
-from ..terrain.release_window import reach_window
 from ..terrain.vector_table import LAYER
-from .ensemble_member import MemberTask, run_task
+from .area_run import AreaTask
+from .ensemble_member import MemberTask
 from .ensemble_plan import DIGEST_LENGTH, with_peaks
-from .region_areas import read_areas, write_area
+from .region_areas import read_areas
 
-MOST_RUNS = 8  # of an area in larger and larger windows
-EDGE_CELLS = 2  # of the solver and of the DTM: flow so near an edge of its window has reached it
 SAMPLES = 3  # areas whose runs are prepared for the prediction
 LEAST_MU, USUAL_MU = 0.1, 0.2  # of the energy line: at least this; without a number mu in [friction]
-
-
-@dataclass(frozen=True)
-class AreaTask:
-    """All data that a worker needs to run an area; it is pickled.
-
-    Parameters
-    ----------
-    number : int
-        Of the area, from 1 in the order of the file.
-    run : MemberTask
-        Without window; its release is the file `source`.
-    shape : bytes
-        WKB in the CRS of the DTM.
-    crs : str or None
-        WKT of it.
-    mu, head : float [1], [m]
-        Of the energy line.
-    """
-
-    number: int
-    run: MemberTask
-    shape: bytes
-    crs: str | None
-    mu: float
-    head: float
-
-    digest = property(lambda self: self.run.digest)
-
-    @property
-    def source(self):
-        """Path of the file with this area alone."""
-        return Path(self.run.tables["release"]["source"])
-
-    def terrain(self):
-        """The TerrainFile."""
-        table, folder = self.run.tables["terrain"], Path(self.run.scene_folder)
-        keys = ("crs", "band", "fill_nodata", "to_crs")
-        return TerrainFile(folder / table["dem"], **{key: table.get(key) for key in keys})
-
-    def first_window(self, terrain):
-        """The automatic Window; writes the file of the area if it is missing.
-
-        Raises
-        ------
-        InputError
-            The area is not on the terrain.
-        """
-        polygon = shapely.from_wkb(self.shape)
-        require_on_terrain(ReleasePart(self.run.name, polygon, math.nan), terrain.grid)
-        if not self.source.exists():
-            write_area(self.source, self.shape, self.run.name, self.crs)
-        return reach_window(terrain.grid, terrain.part, polygon, self.mu, self.head)
-
-    def within(self, terrain, window):
-        """The MemberTask in a Window of `terrain`."""
-        bounds = terrain.grid.part(window.top, window.left, window.shape).bounds
-        tables = self.run.tables
-        return replace(self.run, tables=tables | {"terrain": tables["terrain"] | {"window": list(bounds)}})
-
-
-def run_area(task, look=lambda *state: None):
-    """Run an AreaTask unless it is finished; returns its record, which is also written."""
-    done = read_member(task.run.output, task.digest)
-    if done is not None:
-        return done
-    began, used = time.perf_counter(), time.process_time()
-    try:
-        record = _run_in_windows(task, look)
-    except UnphysicalError as error:
-        record = {"status": "unphysical", "reason": one_line(error)}
-    except InputError as error:
-        record = {"status": "refused", "reason": one_line(error)}
-    record |= {
-        "digest": task.digest,
-        "wall_seconds": time.perf_counter() - began,
-        "processor_seconds": time.process_time() - used,
-        "version": __version__,
-    }
-    write_member(task.run.output, record)
-    return record
-
-
-@muted()
-def _run_in_windows(task, look):
-    """The record of the run in the first window whose edges the flow does not reach, or in the last."""
-    began = time.perf_counter()
-    terrain = task.terrain()
-    window = task.first_window(terrain)
-    choosing = time.perf_counter() - began
-    preparing = 0.0
-    for runs in range(1, MOST_RUNS + 1):
-        record = run_task(task.within(terrain, window), look)
-        preparing += record["prepare_seconds"]
-        sides = sides_left(record, terrain, window, task.run.tables)
-        if not sides or runs == MOST_RUNS:
-            break
-        window = window.grown(sides, terrain.grid.shape)
-    return record | {
-        "window": list(window),
-        "runs": runs,
-        "edge_reached": bool(sides),
-        "window_seconds": choosing,
-        "prepare_seconds": preparing,
-    }
-
-
-def sides_left(record, terrain, window, tables):
-    """The sides of `window`, inside the DTM, that the flow of `record` reached or left by."""
-    if record["extent"] is None:
-        return ()
-    size = tables.get("numerics", {}).get("cell_size") or terrain.grid.cell_size
-    near = window.sides_reached(record["extent"], EDGE_CELLS + ceil(EDGE_CELLS * size / min(terrain.grid.sides)))
-    inner = window.inner_sides(terrain.grid.shape)
-    sides = tuple(side for side in near if side in inner)
-    if sides or near or not record["mass_out_share"] > 0.0:
-        return sides
-    whole = np.isfinite(terrain.part(*window.slices).elevation).all()
-    return inner if whole else ()  # otherwise the mass went where the DTM has no data
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,11 @@ from ..system.errors import InputError
 from ..system.messages import log
 from ..system.parallel import require_scheduler
 from ..system.whole_files import whole_folder
+from .area_run import run_area
 from .ensemble_member import warm_worker, warmed
 from .ensemble_runs import done_by, pool_of, require_affordable
 from .region_areas import write_areas
-from .region_plan import PlannedRegion, run_area
+from .region_plan import PlannedRegion
 
 FIGURES = (
     "area_m2",

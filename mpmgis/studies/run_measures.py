@@ -1,6 +1,5 @@
 """Runs of a study: wall time, states on common cells, errors between runs, cost of an export (Eqs 15-17)."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -11,16 +10,10 @@ import numpy as np
 from ..frames.particles import Frame
 from ..maps.averaging import binning
 from ..maps.averaging.cells import bin_frame, place
-from ..maps.averaging.frame_values import Averaging, average_frame
-from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima
-from ..terrain.grid import Grid
 
 FOOTPRINT_SHARE = 0.01  # of the largest thickness of the reference; thinner cells are not flow
 UNITS = {"thickness": "1", "momentum": "1", "area": "1", "reach": "m"}
 FAR_SHARE = 0.99  # share of the mass within the reach
-CELL_FACTORS = (1, 2, 4, 8)  # times the smallest cell size
-STEP_FACTORS = (1, 2, 4, 8)  # times the frame interval
-LOSSES = ("h_max", "Ut_max")
 
 
 class Errors(NamedTuple):
@@ -236,100 +229,3 @@ def centre_of(frame: Frame) -> tuple[float, float]:
     x, y = frame.map_xy()
     mass = frame.particles.mass
     return float(np.average(x, weights=mass)), float(np.average(y, weights=mass))
-
-
-class ExportSetting(NamedTuple):
-    """One pair of --cs-e [m] and --dt-e [s]: number of averaged frames, averaging time [s] without writing files.
-
-    h_max, Ut_max: difference of these maxima from those of the finest pair, sum |a - b| / sum b [1].
-    """
-
-    cs_e: float
-    dt_e: float
-    frames: int
-    seconds: float
-    h_max: float
-    Ut_max: float
-
-
-class ExportSweep:
-    """Averages the frames of one run on grids of several cell sizes.
-
-    Parameters
-    ----------
-    bed : Bed
-    bounds : (west, south, east, north) [m]
-    crs : pyproj.CRS or None
-    finest : float [m]
-        Smallest cell size.
-    interval : float [s]
-        Frame interval.
-    density : float [kg m-3]
-    min_depth : float [m]
-        Velocities of shallower flow are ignored.
-    """
-
-    def __init__(self, bed, bounds, crs, finest, interval, density, min_depth=0.05):
-        west, south, east, north = bounds
-        self.interval, self.count = interval, 0
-        rows, columns = (_multiple(span / finest, CELL_FACTORS[-1]) for span in (north - south, east - west))
-        self.averagings = {
-            factor: Averaging(
-                bed,
-                Grid.north_up(crs, west, north, factor * finest, (rows // factor, columns // factor)),
-                density,
-                PRODUCTS_NEEDED,
-                min_depth=min_depth,
-            )
-            for factor in CELL_FACTORS
-        }
-        self.seconds = {(cell, step): 0.0 for cell in CELL_FACTORS for step in STEP_FACTORS}
-        self.frames = dict.fromkeys(self.seconds, 0)
-        self.maxima = {
-            (cell, step): RunningMaxima(math.prod(self.averagings[cell].grid.shape), min_depth)
-            for cell, step in self.seconds
-        }
-
-    def take(self, frame: Frame) -> None:
-        """Average a frame; frames are in order, `interval` apart."""
-        for cell, averaging in self.averagings.items():
-            steps = [step for step in STEP_FACTORS if self.count % step == 0]
-            began = perf_counter()
-            values = average_frame(frame, averaging)
-            spent = perf_counter() - began
-            for step in steps:
-                began = perf_counter()
-                self.maxima[cell, step].absorb(values.index, values.values, frame.time, values.least)
-                self.seconds[cell, step] += spent + perf_counter() - began
-                self.frames[cell, step] += 1
-        self.count += 1
-
-    def settings(self) -> list[ExportSetting]:
-        """ExportSettings, from the finest pair to the coarsest."""
-        finest = {name: self._on_finest(name, CELL_FACTORS[0], STEP_FACTORS[0]) for name in LOSSES}
-        return [
-            ExportSetting(
-                self.averagings[cell].grid.cell_size,
-                step * self.interval,
-                self.frames[cell, step],
-                self.seconds[cell, step],
-                *(_export_difference(self._on_finest(name, cell, step), finest[name]) for name in LOSSES),
-            )
-            for cell in CELL_FACTORS
-            for step in STEP_FACTORS
-        ]
-
-    def _on_finest(self, name, cell, step):
-        """float64[rows, columns] of a maximum on the smallest cells, 0 without flow."""
-        found = self.maxima[cell, step]
-        values = np.where(found.seen[name], found.values[name], 0.0).reshape(self.averagings[cell].grid.shape)
-        return np.kron(values, np.ones((cell, cell)))
-
-
-def _multiple(count, of):
-    """`count` rounded up to a multiple of `of`."""
-    return math.ceil(math.ceil(round(count, 6)) / of) * of
-
-
-def _export_difference(values, reference):
-    return float(np.abs(values - reference).sum() / max(np.abs(reference).sum(), 1e-300))

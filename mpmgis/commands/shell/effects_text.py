@@ -20,7 +20,7 @@ def run(arguments):
         words = json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries)
         answers.give(words, arguments)
         return 0
-    from ...simulation.scene_run import scene_decisions, scene_effect_costs
+    from ...simulation.scene_effects import scene_decisions, scene_effect_costs
 
     if arguments.measure:
         decisions, costs = scene_effect_costs(arguments.scene, arguments.law)
