@@ -2,9 +2,11 @@
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -19,8 +21,11 @@ from ..terrain.release_window import reach_window
 from .ensemble_member import MemberTask, run_task
 from .region_areas import write_area
 
-MOST_RUNS = 8  # of an area in larger and larger windows
-EDGE_CELLS = 2  # of the solver and of the DTM: flow so near an edge of its window has reached it
+if TYPE_CHECKING:
+    from ..terrain.release_window import Window
+
+MOST_RUNS = 8  # of an area in windows of increasing size
+EDGE_CELLS = 2  # [cells] of the solver and of the DTM: flow nearer to an edge of its window has reached it
 
 
 @dataclass(frozen=True)
@@ -36,9 +41,11 @@ class AreaTask:
     shape : bytes
         WKB in the CRS of the DTM.
     crs : str or None
-        WKT of it.
-    mu, head : float [1], [m]
-        Of the energy line.
+        WKT of this CRS.
+    mu : float [1]
+        Slope of the energy line.
+    head : float [m]
+        Its height above the release.
     """
 
     number: int
@@ -51,18 +58,22 @@ class AreaTask:
     digest = property(lambda self: self.run.digest)
 
     @property
-    def source(self):
+    def source(self) -> Path:
         """Path of the file with this area alone."""
         return Path(self.run.tables["release"]["source"])
 
-    def terrain(self):
-        """The TerrainFile."""
+    def terrain(self) -> TerrainFile:
+        """Return the file of the DTM."""
         table, folder = self.run.tables["terrain"], Path(self.run.scene_folder)
         keys = ("crs", "band", "fill_nodata", "to_crs")
         return TerrainFile(folder / table["dem"], **{key: table.get(key) for key in keys})
 
-    def first_window(self, terrain):
-        """The automatic Window; writes the file of the area if it is missing.
+    def first_window(self, terrain: TerrainFile) -> "Window":
+        """Return the automatic window; write the file of the area if it is missing.
+
+        Parameters
+        ----------
+        terrain : TerrainFile
 
         Raises
         ------
@@ -75,15 +86,28 @@ class AreaTask:
             write_area(self.source, self.shape, self.run.name, self.crs)
         return reach_window(terrain.grid, terrain.part, polygon, self.mu, self.head)
 
-    def within(self, terrain, window):
-        """The MemberTask in a Window of `terrain`."""
+    def within(self, terrain: TerrainFile, window: "Window") -> MemberTask:
+        """Return the task of a run in a window.
+
+        Parameters
+        ----------
+        terrain : TerrainFile
+        window : Window
+        """
         bounds = terrain.grid.part(window.top, window.left, window.shape).bounds
         tables = self.run.tables
         return replace(self.run, tables=tables | {"terrain": tables["terrain"] | {"window": list(bounds)}})
 
 
-def run_area(task, look=lambda *state: None):
-    """Run an AreaTask unless it is finished; returns its record, which is also written."""
+def run_area(task: AreaTask, look: Callable = lambda *state: None) -> dict:
+    """Run an area unless it is finished; write and return its record.
+
+    Parameters
+    ----------
+    task : AreaTask
+    look : callable
+        Called with (solver, end time [s]) a few times a second.
+    """
     done = read_member(task.run.output, task.digest)
     if done is not None:
         return done
@@ -106,7 +130,7 @@ def run_area(task, look=lambda *state: None):
 
 @muted()
 def _run_in_windows(task, look):
-    """The record of the run in the first window whose edges the flow does not reach, or in the last."""
+    """Return the record of the run in the first window whose edges the flow does not reach, or in the last."""
     began = time.perf_counter()
     terrain = task.terrain()
     window = task.first_window(terrain)
@@ -128,8 +152,18 @@ def _run_in_windows(task, look):
     }
 
 
-def sides_left(record, terrain, window, tables):
-    """The sides of `window`, inside the DTM, that the flow of `record` reached or left by."""
+def sides_left(record: dict, terrain: TerrainFile, window: "Window", tables: dict) -> tuple[str, ...]:
+    """Return the sides of a window, inside the DTM, that the flow reached or left by.
+
+    Parameters
+    ----------
+    record : dict
+        Of the run.
+    terrain : TerrainFile
+    window : Window
+    tables : dict
+        Of the scene.
+    """
     if record["extent"] is None:
         return ()
     size = tables.get("numerics", {}).get("cell_size") or terrain.grid.cell_size

@@ -1,21 +1,38 @@
-"""Events of a calibration: their observations, and the same summaries of the observations and of the runs."""
+"""Read the events of a calibration with the files of their observations."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..scene.scene_reading import read_toml
 from ..system.errors import InputError
 from ..terrain.raster_input import read_raster
 from ..terrain.vector_table import read_table
 
+if TYPE_CHECKING:
+    from .calibration import CalibrateRequest
+
 EVENT_KEYS = ("scene", "observed", "points", "deposit", "volume", "line")
 
 
 @dataclass(frozen=True)
 class Event:
-    """Files of one event; `volume` is (value, standard deviation) [m3] of the deposit.
+    """Files of one event; at least one of observed, points, deposit and volume is given.
 
-    At least one of observed, points, deposit and volume is given.
+    Parameters
+    ----------
+    name : str
+    scene : Path
+    observed : Path or None
+        Outline of the whole flow.
+    points : Path or None
+        Values at points.
+    deposit : Path or None
+        Raster of the vertical thickness.
+    volume : (float, float) or None [m3]
+        Of the deposit, and its standard deviation.
+    line : Path or None
+        Path of the flow.
     """
 
     name: str
@@ -31,7 +48,7 @@ class Event:
         """Whether runs must keep their deposit."""
         return self.deposit is not None or self.volume is not None
 
-    def require_readable(self):
+    def require_readable(self) -> None:
         """Read the observations once, so that wrong files are refused before the first run.
 
         Raises
@@ -45,8 +62,12 @@ class Event:
             read_raster(self.deposit)
 
 
-def events_of(request) -> list[Event]:
-    """The event of a CalibrateRequest and those of its event files.
+def events_of(request: "CalibrateRequest") -> list[Event]:
+    """Return the event of a request and those of its event files.
+
+    Parameters
+    ----------
+    request : CalibrateRequest
 
     Raises
     ------
@@ -78,7 +99,7 @@ def events_of(request) -> list[Event]:
 
 
 def _read_event(path, request):
-    """The Event in a TOML file; its paths are relative to it."""
+    """Return the Event in a TOML file; its paths are relative to it."""
     tables = read_toml(path)
     wrong = [key for key in tables if key not in EVENT_KEYS]
     if wrong or "scene" not in tables:
@@ -90,8 +111,27 @@ def _read_event(path, request):
     return Event(path.stem, **files, volume=volume)
 
 
-def volume_of(text, error, where):
-    """(volume, standard deviation) [m3] of VOLUME or VOLUME:SD; None for None."""
+def volume_of(text: str | None, error: float, where: str) -> tuple[float, float] | None:
+    """Read a volume with its standard deviation from VOLUME or VOLUME:SD.
+
+    Parameters
+    ----------
+    text : str or None
+    error : float [1]
+        Standard deviation over the volume, where it is not given.
+    where : str
+        Origin of the text, for messages.
+
+    Returns
+    -------
+    (float, float) [m3] or None
+        None for None.
+
+    Raises
+    ------
+    InputError
+        Other text, or numbers that are not above 0.
+    """
     if text is None:
         return None
     try:

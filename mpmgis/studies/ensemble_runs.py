@@ -1,11 +1,13 @@
-"""`mpmgis ensemble`: many runs of a scene with varied parameters; maps of probabilities and percentiles."""
+"""Run a scene many times with varied parameters (`mpmgis ensemble`); maps of probabilities and percentiles."""
 
 import json
 import time
 from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..frames.ensemble_folder import EnsembleFolder, MemberStack, member_files, read_member
@@ -23,12 +25,15 @@ from .ensemble_maps import EnsembleMaps, write_maps
 from .ensemble_member import run_member, warm_worker, warmed
 from .ensemble_plan import TIMES, PlannedRuns, read_plan
 
-LEFT_OUT = ("unphysical", "refused", "lost")
+if TYPE_CHECKING:
+    from .region_plan import PlannedRegion
+
+LEFT_OUT = ("unphysical", "refused", "lost")  # statuses of members that the statistics omit
 
 
 @dataclass(frozen=True)
 class EnsembleRequest:
-    """An ensemble; `ensemble` describes its options."""
+    """Request for an ensemble, with the options of `mpmgis ensemble`."""
 
     scene: Path
     output: Path | None = None
@@ -79,10 +84,23 @@ class EnsembleFound:
     processor_seconds: float
 
 
-def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=lambda *state: None):
+def ensemble(
+    request: EnsembleRequest,
+    *,
+    confirm: Callable[[str], bool] = lambda question: True,
+    look: Callable = lambda *state: None,
+) -> EnsembleFound:
     """Run the scene many times with different values, and write maps of all runs together.
 
-    Finished members are not run again. `look(done, total, left_out)` is called a few times a second.
+    Finished members are not run again.
+
+    Parameters
+    ----------
+    request : EnsembleRequest
+    confirm : callable
+        Question -> whether to start long runs.
+    look : callable
+        Called with (done, total, left out) a few times a second.
 
     Returns
     -------
@@ -151,8 +169,24 @@ def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=la
     return found
 
 
-def require_affordable(study, tasks, workers, confirm):
-    """Log the predicted cost of the runs; ask `confirm(question)` over an hour or most of the memory."""
+def require_affordable(
+    study: "PlannedRuns | PlannedRegion", tasks: list, workers: int, confirm: Callable[[str], bool]
+) -> None:
+    """Log the predicted cost of runs; ask before runs of more than an hour or of most of the memory.
+
+    Parameters
+    ----------
+    study : PlannedRuns or PlannedRegion
+    tasks : list of MemberTask or AreaTask
+    workers : int
+    confirm : callable
+        Question -> whether to start them.
+
+    Raises
+    ------
+    SceneError
+        The answer is no.
+    """
     seconds, memory = study.cost(tasks)
     at_once = "" if study.request.dask else f" on {workers} worker{'s' if workers > 1 else ''}"
     seconds, memory = (seconds, 0.0) if study.request.dask else (seconds / workers, memory * workers)
@@ -167,8 +201,10 @@ def require_affordable(study, tasks, workers, confirm):
         )
 
 
-def _run(request, study, tasks, workers, records, look):
-    """Run `tasks` into `records`; (seconds until the workers were ready, seconds of the runs)."""
+def _run(
+    request: EnsembleRequest, study: PlannedRuns, tasks: list, workers: int, records: dict, look: Callable
+) -> tuple[float, float]:
+    """Run `tasks` into `records`; return (seconds until the workers were ready, seconds of the runs)."""
     if not tasks:
         return 0.0, 0.0
     began = time.perf_counter()
@@ -193,15 +229,48 @@ def _run(request, study, tasks, workers, records, look):
         return ready - began, time.perf_counter() - ready
 
 
-def pool_of(stack, dask, workers):
-    """Workers until the ExitStack `stack` ends: a Dask cluster, processes, or None for this process alone."""
+def pool_of(stack: ExitStack, dask: str | None, workers: int) -> parallel.DaskWorkers | parallel.Workers | None:
+    """Start workers that end with a stack of contexts.
+
+    Parameters
+    ----------
+    stack : contextlib.ExitStack
+    dask : str or None
+        Address of the scheduler of a Dask cluster.
+    workers : int
+        Number of processes without a cluster.
+
+    Returns
+    -------
+    DaskWorkers, Workers or None
+        None: everything runs in this process.
+    """
     if dask is not None:
         return parallel.DaskWorkers(stack.enter_context(parallel.connected(dask)))
     return stack.enter_context(started(workers)) if workers > 1 else None
 
 
-def done_by(pool, tasks, look, work=run_member):
-    """Yield (task, record) when they are done, by the workers of `pool`, or in this process without one."""
+def done_by(
+    pool: parallel.DaskWorkers | parallel.Workers | None, tasks: list, look: Callable, work: Callable = run_member
+) -> Iterator[tuple]:
+    """Run tasks and yield each with its record when it is done.
+
+    Parameters
+    ----------
+    pool : DaskWorkers, Workers or None
+        None: they run in this process.
+    tasks : list of MemberTask or AreaTask
+    look : callable
+        Called a few times a second.
+    work : callable
+        (task, look) -> record.
+
+    Yields
+    ------
+    task : MemberTask or AreaTask
+    record : dict or None
+        None if the worker died each time.
+    """
     if pool is None:
         yield from ((task, work(task, look)) for task in tasks)
         return
@@ -212,8 +281,8 @@ def done_by(pool, tasks, look, work=run_member):
     yield from pool.worked(work, tasks, look, died)
 
 
-def _require_enough(statuses, records, total, tolerate, table):
-    """Log the members that the statistics omit; an error if there are too many."""
+def _require_enough(statuses: dict, records: dict, total: int, tolerate: float, table: Path) -> None:
+    """Log the members that the statistics omit; raise UnphysicalError or InputError if there are too many."""
     left = {status: count for status, count in statuses.items() if status in LEFT_OUT}
     if not left:
         return
@@ -230,7 +299,7 @@ def _require_enough(statuses, records, total, tolerate, table):
 
 
 def _write_maps(folder, study, products, tasks, records, workers):
-    """Write the maps of all finished members; paths, the project first."""
+    """Write the maps of all finished members; return the paths, the project first."""
     finished = [task for task in tasks if records[task.digest]["status"] == "finished"]
     extents = [records[task.digest]["extent"] for task in finished]
     extents = [extent for extent in extents if extent is not None]
@@ -262,7 +331,7 @@ def _write_maps(folder, study, products, tasks, records, workers):
 
 
 def _release(study):
-    """Polygons of the scene's release; [] if it has no outline."""
+    """Return the polygons of the scene's release; [] if it has no outline."""
     from ..seeding.release_areas import read_outlines  # imports GDAL's vector library
 
     _, prepared = study.first

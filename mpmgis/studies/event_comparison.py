@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -19,15 +20,26 @@ from ..terrain.raster_input import read_raster
 from .calibration_events import Event
 from .ensemble_member import DEPOSITED
 
-DEPOSIT_ERROR = 0.1  # [m] of the thickness of an observed deposit
-RELEASE_MISSED = 0.2  # share of the release outside an outline from which a message is printed
-OUTSIDE_DTM = 0.05  # share of an outline without ground from which a message is printed
+if TYPE_CHECKING:
+    from .calibration import CalibrateRequest
+
+DEPOSIT_ERROR = 0.1  # [m] standard deviation of the thickness of an observed deposit
+RELEASE_MISSED = 0.2  # [1] share of the release outside an outline, above which a message is printed
+OUTSIDE_DTM = 0.05  # [1] share of an outline without ground, above which a message is printed
 
 
 @dataclass(frozen=True)
 class Compared:
-    """Summaries of one event: `names`, of the observations `observed` and `variances` float64[k], of the runs
-    `simulated` float64[n, k]."""
+    """Summaries of one event, the same for observations and runs.
+
+    Parameters
+    ----------
+    names : list of str
+    observed, variances : float64[k]
+        Summaries of the observations, and the variances of their errors.
+    simulated : float64[n, k]
+        Summaries of the runs.
+    """
 
     names: list
     observed: np.ndarray
@@ -46,7 +58,7 @@ class EventOnGrid:
     request : CalibrateRequest
     """
 
-    def __init__(self, event: Event, grid: Grid, terrain: Terrain, request):
+    def __init__(self, event: Event, grid: Grid, terrain: Terrain, request: "CalibrateRequest") -> None:
         self.event, self.grid, self.terrain, self.request = event, grid, terrain, request
         self.error = grid.cell_size if request.outline_error is None else request.outline_error
         self.outline = None if event.observed is None else read_outline(event.observed, grid)
@@ -59,7 +71,7 @@ class EventOnGrid:
         return np.zeros(self.grid.shape, bool) if shape.is_empty else cells_within(shape, self.grid)
 
     def _deposit(self, path):
-        """Vertical thickness [m] on the grid; NaN where it is not known, 0 for erosion."""
+        """Return the vertical thickness [m] on the grid; NaN where it is not known, 0 for erosion."""
         values, own = read_raster(path)
         return np.maximum(nearest(values, own, self.grid), 0.0)
 
@@ -102,7 +114,13 @@ class EventOnGrid:
             log.info(f"warning: {beyond:.0%} of the area in {path} has no ground in the DTM and is not compared")
 
     def compared(self, runs: list[tuple[Members, int]]) -> Compared:
-        """Summaries of the observations and of the `runs`, each a member of an ensemble by its index."""
+        """Return the summaries of the observations and of the runs.
+
+        Parameters
+        ----------
+        runs : list of (Members, int)
+            Each a member of an ensemble by its index.
+        """
         parts = [self._outline_part(runs), self._point_part(runs), self._deposit_part(runs)]
         parts = [part for part in parts if part is not None]
         return Compared(
@@ -112,7 +130,16 @@ class EventOnGrid:
         )
 
     def covered(self, run: tuple[Members, int]) -> np.ndarray:
-        """bool[rows, columns]: cells that a run covers."""
+        """Return which cells a run covers.
+
+        Parameters
+        ----------
+        run : (Members, int)
+
+        Returns
+        -------
+        bool[rows, columns]
+        """
         members, k = run
         return np.nan_to_num(members.band(k, "h_max")) >= self.request.threshold
 

@@ -2,7 +2,7 @@
 
 import math
 from time import perf_counter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,15 +11,31 @@ from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima
 from ..terrain.grid import Grid
 
+if TYPE_CHECKING:
+    import pyproj
+
+    from ..maps.averaging.cells import Bed
+
 CELL_FACTORS = (1, 2, 4, 8)  # times the smallest cell size
 STEP_FACTORS = (1, 2, 4, 8)  # times the frame interval
 LOSSES = ("h_max", "Ut_max")
 
 
 class ExportSetting(NamedTuple):
-    """One pair of --cs-e [m] and --dt-e [s]: number of averaged frames, averaging time [s] without writing files.
+    """One pair of cell size and interval of an export, with its cost and accuracy.
 
-    h_max, Ut_max: difference of these maxima from those of the finest pair, sum |a - b| / sum b [1].
+    Parameters
+    ----------
+    cs_e : float [m]
+        Cell size, option --cs-e.
+    dt_e : float [s]
+        Interval, option --dt-e.
+    frames : int
+        Number of averaged frames.
+    seconds : float [s]
+        Wall time of averaging, without writing files.
+    h_max, Ut_max : float [1]
+        Difference of these maxima from those of the finest pair, sum |a - b| / sum b.
     """
 
     cs_e: float
@@ -47,7 +63,16 @@ class ExportSweep:
         Velocities of shallower flow are ignored.
     """
 
-    def __init__(self, bed, bounds, crs, finest, interval, density, min_depth=0.05):
+    def __init__(
+        self,
+        bed: "Bed",
+        bounds: tuple,
+        crs: "pyproj.CRS | None",
+        finest: float,
+        interval: float,
+        density: float,
+        min_depth: float = 0.05,
+    ) -> None:
         west, south, east, north = bounds
         self.interval, self.count = interval, 0
         rows, columns = (_multiple(span / finest, CELL_FACTORS[-1]) for span in (north - south, east - west))
@@ -69,7 +94,12 @@ class ExportSweep:
         }
 
     def take(self, frame: Frame) -> None:
-        """Average a frame; frames are in order, `interval` apart."""
+        """Average a frame; frames come in order, `interval` apart.
+
+        Parameters
+        ----------
+        frame : Frame
+        """
         for cell, averaging in self.averagings.items():
             steps = [step for step in STEP_FACTORS if self.count % step == 0]
             began = perf_counter()
@@ -83,7 +113,7 @@ class ExportSweep:
         self.count += 1
 
     def settings(self) -> list[ExportSetting]:
-        """ExportSettings, from the finest pair to the coarsest."""
+        """Return the ExportSettings, from the finest pair to the coarsest."""
         finest = {name: self._on_finest(name, CELL_FACTORS[0], STEP_FACTORS[0]) for name in LOSSES}
         return [
             ExportSetting(
@@ -98,14 +128,14 @@ class ExportSweep:
         ]
 
     def _on_finest(self, name, cell, step):
-        """float64[rows, columns] of a maximum on the smallest cells, 0 without flow."""
+        """Return a maximum on the smallest cells, float64[rows, columns], 0 without flow."""
         found = self.maxima[cell, step]
         values = np.where(found.seen[name], found.values[name], 0.0).reshape(self.averagings[cell].grid.shape)
         return np.kron(values, np.ones((cell, cell)))
 
 
 def _multiple(count, of):
-    """`count` rounded up to a multiple of `of`."""
+    """Return `count` rounded up to a multiple of `of`."""
     return math.ceil(math.ceil(round(count, 6)) / of) * of
 
 

@@ -13,7 +13,18 @@ _LARGEST = 10_000_000  # [bytes] of a table of results
 
 
 class OtherRow(NamedTuple):
-    """A row of a table of other codes: seconds (typical, min, max); `thickness`: path of a raster, or None."""
+    """A row of a table of other codes.
+
+    Parameters
+    ----------
+    code, setting : str
+    seconds : (float, float, float) [s]
+        Wall time: typical, min, max.
+    errors : Errors
+        NaN if unknown.
+    thickness : Path or None
+        Raster of the thickness at the end.
+    """
 
     code: str
     setting: str
@@ -23,11 +34,18 @@ class OtherRow(NamedTuple):
 
 
 def read_other_results(path: str | Path, measure: str) -> list[OtherRow]:
-    """The OtherRows of the CSV at `path`, with `measure` from a column error_..., or from a raster of thickness.
+    """Read a table with results of other codes.
 
     Columns: setting and seconds; error_thickness, error_momentum, error_area, error_reach_m, or thickness (path,
     relative to the table, of a raster of the vertical thickness at the end [m]); optional code, seconds_min and
     seconds_max. Other columns are ignored, so the table of another study is valid.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+    measure : str
+        Error that must be there: one of `run_measures.NAMES`.
 
     Raises
     ------
@@ -78,8 +96,8 @@ def _other_row(path, line, row, measure):
     return OtherRow(row.get("code") or path.stem, row["setting"], seconds, errors, raster)
 
 
-def _number(row, name, where, least=-math.inf, above=-math.inf):
-    """The number in a column, or NaN."""
+def _number(row: dict, name: str, where: str, least: float = -math.inf, above: float = -math.inf) -> float:
+    """Return the number in a column, or NaN."""
     text = row.get(name, "")
     if not text:
         return math.nan

@@ -1,7 +1,4 @@
-"""Work-precision plot of a study as PNG, and tables with results of other codes for the plot.
-
-Plot of a calibration: histograms and pairs of the parameters, with prior, intervals and best run.
-"""
+"""Plot a study: error over wall time with the Pareto front, and error over cell size."""
 
 from pathlib import Path
 
@@ -24,11 +21,18 @@ PARAMETER_COLOURS = {
 }
 STAGE_COLOURS = ("#4aa3df", "#17becf", "#9edae5")  # cell size of one stage
 OTHERS = (("s", "#7a1f5c"), ("D", "#0f6b5f"), ("^", "#8a5a00"), ("v", "#37477d"))  # marker and colour of other codes
-FADED = 0.35  # opacity of settings that are not on the front
+FADED = 0.35  # [1] opacity of settings that are not on the front
 
 
 def write_plot(path: Path, study: Study, title: str = "") -> None:
-    """Plot error over wall time with the Pareto front, and error over cell size."""
+    """Write the plot of a study as PNG.
+
+    Parameters
+    ----------
+    path : Path
+    study : Study
+    title : str
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -82,7 +86,7 @@ def _colour(parameter):
 
 
 def _plot_others(axes, study):
-    """Results of other codes: hollow markers, one kind per code, labelled with their settings."""
+    """Draw results of other codes: hollow markers, one kind per code, labelled with their settings."""
     codes = list(dict.fromkeys(other.code for other in study.beside))
     for k, (other, error) in enumerate(zip(study.beside, study.errors_of_others(), strict=True)):
         marker, colour = OTHERS[codes.index(other.code) % len(OTHERS)]
