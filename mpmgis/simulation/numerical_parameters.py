@@ -21,10 +21,16 @@ CROSSED = ("cell_size", "particles_per_cell", "points_per_cell", "cfl")  # combi
 
 
 class Parameter(NamedTuple):
-    """A numerical parameter: `values(scene)` are the values to run, from cheap to expensive, each a tuple of changes.
+    """A numerical parameter of a study.
 
-    A change is (key, value): a key of [numerics], or `stage2.cell_size` of the second [[stage]]. Without values the
-    scene does not have this parameter.
+    A change is (key, value): a key of [numerics], or `stage2.cell_size` of the second [[stage]].
+
+    Parameters
+    ----------
+    name : str
+    values : callable
+        scene -> values to run, from cheap to expensive, each a tuple of changes. Without values the scene does not have
+        this parameter.
     """
 
     name: str

@@ -246,7 +246,7 @@ def _figures(prepared, sequence, averaging):
 
 
 def _runout(prepared, grid, row, column):
-    """Return distance [m] and angle [degrees] from the release's centre of mass to the farthest cell, or (None, None)."""
+    """Return distance [m] and angle [degrees] from the release centre to the farthest cell, or (None, None)."""
     if not len(row):
         return None, None
     start, terrain = centre_of(prepared.seen), prepared.terrain

@@ -29,11 +29,21 @@ NEAR_MEMBER = 1e-9  # [ranks] distance within which a percentile is the value of
 
 
 class Band(NamedTuple):
-    """A band of a product: `quantity`, `source` band of the members, `kind` of statistic and its `number`."""
+    """A band of a raster of statistics.
+
+    Parameters
+    ----------
+    quantity : Quantity
+    source : str
+        Band of the members.
+    kind : {"exceeded", "arrived", "mean", "percentile", "smallest", "largest"}
+    number : float
+        Threshold or percentile.
+    """
 
     quantity: Quantity
     source: str
-    kind: str  # exceeded, arrived, mean, percentile, smallest, largest
+    kind: str
     number: float = 0.0
 
 

@@ -24,7 +24,7 @@ JOINT = "joint"  # member k has value k of every list; only of a plan in a file
 SAMPLINGS = ("lhs", "sobol", "grid", "random", JOINT)
 SAMPLES = 32  # default number of members
 LEVELS = 5  # default number of values per range on a grid
-MOST_MEMBERS = 100_000  # more are probably a mistake in a grid
+MOST_MEMBERS = 100_000  # more are refused
 
 
 class Member(NamedTuple):
