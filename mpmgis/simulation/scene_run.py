@@ -1,4 +1,4 @@
-"""Simulate a scene into a folder of frames (`mpmgis run`); decide its effects, and measure their cost."""
+"""Simulate a scene into a folder of frames (`mpmgis run`)."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -82,12 +82,12 @@ class RunSummary:
     wall_seconds: float
     particle_steps_per_second: float
     balances: dict
-    predicted_seconds: float | None  # of the whole run; None without a prediction
+    predicted_seconds: float | None
     solver: str = "columns"
-    mass: dict | None = None  # account of a run in several stages
+    mass: dict | None = None
     result_digest: str | None = None
-    extremes: dict | None = None  # place and time of the largest thickness and speed
-    unusable: tuple = ()  # warnings about points that have lost their volume
+    extremes: dict | None = None
+    unusable: tuple = ()
 
 
 def use_threads(particles: int, number: int | None = None) -> int:
@@ -267,7 +267,7 @@ def _warn_of_missing_frames(folder, scene):
 
 
 def _restored_earlier(folder, sequence, record):
-    """Restore a run of this scene to an earlier end_time, see `_restored`; raise InputError for any other run."""
+    """Restore a run of this scene with an earlier end_time, see `_restored`; raise InputError for any other run."""
     prepared = sequence.prepared
     earlier = earlier_run(prepared, record)
     if earlier is None:
