@@ -93,8 +93,8 @@ PAIRS = (
     ),
     ("effective draws of the posterior", "studies.calibration_result.SMALL_SAMPLE"),
     ("runs that finished in all events", "studies.emulator.FEWEST"),
-    ("release of the scene outside a mapped outline", "studies.calibration_events.RELEASE_MISSED"),
-    ("area of a mapped outline without ground in the DTM", "studies.calibration_events.OUTSIDE_DTM"),
+    ("release of the scene outside a mapped outline", "studies.event_comparison.RELEASE_MISSED"),
+    ("area of a mapped outline without ground in the DTM", "studies.event_comparison.OUTSIDE_DTM"),
 )
 CONSTANTS = dict(PAIRS)
 

@@ -104,10 +104,10 @@ def scene_effects(scene: PathLike, *, laws: PathLike | None = None) -> "list[tup
     >>> ((_, decisions),) = mpmgis.scene_effects("scene.toml")  # doctest: +SKIP
     >>> pandas.DataFrame(decision._asdict() for decision in decisions)  # doctest: +SKIP
     """
-    from ..simulation.scene_run import decided
+    from ..simulation.scene_effects import scene_decisions
 
     with python_words(VERB):
-        return [(words, list(decisions)) for words, decisions in decided(scene, laws)]
+        return [(words, list(decisions)) for words, decisions in scene_decisions(scene, laws)]
 
 
 def effect_catalogue() -> list[dict[str, Any]]:

@@ -1,8 +1,9 @@
-"""Prediction of memory and time of a run: from its size, a trial before a long run, and its first steps."""
+"""Predict memory and time of a run: from its size, from a trial before a long run, and from its first steps."""
 
+from collections.abc import Callable
 from itertools import pairwise
 from time import perf_counter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,9 +14,15 @@ from ..system.messages import log, muted
 from . import run_cost
 from .mass_sources import read_sources
 from .run_cost import BYTES_PER_COLUMN, BYTES_PER_GRID_NODE, MEMORY_SHARE, require_memory_for_points
-from .stage_end import LOOK_SECONDS
+from .stage_end import CHECK_SECONDS
 from .stepping import PACE_SECONDS, measured_pace
 from .warmup import sample_of, switched_sample, warm_up
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+    from ..terrain.elevation import Terrain
+    from .preparation import Prepared
+    from .stage_sequence import Sequence
 
 FEW_NODES = 4_000_000  # of a map grid; up to this number no estimate is needed: 0.4 GB, one second
 COARSE_NODES = 250_000  # of the grid for seeding the release in the estimate
@@ -26,8 +33,8 @@ LOG_FROM = 5.0  # [s] shorter predictions from a run's first steps are not logge
 LONGER = 1.1  # the longest time is also given if it exceeds the expected one by this factor
 
 
-def require_memory(stages, windowed, terrain):
-    """Refuse cells whose grid or particles need more than the memory of this machine.
+def require_memory(stages: "list[Scene]", windowed: list[bool], terrain: "Terrain") -> None:
+    """Raise SceneError if the cells need more memory for grid or particles than this machine has.
 
     Parameters
     ----------
@@ -67,8 +74,8 @@ def require_memory(stages, windowed, terrain):
         _require_particles(scene, volume, area)
 
 
-def _require_particles(scene, volume, area):
-    """Refuse too many particles for `volume` [m3] on `area` [m2] in a `scene` of one solver."""
+def _require_particles(scene: "Scene", volume: float, area: float) -> None:
+    """Raise SceneError for too many particles of `volume` [m3] on `area` [m2] in a `scene` of one solver."""
     numerics = scene.numerics
     if scene.solver == "points":
         spacing = numerics.cell_size / numerics.points_per_side
@@ -83,7 +90,17 @@ def _require_particles(scene, volume, area):
 
 
 class Machine(NamedTuple):
-    """Times on this machine over those of a typical one: steps of each solver, all other work; and a description."""
+    """Speed of this machine relative to a typical one.
+
+    Parameters
+    ----------
+    steps : dict of str to float [1]
+        Solver -> time of its steps over that of a typical machine.
+    other : float [1]
+        The same for all other work.
+    words : str
+        Where the numbers come from, as the end of a sentence.
+    """
 
     steps: dict  # solver -> ratio [1]
     other: float = 1.0
@@ -94,9 +111,18 @@ TYPICAL = Machine({})
 
 
 class Prediction(NamedTuple):
-    """Time of a run [s], its longest time depending on the end of its stages [s], memory [bytes], source of these.
+    """Predicted cost of a run.
 
-    `compiled`: the kernels of the run were compiled for a trial.
+    Parameters
+    ----------
+    seconds : float [s]
+    longest : float [s]
+        Longest possible time: it depends on the end of the stages.
+    memory : float [bytes]
+    source : str
+        Where the prediction comes from, as the end of a sentence.
+    compiled : bool
+        The kernels of the run were compiled for a trial.
     """
 
     seconds: float
@@ -106,10 +132,21 @@ class Prediction(NamedTuple):
     compiled: bool
 
 
-def predicted(prepared, threads, trial_from=None):
-    """The Prediction of a prepared run.
+def predicted(prepared: "Prepared", threads: int, trial_from: float | None = None) -> Prediction:
+    """Predict the cost of a prepared run.
 
-    A run that may take longer than `trial_from` [s] (default TRIAL_FROM) on a typical machine gets a trial on this one.
+    A run that may take longer than `trial_from` on a typical machine gets a trial on this one.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    threads : int
+    trial_from : float, optional [s]
+        Default TRIAL_FROM.
+
+    Returns
+    -------
+    Prediction
     """
     seconds, memory = predicted_cost(prepared, threads), predicted_memory(prepared)
     machine, longest = TYPICAL, predicted_cost(prepared, threads, longest=True)
@@ -117,14 +154,23 @@ def predicted(prepared, threads, trial_from=None):
     trial = longest > trial_from and memory < run_cost.MEMORY_SHARE * available_memory()
     if trial:
         warm_up(prepared)
-        machine = tried(prepared, threads, seconds)
+        machine = tried_machine(prepared, threads, seconds)
         seconds = predicted_cost(prepared, threads, machine)
         longest = predicted_cost(prepared, threads, machine, longest=True)
     return Prediction(seconds, longest, memory, machine.words, trial)
 
 
-def predicted_memory(prepared):
-    """Memory [bytes] of the largest stage of a run, with the conversion between columns and points."""
+def predicted_memory(prepared: "Prepared") -> float:
+    """Return the memory of the largest stage of a run, with the conversion between columns and points.
+
+    Parameters
+    ----------
+    prepared : Prepared
+
+    Returns
+    -------
+    float [bytes]
+    """
     stages = range(len(prepared.stages))
     switched = run_cost.BYTES_PER_SWITCHED if len(stages) > 1 else 0
     points = [n for n in stages if prepared.stages[n].scene.solver == "points"]
@@ -132,16 +178,29 @@ def predicted_memory(prepared):
     return max(_steps(prepared, number, 1, 1.0)[1] for number in stages) + turned * switched
 
 
-def predicted_cost(prepared, threads, machine=TYPICAL, *, longest=False, interval=None):
-    """Wall time [s] of a run from its first frame on.
+def predicted_cost(
+    prepared: "Prepared",
+    threads: int,
+    machine: Machine = TYPICAL,
+    *,
+    longest: bool = False,
+    interval: float | None = None,
+) -> float:
+    """Predict the wall time of a run from its first frame on.
 
     Parameters
     ----------
+    prepared : Prepared
+    threads : int
     machine : Machine
     longest : bool
         Each stage lasts as long as possible.
     interval : float, optional [s]
-        Between frames that are evaluated but not written, instead of the scene's.
+        Between frames that are evaluated but not written, instead of the interval of the scene.
+
+    Returns
+    -------
+    float [s]
     """
     stages = range(len(prepared.stages))
     lasting = [prepared.longest(number) for number in stages] if longest else expected_times(prepared)
@@ -157,15 +216,23 @@ def predicted_cost(prepared, threads, machine=TYPICAL, *, longest=False, interva
 
 
 def _factor(machine, solver):
-    """Time of a step of `solver` over that of a typical machine; that of the other solver if only it is known."""
+    """Return the time of a step of `solver` over that of a typical machine; if unknown, that of the other solver."""
     return machine.steps.get(solver, next(iter(machine.steps.values()), 1.0))
 
 
-def expected_times(prepared):
-    """Expected duration [s] of each stage.
+def expected_times(prepared: "Prepared") -> list[float]:
+    """Return the expected duration of each stage.
 
     The end of a stage that depends on the flow is unknown: the time to the next known end is divided equally among the
     stages up to it; for a single stage half of it is left for what follows.
+
+    Parameters
+    ----------
+    prepared : Prepared
+
+    Returns
+    -------
+    list of float [s]
     """
     tables, end = [stage.table for stage in prepared.stages], prepared.scene.output.end_time
     ends, begun = [], 0.0
@@ -180,12 +247,12 @@ def expected_times(prepared):
 
 
 def _known_end(tables, number, end):
-    """The latest time [s] at which stage `number` ends, None if unknown."""
+    """Return the latest time [s] at which stage `number` ends, None if unknown."""
     return end if number == len(tables) - 1 else tables[number].until.get("time")
 
 
-def _steps(prepared, number, threads, seconds):
-    """(wall time [s], bytes) of the steps of stage `number` over `seconds`."""
+def _steps(prepared: "Prepared", number: int, threads: int, seconds: float) -> tuple[float, float]:
+    """Return (wall time [s], bytes) of the steps of stage `number` over `seconds`."""
     west, south, east, north = prepared.terrain.grid.bounds
     stage, particles = prepared.stages[number], prepared.particles_of(number)
     numerics, facts = stage.numerics, stage.facts
@@ -195,7 +262,7 @@ def _steps(prepared, number, threads, seconds):
         return run_cost.predicted_in_3d(
             particles, stage.effects.material, numerics, nodes, elevation_bytes, seconds, facts.speed, threads
         )
-    return run_cost.predicted(
+    return run_cost.predicted_in_2d(
         particles,
         facts.release_thickness,
         nodes,
@@ -208,27 +275,42 @@ def _steps(prepared, number, threads, seconds):
     )
 
 
-def _frames(prepared, number, seconds, interval):
-    """Wall time [s] of frames of stage `number` over `seconds`, and of checks of its end conditions."""
+def _frames(prepared: "Prepared", number: int, seconds: float, interval: float | None) -> float:
+    """Return the wall time [s] of frames of stage `number` over `seconds`, and of checks of its end conditions."""
     stage, particles = prepared.stages[number], prepared.particles_of(number)
     frames = seconds / (interval or prepared.scene.output.frame_interval) + 1
     shown = run_cost.seconds_of_frames(stage.scene.solver, particles, frames, interval is None)
     conditions = () if stage.table is None else stage.table.until or ()
-    return shown + run_cost.seconds_of_looks(particles, seconds / LOOK_SECONDS, conditions)
+    return shown + run_cost.seconds_of_checks(particles, seconds / CHECK_SECONDS, conditions)
 
 
 def _switch(prepared, number):
-    """Wall time [s] of the switch to stage `number`."""
+    """Return the wall time [s] of the switch to stage `number`."""
     nodes = prepared.stages[number].grid.bed.size
     if prepared.stages[number].scene.solver == "points":
         return run_cost.seconds_to_points(prepared.particles_of(number), nodes)
     return run_cost.seconds_to_columns(prepared.particles_of(number - 1), nodes)
 
 
-def tried(prepared, threads, seconds, clock=perf_counter):
-    """The Machine from a trial of each solver for a tenth of `seconds` with the columns or points of the scene.
+def tried_machine(
+    prepared: "Prepared", threads: int, seconds: float, clock: Callable[[], float] = perf_counter
+) -> Machine:
+    """Measure this machine by a trial of each solver, with the columns or points of the scene.
 
-    Kernels must be compiled before. The run is not changed.
+    A trial takes a tenth of `seconds`. Kernels must be compiled before. The run is not changed.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    threads : int
+    seconds : float [s]
+        Predicted time of the run.
+    clock : callable
+        Returns the wall time [s].
+
+    Returns
+    -------
+    Machine
     """
     short, first = min(PACE_SECONDS, max(TRIAL_SHARE * seconds, 0.1)), prepared.stages[0]
     steps, words, other = {}, [], None
@@ -248,7 +330,7 @@ def tried(prepared, threads, seconds, clock=perf_counter):
 
 
 def _measured(words):
-    """Source of a prediction, from `words` about the pace of each solver."""
+    """Return the source of a prediction, from `words` about the pace of each solver."""
     return f", at {' and '.join(words)} and step as measured" if words else ""
 
 
@@ -267,7 +349,7 @@ def _try(stage, solver, seconds, threads, steps, words):
 
 
 def _points_for(prepared, number):
-    """(a PointSolver of stage `number` with a part of the scene's mass, its number of points); None without mass."""
+    """Return (a PointSolver of stage `number` with a part of the scene's mass, its points); None without mass."""
     stage, seen = prepared.stages[number], prepared.seen.particles
     each = stage.point_options().predicted_points(seen) / max(len(seen), 1)
     few = sample_of(prepared, max(1, int(TRIAL_POINTS / max(each, 1.0))))
@@ -280,7 +362,7 @@ def _points_for(prepared, number):
 
 
 class OwnPace:
-    """Updates the prediction of a run from two seconds of its own steps, once for each solver.
+    """Prediction of a run that is updated from two seconds of its own steps, once for each solver.
 
     Parameters
     ----------
@@ -295,12 +377,17 @@ class OwnPace:
         Current prediction.
     """
 
-    def __init__(self, prepared, threads, ahead):
+    def __init__(self, prepared: "Prepared", threads: int, ahead: Prediction) -> None:
         self.seconds, self._ahead = ahead.seconds, ahead
         self._prepared, self._threads, self._steps, self._words = prepared, threads, {}, []
 
-    def look(self, sequence):
-        """Measure the pace of the current stage of `sequence`, if it is unknown and enough steps are done."""
+    def update(self, sequence: "Sequence") -> None:
+        """Measure the pace of the current stage of `sequence`, if it is unknown and enough steps are done.
+
+        Parameters
+        ----------
+        sequence : stage_sequence.Sequence
+        """
         name = sequence.stage.scene.solver
         seconds, particle_steps, steps = sequence.stepped
         if name in self._steps or not steps or seconds < PACE_SECONDS:
@@ -315,34 +402,61 @@ class OwnPace:
             longest = predicted_cost(self._prepared, self._threads, machine, longest=True)
             log.info(prediction_line(Prediction(self.seconds, longest, self._ahead.memory, machine.words, True)))
 
-    def watching(self, sequence, watch):
-        """`watch` that also measures the pace of the `sequence`."""
+    def watching(self, sequence: "Sequence", watch: Callable) -> Callable:
+        """Return `watch` extended by a measurement of the pace of the `sequence`.
+
+        Parameters
+        ----------
+        sequence : stage_sequence.Sequence
+        watch : callable
+            Called with (solver, end time [s]) a few times a second.
+        """
 
         def watching(now, end_time):
-            self.look(sequence)
+            self.update(sequence)
             watch(now, end_time)
 
         return watching
 
 
-def prediction_line(ahead):
-    """A line about a Prediction."""
-    return f"predicted: {need(ahead)}{ahead.source}{at_most(ahead)}"
+def prediction_line(ahead: Prediction) -> str:
+    """Return a line about a Prediction.
+
+    Parameters
+    ----------
+    ahead : Prediction
+    """
+    return f"predicted: {need_words(ahead)}{ahead.source}{longest_words(ahead)}"
 
 
-def need(ahead):
-    """Time and memory of a Prediction in words."""
-    return f"{duration(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
+def need_words(ahead: Prediction) -> str:
+    """Return time and memory of a Prediction in words.
+
+    Parameters
+    ----------
+    ahead : Prediction
+    """
+    return f"{duration_words(ahead.seconds)} and {ahead.memory / 1e9:.2g} GB"
 
 
-def at_most(ahead):
-    """The longest time of a run in words, if it is longer than the expected one."""
+def longest_words(ahead: Prediction) -> str:
+    """Return the longest time of a run in words; '' unless it is longer than the expected one.
+
+    Parameters
+    ----------
+    ahead : Prediction
+    """
     longer = ahead.longest > LONGER * ahead.seconds
-    return f"; up to {duration(ahead.longest)}, depending on the end of its stages" if longer else ""
+    return f"; up to {duration_words(ahead.longest)}, depending on the end of its stages" if longer else ""
 
 
-def duration(seconds):
-    """A wall time in words."""
+def duration_words(seconds: float) -> str:
+    """Return a wall time in words.
+
+    Parameters
+    ----------
+    seconds : float [s]
+    """
     if seconds < 100.0:
         return f"{seconds:.2g} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"

@@ -1,9 +1,10 @@
-"""Points in a window and columns around it, advanced together; columns that enter the window become points."""
+"""Couple points in a window with columns around them: columns that enter the window become points."""
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,13 +15,19 @@ from ..solvers.columns import column_clock
 from ..solvers.points import point_loop as point_kernel
 from ..system.errors import FormatError
 
-EXCHANGE_SECONDS = 0.1  # simulated time between two checks for columns that entered the window
-PREFIX = "outside_"  # of the columns' state in a frame
-SHOWN_ID = 1 << 60  # from here on ids are of columns that a frame shows as points
-MOST_SHOWN = 16  # bits of the number of such a point in its column
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..solvers.columns.column_solver import ColumnSolver
+    from ..solvers.columns.node_grid import CellWindow
+    from ..solvers.points.point_solver import PointSolver
+
+EXCHANGE_SECONDS = 0.1  # [s] simulated time between two checks for columns that entered the window
+PREFIX = "outside_"  # of the arrays of the columns in the state of a frame
+SHOWN_ID = 1 << 60  # first id of points that stand for columns in a frame
+SHOWN_BITS = 16  # of the id of such a point: its number in its column
 RUNNING, REACHED_TIME, ALL_LEFT = point_kernel.RUNNING, point_kernel.REACHED_TIME, point_kernel.ALL_LEFT
 OF_COLUMNS = 1000  # added to the reasons of columns to stop, which differ from those of points
-_TIME = 1e-9  # [s], and in exchanges, by which a time may be missed for rounding
+_TIME = 1e-9  # [s] and [exchanges] rounding error of a time
 
 
 class _Ids(NamedTuple):
@@ -28,7 +35,7 @@ class _Ids(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """As much of a frame as a solver is restored from."""
+    """Part of a frame from which a solver is restored."""
 
     time: float
     state: dict
@@ -52,9 +59,20 @@ class CoupledSolver:
         Frame of columns -> Frame of points, with the state that `columns_to_points.columns_to_points` gives.
     stress_of : callable
         That Frame of points -> float64[n, 6] [Pa], their stress.
+
+    Attributes
+    ----------
+    exchanged_mass : float [kg]
+        Of the columns that became points so far.
+    exchanged_columns : int
+        Their number.
+    exchanged_energy : float [J]
+        Energy that they lost in the conversion.
     """
 
-    def __init__(self, points, columns, inside, as_points, stress_of):
+    def __init__(
+        self, points: "PointSolver", columns: "ColumnSolver", inside: Callable, as_points: Callable, stress_of: Callable
+    ) -> None:
         self.points_solver, self.columns_solver = points, columns
         self.inside, self.as_points, self.stress_of = inside, as_points, stress_of
         self.exchanged_mass, self.exchanged_columns, self.exchanged_energy = 0.0, 0, 0.0
@@ -72,35 +90,80 @@ class CoupledSolver:
         return self.columns_solver.speed_max if self.columns_solver.columns else 0.0
 
     @property
-    def particles(self):
+    def particles(self) -> int:
         """Number of points and columns on the terrain now."""
         return self.points_solver.points + self.columns_solver.columns
 
     # ------------------------------------------------------------------------------------------------- between steps
 
-    def insert(self, frame, window, slab=True):
-        """As `ColumnSolver.insert`."""
+    def insert(self, frame: "Frame", window: "CellWindow", slab: bool = True) -> None:
+        """Insert columns, see `ColumnSolver.insert`.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of columns.
+        window : CellWindow
+            Cells in which they can overlap with others.
+        slab : bool
+            They are a separate slab, not part of a steady flow.
+        """
         self.columns_solver.insert(frame, window, slab)
 
-    def arm(self, number, nodes, thickness):
-        """As `ColumnSolver.arm`."""
+    def arm(self, number: int, nodes: tuple, thickness: float | None) -> None:
+        """Let the columns stop when the flow reaches an area, see `ColumnSolver.arm`.
+
+        Parameters
+        ----------
+        number : int
+            Of the area, from 1.
+        nodes : (int[k], int[k])
+            Rows and columns of its nodes.
+        thickness : float or None [m]
+            Flow thicker than this counts; None: any flow.
+        """
         self.columns_solver.arm(number, nodes, thickness)
 
-    def fired(self, number, nodes):
-        """As `ColumnSolver.fired`."""
+    def fired(self, number: int, nodes: tuple) -> bool:
+        """Return whether the flow reached an area, which is then no longer armed, see `ColumnSolver.fired`.
+
+        Parameters
+        ----------
+        number : int
+            Of the area, from 1.
+        nodes : (int[k], int[k])
+            Rows and columns of its nodes.
+        """
         return self.columns_solver.fired(number, nodes)
 
-    def wait(self, until):
-        """Set the time to `until` [s] on an empty terrain."""
+    def wait(self, until: float) -> None:
+        """Set the time on an empty terrain.
+
+        Parameters
+        ----------
+        until : float [s]
+        """
         self.points_solver.wait(until)
         self.columns_solver.wait(until)
 
     # -------------------------------------------------------------------------------------------------------- marching
 
-    def advance(self, until, after, max_steps):
-        """Advance both to `until` [s], and be ready for `after` [s] then, or for `max_steps` of the points.
+    def advance(self, until: float, after: float, max_steps: int) -> int:
+        """Advance both solvers to `until`.
 
-        Answers RUNNING, REACHED_TIME, ALL_LEFT, the points' trouble, or the columns' reason and OF_COLUMNS.
+        Parameters
+        ----------
+        until : float [s]
+        after : float [s]
+            Next time that will be requested; the step before `until` is chosen for it.
+        max_steps : int
+            Largest number of steps of the points.
+
+        Returns
+        -------
+        int
+            RUNNING, REACHED_TIME, ALL_LEFT, the reason of an error of the points, or OF_COLUMNS plus the reason of the
+            columns.
         """
         first = self.step
         while self.time < until - _TIME:
@@ -153,7 +216,7 @@ class CoupledSolver:
         self.exchanged_energy += self._energy_of(taken) - self._energy_of(frame)
 
     def _energy_of(self, frame):
-        """Kinetic and potential energy [J] of columns or points, from elevation 0."""
+        """Return the kinetic and potential energy [J] of columns or points, from elevation 0."""
         particles = frame.particles
         middle = particles.position[:, 2] + frame.origin[2]
         if particles.thickness is not None:
@@ -163,16 +226,19 @@ class CoupledSolver:
 
     # --------------------------------------------------------------------------------------------- frames and balances
 
-    def flow(self):
-        """The Flow now, of both."""
+    def flow(self) -> Flow:
+        """Return the present Flow of both solvers."""
         parts = [solver.flow() for solver, count in self._both() if count]
         return Flow(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
     def _both(self):
         return (self.points_solver, self.points_solver.points), (self.columns_solver, self.columns_solver.columns)
 
-    def frame(self):
-        """Points, and columns outside as points of the same mass and momentum, with the columns' state in addition."""
+    def frame(self) -> "Frame":
+        """Return the present frame of points, which contains the columns outside the window as points.
+
+        These have the same mass and momentum as the columns. `state` contains the state of both solvers.
+        """
         points, columns = self.points_solver.frame(), self.columns_solver.frame()
         state = points.state | {f"{PREFIX}{name}": values for name, values in columns.state.items()}
         state |= {f"{PREFIX}ids": columns.particles.id, f"{PREFIX}origin": np.asarray(columns.origin)}
@@ -182,16 +248,21 @@ class CoupledSolver:
         shown = self.as_points(columns)
         return replace(points, particles=_together(points, shown), maxima=self.maxima(), state=state)
 
-    def maxima(self):
-        """Running peaks of both, as a frame has them."""
+    def maxima(self) -> dict:
+        """Return the running peaks of both, as in a frame."""
         return combined_peaks(self.points_solver.maxima(), self.columns_solver.maxima())
 
-    def parts(self):
-        """(Frame of the points, Frame of the columns) now."""
+    def parts(self) -> "tuple[Frame, Frame]":
+        """Return the present frames of points and of columns.
+
+        Returns
+        -------
+        points, columns : Frame
+        """
         return self.points_solver.frame(), self.columns_solver.frame()
 
-    def started(self):
-        """Initial sums of both solvers, and the mass and energy exchanged so far."""
+    def started(self) -> dict:
+        """Return the initial sums of both solvers, and the mass and energy exchanged so far."""
         return {
             "points": self.points_solver.started(),
             "columns": self.columns_solver.started(),
@@ -201,34 +272,68 @@ class CoupledSolver:
             "exchanged_energy": self.exchanged_energy,
         }
 
-    def start_from(self, started):
-        """As that of both solvers."""
+    def start_from(self, started: dict) -> None:
+        """Set the initial sums of both solvers and the exchanged mass and energy.
+
+        Parameters
+        ----------
+        started : dict
+            Result of `started`.
+        """
         self.points_solver.start_from(started["points"])
         self.columns_solver.start_from(started["columns"])
         self._next_id = started["next_id"]
         self.exchanged_mass, self.exchanged_columns = started["exchanged_mass"], started["exchanged_columns"]
         self.exchanged_energy = started["exchanged_energy"]
 
-    def restore(self, frame, known=False):
-        """Go on from a `frame` of this run that carries the state of both; checked unless it is `known`."""
+    def restore(self, frame: "Frame", known: bool = False) -> None:
+        """Continue from a frame of this run that contains the state of both solvers.
+
+        Parameters
+        ----------
+        frame : Frame
+        known : bool
+            The state comes from this process and is not checked.
+
+        Raises
+        ------
+        FormatError
+            The frame has no state of the columns.
+        """
         own, state = _states(frame)
         ids = frame.particles.id[: len(own["rows"])]
         self.points_solver.restore(_Kept(frame.time, own, _Ids(ids)), known)
         self.columns_solver.restore(_Kept(frame.time, state, _Ids(np.asarray(state["ids"]))), known)
         self.start_from(json.loads(bytes(state["started"])))
 
-    def share_step(self, share):
-        """Use steps of `share` [1] of their normal length from now on."""
+    def share_step(self, share: float) -> None:
+        """Use shorter steps from now on.
+
+        Parameters
+        ----------
+        share : float [1]
+            Length of the steps over their normal length.
+        """
         self.points_solver.share_step(share)
         self.columns_solver.share_step(share)
 
-    def resting_for(self, share):
-        """For how long [s] the points have rested (see `PointSolver`); not at all while the columns do not."""
+    def resting_for(self, share: float) -> float:
+        """Return for how long the points have rested (see `PointSolver`); 0 while the columns move.
+
+        Parameters
+        ----------
+        share : float [1]
+            Of the peak kinetic energy, below which the flow is at rest.
+
+        Returns
+        -------
+        float [s]
+        """
         rests = self.points_solver.resting_for(share)
         return rests if self.columns_solver.energy()[0] <= share * self.points_solver.kinetic_peak else 0.0
 
-    def balances(self):
-        """Balances of the points, with masses of both; `outside_columns` are those of the columns."""
+    def balances(self) -> dict:
+        """Return the balances of the points with the masses of both; `outside_columns` has those of the columns."""
         points, columns = self.points_solver.balances(), self.columns_solver.balances()
         both = {name: points[name] + columns[name] for name in ("mass_start", "mass_now", "mass_out")}
         both["mass_released"] = points["mass_start"] + columns["mass_released"]
@@ -246,14 +351,23 @@ class CoupledSolver:
         return points | both | {"mass_error_relative": (found - come) / come, "outside_columns": outside}
 
 
-def parts_of(frame):
-    """(Frame of the points, Frame of the columns) that a coupled `frame` with its state shows.
+def parts_of(frame: "Frame") -> "tuple[Frame, Frame]":
+    """Separate a coupled `frame` with its state into the frames of its two solvers.
 
     Of the columns only state and ids are restored.
+
+    Parameters
+    ----------
+    frame : Frame
+
+    Returns
+    -------
+    points, columns : Frame
 
     Raises
     ------
     FormatError
+        The frame has no state of the columns.
     """
     own, state = _states(frame)
     particles, n = frame.particles, len(own["rows"])
@@ -265,7 +379,7 @@ def parts_of(frame):
 
 
 def _states(frame):
-    """(state of the points, state of the columns with `ids`, `origin` and `started` in it) of a coupled `frame`."""
+    """Return (state of the points, state of the columns with `ids`, `origin` and `started`) of a coupled `frame`."""
     names = [name for name in frame.state if name.startswith(PREFIX)]
     if f"{PREFIX}started" not in names or "rows" not in frame.state:
         raise FormatError(
@@ -280,12 +394,12 @@ def _next_exchange(time):
 
 
 def _together(points, shown):
-    """Particles of the Frame `points`, and behind them those of `shown`, numbered by their columns."""
+    """Return the particles of the Frame `points`, followed by those of `shown`, numbered by their columns."""
     own, others = points.particles, shown.particles
     row = np.arange(len(others))
     begins = np.append(True, others.parent[1:] != others.parent[:-1])
     number = row - np.maximum.accumulate(np.where(begins, row, 0))
-    ids = np.uint64(SHOWN_ID) + (others.parent << np.uint64(MOST_SHOWN)) + number.astype(np.uint64)
+    ids = np.uint64(SHOWN_ID) + (others.parent << np.uint64(SHOWN_BITS)) + number.astype(np.uint64)
     shift = np.subtract(shown.origin, points.origin)
     return Particles(
         np.concatenate([own.position, others.position + shift]),

@@ -1,25 +1,32 @@
-"""Cost and resolution of a run before it starts: steps, time, memory, and cells over the flow's depth.
+"""Measure the computing cost of effects: the time of a step with and without each of them.
 
-Computing cost of effects: the time of a step with and without each of them.
-
-Both steps are timed from the same state in turns, a flow under way, so that neither the machine's load nor the flow's
-own change is taken for the effect. The remaining error is reported: the whole scene against itself.
+Both steps are timed from the same state in turns, with the flow in motion, so that neither the load of the machine nor
+a change of the flow is attributed to the effect. The remaining error is reported: the difference between two
+measurements of the whole scene.
 """
 
+from collections.abc import Callable
 from time import perf_counter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..laws import friction
 from ..laws.slots import ColumnEffects
 from ..system.errors import SceneError
 from ..system.messages import log
 
-STEPS = 20  # timed at a time; the quickest of all rounds counts
-LEAST_ROUNDS, MOST_ROUNDS, ROUNDS_SECONDS = 5, 60, 6.0  # as many rounds as fit into that time [s]
-UNTIMED_STEPS = 2  # after each restart: the first ever compiles, the first of each puts the columns in order
-UNDER_WAY_STEPS, UNDER_WAY_SECONDS = 200, 5.0  # until the flow counts as under way
-FIRST, AGAIN = "whole", "whole again"  # no names of effects
-CHOICES = ("metric",)  # slots that hold one of two forms, neither of which is the absence of the other
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..solvers.columns.column_solver import ColumnSolver
+    from .events import Events
+
+STEPS = 20  # in a measurement; the quickest of all rounds counts
+LEAST_ROUNDS, MOST_ROUNDS = 5, 60  # of measurements
+ROUNDS_SECONDS = 6.0  # [s] wall time after which no further round begins
+UNTIMED_STEPS = 2  # after each restart: the first one may compile, and it sorts the columns
+UNDER_WAY_STEPS = 200  # after which the flow counts as moving
+UNDER_WAY_SECONDS = 5.0  # [s] wall time for these steps
+FIRST, AGAIN = "whole", "whole again"  # the two measurements of the whole scene; not names of effects
+CHOICES = ("metric",)  # effects with two forms, neither of which means that there is no effect
 
 
 class EffectCosts(NamedTuple):
@@ -32,10 +39,19 @@ class EffectCosts(NamedTuple):
     time: float  # [s] simulated, at which it was measured
 
 
-def without_each(effects):
-    """Effect, as decisions name it -> `effects` with its null form in its place.
+def without_each(effects: ColumnEffects) -> dict[str, ColumnEffects]:
+    """Return a copy of `effects` for each effect, with the null form in its place.
 
-    Zones are switched with friction; turbulent drag is the difference of Voellmy's law to Coulomb's.
+    Zones are switched off with friction. The turbulent drag is the difference between Voellmy's law and Coulomb's.
+
+    Parameters
+    ----------
+    effects : ColumnEffects
+
+    Returns
+    -------
+    dict
+        Name of the effect, as in decisions -> ColumnEffects without it.
     """
     null = ColumnEffects()
     present = [name for name in effects._fields if type(getattr(effects, name)) is not type(getattr(null, name))]
@@ -47,13 +63,28 @@ def without_each(effects):
     return variants
 
 
-def under_way(solver, events, end_time, clock=perf_counter):
-    """Advance `solver` a little, with inflow, to where its effects are at work; the Frame there, with its state.
+def under_way(
+    solver: "ColumnSolver", events: "Events", end_time: float, clock: Callable[[], float] = perf_counter
+) -> "Frame":
+    """Advance `solver` a little, with inflow, until its effects act.
+
+    Parameters
+    ----------
+    solver : ColumnSolver
+    events : Events
+    end_time : float [s]
+    clock : callable
+        Returns the wall time [s].
+
+    Returns
+    -------
+    Frame
+        The frame there, with its state.
 
     Raises
     ------
     SceneError
-        Nothing is on the terrain before `end_time` [s].
+        Nothing is on the terrain before `end_time`.
     """
     events.let_in(solver)
     while not solver.columns:
@@ -66,13 +97,25 @@ def under_way(solver, events, end_time, clock=perf_counter):
         before = solver.step
         solver.advance(min(end_time, events.next_time(solver.time)), 10, may_stop=False)
         events.let_in(solver)
-        if solver.step == before:  # it has stopped itself, or all has left
+        if solver.step == before:  # it has come to rest, or all mass has left
             break
     return solver.frame() if solver.columns else start
 
 
-def effect_costs(solver, start, clock=perf_counter):
-    """`EffectCosts` of the effects of `solver`, whose state is that of the Frame `start` before and after each look.
+def effect_costs(solver: "ColumnSolver", start: "Frame", clock: Callable[[], float] = perf_counter) -> EffectCosts:
+    """Measure the cost of the effects of `solver`; its state is `start` before and after each measurement.
+
+    Parameters
+    ----------
+    solver : ColumnSolver
+    start : Frame
+        With the state of the solver.
+    clock : callable
+        Returns the wall time [s].
+
+    Returns
+    -------
+    EffectCosts
 
     Raises
     ------
@@ -92,8 +135,8 @@ def effect_costs(solver, start, clock=perf_counter):
     return EffectCosts(shares, noise, with_all, solver.columns, solver.time)
 
 
-def _quickest(solver, steps, start, clock):
-    """Wall time [s] of the quickest step of each of `steps`, name -> ColumnEffects, timed in turns."""
+def _quickest(solver: "ColumnSolver", steps: dict, start: "Frame", clock: Callable) -> dict:
+    """Return the wall time [s] of the quickest step of each of `steps`, name -> ColumnEffects, timed in turns."""
     best = dict.fromkeys(steps, float("inf"))
     began = clock()
     for done in range(MOST_ROUNDS):
@@ -104,8 +147,8 @@ def _quickest(solver, steps, start, clock):
     return best
 
 
-def _seconds_per_step(solver, effects, start, clock):
-    """Wall time [s] of a step with `effects` from the Frame `start`."""
+def _seconds_per_step(solver: "ColumnSolver", effects: ColumnEffects, start: "Frame", clock: Callable) -> float:
+    """Return the wall time [s] of a step with `effects` from the Frame `start`."""
     solver.restore(start)
     whole, solver.effects = solver.effects, effects
     try:

@@ -1,6 +1,8 @@
-"""Events between steps: inflow over time, and secondary releases that the flow triggers."""
+"""Apply events between steps: inflow over time, and secondary releases that the flow triggers."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +12,16 @@ from ..solvers.columns.feature_arrays import MAX_AREAS
 from ..system.errors import FormatError, SceneError
 from ..terrain.inflow import BATCH_SHARE, batch_times, clearing_time
 
+if TYPE_CHECKING:
+    from ..solvers.columns.column_solver import ColumnSolver
+    from ..solvers.columns.node_grid import ColumnGrid
+    from ..terrain.inflow import Hydrograph
+    from .coupled_solver import CoupledSolver
+
 LARGEST_REASON = 100  # for the end of a time integration (`stepping.STOPPED_AT_REST`)
 
-# Order of the columns of an inlet by their places on the lattice, 0 to 7 by halves of this matrix (Bayer 1973, ordered
-# dither): batches of one layer each are evenly distributed, and eight of them fill the lattice once.
+# Number of the layer, 0 to 7, of a column of an inlet by its place on the lattice: half of the matrix of ordered dither
+# (Bayer 1973). The columns of a layer are evenly distributed, and eight layers fill the lattice once.
 _TURNS = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) // 2
 
 
@@ -42,12 +50,18 @@ class Inlet:
     layers: tuple
     times: np.ndarray
     volumes: np.ndarray
-    velocity: object
+    velocity: Callable
     reference_thickness: float
     slabs: bool
 
-    def batch(self, k):
-        """Frame of the columns of batch `k`; their volumes add up to the batch's."""
+    def batch(self, k: int) -> Frame:
+        """Return the columns of batch `k`; their volumes add up to the volume of the batch.
+
+        Parameters
+        ----------
+        k : int
+            Number of the batch, from 0.
+        """
         index = self.layers[k % len(self.layers)]
         particles, density = self.frame.particles, self.frame.header["density"]
         share = particles.volume[index] / particles.volume[index].sum()
@@ -63,24 +77,37 @@ class Inlet:
         )
         return replace(self.frame, particles=batch, time=float(self.times[k, 0]))
 
-    def fastest_velocity(self):
-        """float64[n, 3] [m s-1]: velocity of all its columns in the fastest batch."""
+    def fastest_velocity(self) -> np.ndarray:
+        """Return the velocity of all its columns in the fastest batch.
+
+        Returns
+        -------
+        float64[n, 3] [m s-1]
+        """
         first = np.zeros(1, int)  # the other columns have the same speed, each along its ground
         speeds = [float(np.linalg.norm(self.velocity(time, first))) for time in self.times[:, 0]]
         return self.velocity(self.times[int(np.argmax(speeds)), 0], np.arange(len(self.frame.particles)))
 
     @property
-    def columns(self):
+    def columns(self) -> int:
         """Number of columns of all batches together."""
         return sum(len(self.layers[k % len(self.layers)]) for k in range(len(self.times)))
 
 
-def inlet_of(frame, hydrograph, grid, end_time):
-    """The Inlet through which `hydrograph` flows up to `end_time` [s].
+def inlet_of(frame: Frame, hydrograph: "Hydrograph", grid: "ColumnGrid", end_time: float) -> Inlet:
+    """Return the Inlet through which `hydrograph` flows in.
 
-    `frame` has the columns of the inlet, 1 m thick in the thickness mode of the scene, `grid` is that of the solver. A
-    discharge enters in batches of an eighth (BATCH_SHARE) of the content of the inlet, estimated by
+    A discharge enters in batches of an eighth (BATCH_SHARE) of the content of the inlet, estimated by
     `inflow.clearing_time`, each at the start of the interval whose exact inflow it is; slabs enter as a whole.
+
+    Parameters
+    ----------
+    frame : Frame
+        The columns of the inlet, 1 m thick in the thickness mode of the scene.
+    hydrograph : Hydrograph
+    grid : ColumnGrid
+        Of the solver.
+    end_time : float [s]
 
     Raises
     ------
@@ -105,8 +132,8 @@ def inlet_of(frame, hydrograph, grid, end_time):
     return Inlet(frame, layers, times, volumes, velocity, reference, hydrograph.thickness is not None)
 
 
-def _entry_velocity(hydrograph, grid, frame):
-    """(time, columns) -> velocities along the ground."""
+def _entry_velocity(hydrograph: "Hydrograph", grid: "ColumnGrid", frame: Frame) -> Callable:
+    """Return a function (time, columns) -> velocities along the ground."""
     if hydrograph.speed is not None and hydrograph.speed.any():
         down = grid.downslope(frame)
         return lambda time, index: hydrograph.speed_at(time) * down[index]
@@ -120,8 +147,8 @@ def _entry_velocity(hydrograph, grid, frame):
     return velocity
 
 
-def _batch_interval(hydrograph, grid, frame):
-    """Time between batches [s], and the thickness [m] in the inlet, both at the largest discharge."""
+def _batch_interval(hydrograph: "Hydrograph", grid: "ColumnGrid", frame: Frame) -> tuple[float, float]:
+    """Return the time between batches [s] and the thickness [m] in the inlet, both at the largest discharge."""
     peak = int(np.argmax(hydrograph.discharge))
     discharge, time = float(hydrograph.discharge[peak]), hydrograph.time[peak]
     gradient = grid.gradients_at(frame).mean(axis=0)
@@ -141,7 +168,7 @@ def _batch_interval(hydrograph, grid, frame):
 
 
 def _layers(frame, grid):
-    """The columns in layers that take turns, by their places on the lattice; all in one where some would be empty."""
+    """Return the columns in layers, by their place on the lattice; all in one layer if some would be empty."""
     spacing = np.sqrt(np.median(frame.particles.area))
     i, j = (np.floor(place / spacing).astype(int) % 4 for place in grid.from_corner(frame))
     layers = tuple(np.flatnonzero(_TURNS[j, i] == turn) for turn in range(_TURNS.max() + 1))
@@ -150,9 +177,17 @@ def _layers(frame, grid):
 
 @dataclass(frozen=True, eq=False)
 class SecondaryRelease:
-    """Columns at rest that flow thicker than `trigger_thickness` [m] (None: any flow) sets free when it reaches them.
+    """Columns at rest that are released when the flow reaches them.
 
-    `nodes` are the corners of the area's cells, as (rows, columns) of the solver's node arrays.
+    Parameters
+    ----------
+    name : str
+    frame : Frame
+        The columns.
+    nodes : (int[k], int[k])
+        Corners of the cells of the area, as rows and columns of the node arrays of the solver.
+    trigger_thickness : float or None [m]
+        Flow thicker than this releases them; None: any flow.
     """
 
     name: str
@@ -161,13 +196,20 @@ class SecondaryRelease:
     trigger_thickness: float | None = None
 
 
-def secondary_releases(named_frames, grid):
-    """SecondaryRelease for each (name, frame, trigger_thickness); no node belongs to two of them.
+def secondary_releases(named_frames: Sequence, grid: "ColumnGrid") -> tuple[SecondaryRelease, ...]:
+    """Return a SecondaryRelease for each area; no node belongs to two of them.
+
+    Parameters
+    ----------
+    named_frames : sequence of (str, Frame, float or None)
+        Name, columns and trigger thickness [m] of each area.
+    grid : ColumnGrid
+        Of the solver.
 
     Raises
     ------
     SceneError
-        Too many, or one within the cells of others.
+        Too many areas, or one within the cells of others.
     """
     if len(named_frames) > MAX_AREAS:
         raise SceneError(f"{len(named_frames)} [[secondary_release]], expected at most {MAX_AREAS}; unite some of them")
@@ -195,9 +237,15 @@ class Events:
     ----------
     inlets : sequence of Inlet
     secondary : sequence of SecondaryRelease
+
+    Attributes
+    ----------
+    ended : int
+        Reason for the end of the time integration, 0 before it.
+    awake : bool
     """
 
-    def __init__(self, inlets=(), secondary=()):
+    def __init__(self, inlets: Sequence = (), secondary: Sequence = ()) -> None:
         self.inlets, self.secondary = tuple(inlets), tuple(secondary)
         self.ended = 0  # reason of the kernel for the end of the run
         self.awake = True
@@ -205,15 +253,23 @@ class Events:
         self._released = np.zeros(len(self.secondary), np.int64)
         self._window = {}
 
-    def columns_to_come(self):
-        """Number of columns that can enter over the whole run."""
+    def columns_to_come(self) -> int:
+        """Return the number of columns that can enter over the whole run."""
         inflow = sum(inlet.columns for inlet in self.inlets)
         return inflow + sum(len(release.frame.particles) for release in self.secondary)
 
-    def next_time(self, time):
-        """The next time [s] after `time` of an event; infinite if there is none.
+    def next_time(self, time: float) -> float:
+        """Return the time of the next event after `time`; infinity if there is none.
 
         An event is a batch, or the end of the inflow, from which on the run can come to rest.
+
+        Parameters
+        ----------
+        time : float [s]
+
+        Returns
+        -------
+        float [s]
         """
         if not self.awake:
             return float("inf")
@@ -221,24 +277,39 @@ class Events:
         due += [inlet.times[-1, 1] for inlet in self.inlets if inlet.times[-1, 1] > time]
         return float(min(due, default=np.inf))
 
-    def over(self, time):
-        """Whether the inflow is complete."""
+    def over(self, time: float) -> bool:
+        """Return whether the inflow is complete.
+
+        Parameters
+        ----------
+        time : float [s]
+        """
         return self.next_time(time) == np.inf
 
     def _unfinished(self):
         return [(inlet, k) for inlet, k in zip(self.inlets, self._batches, strict=True) if k < len(inlet.times)]
 
-    def ends(self):
-        """Time [s] at which the last inflow is over; 0 where there is none."""
+    def ends(self) -> float:
+        """Return the time [s] at which the last inflow is complete; 0 without inflow."""
         return max((float(inlet.times[-1, 1]) for inlet in self.inlets), default=0.0)
 
-    def move_to(self, grid):
-        """Continue with a solver on another `grid`, whose nodes determine when areas are reached."""
+    def move_to(self, grid: "ColumnGrid") -> None:
+        """Continue with a solver on another grid, whose nodes determine when areas are reached.
+
+        Parameters
+        ----------
+        grid : ColumnGrid
+        """
         named = [(area.name, area.frame, area.trigger_thickness) for area in self.secondary]
         self.secondary, self._window = secondary_releases(named, grid), {}
 
-    def let_in(self, solver):
-        """Insert the batches that are due at the time of the solver."""
+    def let_in(self, solver: "ColumnSolver | CoupledSolver") -> None:
+        """Insert the batches that are due at the time of the solver.
+
+        Parameters
+        ----------
+        solver : ColumnSolver or CoupledSolver
+        """
         if not self.awake:
             return
         for number, inlet in enumerate(self.inlets):
@@ -246,43 +317,62 @@ class Events:
                 solver.insert(inlet.batch(int(self._batches[number])), self._window_of(solver, inlet), inlet.slabs)
                 self._batches[number] += 1
 
-    def release(self, solver):
-        """Release the areas that the flow has reached."""
+    def release(self, solver: "ColumnSolver | CoupledSolver") -> None:
+        """Release the areas that the flow has reached.
+
+        Parameters
+        ----------
+        solver : ColumnSolver or CoupledSolver
+        """
         for number, area in enumerate(self.secondary):
             if not self._released[number] and solver.fired(number + 1, area.nodes):
                 solver.insert(area.frame, self._window_of(solver, area))
                 self._released[number] = 1
 
     def _window_of(self, solver, source):
-        """Cells in which the columns of `source` and others can overlap: its cells and their neighbours."""
+        """Return the cells in which the columns of `source` and others can overlap: its cells and their neighbours."""
         if id(source) not in self._window:
             self._window[id(source)] = solver.grid.cells_of(source.frame, grown=1)
         return self._window[id(source)]
 
-    def arm(self, solver):
-        """Let the solver stop when the flow reaches an area that is not released yet."""
+    def arm(self, solver: "ColumnSolver | CoupledSolver") -> None:
+        """Let the solver stop when the flow reaches an area that is not released yet.
+
+        Parameters
+        ----------
+        solver : ColumnSolver or CoupledSolver
+        """
         if not self.awake:
             return
         for number, area in enumerate(self.secondary):
             if not self._released[number]:
                 solver.arm(number + 1, area.nodes, area.trigger_thickness)
 
-    def record(self):
-        """Numbers for the record of a run: batches let in, areas released."""
+    def record(self) -> dict:
+        """Return numbers for the record of a run: batches that entered, areas that were released."""
         released = [area.name for area, gone in zip(self.secondary, self._released, strict=True) if gone]
         return {"batches": int(self._batches.sum()), "secondary_releases": released}
 
-    def state(self):
-        """State of a restart in addition to that of the solver."""
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the state for a restart, in addition to that of the solver."""
         return {"events": np.concatenate([[self.ended], self._batches, self._released]).astype(np.int64)}
 
-    def batches_in(self, frame):
-        """int64[inlets]: number of batches of each inlet that had entered when a `frame` of the same run was written.
+    def batches_in(self, frame: Frame) -> np.ndarray:
+        """Return the number of batches of each inlet that had entered when `frame` was written.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of the same run.
+
+        Returns
+        -------
+        int64[inlets]
 
         Raises
         ------
         FormatError
-            The frame of a run with other events.
+            The frame is of a run with other events.
         """
         return self._state_of(frame)[1 : 1 + len(self.inlets)]
 
@@ -298,13 +388,17 @@ class Events:
         check.within("whether an area is released", state[1 + inlets :], 0, 1)
         return state
 
-    def restore(self, frame):
-        """Continue from a `frame` of the same run.
+    def restore(self, frame: Frame) -> None:
+        """Continue from a frame of the same run.
+
+        Parameters
+        ----------
+        frame : Frame
 
         Raises
         ------
         FormatError
-            The frame of a run with other events.
+            The frame is of a run with other events.
         """
         state = self._state_of(frame)
         self.ended = int(state[0])

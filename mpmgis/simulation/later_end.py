@@ -1,8 +1,9 @@
-"""A run that is resumed with a later [output] end_time: checks that nothing else differs, and finds its last frame."""
+"""Continue a run to a later [output] end_time: check that nothing else differs, and find its last usable frame."""
 
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from ..frames.run_folder import FRAME_PATTERN
 from ..system.errors import InputError, MpmgisError
@@ -11,12 +12,31 @@ from .preparation import prepare_scene
 from .stage_sequence import stage_number
 from .stepping import END_TIME
 
-DIFFERENCES = 3  # keys that a message names
-LONGEST = 60  # characters of a value there
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..frames.run_folder import RunFolder
+    from ..scene import Scene
+    from .preparation import Prepared
+    from .stage_sequence import Sequence
+
+DIFFERENCES = 3  # number of keys that a message names
+LONGEST = 60  # [characters] of a value in a message
 
 
-def earlier_run(prepared, record):
-    """The run of a `record`, prepared again, if it differs from `prepared` only by an earlier end_time; else None."""
+def earlier_run(prepared: "Prepared", record: dict) -> "Prepared | None":
+    """Prepare the run of a `record` again, if it differs from `prepared` only by an earlier end_time.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    record : dict
+        Content of the `run.json` of the earlier run.
+
+    Returns
+    -------
+    Prepared or None
+        None if anything else differs.
+    """
     earlier_end = ((record.get("scene") or {}).get("output") or {}).get("end_time")
     output = prepared.scene.output
     if not isinstance(earlier_end, (int, float)) or not 0 < earlier_end < output.end_time:
@@ -28,8 +48,15 @@ def earlier_run(prepared, record):
     return earlier if earlier.digest == record.get("digest") else None
 
 
-def differences(record, scene):
-    """What differs between the scene of a `record` and `scene`, in words, except end_time and device."""
+def differences(record: dict, scene: "Scene") -> str:
+    """Return the differences between the scene of a `record` and `scene` in words, except end_time and device.
+
+    Parameters
+    ----------
+    record : dict
+        Content of the `run.json` of the earlier run.
+    scene : Scene
+    """
     before, now = (_keys(tables) for tables in (record.get("scene") or {}, scene.as_tables()))
     ignored = ("[output] end_time", "[numerics] device")
     found = [key for key in {**before, **now} if key not in ignored and before.get(key) != now.get(key)]
@@ -43,7 +70,7 @@ def differences(record, scene):
 
 
 def _keys(tables):
-    """{"[table] key": value} of the tables of a scene, "[[table]] N key" of those that are listed."""
+    """Return {"[table] key": value} of the tables of a scene, "[[table]] N key" of those that are listed."""
     found = {}
     for name, table in tables.items():
         if isinstance(table, Mapping):
@@ -56,22 +83,36 @@ def _keys(tables):
 
 
 def _value(keys, key):
-    """The value of `key` as in JSON, shortened, or "not given"."""
+    """Return the value of `key` as JSON, shortened, or "not given"."""
     if key not in keys:
         return "not given"
     text = json.dumps(keys[key])
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
-def goes_on(record):
-    """Whether a later end has an effect: not if the run ended by itself, at rest or without mass."""
+def can_continue(record: dict) -> bool:
+    """Return whether a later end has an effect: not if the run ended by itself, at rest or without mass.
+
+    Parameters
+    ----------
+    record : dict
+        Content of the `run.json` of the earlier run.
+    """
     return record.get("state") != "finished" or record.get("reason") == END_TIME
 
 
-def go_on(folder, sequence, earlier):
+def continue_earlier(folder: "RunFolder", sequence: "Sequence", earlier: "Prepared") -> "Frame":
     """Set `sequence` to the newest frame in `folder` up to which the `earlier` run equals the longer one.
 
     Newer frames are removed; the others are assigned to the longer run.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Of the earlier run.
+    sequence : Sequence
+        Of the longer run.
+    earlier : Prepared
 
     Returns
     -------
@@ -112,7 +153,7 @@ def _require_same_effects(earlier, prepared):
 
 
 def _is_shared(frame, earlier, prepared):
-    """Whether the longer run passes the state of this `frame` of the `earlier` one."""
+    """Return whether the longer run passes the state of this `frame` of the `earlier` one."""
     output, stages = earlier.scene.output, len(prepared.stages)
     if frame.time >= output.end_time:  # the longer run checks here whether a stage ends, and may have no frame
         at_frame = round(frame.time / output.frame_interval) * output.frame_interval == frame.time

@@ -1,6 +1,8 @@
-"""Moving mass of a scene: columns or points at the start, inflow, and secondary releases."""
+"""Read the moving mass of a scene: columns or points at the start, inflow, and secondary releases."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -20,7 +22,13 @@ from ..terrain.spatial_inputs import read_area
 from .events import Events, inlet_of, secondary_releases
 from .run_cost import require_memory_for_points
 
-_TOUCHING = 1e-6  # of the smaller area: smaller overlaps are rounding errors of a common border
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..scene import Scene
+    from ..solvers.columns.node_grid import ColumnGrid
+    from ..terrain.elevation import Terrain
+
+_TOUCHING = 1e-6  # [1] of the smaller area: smaller overlaps are rounding errors of a common border
 
 
 @dataclass(frozen=True)
@@ -40,15 +48,26 @@ class Sources:
         Fields of `TerrainFacts` about inflow and secondary releases.
     """
 
-    frame: object
+    frame: "Frame"
     events: Events
-    everything: object
+    everything: "Frame"
     reference_thickness: float | None
     facts: dict
 
 
-def read_sources(scene, terrain, grid):
-    """The Sources of `scene` on `terrain`; `grid` is the solver's.
+def read_sources(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid") -> Sources:
+    """Read the columns of a scene: release, inflow and secondary releases.
+
+    Parameters
+    ----------
+    scene : Scene
+    terrain : Terrain
+    grid : ColumnGrid
+        Of the solver.
+
+    Returns
+    -------
+    Sources
 
     Raises
     ------
@@ -74,7 +93,7 @@ def read_sources(scene, terrain, grid):
 
 
 def _release(scene, terrain):
-    """The ReleaseArea of [release], or its particles as a Frame; None without it."""
+    """Return the ReleaseArea of [release], or its particles as a Frame; None without it."""
     table = scene.release
     if table is None:
         return None
@@ -84,7 +103,7 @@ def _release(scene, terrain):
 
 
 def _start(scene, terrain, grid, release):
-    """The columns at the start, with their velocity."""
+    """Return the columns at the start, with their velocity."""
     table = scene.release
     if table.particles is not None:
         return release
@@ -108,7 +127,7 @@ def _area(scene, table, terrain):
 
 
 def _seeded(scene, terrain, grid, area, density, table=None):
-    """Columns of `area` on the solver's grid cells, in the arrangement of the [release] `table`."""
+    """Return columns of `area` on the solver's grid cells, in the arrangement of the [release] `table`."""
     west, _, _, north = terrain.grid.bounds
     table = table or ReleaseTable()
     return seed_columns(
@@ -125,7 +144,7 @@ def _seeded(scene, terrain, grid, area, density, table=None):
 
 
 def _density(scene, frame):
-    """The density of a scene [kg m-3]; an error if its tables differ."""
+    """Return the density [kg m-3] of a scene; raise SceneError if its tables differ."""
     named = [] if frame is None else [("[release]", float(frame.header["density"]))]
     named += [(name, density) for name, density in scene.densities() if name != "[release]"]
     for name, density in named[1:]:
@@ -142,7 +161,7 @@ def _used(table):
 
 
 def _inlet(scene, terrain, grid, density):
-    """The Inlet of [hydrograph]; None without."""
+    """Return the Inlet of [hydrograph]; None without it."""
     table = scene.hydrograph
     if not _used(table):
         return None
@@ -157,7 +176,7 @@ def _inlet(scene, terrain, grid, density):
 
 
 def _secondary(scene, terrain, grid, density, release):
-    """A SecondaryRelease for each polygon of each [[secondary_release]]."""
+    """Return a SecondaryRelease for each polygon of each [[secondary_release]]."""
     others = [("[release]", p) for p in getattr(release, "polygons", ())]
     named = []
     for table in filter(_used, scene.secondary_release):
@@ -173,7 +192,7 @@ def _secondary(scene, terrain, grid, density, release):
 
 
 def _require_apart(name, polygon, others):
-    """Refuse an area that overlaps another one."""
+    """Raise InputError for an area that overlaps another one."""
     for other_name, other in others:
         shared = polygon.intersection(other).area
         if shared > _TOUCHING * min(polygon.area, other.area):
@@ -184,7 +203,7 @@ def _require_apart(name, polygon, others):
 
 
 def _standing(inlet):
-    """The inlet's columns with the thickness at its largest inflow, and the largest entry speed."""
+    """Return the inlet's columns with the thickness at its largest inflow, and the largest entry speed."""
     p, density = inlet.frame.particles, inlet.frame.header["density"]
     thickness = np.full(len(p), inlet.reference_thickness)
     volume = thickness * p.area
@@ -193,7 +212,7 @@ def _standing(inlet):
 
 
 def _together(frames):
-    """One frame of the columns of all `frames`, relative to the origin of the first."""
+    """Return one frame of the columns of all `frames`, relative to the origin of the first."""
     first = frames[0]
     if len(frames) == 1:
         return first
@@ -206,7 +225,7 @@ def _together(frames):
 
 
 def _facts(inlet, secondary, frames):
-    """Inflow (volume [m3], first and last time [s], batches) and the secondary areas' share of the mass."""
+    """Return inflow (volume [m3], first and last time [s], batches) and the secondary areas' share of the mass."""
     facts = {}
     if inlet is not None:
         begins, ends = float(inlet.times[0, 0]), float(inlet.times[-1, 1])
@@ -221,10 +240,30 @@ def _facts(inlet, secondary, frames):
     return facts
 
 
-def columns_of(path, terrain, density, with_state=False, window=None):
-    """A seed or an earlier frame of columns as the start; an error for points or another CRS.
+def columns_of(
+    path: str | Path,
+    terrain: "Terrain",
+    density: float,
+    with_state: bool = False,
+    window: shapely.Polygon | None = None,
+) -> "Frame":
+    """Read columns from a file of `mpmgis seed`, or from an earlier frame, as the start of a run.
 
-    With `window` (shapely.Polygon) only particles in it must be on the terrain.
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain
+    density : float [kg m-3]
+        For a file without density.
+    with_state : bool
+        Read the state of the frame too.
+    window : shapely.Polygon, optional
+        Only particles in it must be on the terrain.
+
+    Raises
+    ------
+    InputError
+        The file contains points, or is in another CRS than the terrain.
     """
     frame = read_frame(path, with_state)
     if frame.dimension != 2:
@@ -234,10 +273,26 @@ def columns_of(path, terrain, density, with_state=False, window=None):
     return start_on_terrain(frame, path, terrain, density, window)
 
 
-def start_on_terrain(frame, path, terrain, density, window=None):
-    """The `frame` that was read from `path` as the start of a run on `terrain`; an error for another CRS.
+def start_on_terrain(
+    frame: "Frame", path: str | Path, terrain: "Terrain", density: float, window: shapely.Polygon | None = None
+) -> "Frame":
+    """Return a frame that was read from a file as the start of a run, at time 0.
 
-    With `window` (shapely.Polygon) only particles in it, or reaching into it, must be on the terrain.
+    Parameters
+    ----------
+    frame : Frame
+    path : str or Path
+        For messages.
+    terrain : Terrain
+    density : float [kg m-3]
+        For a frame without density.
+    window : shapely.Polygon, optional
+        Only particles in it, or reaching into it, must be on the terrain.
+
+    Raises
+    ------
+    InputError
+        The frame is in another CRS than the terrain, or particles are outside the terrain.
     """
     if frame.crs is not None and terrain.grid.crs is not None and not frame.crs.equals(terrain.grid.crs, True):
         raise InputError(f"{path} is in {frame.crs.name}, the terrain in {terrain.grid.crs.name}; seed on this terrain")
@@ -252,7 +307,7 @@ def start_on_terrain(frame, path, terrain, density, window=None):
 
 
 def _without_far(frame, terrain, window):
-    """`frame` without particles outside the terrain that do not reach into `window`."""
+    """Return `frame` without particles outside the terrain that do not reach into `window`."""
     west, south, east, north = terrain.grid.bounds
     x, y = frame.map_xy()
     particles = frame.particles
@@ -268,7 +323,7 @@ def _without_far(frame, terrain, window):
 
 
 def _require_on_terrain(frame, path, terrain):
-    """Refuse columns outside the terrain, where there is no bed; some points may be outside and are removed."""
+    """Raise InputError for columns outside the terrain, where there is no bed; some points there are only removed."""
     west, south, east, north = terrain.grid.bounds
     x, y = frame.map_xy()
     outside = int(np.count_nonzero(~((x >= west) & (x <= east) & (y >= south) & (y <= north))))
@@ -280,7 +335,7 @@ def _require_on_terrain(frame, path, terrain):
 
 
 def _terrain_difference(frame, terrain):
-    """Text: difference between `terrain` and that of `frame`."""
+    """Return the difference between `terrain` and that of `frame` in words."""
     x, y = frame.map_xy()
     apart = np.abs(frame.particles.position[:, 2] + frame.origin[2] - terrain.sample(x, y))
     if frame.dimension != 2 or not np.isfinite(apart).any():
@@ -307,14 +362,21 @@ class PointStart:
         The same mass as columns, for deciding effects.
     """
 
-    frame: object
+    frame: "Frame"
     vertical_stress: np.ndarray | None
     affine: np.ndarray | None
-    seen: object
+    seen: "Frame"
 
 
-def read_point_start(scene, terrain, grid):
-    """The PointStart of `scene` on `terrain`; `grid` is the solver's, in plan view.
+def read_point_start(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid") -> PointStart:
+    """Read the points of a scene, or convert its columns to points.
+
+    Parameters
+    ----------
+    scene : Scene
+    terrain : Terrain
+    grid : ColumnGrid
+        Of the solver, in plan view.
 
     Raises
     ------
@@ -329,14 +391,14 @@ def read_point_start(scene, terrain, grid):
 
 
 def _columns_of(scene, path, terrain, grid):
-    """Columns from the file at `path`, or seeded in the release."""
+    """Return columns from the file at `path`, or seeded in the release."""
     if path is not None:
         return columns_of(path, terrain, DENSITY, with_state=True, window=_window(scene, terrain))
     return read_sources(scene, terrain, grid).frame
 
 
 def _converted(columns, scene, terrain):
-    """Points from a frame of columns; the account of the conversion is logged for particles of the user."""
+    """Return points from a frame of columns; the account of the conversion is logged for particles of the user."""
     options = point_options(scene.numerics.cell_size, scene.numerics.points_per_side)
     window = _window(scene, terrain)
     seen = columns if window is None else lying_in(columns, window)
@@ -351,7 +413,7 @@ def _converted(columns, scene, terrain):
 
 
 def _window(scene, terrain):
-    """The polygons of [release] window as one; None without it."""
+    """Return the polygons of [release] window as one; None without it."""
     name = scene.release.window
     return None if name is None else read_area(scene.path(name), terrain)
 
@@ -362,8 +424,10 @@ def _log_outside(outside, mass):
         log.info(f"[release] window leaves out {outside:.6g} of {mass:.6g} kg ({100 * outside / mass:.2g} %)")
 
 
-def _points_of(path, terrain, cell_size, density, window):
-    """Points from the frame at `path`, those in `window`."""
+def _points_of(
+    path: str | Path, terrain: "Terrain", cell_size: float, density: float, window: shapely.Polygon | None
+) -> PointStart:
+    """Return points from the frame at `path`, those in `window`."""
     frame = start_on_terrain(read_frame(path), path, terrain, density, window)
     if window is not None:
         mass = float(frame.particles.mass.sum())

@@ -1,4 +1,4 @@
-"""The numerical parameters of a study (accuracy against run time) and the settings that it runs."""
+"""Numerical parameters of a study (accuracy against run time), and the settings that it runs."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,19 +12,25 @@ from ..solvers.points.point_numerics import PointNumerics
 from ..system.errors import InputError
 
 HIGHEST_CFL = NumericsTable.__dataclass_fields__["cfl"].metadata["high"]  # stability limit of the schemes
-STEP = 2.0**0.5  # between two cell sizes
-# cost is proportional to the inverse cell size to this power: particles (2 or 3) and steps (1)
+STEP = 2.0**0.5  # [1] ratio of two cell sizes
+# the cost is proportional to the inverse cell size to this power: particles (2 or 3) and steps (1)
 COST_POWER = {"columns": 3, "points": 4}
-LEAST_FINER = 1.2  # smallest refinement of the reference
-COLUMNS_A_CELL = (4, 9, 16, 25, 36)
+LEAST_FINER = 1.2  # [1] smallest refinement of the reference over the finest setting
+COLUMNS_A_CELL = (4, 9, 16, 25, 36)  # values of particles_per_cell that a study runs
 CROSSED = ("cell_size", "particles_per_cell", "points_per_cell", "cfl")  # combined by --full, three values each
 
 
 class Parameter(NamedTuple):
-    """A numerical parameter: `values(scene)` are the values to run, from cheap to expensive, each a tuple of changes.
+    """A numerical parameter of a study.
 
-    A change is (key, value): a key of [numerics], or `stage2.cell_size` of the second [[stage]]. Without values the
-    scene does not have this parameter.
+    A change is (key, value): a key of [numerics], or `stage2.cell_size` of the second [[stage]].
+
+    Parameters
+    ----------
+    name : str
+    values : callable
+        scene -> values to run, from cheap to expensive, each a tuple of changes. Without values the scene does not have
+        this parameter.
     """
 
     name: str
@@ -32,13 +38,13 @@ class Parameter(NamedTuple):
 
 
 def _cell_sizes(scene):
-    """2 and sqrt(2) times the scene's cells, and the scene's cells; for columns (cheaper) also 1 / sqrt(2) times."""
+    """Return 2 and sqrt(2) times the scene's cells, and these; for columns (cheaper) also 1 / sqrt(2) times."""
     factors = (2.0, STEP, 1.0, 1.0 / STEP) if scene.solvers == {"columns"} else (2.0, STEP, 1.0)
     return tuple(cells_times(scene, factor) for factor in factors)
 
 
 def _cell_sizes_of_stage(number):
-    """Values of the parameter for the cell size of stage `number`, from 0."""
+    """Return the values of the parameter for the cell size of stage `number`, from 0."""
 
     def values(scene):
         stage = scene.stage[number]
@@ -55,7 +61,7 @@ def _columns_a_cell(scene):
 
 
 def _points_a_cell(scene):
-    """This is also the spacing of points converted from columns."""
+    """Return the numbers of points per cell, which also give the spacing of points converted from columns."""
     if "points" not in scene.solvers:
         return ()
     return _of_numerics("points_per_cell", sorted({*_choices("points_per_cell")[:2], scene.numerics.points_per_cell}))
@@ -79,7 +85,7 @@ def _of_numerics(key, values):
 
 
 def _choices(key):
-    """The allowed values of a key of [numerics]."""
+    """Return the allowed values of a key of [numerics]."""
     return NumericsTable.__dataclass_fields__[key].metadata["choices"]
 
 
@@ -92,15 +98,25 @@ def _rounded(size):
 
 
 def courant_number(scene: Scene) -> float:
-    """Courant number of [numerics]; without it the smaller default of the scene's solvers."""
+    """Return the Courant number of [numerics]; without it the smaller default of the scene's solvers.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return scene.numerics.cfl or min(default_courant_number(scene, solver) for solver in scene.solvers)
 
 
 def default_courant_number(scene: Scene, solver: str) -> float:
-    """Default Courant number of a `solver` ("columns", "points").
+    """Return the default Courant number of a solver.
 
     Columns with walls, entrainment or inflow use shorter steps: with longer ones columns passed through corners of
     walls, and the energy balance closed to 1.1e-3 and 5e-3 only.
+
+    Parameters
+    ----------
+    scene : Scene
+    solver : {"columns", "points"}
     """
     if solver == "points":
         return PointNumerics.cfl
@@ -110,12 +126,28 @@ def default_courant_number(scene: Scene, solver: str) -> float:
 
 
 def cell_size_of(scene: Scene) -> float:
-    """Cell size [m] of the scene, or of its first stage."""
+    """Return the cell size [m] of the scene, or of its first stage.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return scene.stage[0].cell_size if scene.stage else scene.numerics.cell_size
 
 
 def cells_times(scene: Scene, factor: float) -> tuple:
-    """The changes that multiply all cell sizes by `factor`."""
+    """Return the changes that multiply all cell sizes by `factor`.
+
+    Parameters
+    ----------
+    scene : Scene
+    factor : float [1]
+
+    Returns
+    -------
+    tuple of (str, float)
+        Key and cell size [m].
+    """
     if not scene.stage:
         return (("cell_size", _rounded(scene.numerics.cell_size * factor)),)
     return tuple((_stage_key(n), _rounded(stage.cell_size * factor)) for n, stage in enumerate(scene.stage))
@@ -146,7 +178,7 @@ class Setting:
 
     parameter: str
     changes: tuple
-    scene: object
+    scene: Scene
 
     @property
     def name(self) -> str:
@@ -160,7 +192,12 @@ class Setting:
         return cell_size_of(self.scene)
 
     def work_over(self, scene: Scene) -> float:
-        """Approximate work (particles times steps) relative to `scene`."""
+        """Return the approximate work (particles times steps) relative to that of another scene.
+
+        Parameters
+        ----------
+        scene : Scene
+        """
         numerics, own = self.scene.numerics, scene.numerics
         more = (numerics.particles_per_cell / own.particles_per_cell) * (numerics.points_per_cell / own.points_per_cell)
         pairs = zip(_cells(self.scene), _cells(scene), strict=True)
@@ -169,17 +206,31 @@ class Setting:
 
 
 def _cells(scene):
-    """(solver, cell size [m]) of each stage."""
+    """Return (solver, cell size [m]) of each stage."""
     return [(one.solver, one.numerics.cell_size) for one in scene.alone()]
 
 
 def cost_power(scene: Scene) -> int:
-    """The work is proportional to the inverse cell size to this power (of its most expensive solver)."""
+    """Return the power of the inverse cell size to which the work of the most expensive solver is proportional.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return max(COST_POWER[solver] for solver in scene.solvers)
 
 
 def setting(scene: Scene, parameter: str, changes: tuple = ()) -> Setting:
-    """The Setting of `scene` with `changes`, each (key, value)."""
+    """Return the Setting of a scene with changes.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameter : str
+        Name of the parameter that differs.
+    changes : tuple of (str, value)
+        Keys of [numerics], or `stage2.cell_size`, with their values.
+    """
     stages, numerics = list(scene.stage), scene.numerics
     for key, value in changes:
         if key.startswith("stage"):
@@ -193,7 +244,15 @@ def setting(scene: Scene, parameter: str, changes: tuple = ()) -> Setting:
 def parameters_of(
     scene: Scene, names: Sequence | None = None, cell_sizes: Sequence | None = None
 ) -> tuple[Parameter, ...]:
-    """The parameters of `scene`, all or those in `names`; `cell_sizes` [m] replace the default cell sizes.
+    """Return the parameters of a scene that have several values.
+
+    Parameters
+    ----------
+    scene : Scene
+    names : sequence of str, optional
+        Only these.
+    cell_sizes : sequence of float, optional [m]
+        Instead of the default cell sizes.
 
     Raises
     ------
@@ -217,7 +276,13 @@ def parameters_of(
 
 
 def one_at_a_time(scene: Scene, parameters: Iterable[Parameter]) -> list[Setting]:
-    """Settings: the unchanged scene, then every other value of each parameter alone."""
+    """Return Settings: the unchanged scene, then every other value of each parameter alone.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : iterable of Parameter
+    """
     settings = [setting(scene, "scene")]
     for parameter in parameters:
         changed = (_changing(scene, value) for value in parameter.values(scene))
@@ -226,7 +291,15 @@ def one_at_a_time(scene: Scene, parameters: Iterable[Parameter]) -> list[Setting
 
 
 def crossed(scene: Scene, parameters: Iterable[Parameter]) -> list[Setting]:
-    """Settings: all combinations of three values (cheapest, scene, most expensive) of cell size, particles and cfl."""
+    """Return Settings: all combinations of three values of cell size, particles and Courant number.
+
+    The three values are the cheapest, that of the scene, and the most expensive.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : iterable of Parameter
+    """
     chosen = [parameter for parameter in parameters if parameter.name in CROSSED]
     settings = []
     for values in product(*(_three(parameter, scene) for parameter in chosen)):
@@ -242,22 +315,30 @@ def _three(parameter, scene):
 
 
 def _changing(scene, changes):
-    """The `changes` that differ from the scene."""
+    """Return the `changes` that differ from the scene."""
     return tuple((key, value) for key, value in changes if not _same(value, _now(scene, key)))
 
 
 def _now(scene, key):
-    """The value of the scene for the `key` of a change."""
+    """Return the value of the scene for the `key` of a change."""
     if key.startswith("stage"):
         return scene.stage[int(key.removeprefix("stage").partition(".")[0]) - 1].cell_size
     return courant_number(scene) if key == "cfl" else getattr(scene.numerics, key)
 
 
 def reference(scene: Scene, settings: Sequence, refinement: float | None = None) -> Setting:
-    """The Setting of the reference run of `settings`: smaller cells, half the Courant number.
+    """Return the Setting of the reference run: smaller cells, half the Courant number.
 
-    The cell size is that of the scene over `refinement`, without it the smallest of `settings` over sqrt(2); all
-    stages have the same factor.
+    All stages have the same factor of the cell size.
+
+    Parameters
+    ----------
+    scene : Scene
+    settings : sequence of Setting
+        The runs that are compared with the reference.
+    refinement : float, optional [1]
+        Cell size of the scene over that of the reference; without it the reference has the smallest cells of
+        `settings` over sqrt(2).
 
     Raises
     ------

@@ -1,10 +1,11 @@
-"""Preparation of a run: reads and checks a scene, seeds its release on the solver's grid, decides its effects."""
+"""Prepare a run: read and check a scene, seed its release on the solver's grid, decide its effects."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,6 +40,15 @@ from .scene_files import read_spatial_features, trial_parameters
 from .stage import Stage, read_areas, require_inflow_over
 from .start_digest import start_digest
 
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..scene import Scene
+    from ..solvers.columns.column_solver import ColumnSolver
+    from ..solvers.points.point_solver import PointSolver
+    from ..terrain.elevation import Terrain
+    from ..terrain.flow_reach import Reach
+    from ..terrain.nodata_fill import NodataFill
+
 MOST_SAMPLED = 10_000  # columns that are starts of energy lines
 BYTES_PER_PIXEL = 140  # of a DTM that is read as a whole, for preparing a run; measured 135 with cells of a pixel
 # option of `mpmgis seed` in a message -> key of a scene, except in `rio edit-info FILE --crs`
@@ -58,21 +68,41 @@ _KEYS_OF_OPTIONS = (
 class Prepared:
     """All checked data of a run before its first step.
 
-    `stages` are the parts of the run, one after the other; the properties are those of the first stage, the only one
-    of most scenes. `vertical_stress` and `affine` are of points at the start; `seen` is all mass that may ever move,
-    as columns.
+    `effects`, `decisions`, `facts`, `numerics`, `places`, `walls` and `grid` are those of the first stage, the only one
+    of most scenes.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the defaults of omitted keys.
+    terrain : Terrain
+    frame : Frame
+        Columns or points at the start.
+    events : Events
+    digest : str
+        Of all input of the run.
+    stages : tuple of Stage
+        The parts of the run, one after the other.
+    seen : Frame
+        All mass that may ever move, as columns.
+    vertical_stress : float64[n] or None [Pa]
+        Of points at the start.
+    affine : float64[n, 3, 3] or None [s-1]
+        Velocity gradient of points at the start.
+    fill : NodataFill or None
+        Of the terrain, where the scene requests it.
     """
 
-    scene: object
-    terrain: object
-    frame: object
+    scene: "Scene"
+    terrain: "Terrain"
+    frame: "Frame"
     events: Events
     digest: str
     stages: tuple  # of Stage
-    seen: object  # Frame
+    seen: "Frame"
     vertical_stress: np.ndarray | None = None  # float64[n] [Pa]
     affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
-    fill: object = None  # NodataFill of the terrain, where the scene requests it
+    fill: "NodataFill | None" = None
 
     effects = property(lambda self: self.stages[0].effects)
     decisions = property(lambda self: self.stages[0].decisions)
@@ -83,12 +113,18 @@ class Prepared:
     grid = property(lambda self: self.stages[0].grid)
 
     @property
-    def particles(self):
+    def particles(self) -> int:
         """Number of columns or points, at the start and released later."""
         return len(self.frame.particles) + self.events.columns_to_come()
 
-    def particles_of(self, number):
-        """Estimated number of particles of stage `number`, from 0; of later points those of the whole release."""
+    def particles_of(self, number: int) -> int:
+        """Estimate the number of particles of a stage; of later points those of the whole release.
+
+        Parameters
+        ----------
+        number : int
+            Of the stage, from 0.
+        """
         stage = self.stages[number]
         if number == 0:
             return self.particles
@@ -96,20 +132,30 @@ class Prepared:
             return int(stage.point_options().predicted_points(self.seen.particles))
         return int(self.seen.particles.area.sum() / stage.grid.cell_size**2 * stage.scene.columns_per_cell) + 1
 
-    def longest(self, number):
-        """The longest duration [s] of stage `number`, from 0, by the times known before the run."""
+    def longest(self, number: int) -> float:
+        """Return the longest duration of a stage, by the times known before the run.
+
+        Parameters
+        ----------
+        number : int
+            Of the stage, from 0.
+
+        Returns
+        -------
+        float [s]
+        """
         times = [None if stage.table is None else (stage.table.until or {}).get("time") for stage in self.stages]
         begins = max((time for time in times[:number] if time is not None), default=0.0)
         ends = min((time for time in times[number:] if time is not None), default=self.scene.output.end_time)
         return ends - begins
 
     @property
-    def stress(self):
-        """float64[n, 6] [Pa], Kirchhoff stress of points at the start; None if unknown."""
+    def stress(self) -> np.ndarray | None:
+        """Kirchhoff stress of points at the start, float64[n, 6] [Pa]; None if unknown."""
         return self.stages[0].stress(self.terrain, self.frame, self.vertical_stress)
 
-    def solver(self):
-        """The first stage's solver at its start."""
+    def solver(self) -> "ColumnSolver | PointSolver":
+        """Return the solver of the first stage at its start."""
         return self.stages[0].solver(self.terrain, self.frame, self.vertical_stress, self.affine)
 
 
@@ -117,8 +163,8 @@ class Prepared:
 class _Start:
     """Moving mass: columns or points at the start (`frame`), and all mass that may ever move as columns (`seen`)."""
 
-    frame: object
-    seen: object
+    frame: "Frame"
+    seen: "Frame"
     events: Events
     facts: dict
     reference_thickness: float | None
@@ -126,11 +172,22 @@ class _Start:
     affine: np.ndarray | None = None
 
 
-def prepare(given, laws=None, device=None):
+def prepare(given: str | Path | Mapping, laws: str | Path | None = None, device: str | None = None) -> Prepared:
     """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects.
 
-    `given` is the path of a scene.toml, or its tables, with paths relative to the current folder. `laws` is the path of
-    a Python file with the user's own friction laws; it is executed. `device` replaces [numerics] device.
+    Parameters
+    ----------
+    given : path or Mapping
+        Path of a scene.toml, or its tables, with paths relative to the current folder.
+    laws : path, optional
+        Python file with the user's own friction laws; it is executed.
+    device : str, optional
+        Replaces [numerics] device.
+
+    Raises
+    ------
+    InputError
+        With the name of the scene in the message.
     """
     scene = scene_to_prepare(given, laws)
     if device is not None:
@@ -144,16 +201,26 @@ def prepare(given, laws=None, device=None):
         raise type(error)(f"{where}: {message}") from error
 
 
-def in_scene_words(message):
-    """A `message` with options of `mpmgis seed` replaced by keys of a scene."""
+def in_scene_words(message: str) -> str:
+    """Replace options of `mpmgis seed` in a message by keys of a scene.
+
+    Parameters
+    ----------
+    message : str
+    """
     for option, key in _KEYS_OF_OPTIONS:
         message = re.sub(option, key, message)
     return message
 
 
 @logged_once()
-def prepare_scene(scene):
-    """As `prepare`, for a Scene."""
+def prepare_scene(scene: "Scene") -> Prepared:
+    """Prepare a run of a Scene that is already read, see `prepare`.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     terrain, fill = with_crs_hint(_first_area(scene), lambda: _terrain(scene))
     scene = _completed(_with_density(scene), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
@@ -188,7 +255,7 @@ def prepare_scene(scene):
 
 
 def _first_area(scene):
-    """Path of the release area, or else of the inlet; None without."""
+    """Return the path of the release area, or else of the inlet; None without."""
     for table in (scene.release, scene.hydrograph):
         if table is not None and table.source is not None:
             return scene.path(table.source)
@@ -196,7 +263,7 @@ def _first_area(scene):
 
 
 def _terrain(scene):
-    """(the terrain, of which only the window of the scene is read; its NodataFill or None)."""
+    """Return (the terrain, of which only the window of the scene is read; its NodataFill or None)."""
     table = scene.terrain
     file = TerrainFile(scene.path(table.dem), table.crs, table.band, table.fill_nodata, table.to_crs)
     window = table.window
@@ -222,7 +289,7 @@ def _terrain(scene):
 
 
 def _check_size(name, shape):
-    """Log the memory for a very large DTM before it is read; an error if it is not available."""
+    """Log the memory for a very large DTM before it is read; raise SceneError if it is not available."""
     rows, columns = shape
     if rows * columns <= READ_WHOLE:
         return
@@ -234,7 +301,7 @@ def _check_size(name, shape):
 
 
 def _start_of_columns(scene, terrain, grid):
-    """The _Start of a run that begins with columns."""
+    """Return the _Start of a run that begins with columns."""
     sources = read_sources(scene, terrain, grid)
     _check_release(sources.frame.particles, sources.frame.header, scene)
     report_cliffs(grid.gradients_at(sources.everything), sources.everything)
@@ -242,14 +309,16 @@ def _start_of_columns(scene, terrain, grid):
 
 
 def _start_of_points(scene, terrain, grid):
-    """The _Start of a run that begins with points."""
+    """Return the _Start of a run that begins with points."""
     start = read_point_start(scene, terrain, grid)
     _check_release(start.seen.particles, start.frame.header, scene)
     return _Start(start.frame, start.seen, Events(), {}, None, start.vertical_stress, start.affine)
 
 
-def _stage(scene, terrain, grid, start, reached, later):
-    """The Stage of a `scene` of one solver; its effects are decided by the release, also for later stages.
+def _stage(
+    scene: "Scene", terrain: "Terrain", grid: ColumnGrid, start: _Start, reached: Callable, later: bool
+) -> Stage:
+    """Return the Stage of a `scene` of one solver; its effects are decided by the release, also for later stages.
 
     `reached(mu)` returns the result of `_reached`.
     """
@@ -272,7 +341,9 @@ def _stage(scene, terrain, grid, start, reached, later):
     )
 
 
-def _column_numerics(scene, grid, start, reference_thickness):
+def _column_numerics(
+    scene: "Scene", grid: ColumnGrid, start: _Start, reference_thickness: float | None
+) -> ColumnNumerics:
     stop = scene.output.stop_at_rest
     return ColumnNumerics(
         cell_size=grid.cell_size,
@@ -303,7 +374,7 @@ def _point_numerics(scene, grid, start):
 
 
 def _with_density(scene):
-    """The scene with a density of its release: if not given, that of the inflow, else an assumed one."""
+    """Return the scene with a density of its release: if not given, that of the inflow, else an assumed one."""
     release, named = scene.release, scene.densities()
     if release is not None and release.particles is not None:
         return scene
@@ -324,7 +395,7 @@ def _log_no_friction(stages):
 
 
 def _completed(scene, cell_size):
-    """The scene with defaults of omitted keys; Courant numbers and cell sizes of stages are set separately."""
+    """Return the scene with defaults of omitted keys; Courant numbers and cell sizes of stages are set separately."""
     output = scene.output
     if output.maxima and output.arrival_thickness is None:
         output = replace(output, arrival_thickness=ColumnNumerics.arrival_thickness)
@@ -336,14 +407,22 @@ def _completed(scene, cell_size):
 
 
 def _with_courant_number(scene, cell_size=None):
-    """A scene of one solver with its Courant number, and with `cell_size` [m] if it has none."""
+    """Return a scene of one solver with its Courant number, and with `cell_size` [m] if it has none."""
     numerics = scene.numerics
     cfl = numerics.cfl or default_courant_number(scene, scene.solver)
     return replace(scene, numerics=replace(numerics, cell_size=numerics.cell_size or cell_size, cfl=cfl))
 
 
-def scene_to_prepare(given, laws=None):
-    """The scene at a path, or of tables; its own friction law, if any, is checked and compiled."""
+def scene_to_prepare(given: str | Path | Mapping, laws: str | Path | None = None) -> "Scene":
+    """Read a scene from a file or from tables; its own friction law, if any, is checked and compiled.
+
+    Parameters
+    ----------
+    given : path or Mapping
+        Path of a scene.toml, or its tables.
+    laws : path, optional
+        Python file with the user's own friction laws; it is executed.
+    """
     own = NO_OWN_LAWS if laws is None else load_laws(laws)
     if isinstance(given, Mapping):
         scene = scene_from_tables(given, own_laws=own)
@@ -360,15 +439,15 @@ def scene_to_prepare(given, laws=None):
 
 
 def _facts(terrain, frame, reached, known):
-    """(the Reach, the numbers that decide the scene's effects, the scene with representative values of zones)."""
+    """Return (the Reach, the numbers that decide effects, the scene with representative values of zones)."""
     reach, facts = reached(known.mu_least())
     of_places = known.facts(terrain, reach, frame, facts["release_thickness"])
     facts = TerrainFacts(**facts, **of_places, density=frame.header["density"])
     return reach, facts, known.completed(reach, terrain)
 
 
-def _reached(terrain, frame, mu):
-    """(the Reach of the columns of `frame` with friction `mu`, facts about terrain and release)."""
+def _reached(terrain: "Terrain", frame: "Frame", mu: float) -> "tuple[Reach, dict]":
+    """Return (the Reach of the columns of `frame` with friction `mu`, facts about terrain and release)."""
     some = _some_columns(frame.particles)
     xy = np.column_stack(frame.map_xy())[some]
     mass, thickness = frame.particles.mass[some], frame.particles.thickness[some]
@@ -382,7 +461,7 @@ def _reached(terrain, frame, mu):
 
 
 def _some_columns(particles):
-    """int[k]: an even sample of the columns, with the fastest."""
+    """Return int[k]: an even sample of the columns, with the fastest."""
     step = max(1, len(particles) // MOST_SAMPLED)
     fastest = int(np.argmax((particles.velocity**2).sum(axis=1)))
     return np.union1d(np.arange(0, len(particles), step), [fastest])

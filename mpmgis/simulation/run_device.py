@@ -1,19 +1,28 @@
-"""Where the steps of a run are computed: on the processor or on a CUDA device."""
+"""Decide where the steps of a run are computed: on the processor or on a CUDA device."""
 
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from ..scene.tables import AUTO, CPU, CUDA
 from ..system.errors import SceneError
 from ..system.messages import log
 from .run_cost import BYTES_PER_NODE
 
+if TYPE_CHECKING:
+    from .preparation import Prepared
+
 # Particles from which on the device is chosen. 100 000 points took 0.56 ms per step on an H100, mostly fixed costs, and
 # 1.5 ms on 16 cores beside it (2026-11-26); but kernels for the device compile for half a minute in each run.
 FEWEST_ON_DEVICE = 200_000
 
 
-def with_device(prepared):
-    """The Prepared run with the device of each stage, as [numerics] device requests.
+def with_device(prepared: "Prepared") -> "Prepared":
+    """Return the prepared run with the device of each stage, as [numerics] device requests.
+
+    Parameters
+    ----------
+    prepared : Prepared
 
     Raises
     ------
@@ -37,7 +46,7 @@ def with_device(prepared):
 
 
 def _lack_here(particles, prepared):
-    """Why the processor is the better device of this machine; "" if a CUDA device is."""
+    """Return why the processor is the better device of this machine; "" if a CUDA device is."""
     from ..solvers.gpu.available import found_device
 
     if particles < FEWEST_ON_DEVICE:
@@ -51,8 +60,12 @@ def _lack_here(particles, prepared):
     return ""
 
 
-def require_devices(prepared):
-    """What computes the steps, in words; "cpu" without a CUDA device.
+def require_devices(prepared: "Prepared") -> str:
+    """Return what computes the steps, in words; "cpu" without a CUDA device.
+
+    Parameters
+    ----------
+    prepared : Prepared
 
     Raises
     ------
@@ -67,13 +80,13 @@ def require_devices(prepared):
 
 
 def _memory(prepared):
-    """(memory [bytes] on a device, solver) of the stage that needs most of it."""
+    """Return (memory [bytes] on a device, solver) of the stage that needs most of it."""
     stages = enumerate(prepared.stages)
     return max((_memory_of(prepared.particles_of(number), stage), stage.scene.solver) for number, stage in stages)
 
 
 def _memory_of(particles, stage):
-    """Memory [bytes] that `particles` of a `stage` need on a device."""
+    """Return the memory [bytes] that `particles` of a `stage` need on a device."""
     if stage.scene.solver == "points":
         from ..solvers.gpu.device_point_solver import device_memory
 
@@ -84,8 +97,18 @@ def _memory_of(particles, stage):
     return device_memory_of_columns(particles, nodes, nodes * BYTES_PER_NODE, stage.effects)
 
 
-def devices_record(earlier, time, device):
-    """Entries {from [s], device} of a run that continues at `time` [s] on `device` after its `earlier` entries."""
+def devices_record(earlier: Iterable[dict], time: float, device: str) -> list[dict]:
+    """Return the record of the devices of a run, {from [s], device}, that continues on `device`.
+
+    Parameters
+    ----------
+    earlier : iterable of dict
+        Record until now.
+    time : float [s]
+        At which the run continues.
+    device : str
+        In words.
+    """
     kept = [entry for entry in earlier if entry["from"] < time]
     if kept and kept[-1]["device"] == device:
         return kept

@@ -1,4 +1,4 @@
-"""The balances of a run as text, for the end of `mpmgis run` and for reports."""
+"""Text about the balances of a run, for the end of `mpmgis run` and for reports."""
 
 from math import inf, sqrt
 
@@ -8,7 +8,7 @@ from ..solvers.points.point_volume import PACKED, PACKED_SHARE
 
 UNUSABLE = "unusable"  # first word of the message on points that have lost their volume
 _KEPT = {"kept": True}
-AIRBORNE_SHARE = 0.05  # of the mass that would leave the ground, above which a depth-averaged run reports it
+AIRBORNE_SHARE = 0.05  # [1] share of the mass that would leave the ground, above which a run of columns reports it
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, above which the consequence is reported
 SHOWN_SHARE = 1e-5  # of the mass that left at one location, above which the location is reported
 SHOWN_PLACES = 4  # number of reported locations
@@ -35,7 +35,7 @@ STILL_FROUDE = 0.04  # largest speed of a mass at rest, over sqrt(g h)
 
 
 def stood_still(stages: list[dict]) -> str:
-    """Message about a run in which nothing ever moved; '' for any other run.
+    """Return a message about a run in which nothing ever moved; '' for any other run.
 
     The test uses energy: the kinetic energy was always below that of the mass at STILL_SPEED, and the lost energy
     corresponds to a drop of less than STILL_FALL. So neither creep nor a slide between two frames counts as rest. In
@@ -67,7 +67,7 @@ def stood_still(stages: list[dict]) -> str:
 
 
 def extremes(stages: list[dict]) -> dict:
-    """Location and time of the largest thickness and speed of a run, from the balances at the end of each stage.
+    """Return place and time of the largest thickness and speed of a run, from the balances at the end of each stage.
 
     Parameters
     ----------
@@ -91,7 +91,13 @@ def extremes(stages: list[dict]) -> dict:
 
 
 def extreme_lines(found: dict) -> list[str]:
-    """Lines of text about the `extremes` of all stages of a run."""
+    """Return lines of text about the `extremes` of all stages of a run.
+
+    Parameters
+    ----------
+    found : dict
+        Result of `extremes`.
+    """
     words = {"thickness": ("vertical thickness", "m"), "speed": ("speed along the ground", "m/s")}
     return [
         f"largest {words[name][0]} of all stages: {one['value']:.2f} {words[name][1]} {_place(one['at'], one['time'])}"
@@ -100,7 +106,13 @@ def extreme_lines(found: dict) -> list[str]:
 
 
 def peak_lines(found: dict | None) -> list[str]:
-    """Lines of text about the largest peaks recorded by the solvers (`peaks.largest_peaks`); [] if none."""
+    """Return lines of text about the largest peaks recorded by the solvers; [] if none.
+
+    Parameters
+    ----------
+    found : dict or None
+        Result of `peaks.largest_peaks`.
+    """
     if not found:
         return []
     areas = ", ".join(f"{one['area']:.4g} m2 in cells of {one['cell_size']:g} m" for one in found["reached"])
@@ -116,7 +128,13 @@ def _place(at, time):
 
 
 def resolution_words(numbers: dict) -> str:
-    """One sentence about a Resolution `as_numbers`."""
+    """Return one sentence about the resolution of a 3D stage.
+
+    Parameters
+    ----------
+    numbers : dict
+        Of `Resolution.as_numbers`.
+    """
     size = numbers["cell_size"]
     words = [
         f"the flow is {numbers['thickness']:.3g} m thick, {numbers['cells_over_depth']:.3g} cells of {size:g} m over "
@@ -132,7 +150,13 @@ def resolution_words(numbers: dict) -> str:
 
 
 def volume_words(numbers: dict) -> str:
-    """One sentence about a PointVolume `as_numbers`."""
+    """Return one sentence about the volume of points.
+
+    Parameters
+    ----------
+    numbers : dict
+        Of `PointVolume.as_numbers`.
+    """
     found = (
         f"volume of the points at t = {numbers['time']:.4g} s: {100 * numbers['packed_share']:.3g} % of the mass is "
         f"packed beyond {PACKED:g} times its density, {100 * numbers['hanging_share']:.3g} % hangs above the bed at "
@@ -149,9 +173,12 @@ def volume_words(numbers: dict) -> str:
 
 
 def unusable_lines(record: dict) -> list[str]:
-    """Lines of text about stages of a run whose points have lost their volume; [] for a usable result.
+    """Return lines of text about stages of a run whose points have lost their volume; [] for a usable result.
 
-    `record` is the content of `run.json`, or its part with `volume`, or with `stages`.
+    Parameters
+    ----------
+    record : dict
+        Content of `run.json`, or its part with `volume`, or with `stages`.
     """
     stages = record.get("stages") or [record]
     lost = [(n, stage["volume"]) for n, stage in enumerate(stages, 1) if not stage.get("volume", _KEPT)["kept"]]
@@ -159,7 +186,7 @@ def unusable_lines(record: dict) -> list[str]:
 
 
 def account(balances: dict, solver: str, mass: dict | None = None) -> list[str]:
-    """Lines of text about a run's balances.
+    """Return lines of text about a run's balances.
 
     Parameters
     ----------
@@ -168,10 +195,6 @@ def account(balances: dict, solver: str, mass: dict | None = None) -> list[str]:
     solver : {"columns", "points"}
     mass : dict, optional
         Mass balance of a run in several stages.
-
-    Returns
-    -------
-    list of str
     """
     lines = [] if mass is None else [*_of_stages(mass), f"last stage, solver {solver}:"]
     if mass is not None and "left_places" in mass:  # of all stages, including the last one
@@ -180,7 +203,7 @@ def account(balances: dict, solver: str, mass: dict | None = None) -> list[str]:
 
 
 def _of_stages(mass):
-    """Mass and energy of a run in several stages."""
+    """Return lines about mass and energy of a run in several stages."""
     lines = []
     total = mass["released"] + mass["entrained"]
     entrained = f" and {mass['entrained']:.6g} kg entrained" if mass["entrained"] else ""
@@ -199,7 +222,7 @@ def _of_stages(mass):
 
 
 def _clips(b):
-    """The clips that acted on more than CLIP_SHARE of the particle-steps, one line each."""
+    """Return one line for each clip that acted on more than CLIP_SHARE of the particle-steps."""
     steps = max(b.get("particle_steps", 0), 1)
     shares = {name: count / steps for name, count in b.get("clips", {}).items()}
     return [
@@ -210,7 +233,7 @@ def _clips(b):
 
 
 def _of_columns(b):
-    """Balances of a depth-averaged run."""
+    """Return lines about the balances of a depth-averaged run."""
     lines = []
     total = max(b["mass_released"] + b["mass_entrained"], 1e-300)
     out = b["mass_out"] / total
@@ -260,7 +283,7 @@ def _of_columns(b):
 
 
 def _energy_of_columns(b):
-    """Energy input and losses of a depth-averaged run, and the error of the balance."""
+    """Return lines about energy input and losses of a depth-averaged run, and the error of the balance."""
     later, taken = b["energy_released_later"], b["energy_entrained"]
     put_in = b["energy_start"] + later + taken
     sources = [(later, "entered later"), (taken, "with eroded mass")]
@@ -287,7 +310,7 @@ def _energy_of_columns(b):
 
 
 def _lost(b, takers):
-    """The lost energy and its sinks, as text."""
+    """Return the lost energy and its sinks as text."""
     taken = {word: b[f"energy_lost_to_{name}"] for word, name in takers.items()}
     least, lost = 1e-6 * abs(b["energy_lost"]), f"{b['energy_lost']:.4g} J lost"
     to = ", ".join(f"{joules:.4g} J to {word}" for word, joules in taken.items() if abs(joules) > least)
@@ -295,7 +318,7 @@ def _lost(b, takers):
 
 
 def _where_it_left(places, total):
-    """Where mass left the terrain, largest amounts first, and how to avoid it; `total` [kg] is all mass."""
+    """Return lines on where mass left the terrain, largest first, and the remedy; `total` [kg] is all mass."""
     shown = [place for place in places if place["mass"] > SHOWN_SHARE * total]
     lines = [_left_at(place, total) for place in shown[:SHOWN_PLACES]]
     rest = sum(place["mass"] for place in shown[SHOWN_PLACES:])
@@ -321,14 +344,14 @@ def _fastest(b):
 
 
 def _truncated(share):
-    """Consequence of the loss of this `share` of the mass beyond the terrain, if it is not negligible."""
+    """Return the consequence of the loss of this `share` of the mass beyond the terrain, if it is not negligible."""
     if share <= LEFT_SHARE:
         return []
     return ["runout, maps and deposit are cut off where it left; at an edge, use a larger DTM or [terrain] window"]
 
 
 def _volume_corrections(b):
-    """One line on corrections of the volumes of a fluid, of more than CLIP_SHARE of the particle-steps."""
+    """Return one line on corrections of the volumes of a fluid, of more than CLIP_SHARE of the particle-steps."""
     count, energy = b.get("volume_corrections", 0), b.get("energy_of_volume_corrections", 0.0)
     if count <= CLIP_SHARE * max(b.get("particle_steps", 0), 1):
         return []
@@ -338,7 +361,7 @@ def _volume_corrections(b):
 
 
 def _of_points(b):
-    """Balances of a 3D run."""
+    """Return lines about the balances of a 3D run."""
     lines = []
     out = b["mass_out"] / max(b["mass_start"], 1e-300)
     mass = f"mass: {b['mass_start']:.6g} kg at the start, {100 * out:.2f} % left the terrain"

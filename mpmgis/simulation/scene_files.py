@@ -1,8 +1,9 @@
-"""Input files of a scene; reads its spatial features onto the solver's grid."""
+"""Find the input files of a scene; read its spatial features onto the solver's grid."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..solvers.features.feature_placement import (
     PlacedFiles,
@@ -18,10 +19,17 @@ from ..system.errors import MpmgisError
 from ..terrain.raster_input import raster_files
 from ..terrain.spatial_inputs import is_raster, read_placed_raster, read_polygons, read_walls
 
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..scene import Scene
+    from ..solvers.columns.node_grid import ColumnGrid
+    from ..solvers.features.walls import Wall
+    from ..terrain.elevation import Terrain
+
 VIRTUAL = b"<VRTDataset"  # at the start of a virtual raster
 
 
-def input_files(given, scene, laws=None):
+def input_files(given: str | Path | Mapping, scene: "Scene", laws: str | Path | None = None) -> Iterator[Path]:
     """Yield the path of every existing file that a run of `scene` reads.
 
     Parameters
@@ -41,7 +49,7 @@ def input_files(given, scene, laws=None):
 
 
 def _with_companions(path):
-    """`path` or the files in this folder, files with the same stem, and the sources of a virtual raster."""
+    """Yield `path` or the files in this folder, files with the same stem, and the sources of a virtual raster."""
     if path.is_dir():
         yield from (entry for entry in path.rglob("*") if entry.is_file())
         return
@@ -55,8 +63,10 @@ def _with_companions(path):
             yield from raster_files(path)
 
 
-def read_spatial_features(scene, terrain, grid, start, everything):
-    """Read all spatial features of `scene`; a KnownByPlace.
+def read_spatial_features(
+    scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", start: "Frame", everything: "Frame"
+) -> KnownByPlace:
+    """Read all spatial features of a scene onto the grid.
 
     Parameters
     ----------
@@ -85,8 +95,15 @@ def read_spatial_features(scene, terrain, grid, start, everything):
     )
 
 
-def trial_parameters(scene):
-    """Parameters for a trial of the scene's law: of [friction], else the first of zones, else the least value."""
+def trial_parameters(scene: "Scene") -> dict[str, float]:
+    """Return parameters for a trial of the scene's friction law.
+
+    Each is that of [friction], else of the first zone that has it, else the least allowed value.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     law = scene.laws[scene.friction.law][1]
     numbers = {}
     for zone in scene.zones:
@@ -99,14 +116,14 @@ def _used(table):
 
 
 def _spatial_file(path, terrain):
-    """Polygons or the raster at `path`."""
+    """Return polygons or the raster at `path`."""
     if is_raster(path):
         return PlacedFiles(raster=read_placed_raster(path, terrain))
     return PlacedFiles(features=read_polygons(path, terrain))
 
 
 def _zones(scene, terrain, grid):
-    """Parameter -> values at the nodes; {} without zones."""
+    """Return parameter -> values at the nodes; {} without zones."""
     used = [(k, zone) for k, zone in enumerate(scene.zones, 1) if _used(zone)]
     if not used or not _used(scene.friction):
         return {}
@@ -115,7 +132,7 @@ def _zones(scene, terrain, grid):
 
 
 def _forest(scene, terrain, grid):
-    """Values of the trees at the nodes; None without [[forest]]."""
+    """Return values of the trees at the nodes; None without [[forest]]."""
     used = [(k, table) for k, table in enumerate(scene.forest, 1) if _used(table)]
     if not used:
         return None
@@ -126,12 +143,12 @@ def _forest(scene, terrain, grid):
 
 
 def _zone_files(scene, zone, terrain):
-    """Polygons or mask of a zone, and the rasters that its parameters name."""
+    """Return polygons or mask of a zone, and the rasters that its parameters name."""
     return _files_by_place(scene, zone.source, zone.parameters, terrain)
 
 
-def _files_by_place(scene, source, parameters, terrain):
-    """Polygons or mask of `source`, and the rasters that `parameters` (name -> number, column or raster) name."""
+def _files_by_place(scene: "Scene", source: str | None, parameters: dict, terrain: "Terrain") -> PlacedFiles:
+    """Return polygons or mask of `source`, and rasters that `parameters` (name -> number, column or raster) name."""
     values = {
         name: read_placed_raster(scene.path(value), terrain)
         for name, value in parameters.items()
@@ -141,19 +158,25 @@ def _files_by_place(scene, source, parameters, terrain):
     return PlacedFiles(where.features, where.raster, values)
 
 
-def scene_walls(scene, terrain):
-    """Tuple of Wall of the scene's barriers, with the names of its results."""
+def scene_walls(scene: "Scene", terrain: "Terrain") -> "tuple[Wall, ...]":
+    """Return the walls of the scene's barriers, with the names of its results.
+
+    Parameters
+    ----------
+    scene : Scene
+    terrain : Terrain
+    """
     return walls_of(_barriers(scene, terrain))
 
 
 def _barriers(scene, terrain):
-    """(table, its files) of every barrier that is not off."""
+    """Yield (table, its files) of every barrier that is not off."""
     for table in filter(_used, scene.barrier):
         yield table, PlacedFiles(features=read_walls(scene.path(table.source), terrain, table.width))
 
 
-def _erodible(scene, terrain, grid, frame):
-    """Erodible mass at the nodes [kg m-2]; None without [entrainment]."""
+def _erodible(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", frame: "Frame") -> object:
+    """Return the erodible mass at the nodes [kg m-2]; None without [entrainment]."""
     table = scene.entrainment
     if not _used(table):
         return None
@@ -161,8 +184,8 @@ def _erodible(scene, terrain, grid, frame):
     return erodible_mass(table, _spatial_file(path, terrain), path, grid, frame.header["density"])
 
 
-def _lakes(scene, terrain, grid, start):
-    """Still level in the cells [m]; None without [still_water]."""
+def _lakes(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", start: "Frame") -> object:
+    """Return the still level in the cells [m]; None without [still_water]."""
     table = scene.still_water
     if not _used(table):
         return None

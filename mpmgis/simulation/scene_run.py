@@ -1,9 +1,10 @@
-"""`mpmgis run`: simulates a scene into a folder of frames; also the decisions about its effects with their cost."""
+"""Simulate a scene into a folder of frames (`mpmgis run`)."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,10 +21,9 @@ from ..solvers.points.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
 from ..system import operating_system
 from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
-from ..system.messages import details, log
-from .cost_prediction import OwnPace, at_most, need, predicted, prediction_line
-from .effect_cost import effect_costs, under_way
-from .later_end import differences, earlier_run, go_on, goes_on
+from ..system.messages import log
+from .cost_prediction import OwnPace, longest_words, need_words, predicted, prediction_line
+from .later_end import can_continue, continue_earlier, differences, earlier_run
 from .preparation import prepare
 from .run_cost import MEMORY_SHARE
 from .run_device import devices_record, require_devices
@@ -32,16 +32,47 @@ from .scene_files import input_files
 from .stage_sequence import Sequence
 from .warmup import warm_up
 
-ANEW, RESUMED, FINISHED = range(3)  # start of a run
-PARTICLES_PER_THREAD = 10_000
+if TYPE_CHECKING:
+    from .cost_prediction import Prediction
+    from .preparation import Prepared
+
+ANEW, RESUMED, FINISHED = range(3)  # how a run starts
+PARTICLES_PER_THREAD = 10_000  # with fewer, threads cost more time than they save
 BARRIER_SUMS = {"columns": COLUMN_BARRIER_SUMS, "points": POINT_BARRIER_SUMS}
-ASK_SECONDS = 3600.0
+ASK_SECONDS = 3600.0  # [s] predicted time of a run above which it must be confirmed
 TRIAL_FROM = 0.1 * ASK_SECONDS  # [s] on a typical machine; no machine is ten times slower
 
 
 @dataclass(frozen=True)
 class RunSummary:
-    """Result of a run: its folder, the reason of its end, its balances and its cost."""
+    """Result of a run.
+
+    Parameters
+    ----------
+    folder : Path
+    reason : str
+        Of its end.
+    frames, steps : int
+        Number of frames and of steps.
+    time : float [s]
+        Simulated time at the end.
+    wall_seconds : float [s]
+    particle_steps_per_second : float [s-1]
+    balances : dict
+        Of the last solver.
+    predicted_seconds : float or None [s]
+        Of the whole run; None without a prediction.
+    solver : {"columns", "points"}
+        The last one.
+    mass : dict or None
+        Account of a run in several stages.
+    result_digest : str or None
+        Of all frames.
+    extremes : dict or None
+        Place and time of the largest thickness and speed.
+    unusable : tuple of str
+        Warnings about points that have lost their volume.
+    """
 
     folder: Path
     reason: str
@@ -51,32 +82,56 @@ class RunSummary:
     wall_seconds: float
     particle_steps_per_second: float
     balances: dict
-    predicted_seconds: float | None  # of the whole run; None without a prediction
+    predicted_seconds: float | None
     solver: str = "columns"
-    mass: dict | None = None  # account of a run in several stages
+    mass: dict | None = None
     result_digest: str | None = None
-    extremes: dict | None = None  # place and time of the largest thickness and speed
-    unusable: tuple = ()  # warnings about points that have lost their volume
+    extremes: dict | None = None
+    unusable: tuple = ()
 
 
-def use_threads(particles, number=None):
-    """Set the `number` of threads (default: one for every PARTICLES_PER_THREAD of `particles`); returns it.
+def use_threads(particles: int, number: int | None = None) -> int:
+    """Set the number of threads of the solvers, and return it.
 
     More threads for few particles are slower, especially on a busy machine; the result does not depend on them.
+
+    Parameters
+    ----------
+    particles : int
+    number : int, optional
+        Default: one thread for every PARTICLES_PER_THREAD particles.
     """
     return set_threads(number or max(1, min(set_threads(None), particles // PARTICLES_PER_THREAD)))
 
 
-def require_affordable(prepared, threads, confirm):
-    """Log the predicted cost of a run; ask `confirm(question)` over an hour or most of the memory.
+def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[str], bool]) -> "Prediction":
+    """Log the predicted cost of a run; ask before one of more than an hour or of most of the memory.
 
-    A run that may need the question is predicted from a trial of its steps. Returns the Prediction.
+    A run that may need the question is predicted from a trial of its steps.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    threads : int
+    confirm : callable
+        Question -> whether to run it.
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    SceneError
+        The answer is no.
     """
     ahead, available = predicted(prepared, threads, TRIAL_FROM), available_memory()
     log.info(prediction_line(ahead))
     if ahead.longest < ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
         return ahead
-    question = f"this run is predicted to take {need(ahead)}{at_most(ahead)} ({available / 1e9:.1f} GB are free)"
+    question = (
+        f"this run is predicted to take {need_words(ahead)}{longest_words(ahead)} ({available / 1e9:.1f} GB are free)"
+    )
     if not confirm(question):
         fewer = "or fewer particles_per_cell"
         if "points" in prepared.scene.solvers:
@@ -86,26 +141,41 @@ def require_affordable(prepared, threads, confirm):
 
 
 def run(
-    scene,
-    output=None,
+    scene: str | Path | Mapping,
+    output: str | Path | None = None,
     *,
-    overwrite=False,
-    resume=False,
-    threads=None,
-    law=None,
-    device=None,
-    confirm=lambda question: True,
-    watch=lambda solver, end_time: None,
-):
-    """Simulate a scene into the folder `output` (default `results/` beside the scene).
+    overwrite: bool = False,
+    resume: bool = False,
+    threads: int | None = None,
+    law: str | Path | None = None,
+    device: str | None = None,
+    confirm: Callable[[str], bool] = lambda question: True,
+    watch: Callable = lambda solver, end_time: None,
+) -> RunSummary:
+    """Simulate a scene into a folder.
 
-    `scene` is the path of a scene.toml, or its tables as a mapping, with paths relative to the current folder.
-    `watch(solver, end_time)` is called a few times a second; `confirm(question)` decides on very large runs. With
-    `resume` the run continues after its last complete frame, with the same bits as without a stop; an empty or missing
-    folder starts at the beginning; a finished run is not changed, unless [output] end_time is larger than before: then
-    it continues to that time, with the same result as one run. `law` is the path of a Python file with the user's own
-    friction laws, which the scene can name; it is executed. `device` replaces [numerics] device; a run that began on
-    another device continues, and its record names both.
+    Parameters
+    ----------
+    scene : path or Mapping
+        Path of a scene.toml, or its tables, with paths relative to the current folder.
+    output : path, optional
+        Default `results/` beside the scene.
+    overwrite : bool
+        Replace an earlier run in `output`.
+    resume : bool
+        Continue after the last complete frame, with the same bits as without a stop. An empty or missing folder starts
+        at the beginning. A finished run is not changed, unless [output] end_time is larger than before: then it
+        continues to that time, with the same result as one run.
+    threads : int, optional
+        Default: by the number of particles.
+    law : path, optional
+        Python file with the user's own friction laws, which the scene can name; it is executed.
+    device : str, optional
+        Replaces [numerics] device. A run that began on another device continues, and its record names both.
+    confirm : callable
+        Question -> whether to run a very large scene.
+    watch : callable
+        Called with (solver, end time [s]) a few times a second.
 
     Returns
     -------
@@ -157,7 +227,7 @@ def run(
 
 
 def _log_stages(prepared):
-    """Log each stage with its end condition, and the effects that are called for."""
+    """Log each stage with its end condition, and its effects that the scene has or that a number decides."""
     for number, stage in enumerate(prepared.stages, 1):
         if stage.table is not None:
             log.info(f"stage {number}: {stage.words()}")
@@ -167,7 +237,7 @@ def _log_stages(prepared):
 
 
 def _restored(folder, sequence):
-    """Set the sequence to the last complete frame; returns RESUMED, ANEW without a frame, or FINISHED."""
+    """Set the sequence to the last complete frame; return RESUMED, ANEW without a frame, or FINISHED."""
     record, digest = folder.record(), sequence.prepared.digest
     if not record:
         return ANEW
@@ -197,7 +267,7 @@ def _warn_of_missing_frames(folder, scene):
 
 
 def _restored_earlier(folder, sequence, record):
-    """As `_restored`, for a folder with a run of this scene to an earlier end_time; other runs are refused."""
+    """Restore a run of this scene with an earlier end_time, see `_restored`; raise InputError for any other run."""
     prepared = sequence.prepared
     earlier = earlier_run(prepared, record)
     if earlier is None:
@@ -207,13 +277,13 @@ def _restored_earlier(folder, sequence, record):
             "`output`, or `overwrite`"
         )
     before, now = earlier.scene.output.end_time, prepared.scene.output.end_time
-    if not goes_on(record):
+    if not can_continue(record):
         last = folder.last_frame(earlier.digest)
         if last is not None:
             sequence.restore(last)
         log.info(f"{folder.path} is finished: {record.get('reason')}; the later end_time = {now:g} s has no effect")
         return FINISHED
-    frame = go_on(folder, sequence, earlier)
+    frame = continue_earlier(folder, sequence, earlier)
     log.info(
         f"end_time = {before:g} s is now {now:g} s: continuing after frame {folder.frames - 1}, t = {frame.time:g} s"
     )
@@ -221,7 +291,7 @@ def _restored_earlier(folder, sequence, record):
 
 
 def _with_mach_warning(watch):
-    """`watch` with one warning when a 3D flow is so fast that its stiffness affects it."""
+    """Return `watch` with one warning when a 3D flow is so fast that its stiffness affects it."""
     warned = []
 
     def watching(now, end_time):
@@ -259,10 +329,30 @@ def _summary(folder, sequence, reason, wall, expected=None):
     )
 
 
-def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
-    """Integrate in time and write into a locked RunFolder; its record always shows the state of the run.
+def integrate_into(
+    folder: RunFolder, sequence: Sequence, resumed: bool, pace: OwnPace | None = None, device: str = CPU
+) -> RunSummary:
+    """Integrate in time and write into a locked folder; its record always shows the state of the run.
 
-    `pace` is an OwnPace, whose prediction is recorded, or None. `device` computes the steps, in words.
+    Parameters
+    ----------
+    folder : RunFolder
+    sequence : Sequence
+    resumed : bool
+        The run continues after a restored frame.
+    pace : OwnPace, optional
+        Its prediction is recorded.
+    device : str
+        What computes the steps, in words.
+
+    Returns
+    -------
+    RunSummary
+
+    Raises
+    ------
+    InputError, UnphysicalError
+        The run stopped; its record contains the reason.
     """
     prepared, began = sequence.prepared, time.perf_counter()
     devices = devices_record(folder.record().get("devices", ()) if resumed else (), sequence.solver.time, device)
@@ -330,7 +420,7 @@ def integrate_into(folder, sequence, resumed, pace=None, device=CPU):
 
 
 def _require_rasters(prepared):
-    """Refuse, before the run, rasters of unknown bands or with too many cells."""
+    """Raise InputError, before the run, for rasters of unknown bands or with too many cells."""
     from ..maps.export.run_rasters import bands_of, raster_grid
 
     output = prepared.scene.output
@@ -348,8 +438,8 @@ class _Frames:
         """Nothing is left to write."""
 
 
-def _frame_writer(folder, prepared, sha256, resumed):
-    """What writes the frames of a run into its `folder`: all of them, or their rasters."""
+def _frame_writer(folder: RunFolder, prepared: "Prepared", sha256: str, resumed: bool) -> object:
+    """Return the writer of a run's frames into its `folder`: of all of them, or of their rasters."""
     if not prepared.scene.output.rasters:
         return _Frames(folder)
     from ..maps.export.run_rasters import RasterWriter
@@ -359,19 +449,19 @@ def _frame_writer(folder, prepared, sha256, resumed):
 
 
 def _record_of_terrain(terrain):
-    """What a record holds of the DTM: its file, its digest, and how it was brought to metres."""
+    """Return the record of the DTM: its file, its digest, and how it was brought to metres."""
     how = terrain.reprojection
     return {"dem": terrain.path, "sha256": terrain.sha256, "reprojection": None if how is None else how.facts()}
 
 
 def _record_of_nodata(prepared):
-    """Record of cells without elevation: filled cells, and the largest number in reach of a stage."""
+    """Return the record of cells without elevation: filled cells, and the largest number in reach of a stage."""
     in_reach = max((stage.nodata for stage in prepared.stages), key=lambda found: sum(h.cells for h in found.holes))
     return {"filled": None if prepared.fill is None else asdict(prepared.fill), "in_reach": in_reach.as_numbers()}
 
 
 def _record_of_stages(sequence):
-    """Record of several stages: effects and checks of each, data at the end of finished ones, the mass account."""
+    """Return the record of several stages: effects and checks of each, results of finished ones, the mass account."""
     stages = sequence.prepared.stages
     if stages[0].table is None:
         return sequence.checks
@@ -414,7 +504,7 @@ class _BarrierTables:
 
 
 def _with_paths_from(scene, folder):
-    """The scene with its paths relative to `folder`, where it is written."""
+    """Return the scene with its paths relative to `folder`, where it is written."""
 
     def moved(name):
         path, bar, layer = name.partition("|")  # file.gpkg|layername=name
@@ -423,25 +513,3 @@ def _with_paths_from(scene, folder):
         return operating_system.slashed(scene.path(path).resolve(), folder.resolve()) + bar + layer
 
     return scene.with_files(moved)
-
-
-def decided(scene_path, laws=None):
-    """((description of the stage, decisions), ...) of the scene at `scene_path`, with the user's own `laws`.
-
-    Nothing is run. A scene without [[stage]] is one stage with the description "".
-    """
-    with details():
-        stages = prepare(scene_path, laws).stages
-    return tuple(("" if stage.table is None else stage.words(), stage.decisions) for stage in stages)
-
-
-def measured(scene_path, laws=None):
-    """(decisions, EffectCosts): the scene's first steps are run with and without each of its effects."""
-    with details():
-        prepared = prepare(scene_path, laws)
-    if prepared.scene.solvers != {"columns"}:
-        raise SceneError("`measure` times the effects of solver = 'columns' only; leave it out")
-    use_threads(prepared.particles)
-    solver = prepared.solver()
-    start = under_way(solver, prepared.events, prepared.scene.output.end_time)
-    return prepared.decisions, effect_costs(solver, start)

@@ -1,7 +1,9 @@
-"""A stage of a run: one solver with all its data, decided before the run starts, and its end conditions."""
+"""Stage of a run: one solver with all its data, decided before the run starts, and its end conditions."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -28,28 +30,70 @@ from .resolution import resolution_of
 from .run_cost import require_memory_for_points
 from .stage_end import CALM_NORMAL, Cliff, Near, StageEnd
 
+if TYPE_CHECKING:
+    from ..conversion.conversion_options import PointOptions
+    from ..conversion.solver_switch import Switched
+    from ..frames.particles import Frame
+    from ..frames.watched_features import Feature
+    from ..laws.slots import ColumnEffects, PointEffects
+    from ..scene import Scene, TerrainFacts
+    from ..solvers.columns.column_solver import ColumnNumerics
+    from ..solvers.features.walls import Wall
+    from ..solvers.points.point_numerics import PointNumerics
+    from ..solvers.points.point_volume import PointVolume
+    from ..terrain.elevation import Terrain
+    from .events import Events
+    from .resolution import Resolution
+
 WET_SHARE = 0.01  # of the release's thickness, below which there is no flow
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One part of a run; `scene` is that of this stage alone, `table` its [[stage]] (None: the scene has none).
+    """One part of a run.
 
-    `deciding` is the scene by which its effects are decided, `known` all spatial features, on or off. `known_walls`
-    are all barriers of the scene; `window` (shapely) is the area of the points, `area` (shapely) the one whose reach
-    ends the stage; `nodata` are cells without elevation in reach of the flow. `device` computes its steps.
+    Parameters
+    ----------
+    scene : Scene
+        Of this stage alone.
+    grid : ColumnGrid
+        Of the solver, in plan view.
+    effects : ColumnEffects or PointEffects
+    decisions : tuple of Decision
+        On the effects.
+    facts : TerrainFacts
+        Numbers that decided the effects.
+    numerics : ColumnNumerics or PointNumerics
+    places : Places
+        Spatial features that are on, on the grid.
+    known_walls : tuple of Wall
+        All barriers of the scene.
+    known : KnownByPlace or None
+        All spatial features, on or off.
+    deciding : Scene or None
+        With the representative values by which the effects are decided.
+    table : StageTable or None
+        Its [[stage]]; None: the scene has none.
+    window : shapely.Geometry or None
+        Area of the points.
+    area : shapely.Geometry or None
+        Area whose reach ends the stage.
+    nodata : NodataInReach
+        Cells without elevation in reach of the flow.
+    device : str
+        Computes its steps.
     """
 
-    scene: object
+    scene: "Scene"
     grid: ColumnGrid
-    effects: object
+    effects: "ColumnEffects | PointEffects"
     decisions: tuple
-    facts: object
-    numerics: object  # ColumnNumerics or PointNumerics
+    facts: "TerrainFacts"
+    numerics: "ColumnNumerics | PointNumerics"
     places: Places
     known_walls: tuple = ()
     known: KnownByPlace | None = None
-    deciding: object = None
+    deciding: "Scene | None" = None
     table: StageTable | None = None
     window: shapely.Geometry | None = None
     area: shapely.Geometry | None = None
@@ -57,18 +101,23 @@ class Stage:
     device: str = CPU
 
     @property
-    def walls(self):
+    def walls(self) -> "tuple[Wall, ...]":
         """The barriers that are on in 3D."""
         return self.known_walls if self.scene.solver == "points" and self.places.barrier_names else ()
 
-    def features(self):
-        """tuple of Feature: spatial features that are off only because of their number."""
+    def features(self) -> "tuple[Feature, ...]":
+        """Return the spatial features that are off only because of the number that decides them."""
         effects = self.effects
         law = effects.contact if self.scene.solver == "points" else effects.friction
         return () if self.known is None else self.known.watched(law, self.decisions)
 
-    def watch(self, solver):
-        """`solver`, which turns on the effects of features that its flow reaches."""
+    def watch(self, solver: ColumnSolver | PointSolver) -> ColumnSolver | PointSolver:
+        """Let a solver turn on the effects of features that its flow reaches, and return it.
+
+        Parameters
+        ----------
+        solver : ColumnSolver or PointSolver
+        """
         features = self.features()
         if features:
 
@@ -79,8 +128,16 @@ class Stage:
             solver.watch(Watch(features, with_effects))
         return solver
 
-    def with_effects(self, names, decided_by="flow"):
-        """The stage with the spatial effects `names` on."""
+    def with_effects(self, names: Sequence[str], decided_by: str = "flow") -> "Stage":
+        """Return the stage with spatial effects turned on.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of the effects.
+        decided_by : str
+            Of their decisions.
+        """
         if not names:
             return self
         effects, decisions = resolve(with_effects_on(self.deciding, names), self.facts)
@@ -88,24 +145,40 @@ class Stage:
         places = self.known.in_3d(effects) if self.scene.solver == "points" else self.known.on_grid(effects)
         return replace(self, effects=effects, decisions=decisions, places=places)
 
-    def all_places(self):
-        """Places with every feature on."""
+    def all_places(self) -> Places:
+        """Return the places with every feature on."""
         return self.with_effects(tuple(feature.effect for feature in self.features())).places
 
-    def words(self):
-        """Its solver, cell size and end conditions, in words."""
+    def words(self) -> str:
+        """Return its solver, cell size and end conditions, in words."""
         ends = {"time": "t = {:g} s", "reach": "within reach of {}", "calm": "calm for {:g} s"}
         until = " or ".join(ends[key].format(value) for key, value in (self.table.until or {}).items())
         where = "" if self.window is None else f" in {self.table.window}"
         return f"{self.scene.solver}{where}, cells of {self.grid.cell_size:g} m, until {until or 'the end'}"
 
-    def shapes(self):
-        """Its geometries other than `places`."""
+    def shapes(self) -> list[shapely.Geometry]:
+        """Return its geometries other than `places`."""
         walls = [wall.footprint for wall in self.known_walls] if self.table is not None else []
         return [shape for shape in (self.window, self.area, *walls) if shape is not None]
 
-    def solver(self, terrain, frame, vertical_stress=None, gradient=None):
-        """Its solver, starting with `frame`; `vertical_stress` [n] [Pa] is for points, `gradient` for both solvers."""
+    def solver(
+        self,
+        terrain: "Terrain",
+        frame: "Frame",
+        vertical_stress: np.ndarray | None = None,
+        gradient: np.ndarray | None = None,
+    ) -> ColumnSolver | PointSolver:
+        """Return its solver at its start.
+
+        Parameters
+        ----------
+        terrain : Terrain
+        frame : Frame
+        vertical_stress : float64[n], optional [Pa]
+            Of points, from their weight.
+        gradient : float64[n, k, k], optional [s-1]
+            Velocity gradient; k is 3 for points.
+        """
         if self.scene.solver == "points":
             stress = self.stress(terrain, frame, vertical_stress)
             return self._solver_class()(
@@ -114,7 +187,7 @@ class Stage:
         return self._solver_class()(frame, terrain, self.effects, self.numerics, self.places, self.grid, gradient)
 
     def _solver_class(self):
-        """The class of its solver, on its device."""
+        """Return the class of its solver, on its device."""
         if self.device == CPU:
             return PointSolver if self.scene.solver == "points" else ColumnSolver
         if self.scene.solver == "points":
@@ -125,8 +198,21 @@ class Stage:
 
         return DeviceColumnSolver
 
-    def stress(self, terrain, frame, vertical_stress):
-        """float64[n, 6] [Pa], Kirchhoff stress of the points of `frame` under their weight; None if unknown."""
+    def stress(self, terrain: "Terrain", frame: "Frame", vertical_stress: np.ndarray | None) -> np.ndarray | None:
+        """Return the Kirchhoff stress of points under their weight.
+
+        Parameters
+        ----------
+        terrain : Terrain
+        frame : Frame
+            Of points.
+        vertical_stress : float64[n] or None [Pa]
+
+        Returns
+        -------
+        float64[n, 6] [Pa] or None
+            None if `vertical_stress` is unknown.
+        """
         if vertical_stress is None:
             return None
         return stress_of_weight(
@@ -139,8 +225,15 @@ class Stage:
             self.numerics.gravity,
         )
 
-    def end(self, terrain, following):
-        """The StageEnd with its end conditions; `following` is the next Stage, None after the last."""
+    def end(self, terrain: "Terrain", following: "Stage | None") -> StageEnd:
+        """Return the StageEnd with its end conditions.
+
+        Parameters
+        ----------
+        terrain : Terrain
+        following : Stage or None
+            Next stage; None after the last.
+        """
         if following is None:
             return StageEnd()
         until, least = self.table.until, WET_SHARE * self.facts.release_thickness
@@ -167,18 +260,41 @@ class Stage:
         names = ", ".join(f"'{wall.name}'" for wall in self.known_walls)
         return Near(f"barrier {names}", shapely.union_all([wall.footprint for wall in self.known_walls]), least)
 
-    def cell_of_columns(self, point_cell):
-        """Cell size [m] for the conversion of points on a grid of `point_cell` [m] to columns of this stage.
+    def cell_of_columns(self, point_cell: float) -> float:
+        """Return the cell size for the conversion of points to columns of this stage.
 
         It gives as many columns per cell as the seeding, but is not smaller than a cell of the points' grid.
+
+        Parameters
+        ----------
+        point_cell : float [m]
+            Cell size of the points' grid.
+
+        Returns
+        -------
+        float [m]
         """
         along = min(round(np.sqrt(self.scene.columns_per_cell)), int(self.grid.cell_size / point_cell + 1e-9))
         return self.grid.cell_size / max(along, 1)
 
-    def switched_from(self, before, frame, terrain, beside=None):
-        """The flow `frame` of the Stage `before`, converted for this stage: a Switched.
+    def switched_from(
+        self, before: "Stage", frame: "Frame", terrain: "Terrain", beside: "Frame | None" = None
+    ) -> "Switched":
+        """Convert the flow of the stage before for this stage.
 
-        `beside` is a Frame of columns outside that stage's window.
+        Parameters
+        ----------
+        before : Stage
+        frame : Frame
+            Its flow.
+        terrain : Terrain
+        beside : Frame, optional
+            Columns outside the window of `before`.
+
+        Raises
+        ------
+        SceneError
+            Too many points for the memory of this machine.
         """
         if self.scene.solver == "columns":
             cell = self.cell_of_columns(before.grid.cell_size)
@@ -187,16 +303,28 @@ class Stage:
         require_memory_for_points(options.predicted_points(frame.particles), options.cell)
         return switch_to_points(frame, terrain, options, self.grid.holds, self.window)
 
-    def resolution(self, columns):
-        """The Resolution, on its grid of points, of a Frame of columns that becomes points; None if empty."""
+    def resolution(self, columns: "Frame") -> "Resolution | None":
+        """Return the Resolution on its grid of points; None if no column becomes a point.
+
+        Parameters
+        ----------
+        columns : Frame
+            Of columns that become points.
+        """
         particles = columns.particles
         if self.window is not None:
             particles = particles.take(shapely.contains_xy(self.window, *columns.map_xy()))
         height = self.facts.barrier_height if self.walls else None
         return resolution_of(particles, self.grid.cell_size, height) if len(particles) else None
 
-    def volume(self, points, terrain):
-        """The PointVolume of a Frame of its points on `terrain`."""
+    def volume(self, points: "Frame", terrain: "Terrain") -> "PointVolume":
+        """Return the PointVolume of its points.
+
+        Parameters
+        ----------
+        points : Frame
+        terrain : Terrain
+        """
         x, y = points.map_xy()
         if not len(x):
             return point_volume(points, np.zeros(0), np.zeros(0), self.grid.cell_size, self.numerics.density)
@@ -208,12 +336,20 @@ class Stage:
         return point_volume(points, height, slope, self.grid.cell_size, self.numerics.density)
 
     @property
-    def has_columns_outside(self):
+    def has_columns_outside(self) -> bool:
         """Whether the flow outside its window continues as columns."""
         return self.table is not None and self.table.outside == "columns"
 
-    def coupled(self, points, columns, terrain):
-        """The CoupledSolver of its PointSolver and the ColumnSolver of the flow outside its window."""
+    def coupled(self, points: PointSolver, columns: ColumnSolver, terrain: "Terrain") -> CoupledSolver:
+        """Return the solver that couples its points with the flow outside its window.
+
+        Parameters
+        ----------
+        points : PointSolver
+        columns : ColumnSolver
+            Of the flow outside the window.
+        terrain : Terrain
+        """
         shapely.prepare(self.window)
         margin = 0.5 * columns.grid.cell_size  # points of a column at the edge of the terrain remain on it
 
@@ -232,20 +368,42 @@ class Stage:
 
         return CoupledSolver(points, columns, inside, as_points, stress_of)
 
-    def columns_outside(self, frame, terrain, gradient=None):
-        """The ColumnSolver of this stage for the columns of `frame` outside the window of the next stage."""
+    def columns_outside(self, frame: "Frame", terrain: "Terrain", gradient: np.ndarray | None = None) -> ColumnSolver:
+        """Return the solver of this stage for the columns outside the window of the next stage.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of these columns.
+        terrain : Terrain
+        gradient : float64[n, 2, 2], optional [s-1]
+            Velocity gradient.
+        """
         thickness = self.numerics.reference_thickness or self.facts.release_thickness
         numerics = replace(self.numerics, reference_thickness=thickness, stop_at_rest=False)
         return ColumnSolver(frame, terrain, self.effects, numerics, self.places, self.grid, gradient)
 
-    def point_options(self):
-        """Options for converting columns to its points; overlapping columns are raised."""
+    def point_options(self) -> "PointOptions":
+        """Return the options for converting columns to its points; overlapping columns are raised."""
         options = point_options(self.grid.cell_size, self.scene.numerics.points_per_side)
         return replace(options, relevel=True)
 
 
-def read_areas(scene, number, terrain):
-    """`table`, `window` and `area` of stage `number`, from 0, of `scene`, for a Stage."""
+def read_areas(scene: "Scene", number: int, terrain: "Terrain") -> dict:
+    """Read the areas of a stage.
+
+    Parameters
+    ----------
+    scene : Scene
+    number : int
+        Of the stage, from 0.
+    terrain : Terrain
+
+    Returns
+    -------
+    dict
+        `table`, `window` and `area` of a Stage; empty without [[stage]].
+    """
     if not scene.stage:
         return {}
     table = scene.stage[number]
@@ -254,8 +412,13 @@ def read_areas(scene, number, terrain):
     return {"table": table} | read
 
 
-def require_inflow_over(stages, events):
-    """Refuse inflow during a stage of points: inflow requires columns.
+def require_inflow_over(stages: Sequence[StageTable], events: "Events") -> None:
+    """Raise SceneError for inflow during a stage of points: inflow requires columns.
+
+    Parameters
+    ----------
+    stages : sequence of StageTable
+    events : Events
 
     Raises
     ------

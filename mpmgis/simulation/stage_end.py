@@ -1,6 +1,7 @@
-"""Conditions that end a stage: flow near a place, free flight, calm flow, a time."""
+"""Conditions that end a stage: flow near a feature, free flight, calm flow, a time."""
 
 import math
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,33 +11,52 @@ from ..terrain.flow_reach import takes_off
 if TYPE_CHECKING:
     import shapely
 
-LOOK_SECONDS = 0.25  # simulated time between two checks of the flow, also after a restart
-DEPTHS, SECONDS = 3.0, 2.0  # near: within 3 flow depths, or the distance of 2 s
-MOST_LOOKED_AT = 2000  # columns or points whose path to a cliff is computed
+    from ..frames.particle_store import Flow
+    from ..solvers.columns.column_solver import ColumnSolver
+    from ..solvers.points.point_solver import PointSolver
+    from ..terrain.elevation import Terrain
+    from .coupled_solver import CoupledSolver
+
+CHECK_SECONDS = 0.25  # [s] simulated time between two checks of the flow, also after a restart
+NEAR_DEPTHS = 3.0  # [flow depths] distance within which the flow is near a feature
+NEAR_SECONDS = 2.0  # [s] or the distance that it moves in this time
+MOST_CHECKED = 2000  # columns or points whose path to a cliff is computed
 FLYING_SHARE = 0.01  # share of the mass that takes off, at which the flow has reached a cliff
 CALM_SHARE = 0.01  # share of the mass that can be near a feature or off the bed in a calm flow
 CALM_NORMAL = 0.1  # largest speed across the slope in a calm flow, over the speed along it
-_TIME = 1e-9  # [s], and in intervals of checks, rounding of a time
+_TIME = 1e-9  # [s] and [intervals of checks] rounding error of a time
 
 
 class Near(NamedTuple):
     """Feature that the flow is near to if it is within two seconds or three flow depths.
 
-    `words` is its name, `shape` (shapely) is on the map; only flow deeper than `least` [m] counts.
+    Parameters
+    ----------
+    words : str
+        Name of the feature.
+    shape : shapely.Geometry
+        On the map.
+    least : float [m]
+        Only deeper flow counts.
     """
 
     words: str
     shape: "shapely.Geometry"
     least: float = 0.0
 
-    def share(self, flow):
-        """Share of the mass of a Flow that is near [1]."""
+    def share(self, flow: "Flow") -> float:
+        """Return the share of the mass that is near [1].
+
+        Parameters
+        ----------
+        flow : Flow
+        """
         import shapely  # only stages that end at a feature need it
 
         flow = flow.take(flow.depth > self.least)
         if not len(flow):
             return 0.0
-        reach = np.maximum(DEPTHS * flow.depth, SECONDS * flow.speed)
+        reach = np.maximum(NEAR_DEPTHS * flow.depth, NEAR_SECONDS * flow.speed)
         west, south, east, north = self.shape.bounds
         beside = np.maximum(west - flow.x, flow.x - east), np.maximum(south - flow.y, flow.y - north)
         maybe = np.flatnonzero(np.maximum(*beside) < reach)
@@ -45,14 +65,26 @@ class Near(NamedTuple):
 
 
 class Cliff(NamedTuple):
-    """Ground of `terrain` from which the flow takes off within two seconds (see `terrain.reach`)."""
+    """Ground from which the flow takes off within two seconds (see `terrain.flow_reach.takes_off`).
 
-    terrain: object
+    Parameters
+    ----------
+    terrain : Terrain
+    words : str
+        Name of the feature.
+    """
+
+    terrain: "Terrain"
     words: str = "a cliff"
 
-    def share(self, flow):
-        """Share of the mass of a Flow that takes off [1], from a sample."""
-        some = flow.take(slice(None, None, max(1, len(flow) // MOST_LOOKED_AT)))
+    def share(self, flow: "Flow") -> float:
+        """Return the share of the mass that takes off [1], from a sample.
+
+        Parameters
+        ----------
+        flow : Flow
+        """
+        some = flow.take(slice(None, None, max(1, len(flow) // MOST_CHECKED)))
         flying = takes_off(self.terrain, some.x, some.y, some.u, some.v, some.depth)
         return float(some.mass[flying].sum() / some.mass.sum())
 
@@ -75,26 +107,48 @@ class StageEnd:
     Attributes
     ----------
     calm_since : float [s]
-        Time [s] since which the flow is calm; -1: it is not. Part of the state of a restart.
+        Time since which the flow is calm; -1: it is not. Part of the state of a restart.
     """
 
-    def __init__(self, time=None, reached=None, calm=None, disturbing=(), unsettled=None):
+    def __init__(
+        self,
+        time: float | None = None,
+        reached: Near | Cliff | None = None,
+        calm: float | None = None,
+        disturbing: Sequence = (),
+        unsettled: Callable | None = None,
+    ) -> None:
         self.time = math.inf if time is None else float(time)
         self.reached, self.calm, self.disturbing, self.unsettled = reached, calm, tuple(disturbing), unsettled
         self.calm_since = -1.0
 
-    def next_time(self, time):
-        """The next time [s] after `time` to check the flow; infinite without conditions."""
+    def next_time(self, time: float) -> float:
+        """Return the next time to check the flow; infinity without conditions.
+
+        Parameters
+        ----------
+        time : float [s]
+            Present time.
+
+        Returns
+        -------
+        float [s]
+        """
         due = [self.time] if self.time > time + _TIME else []
         if self.reached is not None or self.calm is not None:
-            due.append((math.floor(time / LOOK_SECONDS + _TIME) + 1) * LOOK_SECONDS)
+            due.append((math.floor(time / CHECK_SECONDS + _TIME) + 1) * CHECK_SECONDS)
         return min(due, default=math.inf)
 
-    def over(self, solver):
-        """Why the stage is over now, in words; '' while it is not."""
+    def over(self, solver: "ColumnSolver | PointSolver | CoupledSolver") -> str:
+        """Return the reason why the stage is over now, in words; '' while it is not.
+
+        Parameters
+        ----------
+        solver : ColumnSolver, PointSolver or CoupledSolver
+        """
         if solver.time >= self.time - _TIME:
             return f"t = {self.time:g} s"
-        if not self._is_look(solver.time):
+        if not self._is_check(solver.time):
             return ""
         flow = solver.flow()
         if not len(flow):
@@ -103,9 +157,9 @@ class StageEnd:
             return f"the flow is within reach of {self.reached.words}"
         return self._calm(solver, flow) if self.calm is not None else ""
 
-    def _is_look(self, time):
-        looks = self.reached is not None or self.calm is not None
-        return looks and abs(time / LOOK_SECONDS - round(time / LOOK_SECONDS)) < _TIME
+    def _is_check(self, time):
+        checks = self.reached is not None or self.calm is not None
+        return checks and abs(time / CHECK_SECONDS - round(time / CHECK_SECONDS)) < _TIME
 
     def _calm(self, solver, flow):
         stirred = any(thing.share(flow) > CALM_SHARE for thing in self.disturbing)

@@ -1,8 +1,10 @@
-"""The sequence of stages of a run: frames of one solver after another, and the account of each switch."""
+"""Run the stages of a run one after another: frames of each solver, and the account of each switch."""
 
 import json
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +17,16 @@ from .coupled_solver import parts_of
 from .run_summary import resolution_words, stood_still, volume_words
 from .time_integration import TimeIntegration
 
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from .preparation import Prepared
+    from .stage import Stage
+
 STATE = "stages"  # of a frame: data of the stages so far, as JSON
 
 
 def _stage_state(frame):
-    """The data of the stages so far in a `frame` with state."""
+    """Return the data of the stages so far in a `frame` with state."""
     if STATE not in frame.state:
         raise FormatError(f"the frame at t = {frame.time:g} s contains no stage; start with `overwrite`")
     try:
@@ -32,7 +39,7 @@ def _stage_state(frame):
 
 
 def _checked_stage(stored, stages):
-    """(number, past, checks) of the data `stored` in a frame, for a run with that many `stages`.
+    """Return (number, past, checks) of the data `stored` in a frame, for a run with that many `stages`.
 
     Raises
     ------
@@ -52,8 +59,18 @@ def _checked_stage(stored, stages):
     return number, past, checks
 
 
-def stage_number(frame):
-    """Number, from 0, of the stage of a `frame` with the state of a restart."""
+def stage_number(frame: "Frame") -> int:
+    """Return the number, from 0, of the stage of a frame with the state of a restart.
+
+    Parameters
+    ----------
+    frame : Frame
+
+    Raises
+    ------
+    FormatError
+        The frame contains no stage.
+    """
     number = _stage_state(frame).get("number")
     return number if isinstance(number, int) else 0
 
@@ -67,28 +84,27 @@ class Sequence:
     ----------
     prepared : Prepared
     observe : callable
-        Called with (solver, end time) a few times a second.
+        Called with (solver, end time [s]) a few times a second.
 
     Attributes
     ----------
     number : int
         Of the current stage, from 0.
-    solver : ColumnSolver or PointSolver
+    solver : ColumnSolver, PointSolver or CoupledSolver
     past : list of dict
         Results of finished stages, and the account of the switch after each, in plain numbers.
     reason : str
         Of the end of the run.
     particle_steps : int
+        Number of particles, summed over the steps.
     troubles : list of str
         Warnings: problems solved with shorter steps; a flow that never moved; points that lost volume.
     checks : dict of dict
         Of the current stage, if it is of points: `resolution`, number of cells over the depth at its start, and
         `volume`, whether the points fill their volume at its end, in plain numbers.
-    taken_in : list of dict
-        Spatial features whose effect was off until the flow reached them, in plain numbers.
     """
 
-    def __init__(self, prepared, observe=lambda solver, end: None):
+    def __init__(self, prepared: "Prepared", observe: Callable = lambda solver, end: None) -> None:
         self.prepared, self.observe = prepared, observe
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
         self._peaks_before = {}  # of finished stages, as in frames
@@ -99,22 +115,22 @@ class Sequence:
         self._end = self._stage_end()
 
     @property
-    def stage(self):
+    def stage(self) -> "Stage":
         """The current Stage."""
         return self.prepared.stages[self.number]
 
     @property
-    def steps(self):
+    def steps(self) -> int:
         """Number of steps taken, in all stages."""
         return sum(stage["steps"] for stage in self.past) + self.solver.step
 
     @property
-    def stepped(self):
-        """(wall time [s], particle-steps, steps) of the current stage, since a restart."""
+    def stepped(self) -> tuple[float, int, int]:
+        """Wall time [s], particle-steps and steps of the current stage, since a restart."""
         integration = self._integration
         return (integration.step_seconds, integration.particle_steps, integration.steps) if integration else (0.0, 0, 0)
 
-    def __iter__(self):
+    def __iter__(self) -> "Iterator[Frame]":
         prepared = self.prepared
         output = prepared.scene.output
         if self.checks and not self._resumed:
@@ -146,7 +162,7 @@ class Sequence:
 
     @staticmethod
     def _resolution(stage, columns):
-        """`checks` of a `stage` that starts with a Frame of columns, if they become points."""
+        """Return the `checks` of a `stage` that starts with a Frame of columns, if they become points."""
         found = stage.resolution(columns) if stage.scene.solver == "points" else None
         return {} if found is None else {"resolution": found.as_numbers()}
 
@@ -181,7 +197,7 @@ class Sequence:
         troubles.clear()
 
     def _with_bed(self, frame):
-        """`frame` with the density of the eroded bed; for points, with the bed change of the columns before them."""
+        """Return `frame` with the density of the eroded bed; for points, with the bed change of the columns before."""
         if self.stage.scene.solver != "columns" or not frame.bed_change:
             return replace(frame, bed_change=self._bed_before)
         bed = self.stage.scene.entrainment
@@ -189,7 +205,7 @@ class Sequence:
         return replace(frame, bed_change=with_density(frame.bed_change, density))
 
     def _with_stages(self, frame):
-        """`frame` with the data of the stages for a restart, and with the steps of all of them."""
+        """Return `frame` with the data of the stages for a restart, and with the steps of all of them."""
         if len(self.prepared.stages) == 1:
             return frame
         stored = {
@@ -203,16 +219,21 @@ class Sequence:
         maxima = combined_peaks(frame.maxima, self._peaks_before)
         return replace(frame, step=self.steps, maxima=maxima, state=state)
 
-    def maxima(self):
-        """Running peaks of all stages so far, as in a frame."""
+    def maxima(self) -> dict:
+        """Return the running peaks of all stages so far, as in a frame."""
         return combined_peaks(self.solver.maxima(), self._peaks_before)
 
-    def restore(self, frame):
-        """Continue from a `frame` of this run with the state of a restart.
+    def restore(self, frame: "Frame") -> None:
+        """Continue from a frame of this run with the state of a restart.
+
+        Parameters
+        ----------
+        frame : Frame
 
         Raises
         ------
         FormatError
+            The frame has no valid state, or is after the end of the run.
         """
         try:
             if not 0.0 <= frame.time <= self.prepared.scene.output.end_time:
@@ -243,7 +264,7 @@ class Sequence:
             self.solver.start_from(stored["started"])
 
     def _solver_of(self, frame):
-        """The solver of the current stage for a `frame` of it; its state is restored afterwards."""
+        """Return the solver of the current stage for a `frame` of it; its state is restored afterwards."""
         stage, terrain = self.stage, self.prepared.terrain
         if not stage.has_columns_outside:
             return stage.watch(stage.solver(terrain, self._on_grid(frame, stage.grid)))
@@ -256,7 +277,7 @@ class Sequence:
         )
 
     def _on_grid(self, frame, grid):
-        """`frame` as the start of a solver; positions that are off its `grid` by rounding are moved onto it."""
+        """Return `frame` as the start of a solver; positions off its `grid` by rounding are moved onto it."""
         held = grid.holds(frame)
         position = frame.particles.position.copy()
         position[~held, :2] = np.subtract(grid.some_place(), frame.origin[:2])
@@ -321,7 +342,7 @@ class Sequence:
             self.solver = after.coupled(self.solver, self._outside(before, frame, switched.rest), terrain)
 
     def _outside(self, before, frame, rest):
-        """The ColumnSolver of the remaining columns `rest` of `frame` (None: there are none yet)."""
+        """Return the ColumnSolver of the remaining columns `rest` of `frame` (None: there are none yet)."""
         if rest is None:
             rest = replace(frame, particles=frame.particles.take(slice(0, 0)), state={}, maxima={})
         start = replace(rest, time=frame.time, step=0)
@@ -329,29 +350,36 @@ class Sequence:
         return before.watch(columns)
 
     def _taken_in_now(self):
-        """Features that the solver of the current stage has turned on, in plain numbers."""
+        """Return the features that the solver of the current stage has turned on, in plain numbers."""
         parts = [(self.number + 1, self.solver)]
         if self.stage.has_columns_outside:  # the columns are of the stage before
             parts = [(self.number + 1, self.solver.points_solver), (self.number, self.solver.columns_solver)]
         return [{"stage": number, **taken._asdict()} for number, solver in parts for taken in solver.taken_in]
 
     @property
-    def taken_in(self):
+    def taken_in(self) -> list[dict]:
+        """Spatial features whose effect was off until the flow reached them, in plain numbers."""
         return [taken for stage in self.past for taken in stage.get("taken_in", ())] + self._taken_in_now()
 
-    def stage_now(self, number):
-        """The Stage `number`, from 0, with the effects that the flow has turned on."""
+    def stage_now(self, number: int) -> "Stage":
+        """Return a stage with the effects that the flow has turned on.
+
+        Parameters
+        ----------
+        number : int
+            Of the stage, from 0.
+        """
         stage = self.prepared.stages[number]
         own = {feature.effect for feature in stage.features()}
         taken = {one["effect"] for one in self.taken_in if one["stage"] == number + 1}
         return stage.with_effects(tuple(sorted(own & taken)))
 
-    def balances(self):
-        """Balances of each stage at its end, or now."""
+    def balances(self) -> list[dict]:
+        """Return the balances of each stage at its end, or now."""
         return [*(stage["balances"] for stage in self.past), self.solver.balances()]
 
-    def mass_account(self):
-        """Mass account [kg]: mass on the terrain, mass that left it, and mass left out at switches."""
+    def mass_account(self) -> dict:
+        """Return the mass account [kg]: mass on the terrain, mass that left it, and mass left out at switches."""
         balances_of_stages = self.balances()
         switches = [stage["switch"] for stage in self.past]
         released = balances_of_stages[0].get("mass_released", balances_of_stages[0]["mass_start"])
@@ -383,7 +411,7 @@ class Sequence:
         }
 
     def _energy_account(self, balances_of_stages):
-        """Energy lost in stages and at switches [J].
+        """Return the energy lost in stages and at switches [J].
 
         A conversion between columns and points changes vertical velocity and height, and therefore the energy; this is
         also true for each column that enters a window.

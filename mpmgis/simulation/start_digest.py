@@ -1,12 +1,24 @@
-"""The digest of all input that a run reads, which a restart compares."""
+"""Compute the digest of all input that a run reads, which a restart compares."""
 
 import hashlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+if TYPE_CHECKING:
+    import shapely
 
-def start_digest(terrain, frame, events, *places, shapes=()):
-    """Hex digest of all input that a run reads from the files of its scene.
+    from ..frames.particles import Frame
+    from ..solvers.columns.feature_arrays import Places
+    from ..terrain.elevation import Terrain
+    from .events import Events
+
+
+def start_digest(
+    terrain: "Terrain", frame: "Frame", events: "Events", *places: "Places", shapes: "Sequence[shapely.Geometry]" = ()
+) -> str:
+    """Return the hex digest of all input that a run reads from the files of its scene.
 
     It is computed from the data read, not from files: a comment in a table or statistics of a raster have no effect;
     a height in the second file of a virtual raster, or a layer of a database in a folder, has.

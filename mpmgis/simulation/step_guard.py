@@ -1,8 +1,23 @@
-"""The last valid state of a time integration, from which it repeats steps that fail with shorter ones."""
+"""Keep the last valid state of a time integration, from which it repeats steps that fail with shorter ones.
+
+The last valid state is that of the last frame, which contains the state for a restart: keeping it costs no time. After
+a failure the run continues from it with smaller steps, and with full steps again from the next frame on. A run that is
+resumed at any frame fails and continues in the same way, bitwise identical.
+"""
 
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 from ..system.errors import UnphysicalError
+
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..solvers.columns.column_solver import ColumnSolver
+    from ..solvers.points.point_solver import PointSolver
+    from .coupled_solver import CoupledSolver
+    from .events import Events
+    from .stage_end import StageEnd
+    from .stepping import IntegratedColumns, IntegratedCoupled, IntegratedPoints
 
 HALVINGS = 5  # of the time step, before a run is stopped
 
@@ -10,20 +25,40 @@ HALVINGS = 5  # of the time step, before a run is stopped
 class Guard:
     """Keeps the last valid state of a time integration.
 
+    Parameters
+    ----------
+    solver : ColumnSolver, PointSolver or CoupledSolver
+    stepper : IntegratedColumns, IntegratedPoints or IntegratedCoupled
+        Interface of the solver.
+    events : Events
+    stage_end : StageEnd
+
     Attributes
     ----------
     resolved : list of str
         Failures that were resolved with smaller steps, one line each.
     """
 
-    def __init__(self, solver, side, events, stage_end):
-        self._solver, self._side, self._events, self._stage_end = solver, side, events, stage_end
+    def __init__(
+        self,
+        solver: "ColumnSolver | PointSolver | CoupledSolver",
+        stepper: "IntegratedColumns | IntegratedPoints | IntegratedCoupled",
+        events: "Events",
+        stage_end: "StageEnd",
+    ) -> None:
+        self._solver, self._stepper, self._events, self._stage_end = solver, stepper, events, stage_end
         self._kept, self._calm_since, self._halvings, self._first = None, -1.0, 0, ""
-        self._look = None  # energies of the last valid state
+        self._energies = None  # of the last valid state
         self.resolved = []
 
-    def keep(self, frame):
-        """Keep `frame`, with the state of solver and events, as the last valid one; continue with full steps."""
+    def keep(self, frame: "Frame") -> None:
+        """Keep a frame as the last valid state, and continue with full steps.
+
+        Parameters
+        ----------
+        frame : Frame
+            With the state of solver and events.
+        """
         if self._halvings:
             self._solver.share_step(1.0)
             self.resolved.append(
@@ -31,18 +66,31 @@ class Guard:
             )
         ids = SimpleNamespace(id=frame.particles.id)
         self._kept = SimpleNamespace(time=frame.time, state=frame.state, particles=ids)
-        self._look = self._side.look()
+        self._energies = self._stepper.energy_look()
         self._calm_since, self._halvings, self._first = self._stage_end.calm_since, 0, ""
 
-    def trouble(self, code, at_frame):
-        """Message with E and N for a present error; '' for none. Energy is checked at the times of frames."""
-        trouble = self._side.trouble(code)
-        if trouble or not at_frame or self._look is None or not self._side.particles:
-            return trouble
-        return self._side.energy_trouble(self._look)
+    def trouble(self, code: int, at_frame: bool) -> str:
+        """Return a message with E and N about a present error; '' for none.
 
-    def go_back(self, trouble):
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
+        at_frame : bool
+            It is the time of a frame: the energy is checked too.
+        """
+        trouble = self._stepper.trouble(code)
+        if trouble or not at_frame or self._energies is None or not self._stepper.particles:
+            return trouble
+        return self._stepper.energy_trouble(self._energies)
+
+    def go_back(self, trouble: str) -> None:
         """Return to the last valid state, with half the step.
+
+        Parameters
+        ----------
+        trouble : str
+            Message about the error.
 
         Raises
         ------

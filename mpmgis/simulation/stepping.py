@@ -1,6 +1,8 @@
-"""One interface for the time integration of each solver, and the speed of its first seconds."""
+"""Common interface of all solvers for the time integration, and the speed of their first steps."""
 
+from collections.abc import Callable
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +12,17 @@ from ..solvers.points import point_loop as point_kernel
 from ..solvers.points.point_solver import PointSolver
 from .coupled_solver import OF_COLUMNS, CoupledSolver
 
-REST_SECONDS, REST_SHARE = 2.0, 0.01  # a 3D flow is at rest below this share of its peak kinetic energy
-STOPPED_AT_REST = 100  # in addition to the reasons of the kernel
-STILL_FLOWS, FLOWING_SHARE = 1.0, 0.05  # [m s-1] and share of the mass, from which the reason to end mentions it
+if TYPE_CHECKING:
+    from ..frames.particle_store import EnergyLook
+    from ..frames.particles import Particles
+    from ..frames.watched_features import TakenIn
+    from ..solvers.columns.column_solver import ColumnSolver
+
+REST_SHARE = 0.01  # [1] of its peak kinetic energy, below which a 3D flow is at rest
+REST_SECONDS = 2.0  # [s] for which it must be at rest before the run ends
+STOPPED_AT_REST = 100  # reason to end, in addition to those of the kernel
+STILL_FLOWS = 1.0  # [m s-1] faster material still flows
+FLOWING_SHARE = 0.05  # [1] of the mass that still flows, above which the reason to end mentions it
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
 NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
 COLUMN_REASONS = {
@@ -25,12 +35,22 @@ COLUMN_REASONS = {
     column_clock.ALL_LEFT: ALL_LEFT,
 }
 POINT_REASONS = {point_kernel.REACHED_TIME: END_TIME, STOPPED_AT_REST: NEARLY_AT_REST, point_kernel.ALL_LEFT: ALL_LEFT}
-PACE_SECONDS = 2.0
-COMPILING_STEPS, FIRST_STEPS = 2, 4
+PACE_SECONDS = 2.0  # [s] wall time of a measurement of the pace
+COMPILING_STEPS = 2  # before the measurement
+FIRST_STEPS = 4  # between the first two readings of the clock
 
 
-def end_reason(stepper, code):
-    """The reason to end `code` in words; material that still flows when the flow is nearly at rest is mentioned."""
+def end_reason(stepper: "IntegratedColumns | IntegratedPoints | IntegratedCoupled", code: int) -> str:
+    """Return the reason for the end in words.
+
+    Material that still flows when the flow is nearly at rest is mentioned.
+
+    Parameters
+    ----------
+    stepper : IntegratedColumns, IntegratedPoints or IntegratedCoupled
+    code : int
+        Key of its END_REASONS.
+    """
     reason = stepper.END_REASONS[code]
     if reason != NEARLY_AT_REST:
         return reason
@@ -40,47 +60,87 @@ def end_reason(stepper, code):
     return f"{reason}; {100 * share:.0f} % of the mass is still faster than 1 m/s" if share > FLOWING_SHARE else reason
 
 
-def stepper_of(solver):
-    """The interface of `solver` for the time integration."""
+def stepper_of(
+    solver: "ColumnSolver | PointSolver | CoupledSolver",
+) -> "IntegratedColumns | IntegratedPoints | IntegratedCoupled":
+    """Return the interface of a solver for the time integration.
+
+    Parameters
+    ----------
+    solver : ColumnSolver, PointSolver or CoupledSolver
+    """
     if isinstance(solver, CoupledSolver):
         return IntegratedCoupled(solver)
     return IntegratedPoints(solver) if isinstance(solver, PointSolver) else IntegratedColumns(solver)
 
 
 class IntegratedColumns:
-    """Interface of the depth-averaged solver."""
+    """Interface of the depth-averaged solver.
+
+    Parameters
+    ----------
+    solver : ColumnSolver
+    """
 
     RUNNING, REACHED_TIME = column_clock.RUNNING, column_clock.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = column_clock.ALL_LEFT, column_clock.TRIGGER_REACHED
     WATCHED_REACHED = column_clock.WATCHED_REACHED
     END_REASONS = COLUMN_REASONS
 
-    def __init__(self, solver):
+    def __init__(self, solver: "ColumnSolver") -> None:
         self.solver = solver
 
     @property
-    def particles(self):
+    def particles(self) -> int:
         """Number of columns on the terrain now."""
         return self.solver.columns
 
-    def moving(self):
-        """The Particles on the terrain now."""
+    def moving(self) -> "Particles":
+        """Return the columns that are on the terrain now."""
         return self.solver.frame().particles
 
-    def advance(self, until, after, max_steps, may_stop):
-        """Advance to `until` [s] or by `max_steps`; returns the kernel's reason to stop."""
+    def advance(self, until: float, after: float, max_steps: int, may_stop: bool) -> int:
+        """Advance the solver and return the reason of its kernel to stop.
+
+        Parameters
+        ----------
+        until : float [s]
+        after : float [s]
+            Not used.
+        max_steps : int
+        may_stop : bool
+            The flow can come to rest: no inflow follows.
+        """
         return self.solver.advance(until, max_steps, may_stop)
 
-    def take_in(self, code):
-        """Features switched on because the flow reached them, for the reason `code` of the kernel."""
+    def take_in(self, code: int) -> "tuple[TakenIn, ...]":
+        """Switch on features that the flow reached, and return them.
+
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
+        """
         return self.solver.take_in() if code == self.WATCHED_REACHED else ()
 
-    def at_frame(self, code):
-        """The reason to end at the time of a frame, else `code`; columns check for rest in every step."""
+    def at_frame(self, code: int) -> int:
+        """Return the reason to stop at the time of a frame: `code`, as columns check for rest in every step.
+
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
+        """
         return code
 
-    def trouble(self, code):
-        """Message with E and N for an error of reason `code`; '' for none."""
+    def trouble(self, code: int) -> str:
+        """Return a message with E and N about an error; '' for none.
+
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
+        """
         if code not in (column_clock.NOT_FINITE_STATE, column_clock.TOO_FAST):
             return ""
         east, north, bad, ratio, share = self.solver.trouble()
@@ -93,50 +153,89 @@ class IntegratedColumns:
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
 
-    def look(self):
-        """Present energies, for comparison with later ones."""
+    def energy_look(self) -> "EnergyLook":
+        """Return the present energies, for comparison with later ones."""
         return self.solver.energy_look()
 
-    def energy_trouble(self, last):
-        """Message with E and N for energy gained since the look `last`; '' for none."""
+    def energy_trouble(self, last: "EnergyLook") -> str:
+        """Return a message with E and N about energy gained since `last`; '' for none.
+
+        Parameters
+        ----------
+        last : EnergyLook
+            Earlier result of `energy_look`.
+        """
         return _energy_trouble(self.solver, last, "columns")
 
 
 class IntegratedPoints:
-    """Interface of the 3D solver; rest is checked at the times of frames only, so that a restart gives the same."""
+    """Interface of the 3D solver; rest is checked only at the times of frames, so that a restart gives the same.
+
+    Parameters
+    ----------
+    solver : PointSolver
+    """
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, None
     WATCHED_REACHED = point_kernel.WATCHED_REACHED
     END_REASONS = POINT_REASONS
 
-    def __init__(self, solver):
+    def __init__(self, solver: PointSolver) -> None:
         self.solver = solver
 
     @property
-    def particles(self):
+    def particles(self) -> int:
         """Number of points on the terrain now."""
         return self.solver.points
 
-    def moving(self):
-        """As for columns."""
+    def moving(self) -> "Particles":
+        """Return the points that are on the terrain now."""
         return self.solver.frame().particles
 
-    def advance(self, until, after, max_steps, may_stop):
-        """Advance to `until` [s] (then `after` [s]) or by `max_steps`; returns the reason of the kernel."""
+    def advance(self, until: float, after: float, max_steps: int, may_stop: bool) -> int:
+        """Advance the solver and return the reason of its kernel to stop.
+
+        Parameters
+        ----------
+        until : float [s]
+        after : float [s]
+            Time that will be requested next.
+        max_steps : int
+        may_stop : bool
+            Not used.
+        """
         return self.solver.advance(until, after, max_steps)
 
-    def take_in(self, code):
-        """Features switched on because the flow reached them, for the reason `code` of the kernel."""
+    def take_in(self, code: int) -> "tuple[TakenIn, ...]":
+        """Switch on features that the flow reached, and return them.
+
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
+        """
         return self.solver.take_in() if code == self.WATCHED_REACHED else ()
 
-    def at_frame(self, code):
-        """The reason to end at the time of a frame, else `code`."""
+    def at_frame(self, code: int) -> int:
+        """Return STOPPED_AT_REST if the points are at rest at the time of a frame, else `code`.
+
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
+        """
         self.solver.note_deepest()
         return _rested(self.solver, code)
 
-    def trouble(self, code):
-        """Message with E and N for an error of reason `code`; '' for none."""
+    def trouble(self, code: int) -> str:
+        """Return a message with E and N about an error; '' for none.
+
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
+        """
         if code not in (point_kernel.NOT_FINITE_STATE, point_kernel.LEAKED, point_kernel.SCATTERED):
             return ""
         if code == point_kernel.SCATTERED:
@@ -155,17 +254,23 @@ class IntegratedPoints:
             )
         return f"E {east:.1f} N {north:.1f}: {what}"
 
-    def look(self):
-        """As for columns."""
+    def energy_look(self) -> "EnergyLook":
+        """Return the present energies, for comparison with later ones."""
         return self.solver.energy_look()
 
-    def energy_trouble(self, last):
-        """As for columns."""
+    def energy_trouble(self, last: "EnergyLook") -> str:
+        """Return a message with E and N about energy gained since `last`; '' for none.
+
+        Parameters
+        ----------
+        last : EnergyLook
+            Earlier result of `energy_look`.
+        """
         return _energy_trouble(self.solver, last, "points")
 
 
 def _energy_trouble(solver, last, name):
-    """Message for energy that `solver` (particles `name`) gained since the EnergyLook `last`, or ''."""
+    """Return a message about energy that `solver` (particles `name`) gained since the EnergyLook `last`, or ''."""
     share, made = solver.energy_look().gained_since(last)
     if share <= GAIN_STOP:
         return ""
@@ -178,67 +283,122 @@ def _energy_trouble(solver, last, name):
 
 
 def _rested(solver, code):
-    """STOPPED_AT_REST if the points are at rest and may stop, else `code`."""
+    """Return STOPPED_AT_REST if the points are at rest and may stop, else `code`."""
     rests = solver.resting_for(REST_SHARE) >= REST_SECONDS
     return STOPPED_AT_REST if rests and solver.numerics.stop_at_rest else code
 
 
 class IntegratedCoupled:
-    """Interface of the coupled solver, points with columns around them."""
+    """Interface of the coupled solver, points with columns around them.
+
+    Parameters
+    ----------
+    solver : CoupledSolver
+    """
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_clock.TRIGGER_REACHED
     END_REASONS = POINT_REASONS
 
-    def __init__(self, solver):
+    def __init__(self, solver: CoupledSolver) -> None:
         self.solver = solver
         self._points, self._columns = IntegratedPoints(solver.points_solver), IntegratedColumns(solver.columns_solver)
 
     @property
-    def particles(self):
+    def particles(self) -> int:
         """Number of points and columns on the terrain now."""
         return self.solver.particles
 
-    def moving(self):
-        """As for columns, of the points only, which determine the end."""
+    def moving(self) -> "Particles":
+        """Return the points that are on the terrain now: they alone determine the end."""
         return self._points.moving()
 
-    def advance(self, until, after, max_steps, may_stop):
-        """Advance to `until` [s] (then `after` [s]) or by `max_steps` of the points; returns the reason."""
+    def advance(self, until: float, after: float, max_steps: int, may_stop: bool) -> int:
+        """Advance both solvers and return the reason to stop.
+
+        Parameters
+        ----------
+        until : float [s]
+        after : float [s]
+            Time that will be requested next.
+        max_steps : int
+            Of the points.
+        may_stop : bool
+            Not used.
+        """
         return self.solver.advance(until, after, max_steps)
 
-    def take_in(self, code):
-        """Features switched on because points or columns reached them, for the reason `code` of their kernel."""
+    def take_in(self, code: int) -> "tuple[TakenIn, ...]":
+        """Switch on features that points or columns reached, and return them.
+
+        Parameters
+        ----------
+        code : int
+            Reason to stop.
+        """
         return self._columns.take_in(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.take_in(code)
 
-    def at_frame(self, code):
-        """The reason to end at the time of a frame, else `code`."""
+    def at_frame(self, code: int) -> int:
+        """Return STOPPED_AT_REST if the points are at rest at the time of a frame, else `code`.
+
+        Parameters
+        ----------
+        code : int
+            Reason to stop.
+        """
         self.solver.points_solver.note_deepest()
         return _rested(self.solver, code)
 
-    def trouble(self, code):
-        """Message with E and N for an error of reason `code`; '' for none."""
+    def trouble(self, code: int) -> str:
+        """Return a message with E and N about an error; '' for none.
+
+        Parameters
+        ----------
+        code : int
+            Reason to stop.
+        """
         return self._columns.trouble(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.trouble(code)
 
-    def look(self):
-        """As for columns, of both solvers."""
-        return self._points.look(), self._columns.look()
+    def energy_look(self) -> "tuple[EnergyLook, EnergyLook]":
+        """Return the present energies of points and of columns, for comparison with later ones."""
+        return self._points.energy_look(), self._columns.energy_look()
 
-    def energy_trouble(self, last):
-        """As for columns, of either solver."""
+    def energy_trouble(self, last: "tuple[EnergyLook, EnergyLook]") -> str:
+        """Return a message with E and N about energy that either solver gained since `last`; '' for none.
+
+        Parameters
+        ----------
+        last : (EnergyLook, EnergyLook)
+            Earlier result of `energy_look`.
+        """
         return self._points.energy_trouble(last[0]) or self._columns.energy_trouble(last[1])
 
 
-def measured_pace(solver, seconds=PACE_SECONDS, clock=perf_counter):
-    """Wall time [s] per step and particle of `solver`, advanced for `seconds`; None if nothing moves.
+def measured_pace(
+    solver: "ColumnSolver | PointSolver", seconds: float = PACE_SECONDS, clock: Callable[[], float] = perf_counter
+) -> float | None:
+    """Measure the wall time of a step for each particle; the solver cannot be used afterwards.
 
-    Compile time is excluded. The solver cannot be used afterwards.
+    Compile time is excluded.
+
+    Parameters
+    ----------
+    solver : ColumnSolver or PointSolver
+    seconds : float [s]
+        Wall time of the measurement.
+    clock : callable
+        Returns the wall time [s].
+
+    Returns
+    -------
+    float [s] or None
+        None if nothing moves.
     """
-    side = stepper_of(solver)
+    stepper = stepper_of(solver)
     solver.advance(float("inf"), max_steps=COMPILING_STEPS)
     done, steps, began = 0, FIRST_STEPS, clock()
     while clock() - began < seconds:
-        before, particles = solver.step, side.particles
+        before, particles = solver.step, stepper.particles
         solver.advance(float("inf"), max_steps=steps)
         if solver.step == before:
             break

@@ -1,23 +1,37 @@
-"""Warm-up: a few particles pass all stages of a run before its start, so that all kernels are compiled."""
+"""Compile all kernels of a run before its start: a few particles pass all its stages."""
 
 import threading
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..system.errors import MpmgisError
 from ..system.messages import log
 
+if TYPE_CHECKING:
+    from ..conversion.solver_switch import Switched
+    from ..frames.particles import Frame
+    from ..terrain.elevation import Terrain
+    from .preparation import Prepared
+    from .stage import Stage
+
 FEW = 16  # particles that pass the stages
-LOG_SECONDS = 3.0  # a message is logged if a stage takes longer; loading takes less
+LOG_SECONDS = 3.0  # [s] wall time of a stage after which a message is logged; loading kernels takes less
 
 
-def warm_up(prepared, first=0):
-    """Compile, or load from the disk cache, the kernels of the stages from number `first` on, by a step in each.
+def warm_up(prepared: "Prepared", first: int = 0) -> "list[Frame]":
+    """Compile the kernels of a run, or load them from the disk cache, by a step in each stage.
 
     The run is not changed. An error at a switch ends the warm-up; the run will raise it again.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    first : int
+        Number, from 0, of the first stage whose kernels are compiled.
 
     Returns
     -------
@@ -47,15 +61,36 @@ def warm_up(prepared, first=0):
     return frames
 
 
-def switched_sample(stage, before, frame, terrain):
-    """The Switched of a `frame` of stage `before` for `stage`, without its window."""
+def switched_sample(stage: "Stage", before: "Stage", frame: "Frame", terrain: "Terrain") -> "Switched":
+    """Convert a frame of stage `before` for `stage`, without its window.
+
+    Parameters
+    ----------
+    stage, before : Stage
+    frame : Frame
+    terrain : Terrain
+    """
     return replace(stage, window=None).switched_from(before, frame, terrain)
 
 
-def sample_of(prepared, most):
-    """(Frame, vertical stress, velocity gradient) of at most `most` particles, those in the middle.
+def sample_of(prepared: "Prepared", most: int) -> "tuple[Frame, np.ndarray | None, np.ndarray | None]":
+    """Return a few particles in the middle of the start of a run.
 
     They are taken from the start of the first stage, or from later releases if it starts empty.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    most : int
+        Largest number of particles.
+
+    Returns
+    -------
+    frame : Frame
+    vertical_stress : float64[n] [Pa] or None
+        Of points.
+    gradient : float64[n, 3, 3] [s-1] or None
+        Velocity gradient of points.
     """
     frame = prepared.frame if len(prepared.frame.particles) else prepared.seen
     middle = np.abs(np.subtract(frame.map_xy(), np.median(frame.map_xy(), axis=1)[:, None])).max(axis=0)

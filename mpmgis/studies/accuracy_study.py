@@ -1,14 +1,16 @@
-"""`mpmgis study`: accuracy of a scene against computing time, as a table, a plot and text."""
+"""Measure the accuracy of a scene against its computing time (`mpmgis study`): a table, a plot and text."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..maps.averaging.cells import Bed
 from ..results.comparison import nearest
-from ..simulation.cost_prediction import predicted_cost, tried
+from ..simulation.cost_prediction import predicted_cost, tried_machine
 from ..simulation.numerical_parameters import crossed, one_at_a_time, parameters_of, reference
 from ..simulation.preparation import prepare, prepare_scene
 from ..simulation.scene_files import input_files
@@ -22,30 +24,24 @@ from ..system.messages import log, muted
 from ..system.whole_files import whole_folder
 from ..terrain.grid import Grid
 from ..terrain.spatial_inputs import read_placed_raster
-from .run_measures import (
-    NAMES,
-    Errors,
-    ExportSetting,
-    ExportSweep,
-    State,
-    StudyCells,
-    centre_of,
-    errors_against_exact,
-    errors_of,
-    outcomes,
-)
-from .study_plots import read_other_results, write_plot
+from .export_sweep import ExportSetting, ExportSweep
+from .other_results import read_other_results
+from .run_measures import NAMES, Errors, State, StudyCells, centre_of, errors_against_exact, errors_of, outcomes
+from .study_plots import write_plot
 from .study_table import OtherResult, Row, Study
 
+if TYPE_CHECKING:
+    from .study_table import Choice
+
 TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
-LOOKS = 4  # times at which flows are compared, including the end
-ASK_SECONDS = 600.0
-TRIAL_SECONDS = 10.0  # of steps; a trial of this machine takes a tenth for each solver
+COMPARISONS = 4  # number of times at which flows are compared, including the end
+ASK_SECONDS = 600.0  # [s] predicted time of a study above which it must be confirmed
+TRIAL_SECONDS = 10.0  # [s] of steps; a trial of this machine takes a tenth of it for each solver
 
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """A study; `study` describes its options."""
+    """Request for a study, with the options of `mpmgis study`."""
 
     scene: Path
     output: Path | None = None
@@ -66,16 +62,39 @@ class StudyRequest:
 
 @dataclass(frozen=True)
 class StudyFound:
-    """Results: the Study, the Choice for the target error (or None), and the files."""
+    """Results of a study.
 
-    study: object
-    choice: object
+    Parameters
+    ----------
+    study : Study
+    choice : Choice or None
+        For the target error.
+    lines : tuple of str
+        The conclusions.
+    files : tuple of Path
+    """
+
+    study: Study
+    choice: "Choice | None"
     lines: tuple
     files: tuple
 
 
-def study(request: StudyRequest, *, confirm=lambda question: True, watch=lambda solver, end_time: None):
+def study(
+    request: StudyRequest,
+    *,
+    confirm: Callable[[str], bool] = lambda question: True,
+    watch: Callable = lambda solver, end_time: None,
+) -> StudyFound:
     """Run the scene with its settings changed one at a time; compare with a finer run or an exact solution.
+
+    Parameters
+    ----------
+    request : StudyRequest
+    confirm : callable
+        Question -> whether to run a long study.
+    watch : callable
+        Called with (solver, end time [s]) a few times a second.
 
     Returns
     -------
@@ -115,7 +134,7 @@ def _require_possible(request):
         raise InputError("`exact` needs no finer run; leave `refinement` out")
 
 
-def _study(request, output, confirm, watch):
+def _study(request: StudyRequest, output: Path, confirm: Callable, watch: Callable) -> StudyFound:
     base = prepare(request.scene, request.law)
     given = input_inside(output, input_files(request.scene, base.scene, request.law))
     if given is not None:
@@ -125,7 +144,7 @@ def _study(request, output, confirm, watch):
     finer = None
     if request.exact is None:
         finer = reference(scene, settings, request.refinement)
-    cells, times = _cells(base), _interval(scene) * np.arange(1, LOOKS + 1)
+    cells, times = _cells(base), _interval(scene) * np.arange(1, COMPARISONS + 1)
     exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
     beside = tuple(_other_results(file, request, exact, base.terrain, cells.grid) for file in request.beside)
     threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
@@ -135,7 +154,7 @@ def _study(request, output, confirm, watch):
     def machine():  # a trial, after compilation of the first setting
         with muted():
             warm_up(base)
-        return tried(base, threads, TRIAL_SECONDS)
+        return tried_machine(base, threads, TRIAL_SECONDS)
 
     def run(settings, repeats, begun=lambda turn, number: None):
         return outcomes(
@@ -168,12 +187,12 @@ def _study(request, output, confirm, watch):
 
 
 def _interval(scene):
-    """Time [s] between two looks at the flow."""
-    return scene.output.end_time / LOOKS
+    """Return the time [s] between two comparisons of the flow."""
+    return scene.output.end_time / COMPARISONS
 
 
 class _Flow:
-    """The frames of a prepared run, `interval` [s] apart, and then its steps and the error of its mass."""
+    """Frames of a prepared run, `interval` [s] apart, and afterwards its steps and the error of its mass."""
 
     def __init__(self, prepared, interval, watch=lambda solver, end_time: None):
         output = replace(prepared.scene.output, frame_interval=float(interval))
@@ -203,7 +222,7 @@ def _errors(states, truth, exact) -> Errors:
 
 
 def _cells(base):
-    """The cells for comparing runs: the scene's cell size, with stages the largest, over the whole terrain."""
+    """Return the cells for comparing runs: the scene's cell size, with stages the largest, over the whole terrain."""
     west, south, east, north = base.terrain.grid.bounds
     size = max(stage.numerics.cell_size for stage in base.stages)
     shape = tuple(int(np.ceil(round(span / size, 6))) for span in (north - south, east - west))
@@ -212,13 +231,15 @@ def _cells(base):
 
 
 def _thickness(path, terrain, grid):
-    """float64[rows, columns] [m] of a raster of thickness on the study's cells."""
+    """Return the thickness of a raster on the cells of the study, float64[rows, columns] [m]."""
     values, own = read_placed_raster(path, terrain)
     return nearest(values, own, grid)
 
 
-def _other_results(path, request, exact, terrain, grid):
-    """Tuple of OtherResult from the table at `path`; errors of rasters are computed as for the study's own runs.
+def _other_results(
+    path: Path, request: StudyRequest, exact: np.ndarray | None, terrain: object, grid: Grid
+) -> tuple[OtherResult, ...]:
+    """Read results of other codes; errors of rasters are computed as for the study's own runs.
 
     Raises
     ------
@@ -239,7 +260,7 @@ def _other_results(path, request, exact, terrain, grid):
 
 
 def _state_of(thickness):
-    """A State with only the thickness; NaN is no flow."""
+    """Return a State with only the thickness; NaN is no flow."""
     return State(np.nan, np.nan_to_num(thickness), np.full((*thickness.shape, 2), np.nan), np.nan)
 
 
@@ -258,7 +279,7 @@ def _require_affordable(settings, finer, base, threads, repeats, confirm):
 
 
 def _exports(base):
-    """ExportSettings of the unchanged scene."""
+    """Return the ExportSettings of the unchanged scene."""
     interval, size = base.scene.output.frame_interval, min(stage.numerics.cell_size for stage in base.stages)
     log.info(f"exports: frames every {interval:g} s on cells of {0.5 * size:g} m and coarser")
     sweep = ExportSweep(

@@ -1,11 +1,10 @@
-"""`mpmgis calibrate`: posterior of parameters from observations of events, by runs and an emulator of their summaries.
+"""Calibrate parameters (`mpmgis calibrate`): their posterior from observed events, by runs and an emulator.
 
 Runs of three rounds: from the prior; from a first posterior, which refine the emulator where it matters; and from the
 posterior, for the maps. Each is an ensemble in the output folder, so a second start continues.
-
-Files of a calibration: record, tables, plots, and a map of the misfit of the best run of each event.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,22 +16,23 @@ from ..frames.run_terrain import terrain_of_rasters
 from ..system.errors import InputError
 from ..system.messages import log, muted
 from ..system.whole_files import refuse_other
-from .calibration_events import EventOnGrid, events_of
+from .calibration_events import events_of
 from .calibration_files import write_files
 from .calibration_priors import priors
 from .calibration_result import Calibration
 from .emulator import FEWEST, Emulator
 from .ensemble_plan import PlannedRuns, read_plan
 from .ensemble_runs import EnsembleRequest, ensemble
+from .event_comparison import EventOnGrid
 from .posterior import posterior, self_test, shares_of_scores
 from .sampling_plan import JOINT
 
-TESTED = 40  # runs of the self-test
+TESTED = 40  # number of runs in the self-test
 
 
 @dataclass(frozen=True)
 class CalibrateRequest:
-    """A calibration; `calibrate` describes its options."""
+    """Request for a calibration, with the options of `mpmgis calibrate`."""
 
     scene: Path
     output: Path | None = None
@@ -62,15 +62,36 @@ class CalibrateRequest:
 
 @dataclass(frozen=True)
 class CalibrateFound:
-    """The `folder`, its `files` (QGIS projects first), and the `result` (a Calibration)."""
+    """Results of a calibration.
+
+    Parameters
+    ----------
+    folder : Path
+    files : tuple of Path
+        QGIS projects first.
+    result : Calibration
+    """
 
     folder: Path
     files: tuple
     result: Calibration
 
 
-def calibrate(request: CalibrateRequest, *, confirm=lambda question: True, look=lambda *state: None) -> CalibrateFound:
-    """Posterior of the varied keys, with its plots, tables and maps.
+def calibrate(
+    request: CalibrateRequest,
+    *,
+    confirm: Callable[[str], bool] = lambda question: True,
+    look: Callable = lambda *state: None,
+) -> CalibrateFound:
+    """Compute the posterior of the varied keys, with its plots, tables and maps.
+
+    Parameters
+    ----------
+    request : CalibrateRequest
+    confirm : callable
+        Question -> whether to start long runs.
+    look : callable
+        Called with (done, total, left out) a few times a second.
 
     Raises
     ------
@@ -97,7 +118,7 @@ class _Study:
         self.prior = {**prior, "overwrite": request.overwrite}
 
     def _placed(self, event, prior):
-        """The observations of `event` on the grid of its runs; wrong ones are refused before the first run."""
+        """Return the observations of `event` on the grid of its runs; wrong ones are refused before the first run."""
         with muted():
             request = self._ensemble_request(event, self.output, self.request.samples, prior)
             study = PlannedRuns.of(request, read_plan(request)[0])
@@ -106,7 +127,8 @@ class _Study:
         on_grid.report_outline(prepared.seen)
         return on_grid
 
-    def found(self):
+    def found(self) -> CalibrateFound:
+        """Run all rounds and write the files."""
         request = self.request
         self._run("prior", request.samples, **self.prior)
         result = self._result(tests=0 if request.refine else TESTED)
@@ -120,7 +142,7 @@ class _Study:
         )
         return CalibrateFound(self.output, (*self.maps.values(), *files), result)
 
-    def _run_drawn(self, name, result, count, folder):
+    def _run_drawn(self, name: str, result: Calibration, count: int, folder: Path) -> None:
         """Run every event at `count` draws of the posterior, the same draws for each event."""
         shares = shares_of_scores(result.posterior.drawn(count, self.request.seed))
         vary = {
@@ -130,7 +152,7 @@ class _Study:
         self._run(name, count, vary=vary, sampling=JOINT, overwrite=True)
 
     def _run(self, name, count, **plan):
-        """An ensemble of each event in `runs/<event>/<name>`, or `predictive/<event>`."""
+        """Run an ensemble of each event in `runs/<event>/<name>`, or `predictive/<event>`."""
         members = {}
         for event in self.events:
             log.info(f"{event.name}: {count} runs, {ROUND_WORDS[name]}")
@@ -173,7 +195,7 @@ class _Study:
         return found
 
     def _result(self, tests):
-        """The Calibration by all runs so far, with a self-test of so many runs."""
+        """Return the Calibration by all runs so far, with a self-test of `tests` runs."""
         runs, seed = self.runs, self.request.seed
         count = len(runs[self.events[0].name])
         if count < FEWEST:
@@ -208,8 +230,18 @@ class _Study:
         )
 
 
-def finished_in_all(members):
-    """bool[n]: the runs of a round (event -> Members) that finished in every event."""
+def finished_in_all(members: dict[str, Members]) -> np.ndarray:
+    """Return which runs of a round finished in every event.
+
+    Parameters
+    ----------
+    members : dict of str to Members
+        By event.
+
+    Returns
+    -------
+    bool[n]
+    """
     return np.all([of.finished for of in members.values()], axis=0)
 
 

@@ -1,37 +1,38 @@
-"""Events of a calibration: their observations, and the same summaries of the observations and of the runs."""
+"""Read the events of a calibration with the files of their observations."""
 
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-import shapely
-
-from ..frames.ensemble_members import Members, read_band
-from ..frames.particles import Frame
-from ..results.comparison import nearest
-from ..results.flow_line import BANDS, PathBands, centre_line
 from ..scene.scene_reading import read_toml
 from ..system.errors import InputError
-from ..system.messages import log
-from ..terrain.elevation import Terrain
-from ..terrain.grid import Grid
-from ..terrain.observations import cells_within, read_line, read_outline, read_values
 from ..terrain.raster_input import read_raster
 from ..terrain.vector_table import read_table
-from .ensemble_member import DEPOSITED
+
+if TYPE_CHECKING:
+    from .calibration import CalibrateRequest
 
 EVENT_KEYS = ("scene", "observed", "points", "deposit", "volume", "line")
-DEPOSIT_ERROR = 0.1  # [m] of the thickness of an observed deposit
-RELEASE_MISSED = 0.2  # share of the release outside an outline from which a message is printed
-OUTSIDE_DTM = 0.05  # share of an outline without ground from which a message is printed
 
 
 @dataclass(frozen=True)
 class Event:
-    """Files of one event; `volume` is (value, standard deviation) [m3] of the deposit.
+    """Files of one event; at least one of observed, points, deposit and volume is given.
 
-    At least one of observed, points, deposit and volume is given.
+    Parameters
+    ----------
+    name : str
+    scene : Path
+    observed : Path or None
+        Outline of the whole flow.
+    points : Path or None
+        Values at points.
+    deposit : Path or None
+        Raster of the vertical thickness.
+    volume : (float, float) or None [m3]
+        Of the deposit, and its standard deviation.
+    line : Path or None
+        Path of the flow.
     """
 
     name: str
@@ -47,7 +48,7 @@ class Event:
         """Whether runs must keep their deposit."""
         return self.deposit is not None or self.volume is not None
 
-    def require_readable(self):
+    def require_readable(self) -> None:
         """Read the observations once, so that wrong files are refused before the first run.
 
         Raises
@@ -61,8 +62,12 @@ class Event:
             read_raster(self.deposit)
 
 
-def events_of(request) -> list[Event]:
-    """The event of a CalibrateRequest and those of its event files.
+def events_of(request: "CalibrateRequest") -> list[Event]:
+    """Return the event of a request and those of its event files.
+
+    Parameters
+    ----------
+    request : CalibrateRequest
 
     Raises
     ------
@@ -94,7 +99,7 @@ def events_of(request) -> list[Event]:
 
 
 def _read_event(path, request):
-    """The Event in a TOML file; its paths are relative to it."""
+    """Return the Event in a TOML file; its paths are relative to it."""
     tables = read_toml(path)
     wrong = [key for key in tables if key not in EVENT_KEYS]
     if wrong or "scene" not in tables:
@@ -106,8 +111,27 @@ def _read_event(path, request):
     return Event(path.stem, **files, volume=volume)
 
 
-def volume_of(text, error, where):
-    """(volume, standard deviation) [m3] of VOLUME or VOLUME:SD; None for None."""
+def volume_of(text: str | None, error: float, where: str) -> tuple[float, float] | None:
+    """Read a volume with its standard deviation from VOLUME or VOLUME:SD.
+
+    Parameters
+    ----------
+    text : str or None
+    error : float [1]
+        Standard deviation over the volume, where it is not given.
+    where : str
+        Origin of the text, for messages.
+
+    Returns
+    -------
+    (float, float) [m3] or None
+        None for None.
+
+    Raises
+    ------
+    InputError
+        Other text, or numbers that are not above 0.
+    """
     if text is None:
         return None
     try:
@@ -118,151 +142,3 @@ def volume_of(text, error, where):
     if len(given) > 1 or not (0 < value < float("inf") and 0 < deviation < float("inf")):
         raise InputError(f"{where} is {text!r}, expected VOLUME or VOLUME:SD in m3, above 0")
     return value, deviation
-
-
-@dataclass(frozen=True)
-class Compared:
-    """Summaries of one event: `names`, of the observations `observed` and `variances` float64[k], of the runs
-    `simulated` float64[n, k]."""
-
-    names: list
-    observed: np.ndarray
-    variances: np.ndarray
-    simulated: np.ndarray
-
-
-class EventOnGrid:
-    """The observations of an Event on the grid of its runs.
-
-    Parameters
-    ----------
-    event : Event
-    grid : Grid
-    terrain : Terrain
-    request : CalibrateRequest
-    """
-
-    def __init__(self, event: Event, grid: Grid, terrain: Terrain, request):
-        self.event, self.grid, self.terrain, self.request = event, grid, terrain, request
-        self.error = grid.cell_size if request.outline_error is None else request.outline_error
-        self.outline = None if event.observed is None else read_outline(event.observed, grid)
-        self.mask = None if self.outline is None else self._within(self.outline)
-        self.values = [] if event.points is None else read_values(event.points, grid, request.value_error)
-        self.deposit = None if event.deposit is None else self._deposit(event.deposit)
-        self.line = self._line()
-
-    def _within(self, shape):
-        return np.zeros(self.grid.shape, bool) if shape.is_empty else cells_within(shape, self.grid)
-
-    def _deposit(self, path):
-        """Vertical thickness [m] on the grid; NaN where it is not known, 0 for erosion."""
-        values, own = read_raster(path)
-        return np.maximum(nearest(values, own, self.grid), 0.0)
-
-    def _line(self):
-        if self.event.line is not None:
-            return read_line(self.event.line, self.grid)
-        if self.mask is None:
-            return None
-        if not self.mask.any():
-            cells = shapely.box(*self.grid.bounds)
-            fix = "use smaller cells" if self.outline.intersects(cells) else "it is outside the DTM; check its CRS"
-            raise InputError(f"{self.event.observed}: no cell of the runs lies in the outline; {fix}")
-        elevation = np.full(self.grid.shape, np.nan)
-        elevation[self.mask] = self.terrain.sample(*self.grid.xy(*np.nonzero(self.mask)))
-        line = centre_line([self.mask], [np.ones(self.grid.shape)], elevation, self.grid)
-        if line is None:
-            raise InputError(f"{self.event.observed}: no path is found in the outline; give `line`")
-        return line
-
-    def report_outline(self, release: Frame) -> None:
-        """Report an outline without the release of the scene, or with ground that the DTM does not have.
-
-        Parameters
-        ----------
-        release : Frame
-            Columns of all mass that may move.
-        """
-        if self.outline is None:
-            return
-        path, near = self.event.observed, shapely.buffer(self.outline, self.error)
-        missing = 1.0 - shapely.contains_xy(near, *release.map_xy()).mean()
-        if missing > RELEASE_MISSED:
-            log.info(
-                f"warning: {path} does not contain {missing:.0%} of the release of {self.event.scene.name}; expected "
-                "the outline of the whole flow from its top. If it is of the deposit only, give `deposit` or `volume`"
-            )
-        height = self.terrain.sample(*self.grid.xy(*np.nonzero(self.mask)))
-        beyond = 1.0 - np.isfinite(height).sum() * self.grid.cell_area / self.outline.area
-        if beyond > OUTSIDE_DTM:
-            log.info(f"warning: {beyond:.0%} of the area in {path} has no ground in the DTM and is not compared")
-
-    def compared(self, runs: list[tuple[Members, int]]) -> Compared:
-        """Summaries of the observations and of the `runs`, each a member of an ensemble by its index."""
-        parts = [self._outline_part(runs), self._point_part(runs), self._deposit_part(runs)]
-        parts = [part for part in parts if part is not None]
-        return Compared(
-            [name for part in parts for name in part.names],
-            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("observed", "variances")),
-            np.hstack([part.simulated for part in parts]),
-        )
-
-    def covered(self, run: tuple[Members, int]) -> np.ndarray:
-        """bool[rows, columns]: cells that a run covers."""
-        members, k = run
-        return np.nan_to_num(members.band(k, "h_max")) >= self.request.threshold
-
-    def _outline_part(self, runs):
-        if self.outline is None:
-            return None
-        union = self.mask.copy()
-        for run in runs:
-            union |= self.covered(run)
-        smaller, larger = (self._within(shapely.buffer(self.outline, by)) for by in (-self.error, self.error))
-        bands = PathBands.of(self.line, self.grid, union | larger)
-        simulated = np.array([bands.of_mask(self.covered(run)) for run in runs])
-        names = [f"{self.event.name}: {name}" for name in bands.names]
-        return Compared(names, bands.of_mask(self.mask), bands.deviations(smaller, larger, self.error) ** 2, simulated)
-
-    def _point_part(self, runs):
-        if not self.values:
-            return None
-        columns = []
-        for quantity in dict.fromkeys(value.quantity for value in self.values):
-            own = [value for value in self.values if value.quantity == quantity]
-            rows, cols = ([getattr(value, name) for value in own] for name in ("row", "column"))
-            dry = [members.figure("end_time_s")[k] if quantity == "t_arrival" else 0.0 for members, k in runs]
-            read = np.array([members.band(k, quantity)[rows, cols] for members, k in runs])
-            columns.append(np.where(np.isfinite(read), read, np.array(dry)[:, None]))
-        order = [
-            value
-            for q in dict.fromkeys(v.quantity for v in self.values)
-            for value in self.values
-            if value.quantity == q
-        ]
-        return Compared(
-            [f"{self.event.name}: {value.quantity} at {value.point}" for value in order],
-            np.array([value.value for value in order]),
-            np.array([value.deviation**2 for value in order]),
-            np.hstack(columns),
-        )
-
-    def _deposit_part(self, runs):
-        if not self.event.needs_deposit:
-            return None
-        thickness = [read_band(members.deposit(k), DEPOSITED.name) for members, k in runs]
-        parts = []
-        if self.deposit is not None:
-            known = np.isfinite(self.deposit)
-            bands = PathBands.of(self.line, self.grid, known)
-            observed = bands.of_volume(self.deposit)
-            area = bands.of_volume((self.deposit > 0).astype(float)) + self.error * self.grid.cell_size
-            variance = (self.request.value_error * observed) ** 2 + (DEPOSIT_ERROR * area) ** 2
-            names = [f"{self.event.name}: deposit_{k + 1}" for k in range(BANDS)]
-            parts.append((names, observed, variance, np.array([bands.of_volume(one) for one in thickness])))
-        if self.event.volume is not None:
-            value, deviation = self.event.volume
-            totals = np.array([[np.nansum(one) * self.grid.cell_area] for one in thickness])
-            parts.append(([f"{self.event.name}: volume"], np.array([value]), np.array([deviation**2]), totals))
-        names, observed, variances, simulated = zip(*parts, strict=True)
-        return Compared([*chain(*names)], np.concatenate(observed), np.concatenate(variances), np.hstack(simulated))

@@ -1,7 +1,8 @@
-"""Files of a calibration: record, tables, plots, map of misfits."""
+"""Write the files of a calibration: record, tables, plots, and a map of the misfit of the best run of each event."""
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,19 +16,23 @@ from ..system.whole_files import output_error, whole_file
 from .calibration_plots import write_pairs
 from .calibration_result import Calibration
 
-RECORD_FILE, SAMPLES_FILE, RUNS_FILE, PAIRS_FILE, MISFIT = (
-    "calibrate.json",
-    "samples.csv",
-    "runs.csv",
-    "pairs.png",
-    "misfit",
-)
-SAMPLES = 1000  # draws in the table
-SAMPLE_DIGITS = 4
+if TYPE_CHECKING:
+    from .calibration import CalibrateRequest
+    from .event_comparison import EventOnGrid
+
+RECORD_FILE = "calibrate.json"
+SAMPLES_FILE = "samples.csv"
+RUNS_FILE = "runs.csv"
+PAIRS_FILE = "pairs.png"
+MISFIT = "misfit"  # name of the map, without suffix
+SAMPLES = 1000  # number of draws in the table
+SAMPLE_DIGITS = 4  # significant digits of a draw
 
 
-def write_files(output: Path, result: Calibration, events: list, runs: dict, request) -> tuple:
-    """Write all files into the folder `output`; their paths, the record first.
+def write_files(
+    output: Path, result: Calibration, events: "list[EventOnGrid]", runs: dict, request: "CalibrateRequest"
+) -> tuple[Path, ...]:
+    """Write all files into a folder, and return their paths, the record first.
 
     Parameters
     ----------
@@ -35,7 +40,13 @@ def write_files(output: Path, result: Calibration, events: list, runs: dict, req
     result : Calibration
     events : list of EventOnGrid
     runs : dict of str to list of (Members, int)
+        By event.
     request : CalibrateRequest
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be created.
     """
     try:
         output.mkdir(parents=True, exist_ok=True)
@@ -94,8 +105,8 @@ def _plain(value):
     return list(value) if isinstance(value, tuple) else str(value)
 
 
-def _write_misfit(output, name, event, run):
-    """({"missed_m2", "over_covered_m2", "iou"} of the best run, paths of map, raster and style)."""
+def _write_misfit(output: Path, name: str, event: "EventOnGrid", run: tuple) -> tuple[dict, list]:
+    """Return ({"missed_m2", "over_covered_m2", "iou"} of the best run, paths of map, raster and style)."""
     covered, grid = event.covered(run), event.grid
     found = overlap(event.mask, covered, grid.cell_area)
     files = [output / f"{name}.{suffix}" for suffix in ("png", "tif", "qml")]

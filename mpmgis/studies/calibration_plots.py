@@ -1,4 +1,4 @@
-"""Plots of the pairs of parameters of a calibration."""
+"""Plot a calibration: histograms and pairs of the parameters, with prior, intervals and best run."""
 
 from pathlib import Path
 
@@ -7,8 +7,8 @@ import numpy as np
 from ..results.figure_style import COLOURS, dress, plot_file
 from .calibration_result import Calibration
 
-PANEL = 2.6  # [inch]
-BINS = 30
+PANEL = 2.6  # [inch] side of a plot
+BINS = 30  # of a histogram
 PRIOR, POSTERIOR, BEST, RUNS = "#777777", COLOURS[0], COLOURS[2], COLOURS[1]
 
 
@@ -42,7 +42,7 @@ def write_pairs(path: Path, result: Calibration, draws: np.ndarray) -> None:
 
 
 def _limits(result, k):
-    """Range of the axis of key `k`: nearly all of the prior, and all runs."""
+    """Return the range of the axis of key `k`: nearly all of the prior, and all runs."""
     prior = [*result.priors.values()][k]
     ends = [prior.at(0.001), prior.at(0.999), *result.values[:, k]]
     low, high = min(ends), max(ends)
@@ -75,7 +75,7 @@ def _draw_pair(axes, result, draws, across, up):
 
 
 def _draw_legend(axes, count):
-    """One legend: beside the marginal of a single key, in the empty corner of several."""
+    """Draw one legend: beside the marginal of a single key, in the empty corner of several."""
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if count > 1:
         more = axes[1, 0].get_legend_handles_labels()

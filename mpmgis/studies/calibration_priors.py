@@ -1,4 +1,4 @@
-"""Prior distributions of a calibration, by material and key."""
+"""Prior distributions of calibrated keys: shipped ranges by material, or the user's distributions."""
 
 from ..system.errors import InputError
 from .varied_keys import Spread, variation
@@ -12,14 +12,14 @@ RANGES = {
 
 
 def priors(vary: tuple | dict, material: str | None) -> dict[str, Spread]:
-    """Distribution by key.
+    """Return the prior distribution of each calibrated key.
 
     Parameters
     ----------
     vary : tuple of str, or dict
         KEY=DISTRIBUTION, or KEY for the range of the `material`; a dictionary has None there.
     material : str or None
-        Of RANGES.
+        Key of RANGES.
 
     Raises
     ------

@@ -1,7 +1,4 @@
-"""Results of a calibration: best run, intervals, identifiability, checks, rounded to what they are known to.
-
-Prior distributions of calibrated keys: shipped ranges by material, or the user's distributions.
-"""
+"""Results of a calibration: best run, intervals, identifiability and checks, with significant digits only."""
 
 import math
 from dataclasses import dataclass
@@ -10,13 +7,14 @@ import numpy as np
 
 from .posterior import INTERVAL, Posterior, SelfTest, identified_directions, shares_of_scores
 
-IDENTIFIED, BARELY = 0.5, 0.9  # deviation of the posterior over that of the prior
-TRADE_OFF = 0.6  # absolute correlation
+IDENTIFIED = 0.5  # [1] standard deviation of the posterior over that of the prior, up to which a key is identified
+BARELY = 0.9  # [1] the same, up to which it is partly identified
+TRADE_OFF = 0.6  # [1] absolute correlation from which a trade-off is reported
 SMALL_SAMPLE = 200  # effective draws below which the intervals are reported as rough
-DIGITS = 2  # of the width of an interval
-HUNDREDTHS = 0.1  # width that gives two decimals
-AT_END = 1.64  # normal score of a median at an end of the prior
-FITS = 2.0  # inflation above which the model is reported not to fit
+DIGITS = 2  # significant digits of the width of an interval
+HUNDREDTHS = 0.1  # width with which `rounded` gives two decimals
+AT_END = 1.64  # [1] normal score beyond which a median is at an end of the prior (outer 5 %)
+FITS = 2.0  # [1] inflation above which the model is reported not to fit
 
 
 @dataclass(frozen=True)
@@ -57,17 +55,32 @@ class Calibration:
         return int(np.argmin(self.misfits))
 
     def values_of(self, scores: np.ndarray) -> np.ndarray:
-        """float64[m, d]: parameters of normal scores."""
+        """Return the parameters of normal scores.
+
+        Parameters
+        ----------
+        scores : float64[m, d]
+
+        Returns
+        -------
+        float64[m, d]
+        """
         shares = shares_of_scores(np.asarray(scores))
         columns = [[one.at(s) for s in column] for one, column in zip(self.priors.values(), shares.T, strict=True)]
         return np.array(columns).T
 
     def intervals(self) -> np.ndarray:
-        """float64[3, d]: lower end of the 90 % interval, median, upper end."""
+        """Return the 90 % interval and the median of each parameter.
+
+        Returns
+        -------
+        float64[3, d]
+            Lower end of the interval, median, upper end.
+        """
         return self.values_of(self.posterior.quantiles((0.5 - INTERVAL / 2, 0.5, 0.5 + INTERVAL / 2)))
 
     def parameters(self) -> dict[str, dict]:
-        """Key -> its figures, rounded to two digits of the width of the interval."""
+        """Return the figures of each key, rounded to two digits of the width of its interval."""
         low, middle, high = self.intervals()
         ratios = np.sqrt(np.diag(self.posterior.covariance))
         found = {}
@@ -79,12 +92,12 @@ class Calibration:
                 "interval_90": [rounded(low[k], width), rounded(high[k], width)],
                 "prior": prior.text,
                 "deviation_over_prior": rounded(ratios[k], HUNDREDTHS),
-                "identified": word_of(ratios[k]),
+                "identified": identified_word(ratios[k]),
             }
         return found
 
     def trade_offs(self) -> list[dict]:
-        """Pairs of keys whose posterior correlation is large."""
+        """Return the pairs of keys whose posterior correlation is large."""
         covariance, keys = self.posterior.covariance, [*self.priors]
         deviations = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(deviations, deviations)
@@ -96,18 +109,18 @@ class Calibration:
         ]
 
     def directions(self) -> list[dict]:
-        """Combinations of the keys (weights of their normal scores), the best identified first."""
+        """Return the combinations of the keys (weights of their normal scores), the best identified first."""
         return [
             {
                 "weights": {key: rounded(w, HUNDREDTHS) for key, w in zip(self.priors, one.weights, strict=True)},
                 "deviation_over_prior": rounded(one.ratio, HUNDREDTHS),
-                "identified": word_of(one.ratio),
+                "identified": identified_word(one.ratio),
             }
             for one in identified_directions(self.posterior)
         ]
 
     def emulator_covered(self) -> float:
-        """Share of summaries of runs within the 90 % interval of the emulator without the run."""
+        """Return the share of summaries of runs within the 90 % interval of the emulator without the run."""
         from scipy.special import ndtri
 
         mean, variance = self.left_out
@@ -116,7 +129,7 @@ class Calibration:
         return float(inside[varies].mean()) if varies.any() else 1.0
 
     def record(self) -> dict:
-        """As the JSON file has it."""
+        """Return the content of the JSON file."""
         test = None
         if self.test is not None:
             test = {
@@ -138,7 +151,7 @@ class Calibration:
         }
 
     def remarks(self) -> list[str]:
-        """What limits the result."""
+        """Return what limits the result, one sentence each."""
         made = [
             f"{key}: the observations hardly constrain it; the interval is that of the prior"
             for key, one in self.parameters().items()
@@ -171,13 +184,24 @@ class Calibration:
                 yield key, f"the posterior lies at the {end} end of the prior; widen the prior"
 
 
-def word_of(ratio: float) -> str:
-    """How well a parameter with this deviation over the prior's is known."""
+def identified_word(ratio: float) -> str:
+    """Return in a word how well a parameter is known.
+
+    Parameters
+    ----------
+    ratio : float [1]
+        Standard deviation of the posterior over that of the prior.
+    """
     return "yes" if ratio <= IDENTIFIED else "partly" if ratio <= BARELY else "no"
 
 
 def rounded(value: float, width: float) -> float:
-    """`value` rounded to two digits of `width`."""
+    """Round a value to two digits of a width.
+
+    Parameters
+    ----------
+    value, width : float
+    """
     if not (math.isfinite(value) and width > 0):
         return float(value)
     return float(f"{round(float(value), DIGITS - 1 - math.floor(math.log10(width))):.10g}")

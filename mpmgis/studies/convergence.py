@@ -1,4 +1,4 @@
-"""Errors against the cell size, the Pareto front of settings, and the best next refinement.
+"""Fit errors to the cell size; find the Pareto front of settings and the best next refinement.
 
 A time is given as the range of its repeats, (min, max) [s]. Two settings with overlapping ranges are a tie: neither
 is faster. Errors are the same in every repeat.
@@ -11,15 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-LEAST_ORDER, MOST_ORDER = 0.2, 4.0
-FOLLOWED = 0.25  # largest spread of the logarithms for which errors follow a power law
-PAYING = 0.75  # ratio of errors after halving the cells, above which refinement is not worthwhile
-NEAR_FRONT = 1.5  # largest time ratio to the front at which a setting counts as on it
-LEAST_FALL = 0.05  # smallest relative reduction of the error that counts as more accurate
+LEAST_ORDER, MOST_ORDER = 0.2, 4.0  # [1] range in which the order is searched
+FOLLOWED = 0.25  # [1] largest spread of the logarithms for which errors follow a power law
+PAYING = 0.75  # [1] ratio of errors after halving the cells, above which refinement is not worthwhile
+NEAR_FRONT = 1.5  # [1] largest time ratio to the front at which a setting counts as on it
+LEAST_FALL = 0.05  # [1] smallest relative reduction of the error that counts as more accurate
 
 
 class Law(NamedTuple):
-    """error = factor * cell size ** order.
+    """Power law of the error: error = factor * cell size ** order.
 
     Parameters
     ----------
@@ -39,20 +39,41 @@ class Law(NamedTuple):
     independent: bool = False
 
     def error(self, cell_size: float) -> float:
-        """Error at `cell_size` [m]."""
+        """Return the error on cells of a size.
+
+        Parameters
+        ----------
+        cell_size : float [m]
+        """
         return self.factor * cell_size**self.order
 
     def cell_size(self, error: float) -> float:
-        """Cell size [m] at which the error is `error`."""
+        """Return the cell size [m] that gives an error.
+
+        Parameters
+        ----------
+        error : float
+        """
         return (error / self.factor) ** (1.0 / self.order)
 
 
 def fitted(cell_sizes: np.ndarray, errors: np.ndarray, finest: float = 0.0) -> Law | None:
-    """The Law fitted to `errors` on `cell_sizes` [m], measured against a run on cells of `finest` [m].
+    """Fit the Law to errors that were measured against a run on finer cells, or against an exact solution.
 
     Such an error is factor * (dx^p - finest^p) for equal kinds of error in reference and run, and
-    factor * sqrt(dx^2p + finest^2p) for independent errors; the better fit is used. `finest` = 0 is an exact solution.
-    None for fewer than two errors above 0, or if they follow no power law.
+    factor * sqrt(dx^2p + finest^2p) for independent errors; the better fit is used.
+
+    Parameters
+    ----------
+    cell_sizes : float64[n] [m]
+    errors : float64[n]
+    finest : float [m]
+        Cell size of the reference; 0 for an exact solution.
+
+    Returns
+    -------
+    Law or None
+        None for fewer than two errors above 0, or if they follow no power law.
     """
     dx, e = np.asarray(cell_sizes, float), np.asarray(errors, float)
     usable = np.isfinite(e) & (e > 0.0) & (dx > finest * (1.0 + 1e-9))
@@ -68,7 +89,7 @@ def fitted(cell_sizes: np.ndarray, errors: np.ndarray, finest: float = 0.0) -> L
 
 
 def _fitted(errors, shape, independent):
-    """The Law with the best fit of `shape(order)` to `errors`."""
+    """Return the Law with the best fit of `shape(order)` to `errors`."""
 
     def residual(order):
         return np.log(errors) - np.log(shape(order))
@@ -78,9 +99,17 @@ def _fitted(errors, shape, independent):
 
 
 def stops_paying(cell_sizes: np.ndarray, errors: np.ndarray) -> float | None:
-    """The cell size [m] below which refinement is not worthwhile: halving reduces the error by less than a quarter.
+    """Return the cell size below which refinement is not worthwhile: halving reduces the error by less than a quarter.
 
-    None if the error decreases over the whole range.
+    Parameters
+    ----------
+    cell_sizes : float64[n] [m]
+    errors : float64[n]
+
+    Returns
+    -------
+    float [m] or None
+        None if the error decreases over the whole range.
     """
     order = np.argsort(cell_sizes)[::-1]
     dx, e = np.asarray(cell_sizes, float)[order], np.asarray(errors, float)[order]
@@ -93,28 +122,71 @@ def stops_paying(cell_sizes: np.ndarray, errors: np.ndarray) -> float | None:
 
 
 def faster(spreads: np.ndarray) -> np.ndarray:
-    """bool[n, n]: setting i is faster than setting j, beyond the range of both."""
+    """Return whether setting i is faster than setting j, beyond the range of both.
+
+    Parameters
+    ----------
+    spreads : float64[n, 2] [s]
+        Smallest and largest time of each setting.
+
+    Returns
+    -------
+    bool[n, n]
+    """
     least, most = np.asarray(spreads, float).reshape(-1, 2).T
     return most[:, None] < least[None, :]
 
 
 def ties(spreads: np.ndarray) -> np.ndarray:
-    """bool[n, n]: neither of the two settings is faster; the diagonal is False."""
+    """Return whether neither of two settings is faster; the diagonal is False.
+
+    Parameters
+    ----------
+    spreads : float64[n, 2] [s]
+        Smallest and largest time of each setting.
+
+    Returns
+    -------
+    bool[n, n]
+    """
     first = faster(spreads)
     return ~(first | first.T | np.eye(len(first), dtype=bool))
 
 
 def on_front(spreads: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """bool[n]: Pareto front: no other setting is as accurate and faster, or more accurate and as fast."""
+    """Return which settings are on the Pareto front.
+
+    For these no other setting is as accurate and faster, or more accurate and as fast.
+
+    Parameters
+    ----------
+    spreads : float64[n, 2] [s]
+        Smallest and largest time of each setting.
+    errors : float64[n]
+
+    Returns
+    -------
+    bool[n]
+    """
     e, first = np.asarray(errors, float), faster(spreads)
     beaten = (first & (e[:, None] <= e[None, :])) | (~first.T & (e[:, None] < e[None, :]))
     return np.isfinite(e) & ~beaten.any(axis=0)
 
 
 def time_over_front(seconds: np.ndarray, spreads: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """float64[n]: time of each setting over that of the fastest one that is at least as accurate.
+    """Return the time of each setting over that of the fastest one that is at least as accurate.
 
-    1 on the front, and for a tie.
+    Parameters
+    ----------
+    seconds : float64[n] [s]
+    spreads : float64[n, 2] [s]
+        Smallest and largest time of each setting.
+    errors : float64[n]
+
+    Returns
+    -------
+    float64[n] [1]
+        1 on the front, and for a tie.
     """
     t, e, first = np.asarray(seconds, float), np.asarray(errors, float), faster(spreads)
     over = np.full(len(t), np.nan)
@@ -127,9 +199,17 @@ def time_over_front(seconds: np.ndarray, spreads: np.ndarray, errors: np.ndarray
 class Gain(NamedTuple):
     """Gain from changing one parameter of the scene.
 
-    setting: name and new value as text; time, error: ratios of the new setting to the scene [1], `time` 1 for a tie;
-    pays: logarithm of the error reduction over that of the time increase, infinite if the time does not increase;
-    least, most: range of `pays` from the ranges of both times.
+    Parameters
+    ----------
+    parameter : str
+    setting : str
+        Name and new value as text.
+    time, error : float [1]
+        Ratios of the new setting to the scene; `time` is 1 for a tie.
+    pays : float
+        Logarithm of the error reduction over that of the time increase; infinite if the time does not increase.
+    least, most : float
+        Range of `pays` from the ranges of both times.
     """
 
     parameter: str
@@ -142,9 +222,16 @@ class Gain(NamedTuple):
 
 
 def gains(base: tuple, others: Iterable[tuple]) -> list[Gain]:
-    """Gains of the `others`, each (parameter, setting, seconds, spread, error), over `base` (seconds, spread, error).
+    """Return the gains of settings over the scene, best first.
 
-    Only those that reduce the error by at least LEAST_FALL; best first.
+    Only those that reduce the error by at least LEAST_FALL are gains.
+
+    Parameters
+    ----------
+    base : (float [s], (float, float) [s], float)
+        Time, its range, and error of the scene.
+    others : iterable of (str, str, float [s], (float, float) [s], float)
+        Parameter, setting, time, its range, and error of each setting.
     """
     found, (whole, (base_least, base_most), base_error) = [], base
     for parameter, setting, seconds, (least, most), error in others:
@@ -158,8 +245,14 @@ def gains(base: tuple, others: Iterable[tuple]) -> list[Gain]:
     return sorted(found, key=lambda gain: (-gain.pays, gain.error))
 
 
-def alike(found: list[Gain]) -> list[Gain]:
-    """The first of the sorted Gains `found`, and all that are a tie with it within the range of `pays`."""
+def best_gains(found: list[Gain]) -> list[Gain]:
+    """Return the best gain, and all that are a tie with it within the range of `pays`.
+
+    Parameters
+    ----------
+    found : list of Gain
+        Sorted, at least one.
+    """
     return [gain for gain in found if gain is found[0] or gain.most >= found[0].least]
 
 

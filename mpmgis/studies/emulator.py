@@ -1,19 +1,35 @@
-"""Gaussian processes that stand for runs in a calibration."""
+"""Gaussian process emulator: summaries of runs as functions of their parameters, with the error of the interpolation.
+
+Each output has its own process with a constant mean, a Matern 5/2 correlation with one length per parameter, and a
+nugget (Rasmussen & Williams 2006, chapters 2, 4.2 and 5.4). Lengths and nugget maximise the likelihood; the mean is
+that of the runs and the variance is profiled out.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-LENGTHS = (0.05, 20.0)  # in parameters scaled to 0..1
-NUGGETS = (1e-6, 1.0)  # relative to the variance of the process
-STARTS = ((0.5, 1e-3), (2.0, 1e-2))  # of the optimisation: length, nugget
-FLAT = 1e-12  # relative spread of an output that counts as constant
-FEWEST = 8  # runs for an emulator
+LENGTHS = (0.05, 20.0)  # [1] allowed correlation lengths, of parameters scaled to 0..1
+NUGGETS = (1e-6, 1.0)  # [1] allowed nuggets, relative to the variance of the process
+STARTS = ((0.5, 1e-3), (2.0, 1e-2))  # of the optimisation: (length, nugget)
+FLAT = 1e-12  # [1] relative spread below which an output counts as constant
+FEWEST = 8  # number of runs that an emulator needs at least
 
 
 def matern(first: np.ndarray, second: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """float64[n, m]: Matern 5/2 correlations of the points float64[n, d] and float64[m, d]."""
+    """Return Matern 5/2 correlations between two sets of points.
+
+    Parameters
+    ----------
+    first : float64[n, d]
+    second : float64[m, d]
+    lengths : float64[d]
+
+    Returns
+    -------
+    float64[n, m]
+    """
     gap = (first[:, None, :] - second[None, :, :]) / lengths
     distance = np.sqrt(5.0 * np.einsum("ijk,ijk->ij", gap, gap))
     return (1.0 + distance + distance**2 / 3.0) * np.exp(-distance)
@@ -30,6 +46,7 @@ class Process:
     values : float64[n]
     lengths : float64[d]
     nugget : float
+        Relative to the variance of the process.
     """
 
     points: np.ndarray
@@ -39,7 +56,14 @@ class Process:
 
     @classmethod
     def fitted(cls, points: np.ndarray, values: np.ndarray) -> "Process":
-        """The process with the lengths and the nugget of the largest likelihood."""
+        """Fit the lengths and the nugget by the largest likelihood.
+
+        Parameters
+        ----------
+        points : float64[n, d]
+            Parameters of the runs, scaled to 0..1.
+        values : float64[n]
+        """
         from scipy import optimize
 
         count = points.shape[1]
@@ -61,11 +85,27 @@ class Process:
         return cls(points, values, np.exp(best[:-1]), float(np.exp(best[-1])))
 
     def without(self, k: int) -> "Process":
-        """The same without run `k`; lengths and nugget remain."""
+        """Return the same process without one run; lengths and nugget remain.
+
+        Parameters
+        ----------
+        k : int
+            Index of the run.
+        """
         return Process(np.delete(self.points, k, 0), np.delete(self.values, k), self.lengths, self.nugget)
 
     def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(mean float64[m], variance float64[m]) of a run with these parameters, the nugget included."""
+        """Predict runs with other parameters; the variance includes the nugget.
+
+        Parameters
+        ----------
+        points : float64[m, d]
+            Scaled to 0..1.
+
+        Returns
+        -------
+        mean, variance : float64[m]
+        """
         if _flat(self.values):
             return np.full(len(points), self.values[0]), np.zeros(len(points))
         _, weights, variance = self._solved
@@ -76,7 +116,12 @@ class Process:
         return mean, variance * np.maximum(share, self.nugget)
 
     def left_out(self) -> tuple[np.ndarray, np.ndarray]:
-        """(mean, variance) float64[n] of each run from all others, in closed form (Rasmussen & Williams 2006, 5.12)."""
+        """Predict each run from all others, in closed form (Rasmussen & Williams 2006, 5.12).
+
+        Returns
+        -------
+        mean, variance : float64[n]
+        """
         if _flat(self.values):
             return self.values.copy(), np.zeros(len(self.values))
         _, weights, variance = self._solved
@@ -91,7 +136,7 @@ class Process:
 
     @cached_property
     def _solved(self):
-        """(Cholesky factor of the correlations, their inverse times the values, variance of the process)."""
+        """Cholesky factor of the correlations, their inverse times the values, and variance of the process."""
         from scipy.linalg import cho_solve
 
         correlation = matern(self.points, self.points, self.lengths)
@@ -102,9 +147,10 @@ class Process:
         return factor, weights, float(centred @ weights) / len(centred)
 
     def _cost(self):
-        """(negative logarithm of the likelihood without constants, its gradient by the logarithms of lengths, nugget).
+        """Return (cost, its gradient by the logarithms of lengths and nugget).
 
-        Rasmussen & Williams (2006), equation 5.9, with the variance at its best value.
+        The cost is the negative logarithm of the likelihood without constants (Rasmussen & Williams 2006, equation
+        5.9), with the variance at its best value.
         """
         factor, weights, variance = self._solved
         cost = 0.5 * len(self.values) * np.log(variance) + np.log(np.diag(factor)).sum()
@@ -121,25 +167,59 @@ def _flat(values):
 
 @dataclass(frozen=True)
 class Emulator:
-    """One Process for each summary."""
+    """Emulator of all summaries.
+
+    Parameters
+    ----------
+    processes : tuple of Process
+        One for each summary.
+    """
 
     processes: tuple
 
     @classmethod
     def fitted(cls, points: np.ndarray, summaries: np.ndarray) -> "Emulator":
-        """Of the runs with the parameters float64[n, d] in 0..1 and the `summaries` float64[n, k]."""
+        """Fit a process to each summary.
+
+        Parameters
+        ----------
+        points : float64[n, d]
+            Parameters of the runs, scaled to 0..1.
+        summaries : float64[n, k]
+        """
         return cls(tuple(Process.fitted(points, column) for column in summaries.T))
 
     def without(self, k: int) -> "Emulator":
-        """The same without run `k`."""
+        """Return the same emulator without one run.
+
+        Parameters
+        ----------
+        k : int
+            Index of the run.
+        """
         return Emulator(tuple(process.without(k) for process in self.processes))
 
     def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(means, variances) float64[m, k] of runs with these parameters."""
+        """Predict runs with other parameters.
+
+        Parameters
+        ----------
+        points : float64[m, d]
+            Scaled to 0..1.
+
+        Returns
+        -------
+        means, variances : float64[m, k]
+        """
         means, variances = zip(*(process.at(points) for process in self.processes), strict=True)
         return np.column_stack(means), np.column_stack(variances)
 
     def left_out(self) -> tuple[np.ndarray, np.ndarray]:
-        """(means, variances) float64[n, k] of each run, predicted from all others."""
+        """Predict each run from all others.
+
+        Returns
+        -------
+        means, variances : float64[n, k]
+        """
         means, variances = zip(*(process.left_out() for process in self.processes), strict=True)
         return np.column_stack(means), np.column_stack(variances)

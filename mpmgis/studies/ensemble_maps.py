@@ -1,4 +1,4 @@
-"""Maps of an ensemble for GIS: rasters of statistics with styles, a QGIS project, a picture."""
+"""Write the maps of an ensemble for GIS: rasters of statistics with styles, a QGIS project, a picture."""
 
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -21,7 +21,7 @@ from .ensemble_statistics import ARRIVAL, PEAKS, PROBABILITY, WORDS, statistics
 
 TERRAIN_FILE = "dtm.tif"
 TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
-MARGIN = 0.08  # around the flow, as a share of its longer side
+MARGIN = 0.08  # [1] around the flow in the view of the project, over its longer side
 
 
 @dataclass(frozen=True)
@@ -60,15 +60,37 @@ class EnsembleMaps:
         return f"{self.name}.png"
 
     def file(self, raster: str) -> str:
-        """Name of the file of a raster."""
+        """Return the name of the file of a raster.
+
+        Parameters
+        ----------
+        raster : str
+        """
         return f"rasters/{self.name}_{raster}.tif"
 
     def read(self, raster: str, number: int) -> np.ndarray:
-        """float32[rows, columns] of band `number`, from 0, within `window`; NaN for nodata."""
+        """Read a band within `window`.
+
+        Parameters
+        ----------
+        raster : str
+        number : int
+            Of the band, from 0.
+
+        Returns
+        -------
+        float32[rows, columns]
+            NaN for nodata.
+        """
         return self._read(self.file(raster), number)
 
     def read_terrain(self) -> np.ndarray:
-        """float32[rows, columns] [m] within `window`."""
+        """Read the elevation within `window`.
+
+        Returns
+        -------
+        float32[rows, columns] [m]
+        """
         return self._read(TERRAIN_FILE, 0)
 
     def _read(self, file, number):
@@ -159,7 +181,7 @@ def _view(maps):
 
 
 def _write_picture(maps, terrain, release, title):
-    """A PNG of the probability of the first threshold, or of arrival without thresholds, over a hillshade."""
+    """Write a PNG of the probability of the first threshold, or of arrival without thresholds, over a hillshade."""
     values, quantity = maps.read(PROBABILITY, 0), maps.bands[PROBABILITY][0].quantity
     look = look_of(quantity)
     look = look._replace(words=look.words.replace(" that the ", "\nthat the ").replace(" is at ", "\nis at "))

@@ -1,7 +1,9 @@
-"""One member of an ensemble: runs a scene, writes its maxima as a raster and its figures as a record."""
+"""Run one member of an ensemble; write its maxima as a raster and its figures as a record."""
 
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +27,9 @@ from ..system.messages import muted
 from ..system.whole_files import whole_file
 from ..terrain.raster_output import write_rows
 from .run_measures import centre_of
+
+if TYPE_CHECKING:
+    from ..simulation.preparation import Prepared
 
 FIGURES = {  # of a member: column of the table -> description
     "end_time_s": "simulated time at the end",
@@ -80,14 +85,19 @@ class MemberTask:
     frames: bool = False
     deposit: bool = False
 
-    def prepared(self):
-        """The Prepared run."""
+    def prepared(self) -> "Prepared":
+        """Return the prepared run."""
         own = NO_OWN_LAWS if self.law is None else load_laws(self.law)
         use_own_laws(own)
         return prepare_scene(scene_from_tables(self.tables, self.scene_folder, self.name, own))
 
-    def averaging(self, prepared):
-        """Averaging of its frames, as in an export."""
+    def averaging(self, prepared: "Prepared") -> Averaging:
+        """Return the averaging of its frames, as in an export.
+
+        Parameters
+        ----------
+        prepared : Prepared
+        """
         return Averaging(
             bed=Bed.of(prepared.terrain),
             grid=export_grid(prepared.terrain.grid, self.cell_size),
@@ -97,10 +107,16 @@ class MemberTask:
         )
 
 
-def run_member(task, look=lambda *state: None):
-    """Run a member unless it is finished; returns its record, which is also written.
+def run_member(task: MemberTask, look: Callable = lambda *state: None) -> dict:
+    """Run a member unless it is finished; write and return its record.
 
-    Runs that become unphysical or whose inputs are refused also give a record. `look` is called a few times a second.
+    Runs that become unphysical or whose inputs are refused also give a record.
+
+    Parameters
+    ----------
+    task : MemberTask
+    look : callable
+        Called with (solver, end time [s]) a few times a second.
     """
     done = read_member(task.output, task.digest, task.frames, task.deposit)
     if done is not None:
@@ -123,8 +139,19 @@ def run_member(task, look=lambda *state: None):
 
 
 @muted()
-def run_task(task, look):
-    """Run a MemberTask and write its raster; its record without digest and time."""
+def run_task(task: MemberTask, look: Callable) -> dict:
+    """Run a member and write its raster; return its record without digest and time.
+
+    Parameters
+    ----------
+    task : MemberTask
+    look : callable
+        Called with (solver, end time [s]) a few times a second.
+
+    Raises
+    ------
+    UnphysicalError, InputError
+    """
     began = time.perf_counter()
     prepared = task.prepared()
     preparing = time.perf_counter() - began
@@ -156,7 +183,7 @@ def run_task(task, look):
     return {"status": "finished", "reason": sequence.reason, "prepare_seconds": preparing, **figures}
 
 
-def _write_deposit(task, sequence, averaging, tags):
+def _write_deposit(task: MemberTask, sequence: "_Peaks", averaging: Averaging, tags: dict) -> None:
     """Write the vertical thickness of the last frame as a raster."""
     index, thickness = sequence.at_end
     values = np.full(averaging.grid.shape, np.nan)
@@ -190,7 +217,7 @@ class _Peaks(Sequence):
 
 
 def _figures(prepared, sequence, averaging):
-    """Figures of a finished member; `extent` are the rows and columns with maxima, None without."""
+    """Return the figures of a finished member; `extent` are the rows and columns with maxima, None without."""
     maxima, grid = sequence.on_cells, averaging.grid
     depth, balances = maxima.values["h_max"], sequence.solver.balances()
     any_flow = np.flatnonzero(maxima.seen["h_max"])
@@ -219,7 +246,7 @@ def _figures(prepared, sequence, averaging):
 
 
 def _runout(prepared, grid, row, column):
-    """(distance [m], angle [degrees]) from the release's centre of mass to the farthest cell; (None, None) of none."""
+    """Return distance [m] and angle [degrees] from the release centre to the farthest cell, or (None, None)."""
     if not len(row):
         return None, None
     start, terrain = centre_of(prepared.seen), prepared.terrain
@@ -232,15 +259,26 @@ def _runout(prepared, grid, row, column):
 
 
 @muted()
-def warmed(task, prepared):
-    """Compile the kernels of a member in all its stages, so that workers load them from the disk cache."""
+def warmed(task: MemberTask, prepared: "Prepared") -> None:
+    """Compile the kernels of a member in all its stages, so that workers load them from the disk cache.
+
+    Parameters
+    ----------
+    task : MemberTask
+    prepared : Prepared
+    """
     averaging = task.averaging(prepared)
     for frame in warm_up(prepared):
         average_frame(frame, averaging)
 
 
 @muted()
-def warm_worker(tasks):
-    """Import modules and load kernels for `tasks` in a worker, before the first of them is timed."""
+def warm_worker(tasks: Iterable[MemberTask]) -> None:
+    """Import modules and load kernels in a worker, before its first task is timed.
+
+    Parameters
+    ----------
+    tasks : iterable of MemberTask
+    """
     for task in tasks:
         warmed(task, task.prepared())

@@ -1,10 +1,12 @@
-"""Plan and members of an ensemble: options and plan file, the scene of each member, digests, predicted cost."""
+"""Plan an ensemble: options and plan file, the scene of each member, digests, predicted cost."""
 
 import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..compiled.cache_folder import source_digest
@@ -23,18 +25,34 @@ from .ensemble_statistics import Products, exceedances
 from .sampling_plan import Plan, with_values
 from .varied_keys import variation
 
+if TYPE_CHECKING:
+    from ..scene import Scene
+    from ..simulation.preparation import Prepared
+    from ..terrain.grid import Grid
+    from .ensemble_runs import EnsembleRequest
+
 PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
 TIMES = ("wall_seconds", "processor_seconds")
 TABLE_HEAD, TABLE_TAIL = ("number",), ("digest", "status", *TIMES, *FIGURES, "reason")
-DIGEST_LENGTH = 16
+DIGEST_LENGTH = 16  # [hexadecimal digits] of a member, also in the names of its files
 
 
-def read_plan(request):
-    """(Plan, Products) from the plan file, overridden by the request.
+def read_plan(request: "EnsembleRequest") -> tuple[Plan, Products]:
+    """Read the plan file, overridden by the request.
+
+    Parameters
+    ----------
+    request : EnsembleRequest
+
+    Returns
+    -------
+    plan : Plan
+    products : Products
 
     Raises
     ------
     InputError
+        An unknown key, a wrong value, or a key that is given twice.
     """
     stored = {} if request.plan is None else _plan_file(request.plan)
     varied = {key: variation(asked, f"{request.plan} [vary] {key}") for key, asked in stored.get("vary", {}).items()}
@@ -66,7 +84,7 @@ def read_plan(request):
 
 
 def _key_values(vary):
-    """(key, values) from texts KEY=VALUES or from a dictionary."""
+    """Yield (key, values) from texts KEY=VALUES or from a dictionary."""
     if isinstance(vary, dict):
         yield from vary.items()
         return
@@ -78,7 +96,7 @@ def _key_values(vary):
 
 
 def _plan_file(path):
-    """The tables of a plan file, with checked keys and types."""
+    """Return the tables of a plan file, with checked keys and types."""
     tables = read_toml(path)
     for name in tables:
         if name not in PLAN_KEYS:
@@ -101,7 +119,7 @@ def _plan_file(path):
 
 
 def _flat(table, before=""):
-    """(key, value) of a table whose keys can be dotted or nested tables."""
+    """Yield (key, value) of a table whose keys can be dotted or nested tables."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{before}{key}.")
@@ -120,21 +138,32 @@ class PlannedRuns:
     tables : dict
         Of the scene, with maxima of all steps.
     plan : Plan
-    members : list of sampling_plan.Member
+    members : list of Member
     groups : dict
         Varied texts (names of files and laws) -> (MemberTask of the scene with them, Prepared).
     """
 
-    request: object
-    scene: object
+    request: "EnsembleRequest"
+    scene: "Scene"
     tables: dict
     plan: Plan
     members: list
     groups: dict
 
     @classmethod
-    def of(cls, request, plan):
-        """Check all members, and prepare a run of each group."""
+    def of(cls, request: "EnsembleRequest", plan: Plan) -> "PlannedRuns":
+        """Check all members, and prepare a run of each group.
+
+        Parameters
+        ----------
+        request : EnsembleRequest
+        plan : Plan
+
+        Raises
+        ------
+        InputError, SceneError
+            A member that cannot run, or members with different grids.
+        """
         scene = scene_to_prepare(request.scene, request.law)
         name, tables = Path(request.scene).name, with_peaks(scene, request.min_depth)
         members = plan.members(tables, scene.folder, name, scene.own_laws)
@@ -153,7 +182,7 @@ class PlannedRuns:
         return study
 
     def _texts(self, member):
-        """(key, text) of varied text values: only these can change which files are read."""
+        """Return (key, text) of varied text values: only these can change which files are read."""
         values = zip(self.plan.varied, member.values, strict=True)
         return tuple((key, value) for key, value in values if isinstance(value, str))
 
@@ -169,7 +198,7 @@ class PlannedRuns:
         require_cells_within(prepared.terrain.grid, self.request.cell_size, north_up=True)
         task.averaging(prepared)  # raises for too many cells
 
-    def _task(self, number, digest, tables, name, output):
+    def _task(self, number: int, digest: str, tables: dict, name: str, output: str | Path) -> MemberTask:
         folder, request = Path(self.scene.folder).resolve(), self.request
         law = None if request.law is None else str(Path(request.law).resolve())
         return MemberTask(
@@ -186,24 +215,24 @@ class PlannedRuns:
             request.keep == "deposit",
         )
 
-    def input_files(self):
+    def input_files(self) -> Iterator[Path]:
         """Yield the path of every file that a member reads."""
         for _, prepared in self.groups.values():
             yield from input_files(self.request.scene, prepared.scene, self.request.law)
 
     @property
-    def first(self):
-        """(MemberTask, Prepared) of the first group; the terrain and the grid are the same for every member."""
+    def first(self) -> "tuple[MemberTask, Prepared]":
+        """Task and prepared run of the first group; the terrain and the grid are the same for every member."""
         return next(iter(self.groups.values()))
 
     @property
-    def grid(self):
+    def grid(self) -> "Grid":
         """Grid of all rasters."""
         task, prepared = self.first
         return task.averaging(prepared).grid
 
     @cached_property
-    def digests(self):
+    def digests(self) -> list[str]:
         """Digest of each member: its scene, the contents of its files, the raster, the program and its source."""
         request = self.request
         known = [__version__, source_digest(), request.cell_size, request.min_depth]
@@ -211,20 +240,38 @@ class PlannedRuns:
         return [_digest([member.tables, inputs[self._texts(member)], *known]) for member in self.members]
 
     @property
-    def digest(self):
+    def digest(self) -> str:
         """Digest of all members in order."""
         return _digest(self.digests)
 
-    def tasks(self, output):
-        """List of MemberTask; identical members share a digest and one run."""
+    def tasks(self, output: Path) -> list[MemberTask]:
+        """Return the tasks of all members; identical members share a digest and one run.
+
+        Parameters
+        ----------
+        output : Path
+            Folder for the results of members.
+        """
         name = Path(self.request.scene).name
         return [
             self._task(member.number, digest, member.tables, f"{name}, member {member.number}", output)
             for member, digest in zip(self.members, self.digests, strict=True)
         ]
 
-    def cost(self, tasks):
-        """(predicted time of all `tasks` in sequence [s], memory of one [bytes])."""
+    def cost(self, tasks: list[MemberTask]) -> tuple[float, float]:
+        """Predict the cost of tasks.
+
+        Parameters
+        ----------
+        tasks : list of MemberTask
+
+        Returns
+        -------
+        seconds : float [s]
+            Of all tasks in sequence.
+        memory : float [bytes]
+            Of one.
+        """
         _, prepared = self.first
         set_threads(1)  # as a worker has
         ahead = predicted(prepared, 1)
@@ -232,7 +279,7 @@ class PlannedRuns:
         return ahead.seconds * sum(self._factor(task) for task in tasks), ahead.memory
 
     def _factor(self, task):
-        """Cost of a member relative to the scene, estimated from [numerics] and end_time."""
+        """Return the cost of a member relative to the scene, estimated from [numerics] and end_time."""
         own, base = task.tables.get("numerics", {}), self.tables.get("numerics", {})
         output = task.tables["output"]["end_time"] / self.tables["output"]["end_time"]
         ratio = {
@@ -243,8 +290,19 @@ class PlannedRuns:
         more = ratio.get("particles_per_cell", 1.0) * ratio.get("points_per_cell", 1.0) / ratio.get("cfl", 1.0)
         return output * more * ratio.get("cell_size", 1.0) ** -COST_POWER[self.scene.solver]
 
-    def table(self, records):
-        """(names, rows) of `members.csv`; unfinished members have no figures."""
+    def table(self, records: dict[str, dict]) -> tuple[tuple, list[list]]:
+        """Return the table `members.csv`; unfinished members have no figures.
+
+        Parameters
+        ----------
+        records : dict of str to dict
+            Record by digest.
+
+        Returns
+        -------
+        names : tuple of str
+        rows : list of list
+        """
         rows = []
         for member, digest in zip(self.members, self.digests, strict=True):
             record = records.get(digest, {"status": "open"}) | {"digest": digest}
@@ -254,8 +312,15 @@ class PlannedRuns:
         return (*TABLE_HEAD, *self.plan.varied, *TABLE_TAIL), rows
 
 
-def with_peaks(scene, min_depth):
-    """The scene's tables with storage of the maxima of all steps."""
+def with_peaks(scene: "Scene", min_depth: float) -> dict:
+    """Return the tables of a scene with storage of the maxima of all steps.
+
+    Parameters
+    ----------
+    scene : Scene
+    min_depth : float [m]
+        From which the flow has arrived, where the scene does not say it.
+    """
     tables = scene.as_tables()
     tables["output"] = {"arrival_thickness": min_depth} | tables["output"] | {"maxima": True}
     return tables

@@ -1,17 +1,19 @@
-"""`mpmgis ensemble`: many runs of a scene with varied parameters; maps of probabilities and percentiles."""
+"""Run a scene many times with varied parameters (`mpmgis ensemble`); maps of probabilities and percentiles."""
 
 import json
 import time
 from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..frames.ensemble_folder import EnsembleFolder, member_files, read_member
 from ..frames.member_stack import MemberStack
 from ..laws.quantities import MEMBER_BANDS
-from ..simulation.cost_prediction import duration
+from ..simulation.cost_prediction import duration_words
 from ..simulation.run_cost import MEMORY_SHARE
 from ..simulation.scene_run import ASK_SECONDS
 from ..system import dask_workers, operating_system
@@ -19,17 +21,20 @@ from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
 from ..system.whole_files import whole_folder
-from ..system.worker_processes import started
+from ..system.worker_processes import Workers, started
 from .ensemble_maps import EnsembleMaps, write_maps
 from .ensemble_member import run_member, warm_worker, warmed
 from .ensemble_plan import TIMES, PlannedRuns, read_plan
 
-LEFT_OUT = ("unphysical", "refused", "lost")
+if TYPE_CHECKING:
+    from .region_plan import PlannedRegion
+
+LEFT_OUT = ("unphysical", "refused", "lost")  # statuses of members that the statistics omit
 
 
 @dataclass(frozen=True)
 class EnsembleRequest:
-    """An ensemble; `ensemble` describes its options."""
+    """Request for an ensemble, with the options of `mpmgis ensemble`."""
 
     scene: Path
     output: Path | None = None
@@ -80,10 +85,23 @@ class EnsembleFound:
     processor_seconds: float
 
 
-def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=lambda *state: None):
+def ensemble(
+    request: EnsembleRequest,
+    *,
+    confirm: Callable[[str], bool] = lambda question: True,
+    look: Callable = lambda *state: None,
+) -> EnsembleFound:
     """Run the scene many times with different values, and write maps of all runs together.
 
-    Finished members are not run again. `look(done, total, left_out)` is called a few times a second.
+    Finished members are not run again.
+
+    Parameters
+    ----------
+    request : EnsembleRequest
+    confirm : callable
+        Question -> whether to start long runs.
+    look : callable
+        Called with (done, total, left out) a few times a second.
 
     Returns
     -------
@@ -152,12 +170,28 @@ def ensemble(request: EnsembleRequest, *, confirm=lambda question: True, look=la
     return found
 
 
-def require_affordable(study, tasks, workers, confirm):
-    """Log the predicted cost of the runs; ask `confirm(question)` over an hour or most of the memory."""
+def require_affordable(
+    study: "PlannedRuns | PlannedRegion", tasks: list, workers: int, confirm: Callable[[str], bool]
+) -> None:
+    """Log the predicted cost of runs; ask before runs of more than an hour or of most of the memory.
+
+    Parameters
+    ----------
+    study : PlannedRuns or PlannedRegion
+    tasks : list of MemberTask or AreaTask
+    workers : int
+    confirm : callable
+        Question -> whether to start them.
+
+    Raises
+    ------
+    SceneError
+        The answer is no.
+    """
     seconds, memory = study.cost(tasks)
     at_once = "" if study.request.dask else f" on {workers} worker{'s' if workers > 1 else ''}"
     seconds, memory = (seconds, 0.0) if study.request.dask else (seconds / workers, memory * workers)
-    need = f"{duration(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")
+    need = f"{duration_words(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")
     log.info(f"{len(tasks)} run{'s' if len(tasks) != 1 else ''}, predicted: {need}")
     if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available_memory():
         return
@@ -168,8 +202,10 @@ def require_affordable(study, tasks, workers, confirm):
         )
 
 
-def _run(request, study, tasks, workers, records, look):
-    """Run `tasks` into `records`; (seconds until the workers were ready, seconds of the runs)."""
+def _run(
+    request: EnsembleRequest, study: PlannedRuns, tasks: list, workers: int, records: dict, look: Callable
+) -> tuple[float, float]:
+    """Run `tasks` into `records`; return (seconds until the workers were ready, seconds of the runs)."""
     if not tasks:
         return 0.0, 0.0
     began = time.perf_counter()
@@ -194,15 +230,48 @@ def _run(request, study, tasks, workers, records, look):
         return ready - began, time.perf_counter() - ready
 
 
-def pool_of(stack, dask, workers):
-    """Workers until the ExitStack `stack` ends: a Dask cluster, processes, or None for this process alone."""
+def pool_of(stack: ExitStack, dask: str | None, workers: int) -> dask_workers.DaskWorkers | Workers | None:
+    """Start workers that end with a stack of contexts.
+
+    Parameters
+    ----------
+    stack : contextlib.ExitStack
+    dask : str or None
+        Address of the scheduler of a Dask cluster.
+    workers : int
+        Number of processes without a cluster.
+
+    Returns
+    -------
+    DaskWorkers, Workers or None
+        None: everything runs in this process.
+    """
     if dask is not None:
         return dask_workers.DaskWorkers(stack.enter_context(dask_workers.dask_client(dask)))
     return stack.enter_context(started(workers)) if workers > 1 else None
 
 
-def done_by(pool, tasks, look, work=run_member):
-    """Yield (task, record) when they are done, by the workers of `pool`, or in this process without one."""
+def done_by(
+    pool: dask_workers.DaskWorkers | Workers | None, tasks: list, look: Callable, work: Callable = run_member
+) -> Iterator[tuple]:
+    """Run tasks and yield each with its record when it is done.
+
+    Parameters
+    ----------
+    pool : DaskWorkers, Workers or None
+        None: they run in this process.
+    tasks : list of MemberTask or AreaTask
+    look : callable
+        Called a few times a second.
+    work : callable
+        (task, look) -> record.
+
+    Yields
+    ------
+    task : MemberTask or AreaTask
+    record : dict or None
+        None if the worker died each time.
+    """
     if pool is None:
         yield from ((task, work(task, look)) for task in tasks)
         return
@@ -213,8 +282,8 @@ def done_by(pool, tasks, look, work=run_member):
     yield from pool.worked(work, tasks, look, died)
 
 
-def _require_enough(statuses, records, total, tolerate, table):
-    """Log the members that the statistics omit; an error if there are too many."""
+def _require_enough(statuses: dict, records: dict, total: int, tolerate: float, table: Path) -> None:
+    """Log the members that the statistics omit; raise UnphysicalError or InputError if there are too many."""
     left = {status: count for status, count in statuses.items() if status in LEFT_OUT}
     if not left:
         return
@@ -231,7 +300,7 @@ def _require_enough(statuses, records, total, tolerate, table):
 
 
 def _write_maps(folder, study, products, tasks, records, workers):
-    """Write the maps of all finished members; paths, the project first."""
+    """Write the maps of all finished members; return the paths, the project first."""
     finished = [task for task in tasks if records[task.digest]["status"] == "finished"]
     extents = [records[task.digest]["extent"] for task in finished]
     extents = [extent for extent in extents if extent is not None]
@@ -263,7 +332,7 @@ def _write_maps(folder, study, products, tasks, records, workers):
 
 
 def _release(study):
-    """Polygons of the scene's release; [] if it has no outline."""
+    """Return the polygons of the scene's release; [] if it has no outline."""
     from ..seeding.release_areas import read_outlines  # imports GDAL's vector library
 
     _, prepared = study.first

@@ -1,4 +1,4 @@
-"""Statistics of an ensemble per cell: probabilities, means, percentiles, envelopes of the peaks.
+"""Compute statistics of an ensemble per cell: probabilities, means, percentiles, envelopes of the peaks.
 
 In cells that a member does not reach it counts with 0, and with an infinite arrival time. Cells that no member
 reaches have no value. Members have equal weight.
@@ -23,17 +23,27 @@ WORDS = {
     ARRIVAL: "time of arrival",
 }
 PROBABILITY = "probability"
-DEFAULT_EXCEED = {"h": (0.5, 1.0, 2.0)}
-DEFAULT_PERCENTILES = (5.0, 50.0, 95.0)
-NEAR_MEMBER = 1e-9  # tolerance of a rank at which a percentile is the value of one member
+DEFAULT_EXCEED = {"h": (0.5, 1.0, 2.0)}  # [m]
+DEFAULT_PERCENTILES = (5.0, 50.0, 95.0)  # [%]
+NEAR_MEMBER = 1e-9  # [ranks] distance within which a percentile is the value of one member
 
 
 class Band(NamedTuple):
-    """A band of a product: `quantity`, `source` band of the members, `kind` of statistic and its `number`."""
+    """A band of a raster of statistics.
+
+    Parameters
+    ----------
+    quantity : Quantity
+    source : str
+        Band of the members.
+    kind : {"exceeded", "arrived", "mean", "percentile", "smallest", "largest"}
+    number : float
+        Threshold or percentile.
+    """
 
     quantity: Quantity
     source: str
-    kind: str  # exceeded, arrived, mean, percentile, smallest, largest
+    kind: str
     number: float = 0.0
 
 
@@ -54,7 +64,20 @@ class Products:
 
     @classmethod
     def of(cls, exceed: dict | None = None, percentiles: Sequence | None = None) -> "Products":
-        """Products with defaults for None; raises InputError for invalid values."""
+        """Return the requested statistics, with defaults for None.
+
+        Parameters
+        ----------
+        exceed : dict of str to sequence of float, optional
+            Thresholds by quantity: h [m], Ut [m s-1], p [Pa].
+        percentiles : sequence of float, optional
+            In [0, 100].
+
+        Raises
+        ------
+        InputError
+            An unknown quantity, or a number outside its range.
+        """
         exceed = DEFAULT_EXCEED if exceed is None else exceed
         percentiles = DEFAULT_PERCENTILES if percentiles is None else percentiles
         for name, thresholds in exceed.items():
@@ -68,7 +91,7 @@ class Products:
         return cls(ordered, tuple(sorted(set(map(float, percentiles)))))
 
     def rasters(self) -> dict[str, list[Band]]:
-        """Name of each raster -> list of its Bands."""
+        """Return the bands of each raster, by its name."""
         arrived = Quantity("P_arrival", "1", "probability that the flow arrives", "float32")
         made = {PROBABILITY: [self._exceeded(name, value) for name, values in self.exceed.items() for value in values]}
         made[PROBABILITY].append(Band(arrived, ARRIVAL, "arrived"))
@@ -96,12 +119,12 @@ class Products:
         return bands
 
     def as_tables(self) -> dict:
-        """As TOML holds them."""
+        """Return the request as a dictionary for TOML."""
         return {"percentiles": list(self.percentiles), "exceed": {name: list(of) for name, of in self.exceed.items()}}
 
 
 def statistics(bands: list[Band], source: str, stack: np.ndarray) -> dict[int, np.ndarray]:
-    """Index in `bands` -> float32[rows, columns], for the bands of `source`.
+    """Compute the bands of one source.
 
     Parameters
     ----------
@@ -110,6 +133,11 @@ def statistics(bands: list[Band], source: str, stack: np.ndarray) -> dict[int, n
         Of `quantities.MEMBER_BANDS`.
     stack : float32[members, rows, columns]
         NaN without flow of a member; overwritten.
+
+    Returns
+    -------
+    dict of int to float32[rows, columns]
+        By index in `bands`.
     """
     asked = {k: band for k, band in enumerate(bands) if band.source == source}
     missing = np.isnan(stack)
@@ -155,7 +183,17 @@ def _percentiles(stack, numbers):
 
 
 def exceedances(texts: Iterable[str]) -> dict:
-    """Thresholds by quantity from texts like h=0.5,1,2; raises InputError."""
+    """Read thresholds by quantity from texts like h=0.5,1,2.
+
+    Parameters
+    ----------
+    texts : iterable of str
+
+    Raises
+    ------
+    InputError
+        Other text.
+    """
     made = {}
     for text in texts:
         name, equals, values = text.partition("=")

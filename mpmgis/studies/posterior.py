@@ -5,24 +5,23 @@ of z is standard normal for every prior of the parameters. The likelihood is nor
 observation plus that of the emulator (Kennedy & O'Hagan 2001). If even the best parameters leave larger residuals than
 these, all variances are multiplied by the ratio (Birge 1932), so that a model that does not fit does not give narrow
 intervals. The posterior is sampled by adaptive importance sampling (Cornuet et al. 2012).
-
-Gaussian process emulator: summaries of runs as functions of their parameters, with the error of the interpolation.
-
-Each output has its own process with a constant mean, a Matern 5/2 correlation with one length per parameter, and a
-nugget (Rasmussen & Williams 2006, chapters 2, 4.2 and 5.4). Lengths and nugget maximise the likelihood; the mean is
-that of the runs and the variance is profiled out.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-DRAWS, ROUNDS = 4096, 4  # in each round; rounds after the first, which draws from the prior
-DEFENSIVE = 0.2  # share of later rounds that is drawn from the prior
-WIDER = 1.5  # factor of the proposal's variance
-INTERVAL = 0.90
-SMALLEST_VARIANCE = 1e-6  # of a proposal
+if TYPE_CHECKING:
+    from .emulator import Emulator
+
+DRAWS = 4096  # in each round
+ROUNDS = 4  # after the first one, which draws from the prior
+DEFENSIVE = 0.2  # [1] share of later rounds that is drawn from the prior
+WIDER = 1.5  # [1] variance of the proposal over that of the draws so far
+INTERVAL = 0.90  # [1] share of the posterior within an interval
+SMALLEST_VARIANCE = 1e-6  # [1] added to that of a proposal, so that it is not singular
 
 
 @dataclass(frozen=True)
@@ -49,16 +48,36 @@ class Posterior:
         return float(1.0 / np.sum(self.weights**2))
 
     def quantiles(self, shares: tuple) -> np.ndarray:
-        """float64[len(shares), d]: quantiles of the normal scores."""
+        """Return quantiles of the normal scores.
+
+        Parameters
+        ----------
+        shares : tuple of float
+            In 0..1.
+
+        Returns
+        -------
+        float64[len(shares), d]
+        """
         return np.column_stack([weighted_quantiles(column, self.weights, shares) for column in self.scores.T])
 
     @property
     def covariance(self) -> np.ndarray:
-        """float64[d, d] of the normal scores; that of the prior is the unit matrix."""
+        """Covariance of the normal scores, float64[d, d]; that of the prior is the unit matrix."""
         return np.atleast_2d(np.cov(self.scores.T, aweights=self.weights, ddof=0))
 
     def drawn(self, count: int, seed: int) -> np.ndarray:
-        """float64[count, d]: normal scores, systematic resampling of the posterior in random order."""
+        """Draw normal scores by systematic resampling of the posterior, in random order.
+
+        Parameters
+        ----------
+        count : int
+        seed : int
+
+        Returns
+        -------
+        float64[count, d]
+        """
         source = np.random.default_rng(seed)
         places = (np.arange(count) + source.random()) / count
         order = np.argsort(self.scores[:, 0], kind="stable")
@@ -67,21 +86,50 @@ class Posterior:
 
 
 def weighted_quantiles(values: np.ndarray, weights: np.ndarray, shares: tuple) -> np.ndarray:
-    """Quantiles of weighted `values`, linear between the middles of their weights."""
+    """Return quantiles of weighted values, linear between the middles of their weights.
+
+    Parameters
+    ----------
+    values, weights : float64[n]
+    shares : tuple of float
+        In 0..1.
+
+    Returns
+    -------
+    float64[len(shares)]
+    """
     order = np.argsort(values)
     upto = np.cumsum(weights[order])
     return np.interp(shares, (upto - 0.5 * weights[order]) / upto[-1], values[order])
 
 
 def shares_of_scores(scores: np.ndarray) -> np.ndarray:
-    """Shares of the prior below the normal scores."""
+    """Return the shares of the prior below normal scores.
+
+    Parameters
+    ----------
+    scores : float64[...]
+
+    Returns
+    -------
+    float64[...]
+    """
     from scipy.special import ndtr
 
     return ndtr(scores)
 
 
 def scores_of_shares(shares: np.ndarray) -> np.ndarray:
-    """Normal scores of shares of the prior, which are kept off 0 and 1."""
+    """Return the normal scores of shares of the prior, which are kept away from 0 and 1.
+
+    Parameters
+    ----------
+    shares : float64[...]
+
+    Returns
+    -------
+    float64[...]
+    """
     from scipy.special import ndtri
 
     return ndtri(np.clip(shares, 1e-12, 1 - 1e-12))
@@ -90,7 +138,7 @@ def scores_of_shares(shares: np.ndarray) -> np.ndarray:
 def posterior(
     predicted: Callable, observed: np.ndarray, variances: np.ndarray, count: int, seed: int = 0, draws: int = DRAWS
 ) -> Posterior:
-    """The Posterior of `count` parameters.
+    """Sample the posterior of the parameters.
 
     Parameters
     ----------
@@ -99,6 +147,7 @@ def posterior(
     observed, variances : float64[k]
         The summaries and the variances of their errors.
     count : int
+        Number of parameters.
     seed : int
     draws : int
         In each round.
@@ -127,14 +176,14 @@ def posterior(
 
 
 def _misfit(predicted, observed, variances, scores):
-    """(sum of squared residuals over their variances, sum of the logarithms of the variances) of each draw."""
+    """Return the sum of squared residuals over their variances, and of the logarithms of the variances, by draw."""
     means, errors = predicted(shares_of_scores(scores))
     total = errors + variances
     return np.sum((means - observed) ** 2 / total, axis=1), np.sum(np.log(total), axis=1)
 
 
 def _inflation(squares, freedom):
-    """Birge's factor of the variances: that of the best draw, at least 1."""
+    """Return Birge's factor of the variances: that of the best draw, at least 1."""
     return max(1.0, float(squares.min()) / freedom) if freedom > 0 else 1.0
 
 
@@ -144,8 +193,10 @@ def _normal_density(points, mean, covariance):
     return np.atleast_1d(stats.multivariate_normal(mean, covariance).pdf(points))
 
 
-def _weights(scores, squares, logs, inflation, proposals, centres):
-    """Importance weights with the mixture of all proposals as the density of the draws; sum 1."""
+def _weights(
+    scores: np.ndarray, squares: np.ndarray, logs: np.ndarray, inflation: float, proposals: list, centres: list
+) -> np.ndarray:
+    """Return importance weights with the mixture of all proposals as the density of the draws; their sum is 1."""
     prior, later = proposals[0], proposals[1:]
     mixture = prior.copy()
     for density in later:
@@ -157,14 +208,27 @@ def _weights(scores, squares, logs, inflation, proposals, centres):
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of parameters: weights float64[d] of the scores, and the posterior's deviation over the prior's."""
+    """A combination of parameters.
+
+    Parameters
+    ----------
+    weights : float64[d]
+        Of the normal scores.
+    ratio : float
+        Standard deviation of the posterior over that of the prior.
+    """
 
     weights: np.ndarray
     ratio: float
 
 
 def identified_directions(found: Posterior) -> list[Direction]:
-    """Eigenvectors of the posterior covariance relative to the prior's, the best identified first."""
+    """Return the eigenvectors of the posterior covariance relative to the prior's, the best identified first.
+
+    Parameters
+    ----------
+    found : Posterior
+    """
     values, vectors = np.linalg.eigh(found.covariance)
     return [
         Direction(vectors[:, k] * np.sign(vectors[np.argmax(np.abs(vectors[:, k])), k]), float(np.sqrt(max(v, 0.0))))
@@ -174,30 +238,55 @@ def identified_directions(found: Posterior) -> list[Direction]:
 
 @dataclass(frozen=True)
 class SelfTest:
-    """Calibration of runs as if each had been observed: `ranks` float64[n, d] of their own values, in 0..1.
+    """Calibration of runs as if each had been observed.
 
     For exact intervals the ranks are uniform (Talts et al. 2018).
+
+    Parameters
+    ----------
+    ranks : float64[n, d]
+        Of the own values of each run in its posterior, in 0..1.
     """
 
     ranks: np.ndarray
 
     @property
     def covered(self) -> np.ndarray:
-        """float64[d]: share of the runs whose own value is within its 90 % interval."""
+        """Share of the runs whose own value is within its 90 % interval, float64[d]."""
         return np.mean(np.abs(self.ranks - 0.5) <= 0.5 * INTERVAL, axis=0)
 
     @property
     def uniform(self) -> np.ndarray:
-        """float64[d]: p values of the test of Kolmogorov and Smirnov of the ranks against the uniform distribution."""
+        """P values of the test of Kolmogorov and Smirnov of the ranks against the uniform distribution, float64[d]."""
         from scipy import stats
 
         return np.array([stats.kstest(column, "uniform").pvalue for column in self.ranks.T])
 
 
-def self_test(emulator, shares: np.ndarray, summaries: np.ndarray, variances, chosen, seed: int = 0) -> SelfTest:
-    """Ranks of the `chosen` runs (indices) in posteriors from an emulator that does not know them.
+def self_test(
+    emulator: "Emulator",
+    shares: np.ndarray,
+    summaries: np.ndarray,
+    variances: np.ndarray,
+    chosen: np.ndarray,
+    seed: int = 0,
+) -> SelfTest:
+    """Calibrate runs with an emulator that does not know them, and rank their own values in the posteriors.
 
     The errors of an observation are added to their summaries.
+
+    Parameters
+    ----------
+    emulator : Emulator
+    shares : float64[n, d]
+        Parameters of the runs, as shares of the prior.
+    summaries : float64[n, k]
+        Of the runs.
+    variances : float64[k]
+        Of the errors of the observations.
+    chosen : int[m]
+        Indices of the runs that are tested.
+    seed : int
     """
     source = np.random.default_rng(seed)
     ranks = []

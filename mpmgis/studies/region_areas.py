@@ -1,7 +1,9 @@
-"""Release areas of a region with the columns of their table."""
+"""Read and write the release areas of a region with the columns of their table."""
 
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyproj
@@ -15,24 +17,62 @@ from ..system.optional_libraries import pyogrio
 from ..system.whole_files import whole_file
 from ..terrain.vector_table import read_table, require_polygons
 
+if TYPE_CHECKING:
+    from ..terrain.dtm import TerrainFile
+    from ..terrain.elevation import Terrain
+
 
 @dataclass(frozen=True)
 class RegionAreas:
-    """Release areas in the CRS of the DTM: `parts` (ReleasePart) and the `columns` of their table (name -> array)."""
+    """Release areas in the CRS of the DTM.
+
+    Parameters
+    ----------
+    parts : list of ReleasePart
+    columns : dict of str to array
+        Columns of their table, by name.
+    crs : pyproj.CRS or None
+    """
 
     parts: list
     columns: dict
     crs: pyproj.CRS | None
 
-    def column(self, name, option):
-        """The values of a column; an error that names the `option` without it."""
+    def column(self, name: str, option: str) -> np.ndarray:
+        """Return the values of a column.
+
+        Parameters
+        ----------
+        name : str
+        option : str
+            That names the column, for messages.
+
+        Raises
+        ------
+        InputError
+            There is no such column.
+        """
         if name not in self.columns:
             known = ", ".join(self.columns) or "none"
             raise InputError(f"`{option}={name}`: the release areas have no such column; they have {known}")
         return self.columns[name]
 
-    def frequencies(self, name):
-        """float64[n]: numbers of at least 0 in the column `name`."""
+    def frequencies(self, name: str) -> np.ndarray:
+        """Return the frequencies in a column.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        float64[n]
+
+        Raises
+        ------
+        InputError
+            There is no such column, or it contains something other than numbers of at least 0.
+        """
         values = self.column(name, "frequency")
         wanted = "expected a number of at least 0 for every release area"
         if values.dtype.kind not in "fiu":
@@ -45,8 +85,22 @@ class RegionAreas:
         return values.astype(float)
 
 
-def read_areas(path, terrain, thickness=None, surface=None):
-    """The RegionAreas at `path`; `terrain` is a Terrain or TerrainFile, thickness as in `release_areas.read_release`.
+def read_areas(
+    path: str | Path,
+    terrain: "Terrain | TerrainFile",
+    thickness: float | str | None = None,
+    surface: str | Path | None = None,
+) -> RegionAreas:
+    """Read the release areas of a region.
+
+    Parameters
+    ----------
+    path : str or Path
+    terrain : Terrain or TerrainFile
+    thickness : float or str, optional
+        As in `release_areas.read_release`.
+    surface : path, optional
+        As in `release_areas.read_release`.
 
     Raises
     ------
@@ -57,8 +111,18 @@ def read_areas(path, terrain, thickness=None, surface=None):
     return RegionAreas(read_parts(path, terrain, thickness, surface), table.columns, terrain.grid.crs)
 
 
-def write_area(path, shape, name, crs):
-    """Write one release area, WKB `shape`, as FlatGeobuf; `crs` is WKT or None."""
+def write_area(path: Path, shape: bytes, name: str, crs: str | None) -> None:
+    """Write one release area as FlatGeobuf.
+
+    Parameters
+    ----------
+    path : Path
+    shape : bytes
+        WKB.
+    name : str
+    crs : str or None
+        WKT.
+    """
     pyogrio()
     from pyogrio.raw import write
 
@@ -78,8 +142,16 @@ def write_area(path, shape, name, crs):
         )
 
 
-def write_areas(path, areas, results):
-    """Write a GeoPackage of all areas with the columns of the input and `results` (name -> list)."""
+def write_areas(path: Path, areas: RegionAreas, results: dict[str, list]) -> None:
+    """Write a GeoPackage of all areas with the columns of the input and the results.
+
+    Parameters
+    ----------
+    path : Path
+    areas : RegionAreas
+    results : dict of str to list
+        Columns by name.
+    """
     taken, own, left_out = {"fid", "geometry", *map(str.lower, results)}, {}, []
     for name, values in areas.columns.items():  # GeoPackage does not distinguish upper and lower case
         if name.lower() not in taken:

@@ -1,13 +1,13 @@
-"""Plan of a region: areas, their scenes and digests, scenarios, predicted cost; the window and the run of one area."""
+"""Plan a region: its areas, their scenes and digests, scenarios, predicted cost."""
 
 import hashlib
 import json
 import math
 import re
-import time
-from dataclasses import dataclass, field, replace
-from math import ceil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -15,147 +15,31 @@ import shapely
 from .. import __version__
 from ..compiled.cache_folder import source_digest
 from ..compiled.jit import set_threads
-from ..frames.ensemble_folder import read_member, write_member
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import GRAVITY
 from ..scene import scene_from_tables
 from ..scene.scene_reading import read_toml
 from ..simulation.cost_prediction import predicted
 from ..simulation.scene_files import input_files
-from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError, one_line
+from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log, muted
 from ..terrain.dtm import TerrainFile
 from ..terrain.raster_input import file_sha256
-from ..terrain.release_parts import ReleasePart, require_on_terrain
-from ..terrain.release_window import reach_window
 from ..terrain.vector_table import LAYER
-from .ensemble_member import MemberTask, run_task
+from .area_run import AreaTask
+from .ensemble_member import MemberTask
 from .ensemble_plan import DIGEST_LENGTH, with_peaks
-from .region_areas import read_areas, write_area
+from .region_areas import read_areas
 
-MOST_RUNS = 8  # of an area in larger and larger windows
-EDGE_CELLS = 2  # of the solver and of the DTM: flow so near an edge of its window has reached it
-SAMPLES = 3  # areas whose runs are prepared for the prediction
-LEAST_MU, USUAL_MU = 0.1, 0.2  # of the energy line: at least this; without a number mu in [friction]
+if TYPE_CHECKING:
+    from ..scene import Scene
+    from ..terrain.grid import Grid
+    from .region_areas import RegionAreas
+    from .region_runs import RegionRequest
 
-
-@dataclass(frozen=True)
-class AreaTask:
-    """All data that a worker needs to run an area; it is pickled.
-
-    Parameters
-    ----------
-    number : int
-        Of the area, from 1 in the order of the file.
-    run : MemberTask
-        Without window; its release is the file `source`.
-    shape : bytes
-        WKB in the CRS of the DTM.
-    crs : str or None
-        WKT of it.
-    mu, head : float [1], [m]
-        Of the energy line.
-    """
-
-    number: int
-    run: MemberTask
-    shape: bytes
-    crs: str | None
-    mu: float
-    head: float
-
-    digest = property(lambda self: self.run.digest)
-
-    @property
-    def source(self):
-        """Path of the file with this area alone."""
-        return Path(self.run.tables["release"]["source"])
-
-    def terrain(self):
-        """The TerrainFile."""
-        table, folder = self.run.tables["terrain"], Path(self.run.scene_folder)
-        keys = ("crs", "band", "fill_nodata", "to_crs")
-        return TerrainFile(folder / table["dem"], **{key: table.get(key) for key in keys})
-
-    def first_window(self, terrain):
-        """The automatic Window; writes the file of the area if it is missing.
-
-        Raises
-        ------
-        InputError
-            The area is not on the terrain.
-        """
-        polygon = shapely.from_wkb(self.shape)
-        require_on_terrain(ReleasePart(self.run.name, polygon, math.nan), terrain.grid)
-        if not self.source.exists():
-            write_area(self.source, self.shape, self.run.name, self.crs)
-        return reach_window(terrain.grid, terrain.part, polygon, self.mu, self.head)
-
-    def within(self, terrain, window):
-        """The MemberTask in a Window of `terrain`."""
-        bounds = terrain.grid.part(window.top, window.left, window.shape).bounds
-        tables = self.run.tables
-        return replace(self.run, tables=tables | {"terrain": tables["terrain"] | {"window": list(bounds)}})
-
-
-def run_area(task, look=lambda *state: None):
-    """Run an AreaTask unless it is finished; returns its record, which is also written."""
-    done = read_member(task.run.output, task.digest)
-    if done is not None:
-        return done
-    began, used = time.perf_counter(), time.process_time()
-    try:
-        record = _run_in_windows(task, look)
-    except UnphysicalError as error:
-        record = {"status": "unphysical", "reason": one_line(error)}
-    except InputError as error:
-        record = {"status": "refused", "reason": one_line(error)}
-    record |= {
-        "digest": task.digest,
-        "wall_seconds": time.perf_counter() - began,
-        "processor_seconds": time.process_time() - used,
-        "version": __version__,
-    }
-    write_member(task.run.output, record)
-    return record
-
-
-@muted()
-def _run_in_windows(task, look):
-    """The record of the run in the first window whose edges the flow does not reach, or in the last."""
-    began = time.perf_counter()
-    terrain = task.terrain()
-    window = task.first_window(terrain)
-    choosing = time.perf_counter() - began
-    preparing = 0.0
-    for runs in range(1, MOST_RUNS + 1):
-        record = run_task(task.within(terrain, window), look)
-        preparing += record["prepare_seconds"]
-        sides = sides_left(record, terrain, window, task.run.tables)
-        if not sides or runs == MOST_RUNS:
-            break
-        window = window.grown(sides, terrain.grid.shape)
-    return record | {
-        "window": list(window),
-        "runs": runs,
-        "edge_reached": bool(sides),
-        "window_seconds": choosing,
-        "prepare_seconds": preparing,
-    }
-
-
-def sides_left(record, terrain, window, tables):
-    """The sides of `window`, inside the DTM, that the flow of `record` reached or left by."""
-    if record["extent"] is None:
-        return ()
-    size = tables.get("numerics", {}).get("cell_size") or terrain.grid.cell_size
-    near = window.sides_reached(record["extent"], EDGE_CELLS + ceil(EDGE_CELLS * size / min(terrain.grid.sides)))
-    inner = window.inner_sides(terrain.grid.shape)
-    sides = tuple(side for side in near if side in inner)
-    if sides or near or not record["mass_out_share"] > 0.0:
-        return sides
-    whole = np.isfinite(terrain.part(*window.slices).elevation).all()
-    return inner if whole else ()  # otherwise the mass went where the DTM has no data
+SAMPLES = 3  # number of areas whose runs are prepared for the prediction
+LEAST_MU = 0.1  # [1] smallest slope of the energy line
+USUAL_MU = 0.2  # [1] slope of the energy line, if [friction] has no number mu
 
 
 @dataclass(frozen=True)
@@ -178,18 +62,30 @@ class PlannedRegion:
         Of a few areas, filled by `prepare_samples`.
     """
 
-    request: object
-    scene: object
-    grid: object
-    areas: object
+    request: "RegionRequest"
+    scene: "Scene"
+    grid: "Grid"
+    areas: "RegionAreas"
     tasks: list
     scenarios: list
     frequencies: list
     samples: list = field(default_factory=list)
 
     @classmethod
-    def of(cls, request, output):
-        """Read the scene, the grid of the DTM and all areas; nothing is written."""
+    def of(cls, request: "RegionRequest", output: str | Path) -> "PlannedRegion":
+        """Read the scene, the grid of the DTM and all areas; nothing is written.
+
+        Parameters
+        ----------
+        request : RegionRequest
+        output : path
+            Folder of the results.
+
+        Raises
+        ------
+        InputError
+            No release areas, a rotated DTM, or an invalid file.
+        """
         if request.releases is None:
             raise InputError("no release areas are given; give `releases`")
         scene = _scene(request)
@@ -208,23 +104,44 @@ class PlannedRegion:
         return cls(request, scene, terrain.grid, areas, tasks, scenarios, often)
 
     @property
-    def digest(self):
+    def digest(self) -> str:
         """Digest of all areas, scenarios and frequencies in order."""
         return _digest([[task.digest for task in self.tasks], self.scenarios, self.frequencies])
 
-    def input_files(self):
+    def input_files(self) -> Iterator[Path]:
         """Yield the path of every file that a run reads."""
         yield from input_files(self.request.scene, self.scene, self.request.law)
 
-    def bounds(self, window):
-        """(west, south, east, north) [m] of a window (top, bottom, left, right); NaN without."""
+    def bounds(self, window: tuple | None) -> tuple[float, float, float, float]:
+        """Return the bounds of a window of the DTM.
+
+        Parameters
+        ----------
+        window : (int, int, int, int) or None
+            Top, bottom, left, right.
+
+        Returns
+        -------
+        (float, float, float, float) [m]
+            West, south, east, north; NaN without a window.
+        """
         if window is None:
             return (math.nan,) * 4
         top, bottom, left, right = window
         return self.grid.part(top, left, (bottom - top, right - left)).bounds
 
-    def prepare_samples(self, tasks):
-        """Prepare a few areas, evenly chosen from `tasks`, for the prediction and for compiling."""
+    def prepare_samples(self, tasks: list[AreaTask]) -> None:
+        """Prepare a few areas, evenly chosen, for the prediction and for compiling.
+
+        Parameters
+        ----------
+        tasks : list of AreaTask
+
+        Raises
+        ------
+        MpmgisError
+            The scene is invalid, or no area can be prepared.
+        """
         chosen = np.unique(np.linspace(0, len(tasks) - 1, SAMPLES + 2)[1:-1].round().astype(int))
         problems = {}
         for number in chosen:
@@ -239,8 +156,20 @@ class PlannedRegion:
         for number, error in problems.items():
             log.info(f"area {number} cannot be prepared: {error}")
 
-    def cost(self, tasks):
-        """(predicted time of all `tasks` in sequence [s], memory of one [bytes]), from the samples."""
+    def cost(self, tasks: list[AreaTask]) -> tuple[float, float]:
+        """Predict the cost of tasks from the samples.
+
+        Parameters
+        ----------
+        tasks : list of AreaTask
+
+        Returns
+        -------
+        seconds : float [s]
+            Of all tasks in sequence.
+        memory : float [bytes]
+            Of one.
+        """
         if not self.samples:
             return 0.0, 0.0
         set_threads(1)
@@ -251,14 +180,14 @@ class PlannedRegion:
 
 @muted()
 def _prepared(task):
-    """(MemberTask in its first window, Prepared)."""
+    """Return (MemberTask in its first window, Prepared)."""
     terrain = task.terrain()
     member = task.within(terrain, task.first_window(terrain))
     return member, member.prepared()
 
 
 def _scene(request):
-    """The Scene with the file of all areas as its release."""
+    """Return the Scene with the file of all areas as its release."""
     tables, path = dict(read_toml(request.scene)), Path(request.scene)
     release = dict(tables.get("release", {}))
     for key in ("particles", "window"):
@@ -275,7 +204,7 @@ def _scene(request):
 
 
 def _scenarios(values, name):
-    """Text of each value that can be part of a file name."""
+    """Return a text for each value that can be part of a file name."""
     words = [f"{value:g}" if isinstance(value, float) else str(value) for value in values.tolist()]
     texts = [re.sub(r"[^\w.+-]+", "_", word) for word in words]
     if len(set(texts)) < len(set(values.tolist())):
@@ -284,7 +213,7 @@ def _scenarios(values, name):
 
 
 def _mu(request, scene):
-    """Slope of the energy line of the first window."""
+    """Return the slope of the energy line of the first window."""
     if request.angle is not None:
         return math.tan(math.radians(request.angle))
     mu = getattr(scene.friction, "mu", None)
@@ -292,13 +221,13 @@ def _mu(request, scene):
 
 
 def _head(release):
-    """v^2 / 2g [m] of the release."""
+    """Return v^2 / 2g [m] of the release."""
     speed = release.speed if release.speed is not None else math.hypot(*release.velocity)
     return speed * speed / (2.0 * GRAVITY)
 
 
 def _tasks(request, scene, terrain, areas, own_thickness, runs):
-    """An AreaTask for each area; equal areas share a digest and one run."""
+    """Return an AreaTask for each area; equal areas share a digest and one run."""
     name, folder = Path(request.scene).name, Path(scene.folder).resolve()
     law = None if request.law is None else str(Path(request.law).resolve())
     tables, mu, head = with_peaks(scene, request.min_depth), _mu(request, scene), _head(scene.release)
@@ -328,7 +257,7 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
 
 
 def _other_inputs(request, scene, terrain):
-    """Digests of the files that runs read, other than the scene, the DTM and the areas."""
+    """Return digests of the files that runs read, other than the scene, the DTM and the areas."""
     areas = Path(str(request.releases).split(LAYER)[0]).resolve()
     files = {path.resolve() for path in input_files(request.scene, scene, request.law)}
     files -= {Path(request.scene).resolve(), Path(terrain.path).resolve()}

@@ -1,7 +1,8 @@
-"""`mpmgis region`: every release area of a region in its own window of one large DTM; maps of all together."""
+"""Run every release area of a region in its own window of one large DTM (`mpmgis region`); maps of all together."""
 
 import time
 from collections import Counter
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +18,11 @@ from ..system.dask_workers import require_scheduler
 from ..system.errors import InputError
 from ..system.messages import log
 from ..system.whole_files import whole_folder
+from .area_run import run_area
 from .ensemble_member import warm_worker, warmed
 from .ensemble_runs import done_by, pool_of, require_affordable
 from .region_areas import write_areas
-from .region_plan import PlannedRegion, run_area
+from .region_plan import PlannedRegion
 
 FIGURES = (
     "area_m2",
@@ -39,7 +41,7 @@ TIMES = ("window_seconds", "prepare_seconds", "wall_seconds")
 
 @dataclass(frozen=True)
 class RegionRequest:
-    """A region; `region` describes its options."""
+    """Request for a region, with the options of `mpmgis region`."""
 
     scene: Path
     releases: Path | None = None
@@ -89,10 +91,23 @@ class RegionFound:
     member_seconds: float
 
 
-def region(request: RegionRequest, *, confirm=lambda question: True, look=lambda *state: None):
+def region(
+    request: RegionRequest,
+    *,
+    confirm: Callable[[str], bool] = lambda question: True,
+    look: Callable = lambda *state: None,
+) -> RegionFound:
     """Run every release area in its own window of the DTM, and write maps of all areas together.
 
-    Finished areas are not run again. `look(done, total, left_out)` is called a few times a second.
+    Finished areas are not run again.
+
+    Parameters
+    ----------
+    request : RegionRequest
+    confirm : callable
+        Question -> whether to start long runs.
+    look : callable
+        Called with (done, total, left out) a few times a second.
 
     Returns
     -------
@@ -133,8 +148,8 @@ def region(request: RegionRequest, *, confirm=lambda question: True, look=lambda
     return RegionFound(folder.path, tuple(files), statuses, before, repeated, planned, started, ran, mapped, *sums)
 
 
-def _run(plan, tasks, workers, records, look):
-    """Run `tasks` into `records`; (seconds until the workers were ready, seconds of the runs)."""
+def _run(plan: PlannedRegion, tasks: list, workers: int, records: dict, look: Callable) -> tuple[float, float]:
+    """Run `tasks` into `records`; return (seconds until the workers were ready, seconds of the runs)."""
     if not tasks:
         return 0.0, 0.0
     began, total = time.perf_counter(), len(records) + len(tasks)
@@ -156,7 +171,7 @@ def _run(plan, tasks, workers, records, look):
 
 
 def _report(plan, records):
-    """Log repeated, truncated and failed areas; number of areas by status. An error if no area has a result."""
+    """Log repeated, cut and failed areas, return the number of areas by status; raise InputError for no result."""
     repeated = sum(records[task.digest].get("runs", 1) > 1 for task in plan.tasks)
     if repeated:
         log.info(f"{repeated} areas reached the edge of their first window and were run again in a larger one")
@@ -174,7 +189,7 @@ def _report(plan, records):
 
 
 def _write(folder, plan, records):
-    """Write the table of areas and the maps; their paths."""
+    """Write the table of areas and the maps; return their paths."""
     write_areas(folder.areas, plan.areas, _columns(plan, records))
     rasters, scenarios = {}, []
     for task, scenario, frequency in zip(plan.tasks, plan.scenarios, plan.frequencies, strict=True):
@@ -215,13 +230,13 @@ def _write(folder, plan, records):
 
 
 def _terrain_layer(plan, maps):
-    """Path of the DTM for the project; None for a DTM that was reprojected."""
+    """Return the path of the DTM for the project; None for a DTM that was reprojected."""
     table = plan.scene.terrain
     return None if table.to_crs is not None else terrain_path(plan.scene.path(table.dem), table.band, maps)
 
 
 def _columns(plan, records):
-    """Name -> list: results of the areas, in their order."""
+    """Return the results of the areas, in their order, by name."""
     found = [records[task.digest] for task in plan.tasks]
     windows = [plan.bounds(record.get("window")) for record in found]
     sides = ("west", "south", "east", "north")

@@ -1,33 +1,39 @@
-"""Runs of a study: wall time, states on common cells, errors between runs, cost of an export (Eqs 15-17)."""
+"""Run the settings of a study: wall time, states on common cells, errors between runs."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..frames.particles import Frame
 from ..maps.averaging import binning
 from ..maps.averaging.cells import bin_frame, place
-from ..maps.averaging.frame_values import Averaging, average_frame
-from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima
-from ..terrain.grid import Grid
 
-FOOTPRINT_SHARE = 0.01  # of the largest thickness of the reference; thinner cells are not flow
+if TYPE_CHECKING:
+    from ..maps.averaging.cells import Bed
+    from ..simulation.numerical_parameters import Setting
+    from ..terrain.grid import Grid
+
+FOOTPRINT_SHARE = 0.01  # [1] of the largest thickness of the reference; thinner cells do not count as flow
 UNITS = {"thickness": "1", "momentum": "1", "area": "1", "reach": "m"}
-FAR_SHARE = 0.99  # share of the mass within the reach
-CELL_FACTORS = (1, 2, 4, 8)  # times the smallest cell size
-STEP_FACTORS = (1, 2, 4, 8)  # times the frame interval
-LOSSES = ("h_max", "Ut_max")
+FAR_SHARE = 0.99  # [1] share of the mass within the reach
 
 
 class Errors(NamedTuple):
     """Errors of a run against a reference; NaN if the reference has no value.
 
-    thickness [1]: sum |h - h_ref| / sum h_ref, mean over the times. momentum [1]: the same of h u, against its largest
-    sum over the times. area [1]: 1 - IoU of all cells with flow. reach [m]: mean over the times.
+    Parameters
+    ----------
+    thickness : float [1]
+        sum |h - h_ref| / sum h_ref, mean over the times.
+    momentum : float [1]
+        The same of h u, against its largest sum over the times.
+    area : float [1]
+        1 - IoU of all cells with flow.
+    reach : float [m]
+        Mean over the times.
     """
 
     thickness: float
@@ -40,11 +46,17 @@ NAMES = Errors._fields
 
 
 def errors_of(states: Sequence, reference: Sequence) -> Errors:
-    """Errors of `states` against the `reference`, two sequences of State at the same times."""
+    """Return the errors of a run against a reference.
+
+    Parameters
+    ----------
+    states, reference : sequence of State
+        At the same times.
+    """
     pairs = list(zip(states, reference, strict=True))
-    thickness = [_apart(a.thickness, b.thickness) / max(b.thickness.sum(), 1e-300) for a, b in pairs]
+    thickness = [_sum_of_differences(a.thickness, b.thickness) / max(b.thickness.sum(), 1e-300) for a, b in pairs]
     most = max(np.abs(b.momentum).sum() for b in reference)
-    momentum = [_apart(a.momentum, b.momentum) / max(most, 1e-300) for a, b in pairs]
+    momentum = [_sum_of_differences(a.momentum, b.momentum) / max(most, 1e-300) for a, b in pairs]
     least = FOOTPRINT_SHARE * max(b.thickness.max() for b in reference)
     covered = [np.any([s.thickness > least for s in run], axis=0) for run in (states, reference)]
     area = 1.0 - np.count_nonzero(covered[0] & covered[1]) / max(np.count_nonzero(covered[0] | covered[1]), 1)
@@ -53,22 +65,36 @@ def errors_of(states: Sequence, reference: Sequence) -> Errors:
 
 
 def errors_against_exact(states: Sequence, thickness: np.ndarray) -> Errors:
-    """Errors of the last of `states` against an exact `thickness` float64[rows, columns] [m]; NaN cells are ignored."""
+    """Return the errors of the last state of a run against an exact thickness.
+
+    Parameters
+    ----------
+    states : sequence of State
+    thickness : float64[rows, columns] [m]
+        NaN cells are ignored.
+    """
     known = np.isfinite(thickness)
     exact = np.where(known, thickness, 0.0)
-    error = _apart(np.where(known, states[-1].thickness, 0.0), exact) / max(exact.sum(), 1e-300)
+    error = _sum_of_differences(np.where(known, states[-1].thickness, 0.0), exact) / max(exact.sum(), 1e-300)
     return Errors(float(error), np.nan, np.nan, np.nan)
 
 
-def _apart(first, second):
+def _sum_of_differences(first, second):
     return float(np.abs(first - second).sum())
 
 
 class State(NamedTuple):
-    """The flow at one time, on the study's cells.
+    """The flow at one time, on the cells of a study.
 
-    thickness float64[rows, columns] [m], vertical, volume over area; momentum float64[rows, columns, 2] [m2 s-1],
-    thickness times horizontal velocity; reach [m]: horizontal distance from the release's centre with 99 % of the mass.
+    Parameters
+    ----------
+    time : float [s]
+    thickness : float64[rows, columns] [m]
+        Vertical, volume over area.
+    momentum : float64[rows, columns, 2] [m2 s-1]
+        Thickness times horizontal velocity.
+    reach : float [m]
+        Horizontal distance from the release's centre with 99 % of the mass.
     """
 
     time: float
@@ -86,14 +112,15 @@ class Outcome:
     setting : Setting
     particles, steps, particle_steps : int
     seconds : tuple of float [s]
-        Wall times of the time integration, one per repeat; compilation is in `compile_seconds` [s].
+        Wall times of the time integration, one per repeat, without compilation.
+    compile_seconds : float [s]
     predicted : float [s]
         Predicted run time.
     states : tuple of State
     mass_error : float [1]
     """
 
-    setting: object
+    setting: "Setting"
     particles: int
     steps: int
     particle_steps: int
@@ -167,7 +194,7 @@ def outcomes(
 
 
 def _before_first_run(setting, prepare, compile_kernels, predict):
-    """The Outcome of a setting before its first run."""
+    """Return the Outcome of a setting before its first run."""
     prepared = prepare(setting)
     began = perf_counter()
     compile_kernels(prepared)
@@ -175,7 +202,7 @@ def _before_first_run(setting, prepare, compile_kernels, predict):
 
 
 def _integrated(flow, cells, times):
-    """(wall time of the time integration [s], States at `times`); a run that ends early keeps its last state."""
+    """Return the wall time of the integration [s] and States at `times`; a run that ends early keeps its last state."""
     frames, taken, spent, last = iter(flow), [], 0.0, None
     while True:
         began = perf_counter()
@@ -206,14 +233,20 @@ class StudyCells:
         True: columns are spread with B-splines, as in maps. False: each fills the square of its area.
     """
 
-    grid: object
-    bed: object
+    grid: "Grid"
+    bed: "Bed"
     density: float
     start: tuple
     spread: bool = False
 
     def state_of(self, frame: Frame) -> State:
-        """The State of a Frame of columns or points."""
+        """Return the flow of a frame on these cells.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of columns or points.
+        """
         cells = bin_frame(frame, place(frame, self.bed), self.bed, self.grid, self.density, spread=self.spread)
         per_area = 1.0 / (self.density * cells.cell_area)
         thickness = np.zeros(self.grid.shape[0] * self.grid.shape[1])
@@ -232,104 +265,17 @@ class StudyCells:
 
 
 def centre_of(frame: Frame) -> tuple[float, float]:
-    """(E, N) [m] of a frame's centre of mass."""
-    x, y = frame.map_xy()
-    mass = frame.particles.mass
-    return float(np.average(x, weights=mass)), float(np.average(y, weights=mass))
-
-
-class ExportSetting(NamedTuple):
-    """One pair of --cs-e [m] and --dt-e [s]: number of averaged frames, averaging time [s] without writing files.
-
-    h_max, Ut_max: difference of these maxima from those of the finest pair, sum |a - b| / sum b [1].
-    """
-
-    cs_e: float
-    dt_e: float
-    frames: int
-    seconds: float
-    h_max: float
-    Ut_max: float
-
-
-class ExportSweep:
-    """Averages the frames of one run on grids of several cell sizes.
+    """Return the centre of mass of a frame on the map.
 
     Parameters
     ----------
-    bed : Bed
-    bounds : (west, south, east, north) [m]
-    crs : pyproj.CRS or None
-    finest : float [m]
-        Smallest cell size.
-    interval : float [s]
-        Frame interval.
-    density : float [kg m-3]
-    min_depth : float [m]
-        Velocities of shallower flow are ignored.
+    frame : Frame
+
+    Returns
+    -------
+    (float, float) [m]
+        E and N.
     """
-
-    def __init__(self, bed, bounds, crs, finest, interval, density, min_depth=0.05):
-        west, south, east, north = bounds
-        self.interval, self.count = interval, 0
-        rows, columns = (_multiple(span / finest, CELL_FACTORS[-1]) for span in (north - south, east - west))
-        self.averagings = {
-            factor: Averaging(
-                bed,
-                Grid.north_up(crs, west, north, factor * finest, (rows // factor, columns // factor)),
-                density,
-                PRODUCTS_NEEDED,
-                min_depth=min_depth,
-            )
-            for factor in CELL_FACTORS
-        }
-        self.seconds = {(cell, step): 0.0 for cell in CELL_FACTORS for step in STEP_FACTORS}
-        self.frames = dict.fromkeys(self.seconds, 0)
-        self.maxima = {
-            (cell, step): RunningMaxima(math.prod(self.averagings[cell].grid.shape), min_depth)
-            for cell, step in self.seconds
-        }
-
-    def take(self, frame: Frame) -> None:
-        """Average a frame; frames are in order, `interval` apart."""
-        for cell, averaging in self.averagings.items():
-            steps = [step for step in STEP_FACTORS if self.count % step == 0]
-            began = perf_counter()
-            values = average_frame(frame, averaging)
-            spent = perf_counter() - began
-            for step in steps:
-                began = perf_counter()
-                self.maxima[cell, step].absorb(values.index, values.values, frame.time, values.least)
-                self.seconds[cell, step] += spent + perf_counter() - began
-                self.frames[cell, step] += 1
-        self.count += 1
-
-    def settings(self) -> list[ExportSetting]:
-        """ExportSettings, from the finest pair to the coarsest."""
-        finest = {name: self._on_finest(name, CELL_FACTORS[0], STEP_FACTORS[0]) for name in LOSSES}
-        return [
-            ExportSetting(
-                self.averagings[cell].grid.cell_size,
-                step * self.interval,
-                self.frames[cell, step],
-                self.seconds[cell, step],
-                *(_export_difference(self._on_finest(name, cell, step), finest[name]) for name in LOSSES),
-            )
-            for cell in CELL_FACTORS
-            for step in STEP_FACTORS
-        ]
-
-    def _on_finest(self, name, cell, step):
-        """float64[rows, columns] of a maximum on the smallest cells, 0 without flow."""
-        found = self.maxima[cell, step]
-        values = np.where(found.seen[name], found.values[name], 0.0).reshape(self.averagings[cell].grid.shape)
-        return np.kron(values, np.ones((cell, cell)))
-
-
-def _multiple(count, of):
-    """`count` rounded up to a multiple of `of`."""
-    return math.ceil(math.ceil(round(count, 6)) / of) * of
-
-
-def _export_difference(values, reference):
-    return float(np.abs(values - reference).sum() / max(np.abs(reference).sum(), 1e-300))
+    x, y = frame.map_xy()
+    mass = frame.particles.mass
+    return float(np.average(x, weights=mass)), float(np.average(y, weights=mass))

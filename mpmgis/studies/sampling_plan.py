@@ -1,4 +1,4 @@
-"""The varied keys of a scene, their distributions, and the sampled scene of each ensemble member."""
+"""Plan of the samples of an ensemble: its varied keys, and the values and scene of each member."""
 
 import copy
 import itertools
@@ -6,7 +6,8 @@ import math
 import re
 import warnings
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,14 +17,28 @@ from ..scene.tables import LISTED, TABLES
 from ..system.errors import InputError, SceneError
 from .varied_keys import Choice
 
+if TYPE_CHECKING:
+    from ..laws.own_law import OwnLaws
+
 JOINT = "joint"  # member k has value k of every list; only of a plan in a file
 SAMPLINGS = ("lhs", "sobol", "grid", "random", JOINT)
-SAMPLES, LEVELS = 32, 5  # members; on a grid: values per range
-MOST_MEMBERS = 100_000
+SAMPLES = 32  # default number of members
+LEVELS = 5  # default number of values per range on a grid
+MOST_MEMBERS = 100_000  # more are refused
 
 
 class Member(NamedTuple):
-    """One run: its `number` from 1, the `values` of the varied keys in their order, and the whole scene as `tables`."""
+    """One run of an ensemble.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    values : tuple
+        Of the varied keys, in their order.
+    tables : dict
+        The whole scene.
+    """
 
     number: int
     values: tuple
@@ -56,11 +71,22 @@ class Plan:
 
     @classmethod
     def of(cls, varied: dict, sampling: str | None = None, samples: int | None = None, seed: int = 0) -> "Plan":
-        """A Plan with defaults: lists alone are combined on a grid, otherwise a Latin hypercube is used.
+        """Return a plan with defaults: lists alone are combined on a grid, otherwise a Latin hypercube is used.
+
+        Parameters
+        ----------
+        varied : dict of str to Choice or Spread
+            By key.
+        sampling : str, optional
+            One of SAMPLINGS.
+        samples : int, optional
+            Members; on a grid: values per range.
+        seed : int
 
         Raises
         ------
         InputError
+            Nothing varies, an unknown sampling, too many members, or lists of different length for JOINT.
         """
         if not varied:
             raise InputError("nothing varies; use for example --vary friction.mu=0.1:0.3, or --plan plan.toml")
@@ -91,7 +117,7 @@ class Plan:
         return math.prod(levels)
 
     def values(self) -> list[tuple]:
-        """List of tuples: the values of the varied keys of each member; bitwise reproducible for the same plan."""
+        """Return the values of the varied keys of each member; bitwise reproducible for the same plan."""
         varied = list(self.varied.values())
         if self.sampling == JOINT:
             return list(zip(*(one.values for one in varied), strict=True))
@@ -100,7 +126,7 @@ class Plan:
         return [tuple(one.at(share) for one, share in zip(varied, row, strict=True)) for row in self._shares()]
 
     def _shares(self):
-        """float64[samples, keys]: points in the unit cube, from SciPy's qmc."""
+        """Return points in the unit cube from SciPy's qmc, float64[samples, keys]."""
         from scipy.stats import qmc
 
         source, keys = np.random.default_rng(self.seed), len(self.varied)
@@ -113,21 +139,23 @@ class Plan:
             return qmc.Sobol(keys, seed=source).random(self.samples)
 
     def remark(self) -> str:
-        """A warning about the sampling, or ''."""
+        """Return a warning about the sampling, or ''."""
         if self.sampling == "sobol" and self.samples & (self.samples - 1):
             more = 1 << self.samples.bit_length()
             return f"Sobol points are uniform if their number is a power of two: {self.samples} is not; use {more}"
         return ""
 
-    def members(self, base: dict, folder: object, name: str, own_laws: object) -> list[Member]:
-        """List of Member, each with a checked scene.
+    def members(self, base: dict, folder: str | Path, name: str, own_laws: "OwnLaws") -> list[Member]:
+        """Return all members, each with a checked scene.
 
         Parameters
         ----------
         base : dict
             The tables of the scene, from `Scene.as_tables`.
-        folder, name : str
-            Of the scene.
+        folder : path
+            To which paths of the scene are relative.
+        name : str
+            Of the scene, for messages.
         own_laws : OwnLaws
 
         Raises
@@ -145,7 +173,7 @@ class Plan:
         return made
 
     def as_tables(self) -> dict:
-        """The plan as the plain dictionary that TOML holds."""
+        """Return the plan as a dictionary for TOML."""
         return {
             "sampling": self.sampling,
             "samples": self.samples,
@@ -162,7 +190,14 @@ def _equally_long(varied):
 
 
 def with_values(tables: dict, values: dict) -> dict:
-    """A copy of a scene's `tables` with the `values` by key."""
+    """Return a copy of the tables of a scene with other values.
+
+    Parameters
+    ----------
+    tables : dict
+    values : dict
+        By key, as in `Plan`.
+    """
     made = copy.deepcopy(tables)
     for key, value in values.items():
         holder, last = _place(made, key)
@@ -171,7 +206,12 @@ def with_values(tables: dict, values: dict) -> dict:
 
 
 def require_place(tables: dict, key: str) -> None:
-    """Reject a `key` that is not in the scene's `tables`.
+    """Raise SceneError for a key that is not in the tables of a scene.
+
+    Parameters
+    ----------
+    tables : dict
+    key : str
 
     Raises
     ------
@@ -181,7 +221,7 @@ def require_place(tables: dict, key: str) -> None:
 
 
 def _place(tables, key):
-    """(dictionary, its key) of `key` in a scene's tables."""
+    """Return (dictionary, its key) of `key` in a scene's tables."""
     name, *path = re.split(r"\.", key)
     if name not in TABLES:
         known = ", ".join(tables)

@@ -1,8 +1,8 @@
-"""The table of a study, with results of other codes for comparison, and its conclusions as text."""
+"""Table of a study, with results of other codes for comparison, and its conclusions as text."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .convergence import (
     NEAR_FRONT,
     Gain,
     Law,
-    alike,
+    best_gains,
     fitted,
     gains,
     on_front,
@@ -22,8 +22,11 @@ from .convergence import (
 )
 from .run_measures import NAMES, UNITS, Errors
 
-FARTHEST = 4.0  # largest extrapolation of the law below the smallest cells of the study
-PERCENT = ("thickness", "momentum", "area")
+if TYPE_CHECKING:
+    from .run_measures import Outcome
+
+FARTHEST = 4.0  # [1] largest extrapolation of the law: smallest cells of the study over those of the law
+PERCENT = ("thickness", "momentum", "area")  # errors that are shown in per cent
 BESIDE = "beside"  # entry in column "knob" for results of other codes
 ERROR_COLUMNS = {name: f"error_{name}" + ("_m" if UNITS[name] == "m" else "") for name in NAMES}
 RECORD_NAMES = (
@@ -55,6 +58,8 @@ RECORD_NAMES = (
 class OtherResult(NamedTuple):
     """A result of another code.
 
+    Parameters
+    ----------
     code, setting : str
         Name of the code, and its settings as text.
     seconds : (float, float, float) [s]
@@ -75,20 +80,44 @@ class OtherResult(NamedTuple):
 
 
 def fastest_as_accurate(seconds: np.ndarray, errors: np.ndarray, error: float) -> int | None:
-    """Number of the fastest setting with an error of at most `error`; None if there is none."""
+    """Return the number of the fastest setting with an error of at most `error`; None if there is none.
+
+    Parameters
+    ----------
+    seconds : float64[n] [s]
+    errors : float64[n]
+    error : float
+    """
     accurate = np.flatnonzero(np.asarray(errors) <= error)
     return int(accurate[np.argmin(np.asarray(seconds)[accurate])]) if accurate.size else None
 
 
 class Row(NamedTuple):
-    """One setting: its outcome and its `errors` against the reference."""
+    """One setting of a study.
 
-    outcome: object
-    errors: object
+    Parameters
+    ----------
+    outcome : Outcome
+    errors : Errors
+        Against the reference.
+    """
+
+    outcome: "Outcome"
+    errors: Errors
 
 
 class Choice(NamedTuple):
-    """Settings for a requested error; `estimated`: no run was as accurate, extrapolated with the law."""
+    """Settings for a requested error.
+
+    Parameters
+    ----------
+    changes : dict
+        Values of keys that differ from the scene.
+    seconds : float [s]
+    error : float
+    estimated : bool
+        No run was as accurate: extrapolated with the law.
+    """
 
     changes: dict
     seconds: float
@@ -98,12 +127,14 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class Study:
-    """Parameters
+    """Results of all settings of a study.
+
+    Parameters
     ----------
     rows : tuple of Row
         The unchanged scene first.
     measure : str
-        The error that ranks the settings: one of `measures.NAMES`.
+        The error that ranks the settings: one of `run_measures.NAMES`.
     reference_cell : float [m]
         Cell size of the reference run; 0 for an exact solution.
     exports : tuple of ExportSetting
@@ -119,21 +150,27 @@ class Study:
 
     @cached_property
     def seconds(self) -> np.ndarray:
-        """float64[n] [s]: typical wall time of each row."""
+        """Typical wall time of each row, float64[n] [s]."""
         return np.array([row.outcome.typical_seconds for row in self.rows])
 
     @cached_property
     def spreads(self) -> np.ndarray:
-        """float64[n, 2] [s]: smallest and largest wall time of each row."""
+        """Smallest and largest wall time of each row, float64[n, 2] [s]."""
         return np.array([(min(row.outcome.seconds), max(row.outcome.seconds)) for row in self.rows])
 
     def ties(self, k: int) -> np.ndarray:
-        """Numbers of the rows whose times are a tie with that of row `k`."""
+        """Return the numbers of the rows whose times are a tie with that of a row.
+
+        Parameters
+        ----------
+        k : int
+            Number of the row.
+        """
         return np.flatnonzero(ties(self.spreads)[k])
 
     @cached_property
     def raw_errors(self) -> np.ndarray:
-        """float64[n]: the ranking error against the reference."""
+        """Ranking error against the reference, float64[n]."""
         return np.array([getattr(row.errors, self.measure) for row in self.rows])
 
     @cached_property
@@ -143,7 +180,13 @@ class Study:
         return fitted(*zip(*pairs, strict=True), self.reference_cell) if len(pairs) > 1 else None
 
     def by_cell_size(self) -> list[tuple[int, float]]:
-        """(row, cell size [m]) of the rows that differ from the scene only in the cell size."""
+        """Return the rows that differ from the scene only in the cell size.
+
+        Returns
+        -------
+        list of (int, float [m])
+            Number of the row, and cell size.
+        """
         return [
             (k, row.outcome.setting.cell_size)
             for k, row in enumerate(self.rows)
@@ -157,7 +200,7 @@ class Study:
 
     @cached_property
     def errors(self) -> np.ndarray:
-        """float64[n]: the ranking error, including the error of the reference.
+        """Ranking error, including the error of the reference, float64[n].
 
         An independent error of the reference is already included in the raw errors.
         """
@@ -166,12 +209,12 @@ class Study:
 
     @cached_property
     def front(self) -> np.ndarray:
-        """bool[n]: rows on the Pareto front."""
+        """Whether each row is on the Pareto front, bool[n]."""
         return on_front(self.spreads, self.errors)
 
     @cached_property
     def over_front(self) -> np.ndarray:
-        """float64[n]: time over that of the fastest row that is at least as accurate; 1 for a tie."""
+        """Time over that of the fastest row that is at least as accurate, float64[n] [1]; 1 for a tie."""
         return time_over_front(self.seconds, self.spreads, self.errors)
 
     @cached_property
@@ -191,9 +234,19 @@ class Study:
         return stops_paying([size for _, size in sizes], [self.errors[k] for k, _ in sizes])
 
     def choice(self, error: float) -> Choice | None:
-        """The Choice for an error of at most `error`: the fastest row that reaches it, else from the law.
+        """Return the settings for a requested error: the fastest row that reaches it, else from the law.
 
         Of rows that are a tie with the fastest, the one with the smallest error is used.
+
+        Parameters
+        ----------
+        error : float
+            Largest accepted error.
+
+        Returns
+        -------
+        Choice or None
+            None if the law does not reach so far.
         """
         reached = np.flatnonzero(self.errors <= error)
         if reached.size:
@@ -210,11 +263,11 @@ class Study:
         return Choice(dict(cells_times(base.scene, factor)), float(seconds), error, True)
 
     def _finest(self):
-        """The smallest cell size of the study [m]."""
+        """Return the smallest cell size of the study [m]."""
         return min(size for _, size in self.by_cell_size())
 
     def lines(self) -> list[str]:
-        """The conclusions, one sentence each."""
+        """Return the conclusions, one sentence each."""
         return [
             *self._law_lines(),
             *self._front_lines(),
@@ -259,7 +312,7 @@ class Study:
     def _gain_lines(self):
         if not self.gains:
             return [f"no single parameter reduces the error of the scene by {100 * LEAST_FALL:g} % or more"]
-        best = alike(self.gains)
+        best = best_gains(self.gains)
         if len(best) == 1:
             return [f"best next refinement: {_gain_words(best[0])}"]
         words = "; ".join(map(_gain_words, best))
@@ -273,11 +326,21 @@ class Study:
         return [f"predicted over measured time: {min(ratios):.2f} to {max(ratios):.2f}"]
 
     def errors_of_others(self) -> np.ndarray:
-        """float64[n]: the ranking error of each result of other codes."""
+        """Return the ranking error of each result of other codes.
+
+        Returns
+        -------
+        float64[n]
+        """
         return np.array([getattr(other.errors, self.measure) for other in self.beside])
 
     def as_accurate_as(self, error: float) -> int | None:
-        """Number of the fastest row with at most this error; None if there is none."""
+        """Return the number of the fastest row with at most this error; None if there is none.
+
+        Parameters
+        ----------
+        error : float
+        """
         return fastest_as_accurate(self.seconds, self.errors, error)
 
     def _lines_of_others(self):
@@ -293,8 +356,8 @@ class Study:
         return lines
 
     def summary(self) -> list[tuple[str, str]]:
-        """(name, value as text) of the conclusions."""
-        best = alike(self.gains) if self.gains else []
+        """Return the conclusions as (name, value as text)."""
+        best = best_gains(self.gains) if self.gains else []
         size = self.stops_paying
         return [
             ("measure", self.measure),
@@ -309,7 +372,13 @@ class Study:
         ]
 
     def records(self) -> tuple[tuple, list]:
-        """(names, rows of values): the full table for a CSV; results of other codes last."""
+        """Return the full table for a CSV; results of other codes come last.
+
+        Returns
+        -------
+        names : tuple of str
+        rows : list of tuple
+        """
         others = zip(self.beside, self.errors_of_others(), strict=True)
         own = [self._record(k) for k in range(len(self.rows))]
         return RECORD_NAMES, own + [self._record_beside(other, error) for other, error in others]
@@ -355,7 +424,7 @@ class Study:
 
 
 def _by_stage(scene):
-    """Solver, cell size and particles per cell; for a scene in stages those of all stages, joined with +."""
+    """Return solver, cell size and particles per cell; for a scene in stages those of all stages, joined with +."""
     each = [
         (
             one.solver,
@@ -375,5 +444,12 @@ def _gain_words(gain):
 
 
 def value_words(measure: str, value: float) -> str:
-    """An error as text: per cent, or metres."""
+    """Return an error as text: per cent, or metres.
+
+    Parameters
+    ----------
+    measure : str
+        One of `run_measures.NAMES`.
+    value : float
+    """
     return f"{100 * value:.2g} %" if measure in PERCENT else f"{value:.3g} m"

@@ -9,29 +9,58 @@ from ..system.errors import InputError
 
 FORMS = "LOW:HIGH, A,B,C, normal:MEAN:SD, lognormal:MEAN:SD (each also :LOW:HIGH to cut it), triangular:LOW:MODE:HIGH"
 COUNTS = {"uniform": (2,), "normal": (2, 4), "lognormal": (2, 4), "triangular": (3,)}  # numbers after the name
-LEAST_SHARE = 2.0**-53  # smallest share with a finite value of a normal distribution
-DIGITS = 10  # of a sampled number: the table of members has the exact values
+LEAST_SHARE = 2.0**-53  # [1] smallest share with a finite value of a normal distribution
+DIGITS = 10  # significant digits of a sampled number, so that the table of members has its exact value
 
 
 class Choice(NamedTuple):
-    """One of `values`, all equally likely; `text` is the user's input."""
+    """A choice among equally likely values.
+
+    Parameters
+    ----------
+    values : tuple
+    text : str
+        The user's input.
+    """
 
     values: tuple
     text: str
 
     def at(self, share: float) -> object:
-        """Quantile for `share` (0 to 1)."""
+        """Return a quantile.
+
+        Parameters
+        ----------
+        share : float [1]
+            In 0..1.
+        """
         return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
 
     def levels(self, count: int) -> tuple:
-        """All values; `count` is not used."""
+        """Return all values.
+
+        Parameters
+        ----------
+        count : int
+            Not used.
+        """
         return self.values
 
 
 class Spread(NamedTuple):
-    """A distribution `name` with its `parameters`, truncated to `low` and `high` if given.
+    """A distribution, truncated if limits are given.
 
     Mean and standard deviation are those of the variable itself before truncation, also for a lognormal one.
+
+    Parameters
+    ----------
+    name : str
+        Key of COUNTS.
+    parameters : tuple of float
+    low, high : float or None
+        Limits.
+    text : str
+        The user's input.
     """
 
     name: str
@@ -41,7 +70,13 @@ class Spread(NamedTuple):
     text: str
 
     def at(self, share: float) -> float:
-        """Quantile for `share` (0 to 1), rounded to 10 digits."""
+        """Return a quantile, rounded to 10 digits.
+
+        Parameters
+        ----------
+        share : float [1]
+            In 0..1.
+        """
         law = _law(self)
         share = min(max(float(share), LEAST_SHARE), 1.0 - LEAST_SHARE)
         if self.low is not None:
@@ -50,7 +85,12 @@ class Spread(NamedTuple):
         return _rounded(float(law.ppf(share)))
 
     def share_of(self, value: float) -> float:
-        """Share (0 to 1) of the distribution below `value`: the inverse of `at`."""
+        """Return the share (0 to 1) of the distribution below a value: the inverse of `at`.
+
+        Parameters
+        ----------
+        value : float
+        """
         law, share = _law(self), float(_law(self).cdf(value))
         if self.low is not None:
             below, upto = law.cdf(self.low), law.cdf(self.high)
@@ -58,13 +98,19 @@ class Spread(NamedTuple):
         return min(max(float(share), 0.0), 1.0)
 
     def levels(self, count: int) -> tuple:
-        """Medians of `count` equally likely intervals, for a grid."""
+        """Return the medians of equally likely intervals, for a grid.
+
+        Parameters
+        ----------
+        count : int
+            Number of intervals.
+        """
         return tuple(self.at((k + 0.5) / count) for k in range(count))
 
 
 @lru_cache(maxsize=64)
 def _law(spread):
-    """SciPy distribution of a Spread, before truncation."""
+    """Return the SciPy distribution of a Spread, before truncation."""
     from scipy import stats
 
     if spread.name == "uniform":
@@ -81,11 +127,19 @@ def _law(spread):
 
 
 def variation(asked: object, where: str) -> Choice | Spread:
-    """The Choice or Spread of `asked`, a text as in FORMS or a list of values; `where` is for messages.
+    """Read the values of a varied key.
+
+    Parameters
+    ----------
+    asked : str, sequence or value
+        Text as in FORMS, a list of values, or one value.
+    where : str
+        Origin, for messages.
 
     Raises
     ------
     InputError
+        Other text, or numbers that make no distribution.
     """
     if isinstance(asked, (list, tuple)):
         return _choice(tuple(asked), ",".join(map(str, asked)), where)
@@ -124,7 +178,7 @@ def _spread(name, parts, text, where):
 
 
 def _require_possible(name, parameters, cut, where):
-    """Reject invalid parameters of a distribution."""
+    """Raise InputError for invalid parameters of a distribution."""
     if name in ("normal", "lognormal"):
         mean, deviation = parameters
         if deviation <= 0 or (name == "lognormal" and mean <= 0):
@@ -136,7 +190,7 @@ def _require_possible(name, parameters, cut, where):
 
 
 def _number(text):
-    """A finite float, or None."""
+    """Return a finite float, or None."""
     try:
         value = float(text)
     except ValueError:
@@ -145,7 +199,7 @@ def _number(text):
 
 
 def _value(text):
-    """The value of a list item: boolean, integer, float, else text."""
+    """Return the value of a list item: boolean, integer, float, else text."""
     if text in ("true", "false"):
         return text == "true"
     try:

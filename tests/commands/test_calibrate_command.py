@@ -19,8 +19,9 @@ from mpmgis.scene.scene_reading import read_scene
 from mpmgis.simulation.preparation import prepare_scene
 from mpmgis.studies import ensemble_member
 from mpmgis.studies.calibration import CalibrateRequest
-from mpmgis.studies.calibration_events import EventOnGrid, events_of
+from mpmgis.studies.calibration_events import events_of
 from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
+from mpmgis.studies.event_comparison import EventOnGrid
 from mpmgis.terrain.grid import Grid
 
 TRUTH = 24.0  # [degrees]

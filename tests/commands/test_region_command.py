@@ -19,7 +19,7 @@ from affine import Affine
 
 import mpmgis
 from mpmgis.commands.shell.main import main
-from mpmgis.studies import region_plan
+from mpmgis.studies import area_run
 from mpmgis.studies.region_runs import RegionRequest, region
 from mpmgis.system.errors import InputError
 from mpmgis.system.messages import collected
@@ -203,13 +203,13 @@ def test_workers_and_a_killed_start_give_the_same_bytes(site, done, tmp_path):
     assert digests(two.folder) == digests(done.folder)
     child = (
         "import os, signal, sys\n"
-        "from mpmgis.studies import region_plan\n"
-        "write, seen = region_plan.write_member, []\n"
+        "from mpmgis.studies import area_run\n"
+        "write, seen = area_run.write_member, []\n"
         "def end(*given):\n"
         "    write(*given)\n"
         "    seen.append(1)\n"
         "    if len(seen) == 2: os.kill(os.getpid(), int(sys.argv[1]))\n"
-        "region_plan.write_member = end\n"
+        "area_run.write_member = end\n"
         "from mpmgis.commands.shell.main import main\n"
         "main(sys.argv[2:])\n"
     )
@@ -278,7 +278,7 @@ def test_a_dask_cluster_gives_the_same_maps(site, done, tmp_path, monkeypatch):
 
 def test_flow_that_reaches_the_edge_of_its_window_is_run_in_a_larger_one(site, done, tmp_path, monkeypatch):
     narrow = lambda grid, part, polygon, mu, head: Window(*_pixels_around(grid, polygon, 12))  # noqa: E731
-    monkeypatch.setattr(region_plan, "reach_window", narrow)
+    monkeypatch.setattr(area_run, "reach_window", narrow)
     with collected() as lines:
         found = region(asked(site, tmp_path / "narrow", scenario="T", frequency="f"))
     assert found.repeated == 4 and any("larger" in str(line) for line in lines)

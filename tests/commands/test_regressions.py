@@ -241,7 +241,7 @@ def test_going_back_takes_events_back_too():
 
     solver, events = Told("solver"), Told("events")
     solver.step, solver.time = 7, 1.5
-    side = SimpleNamespace(look=lambda: None)
+    side = SimpleNamespace(energy_look=lambda: None)
     stage_end = SimpleNamespace(calm_since=3.0)
     guard = Guard(solver, side, events, stage_end)
     frame = SimpleNamespace(time=1.0, state={"events": 4}, particles=SimpleNamespace(id=(1, 2)))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mpmgis.simulation.run_cost import seconds_of_frames, seconds_of_looks, seconds_to_columns, seconds_to_points
+from mpmgis.simulation.run_cost import seconds_of_checks, seconds_of_frames, seconds_to_columns, seconds_to_points
 
 
 def test_frames_cost_a_floor_and_more_for_each_particle():
@@ -19,6 +19,6 @@ def test_switches_cost_a_floor_and_more_for_each_point_and_node():
         assert cost(1000, 1000) > cost(1000, 0)
 
 
-def test_looks_cost_by_what_is_looked_for():
-    assert seconds_of_looks(1000, 4, ("time",)) == 0.0
-    assert seconds_of_looks(1000, 4, {"calm": 1.0}) > seconds_of_looks(1000, 4, {"reach": "cliff"}) > 0.0
+def test_checks_cost_by_their_conditions():
+    assert seconds_of_checks(1000, 4, ("time",)) == 0.0
+    assert seconds_of_checks(1000, 4, {"calm": 1.0}) > seconds_of_checks(1000, 4, {"reach": "cliff"}) > 0.0

@@ -15,7 +15,7 @@ from mpmgis.simulation.cost_prediction import (
     predicted,
     predicted_cost,
     predicted_memory,
-    tried,
+    tried_machine,
 )
 from mpmgis.simulation.preparation import prepare
 from mpmgis.simulation.run_cost import BYTES_PER_SWITCHED, NANOSECONDS_PER_STEP, SECONDS_PER_STEP
@@ -77,7 +77,7 @@ def test_steps_and_what_is_beside_them_take_longer_on_a_slower_machine(site):
 
 def test_a_trial_measures_the_pace_of_each_solver_and_changes_nothing(site):
     run = prepared(site, "time = 2", "time = 5")
-    machine = tried(run, 1, 1.0)
+    machine = tried_machine(run, 1, 1.0)
     assert set(machine.steps) == {"columns", "points"} and all(times > 0.0 for times in machine.steps.values())
     assert machine.other > 0.0
     assert "ns a column and" in machine.words and machine.words.endswith("ns a point and step as measured")
@@ -86,7 +86,9 @@ def test_a_trial_measures_the_pace_of_each_solver_and_changes_nothing(site):
 
 def test_only_what_takes_more_than_a_moment_is_tried(site, monkeypatch):
     run, asked = prepared(site, "time = 2", "time = 5"), []
-    monkeypatch.setattr(cost_prediction, "tried", lambda *given: asked.append(given) or TYPICAL._replace(other=2.0))
+    monkeypatch.setattr(
+        cost_prediction, "tried_machine", lambda *given: asked.append(given) or TYPICAL._replace(other=2.0)
+    )
     monkeypatch.setattr(cost_prediction, "TRIAL_FROM", 1e6)
     short = predicted(run, 1)
     assert not asked and short.source == ""
@@ -105,7 +107,7 @@ def test_a_run_is_predicted_again_from_its_own_steps_once_for_each_solver(site, 
     def look(solver, seconds, each):
         stage = SimpleNamespace(scene=SimpleNamespace(solver=solver, numerics=run.scene.numerics))
         steps = int(seconds / each / 1000.0)
-        pace.look(SimpleNamespace(stage=stage, stepped=(seconds, 1000 * steps, steps)))
+        pace.update(SimpleNamespace(stage=stage, stepped=(seconds, 1000 * steps, steps)))
 
     with collected() as said:
         look("columns", 1.9, 10 * nominal)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from column_scenes import seeded, solver_on, terrain_of
 
-from mpmgis.simulation.run_cost import predicted, slower_than_nominal
+from mpmgis.simulation.run_cost import predicted_in_2d, slower_than_nominal
 from mpmgis.simulation.stepping import measured_pace
 
 
@@ -31,6 +31,6 @@ def test_where_nothing_moves_there_is_no_pace():
 
 
 def test_a_slower_machine_is_predicted_to_take_longer_in_proportion():
-    seconds, _ = predicted(1_000_000, 1.0, 1e6, 0, 5.0, 0.3, 100.0, 40.0, 2)
+    seconds, _ = predicted_in_2d(1_000_000, 1.0, 1e6, 0, 5.0, 0.3, 100.0, 40.0, 2)
     pace = 2 * seconds / (100.0 * (20.0 + np.sqrt(9.81)) / (0.3 * 5.0) * 1_000_000)
     assert slower_than_nominal("columns", pace, 1_000_000, 2) == pytest.approx(2.0, rel=1e-2)

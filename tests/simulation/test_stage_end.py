@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from mpmgis.frames.particle_store import Flow
-from mpmgis.simulation.stage_end import LOOK_SECONDS, Cliff, Near, StageEnd
+from mpmgis.simulation.stage_end import CHECK_SECONDS, Cliff, Near, StageEnd
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.flow_reach import takes_off
 from mpmgis.terrain.grid import Grid
@@ -117,12 +117,12 @@ def test_a_time_is_met_exactly_and_nothing_else_is_looked_for():
 
 def test_checks_are_at_multiples_of_their_interval():
     end = StageEnd(time=9.0, reached=Cliff(terrain(cliff)))
-    assert end.next_time(0.0) == LOOK_SECONDS and end.next_time(0.1) == LOOK_SECONDS
-    assert end.next_time(LOOK_SECONDS) == 2 * LOOK_SECONDS
+    assert end.next_time(0.0) == CHECK_SECONDS and end.next_time(0.1) == CHECK_SECONDS
+    assert end.next_time(CHECK_SECONDS) == 2 * CHECK_SECONDS
     solver = Marching(flow([190.0], 20.0))
     solver.time = 0.1
     assert end.over(solver) == ""
-    solver.time = LOOK_SECONDS
+    solver.time = CHECK_SECONDS
     assert end.over(solver) == "the flow is within reach of a cliff"
 
 
@@ -136,7 +136,7 @@ def test_a_hundredth_of_the_flow_makes_a_cliff_and_any_of_it_is_near_a_wall():
 
 def at(state):
     solver = Marching(state)
-    solver.time = LOOK_SECONDS
+    solver.time = CHECK_SECONDS
     return solver
 
 

@@ -121,7 +121,7 @@ class Recorder:
     def arm(self, solver):
         pass
 
-    def look(self):
+    def energy_look(self):
         return None
 
 

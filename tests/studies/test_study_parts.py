@@ -106,7 +106,7 @@ def test_best_refinement_is_first_and_gains_without_cost_precede():
     ]
     found = convergence.gains((1.0, (1.0, 1.0), 0.4), others)
     assert [gain.parameter for gain in found] == ["c", "a", "b"]
-    assert convergence.alike(found) == found[:1]
+    assert convergence.best_gains(found) == found[:1]
     assert math.isinf(found[0].pays) and found[1].pays == pytest.approx(1.0)
     assert found[2].pays == pytest.approx(math.log(4) / math.log(8))
 
@@ -114,7 +114,7 @@ def test_best_refinement_is_first_and_gains_without_cost_precede():
 def test_gains_with_overlapping_times_are_ties():
     base = (1.0, (0.95, 1.05), 0.4)
     a, b, c = ("a", 1, 2.0, (1.8, 2.3), 0.2), ("b", 2, 2.2, (1.9, 2.4), 0.2), ("c", 3, 8.0, (7.9, 8.1), 0.2)
-    assert [gain.parameter for gain in convergence.alike(convergence.gains(base, [c, b, a]))] == ["a", "b"]
+    assert [gain.parameter for gain in convergence.best_gains(convergence.gains(base, [c, b, a]))] == ["a", "b"]
 
 
 def test_runs_are_interleaved_and_every_second_turn_is_reversed():

@@ -20,17 +20,17 @@ def run(arguments):
         words = json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries)
         answers.give(words, arguments)
         return 0
-    from ...simulation.scene_run import decided, measured
+    from ...simulation.scene_effects import scene_decisions, scene_effect_costs
 
     if arguments.measure:
-        decisions, costs = measured(arguments.scene, arguments.law)
+        decisions, costs = scene_effect_costs(arguments.scene, arguments.law)
         stages = (("", decisions),)
         terminal.note(
             f"a step of {costs.columns} columns at t = {costs.time:.3g} s takes {1e3 * costs.step_seconds:.3g} ms; "
             f"two measurements differ by {100 * costs.noise:.1f} %: smaller costs are noise"
         )
     else:
-        stages, costs = decided(arguments.scene, arguments.law), None
+        stages, costs = scene_decisions(arguments.scene, arguments.law), None
     words = json.dumps(_facts(stages, costs), indent=1) if arguments.json else _tables(stages, costs)
     answers.give(words, arguments)
     return 0
