@@ -7,9 +7,9 @@ import numpy as np
 from ..frames.particles import Particles
 from ..system.errors import InputError
 from . import ground_below as geostatic
-from . import stack_filling as stack_kernel
 from .column_pieces import Pieces
 from .ground_below import slope_cosine
+from .stack_filling import PointRows, StackRows, fill_stacks
 
 SMALLEST_STEP = 1e-6  # [m] that the points' origin is rounded to
 
@@ -37,9 +37,8 @@ def frame_of(frame, stacks, gradient, spacing, options):
     origin, shift = _origin(frame, east, north, pieces.bed)
     each = pieces.share / stacks.count
     ids = particles.id if particles.id is not None else np.arange(len(particles), dtype=np.uint64)
-    points, depth, stress = _filled(
+    rows = StackRows(
         stacks.count,
-        options.placement == "paper",
         np.column_stack([east + shift[0], north + shift[1], pieces.bed - origin[2]]),
         stacks.thickness,
         np.column_stack([stacks.u, stacks.v, _climb(stacks, options)]),
@@ -48,6 +47,7 @@ def frame_of(frame, stacks, gradient, spacing, options):
         _load(particles, pieces, options),
         ids[pieces.column],
     )
+    points, depth, stress = _filled(rows, options.placement == "paper")
     state = {}
     if options.placement != "paper":
         state = {"depth": depth, "vertical_stress": stress}
@@ -62,9 +62,9 @@ def frame_of(frame, stacks, gradient, spacing, options):
     )
 
 
-def _filled(count, printed, place, thickness, motion, divergence, shares, load, parent):
+def _filled(stacks, printed):
     """(Particles, depth, vertical stress) of stacks; the last two are empty as printed, without initial stress."""
-    n = int(count.sum())
+    n = int(stacks.count.sum())
     points = Particles(
         np.empty((n, 3)),
         np.empty((n, 3)),
@@ -74,24 +74,8 @@ def _filled(count, printed, place, thickness, motion, divergence, shares, load, 
         parent=np.empty(n, np.uint64),
     )
     depth, stress = np.empty((2, 0 if printed else n))
-    stack_kernel.fill_stacks(
-        count,
-        printed,
-        place,
-        thickness,
-        motion,
-        divergence,
-        shares,
-        load,
-        parent,
-        points.position,
-        points.velocity,
-        points.mass,
-        points.volume,
-        points.parent,
-        depth,
-        stress,
-    )
+    rows = PointRows(points.position, points.velocity, points.mass, points.volume, points.parent, depth, stress)
+    fill_stacks(stacks, printed, rows)
     return points, depth, stress
 
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from ..frames.particles import Frame
 from ..maps.averaging import binning
-from ..maps.averaging.cells import bin_frame, place
+from ..maps.averaging.cells import bin_frame
 from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima
+from ..maps.averaging.placement import place
 from ..terrain.grid import Grid
 
 FOOTPRINT_SHARE = 0.01  # of the largest thickness of the reference; thinner cells are not flow

@@ -15,7 +15,7 @@ from ...system.parallel import frame_pool
 from ...terrain.elevation import Terrain
 from ...terrain.georeference import name_of, same_place
 from ..averaging.band_products import PRODUCTS, choose_products
-from ..averaging.exported_folder import is_export
+from ..averaging.exported_steps import is_export
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import RunningMaxima, SolverPeaks
 from .export_inputs import refuse_nowhere

@@ -8,9 +8,9 @@ from ...system.messages import log
 from ...terrain.elevation import Terrain
 from ..averaging.band_products import PRODUCTS, RUNNING
 from ..averaging.bed_change import bounds_of
-from ..averaging.cells import Bed
 from ..averaging.frame_values import Averaging, automatic_standoff, fastest_mean, reached, survey_frame
 from ..averaging.maxima import PRODUCTS_NEEDED, RUNNING_BANDS, SolverPeaks
+from ..averaging.placement import Bed
 from ..averaging.sampling import (
     automatic_cell_size,
     automatic_time_step,

@@ -20,9 +20,9 @@ from ...system.whole_files import whole_file
 from ...terrain.raster_output import write_rows
 from ..averaging.band_products import PRODUCTS, RUNNING, choose_products
 from ..averaging.bed_change import eroded_depth
-from ..averaging.cells import Bed
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, SolverPeaks
+from ..averaging.placement import Bed
 from ..averaging.sampling import export_grid, require_cells_within
 from ..qgis.raster_styles import raster_styles
 from .bed_rasters import write_bed_rasters

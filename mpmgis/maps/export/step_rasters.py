@@ -10,9 +10,10 @@ from ... import __version__
 from ...laws.quantities import BAND, Quantity
 from ...system import operating_system
 from ...terrain.raster_output import SparseBands, StepFiles, StepStacks, finished, write_ascii_grid, write_rows
-from ..averaging.band_products import PRODUCTS, layer_quantities
+from ..averaging.band_products import PRODUCTS
 from ..averaging.exported_folder import ExportedRun
 from ..averaging.frame_values import average_frame
+from ..averaging.height_layers import layer_quantities
 from ..averaging.maxima import MAXIMA_BANDS, PEAKS, Peak, RunningMaxima
 from ..averaging.result_bands import DEPOSIT
 from ..qgis.outlines import shown_particles, step_outline

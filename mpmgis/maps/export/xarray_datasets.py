@@ -23,7 +23,8 @@ from ...terrain.georeference import require_metric
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import SparseBands
-from ..averaging.exported_folder import open_steps, read_part
+from ..averaging.exported_folder import read_part
+from ..averaging.exported_steps import open_steps
 
 BLOCK = 2048  # rows and columns that are read at once
 ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
