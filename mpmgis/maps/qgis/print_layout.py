@@ -15,7 +15,7 @@ COLUMN = (219.0, 68.0)  # [mm] left and width of the legend's column
 BAR = 22.0  # [mm] shortest half of the scale bar
 INK = {"red": 0, "green": 0, "blue": 0, "alpha": 255}
 WHITE = {"red": 255, "green": 255, "blue": 255, "alpha": 255}
-FONT = "Open Sans,{size},-1,5,{weight},0,0,0,0,0"
+FONT = "Open Sans,{size},-1,5,{weight},0,0,0,0,0"  # description of a font of Qt
 
 
 class Kind(NamedTuple):
@@ -32,7 +32,7 @@ KIND = Kind()
 
 
 def print_layout(run: ExportedRun, view: tuple, rows: Group, title: str, notes: str) -> Element:
-    """`Layouts` with one page that is ready to export.
+    """Return the element `Layouts` with one page that is ready to export.
 
     Parameters
     ----------
