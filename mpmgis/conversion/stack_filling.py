@@ -1,4 +1,4 @@
-"""Conversion loop: stacks of points, each from the bed upwards, in the order of the stacks."""
+"""Fill stacks of points, each from the bed upwards, in the order of the stacks."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""The quantities of an export: one function for each equation of NHESS 25:3897, and the table of all products.
+"""Quantities of an export: one function for each equation of NHESS 25:3897, and the table of all products.
 
 Each function takes `Cells` and returns float64[k], NaN for unknown values. They are valid for points and for columns:
 in `Cells` the largest distance of a column from the bed is its thickness, and the smallest is 0.

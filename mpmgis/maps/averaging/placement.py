@@ -1,4 +1,4 @@
-"""The DTM as the reference surface of an export, and the places of particles on it (NHESS 25:3897, Eqs 2-7)."""
+"""DTM as the reference surface of an export, and the places of particles on it (NHESS 25:3897, Eqs 2-7)."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""The plan of an export: its frames, steps and bands, and how they are averaged."""
+"""Plan of an export: its frames, steps and bands, and how they are averaged."""
 
 from dataclasses import dataclass, field
 

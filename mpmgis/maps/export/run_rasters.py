@@ -68,7 +68,7 @@ class RunPlan(Plan):
 
 
 class RasterWriter:
-    """Writes the rasters of a run, and frames of particles from time to time.
+    """Writer of the rasters of a run, and of frames of particles from time to time.
 
     Parameters
     ----------

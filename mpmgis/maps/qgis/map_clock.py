@@ -1,4 +1,4 @@
-"""The time scale of a run in QGIS: simulated seconds as whole QGIS seconds.
+"""Time scale of a run in QGIS: simulated seconds as whole QGIS seconds.
 
 QGIS saves time ranges in whole seconds, and steps of 0.2 s would be lost when the project is saved. So time is
 stretched: one simulated second becomes a minute, an hour or a day from a base date, for stacks, mesh, outlines and
@@ -16,7 +16,7 @@ from ...system.errors import InputError
 
 BASE = datetime(2000, 1, 1, tzinfo=UTC)  # date of the simulated time 0
 BASE_TEXT = "2000-01-01T00:00:00Z"
-# [QGIS s s-1] and as text
+# QGIS seconds for one simulated second, and the same as text
 STRETCHES = {60: "1 s = 1 min", 3600: "1 s = 1 hour", 86_400: "1 s = 1 day", 86_400_000: "1 ms = 1 day"}
 SHORTEST_STEP = 2  # [QGIS s] a single layer is shown from 1 s after its step to 1 s before the next
 ROUNDING = 0.01  # [1] largest rounding error of a time, as a share of the shortest step

@@ -1,4 +1,4 @@
-"""The layers of a QGIS project that move: depth and arrows of the mesh, rasters over time, outlines and particles.
+"""Layers of a QGIS project that move: depth and arrows of the mesh, rasters over time, outlines and particles.
 
 A mesh moves in every QGIS from 3.22 on. The bands of a raster move from 3.38 on; below, QGIS shows the first band at
 all times without a warning. So a project shows the mesh first, and rasters over time have a group of their own.

@@ -152,7 +152,7 @@ def write_outlines(run: ExportedRun, steps: StepSpool, release: Sequence | None 
     Layers: `outline` (of the cells at least `run.min_depth` deep at each step, with depth, speed and area), `envelope`
     (of all steps together), `release`, `particles` (about 300 per step, the same in all steps) and `layer_styles`.
     Empty layers are omitted. Times are `t_s` (simulated seconds) and `t_qgis` to `t_qgis_end`
-    (stretched, see `clock`).
+    (stretched, see `map_clock`).
 
     Parameters
     ----------

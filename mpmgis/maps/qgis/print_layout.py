@@ -1,4 +1,4 @@
-"""The print layout of a QGIS project: an A4 page with map, title, legend, scale bar, source and parameters."""
+"""Print layout of a QGIS project: an A4 page with map, title, legend, scale bar, source and parameters."""
 
 from typing import NamedTuple
 from uuid import NAMESPACE_URL, uuid5

@@ -1,4 +1,4 @@
-"""The QGIS project of an exported run.
+"""Write the QGIS project of an exported run.
 
 Written with the standard library. Undocumented requirements of QGIS (found by tests): a CRS in every layer, layer ids
 of more than 10 characters, `ProjectionsEnabled` for the project CRS, times in whole seconds, and the list of a mesh's
