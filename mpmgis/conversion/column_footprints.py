@@ -8,13 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-MOST_STRETCHED = 6.0  # length over width; more is the rim of a flow, not its inside
-SQUARE = 1.15  # length over width below which a footprint is a square, along the axes of the map
-_FAR = 4.0  # sides of a column to the middle of a triangle of neighbours, beyond which they are none
+MOST_STRETCHED = 6.0  # [1] length over width; more is the rim of a flow, not its inside
+SQUARE = 1.15  # [1] length over width below which a footprint is a square, along the axes of the map
+_FAR = 4.0  # [sides of a column] to the middle of a triangle of columns, beyond which they are no neighbours
 
 
 class Footprints(NamedTuple):
-    """Rectangles float64[n]: `length` along the unit vector (`east`, `north`), `width` across [m]."""
+    """Rectangles on the map.
+
+    Parameters
+    ----------
+    length, width : float64[n] [m]
+    east, north : float64[n]
+        Unit vector along the length.
+    """
 
     length: np.ndarray
     width: np.ndarray
@@ -22,17 +29,27 @@ class Footprints(NamedTuple):
     north: np.ndarray
 
 
-def squares(area):
-    """Footprints of columns of `area` [m2] without stretch."""
+def squares(area: np.ndarray) -> Footprints:
+    """Return the footprints of columns without stretch.
+
+    Parameters
+    ----------
+    area : float64[n] [m2]
+    """
     side = np.sqrt(area)
     return Footprints(side, side, np.ones(len(side)), np.zeros(len(side)))
 
 
-def stretched(x, y, area):
-    """Footprints of columns at map points `x`, `y` [m], stretched as their Voronoi cells are.
+def stretched(x: np.ndarray, y: np.ndarray, area: np.ndarray) -> Footprints:
+    """Compute the footprints of columns, stretched as their Voronoi cells are.
 
     On a lattice with the steps a and b the sum of l d d^T over a point's neighbours at d, across an edge of length l of
     its cell, has the eigenvalues 2 a^2 b and 2 a b^2: their ratio is the stretch.
+
+    Parameters
+    ----------
+    x, y : float64[n] [m]
+    area : float64[n] [m2]
     """
     moments = _moments(x - x.mean(), y - y.mean(), np.sqrt(area))
     if moments is None:

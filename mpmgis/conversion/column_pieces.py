@@ -1,18 +1,23 @@
 """Cut columns sideways into pieces, so that their points leave no gaps."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 
-_WELL = 1e-12
-_LONGER = 1e-6  # share by which a piece may be longer than requested, or cells by which a place may miss one: rounding
-_DENSE = 16  # times as many cells as points, up to which points are counted in a table of all cells
+if TYPE_CHECKING:
+    from .column_footprints import Footprints
+    from .ground_below import Ground
+
+_WELL = 1e-12  # [1] share of a piece in the next cell, below which it is rounding
+_LONGER = 1e-6  # [1] share by which a piece may be longer than requested, or [cells] by which a place may miss a border
+_DENSE = 16  # [1] cells per point, up to which points are counted in a table of all cells
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """What stacks of points are set on: a whole column each, or one of the rectangles that it is cut into.
+    """Pieces of columns, on which stacks of points are set: a whole column each, or a rectangle that it is cut into.
 
     Parameters
     ----------
@@ -26,7 +31,8 @@ class Pieces:
         Of the column's mass, volume and area.
     bed : float64[k] [m]
         Elevation of the ground under the middle.
-    gradient_east, gradient_north : float64[k]
+    gradient_east, gradient_north : float64[k] [1]
+        Of the ground there.
     """
 
     column: np.ndarray
@@ -41,13 +47,18 @@ class Pieces:
     def __len__(self):
         return len(self.column)
 
-    def take(self, index):
-        """The pieces that `index` (bool or int) picks."""
+    def take(self, index: np.ndarray) -> "Pieces":
+        """Return some of the pieces.
+
+        Parameters
+        ----------
+        index : bool[k] or int64[m]
+        """
         return Pieces(**{name: values[index] for name, values in vars(self).items()})
 
 
-def cut(x, y, footprints, size, ground):
-    """Cut columns at map points `x`, `y` [m] on `ground` into adjacent rectangles.
+def cut(x: np.ndarray, y: np.ndarray, footprints: "Footprints", size: float | None, ground: "Ground") -> Pieces:
+    """Cut columns on the ground into adjacent rectangles.
 
     A piece without ground below its middle is put in the middle of its column, so that no mass is lost at the
     rim of the terrain; columns that have none there themselves make no piece.
@@ -55,6 +66,7 @@ def cut(x, y, footprints, size, ground):
     Parameters
     ----------
     x, y : float64[n] [m]
+        Places of the columns.
     footprints : Footprints
         Of the columns.
     size : float or None [m]
@@ -88,8 +100,19 @@ def cut(x, y, footprints, size, ground):
     return Pieces(column, east, north, side, 1.0 / (m * n), height, *slopes)
 
 
-def pieces_along(side, size):
-    """int64[n]: pieces that `side` [m] is cut into, none longer than `size` [m] but for rounding (None: one)."""
+def pieces_along(side: np.ndarray, size: float | None) -> np.ndarray:
+    """Count the pieces that a side is cut into.
+
+    Parameters
+    ----------
+    side : float64[n] [m]
+    size : float or None [m]
+        No piece is longer than that, but for rounding (None: one piece).
+
+    Returns
+    -------
+    int64[n]
+    """
     if size is None:
         return np.ones(len(side), np.int64)
     return np.maximum(np.ceil(side / size * (1.0 - _LONGER)), 1.0).astype(np.int64)
@@ -100,26 +123,61 @@ def _bed(ground, x, y):
     return height, np.isfinite(height)
 
 
-def runs(counts):
-    """(int64[k], int64[k]) for k = sum of `counts`: the run that each of the k belongs to, and its number in it."""
+def runs(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Number the entries of runs of given lengths.
+
+    Parameters
+    ----------
+    counts : int64[n]
+        Length of each run.
+
+    Returns
+    -------
+    (int64[k], int64[k])
+        Run of each entry, and number of the entry in its run; k is the sum of `counts`.
+    """
     of = np.repeat(np.arange(len(counts)), counts)
     starts = np.cumsum(counts) - counts
     return of, np.arange(len(of)) - starts[of]
 
 
-def within(pieces, x, y, window):
-    """bool[k]: pieces whose middle is in the polygon `window` (None: everywhere)."""
+def within(pieces: Pieces, x: np.ndarray, y: np.ndarray, window: shapely.Polygon | None) -> np.ndarray:
+    """Find the pieces whose middle is in a window.
+
+    Parameters
+    ----------
+    pieces : Pieces
+    x, y : float64[n] [m]
+        Places of the columns.
+    window : shapely.Polygon or None
+        None: everywhere.
+
+    Returns
+    -------
+    bool[k]
+    """
     if window is None:
         return np.ones(len(pieces), bool)
     shapely.prepare(window)
     return shapely.contains_xy(window, x[pieces.column] + pieces.east, y[pieces.column] + pieces.north)
 
 
-def piece_velocity(pieces, velocity, gradient):
-    """(u, v) float64[k] each: horizontal velocity of the pieces, of columns that move at `velocity` [n, 3] [m s-1].
+def piece_velocity(pieces: Pieces, velocity: np.ndarray, gradient: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the horizontal velocity of pieces from that of their columns.
 
-    Where a column has a velocity `gradient` [n, 2, 2] [s-1] (None: unknown) its pieces move by it, about a mean
-    that stays the column's.
+    With a velocity gradient the pieces of a column move by it, about a mean that stays the column's.
+
+    Parameters
+    ----------
+    pieces : Pieces
+    velocity : float64[n, 3] [m s-1]
+    gradient : float64[n, 2, 2] or None [s-1]
+        None: unknown.
+
+    Returns
+    -------
+    (float64[k], float64[k])
+        East and north [m s-1].
     """
     u, v = velocity[pieces.column, 0], velocity[pieces.column, 1]
     if gradient is None or not (pieces.east.any() or pieces.north.any()):
@@ -136,18 +194,30 @@ def piece_velocity(pieces, velocity, gradient):
 class Cover:
     """How pieces cover the cells of a square lattice.
 
-    `covered` float64[k] [1] is the area of all pieces in a piece's cell over the cell's area, and `thickness`
-    float64[k] [m] thickness of their mass there, over the whole cell.
+    Parameters
+    ----------
+    covered : float64[k] [1]
+        Area of all pieces in a piece's cell over the cell's area.
+    thickness : float64[k] [m]
+        Of their volume there, over the whole cell.
     """
 
     covered: np.ndarray
     thickness: np.ndarray
 
 
-def cover(pieces, x, y, volume, cell):
-    """The Cover of `pieces` with `volume` float64[k] [m3] on a lattice of `cell` [m]: exact shares of their squares.
+def cover(pieces: Pieces, x: np.ndarray, y: np.ndarray, volume: np.ndarray, cell: float) -> Cover:
+    """Compute how pieces cover a square lattice, by exact shares of their squares.
 
-    Pieces must be narrower than a cell.
+    Parameters
+    ----------
+    pieces : Pieces
+        Narrower than a cell.
+    x, y : float64[n] [m]
+        Places of the columns.
+    volume : float64[k] [m3]
+        Of the pieces.
+    cell : float [m]
     """
     west, south = (at - 0.5 * pieces.side for at in (x[pieces.column] + pieces.east, y[pieces.column] + pieces.north))
     column, right = _first_cell(west - west.min(), pieces.side, cell)
@@ -173,8 +243,18 @@ def _first_cell(start, side, cell):
     return first.astype(np.int64), np.where(beyond < _WELL, 0.0, beyond)
 
 
-def count_by_cell(x, y, z, cell):
-    """int64[m]: points in each non-empty cube of `cell` [m]."""
+def count_by_cell(x: np.ndarray, y: np.ndarray, z: np.ndarray, cell: float) -> np.ndarray:
+    """Count the points in each cube of a lattice that is not empty.
+
+    Parameters
+    ----------
+    x, y, z : float64[n] [m]
+    cell : float [m]
+
+    Returns
+    -------
+    int64[m]
+    """
     rank = [np.floor((at - at.min()) / cell + _LONGER).astype(np.int64) for at in (x, y, z)]
     size = [int(r.max()) + 1 for r in rank]
     key = (rank[2] * size[1] + rank[1]) * size[0] + rank[0]

@@ -1,6 +1,7 @@
-"""Columns to points: Algorithm 2 of MOX report 15/2025."""
+"""Convert columns to points: Algorithm 2 of MOX report 15/2025."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from shapely.affinity import translate
@@ -15,20 +16,33 @@ from .conversion_options import MOST, PointOptions
 from .ground_below import Ground, slope_cosine
 from .point_stacks import Stacks, frame_of
 
-OVERLAP = 1.05  # columns overlap where their areas exceed that of the cell by this factor
-COVER_SIDES = 4  # sides of the median column along a cell in which overlap is evaluated: 16 columns in a row tile it
+if TYPE_CHECKING:
+    import shapely
+
+    from ..terrain.elevation import Terrain
+
+OVERLAP = 1.05  # [1] area of the columns in a cell over its area, above which they overlap
+COVER_SIDES = 4  # [sides of the median column] along a cell in which overlap is evaluated: 16 columns tile it
 
 
 @dataclass(frozen=True)
 class PointsReport:
-    """What a conversion to points did.
+    """Figures of a conversion to points.
+
+    `before` is the sum of `after`, `outside` and `deleted`.
 
     Parameters
     ----------
-    before, after, outside, deleted : Sums
-        Of all columns; of the points; of columns left as they are, off the terrain or outside the window; of columns
-        that the printed algorithm deletes. `before` is the sum of the others.
+    before : Sums
+        Of all columns.
+    after : Sums
+        Of the points.
+    outside : Sums
+        Of columns left as they are, off the terrain or outside the window.
+    deleted : Sums
+        Of columns that the printed algorithm deletes.
     spacing : float [m]
+        Requested vertical distance of points.
     points_per_column : (int, float, int)
         Least, median and most points in a column, or in a piece of one.
     pieces_per_column : int
@@ -46,8 +60,10 @@ class PointsReport:
         Widest distance of two points above each other.
     launch : float [m s-1]
         Largest speed at which points start off the slope, normal to it.
-    mass_scatter, momentum_scatter : float [kg, kg m s-1]
-        Eq (4) of the report over the points, and its like for momentum to the east (`particle_mass_scatter`).
+    mass_scatter : float [kg]
+        Eq (4) of the report over the points (`particle_mass_scatter`).
+    momentum_scatter : float [kg m s-1]
+        The same for momentum to the east.
     raised : int
         Pieces whose thickness was set to that of their mass.
     points_per_cell : (int, float, int) or None
@@ -75,21 +91,32 @@ class PointsReport:
 
 @dataclass(frozen=True)
 class Points:
-    """`frame` of points, `rest` a frame of the columns that were left as they are (None: there are none), `report`."""
+    """Result of a conversion to points.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of points.
+    rest : Frame or None
+        Of the columns that were left as they are; None without any.
+    report : PointsReport
+    """
 
     frame: Frame
     rest: Frame | None
     report: PointsReport
 
 
-def columns_to_points(frame, terrain, options=None, window=None):
-    """Convert the columns of `frame` to points on `terrain`.
+def columns_to_points(
+    frame: Frame, terrain: "Terrain", options: PointOptions | None = None, window: "shapely.Polygon | None" = None
+) -> Points:
+    """Convert the columns of a frame to points on a terrain.
 
     Mass, volume and horizontal momentum are the columns', to rounding. Points are in the order of their columns, from
     the bed upwards; `parent` is a column's id. `state` of the result has a row per point: `depth` [m] below the surface
-    and `vertical_stress` [Pa] (see `geostatic`), and `affine` [n, 3, 3] [s-1], the velocity gradient, where the frame
-    tells the columns'. Places count from the frame's origin throughout, which keeps the digits that cells of
-    millimetres need.
+    and `vertical_stress` [Pa] (see `ground_below`), and `affine` [n, 3, 3] [s-1], the velocity gradient, where the
+    frame has that of the columns. Places count from the frame's origin throughout, which keeps the digits that cells
+    of millimetres need.
 
     Parameters
     ----------
@@ -97,7 +124,7 @@ def columns_to_points(frame, terrain, options=None, window=None):
         Dimension 2, in the terrain's CRS.
     terrain : Terrain
         Ground of the 3D solver; thickness is kept, the beds of the columns are not.
-    options : PointOptions
+    options : PointOptions, optional
     window : shapely.Polygon, optional
         Only the part inside is converted; columns on its edge are cut if they are split at all.
 
@@ -181,10 +208,20 @@ def _require_some(inside, columns, terrain, window):
         )
 
 
-def velocity_gradient(frame):
-    """float64[n, 2, 2] [s-1]: du_i/dx_j of every column, None where the frame does not have it.
+def velocity_gradient(frame: Frame) -> np.ndarray | None:
+    """Return the velocity gradient du_i/dx_j of every column.
 
     The newest frames of a run keep it for a restart; columns that all move alike, as a seed's, have none.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of columns.
+
+    Returns
+    -------
+    float64[n, 2, 2] or None [s-1]
+        None where the frame does not have it.
     """
     velocity, gradient, rows = (
         frame.particles.velocity,

@@ -1,14 +1,28 @@
 """Report of a conversion: conserved and changed quantities, and the errors of the printed algorithm."""
 
+from typing import TYPE_CHECKING
+
 from .columns_to_points import OVERLAP
 from .conserved_sums import conservation_error
 
-FEWEST_IN_CELL = 4  # median points a cell of the 3D grid below which it is badly sampled
-_SEEN = 0.01  # [m] shift of a bed, or share of an energy, below which nothing is reported
+if TYPE_CHECKING:
+    from .columns_to_points import PointsReport
+    from .conversion_options import ColumnOptions, PointOptions
+    from .points_to_columns import ColumnsReport
+
+FEWEST_IN_CELL = 4  # [points] median in a cell of the 3D grid, below which it is badly sampled
+_SEEN = 0.01  # [m] shift of a bed up to which nothing is reported
 
 
-def account_of_points(report, options):
-    """Lines about a PointsReport of a conversion with PointOptions `options`."""
+def account_of_points(report: "PointsReport", options: "PointOptions") -> list[str]:
+    """Return the lines of a report about a conversion to points.
+
+    Parameters
+    ----------
+    report : PointsReport
+    options : PointOptions
+        Of the conversion.
+    """
     after, low, median, high = report.after, *report.points_per_column
     lines = [
         f"{report.before.count} columns became {after.count} points, {low} to {high} above each other (median "
@@ -98,8 +112,15 @@ def _printed(report):
     return lines
 
 
-def account_of_columns(report, options):
-    """Lines about a ColumnsReport of a conversion with ColumnOptions `options`."""
+def account_of_columns(report: "ColumnsReport", options: "ColumnOptions") -> list[str]:
+    """Return the lines of a report about a conversion to columns.
+
+    Parameters
+    ----------
+    report : ColumnsReport
+    options : ColumnOptions
+        Of the conversion.
+    """
     how = "of one parent" if report.by == "parent" else f"of a cell of {report.cell_area:g} m2"
     columns = "1 column" if report.after.count == 1 else f"{report.after.count} columns, each"
     lines = [f"{columns} of the points {how}, from {report.before.count} points"]

@@ -1,7 +1,8 @@
-"""Options of a conversion, with their checks."""
+"""Options of a conversion between columns and points, with their checks."""
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,13 +10,16 @@ from ..laws.quantities import GRAVITY
 from ..system.errors import InputError
 from .column_pieces import pieces_along
 
+if TYPE_CHECKING:
+    from ..frames.particles import Particles
+
 VERTICAL_VELOCITIES = ("tangent", "paper", "linear")
 PLACEMENTS = ("centred", "paper")
 COUNTS = ("round", "paper")
 GROUPINGS = ("parent", "cell")
 REFUSE, KEEP, LAY = "refuse", "keep", "lay"  # treatment of mass that has left the bed
-MOST = 2_000_000_000  # points
-_ROUNDING = 1e-6  # share by which thickness over spacing may miss a whole number or a half
+MOST = 2_000_000_000  # [points] of a conversion
+_ROUNDING = 1e-6  # [1] share by which thickness over spacing may miss a whole number or a half
 
 
 @dataclass(frozen=True)
@@ -71,34 +75,61 @@ class PointOptions:
             raise InputError("relevel requires the grid spacing of the 3D solver; give it with cell (--cell)")
 
     @classmethod
-    def as_printed(cls, spacing=None):
-        """All options as printed in MOX report 15/2025."""
+    def as_printed(cls, spacing: float | None = None) -> "PointOptions":
+        """Return all options as printed in MOX report 15/2025.
+
+        Parameters
+        ----------
+        spacing : float, optional [m]
+        """
         return cls(spacing=spacing, vertical_velocity="paper", placement="paper", counting="paper")
 
     @property
-    def deletes_single_points(self):
-        """Eq (2) is 0/0 for a column of one point, which the printed algorithm then deletes."""
+    def deletes_single_points(self) -> bool:
+        """Whether columns of one point are deleted: Eq (2) is 0/0 for them in the printed algorithm."""
         return self.placement == "paper"
 
-    def spacing_for(self, particles):
-        """The vertical spacing [m]: as given, else half a cell, else the median column's side."""
+    def spacing_for(self, particles: "Particles") -> float:
+        """Return the vertical spacing [m]: as given, else half a cell, else the median column's side.
+
+        Parameters
+        ----------
+        particles : Particles
+            Columns.
+        """
         if self.spacing is not None:
             return self.spacing
         return 0.5 * self.cell if self.cell is not None else float(np.median(np.sqrt(particles.area)))
 
     @property
-    def piece_size(self):
+    def piece_size(self) -> float | None:
         """Longest piece [m] into which columns are cut: half a cell; None: columns are not cut."""
         return None if self.cell is None else 0.5 * self.cell
 
-    def points_in(self, thickness, spacing):
-        """float64[n]: whole number of points in columns of `thickness` [m] (Eq 1), at least 1."""
+    def points_in(self, thickness: np.ndarray, spacing: float) -> np.ndarray:
+        """Compute the whole number of points in columns (Eq 1), at least 1.
+
+        Parameters
+        ----------
+        thickness : float64[n] [m]
+        spacing : float [m]
+
+        Returns
+        -------
+        float64[n]
+        """
         ratio = thickness / spacing * (1.0 + _ROUNDING)
         whole = np.floor(ratio) if self.counting == "paper" else np.floor(ratio + 0.5)
         return np.maximum(whole, 1.0)
 
-    def predicted_points(self, particles):
-        """Predicted number of points of the columns `particles` (a real number)."""
+    def predicted_points(self, particles: "Particles") -> float:
+        """Predict the number of points of columns.
+
+        Parameters
+        ----------
+        particles : Particles
+            Columns.
+        """
         whole = np.sqrt(particles.area)
         along = pieces_along(whole, self.piece_size).astype(float)
         return float((along**2 * self.points_in(particles.thickness, self.spacing_for(particles))).sum())

@@ -1,7 +1,9 @@
-"""`mpmgis convert`: a frame of columns to one of points, and back."""
+"""Convert a frame of columns on disk to one of points, and back: `mpmgis convert`."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,13 +24,30 @@ from .conversion_account import account_of_columns, account_of_points
 from .conversion_options import ColumnOptions, PointOptions
 from .points_to_columns import points_to_columns
 
-BYTES_PER_POINT = 320  # at most, with a velocity gradient and the frame's file
+if TYPE_CHECKING:
+    from ..exchange.declarations import Declarations
+    from ..exchange.frame_list import FrameEntry
+    from ..frames.particles import Frame
+
+BYTES_PER_POINT = 320  # [bytes] at most, with a velocity gradient and the frame's file
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertRequest:
-    """A conversion: the file of a frame, the `output` (None: `<name>_points.h5` or `<name>_columns.h5` in the current
-    folder), the time `at_time` [s] of one of several frames, and the declarations about DTM and frames."""
+    """A conversion of a frame on disk.
+
+    Parameters
+    ----------
+    source : Path
+        File of the frame.
+    output : Path or None
+        None: `<name>_points.h5` or `<name>_columns.h5` in the current folder.
+    overwrite : bool
+    at_time : float or None [s]
+        Of one of several frames.
+    declared : FrameSource
+        Declarations about DTM and frames.
+    """
 
     source: Path
     output: Path | None = None
@@ -39,15 +58,29 @@ class ConvertRequest:
 
 @dataclass(frozen=True)
 class Written:
-    """The file of the converted frame, the file of points that remain points (or None), and the report."""
+    """A converted frame.
+
+    Parameters
+    ----------
+    path : Path
+        Of its file.
+    rest : Path or None
+        Of the file of points that remain points.
+    report : PointsReport, ColumnsReport or None
+    """
 
     path: Path
     rest: Path | None
     report: object
 
 
-def convert_to_points(request, options=None):
-    """Convert the columns in `request.source` to points with PointOptions `options`.
+def convert_to_points(request: ConvertRequest, options: PointOptions | None = None) -> Written:
+    """Convert the columns of a frame on disk to points.
+
+    Parameters
+    ----------
+    request : ConvertRequest
+    options : PointOptions, optional
 
     Raises
     ------
@@ -76,8 +109,12 @@ def convert_to_points(request, options=None):
     return Written(path, None, points.report)
 
 
-def write_point_cloud(request):
-    """Write the points in `request.source` unchanged to the .las file `request.output`.
+def write_point_cloud(request: ConvertRequest) -> Written:
+    """Write the points of a frame on disk unchanged to a .las file.
+
+    Parameters
+    ----------
+    request : ConvertRequest
 
     Raises
     ------
@@ -95,10 +132,15 @@ def write_point_cloud(request):
     return Written(path, None, None)
 
 
-def convert_to_columns(request, options=None):
-    """Convert the points in `request.source` to columns with ColumnOptions `options`.
+def convert_to_columns(request: ConvertRequest, options: ColumnOptions | None = None) -> Written:
+    """Convert the points of a frame on disk to columns.
 
     Points that remain points are written to `<output>_points.h5` beside the output.
+
+    Parameters
+    ----------
+    request : ConvertRequest
+    options : ColumnOptions, optional
 
     Raises
     ------
@@ -132,13 +174,27 @@ def _write_both(columns, path, rest, terrain):
         raise
 
 
-def dimension_of(request):
-    """2 if the frame to convert contains columns, 3 if points."""
+def dimension_of(request: ConvertRequest) -> int:
+    """Return 2 if the frame to convert contains columns, 3 if points.
+
+    Parameters
+    ----------
+    request : ConvertRequest
+    """
     return _entry(request).header.dimension
 
 
-def listed(sources, terms):
-    """The FrameEntries of some files, of mpmgis or another code, by time.
+def listed(sources: list, terms: "Declarations") -> Sequence:
+    """List the frames in some files, of mpmgis or another code, by time.
+
+    Parameters
+    ----------
+    sources : list of Path
+    terms : Declarations
+
+    Returns
+    -------
+    sequence of FrameEntry
 
     Raises
     ------
@@ -151,8 +207,13 @@ def listed(sources, terms):
     return entries
 
 
-def whole_frame(entry):
-    """The Frame of a FrameEntry, with all data of its file."""
+def whole_frame(entry: "FrameEntry") -> "Frame":
+    """Read a frame with all data of its file.
+
+    Parameters
+    ----------
+    entry : FrameEntry
+    """
     if entry.reader == OWN:
         return read_frame(entry.path)
     frame = entry.read()
@@ -172,8 +233,13 @@ def _entry(request):
     return entries[0]
 
 
-def entry_at(entries, time):
-    """The FrameEntry of a time [s].
+def entry_at(entries: Sequence, time: float) -> "FrameEntry":
+    """Return the frame of a time.
+
+    Parameters
+    ----------
+    entries : sequence of FrameEntry
+    time : float [s]
 
     Raises
     ------
@@ -218,8 +284,19 @@ def _refuse_replacing(path, request, terrain):
             raise OutputError(f"{path} is an input and would be replaced; give another `output`")
 
 
-def require_point_memory(count, spacing):
-    """Refuse, before the work, more points than the memory of this machine allows."""
+def require_point_memory(count: float, spacing: float) -> None:
+    """Raise an error unless the memory of this machine allows a number of points, before the work.
+
+    Parameters
+    ----------
+    count : float
+    spacing : float [m]
+        Named in the message.
+
+    Raises
+    ------
+    InputError
+    """
     if lack := memory_lack(count * BYTES_PER_POINT):
         raise InputError(
             f"{count:.3g} points at a spacing of {spacing:g} m need {lack}; use a wider `spacing`, or larger cells"

@@ -1,25 +1,39 @@
-"""The bed below columns and points, and the stress of the weight of a column.
+"""Points over ground, and the columns that they are grouped into."""
 
-A conversion stores in the `state` of the frame, one row per point: `depth` [m], vertical, below the surface, and
-`vertical_stress` [Pa], negative in compression. A material computes its strain from them; without it every layer would
-first drop until its elasticity carries it.
-
-Points over ground, and the columns that they are grouped into.
-"""
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..system.errors import InputError
 
-SPREAD = 2.0  # times the footprint of a column over which its points can be spread and still belong together
-APART = 0.01  # share of the mass in other columns, from which on the parents are not used
-_DENSE = 16  # up to this ratio of numbers to points columns are found in a table of all numbers
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..terrain.elevation import Terrain
+    from ..terrain.grid import Grid
+    from .conversion_options import ColumnOptions
+
+SPREAD = 2.0  # [footprints of a column] over which its points can be spread and still belong together
+APART = 0.01  # [1] share of the mass in columns that moved apart, above which parents are not used
+_DENSE = 16  # [1] names per point, up to which columns are found in a table of all names
 
 
 class PointsOverGround:
-    """Points over ground: rows `index` of a frame, with `height` [m] over the bed, `bed` [m] and its gradient."""
+    """Points over ground.
 
-    def __init__(self, frame, index, bed, slope_east, slope_north):
+    Parameters
+    ----------
+    frame : Frame
+    index : int64[n]
+        Rows of the points in the frame.
+    bed : float64[n] [m]
+        Elevation of the ground below each point; `height` [m] is that of the point over it.
+    slope_east, slope_north : float64[n] [1]
+        Gradient of the ground there.
+    """
+
+    def __init__(
+        self, frame: "Frame", index: np.ndarray, bed: np.ndarray, slope_east: np.ndarray, slope_north: np.ndarray
+    ):
         self.frame, self.index, self.bed = frame, index, bed
         self.slope_east, self.slope_north = slope_east, slope_north
         particles = frame.particles
@@ -27,17 +41,28 @@ class PointsOverGround:
         self.mass, self.volume = particles.mass[index], particles.volume[index]
         self.height = self.position[:, 2] + (frame.origin[2] - bed)
 
-    def take(self, mask):
-        """The points that `mask` picks."""
+    def take(self, mask: np.ndarray) -> "PointsOverGround":
+        """Return some of the points.
+
+        Parameters
+        ----------
+        mask : bool[n]
+        """
         return PointsOverGround(
             self.frame, self.index[mask], self.bed[mask], self.slope_east[mask], self.slope_north[mask]
         )
 
 
 class Groups:
-    """Points by column: `key` int64[m] names the columns, `of` int64[n] is each point's."""
+    """Points by column: `key` is the name of each column, `of` int64[n] the number of each point's column.
 
-    def __init__(self, labels):
+    Parameters
+    ----------
+    labels : int[n]
+        Name of each point's column.
+    """
+
+    def __init__(self, labels: np.ndarray):
         low = labels.min()
         number = (labels - low).astype(np.int64)
         if number.max() > _DENSE * len(labels):
@@ -51,22 +76,54 @@ class Groups:
     def __len__(self):
         return len(self.key)
 
-    def sum(self, values):
-        """float64[m]: sum over each column's points."""
+    def sum(self, values: np.ndarray) -> np.ndarray:
+        """Sum values over each column's points.
+
+        Parameters
+        ----------
+        values : float64[n]
+
+        Returns
+        -------
+        float64[m]
+        """
         return np.bincount(self.of, values, len(self))
 
-    def least(self, values):
-        """float64[m]: least value among each column's points."""
+    def least(self, values: np.ndarray) -> np.ndarray:
+        """Find the least value among each column's points.
+
+        Parameters
+        ----------
+        values : float64[n]
+
+        Returns
+        -------
+        float64[m]
+        """
         low = np.full(len(self), np.inf)
         np.minimum.at(low, self.of, values)
         return low
 
-    def spread(self, values):
-        """Each point's column's value."""
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Return the value of each point's column.
+
+        Parameters
+        ----------
+        values : array[m]
+
+        Returns
+        -------
+        array[n]
+        """
         return values[self.of]
 
-    def without(self, gone):
-        """The groups that are not `gone` (bool[m]), with the points left."""
+    def without(self, gone: np.ndarray) -> "Groups":
+        """Return the groups without some columns and their points.
+
+        Parameters
+        ----------
+        gone : bool[m]
+        """
         left = object.__new__(Groups)
         left.key = self.key[~gone]
         number = np.cumsum(~gone) - 1
@@ -74,8 +131,29 @@ class Groups:
         return left
 
 
-def grouped(over, x, y, terrain, options):
-    """(Groups, "parent" or "cell", area of a cell or None, share of the mass in columns that moved apart)."""
+def grouped(
+    over: PointsOverGround, x: np.ndarray, y: np.ndarray, terrain: "Terrain", options: "ColumnOptions"
+) -> tuple[Groups, str, float | None, float]:
+    """Group points into columns, by parent where that is asked for or possible, else by cell.
+
+    Parameters
+    ----------
+    over : PointsOverGround
+    x, y : float64[n] [m]
+        Places of the points.
+    terrain : Terrain
+    options : ColumnOptions
+
+    Returns
+    -------
+    (Groups, str, float or None, float)
+        The groups, "parent" or "cell", area of a cell [m2] or None, share of the mass in columns that moved apart.
+
+    Raises
+    ------
+    InputError
+        By parent, without parents.
+    """
     parent, by, apart = over.frame.particles.parent, options.by, 0.0
     if by == "parent" and parent is None:
         raise InputError("these points have no parent identities; bin them on cells (by cell)")
@@ -101,8 +179,22 @@ def _apart(over, groups):
     return float(mass[sunk | (spread > SPREAD**2 * area / 6.0)].sum() / mass.sum())
 
 
-def cells_of(x, y, grid, cell):
-    """(int64[n] number of each point's cell, area of a cell [m2]): of the terrain's pixels, or squares of `cell`."""
+def cells_of(x: np.ndarray, y: np.ndarray, grid: "Grid", cell: float | None) -> tuple[np.ndarray, float]:
+    """Number the cells that points lie in: the terrain's pixels, or squares.
+
+    Parameters
+    ----------
+    x, y : float64[n] [m]
+    grid : Grid
+        Of the terrain.
+    cell : float or None [m]
+        Side of the squares; None: pixels.
+
+    Returns
+    -------
+    (int64[n], float)
+        Number of each point's cell, area of a cell [m2].
+    """
     if cell is None:
         row, column = grid.rowcol(x, y)
         row, column, area = np.floor(row + 0.5), np.floor(column + 0.5), grid.cell_area

@@ -1,22 +1,36 @@
-"""Stacks of points from pieces of columns: positions, velocities, stress and affine velocity."""
+"""Make stacks of points from pieces of columns: positions, velocities, stress and affine velocity."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..frames.particles import Particles
 from ..system.errors import InputError
-from . import ground_below as geostatic
-from . import stack_filling as stack_kernel
 from .column_pieces import Pieces
-from .ground_below import slope_cosine
+from .ground_below import slope_cosine, vertical_stress
+from .stack_filling import PointRows, StackRows, fill_stacks
 
-SMALLEST_STEP = 1e-6  # [m] that the points' origin is rounded to
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from .conversion_options import PointOptions
+
+SMALLEST_STEP = 1e-6  # [m] smallest unit to which the origin of the points is rounded
 
 
 @dataclass(frozen=True, eq=False)
 class Stacks:
-    """`pieces` with their `thickness` [m], their number of points `count`, and their horizontal velocity `u`, `v`."""
+    """Stacks of points, one on each piece of a column.
+
+    Parameters
+    ----------
+    pieces : Pieces
+    thickness : float64[k] [m]
+    count : int64[k]
+        Points in each stack.
+    u, v : float64[k] [m s-1]
+        Horizontal velocity.
+    """
 
     pieces: Pieces
     thickness: np.ndarray
@@ -24,12 +38,37 @@ class Stacks:
     u: np.ndarray
     v: np.ndarray
 
-    def take(self, index):
+    def take(self, index: np.ndarray) -> "Stacks":
+        """Return some of the stacks.
+
+        Parameters
+        ----------
+        index : bool[k] or int64[m]
+        """
         return Stacks(self.pieces.take(index), self.thickness[index], self.count[index], self.u[index], self.v[index])
 
 
-def frame_of(frame, stacks, gradient, spacing, options):
-    """The points of `stacks` as a Frame."""
+def frame_of(
+    frame: "Frame", stacks: Stacks, gradient: np.ndarray | None, spacing: float, options: "PointOptions"
+) -> "Frame":
+    """Return the points of stacks as a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of the columns.
+    stacks : Stacks
+    gradient : float64[n, 2, 2] or None [s-1]
+        Velocity gradient of each column; None: not known.
+    spacing : float [m]
+        Vertical distance of points.
+    options : PointOptions
+
+    Raises
+    ------
+    InputError
+        Vertical velocity "linear" without velocity gradients.
+    """
     particles, pieces = frame.particles, stacks.pieces
     east, north = (
         particles.position[pieces.column, axis] + shift for axis, shift in ((0, pieces.east), (1, pieces.north))
@@ -37,9 +76,8 @@ def frame_of(frame, stacks, gradient, spacing, options):
     origin, shift = _origin(frame, east, north, pieces.bed)
     each = pieces.share / stacks.count
     ids = particles.id if particles.id is not None else np.arange(len(particles), dtype=np.uint64)
-    points, depth, stress = _filled(
+    rows = StackRows(
         stacks.count,
-        options.placement == "paper",
         np.column_stack([east + shift[0], north + shift[1], pieces.bed - origin[2]]),
         stacks.thickness,
         np.column_stack([stacks.u, stacks.v, _climb(stacks, options)]),
@@ -48,6 +86,7 @@ def frame_of(frame, stacks, gradient, spacing, options):
         _load(particles, pieces, options),
         ids[pieces.column],
     )
+    points, depth, stress = _filled(rows, options.placement == "paper")
     state = {}
     if options.placement != "paper":
         state = {"depth": depth, "vertical_stress": stress}
@@ -62,9 +101,9 @@ def frame_of(frame, stacks, gradient, spacing, options):
     )
 
 
-def _filled(count, printed, place, thickness, motion, divergence, shares, load, parent):
-    """(Particles, depth, vertical stress) of stacks; the last two are empty as printed, without initial stress."""
-    n = int(count.sum())
+def _filled(stacks, printed):
+    """Return Particles, depth and vertical stress of stacks; the last two are empty where Eq (2) is as printed."""
+    n = int(stacks.count.sum())
     points = Particles(
         np.empty((n, 3)),
         np.empty((n, 3)),
@@ -74,29 +113,13 @@ def _filled(count, printed, place, thickness, motion, divergence, shares, load, 
         parent=np.empty(n, np.uint64),
     )
     depth, stress = np.empty((2, 0 if printed else n))
-    stack_kernel.fill_stacks(
-        count,
-        printed,
-        place,
-        thickness,
-        motion,
-        divergence,
-        shares,
-        load,
-        parent,
-        points.position,
-        points.velocity,
-        points.mass,
-        points.volume,
-        points.parent,
-        depth,
-        stress,
-    )
+    rows = PointRows(points.position, points.velocity, points.mass, points.volume, points.parent, depth, stress)
+    fill_stacks(stacks, printed, rows)
     return points, depth, stress
 
 
 def _origin(frame, east, north, bed):
-    """(origin in the middle of the points, so that float32 files are exact; shift of x and y to it).
+    """Return an origin in the middle of the points, so that float32 files are exact, and the shift of x and y to it.
 
     In whole metres, or below 1 m of extent in a power of ten of a metre that is no longer than that.
     """
@@ -131,7 +154,7 @@ def _load(particles, pieces, options):
     """float64[k] [Pa m-1]: vertical stress per metre below the surface."""
     density = (particles.mass / particles.volume)[pieces.column]
     cosine = slope_cosine(pieces.gradient_east, pieces.gradient_north)
-    return geostatic.vertical_stress(density, options.gravity, 1.0, cosine)
+    return vertical_stress(density, options.gravity, 1.0, cosine)
 
 
 def _affine(gradient, pieces, options):

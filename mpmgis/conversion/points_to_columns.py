@@ -1,6 +1,7 @@
-"""Points to columns: the inverse of Algorithm 2 of MOX report 15/2025."""
+"""Convert points to columns: the inverse of Algorithm 2 of MOX report 15/2025."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,22 +13,32 @@ from .conversion_options import LAY, REFUSE, ColumnOptions
 from .ground_below import Ground, slope_cosine
 from .point_groups import Groups, PointsOverGround, cells_of, grouped
 
-GAP_CELLS = 2.0  # cells of the 3D code that a column may be clear of the bed
-WIDEST_SLICE = 1.5  # largest number of spacings that a single point can represent
-NORMAL_SHARE = 0.2  # of the speed along the slope that may be across it
-LIFT_CELLS = 0.1  # cells that a speed across the slope must be able to lift the flow to count: rest is no flight
-_FLAT = 1e-9  # determinant of the points' spread, over its squared trace, below which no gradient can be computed
+if TYPE_CHECKING:
+    from ..terrain.elevation import Terrain
+
+GAP_CELLS = 2.0  # [cells] of the 3D code that a column may be clear of the bed
+WIDEST_SLICE = 1.5  # [spacings] most that a single point can represent
+NORMAL_SHARE = 0.2  # [1] largest speed across the slope over the speed along it
+LIFT_CELLS = 0.1  # [cells] a speed across the slope that cannot lift the flow so high is ignored: the flow is at rest
+_FLAT = 1e-9  # [1] determinant of the points' spread, over its squared trace, below which no gradient can be computed
 
 
 @dataclass(frozen=True)
 class ColumnsReport:
-    """What a conversion to columns did.
+    """Figures of a conversion to columns.
+
+    The masses and horizontal momenta of `after`, `outside` and `detached` add up to those of `before`.
 
     Parameters
     ----------
-    before, after, outside, detached : Sums
-        Of all points; of the columns; of points with no ground under them; of points that leave the bed or are clear of
-        it. The masses and horizontal momenta of the last three add up to the first's.
+    before : Sums
+        Of all points.
+    after : Sums
+        Of the columns.
+    outside : Sums
+        Of points with no ground under them.
+    detached : Sums
+        Of points that leave the bed or are clear of it.
     by : str
         "parent" or "cell".
     cell_area : float or None [m2]
@@ -56,15 +67,26 @@ class ColumnsReport:
 
 @dataclass(frozen=True)
 class Columns:
-    """`frame` of columns, `rest` a frame of the points that stay points (None: there are none), `report`."""
+    """Result of a conversion to columns.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of columns.
+    rest : Frame or None
+        Of the points that stay points; None without any.
+    report : ColumnsReport
+    """
 
     frame: Frame
     rest: Frame | None
     report: ColumnsReport
 
 
-def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
-    """Gather the points of `frame` into columns on `terrain`.
+def points_to_columns(
+    frame: Frame, terrain: "Terrain", options: ColumnOptions | None = None, gravity: float = GRAVITY
+) -> Columns:
+    """Gather the points of a frame into columns on a terrain.
 
     A column has the mass, the centre and the horizontal momentum of its points, to rounding. By parent its thickness is
     twice their mean height over the bed (exact for points of `columns_to_points`) and its area their volume over it;
@@ -76,7 +98,7 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     frame : Frame
         Dimension 3, in the terrain's CRS.
     terrain : Terrain
-    options : ColumnOptions
+    options : ColumnOptions, optional
     gravity : float [m s-2]
         Of the energies in the report.
 
@@ -121,8 +143,8 @@ def points_to_columns(frame, terrain, options=None, gravity=GRAVITY):
     return Columns(columns, rest, replace(report, laid=laid))
 
 
-def unsettled_share(frame, terrain, cell, normal_share):
-    """Share of the mass [1] that columns cannot represent: clear of the bed, or moving across it.
+def unsettled_share(frame: Frame, terrain: "Terrain", cell: float, normal_share: float) -> float:
+    """Compute the share of the mass [1] that columns cannot represent: clear of the bed, or moving across it.
 
     Parameters
     ----------
@@ -172,7 +194,7 @@ def _point_cell(frame, options):
 
 
 def _flight(over, groups):
-    """(gap [m], Un, Ut [m s-1]) of each column: the distance of its lowest slice from the bed, its mean velocity."""
+    """Return gap [m], Un and Ut [m s-1] of each column: distance of its lowest slice from the bed, mean velocity."""
     mass = groups.sum(over.mass)
     slopes = [groups.sum(over.mass * slope) / mass for slope in (over.slope_east, over.slope_north)]
     cosine = slope_cosine(*slopes)

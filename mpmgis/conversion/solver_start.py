@@ -1,9 +1,10 @@
 """Start of another 3D solver: points in local coordinates, ground, material and background grid."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,10 +12,13 @@ from ..system.errors import InputError
 from ..terrain.elevation import Terrain
 from .start_stress import kirchhoff_stress
 
-CELLS_AROUND = 10  # at the least, of the grid beyond the points, where no window is given
-CELLS_UNDER = 3  # of the grid under the lowest ground
-CELLS_OVER = 4  # height of the grid above the flow, which can also rise to twice its height
-COURANT = 0.2  # of the time step written for solvers that require one
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+
+CELLS_AROUND = 10  # [cells] fewest of the grid beyond the points, where no window is given
+CELLS_UNDER = 3  # [cells] of the grid under the lowest ground
+CELLS_OVER = 4  # [cells] of the grid above the flow, which can also rise to twice its height
+COURANT = 0.2  # [1] Courant number of the time step written for solvers that require one
 
 
 @dataclass(frozen=True)
@@ -42,12 +46,18 @@ class Box:
     headroom: float
 
     @property
-    def cells(self):
-        """(int, int, int): cubes along x, y and z."""
+    def cells(self) -> tuple[int, int, int]:
+        """Number of cubes along x, y and z."""
         return tuple(round(length / self.cell) for length in self.size)
 
-    def bed_at_nodes(self):
-        """float64[nx + 1, ny + 1, 3] [m]: local places on the bed under the grid's nodes, NaN where there is none."""
+    def bed_at_nodes(self) -> np.ndarray:
+        """Compute the places on the bed below the nodes of the grid.
+
+        Returns
+        -------
+        float64[nx + 1, ny + 1, 3] [m]
+            Local coordinates; NaN where there is no bed.
+        """
         nx, ny, _ = self.cells
         east, north, up = self.origin
         x, y = np.meshgrid(self.cell * np.arange(nx + 1), self.cell * np.arange(ny + 1), indexing="ij")
@@ -67,7 +77,7 @@ class SolverStart:
     volume, current_volume : float64[n] [m3]
         Mass over density, for solvers that compute mass from volume; that of the frame.
     vertical_stress : float64[n] or None [Pa]
-        Of the weight above a point (`geostatic`), where the frame has it.
+        Of the weight above a point (`ground_below`), where the frame has it.
     time, density : float [s], [kg m-3]
     box : Box
     crs : pyproj.CRS or None
@@ -95,28 +105,28 @@ class SolverStart:
     gravity: float = 9.81
 
     @property
-    def cell(self):
+    def cell(self) -> float | None:
         """Side of the grid's cubes [m]."""
         return self.box.cell
 
     @property
-    def cells(self):
-        """(int, int, int): cubes along x, y and z."""
+    def cells(self) -> tuple[int, int, int]:
+        """Number of cubes along x, y and z."""
         return self.box.cells
 
     @property
-    def headroom(self):
+    def headroom(self) -> float:
         """Height over the bed that the grid has at the least [m]."""
         return self.box.headroom
 
     @cached_property
-    def elastic(self):
-        """(Young's modulus [Pa], Poisson's ratio [1]) of the material's bulk and shear modulus."""
+    def elastic(self) -> tuple[float, float]:
+        """Young's modulus [Pa] and Poisson's ratio [1], from the material's bulk and shear modulus."""
         bulk, shear = self.material.parameters["bulk_modulus"], self.material.parameters["shear_modulus"]
         return 9 * bulk * shear / (3 * bulk + shear), (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
 
     @property
-    def tension_limit(self):
+    def tension_limit(self) -> float:
         """Largest tension [Pa] of a Drucker-Prager material as Mohr-Coulomb: at most where its cone ends."""
         values = self.material.parameters
         cohesion, tangent = values["cohesion"], math.tan(math.radians(values["friction_angle"]))
@@ -124,7 +134,7 @@ class SolverStart:
         return min(limit, cohesion / tangent) if tangent > 0 else limit
 
     @property
-    def time_step(self):
+    def time_step(self) -> float:
         """COURANT times the travel time of a pressure wave through a cell [s], two digits."""
         values = self.material.parameters
         wave = math.sqrt((values["bulk_modulus"] + 4 / 3 * values.get("shear_modulus", 0.0)) / self.density)
@@ -132,19 +142,28 @@ class SolverStart:
         return float(f"{COURANT * self.cell / (wave + speed):.2g}")
 
     @property
-    def stress(self):
-        """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz under the weight above, None where that is not known."""
+    def stress(self) -> np.ndarray | None:
+        """Stress xx, yy, zz, xy, xz, yz under the weight above, float64[n, 6] [Pa]; None where that is not known."""
         if self.vertical_stress is None:
             return None
         values = self.material.parameters
         return kirchhoff_stress(self.vertical_stress, values["bulk_modulus"], values.get("shear_modulus", 0.0))
 
 
-def start_box(frames, terrain, cell=None, window=None):
-    """The Box for `frames` of points on `terrain`, with cells of `cell` [m] or without a grid.
+def start_box(
+    frames: Iterable, terrain: Terrain, cell: float | None = None, window: (float | float | float) | None = None
+) -> Box:
+    """Choose the box of local coordinates for frames of points.
 
-    `window` (west, south, east, north) [m]; default the extent of the points, extended by its size, but not beyond
-    than the DTM has.
+    Parameters
+    ----------
+    frames : iterable of Frame
+        Of points; is iterated twice.
+    terrain : Terrain
+    cell : float, optional [m]
+        Of the solver's grid; default: no grid.
+    window : (float, float, float, float), optional [m]
+        West, south, east, north; default the extent of the points, extended by its size, but not beyond the DTM.
 
     Raises
     ------
@@ -223,8 +242,13 @@ def _height(frame, terrain):
     return float(np.nanmax(height)) if np.isfinite(height).any() else 0.0
 
 
-def release_density(frame):
-    """Density [kg m-3] of a frame of points: from its header, otherwise its mass over its volume."""
+def release_density(frame: "Frame") -> float:
+    """Return the density [kg m-3] of a frame of points: from its header, otherwise its mass over its volume.
+
+    Parameters
+    ----------
+    frame : Frame
+    """
     declared = frame.header.get("density")
     if isinstance(declared, (int, float, np.number)) and math.isfinite(declared) and declared > 0:
         return float(declared)
@@ -232,8 +256,17 @@ def release_density(frame):
     return float(particles.mass.sum(dtype=float) / particles.volume.sum(dtype=float))
 
 
-def solver_start(frame, box, density, crs=None):
-    """The SolverStart of a `frame` of points in a Box, without a material (`with_material`)."""
+def solver_start(frame: "Frame", box: Box, density: float, crs: Any = None) -> SolverStart:
+    """Return the start of a solver, without a material (`with_material`).
+
+    Parameters
+    ----------
+    frame : Frame
+        Of points.
+    box : Box
+    density : float [kg m-3]
+    crs : pyproj.CRS, optional
+    """
     particles = frame.particles
     mass = particles.mass.astype(float)
     return SolverStart(
@@ -251,6 +284,17 @@ def solver_start(frame, box, density, crs=None):
     )
 
 
-def with_material(start, material, bed_friction=None, end_time=None):
-    """The same with a MaterialTable, tan of the friction angle on the bed, and the time to end at [s]."""
+def with_material(
+    start: SolverStart, material: Any, bed_friction: float | None = None, end_time: float | None = None
+) -> SolverStart:
+    """Return a start with its material.
+
+    Parameters
+    ----------
+    start : SolverStart
+    material : MaterialTable
+    bed_friction : float, optional [1]
+        tan of the friction angle on the bed.
+    end_time : float, optional [s]
+    """
     return replace(start, material=material, bed_friction=bed_friction, end_time=end_time)

@@ -1,80 +1,26 @@
-"""Transfer of a flow from one solver to the other during a run, with its balances.
+"""Transfer of a flow from one solver to the other during a run, with its balances."""
 
-Initial state of a 3D run: columns converted to points that fill its grid, and the stress of their weight.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
-import shapely
 
 from ..frames.particles import Particles
 from ..laws.quantities import GRAVITY
 from ..system.errors import InputError
 from .columns_to_points import columns_to_points, velocity_gradient
 from .conserved_sums import NOTHING, Sums, conservation_error, sums_of
-from .conversion_options import LAY, ColumnOptions, PointOptions
+from .conversion_options import LAY, ColumnOptions
 from .points_to_columns import points_to_columns
 
+if TYPE_CHECKING:
+    import shapely
 
-def point_options(cell_size, points_per_side):
-    """PointOptions that fill cells of `cell_size` [m] with `points_per_side` points along each side."""
-    return PointOptions(spacing=cell_size / points_per_side, cell=cell_size)
-
-
-def points_from(columns, terrain, options, window=None):
-    """The Points of a frame of `columns` on `terrain`, of those in `window` (shapely.Polygon) or of all.
-
-    Raises
-    ------
-    InputError
-        As `columns_to_points`; columns to convert without ground below them.
-    """
-    points = columns_to_points(columns, terrain, options, window)
-    lost = 0 if points.rest is None else int(_bare(points.rest, terrain, window).sum())
-    if lost:
-        raise InputError(
-            f"{lost} of {len(columns.particles)} columns have no ground below them; use a larger DTM, or a [terrain] "
-            "window that contains them"
-        )
-    return points
-
-
-def _bare(rest, terrain, window):
-    """bool[n]: columns off the terrain, or in the window."""
-    x, y = rest.map_xy()
-    bare = ~np.isfinite(terrain.sample(x, y))
-    return bare if window is None else bare & shapely.contains_xy(window, x, y)
-
-
-def lying_in(frame, window):
-    """`frame` with its particles in `window` (shapely.Polygon); InputError if there are none."""
-    inside = shapely.contains_xy(window, *frame.map_xy())
-    if not inside.any():
-        raise InputError(f"none of the {len(inside)} particles is in [release] window; move it or remove it")
-    return replace(frame, particles=frame.particles.take(inside), state=_rows_of(frame.state, inside))
-
-
-def _rows_of(state, inside):
-    """The arrays of `state` that have a row for each particle, of those `inside`."""
-    return {name: values[inside] for name, values in state.items() if np.shape(values)[:1] == inside.shape}
-
-
-def standing(frame, terrain, cell_size):
-    """`frame` of points as columns with the thickness of all mass in their cells of `cell_size` [m].
-
-    For decisions on effects: thickness and place of the flow.
-    """
-    particles = frame.particles
-    west, _, _, north = terrain.grid.bounds
-    x, y = frame.map_xy()
-    cell = np.column_stack([np.floor((x - west) / cell_size), np.floor((north - y) / cell_size)]).astype(np.int64)
-    _, number = np.unique(cell, axis=0, return_inverse=True)
-    number = number.reshape(-1)
-    thickness = (np.bincount(number, particles.volume) / cell_size**2)[number]
-    seen = replace(particles, thickness=thickness, area=particles.volume / thickness)
-    return replace(frame, particles=seen, dimension=2, state={})
+    from ..frames.particles import Frame
+    from ..terrain.elevation import Terrain
+    from .conversion_options import PointOptions
 
 
 @dataclass(frozen=True)
@@ -99,18 +45,24 @@ class SwitchAccount:
     off: Sums = NOTHING
     laid: float = 0.0
 
-    def errors(self):
-        """Relative errors of (mass, horizontal momentum) [1]."""
+    def errors(self) -> tuple[float, float]:
+        """Return the relative errors of mass and of horizontal momentum [1]."""
         return conservation_error(self.before, self.after, self.outside, self.off)
 
-    def as_numbers(self):
-        """All of it as plain numbers for a record."""
+    def as_numbers(self) -> dict:
+        """Return the balance as plain numbers for a record."""
         mass, momentum = self.errors()
         sums = {name: getattr(self, name)._asdict() for name in ("before", "after", "outside", "off")}
         return {**sums, "laid_mass": self.laid, "mass_error_relative": mass, "momentum_error_relative": momentum}
 
-    def lines(self, outside="booked and gone"):
-        """Report lines; `outside` describes what happens to the part outside the window."""
+    def lines(self, outside: str = "booked and gone") -> list[str]:
+        """Return the lines of a report.
+
+        Parameters
+        ----------
+        outside : str
+            What happens to the part outside the window.
+        """
         before, after, (mass, momentum) = self.before, self.after, self.errors()
         lines = [
             f"{before.count} particles became {after.count}; mass {before.mass:.9g} kg and horizontal momentum "
@@ -133,24 +85,45 @@ class SwitchAccount:
 
 @dataclass(frozen=True)
 class Switched:
-    """Start of a solver: `frame`; of points `vertical_stress` [n] [Pa], of both the velocity `gradient` [n, k, k]
-    [s-1] (None: not known); `rest`, the Frame of columns outside the window (None: there are none); the `account`."""
-
-    frame: object
-    vertical_stress: np.ndarray | None
-    gradient: np.ndarray | None
-    rest: object
-    account: SwitchAccount
-
-
-def switch_to_points(frame, terrain, options, holds, window=None):
-    """The columns of `frame` as points on `terrain`, those in `window` (shapely.Geometry) or all.
+    """Start of a solver.
 
     Parameters
     ----------
+    frame : Frame
+    vertical_stress : float64[n] or None [Pa]
+        Of points.
+    gradient : float64[n, k, k] or None [s-1]
+        Of the velocity; None: not known.
+    rest : Frame or None
+        Of columns outside the window; None without any.
+    account : SwitchAccount
+    """
+
+    frame: "Frame"
+    vertical_stress: np.ndarray | None
+    gradient: np.ndarray | None
+    rest: "Frame | None"
+    account: SwitchAccount
+
+
+def switch_to_points(
+    frame: "Frame",
+    terrain: "Terrain",
+    options: "PointOptions",
+    holds: Callable,
+    window: "shapely.Geometry | None" = None,
+) -> Switched:
+    """Convert the columns of a frame to points on a terrain, for the next solver.
+
+    Parameters
+    ----------
+    frame : Frame
+    terrain : Terrain
     options : PointOptions
     holds : callable
         Frame -> bool[n]: particles on the next solver's grid.
+    window : shapely.Geometry, optional
+        Only columns inside; default: all.
 
     Returns
     -------
@@ -170,10 +143,33 @@ def switch_to_points(frame, terrain, options, holds, window=None):
     return Switched(replace(kept, state={}), state["vertical_stress"], state.get("affine"), rest, account)
 
 
-def switch_to_columns(frame, terrain, cell, holds, beside=None, gravity=GRAVITY):
-    """The points of `frame` as columns of the cells of `cell` [m] on `terrain`; see `switch_to_points`.
+def switch_to_columns(
+    frame: "Frame",
+    terrain: "Terrain",
+    cell: float,
+    holds: Callable,
+    beside: "Frame | None" = None,
+    gravity: float = GRAVITY,
+) -> Switched:
+    """Gather the points of a frame into columns on a terrain, for the next solver.
 
-    `beside` is a Frame of columns that continue unchanged.
+    Parameters
+    ----------
+    frame : Frame
+    terrain : Terrain
+    cell : float [m]
+        Side of the columns' cells.
+    holds : callable
+        As in `switch_to_points`.
+    beside : Frame, optional
+        Columns that continue unchanged.
+    gravity : float [m s-2]
+        Of the energies in the account.
+
+    Raises
+    ------
+    InputError
+        Nothing on the terrain.
     """
     parts = [_gathered(frame, terrain, cell, gravity)] if len(frame.particles) else []
     if beside is not None and len(beside.particles):

@@ -1,50 +1,83 @@
-"""Conversion loop: stacks of points, each from the bed upwards, in the order of the stacks."""
+"""Fill stacks of points, each from the bed upwards, in the order of the stacks."""
+
+from typing import NamedTuple
+
+import numpy as np
 
 from ..compiled.jit import jit
 
 
-@jit
-def fill_stacks(
-    count,
-    printed,
-    place,
-    thickness,
-    motion,
-    divergence,
-    shares,
-    load,
-    parent,
-    position,
-    velocity,
-    mass,
-    volume,
-    point_parent,
-    depth,
-    stress,
-):
-    """Fill the points of all stacks (MOX report 15/2025, Algorithm 2).
+class StackRows(NamedTuple):
+    """Stacks to be filled, one row each.
 
     Parameters
     ----------
     count : int64[k]
         Points in each stack.
-    printed : bool
-        True: from bed to surface, Eq (2); False: in the middle of equal slices.
     place : float64[k, 3] [m]
         Foot of each stack.
     thickness : float64[k] [m]
     motion : float64[k, 3] [m s-1]
         Velocity at the foot.
     divergence : float64[k] [s-1]
-        Fall of the vertical velocity with height.
+        Decrease of the vertical velocity per metre of height.
     shares : float64[k, 2] [kg, m3]
         Mass and volume of each of a stack's points.
     load : float64[k] [Pa m-1]
-        Vertical stress for each metre under the surface.
+        Vertical stress per metre below the surface.
     parent : uint64[k]
-    position, velocity, mass, volume, point_parent, depth, stress : out
-        One row per point; `depth` and `stress` can be empty and are then not computed.
+        Identity of the column of each stack.
     """
+
+    count: np.ndarray
+    place: np.ndarray
+    thickness: np.ndarray
+    motion: np.ndarray
+    divergence: np.ndarray
+    shares: np.ndarray
+    load: np.ndarray
+    parent: np.ndarray
+
+
+class PointRows(NamedTuple):
+    """Points of the stacks, one row each, to be filled.
+
+    Parameters
+    ----------
+    position : float64[n, 3] [m]
+    velocity : float64[n, 3] [m s-1]
+    mass : float64[n] [kg]
+    volume : float64[n] [m3]
+    parent : uint64[n]
+    depth : float64[n] [m]
+        Below the surface. Empty: depth and stress are not computed.
+    stress : float64[n] [Pa]
+        Vertical stress.
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    mass: np.ndarray
+    volume: np.ndarray
+    parent: np.ndarray
+    depth: np.ndarray
+    stress: np.ndarray
+
+
+@jit
+def fill_stacks(stacks: StackRows, printed: bool, points: PointRows) -> None:
+    """Fill the points of all stacks (MOX report 15/2025, Algorithm 2).
+
+    Parameters
+    ----------
+    stacks : StackRows
+    printed : bool
+        True: points from bed to surface, Eq (2); False: in the middle of equal slices.
+    points : PointRows, out
+        Rows in the order of the stacks, each stack from the bed upwards.
+    """
+    count, place, thickness, motion, divergence, shares, load, parent = stacks
+    position, velocity, mass, volume, point_parent, depth, stress = points
     p = 0
     wanted = depth.shape[0] > 0
     for k in range(count.shape[0]):

@@ -1,8 +1,8 @@
-"""`mpmgis seed --for` and `convert --for`: start folders for other 3D solvers, from columns or points."""
+"""Write start folders for other 3D solvers from columns or points: `mpmgis seed --for` and `convert --for`."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,16 +24,33 @@ from .conversion_options import PointOptions
 from .frame_conversion import entry_at, listed, require_point_memory, whole_frame
 from .solver_start import SolverStart, release_density, solver_start, start_box, with_material
 
-PLACEHOLDER_END = 10.0  # [s]
+if TYPE_CHECKING:
+    from .frame_conversion import ConvertRequest
+
+PLACEHOLDER_END = 10.0  # [s] end of the run where the user gives none
 README = "README.txt"
-BYTES_PER_POINT = 2500  # at most, while files are written and read back
-LARGEST_ERROR = 1e-6  # of the sums of mass and volume, read back
+BYTES_PER_POINT = 2500  # [bytes] at most, while files are written and read back
+LARGEST_ERROR = 1e-6  # [1] relative, of the volume that is read back
 
 
 @dataclass(frozen=True)
 class StartRequest:
-    """A start folder: name of the solver, the folder (None: `<name>_<solver>` in the current folder), cell size of its
-    grid [m], the window of ground (west, south, east, north) [m], the file with its [material]."""
+    """A start folder.
+
+    Parameters
+    ----------
+    solver : str
+        Key of SOLVER_FILES.
+    output : Path or None
+        None: `<name>_<solver>` in the current folder.
+    overwrite : bool
+    cell : float or None [m]
+        Cell size of the solver's grid.
+    window : (float, float, float, float) or None [m]
+        West, south, east, north of the ground.
+    material : Path or None
+        File with its [material].
+    """
 
     solver: str
     output: Path | None = None
@@ -45,7 +62,16 @@ class StartRequest:
 
 @dataclass(frozen=True)
 class StartWritten:
-    """The folder, and the number, mass [kg] and volume [m3] of the points of the first frame."""
+    """A start folder that was written, with the points of its first frame.
+
+    Parameters
+    ----------
+    path : Path
+    count : int
+        Number of points.
+    mass : float [kg]
+    volume : float [m3]
+    """
 
     path: Path
     count: int
@@ -53,14 +79,20 @@ class StartWritten:
     volume: float
 
 
-def convert_for_solver(request, sources, terrain_request, options=None, of_columns=False):
-    """Write a start folder from the frames at `sources`; columns are converted to points.
+def convert_for_solver(
+    request: StartRequest,
+    sources: list,
+    terrain_request: "ConvertRequest",
+    options: PointOptions | None = None,
+    of_columns: bool = False,
+) -> StartWritten:
+    """Write a start folder from frames on disk; columns are converted to points.
 
     Parameters
     ----------
     request : StartRequest
     sources : list of Path
-        Several only if the solver reads several times.
+        Of the frames; several only if the solver reads several times.
     terrain_request : ConvertRequest
         Declarations about the terrain and another code's files.
     options : PointOptions, optional
@@ -105,8 +137,10 @@ def _refuse_idle(request, files, entries, of_columns):
         raise InputError(f"{points} already contains points, and {files.title} needs no grid; leave `cell` out")
 
 
-def seed_for_solver(request, dem, release, options=None, **seeding):
-    """Seed `release` on `dem`, convert the columns to points and write a start folder.
+def seed_for_solver(
+    request: StartRequest, dem: str | Path, release: str | Path, options: PointOptions | None = None, **seeding: object
+) -> tuple[StartWritten, int, dict]:
+    """Seed a release on a DTM, convert the columns to points and write a start folder.
 
     Parameters
     ----------
@@ -120,7 +154,7 @@ def seed_for_solver(request, dem, release, options=None, **seeding):
     Returns
     -------
     (StartWritten, int, dict)
-        The number of columns, and the record of the seeding.
+        What was written, the number of columns, and the record of the seeding.
     """
     files = SOLVER_FILES[request.solver]
     given = _material(request, files)

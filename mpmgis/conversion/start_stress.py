@@ -1,20 +1,34 @@
-"""Stress of points at the start of the 3D solver: that of their weight, on level ground or on a slope."""
+"""Compute the stress of points at the start of the 3D solver: that of their weight, on level ground or on a slope."""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .ground_below import Ground
 
+if TYPE_CHECKING:
+    from ..frames.particles import Frame
+    from ..terrain.elevation import Terrain
+
 STEEPEST = 1.0  # [1] largest shear stress over normal stress at the start, where neither bed nor material limits it
-USED = 0.9  # largest share of a material's strength that is mobilised at the start, where equilibrium allows it
-CHUNK = 1 << 18  # points whose stress is computed at once: temporary arrays stay small
+USED = 0.9  # [1] largest share of a material's strength that is mobilised at the start, where equilibrium allows it
+CHUNK = 1 << 18  # [points] whose stress is computed at once: temporary arrays stay small
 STRONGEST = 1e3  # [1] largest strength over pressure that is considered; more makes no difference
 TINY = 1e-300  # [Pa] keeps divisors off 0
-LEVEL = 1e-100  # [1] up to which a slope has no direction: smaller numbers have few digits
-THIN = 0.01  # [1] least over largest variance of places, below which no slope along the narrow direction is known
+LEVEL = 1e-100  # [1] slope up to which it has no direction: smaller numbers have few digits
+THIN = 0.01  # [1] least over largest variance of places, below which the slope across the narrow direction is 0
 
 
-def stress_of_weight(frame, terrain, vertical_stress, material, contact, cell_size, gravity):
-    """float64[n, 6] [Pa]: Kirchhoff stress of the points of `frame` on `terrain` under their weight.
+def stress_of_weight(
+    frame: "Frame",
+    terrain: "Terrain",
+    vertical_stress: np.ndarray,
+    material: object,
+    contact: object,
+    cell_size: float,
+    gravity: float,
+) -> np.ndarray:
+    """Compute the Kirchhoff stress of points on a terrain under their weight.
 
     Parameters
     ----------
@@ -22,10 +36,16 @@ def stress_of_weight(frame, terrain, vertical_stress, material, contact, cell_si
         Dimension 3.
     terrain : Terrain
     vertical_stress : float64[n] [Pa]
-        -rho g c^2 d of the depth d of each point below the surface on a bed of cosine c (`ground.vertical_stress`).
+        -rho g c^2 d of the depth d of each point below the surface on a bed of cosine c
+        (`ground_below.vertical_stress`).
     material, contact : laws of the solver
     cell_size : float [m]
     gravity : float [m s-2]
+
+    Returns
+    -------
+    float64[n, 6] [Pa]
+        xx, yy, zz, xy, xz, yz.
 
     Notes
     -----
@@ -57,8 +77,15 @@ def stress_of_weight(frame, terrain, vertical_stress, material, contact, cell_si
     return stress
 
 
-def kirchhoff_stress(normal_stress, bulk_modulus, shear_modulus, slope=None, bed_friction=STEEPEST, strength=STRONGEST):
-    """float64[n, 6] [Pa]: xx, yy, zz, xy, xz, yz of points under the weight `normal_stress` [Pa].
+def kirchhoff_stress(
+    normal_stress: np.ndarray,
+    bulk_modulus: float,
+    shear_modulus: float,
+    slope: np.ndarray | None = None,
+    bed_friction: float = STEEPEST,
+    strength: float | np.ndarray = STRONGEST,
+) -> np.ndarray:
+    """Compute the Kirchhoff stress of points from their weight.
 
     On level ground sigma_xx = sigma_yy = K sigma_zz with K = nu / (1 - nu): points are confined sideways. Where the
     material does not bear that, K is the least that it bears (`lateral_ratio`).
@@ -77,6 +104,11 @@ def kirchhoff_stress(normal_stress, bulk_modulus, shear_modulus, slope=None, bed
     bed_friction : float [1]
     strength : float or float64[n] [1]
         Largest |s| / sqrt(2) over p at rest, of the material.
+
+    Returns
+    -------
+    float64[n, 6] [Pa]
+        xx, yy, zz, xy, xz, yz.
     """
     lame = bulk_modulus - 2.0 / 3.0 * shear_modulus
     confined = lame / (lame + 2.0 * shear_modulus)
@@ -103,8 +135,8 @@ def kirchhoff_stress(normal_stress, bulk_modulus, shear_modulus, slope=None, bed
     return normal_stress[:, None] * np.column_stack(unit)
 
 
-def lateral_ratio(confined, shear, strength):
-    """float64[n] [1]: K, stress along a layer over that normal to it, at rest.
+def lateral_ratio(confined: float, shear: np.ndarray, strength: float | np.ndarray) -> np.ndarray:
+    """Compute K, the stress along a layer over that normal to it, at rest.
 
     K is `confined`, that of an elastic layer, if |s| / sqrt(2) <= m p, m = 0.9 times the `strength`: a flow that starts
     at its yield surface would creep with every wave of pressure. Else K is the least with |s| / sqrt(2) = m p. Up to
@@ -117,6 +149,19 @@ def lateral_ratio(confined, shear, strength):
         (1 - K)^2 + 4 t^2 = m^2 (1 + K)^2.
 
     Where that has no solution, K = 1 + 2 t^2 mobilises the least strength, sin(theta) p.
+
+    Parameters
+    ----------
+    confined : float [1]
+        K of an elastic layer.
+    shear : float64[n] [1]
+        Shear stress along the layer over the stress normal to it, t.
+    strength : float or float64[n] [1]
+        As in `kirchhoff_stress`.
+
+    Returns
+    -------
+    float64[n] [1]
     """
     m = USED * np.minimum(strength, STRONGEST)
     t2, m2 = shear**2, m**2
@@ -128,8 +173,8 @@ def lateral_ratio(confined, shear, strength):
     return np.maximum(np.where(shear <= m, below, beyond), confined)
 
 
-def surface_slopes(x, y, height, size):
-    """float64[n, 2] [1]: slope along x and y of the plane through the surface around each particle.
+def surface_slopes(x: np.ndarray, y: np.ndarray, height: np.ndarray, size: float) -> np.ndarray:
+    """Compute the slope of the surface around each particle, that of a plane through it.
 
     Parameters
     ----------
@@ -138,6 +183,11 @@ def surface_slopes(x, y, height, size):
     size : float [m]
         Side of the squares of a lattice. The plane is a least squares fit to the particles of 3 x 3 squares; where
         these are on a line or in a place, the slope is 0 along directions that they do not extend in.
+
+    Returns
+    -------
+    float64[n, 2] [1]
+        Along x and y.
     """
     east, north = (at - at.min() for at in (x, y))
     column, row = (np.floor(at / size).astype(np.int64) for at in (east, north))

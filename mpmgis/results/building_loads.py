@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..exchange.frame_source import CellAveraging
-from ..maps.averaging.exported_folder import is_export
+from ..maps.averaging.exported_steps import is_export
 from ..maps.averaging.frame_values import cells_of
 from ..system.errors import InputError
 from ..system.messages import log

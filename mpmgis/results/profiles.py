@@ -15,14 +15,10 @@ import numpy as np
 
 from ..frames.particles import Frame
 from ..laws.quantities import BAND, GRAVITY
-from ..maps.averaging.band_products import (
-    impact_pressure,
-    normal_velocity,
-    parallel_speed,
-    point_extents,
-    volume_thickness,
-)
-from ..maps.averaging.cells import Bed, Placed, bin_frame, grid_spacing, lower_percentile, place
+from ..maps.averaging.band_products import impact_pressure, normal_velocity, parallel_speed, volume_thickness
+from ..maps.averaging.cells import bin_frame, grid_spacing, lower_percentile
+from ..maps.averaging.height_layers import point_extents
+from ..maps.averaging.placement import Bed, Placed, place
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from ..frames.particles import Frame
 from ..maps.averaging.binning import MASS
-from ..maps.averaging.cells import bin_frame, place
+from ..maps.averaging.cells import bin_frame
 from ..maps.averaging.frame_values import Averaging
+from ..maps.averaging.placement import place
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .flow_line import places_along, positions_along, vertex_distances

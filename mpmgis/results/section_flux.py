@@ -14,8 +14,9 @@ import numpy as np
 
 from ..frames.particles import Frame
 from ..maps.averaging.binning import MASS, MOMENTUM, VOLUME
-from ..maps.averaging.cells import bin_frame, place
+from ..maps.averaging.cells import bin_frame
 from ..maps.averaging.frame_values import Averaging, cells_of, pick
+from ..maps.averaging.placement import place
 
 COLUMNS = (
     ("time", "s"),

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from ..conversion.conversion_account import account_of_points
-from ..conversion.solver_switch import lying_in, point_options, points_from, standing
+from ..conversion.initial_points import as_columns, particles_in_window, point_options, points_from
 from ..frames.frame_files import read_frame
 from ..frames.particles import Particles
 from ..scene.tables import DENSITY, ReleaseTable
@@ -401,7 +401,7 @@ def _converted(columns, scene, terrain):
     """Return points from a frame of columns; the account of the conversion is logged for particles of the user."""
     options = point_options(scene.numerics.cell_size, scene.numerics.points_per_side)
     window = _window(scene, terrain)
-    seen = columns if window is None else lying_in(columns, window)
+    seen = columns if window is None else particles_in_window(columns, window)
     require_memory_for_points(options.predicted_points(seen.particles), options.cell)
     points = points_from(columns, terrain, options, window)
     _log_outside(points.report.outside.mass, points.report.before.mass)
@@ -431,7 +431,7 @@ def _points_of(
     frame = start_on_terrain(read_frame(path), path, terrain, density, window)
     if window is not None:
         mass = float(frame.particles.mass.sum())
-        frame = lying_in(frame, window)
+        frame = particles_in_window(frame, window)
         _log_outside(mass - float(frame.particles.mass.sum()), mass)
     stress, affine = frame.particle_state("vertical_stress"), frame.particle_state("affine", 3, 3)
     if stress is None:
@@ -452,4 +452,4 @@ def _points_of(
             f"{path}: {int(under.sum())} of {len(under)} points start more than a cell of {cell_size:g} m under the "
             f"ground, at most {-above[under].min():.3g} m; use the DTM that was used for them"
         )
-    return PointStart(replace(frame, state={}), stress, affine, standing(frame, terrain, cell_size))
+    return PointStart(replace(frame, state={}), stress, affine, as_columns(frame, terrain, cell_size))

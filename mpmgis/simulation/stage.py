@@ -9,8 +9,9 @@ import numpy as np
 import shapely
 
 from ..conversion.columns_to_points import columns_to_points
+from ..conversion.initial_points import point_options
 from ..conversion.points_to_columns import unsettled_share
-from ..conversion.solver_switch import point_options, switch_to_columns, switch_to_points
+from ..conversion.solver_switch import switch_to_columns, switch_to_points
 from ..conversion.start_stress import stress_of_weight
 from ..frames.watched_features import Watch
 from ..scene import resolve

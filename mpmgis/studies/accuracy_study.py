@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..maps.averaging.cells import Bed
+from ..maps.averaging.placement import Bed
 from ..results.comparison import nearest
 from ..simulation.cost_prediction import predicted_cost, tried_machine
 from ..simulation.numerical_parameters import crossed, one_at_a_time, parameters_of, reference

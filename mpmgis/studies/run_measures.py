@@ -9,10 +9,11 @@ import numpy as np
 
 from ..frames.particles import Frame
 from ..maps.averaging import binning
-from ..maps.averaging.cells import bin_frame, place
+from ..maps.averaging.cells import bin_frame
+from ..maps.averaging.placement import place
 
 if TYPE_CHECKING:
-    from ..maps.averaging.cells import Bed
+    from ..maps.averaging.placement import Bed
     from ..simulation.numerical_parameters import Setting
     from ..terrain.grid import Grid
 

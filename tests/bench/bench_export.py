@@ -16,8 +16,9 @@ from mpmgis.frames.frame_files import write_frame
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import BAND, Quantity
 from mpmgis.maps.averaging import binning, cell_places
-from mpmgis.maps.averaging.cells import Bed, bin_frame, place
+from mpmgis.maps.averaging.cells import bin_frame
 from mpmgis.maps.averaging.frame_values import Averaging, average_frame
+from mpmgis.maps.averaging.placement import Bed, place
 from mpmgis.maps.averaging.sampling import export_grid
 from mpmgis.maps.qgis.flow_mesh import step_chunks
 from mpmgis.maps.qgis.outlines import BANDS, StepSpool, step_outline
@@ -114,21 +115,10 @@ def binning_rows():
         binning.number_cells(window, bounds, grid.shape[1], cells)
         tiles = [-(-length // binning.TILE) for length in window.shape]
         table, start = np.empty((k, binning.ROW)), np.empty(tiles[0] * tiles[1] + 1, np.int64)
-        binning.bin_points(
-            row,
-            column,
-            bounds,
-            window,
-            placed.pixel,
-            placed.distance,
-            bed.gradient_by_pixel,
-            particles.velocity,
-            particles.mass,
-            particles.volume,
-            table,
-            records,
-            start,
+        points = binning.PointsInCells(
+            row, column, placed.pixel, placed.distance, particles.velocity, particles.mass, particles.volume
         )
+        binning.bin_points(points, bounds, window, bed.gradient_by_pixel, table, records, start)
         return cells, table[:, binning.TOP], table[:, binning.LOWEST], table[:, binning.COUNT]
 
     def numpys():

@@ -14,9 +14,9 @@ import numpy as np
 from avalanche_frames import DENSITY, END_TIME, Avalanche, terrain, write_frames
 from bench_export import POINTS, command
 
-from mpmgis.maps.averaging.cells import Bed
 from mpmgis.maps.averaging.frame_values import Averaging, average_frame
 from mpmgis.maps.averaging.maxima import Peak, RunningMaxima
+from mpmgis.maps.averaging.placement import Bed
 from mpmgis.maps.averaging.sampling import export_grid
 
 CELL_SIZES = (0.5, 1.0, 2.0, 4.0)  # [m]

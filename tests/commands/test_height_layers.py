@@ -8,8 +8,8 @@ from slope_site import SOUTH, WEST
 
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame, write_frame
-from mpmgis.maps.averaging.band_products import frame_layers, height_layers
-from mpmgis.maps.averaging.cells import Bed, place
+from mpmgis.maps.averaging.height_layers import frame_layers, height_layers
+from mpmgis.maps.averaging.placement import Bed, place
 from mpmgis.terrain.dtm import read_terrain
 
 PLACES, SPEED = (150.0, 600.0), 10.0  # on the slope of 0.5, on the flat

@@ -5,7 +5,8 @@ import pytest
 from exporting import AFFINES, CRS, naive_cells, random_frame, terrain
 
 from mpmgis.maps.averaging.band_products import cell_values
-from mpmgis.maps.averaging.cells import Bed, bin_frame, place
+from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.placement import Bed, place
 from mpmgis.maps.averaging.sampling import export_grid
 from mpmgis.terrain.grid import Grid
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.maps.averaging import binning
 from mpmgis.maps.averaging.band_products import PRODUCTS, cell_values
-from mpmgis.maps.averaging.cells import Bed, bin_frame, place
+from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.placement import Bed, place
 from mpmgis.maps.averaging.sampling import export_grid
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
@@ -310,7 +311,8 @@ def test_the_order_of_the_points_does_not_change_a_bit():
     distance[::31] = np.nan
     mass, volume, pixel = random.random(n), random.random(n), random.integers(0, 40, n)
     gradient = random.normal(size=(40, 2))
-    given = row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume
+    points = binning.PointsInCells(row, column, pixel, distance, velocity, mass, volume)
+    given = points, bounds, mark, gradient
     plain = np.zeros((6300, binning.ROW))
     plain[:, binning.TOP], plain[:, binning.LOWEST] = -np.inf, np.inf
     binning._sum_points(*given, plain)

@@ -8,8 +8,8 @@ from exporting import AFFINES, CRS, random_frame, terrain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpmgis.maps.averaging.cells import Bed
 from mpmgis.maps.averaging.frame_values import automatic_standoff, fastest_mean, resting_offset, survey_frame
+from mpmgis.maps.averaging.placement import Bed
 from mpmgis.maps.averaging.sampling import (
     FrameFacts,
     automatic_cell_size,

@@ -9,9 +9,9 @@ import pytest
 from affine import Affine
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.maps.averaging.cells import Bed
 from mpmgis.maps.averaging.frame_values import Averaging, average_frame
 from mpmgis.maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima
+from mpmgis.maps.averaging.placement import Bed
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

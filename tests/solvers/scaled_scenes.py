@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from affine import Affine
 
-from mpmgis.conversion.solver_switch import point_options, points_from
+from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.start_stress import kirchhoff_stress
 from mpmgis.laws.bed_contact import CoulombContact
 from mpmgis.laws.friction import Coulomb

@@ -7,7 +7,7 @@ import pytest
 from column_scenes import terrain_of
 from point_scenes import block_of, plane, points_on
 
-from mpmgis.conversion.solver_switch import standing
+from mpmgis.conversion.initial_points import as_columns
 from mpmgis.conversion.start_stress import kirchhoff_stress
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.laws.bed_contact import CoulombContact
@@ -176,7 +176,7 @@ def test_points_start_with_the_velocity_gradient_of_their_columns(given, least, 
 
 
 def test_points_are_seen_as_columns_of_their_cells():
-    seen = standing(block_of((4, 4, 4), 0.5, (28, 28, 0)), FLAT, 2.0)
+    seen = as_columns(block_of((4, 4, 4), 0.5, (28, 28, 0)), FLAT, 2.0)
     np.testing.assert_allclose(seen.particles.thickness, 4.0)
     assert seen.particles.area.sum() == pytest.approx(16.0)
 

@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as some
 from point_scenes import points_on
 
-from mpmgis.conversion.solver_switch import point_options, points_from
+from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.start_stress import USED, kirchhoff_stress, lateral_ratio, stress_of_weight, surface_slopes
 from mpmgis.laws.bed_contact import CoulombContact
 from mpmgis.laws.fluid import Fluid

@@ -10,7 +10,7 @@ import numpy as np
 from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import points_on
 
-from mpmgis.conversion.solver_switch import point_options, points_from
+from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.start_stress import stress_of_weight
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.bed_contact import CoulombContact

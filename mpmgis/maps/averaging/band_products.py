@@ -1,85 +1,130 @@
-"""The quantities of an export: one function for each equation of NHESS 25:3897, and the table of all products.
+"""Quantities of an export: one function for each equation of NHESS 25:3897, and the table of all products.
 
 Each function takes `Cells` and returns float64[k], NaN for unknown values. They are valid for points and for columns:
 in `Cells` the largest distance of a column from the bed is its thickness, and the smallest is 0.
-
-Density and impact pressure of frames of points in layers of height over the bed, by map cell.
-
-The outlook of Vicari et al. (2025, NHESS 25:3897) names these rasters. A point has the height of a cube of its volume
-and is shared among the layers that it overlaps, as in the vertical profiles of `profiles`.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from ...frames.particles import Frame
-from ...laws.quantities import Quantity
 from ...system.errors import InputError
-from ...terrain.grid import Grid
 from . import binning
-from .cells import Bed, Cells, Placed, flat_cells, place
+from .cells import Cells
 
-ALWAYS = ("h", "t", "Un", "Ut")
-RUNNING = "maxima"
-OUTSIDE = Quantity("mass_outside", "kg m-2", "mass outside all height intervals, per plan area", "float32")
+ALWAYS = ("h", "t", "Un", "Ut")  # bands of every step
+RUNNING = "maxima"  # stands for the maxima up to each step
 
 
 def flow_depth(cells: Cells) -> np.ndarray:
-    """h [m]: largest distance from the bed, normal to it, at least 0 (Eq 7)."""
+    """Compute h [m], the largest distance from the bed, normal to it, at least 0 (Eq 7).
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return np.maximum(cells.top, 0.0)
 
 
 def flow_thickness(cells: Cells) -> np.ndarray:
-    """t [m]: largest minus smallest distance from the bed (Eq 8)."""
+    """Compute t [m], the largest minus the smallest distance from the bed (Eq 8).
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return cells.top - cells.lowest
 
 
 def normal_velocity(cells: Cells) -> np.ndarray:
-    """Un [m s-1]: mean of U . n, weighted by mass; positive away from the bed (Eqs 9, 13)."""
+    """Compute Un [m s-1], the mean of U . n, weighted by mass; positive away from the bed (Eqs 9, 13).
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return cells.mean(binning.NORMAL)
 
 
 def parallel_speed(cells: Cells) -> np.ndarray:
-    """Ut [m s-1]: length of the mean slope-parallel velocity, weighted by mass (Eqs 10, 14)."""
+    """Compute Ut [m s-1], the length of the mean slope-parallel velocity, weighted by mass (Eqs 10, 14).
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return np.linalg.norm(cells.mean_vector(binning.PARALLEL), axis=1)
 
 
 def parallel_velocity_east(cells: Cells) -> np.ndarray:
-    """Ut_E [m s-1]: east component of the mean slope-parallel velocity."""
+    """Compute Ut_E [m s-1], the east component of the mean slope-parallel velocity.
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return cells.mean(binning.PARALLEL)
 
 
 def parallel_velocity_north(cells: Cells) -> np.ndarray:
-    """Ut_N [m s-1]: north component of the mean slope-parallel velocity."""
+    """Compute Ut_N [m s-1], the north component of the mean slope-parallel velocity.
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return cells.mean(binning.PARALLEL + 1)
 
 
 def volume_thickness(cells: Cells) -> np.ndarray:
-    """t_vol [m]: sum of m / density times n_H, divided by the cell area; conserves mass."""
+    """Compute t_vol [m], the sum of m / density times n_H, divided by the cell area; conserves mass.
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     thickness = cells.sums[:, binning.UPRIGHT] / (cells.density * cells.cell_area)
     return np.where(cells.sums[:, binning.SLOPED] > 0, thickness, np.nan)
 
 
 def particle_count(cells: Cells) -> np.ndarray:
-    """n [1]: particles in the cell."""
+    """Return n [1], the number of particles in each cell.
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return cells.count.astype(float)
 
 
 def areal_mass(cells: Cells) -> np.ndarray:
-    """mass [kg m-2]: per plan area; its sum times the cell area is the particles' mass."""
+    """Compute the mass per plan area [kg m-2]; its sum times the cell area is the particles' mass.
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return cells.sums[:, binning.MASS] / cells.cell_area
 
 
 def impact_pressure(cells: Cells) -> np.ndarray:
-    """p [Pa]: density of the release times the squared mean velocity."""
+    """Compute p [Pa], the density of the release times the squared mean velocity.
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return cells.density * np.sum(cells.mean_vector(binning.MOMENTUM) ** 2, axis=1)
 
 
 def detached(cells: Cells) -> np.ndarray:
-    """1 where the lowest particle is above the bed by more than a solver cell and a fifth of h, else 0."""
+    """Return 1 where the lowest particle is above the bed by more than a solver cell and a fifth of h, else 0.
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     if cells.spacing == 0:
         return np.zeros(len(cells.index))
     clear = cells.lowest > np.maximum(cells.spacing, 0.2 * flow_depth(cells))
@@ -87,12 +132,27 @@ def detached(cells: Cells) -> np.ndarray:
 
 
 def map_speed(cells: Cells) -> np.ndarray:
-    """Horizontal speed of the mean velocity [m s-1], as in Eq 17."""
+    """Compute the horizontal speed of the mean velocity [m s-1], as in Eq 17.
+
+    Parameters
+    ----------
+    cells : Cells
+    """
     return np.hypot(cells.mean(binning.MOMENTUM), cells.mean(binning.MOMENTUM + 1))
 
 
 class Product(NamedTuple):
-    """Definition of a band: `compute(cells)`, its value in `empty` cells, and whether it needs `min_depth` of flow."""
+    """Definition of a band.
+
+    Parameters
+    ----------
+    compute : callable
+        Of `Cells`.
+    empty : float
+        Value in cells without particles.
+    needs_depth : bool
+        The band is nodata where the flow is shallower than the smallest depth.
+    """
 
     compute: Callable
     empty: float
@@ -115,7 +175,11 @@ PRODUCTS = {
 
 
 def choose_products(asked: Iterable[str]) -> tuple[str, ...]:
-    """The bands of a step: the four default bands and those `asked` for, in the order of the table.
+    """Return the bands of a step: the four default bands and those asked for, in the order of the table.
+
+    Parameters
+    ----------
+    asked : iterable of str
 
     Raises
     ------
@@ -130,7 +194,19 @@ def choose_products(asked: Iterable[str]) -> tuple[str, ...]:
 
 
 def cell_values(cells: Cells, names: Iterable[str], min_depth: float) -> dict[str, np.ndarray]:
-    """Name -> float64[k] of the products `names`; velocities are NaN where the flow is shallower than `min_depth`."""
+    """Compute products of cells; velocities are NaN where the flow is shallower than `min_depth`.
+
+    Parameters
+    ----------
+    cells : Cells
+    names : iterable of str
+        Of PRODUCTS.
+    min_depth : float [m]
+
+    Returns
+    -------
+    dict of str to float64[k]
+    """
     too_shallow = ~(flow_depth(cells) >= min_depth)
     values = {}
     for name in names:
@@ -139,113 +215,3 @@ def cell_values(cells: Cells, names: Iterable[str], min_depth: float) -> dict[st
         if product.needs_depth:
             values[name] = np.where(too_shallow, np.nan, values[name])
     return values
-
-
-class HeightLayers(NamedTuple):
-    """Layers of the cells with particles of one frame.
-
-    `index` int64[k]: flat numbers of the cells, ascending. `density` float64[k, layers] [kg m-3], 0 in an empty layer;
-    `pressure` float64[k, layers] [Pa]: density times the squared mean velocity, 0 in an empty layer. `outside`
-    float64[k] [kg m-2]: mass outside all layers per plan area, with points where the slope is not known. `upright`
-    float64[k] [1]: vertical component of the bed's normal, mean by mass.
-
-    The sum of density times thickness is the mass in the layers per area of the bed, which is the plan area over
-    `upright`. So cell_area (sum of density thickness / upright + outside) is the mass of the cell.
-    """
-
-    index: np.ndarray
-    density: np.ndarray
-    pressure: np.ndarray
-    outside: np.ndarray
-    upright: np.ndarray
-
-    def bands(self) -> list[np.ndarray]:
-        """Values of the bands of `layer_quantities`, float64[k] each."""
-        layered = [values[:, k] for k in range(self.density.shape[1]) for values in (self.density, self.pressure)]
-        return [*layered, self.outside]
-
-
-def layer_quantities(edges: Sequence) -> list[Quantity]:
-    """A Quantity for each band: density and pressure of each layer between `edges` [m], mass outside."""
-    found = []
-    for low, high in pairwise(edges):
-        words = f"from {low:g} to {high:g} m over the bed, along its normal"
-        found += [
-            Quantity(f"rho_{low:g}_{high:g}", "kg m-3", f"density {words}", "float32"),
-            Quantity(f"p_{low:g}_{high:g}", "Pa", f"impact pressure {words}, density times squared speed", "float32"),
-        ]
-    return [*found, OUTSIDE]
-
-
-def point_extents(volume: np.ndarray, placed: Placed, bed: Bed) -> tuple[np.ndarray, np.ndarray]:
-    """(lower, upper) float64[n] [m]: height range of a point (side of a cube), cut at the bed for points above it."""
-    slope = bed.gradient_by_pixel[placed.pixel]
-    side = np.cbrt(np.asarray(volume, float)) / np.sqrt(1.0 + (slope**2).sum(axis=-1))
-    lower, upper = placed.distance - 0.5 * side, placed.distance + 0.5 * side
-    return np.where(placed.distance >= 0, np.maximum(lower, 0.0), lower), upper
-
-
-def height_layers(frame: Frame, placed: Placed, bed: Bed, grid: Grid, edges: Sequence) -> HeightLayers:
-    """Average the points of `frame` over the cells of `grid` and the layers between `edges` [m].
-
-    Parameters
-    ----------
-    frame : Frame
-        Of dimension 3.
-    placed : Placed
-        Its particles on `bed`.
-    bed : Bed
-    grid : Grid
-    edges : sequence of float [m]
-        Ascending heights over the bed. Where the first is 0, material below the bed counts in the first layer.
-
-    Returns
-    -------
-    HeightLayers
-    """
-    cell = flat_cells(frame, placed, grid, bed.clamped)
-    within = cell >= 0
-    mass = np.asarray(frame.particles.mass, float)
-    index, number = np.unique(cell[within], return_inverse=True)
-    sloped = np.isfinite(placed.distance[within])
-    keep = np.flatnonzero(within)[sloped]
-    part = Placed(placed.pixel[keep], placed.distance[keep])
-    upright = _mean_upright(part, bed, mass[keep], number[sloped], len(index))
-    shares = _shares(frame.particles.volume[keep], part, bed, edges)
-    momentum = mass[keep, None] * np.asarray(frame.particles.velocity, float)[keep]
-    density, pressure = np.zeros((2, len(index), len(shares)))
-    for k, (share, thickness) in enumerate(zip(shares, np.diff(edges), strict=True)):
-        held = _sum(number[sloped], mass[keep] * share, len(index))
-        moving = np.stack([_sum(number[sloped], momentum[:, axis] * share, len(index)) for axis in range(3)])
-        density[:, k] = held * upright / (grid.cell_area * thickness)
-        speed = np.divide(moving, held, out=np.zeros_like(moving), where=held > 0)
-        pressure[:, k] = density[:, k] * (speed**2).sum(axis=0)
-    left = mass[within].copy()
-    left[sloped] *= np.clip(1.0 - shares.sum(axis=0), 0.0, 1.0)
-    return HeightLayers(index, density, pressure, _sum(number, left, len(index)) / grid.cell_area, upright)
-
-
-def frame_layers(frame: Frame, bed: Bed, grid: Grid, edges: Sequence) -> HeightLayers:
-    """`height_layers` of a frame whose particles are not placed yet."""
-    return height_layers(frame, place(frame, bed), bed, grid, edges)
-
-
-def _sum(number, values, count):
-    return np.bincount(number, values, count)
-
-
-def _mean_upright(part, bed, mass, number, count):
-    """float64[cells]: vertical component of the bed's normal, mean by mass; 1 in cells without slope."""
-    upright = 1.0 / np.sqrt(1.0 + (bed.gradient_by_pixel[part.pixel] ** 2).sum(axis=-1))
-    held = _sum(number, mass, count)
-    return np.divide(_sum(number, mass * upright, count), held, out=np.ones(count), where=held > 0)
-
-
-def _shares(volume, part, bed, edges):
-    """float64[layers, n]: part of each point in each layer."""
-    lower, upper = point_extents(volume, part, bed)
-    floors = np.array(edges[:-1], float)
-    floors[0] = -np.inf if edges[0] <= 0 else floors[0]
-    tops = np.array(edges[1:], float)
-    overlap = np.minimum(upper, tops[:, None]) - np.maximum(lower, floors[:, None])
-    return np.clip(overlap, 0.0, None) / (upper - lower)

@@ -1,42 +1,75 @@
-"""Sums over the particles in each cell of a raster, without arrays of the raster's size.
+"""Sum the points in each cell of a raster, without arrays of the raster's size.
 
-Squares of columns on the cells of a raster: their extent and the sums over each cell.
+A table of sums has one row per cell and the columns MASS to VOLUME.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from ...compiled.jit import jit, jit_inline
-from .cell_places import ROUNDING, along, upward_part_of_normal
+from .cell_places import upward_part_of_normal
 
-# Columns of the table of sums, one row a cell.
-MASS = 0  # sum of m over the cell
-SLOPED = 1  # sum of m over particles on a known slope: the weight of the following entries
-UPRIGHT = 2  # sum of m n_H
-MOMENTUM = 3  # 3..5: sum of m U
-NORMAL = 6  # sum of m (U . n)
-PARALLEL = 7  # 7..9: sum of m U_pt
-COVERED = 10  # plan area covered by columns [cells]
-VOLUME = 11  # sum of V
-SUMS = 12
-ROW = 16  # of a cell while points are summed: the sums, then these
-TOP, LOWEST, COUNT = 12, 13, 14
-RECORD = 8  # of a point between two passes: velocity, mass, volume, distance, pixel, number of its cell
-TILE = 32  # cells along a tile's side: its rows stay in the cache while its points are summed
-JUMPS_SEEN = 4096  # pairs of points by which a random order is detected
-SLAB = 1 << 19  # points that are sorted by tile at a time, so that memory does not grow with their number
+# Columns of the table of sums, one row per cell.
+MASS = 0  # [kg] sum of m
+SLOPED = 1  # [kg] sum of m of the particles on a known slope: the weight of the means of columns 2 to 9
+UPRIGHT = 2  # [kg] sum of m n_H
+MOMENTUM = 3  # [kg m s-1] sum of m U, three columns: east, north, up
+NORMAL = 6  # [kg m s-1] sum of m (U . n)
+PARALLEL = 7  # [kg m s-1] sum of m U_pt, three columns: east, north, up
+COVERED = 10  # [cells] plan area covered by columns
+VOLUME = 11  # [m3] sum of V
+SUMS = 12  # columns of the table
+
+# Columns of the table of `bin_points`, which begins with the sums.
+TOP = 12  # [m] largest distance from the bed
+LOWEST = 13  # [m] smallest distance from the bed
+COUNT = 14  # [1] number of points
+ROW = 16  # columns of that table: two lines of the processor's cache
+
+RECORD = 8  # columns of a sorted point: velocity (3), mass, volume, distance, pixel, number of its cell
+TILE = 32  # [cells] along a tile's side: its rows stay in the cache while its points are summed
+JUMPS_SEEN = 4096  # [pairs of points] of the sample by which a random order is detected
+SLAB = 1 << 19  # [points] that are sorted by tile at a time, so that memory does not grow with their number
 
 
 @jit
-def mark_points(row, column, bounds, mark):
-    """Set `mark` int32[window rows, window columns] to 1 in every cell with a particle."""
+def mark_points(row: np.ndarray, column: np.ndarray, bounds: np.ndarray, mark: np.ndarray) -> None:
+    """Set `mark` to 1 in every cell with a particle.
+
+    Parameters
+    ----------
+    row, column : int32[n]
+        Cell of each particle; -1 without one.
+    bounds : int64[4]
+        First row, row after the last, first column, column after the last of the window.
+    mark : int32[window rows, window columns], out
+    """
     for p in range(row.shape[0]):
         if row[p] >= 0:
             mark[row[p] - bounds[0], column[p] - bounds[2]] = 1
 
 
 @jit
-def number_cells(mark, bounds, columns, cells):
-    """Number the marked cells row by row: `mark` becomes number or -1, `cells` their flat index in the grid."""
+def number_cells(mark: np.ndarray, bounds: np.ndarray, columns: int, cells: np.ndarray) -> int:
+    """Number the marked cells row by row.
+
+    Parameters
+    ----------
+    mark : int32[window rows, window columns], out
+        Above 0 in the marked cells; becomes their number, -1 in the others.
+    bounds : int64[4]
+        As in `mark_points`.
+    columns : int
+        Of the grid.
+    cells : int64[k], out
+        Flat number in the grid of each marked cell.
+
+    Returns
+    -------
+    int
+        Number of marked cells.
+    """
     count = 0
     for i in range(mark.shape[0]):
         for j in range(mark.shape[1]):
@@ -50,8 +83,20 @@ def number_cells(mark, bounds, columns, cells):
 
 
 @jit_inline
-def add_motion(sums, k, weight, u, v, w, slope_east, slope_north):
-    """Add mass with velocity (`u`, `v`, `w`), along and across the bed, to row `k` (Eqs 9, 10; sums of 13, 14)."""
+def add_motion(
+    sums: np.ndarray, k: int, weight: float, u: float, v: float, w: float, slope_east: float, slope_north: float
+) -> None:
+    """Add a mass with its velocity, along and across the bed, to a row of sums (Eqs 9, 10; sums of 13, 14).
+
+    Parameters
+    ----------
+    sums : float64[cells, SUMS], out
+    k : int
+        Row.
+    weight : float [kg]
+    u, v, w : float [m s-1]
+    slope_east, slope_north : float [1]
+    """
     up = upward_part_of_normal(slope_east, slope_north)
     n_east, n_north = -slope_east * up, -slope_north * up
     normal = u * n_east + v * n_north + w * up
@@ -66,31 +111,74 @@ def add_motion(sums, k, weight, u, v, w, slope_east, slope_north):
     sums[k, PARALLEL + 2] += weight * (w - normal * up)
 
 
+class PointsInCells(NamedTuple):
+    """Points of a frame, and the cells that they lie in.
+
+    Parameters
+    ----------
+    row, column : int32[n]
+        Cell of each point; -1 without one.
+    pixel : int64[n]
+        Flat number of the DTM pixel under each point.
+    distance : float64[n] [m]
+        From the bed, along its normal; NaN where the pixel has no slope.
+    velocity : float[n, 3] [m s-1]
+    mass : float[n] [kg]
+    volume : float[n] [m3]
+    """
+
+    row: np.ndarray
+    column: np.ndarray
+    pixel: np.ndarray
+    distance: np.ndarray
+    velocity: np.ndarray
+    mass: np.ndarray
+    volume: np.ndarray
+
+
 @jit
-def bin_points(row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume, table, records, start):
+def bin_points(
+    points: PointsInCells,
+    bounds: np.ndarray,
+    mark: np.ndarray,
+    gradient: np.ndarray,
+    table: np.ndarray,
+    records: np.ndarray,
+    start: np.ndarray,
+) -> None:
     """Sum the points of a frame into their cells, with the largest and smallest distance of each (Eqs 7 to 14).
 
     Where points that follow each other lie far apart, the rows of their cells are not in the cache. Such points are
     sorted by tiles of cells first, SLAB at a time, as records that lie one after the other. Within a tile they keep
     their order, so that every sum has the order of the points either way, to the last bit.
 
-    `gradient` float64[pixels, 2]; `table` float64[cells, ROW] takes the sums, then TOP, LOWEST (-inf and inf in a cell
-    where no point has a slope) and COUNT; `records` float64[SLAB or less, RECORD] and `start` int64[tiles + 1] are room
-    to work in.
+    Parameters
+    ----------
+    points : PointsInCells
+    bounds : int64[4]
+        As in `mark_points`.
+    mark : int32[window rows, window columns]
+        Number of each cell (`number_cells`).
+    gradient : float64[pixels, 2] [1]
+        Slopes of the DTM pixels.
+    table : float64[cells, ROW], out
+        The sums, then TOP, LOWEST (-inf and inf in a cell where no point has a slope) and COUNT.
+    records : float64[r, RECORD], out
+        Work array for r <= SLAB points.
+    start : int64[tiles + 1], out
+        Work array.
     """
     across = (bounds[3] - bounds[2] + TILE - 1) // TILE
     for k in range(table.shape[0]):
         table[k, :] = 0.0
         table[k, TOP], table[k, LOWEST] = -np.inf, np.inf
-    n, size = row.shape[0], records.shape[0]
-    if not _jumps(row, column):
-        _sum_points(row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume, table)
+    n, size = points.row.shape[0], records.shape[0]
+    if not _jumps(points.row, points.column):
+        _sum_points(points, bounds, mark, gradient, table)
         return
     for first in range(0, n, size):
         end = min(first + size, n)
-        _sort_by_tile(
-            first, end, row, column, bounds, across, mark, pixel, distance, velocity, mass, volume, records, start
-        )
+        _sort_by_tile(points, first, end, bounds, across, mark, records, start)
         _sum_records(records, start[start.shape[0] - 1], gradient, table)
 
 
@@ -106,8 +194,34 @@ def _jumps(row, column):
 
 
 @jit_inline
-def add_point(table, k, weight, bulk, d, u, v, w, slope_east, slope_north):
-    """Add a point of mass `weight` [kg] and volume `bulk` [m3] at distance `d` [m] to row `k` of `bin_points`."""
+def add_point(
+    table: np.ndarray,
+    k: int,
+    weight: float,
+    bulk: float,
+    d: float,
+    u: float,
+    v: float,
+    w: float,
+    slope_east: float,
+    slope_north: float,
+) -> None:
+    """Add a point to a row of the table of `bin_points`.
+
+    Parameters
+    ----------
+    table : float64[cells, ROW], out
+    k : int
+        Row.
+    weight : float [kg]
+        Mass.
+    bulk : float [m3]
+        Volume.
+    d : float [m]
+        Distance from the bed; NaN where it is unknown.
+    u, v, w : float [m s-1]
+    slope_east, slope_north : float [1]
+    """
     table[k, COUNT] += 1.0
     table[k, MASS] += weight
     table[k, VOLUME] += bulk
@@ -119,8 +233,9 @@ def add_point(table, k, weight, bulk, d, u, v, w, slope_east, slope_north):
 
 
 @jit
-def _sum_points(row, column, bounds, mark, pixel, distance, gradient, velocity, mass, volume, table):
+def _sum_points(points, bounds, mark, gradient, table):
     """Add the points to the rows of their cells in the given order."""
+    row, column, pixel, distance, velocity, mass, volume = points
     for p in range(row.shape[0]):
         if row[p] < 0:
             continue
@@ -130,10 +245,9 @@ def _sum_points(row, column, bounds, mark, pixel, distance, gradient, velocity, 
 
 
 @jit
-def _sort_by_tile(
-    first, end, row, column, bounds, across, mark, pixel, distance, velocity, mass, volume, records, start
-):
+def _sort_by_tile(points, first, end, bounds, across, mark, records, start):
     """Put the points from `first` to `end` that have a cell into `records`, tile by tile, in their order."""
+    row, column, pixel, distance, velocity, mass, volume = points
     start[:] = 0
     for p in range(first, end):
         if row[p] >= 0:
@@ -162,16 +276,39 @@ def _sum_records(records, count, gradient, table):
 
 
 @jit
-def numbers_of_points(row, column, bounds, mark, distance, slot):
-    """Set `slot` int64[n] to the number of each point's cell; -1 where it has none, or no known distance."""
+def numbers_of_points(
+    row: np.ndarray, column: np.ndarray, bounds: np.ndarray, mark: np.ndarray, distance: np.ndarray, slot: np.ndarray
+) -> None:
+    """Find the number of each point's cell.
+
+    Parameters
+    ----------
+    row, column : int32[n]
+    bounds : int64[4]
+        These three as in `mark_points`.
+    mark : int32[window rows, window columns]
+        Number of each cell.
+    distance : float64[n] [m]
+    slot : int64[n], out
+        Number of the cell; -1 for a point without a cell or without a known distance.
+    """
     for p in range(row.shape[0]):
         known = row[p] >= 0 and not np.isnan(distance[p])
         slot[p] = mark[row[p] - bounds[0], column[p] - bounds[2]] if known else -1
 
 
 @jit
-def by_quantity(table, sums, top, lowest, count):
-    """Turn the rows of `table` into `sums` float64[SUMS, cells] and three arrays of the cells; NaN where unknown."""
+def by_quantity(table: np.ndarray, sums: np.ndarray, top: np.ndarray, lowest: np.ndarray, count: np.ndarray) -> None:
+    """Split the table of `bin_points` into one array per quantity.
+
+    Parameters
+    ----------
+    table : float64[cells, ROW]
+    sums : float64[SUMS, cells], out
+    top, lowest : float64[cells], out [m]
+        NaN where no distance is known.
+    count : int64[cells], out
+    """
     for k in range(table.shape[0]):
         for q in range(SUMS):
             sums[q, k] = table[k, q]
@@ -181,8 +318,18 @@ def by_quantity(table, sums, top, lowest, count):
 
 
 @jit
-def group_by_cell(slot, start, order):
-    """Particles in the order of their cells: `start` int64[cells + 1], `order` int64[particles in cells]."""
+def group_by_cell(slot: np.ndarray, start: np.ndarray, order: np.ndarray) -> None:
+    """Sort particles by cell.
+
+    Parameters
+    ----------
+    slot : int64[n]
+        Number of each particle's cell; -1 without one.
+    start : int64[cells + 1], out
+        Place in `order` of the first particle of each cell.
+    order : int64[particles in cells], out
+        Numbers of the particles, cell by cell.
+    """
     start[:] = 0
     for p in range(slot.shape[0]):
         if slot[p] >= 0:
@@ -197,10 +344,22 @@ def group_by_cell(slot, start, order):
 
 
 @jit
-def cell_quantiles(start, order, distance, mass, share, quantile):
-    """Lower mass-weighted quantile of the distances in each cell: the smallest with `share` of the mass at or below.
+def cell_quantiles(
+    start: np.ndarray, order: np.ndarray, distance: np.ndarray, mass: np.ndarray, share: float, quantile: np.ndarray
+) -> None:
+    """Find the smallest distance in each cell with a `share` of the mass at or below it: a lower quantile.
 
-    Never between two particles. `share` in (0, 1]; cells without a particle are left as they are.
+    Never between two particles. Cells without a particle keep their value.
+
+    Parameters
+    ----------
+    start, order : int64[cells + 1], int64[particles in cells]
+        As `group_by_cell` fills them.
+    distance : float64[n] [m]
+    mass : float[n] [kg]
+    share : float
+        In (0, 1].
+    quantile : float64[cells], out [m]
     """
     for k in range(start.shape[0] - 1):
         members = order[start[k] : start[k + 1]]
@@ -217,88 +376,3 @@ def cell_quantiles(start, order, distance, mass, share, quantile):
             quantile[k] = distance[p]
             if below >= wanted:
                 break
-
-
-@jit
-def mark_footprints(footprint, bounds, mark):
-    """Set `mark` to 1 in every cell that a column's footprint (`footprints`) touches."""
-    for p in range(footprint.shape[0]):
-        if footprint[p, 0] < footprint[p, 1]:
-            for i in range(int(footprint[p, 2]), int(np.ceil(footprint[p, 3]))):
-                for j in range(int(footprint[p, 0]), int(np.ceil(footprint[p, 1]))):
-                    mark[i - bounds[0], j - bounds[2]] = 1
-
-
-@jit_inline
-def snapped(edge):
-    """`edge`, or the whole number that it misses by rounding alone: no slivers where a lattice meets the cells.
-
-    A northing in float64 is good to 1e-9 m, which is a millionth of a cell of a millimetre.
-    """
-    whole = np.rint(edge)
-    return whole if abs(edge - whole) < ROUNDING else edge
-
-
-@jit
-def footprints(position, area, row, origin, corner, axes, cell, shape, footprint, bounds):
-    """Find the square that every column fills, in cells of the export grid and clipped to it.
-
-    `row` int32[n] is below 0 for the columns left out, as `cells_of_points` answers. `footprint` float64[n, 4] takes
-    (first column, last column, first row, last row) counted in cells from the first corner; the first two are equal
-    where a column is left out. `cell` float64[2] [m] are the sides of a cell; the rest as in `cells_of_points`. In a
-    rotated grid the square is aligned with the cells.
-    """
-    rows, columns = shape
-    shift_east, shift_north = origin[0] - corner[0], origin[1] - corner[1]
-    width, height = cell[0], cell[1]
-    bounds[0], bounds[1], bounds[2], bounds[3] = rows, 0, columns, 0
-    for p in range(position.shape[0]):
-        footprint[p, :] = 0.0
-        if row[p] < 0:
-            continue
-        half = max(0.5 * np.sqrt(area[p]), 1e-6 * width, 1e-6 * height)
-        x, y = position[p, 0] + shift_east, position[p, 1] + shift_north
-        u, v = along(axes, 0, x, y), along(axes, 1, x, y)
-        west, east = max(snapped(u - half / width), 0.0), min(snapped(u + half / width), float(columns))
-        north, south = max(snapped(v - half / height), 0.0), min(snapped(v + half / height), float(rows))
-        footprint[p, 0], footprint[p, 1], footprint[p, 2], footprint[p, 3] = west, east, north, south
-        bounds[0], bounds[1] = min(bounds[0], int(north)), max(bounds[1], int(np.ceil(south)))
-        bounds[2], bounds[3] = min(bounds[2], int(west)), max(bounds[3], int(np.ceil(east)))
-
-
-@jit
-def bin_columns(footprint, row, column, bounds, mark, pixel, gradient, velocity, mass, volume, sums, count):
-    """Share every column over the cells that its square overlaps (the columns' convention in README).
-
-    `row`, `column` int32[n] are the cell of the column's position, for `count` alone. A square cut by the grid's rim
-    fills what is left of it, so that no mass is lost.
-    """
-    for p in range(footprint.shape[0]):
-        west, east, north, south = footprint[p, 0], footprint[p, 1], footprint[p, 2], footprint[p, 3]
-        if not west < east:
-            continue
-        whole = (east - west) * (south - north)
-        q = pixel[p]
-        slope_east, slope_north = gradient[q, 0], gradient[q, 1]
-        sloped = np.isfinite(slope_east) and np.isfinite(slope_north)
-        count[mark[row[p] - bounds[0], column[p] - bounds[2]]] += 1
-        for i in range(int(north), int(np.ceil(south))):
-            tall = min(south, i + 1.0) - max(north, float(i))
-            for j in range(int(west), int(np.ceil(east))):
-                overlap = tall * (min(east, j + 1.0) - max(west, float(j)))
-                share = overlap / whole
-                k = mark[i - bounds[0], j - bounds[2]]
-                sums[k, MASS] += mass[p] * share
-                sums[k, VOLUME] += volume[p] * share
-                sums[k, COVERED] += overlap
-                if sloped:
-                    add_motion(
-                        sums,
-                        k,
-                        mass[p] * share,
-                        velocity[p, 0],
-                        velocity[p, 1],
-                        velocity[p, 2],
-                        slope_east,
-                        slope_north,
-                    )

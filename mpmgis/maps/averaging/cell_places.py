@@ -1,4 +1,4 @@
-"""Cells of a raster with particles, their height above the bed, and the extent of all particles."""
+"""Find the cells of a raster that particles lie in, their height above the bed, and the extent of all particles."""
 
 import numpy as np
 
@@ -8,16 +8,38 @@ ROUNDING = 1e-5  # [cells] by which an edge may miss a border: map coordinates o
 
 
 @jit_inline
-def along(axes, k, east, north):
-    """Column (`k` = 0) or row (1) of a place [m] from a grid's corner; `axes` as `Grid.axes` has them."""
+def along(axes: np.ndarray, k: int, east: float, north: float) -> float:
+    """Compute the column or the row of a place, in cells from the corner of a grid.
+
+    Parameters
+    ----------
+    axes : float64[2, 3]
+        `Grid.axes`.
+    k : int
+        0: column; 1: row.
+    east, north : float [m]
+        From the corner of the grid.
+    """
     return (axes[k, 0] * east + axes[k, 1] * north) / axes[k, 2]
 
 
 @jit_inline
-def cell_at(row, column, rows, columns, clamped):
-    """(i, j) of the cell at a fractional place, which is the nearest centre, ties upward; (-1, -1) outside.
+def cell_at(row: float, column: float, rows: int, columns: int, clamped: bool) -> tuple[int, int]:
+    """Find the cell at a fractional place: that with the nearest centre, ties upward.
 
-    `clamped` moves particles outside to the nearest cell on the edge (the index range of Eq 5).
+    Parameters
+    ----------
+    row, column : float
+        Place, in cells from the corner of the grid.
+    rows, columns : int
+        Number of cells.
+    clamped : bool
+        Particles outside belong to the nearest cell of the edge (the index range of Eq 5).
+
+    Returns
+    -------
+    (int, int)
+        Row and column; (-1, -1) outside.
     """
     if row >= 0.0 and row < rows and column >= 0.0 and column < columns:
         return int(row), int(column)
@@ -27,16 +49,36 @@ def cell_at(row, column, rows, columns, clamped):
 
 
 @jit_inline
-def bed_on_plane(centre, slope_east, slope_north, east, north):
-    """Bed [m] on the tangent plane of a pixel, `east`, `north` [m] from its centre (Eq 6)."""
+def bed_on_plane(centre: float, slope_east: float, slope_north: float, east: float, north: float) -> float:
+    """Compute the bed [m] on the tangent plane of a pixel (Eq 6).
+
+    Parameters
+    ----------
+    centre : float [m]
+        Elevation of the centre of the pixel.
+    slope_east, slope_north : float [1]
+    east, north : float [m]
+        From the centre of the pixel.
+    """
     return centre + slope_east * east + slope_north * north
 
 
 @jit_inline
-def bed_bilinear(elevation, row, column):
-    """Bed [m] between the four pixel centres around fractional (`row`, `column`); NaN next to nodata.
+def bed_bilinear(elevation: np.ndarray, row: float, column: float) -> float:
+    """Interpolate the bed [m] between the four pixel centres around a place.
 
     Over the outermost half pixel the outer two pixels are extended, so that a plane stays a plane.
+
+    Parameters
+    ----------
+    elevation : float64[rows, columns] [m]
+    row, column : float
+        Fractional; whole numbers are centres of pixels.
+
+    Returns
+    -------
+    float
+        NaN next to nodata.
     """
     rows, columns = elevation.shape
     i = min(max(int(np.floor(row)), 0), max(rows - 2, 0))
@@ -49,26 +91,47 @@ def bed_bilinear(elevation, row, column):
 
 
 @jit_inline
-def upward_part_of_normal(slope_east, slope_north):
-    """n_H, the vertical part of the bed's unit normal (Eq 3)."""
+def upward_part_of_normal(slope_east: float, slope_north: float) -> float:
+    """Compute n_H, the vertical part of the bed's unit normal (Eq 3).
+
+    Parameters
+    ----------
+    slope_east, slope_north : float [1]
+    """
     return 1.0 / np.sqrt(1.0 + slope_east * slope_east + slope_north * slope_north)
 
 
 @jit
-def place(position, origin, corner, axes, matrix, elevation, gradient, on_plane, clamped, standoff, pixel, distance):
+def place(
+    position: np.ndarray,
+    origin: np.ndarray,
+    corner: np.ndarray,
+    axes: np.ndarray,
+    matrix: np.ndarray,
+    elevation: np.ndarray,
+    gradient: np.ndarray,
+    on_plane: bool,
+    clamped: bool,
+    standoff: float,
+    pixel: np.ndarray,
+    distance: np.ndarray,
+) -> int:
     """Find the DTM pixel under every particle and its distance from the bed (Eqs 2, 3, 5 to 7, any affine).
 
     Parameters
     ----------
     position : float[n, 3] [m]
-        Relative to `origin` float64[3] (E, N, H) [m].
+        Relative to `origin`.
+    origin : float64[3] [m]
+        East, north, elevation.
     corner : float64[2] [m]
         Map position of the raster's corner (row 0, column 0).
     axes : float64[2, 3]
         `Grid.axes` of the raster.
     matrix : float64[2, 2] [m]
         Map vectors of one step in column and one step in row.
-    elevation, gradient : float64[rows, columns] [m], float64[rows, columns, 2] [1]
+    elevation : float64[rows, columns] [m]
+    gradient : float64[rows, columns, 2] [1]
     on_plane : bool
         True: Eq 6 to the letter. False: bilinear bed, and Eq 6 only next to nodata.
     clamped : bool
@@ -76,7 +139,7 @@ def place(position, origin, corner, axes, matrix, elevation, gradient, on_plane,
     standoff : float [m]
         Height of the resting surface of the code over the bed, along the normal.
     pixel : int64[n], out
-        Flat index of the pixel; -1 on nodata and, unless `clamped`, outside the raster.
+        Flat number of the pixel; -1 on nodata and, unless `clamped`, outside the raster.
     distance : float64[n], out [m]
         Along the normal; NaN outside and where the pixel has no slope.
 
@@ -115,11 +178,38 @@ def place(position, origin, corner, axes, matrix, elevation, gradient, on_plane,
 
 
 @jit
-def cells_of_points(position, pixel, origin, corner, axes, shape, clamped, row, column, bounds):
-    """Find the export cell of every particle that has a pixel; -1 for the others.
+def cells_of_points(
+    position: np.ndarray,
+    pixel: np.ndarray,
+    origin: np.ndarray,
+    corner: np.ndarray,
+    axes: np.ndarray,
+    shape: tuple,
+    clamped: bool,
+    row: np.ndarray,
+    column: np.ndarray,
+    bounds: np.ndarray,
+) -> None:
+    """Find the export cell of every particle that has a pixel.
 
-    `corner` [m] is where the export grid's first cell begins, `axes` its `Grid.axes`, `shape` its rows and columns;
-    `clamped` as in `place`. `bounds` int64[4] takes (first row, end row, first column, end column) of the cells met.
+    Parameters
+    ----------
+    position : float[n, 3] [m]
+    pixel : int64[n]
+    origin : float64[3] [m]
+        These three as in `place`.
+    corner : float64[2] [m]
+        Map position of the corner of the export grid.
+    axes : float64[2, 3]
+        `Grid.axes` of the export grid.
+    shape : tuple
+        Its rows and columns.
+    clamped : bool
+        As in `place`.
+    row, column : int32[n], out
+        Cell of each particle; -1 without one.
+    bounds : int64[4], out
+        First row, row after the last, first column, column after the last of the cells found.
     """
     rows, columns = shape
     shift_east, shift_north = origin[0] - corner[0], origin[1] - corner[1]
@@ -140,12 +230,41 @@ def cells_of_points(position, pixel, origin, corner, axes, shape, clamped, row, 
 
 
 @jit
-def reach(position, half, origin, dem_corner, dem_axes, elevation, clamped, corner, axes, bounds):
-    """Find the rectangle along the axes of a grid around every particle that has a pixel, with `half` of its side.
+def reach(
+    position: np.ndarray,
+    half: np.ndarray,
+    origin: np.ndarray,
+    dem_corner: np.ndarray,
+    dem_axes: np.ndarray,
+    elevation: np.ndarray,
+    clamped: bool,
+    corner: np.ndarray,
+    axes: np.ndarray,
+    bounds: np.ndarray,
+) -> int:
+    """Find the rectangle along the axes of a grid around all particles on the DTM.
 
-    The DTM is that of `place`, with `dem_corner` and `dem_axes`. `half` float64[n] or float64[1] [m]; `corner` and
-    `axes` are of a grid whose cells have sides of 1 m. `bounds` float64[4] takes
-    (first column, first row, last column, last row) [m] from `corner`. Answers how many particles that are.
+    Parameters
+    ----------
+    position : float[n, 3] [m]
+    half : float64[n] or float64[1] [m]
+        Half the side of each particle, which lies in the rectangle as well.
+    origin : float64[3] [m]
+    dem_corner : float64[2] [m]
+    dem_axes : float64[2, 3]
+    elevation : float64[rows, columns] [m]
+    clamped : bool
+        These five describe the DTM as in `place`.
+    corner : float64[2] [m]
+    axes : float64[2, 3]
+        Corner and `Grid.axes` of a grid with cells of 1 m.
+    bounds : float64[4], out [m]
+        First column, first row, last column, last row, from `corner`.
+
+    Returns
+    -------
+    int
+        Number of particles on the DTM.
     """
     bounds[0], bounds[1], bounds[2], bounds[3] = np.inf, np.inf, -np.inf, -np.inf
     count, each = 0, half.shape[0] > 1
@@ -166,8 +285,21 @@ def reach(position, half, origin, dem_corner, dem_axes, elevation, clamped, corn
 
 
 @jit
-def left_out(row, distance, mass):
-    """(Particles without a cell, their mass, particles with a cell and no known distance)."""
+def left_out(row: np.ndarray, distance: np.ndarray, mass: np.ndarray) -> tuple[int, float, int]:
+    """Count the particles that have no cell, and those that have no distance from the bed.
+
+    Parameters
+    ----------
+    row : int32[n]
+        Of the cell of each particle; -1 without one.
+    distance : float64[n] [m]
+    mass : float[n] [kg]
+
+    Returns
+    -------
+    (int, float, int)
+        Particles without a cell, their mass [kg], particles with a cell but without a distance.
+    """
     outside, mass_outside, unknown = 0, 0.0, 0
     for p in range(row.shape[0]):
         if row[p] < 0:
@@ -179,8 +311,21 @@ def left_out(row, distance, mass):
 
 
 @jit
-def below(distance, mass, limit):
-    """(Mass nearer to the bed than `limit` [m], the smallest known distance; inf for none)."""
+def below(distance: np.ndarray, mass: np.ndarray, limit: float) -> tuple[float, float]:
+    """Sum the mass below a distance from the bed, and find the smallest distance.
+
+    Parameters
+    ----------
+    distance : float64[n] [m]
+        NaN where it is unknown.
+    mass : float[n] [kg]
+    limit : float [m]
+
+    Returns
+    -------
+    (float, float)
+        Mass below `limit` [kg], smallest distance [m] (inf if none is known).
+    """
     total, lowest = 0.0, np.inf
     for p in range(distance.shape[0]):
         d = distance[p]

@@ -1,99 +1,15 @@
-"""Sums of particle quantities over raster cells, for points and columns, and the bed (NHESS 25:3897, Eqs 2-7)."""
+"""Sums of particle quantities over raster cells, for points and columns (NHESS 25:3897, Eqs 7-14)."""
 
 import threading
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from ...frames.particles import Frame
-from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
-from . import binning, cell_places
+from . import binning, cell_places, column_squares
 from .column_field import SPLINE_REACH, Lattice, column_sums
-
-
-@dataclass(frozen=True)
-class Bed:
-    """The DTM as the reference surface of Eqs 3 to 7.
-
-    Parameters
-    ----------
-    grid : Grid
-    elevation : float64[rows, columns] [m], NaN where there is no data
-    gradient : float64[rows, columns, 2] [1], (db/dE, db/dN)
-    kind : str
-        "bilinear": elevation between pixel centres, slopes limited at cliff edges; "plane": tangent plane of the
-        pixel, central differences, as in the paper.
-    standoff : float [m]
-        Distance, normal to the bed, at which the source code lets particles rest; subtracted from all distances.
-    clamped : bool
-        Points outside the DTM count in the nearest edge cell (Eq 5); otherwise they are ignored.
-    """
-
-    grid: Grid
-    elevation: np.ndarray
-    gradient: np.ndarray
-    kind: str = "bilinear"
-    standoff: float = 0.0
-    clamped: bool = False
-
-    @classmethod
-    def of(cls, terrain: Terrain, kind: str = "bilinear", standoff: float = 0.0, clamped: bool = False) -> "Bed":
-        """The bed of `terrain`; the other parameters as in the class."""
-        gradient = terrain.gradient if kind == "plane" else terrain.limited_gradient
-        return cls(
-            terrain.grid,
-            np.ascontiguousarray(terrain.elevation),
-            np.ascontiguousarray(gradient),
-            kind,
-            standoff,
-            clamped,
-        )
-
-    @cached_property
-    def gradient_by_pixel(self) -> np.ndarray:
-        """float64[pixels, 2]: `gradient` by flat index."""
-        return self.gradient.reshape(-1, 2)
-
-
-@dataclass(frozen=True)
-class Placed:
-    """Location of a frame's particles: `pixel` int64[n] (flat, -1 outside), `distance` float64[n] [m] (NaN unknown).
-
-    `moved` is the number of outside particles that were moved to the edge of a clamped bed.
-    """
-
-    pixel: np.ndarray
-    distance: np.ndarray
-    moved: int = 0
-
-    @cached_property
-    def inside(self) -> np.ndarray:
-        """bool[n]: particles on the DTM."""
-        return self.pixel >= 0
-
-
-def place(frame: Frame, bed: Bed) -> Placed:
-    """Find the DTM pixel under every particle of `frame` and its distance d_p from the bed (Eqs 2, 5, 6)."""
-    n = len(frame.particles)
-    pixel, distance = np.empty(n, np.int64), np.empty(n)
-    moved = cell_places.place(
-        frame.particles.position,
-        np.asarray(frame.origin, float),
-        bed.grid.corner,
-        bed.grid.axes,
-        bed.grid.matrix,
-        bed.elevation,
-        bed.gradient,
-        bed.kind == "plane",
-        bed.clamped and frame.dimension == 3,
-        bed.standoff,
-        pixel,
-        distance,
-    )
-    return Placed(pixel, distance, int(moved))
-
+from .placement import Bed, Placed
 
 _buffers = threading.local()
 
@@ -135,12 +51,33 @@ class Cells:
     without_slope: int
 
     def mean(self, column: int) -> np.ndarray:
-        """Mass-weighted mean of a column of `sums`; NaN where the bed slope is unknown under all particles."""
+        """Compute the mean of a column of `sums`, weighted by mass.
+
+        Parameters
+        ----------
+        column : int
+            Constant of `binning`.
+
+        Returns
+        -------
+        float64[k]
+            NaN where the slope of the bed is unknown under all particles.
+        """
         weight = self.sums[:, binning.SLOPED]
         return np.divide(self.sums[:, column], weight, out=np.full(len(weight), np.nan), where=weight > 0)
 
     def mean_vector(self, column: int) -> np.ndarray:
-        """float64[k, 3]: `mean` of the three columns from `column`."""
+        """Compute the `mean` of three columns of `sums`.
+
+        Parameters
+        ----------
+        column : int
+            The first of them.
+
+        Returns
+        -------
+        float64[k, 3]
+        """
         return np.stack([self.mean(column + axis) for axis in range(3)], axis=1)
 
 
@@ -201,7 +138,21 @@ def _cells_of(frame, placed, grid, clamped):
 
 
 def flat_cells(frame: Frame, placed: Placed, grid: Grid, clamped: bool = False) -> np.ndarray:
-    """int64[n]: flat number of the cell of `grid` that each particle counts in; -1 outside."""
+    """Find the cell of a grid that each particle counts in.
+
+    Parameters
+    ----------
+    frame : Frame
+    placed : Placed
+    grid : Grid
+    clamped : bool
+        Points outside the grid count in the nearest cell of its edge (Eq 5).
+
+    Returns
+    -------
+    int64[n]
+        Flat number of the cell; -1 outside.
+    """
     row, column, _ = _cells_of(frame, placed, grid, clamped and frame.dimension == 3)
     return np.where(row >= 0, row.astype(np.int64) * grid.shape[1] + column, -1)
 
@@ -222,21 +173,11 @@ def _bin_points(frame, placed, bed, grid, row, column, bounds, percentile, total
     tiles = [-(-length // binning.TILE) for length in window.shape]
     table = _work_array("table", (k, binning.ROW))
     records = _work_array("records", (min(n, binning.SLAB), binning.RECORD))
-    binning.bin_points(
-        row,
-        column,
-        bounds,
-        window,
-        placed.pixel,
-        placed.distance,
-        bed.gradient_by_pixel,
-        particles.velocity,
-        particles.mass,
-        particles.volume,
-        table,
-        records,
-        np.empty(tiles[0] * tiles[1] + 1, np.int64),
+    points = binning.PointsInCells(
+        row, column, placed.pixel, placed.distance, particles.velocity, particles.mass, particles.volume
     )
+    start = np.empty(tiles[0] * tiles[1] + 1, np.int64)
+    binning.bin_points(points, bounds, window, bed.gradient_by_pixel, table, records, start)
     sums, count = np.empty((binning.SUMS, k)), np.empty(k, np.int64)
     top, lowest = np.empty(k), np.empty(k)
     binning.by_quantity(table, sums, top, lowest, count)
@@ -259,7 +200,20 @@ def _work_array(name, shape):
 
 
 def lower_percentile(distance: np.ndarray, mass: np.ndarray, percentile: float) -> float:
-    """Smallest of the distances float64[n] [m] with `percentile` % of the mass at or below it; 0 without particles."""
+    """Find the smallest distance with a percentage of the mass at or below it.
+
+    Parameters
+    ----------
+    distance : float64[n] [m]
+    mass : float[n] [kg]
+    percentile : float
+        In (0, 100].
+
+    Returns
+    -------
+    float
+        [m]; 0 without particles.
+    """
     top = np.zeros(1)
     _take_percentile(top, np.zeros(len(distance), np.int64), distance, np.asarray(mass, float), percentile)
     return float(top[0])
@@ -272,19 +226,35 @@ def _take_percentile(top, slot, distance, mass, percentile):
 
 
 def column_spacing(frame: Frame) -> float | None:
-    """Node spacing [m] of the depth-averaged run that made the columns of `frame`; None for all other particles.
+    """Return the node spacing [m] of the depth-averaged run that made the columns of a frame.
 
     Columns of a run sample the flow, and its solver spreads them over nodes. Columns of a seed, of a conversion or
     of another code cover the ground without gaps: each fills the square of its area.
+
+    Parameters
+    ----------
+    frame : Frame
+
+    Returns
+    -------
+    float or None
+        None for points, and for columns that no run made.
     """
     spacing = frame.header.get("cell_size") if frame.dimension == 2 else None
     return None if spacing is None else float(spacing)
 
 
 def column_side(frame: Frame) -> float:
-    """Resolution [m] of the columns of `frame`: node spacing of the run, else the side of the mean column's square.
+    """Return the resolution [m] of the columns of a frame.
 
-    0 for points.
+    Parameters
+    ----------
+    frame : Frame
+
+    Returns
+    -------
+    float
+        Node spacing of the run, else the side of the mean column's square; 0 for points.
     """
     if frame.dimension == 3:
         return 0.0
@@ -293,7 +263,17 @@ def column_side(frame: Frame) -> float:
 
 
 def column_reach(frame: Frame) -> np.ndarray:
-    """float64[n] [m]: distance from its position up to which each column of `frame` contributes to cells."""
+    """Return the distance from its position up to which each column contributes to cells.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of columns.
+
+    Returns
+    -------
+    float64[n] [m]
+    """
     spacing = column_spacing(frame)
     if spacing is None:
         return 0.5 * np.sqrt(frame.particles.area)
@@ -312,7 +292,7 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
     particles = frame.particles
     footprint, bounds = np.empty((len(particles), 4)), np.empty(4, np.int64)
     origin = np.asarray(frame.origin, float)
-    binning.footprints(
+    column_squares.footprints(
         particles.position,
         particles.area,
         row,
@@ -324,10 +304,10 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
         footprint,
         bounds,
     )
-    window, cells = _numbered(lambda mark: binning.mark_footprints(footprint, bounds, mark), bounds, grid)
+    window, cells = _numbered(lambda mark: column_squares.mark_footprints(footprint, bounds, mark), bounds, grid)
     k = len(cells)
     sums, count = np.zeros((k, binning.SUMS)), np.zeros(k, np.int64)
-    binning.bin_columns(
+    column_squares.bin_columns(
         footprint,
         row,
         column,
@@ -349,9 +329,14 @@ def _bin_squares(frame, placed, bed, grid, row, column, totals):
 
 
 def grid_spacing(frame: Frame) -> float:
-    """Grid spacing [m] of the solver that made `frame`: from its header, else estimated from the particles.
+    """Return the grid spacing [m] of the solver that made a frame.
 
-    The estimate assumes 8 points or 4 x 4 columns per cell, and is rounded to two digits.
+    It is that of the frame's header, else an estimate that assumes 8 points or 4 x 4 columns per cell, rounded to two
+    digits.
+
+    Parameters
+    ----------
+    frame : Frame
     """
     spacing = frame.header.get("cell_size")
     if spacing is not None:

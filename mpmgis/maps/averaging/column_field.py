@@ -6,7 +6,7 @@ summed at the nodes of the solver's lattice, the field is bilinear between nodes
 integral. Volume is conserved for every cell size, and a fine raster has a smooth depth.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # submodules are loaded on first use
@@ -16,14 +16,11 @@ from ...terrain.grid import Grid
 from . import binning
 from . import lattice_fields as kernel
 from .cell_places import ROUNDING
+from .placement import Bed, Placed
 from .sampling import export_axes
 
-if TYPE_CHECKING:
-    from .cells import Bed, Placed
-
-
-SPLINE_REACH = 2.5  # node spacings from a column to the end of its field: 1.5 of the spline, 1 of the hats
-_AT_NODES = (0.125, 0.75, 0.125)
+SPLINE_REACH = 2.5  # [node spacings] from a column to the end of its field: 1.5 of the spline, 1 of the hats
+_AT_NODES = (0.125, 0.75, 0.125)  # [1] quadratic B-spline at the three nodes around its middle
 
 
 class Axis(NamedTuple):
@@ -57,7 +54,17 @@ class Axis(NamedTuple):
 
     @classmethod
     def of(cls, start: float, cell: float, cells: int, nodes: int) -> "Axis":
-        """The axis of `cells` cells of `cell` node spacings from `start`; 0 is the first of `nodes`."""
+        """Cut cells along an axis into parts, and integrate the hat functions of nodes over them.
+
+        Parameters
+        ----------
+        start : float
+            Edge of the first cell, in node spacings from the first node.
+        cell : float
+            Width of a cell, in node spacings.
+        cells, nodes : int
+            Number of them.
+        """
         parts = max(1, int(np.ceil(cell - 1e-9)))
         part = cell / parts
         low = max(0, int(np.floor((-1.0 - start) / part)))
@@ -78,7 +85,13 @@ class Axis(NamedTuple):
         return self.cell / self.parts
 
     def rows(self, first: int, last: int) -> "Axis":
-        """The axis of the cells from `first` to `last` (exclusive)."""
+        """Return the axis of a range of cells.
+
+        Parameters
+        ----------
+        first, last : int
+            First cell, and cell after the last.
+        """
         a, b = np.searchsorted(self.owner, (first, last))
         return self._replace(
             start=self.start + first * self.cell,
@@ -89,14 +102,24 @@ class Axis(NamedTuple):
         )
 
     def shares(self, nodes: int) -> np.ndarray:
-        """float64[nodes]: integral of each node's hat function over the cells."""
+        """Integrate each node's hat function over the cells.
+
+        Parameters
+        ----------
+        nodes : int
+            Number of nodes.
+
+        Returns
+        -------
+        float64[nodes]
+        """
         node = self.first[:, None] + np.arange(3)
         there = (node >= 0) & (node < nodes)
         return np.bincount(node[there], self.weight[there], nodes)
 
-    def table(self) -> tuple:
-        """The arrays for the kernels."""
-        return self.owner, self.first, self.weight
+    def table(self) -> kernel.Parts:
+        """Return the arrays for the kernels."""
+        return kernel.Parts(self.owner, self.first, self.weight)
 
 
 def _below(place):
@@ -113,24 +136,64 @@ class Lattice(NamedTuple):
 
     @classmethod
     def of_solver(cls, spacing: float, terrain_grid: Grid, grid: Grid) -> "Lattice":
-        """The nodes of a depth-averaged run on a DTM, along the axes of the export `grid`.
+        """Return the nodes of a depth-averaged run on a DTM, along the axes of the export grid.
 
         One node is at the origin of the export cells: the upper left corner of the DTM's bounds, or the first corner
         of a rotated DTM if the export keeps its axes.
+
+        Parameters
+        ----------
+        spacing : float [m]
+            Of the nodes.
+        terrain_grid, grid : Grid
+            Of the DTM; of the export.
         """
         return cls(float(spacing), tuple(export_axes(terrain_grid, not grid.is_rotated).corner))
 
     def units(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-        """(float64[2], float64[2, 2]): sides of a cell of `grid` in node spacings; map vectors to (across, down)."""
+        """Return the units of a grid in node spacings.
+
+        Parameters
+        ----------
+        grid : Grid
+
+        Returns
+        -------
+        (float64[2], float64[2, 2])
+            Sides of a cell [node spacings]; matrix that turns map vectors [m] into (across, down) [node spacings].
+        """
         sides = np.array(grid.sides) / self.spacing
         return sides, sides[:, None] * np.linalg.inv(grid.matrix)
 
     def place_of(self, grid: Grid, x: float, y: float) -> np.ndarray:
-        """float64[2]: (across, down) of a map point [m], from the anchor along the axes of `grid`."""
+        """Compute the place of a map point, from the anchor along the axes of a grid.
+
+        Parameters
+        ----------
+        grid : Grid
+        x, y : float [m]
+
+        Returns
+        -------
+        float64[2]
+            Across and down, in node spacings.
+        """
         return self.units(grid)[1] @ np.array([x - self.anchor[0], y - self.anchor[1]])
 
     def window(self, grid: Grid, nodes: np.ndarray) -> np.ndarray:
-        """(first row, end row, first column, end column) of the cells of `grid` within reach of `nodes` (window)."""
+        """Find the cells of a grid within reach of nodes.
+
+        Parameters
+        ----------
+        grid : Grid
+        nodes : int64[4]
+            First row, row after the last, first column, column after the last of the nodes.
+
+        Returns
+        -------
+        int64[4]
+            The same of the cells.
+        """
         sides, _ = self.units(grid)
         corner = self.place_of(grid, grid.transform.c, grid.transform.f)
         low = np.floor((np.array([nodes[2], nodes[0]]) - 1.0 - corner) / sides).astype(int)
@@ -139,7 +202,19 @@ class Lattice(NamedTuple):
         return np.array([i0, max(i1, i0), j0, max(j1, j0)], np.int64)
 
     def axes(self, grid: Grid, cells: np.ndarray, nodes: np.ndarray) -> tuple[Axis, Axis]:
-        """(Axis down, Axis across) of the window `cells` of `grid`, from the first node of the window `nodes`."""
+        """Return the axes of a window of cells.
+
+        Parameters
+        ----------
+        grid : Grid
+        cells, nodes : int64[4]
+            Windows of cells and of nodes, as in `window`.
+
+        Returns
+        -------
+        (Axis, Axis)
+            Down and across, from the first node.
+        """
         (across, down), _ = self.units(grid)
         corner = self.place_of(grid, grid.transform.c, grid.transform.f)
         return (
@@ -147,10 +222,22 @@ class Lattice(NamedTuple):
             Axis.of(corner[0] + cells[2] * across - nodes[2], across, cells[3] - cells[2], nodes[3] - nodes[2]),
         )
 
-    def cell_window(self, grid: Grid, bed: "Bed", cells: np.ndarray, axes: tuple, sloped: bool = False) -> "CellWindow":
-        """The CellWindow of the `cells` of `grid` with their `axes`; flow is possible where `bed` has data.
+    def cell_window(self, grid: Grid, bed: Bed, cells: np.ndarray, axes: tuple, sloped: bool = False) -> "CellWindow":
+        """Return the window of cells with the factor of each part; flow is possible where the bed has data.
 
-        With `sloped` the factor is the cosine of the slope at the middle of each part, else 1.
+        Parameters
+        ----------
+        grid : Grid
+        bed : Bed
+        cells : int64[4]
+        axes : (Axis, Axis)
+            Of the cells.
+        sloped : bool
+            The factor is the cosine of the slope at the middle of each part, else 1.
+
+        Returns
+        -------
+        CellWindow
         """
         down, across = axes
         factor = np.empty((len(down.owner), len(across.owner)))
@@ -170,7 +257,12 @@ class Lattice(NamedTuple):
         return CellWindow(cells, axes, factor, self.node_area(grid))
 
     def node_area(self, grid: Grid) -> float:
-        """Ground area of one node [m2]."""
+        """Return the ground area [m2] of one node.
+
+        Parameters
+        ----------
+        grid : Grid
+        """
         sides, _ = self.units(grid)
         return grid.cell_area / float(sides.prod())
 
@@ -196,27 +288,49 @@ class CellWindow(NamedTuple):
     node_area: float
 
     def admit(self, row: np.ndarray, column: np.ndarray) -> None:
-        """Allow flow in the cells of particles, `row` and `column` int32[n], also without bed data."""
+        """Allow flow in the cells of particles, also where the bed has no data.
+
+        Parameters
+        ----------
+        row, column : int32[n]
+            Cell of each particle; below 0: it is left out.
+        """
         down, across = self.axes
         parts = (down.parts, down.low), (across.parts, across.low)
         kernel.parts_with_columns(row, column, self.cells[0], self.cells[2], *parts, self.factor)
 
     def shares(self, shape: tuple) -> np.ndarray:
-        """float64[shape]: integral of each node's hat function where flow is possible."""
+        """Integrate each node's hat function where flow is possible.
+
+        Parameters
+        ----------
+        shape : tuple
+            Rows and columns of the nodes.
+
+        Returns
+        -------
+        float64[rows, columns]
+        """
         down, across = self.axes
         if self.factor.all():
             return down.shares(shape[0])[:, None] * across.shares(shape[1])[None, :]
         share = np.empty(shape)
-        kernel.hat_shares(self.factor, *down.table()[1:], *across.table()[1:], share)
+        kernel.hat_shares(self.factor, down.table(), across.table(), share)
         return share
 
 
 class CellSums(NamedTuple):
     """Integrals of a nodal field over raster cells.
 
-    `index` int64[k]: flat number of each cell in the grid, ascending; `sums` float64[k, s]; `top` float64[k] [m-2]:
-    largest amount per area of one sum, over the parts of the cell and its crests; `mark` int32[rows, columns]:
-    number of each cell of the window, -1 outside the field.
+    Parameters
+    ----------
+    index : int64[k]
+        Flat number of each cell in the grid, ascending.
+    sums : float64[k, s]
+    top : float64[k] [m-2]
+        Largest amount per area of one sum, over the parts of the cell and its crests.
+    mark : int32[rows, columns]
+        Number of each cell of the window, -1 outside the field.
     """
 
     index: np.ndarray
@@ -243,22 +357,21 @@ def nodes_to_cells(nodes: np.ndarray, present: int, measure: int, grid: Grid, wi
     down, across = window.axes
     first_row, end_row, first_column, end_column = window.cells
     mark = np.zeros((end_row - first_row, end_column - first_column), np.int32)
-    kernel.mark_cells(nodes, present, window.factor, *down.table(), *across.table(), mark)
+    rows, columns = down.table(), across.table()
+    kernel.mark_cells(nodes, present, window.factor, rows, columns, mark)
     index = np.empty(int(np.count_nonzero(mark)), np.int64)
     binning.number_cells(mark, window.cells, grid.shape[1], index)
     sums, top = np.zeros((len(index), nodes.shape[2])), np.zeros(len(index))
     part = np.array([down.part, across.part])
     area = part.prod() * window.node_area
-    kernel.add_cells(nodes, measure, window.factor, mark, *down.table(), *across.table(), area, sums, top)
+    kernel.add_cells(nodes, measure, window.factor, mark, rows, columns, area, sums, top)
     corner = np.array([down.start + down.low * down.part, across.start + across.low * across.part])
-    kernel.add_crests(
-        nodes, measure, window.factor, mark, down.owner, across.owner, corner, part, window.node_area, top
-    )
+    kernel.add_crests(nodes, measure, window.factor, mark, rows, columns, corner, part, window.node_area, top)
     return CellSums(index, sums, top, mark)
 
 
 def column_sums(
-    frame: Frame, placed: "Placed", bed: "Bed", grid: Grid, row: np.ndarray, column: np.ndarray, lattice: Lattice
+    frame: Frame, placed: Placed, bed: Bed, grid: Grid, row: np.ndarray, column: np.ndarray, lattice: Lattice
 ) -> tuple[CellSums, np.ndarray]:
     """Spread the columns of `frame` to the nodes of `lattice` and integrate the field over the cells of `grid`.
 

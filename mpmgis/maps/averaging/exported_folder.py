@@ -1,20 +1,22 @@
-"""Description of an export folder, and values of cells over time read from it."""
+"""Description of an export folder: names of its files, its grid, its bands and their typical values."""
 
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from affine import Affine
 
-from ...system.errors import FormatError, InputError
 from ...terrain.grid import Grid
-from ...terrain.raster_input import grid_of, open_raster, read_raster
+from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import NAMESPACE
-from .frame_values import NOWHERE
 
-TYPICAL_PERCENTILE = 99.0  # of the wet cells' maxima: a few extreme cells must not use up the colour scale
+if TYPE_CHECKING:
+    from ...laws.quantities import Quantity
+
+TYPICAL_PERCENTILE = 99.0  # [%] of the wet cells' maxima: a few extreme cells must not use up the colour scale
 
 
 @dataclass(frozen=True)
@@ -66,41 +68,46 @@ class ExportedRun:
     surface_bands: tuple = ()
 
     @property
-    def bed_file(self):
+    def bed_file(self) -> str:
         """Name of the raster of eroded depth, rate and deposit, which runs with erosion have."""
         return f"rasters/{self.name}_bed.tif"
 
     @property
-    def ground_file(self):
+    def ground_file(self) -> str:
         """Name of the raster of the ground and the bed at the end, which runs with erosion have."""
         return f"rasters/{self.name}_surface.tif"
 
     @property
-    def mesh_file(self):
+    def mesh_file(self) -> str:
         """Name of the UGRID mesh."""
         return f"{self.name}.nc"
 
     @property
-    def outlines_file(self):
+    def outlines_file(self) -> str:
         """Name of the GeoPackage."""
         return f"{self.name}.gpkg"
 
     @property
-    def project_file(self):
+    def project_file(self) -> str:
         """Name of the QGIS project."""
         return f"{self.name}.qgz"
 
     @property
-    def surface_file(self):
+    def surface_file(self) -> str:
         """Name of the raster of the highest flow surface."""
         return f"{self.name}_surface.tif"
 
-    def stack_file(self, band):
-        """Name of the stack of all steps of one band (its name or Quantity)."""
+    def stack_file(self, band: "str | Quantity") -> str:
+        """Return the name of the stack of all steps of one band.
+
+        Parameters
+        ----------
+        band : str or Quantity
+        """
         return f"{self.name}_{getattr(band, 'name', band)}.vrt"
 
-    def read(self, file, names):
-        """Bands by name of one of the run's rasters, within `flow_window`.
+    def read(self, file: str, names: Sequence) -> list:
+        """Read bands of one of the run's rasters, within `flow_window`.
 
         Parameters
         ----------
@@ -122,13 +129,23 @@ class ExportedRun:
         with rasterio.open(self.folder / file) as source:
             return [read_part(source, bands.index(name) + 1, window) if name in bands else None for name in names]
 
-    def tags(self, file):
-        """Dict of str to str: the tags of one of the run's rasters that say how it was made."""
+    def tags(self, file: str) -> dict[str, str]:
+        """Read the tags of one of the run's rasters, which say how it was made.
+
+        Parameters
+        ----------
+        file : str
+        """
         with open_raster(self.folder / file) as source:
             return source.tags(ns=NAMESPACE)
 
-    def bands_of(self, file):
-        """Tuple of Quantity: the bands of one of the run's rasters, in order."""
+    def bands_of(self, file: str) -> tuple:
+        """Return the quantities of the bands of one of the run's rasters, in order.
+
+        Parameters
+        ----------
+        file : str
+        """
         known = {
             self.maxima_file: self.maxima_bands,
             self.deposit_file: self.deposit_bands,
@@ -137,16 +154,22 @@ class ExportedRun:
         }
         return known.get(file, self.step_bands)
 
-    def read_terrain(self):
-        """float32[rows, columns] [m]: elevation on `flow_grid`, NaN where there is none."""
+    def read_terrain(self) -> np.ndarray:
+        """Read the elevation on `flow_grid`.
+
+        Returns
+        -------
+        float32[rows, columns] [m]
+            NaN where there is none.
+        """
         import rasterio
 
         with rasterio.open(self.folder / self.terrain_file) as source:
             return read_part(source, 1, self.flow_window)
 
     @cached_property
-    def flow_window(self):
-        """(row slice, column slice) of the cells that the flow reached, plus one cell on each side.
+    def flow_window(self) -> tuple[slice, slice]:
+        """Rows and columns of the cells that the flow reached, plus one cell on each side.
 
         Dry terrain is not read at every step. The whole grid where no cell was reached.
         """
@@ -162,14 +185,14 @@ class ExportedRun:
         )
 
     @cached_property
-    def flow_grid(self):
+    def flow_grid(self) -> Grid:
         """Grid of `flow_window`."""
         rows, columns = self.flow_window
         transform = moved_corner(self.grid.transform, rows.start, columns.start)
         return Grid(self.grid.crs, transform, (rows.stop - rows.start, columns.stop - columns.start))
 
     @cached_property
-    def typical(self):
+    def typical(self) -> dict[str, float]:
         """Typical size of the values of each band, by name: range of the colour scale.
 
         The 99th percentile over the wet cells of a maxima band, also for the band of which it is the maximum; the
@@ -192,82 +215,36 @@ class ExportedRun:
         return typical | {name: peak for name, peak in peaks.items() if name not in names}
 
 
-def moved_corner(transform, row, column):
-    """Affine transform of the part of a raster that begins at `row`, `column`."""
+def moved_corner(transform: Affine, row: int, column: int) -> Affine:
+    """Return the affine transform of the part of a raster that begins at a cell.
+
+    Parameters
+    ----------
+    transform : Affine
+        Of the raster.
+    row, column : int
+    """
     t = transform
     return Affine(t.a, t.b, t.c + t.a * column + t.b * row, t.d, t.e, t.f + t.d * column + t.e * row)
 
 
-def read_part(source, band, window):
-    """float32[rows, columns]: `window` (row slice, column slice) of a band of an open raster, NaN for nodata."""
+def read_part(source: object, band: int, window: (slice | slice)) -> np.ndarray:
+    """Read a part of a band of an open raster.
+
+    Parameters
+    ----------
+    source : rasterio.DatasetReader
+    band : int
+        From 1.
+    window : (slice, slice)
+        Rows and columns.
+
+    Returns
+    -------
+    float32[rows, columns]
+        NaN for nodata.
+    """
     values = source.read(band, window=tuple((part.start, part.stop) for part in window), out_dtype="float32")
     if source.nodata is not None:
         values[values == np.float32(source.nodata)] = np.nan
     return values
-
-
-_STEP_NAME = re.compile(r"(.+)_\d{4,}\.(?:tif|vrt)")
-
-
-@dataclass(frozen=True)
-class ExportedSteps:
-    """An export on disk: `name`, one raster for each of `times` [s] on one `grid`, `tags` of the rasters."""
-
-    name: str
-    files: tuple
-    times: tuple
-    bands: tuple
-    grid: object
-    tags: dict
-    terrain: Path
-
-    def read(self, step, names, cells):
-        """Name -> float64[n] of bands in the flat `cells` of the grid; NaN outside the grid and for nodata."""
-        row, column = np.divmod(np.where(cells == NOWHERE, 0, cells), self.grid.shape[1])
-        found = {}
-        for name in names:
-            values, _ = read_raster(self.files[step], self.bands.index(name) + 1, may_be_empty=True)
-            found[name] = np.where(cells == NOWHERE, np.nan, values[row, column])
-        return found
-
-
-def is_export(path):
-    """Whether `path` is a folder that `export-raster` wrote."""
-    return (Path(path) / "rasters").is_dir()
-
-
-def open_steps(folder):
-    """The ExportedSteps in `folder`.
-
-    Raises
-    ------
-    FormatError, InputError
-        No steps, steps of several runs, or steps without times.
-    """
-    folder = Path(folder)
-    matches = [(path, _STEP_NAME.fullmatch(path.name)) for path in sorted((folder / "rasters").iterdir())]
-    found = {path: match[1] for path, match in matches if match}
-    if not found:
-        raise FormatError(
-            f"{folder} contains no steps (rasters/<name>_0000.tif, ...); give frames, or a folder of export-raster"
-        )
-    if len(set(found.values())) > 1:
-        raise InputError(
-            f"{folder} contains steps of {len(set(found.values()))} runs; give the frames of one run instead"
-        )
-    timed = sorted((_time(path), path) for path in found)
-    with open_raster(timed[0][1]) as source:
-        bands = tuple((text or "").partition(" [")[0] for text in source.descriptions)
-        tags, grid = source.tags(ns=NAMESPACE), grid_of(source, timed[0][1])
-    times, files = zip(*timed, strict=True)
-    return ExportedSteps(next(iter(found.values())), files, times, bands, grid, tags, folder / "dtm.tif")
-
-
-def _time(path):
-    """Time [s] in the tags of a step."""
-    with open_raster(path) as source:
-        time = source.tags(ns=NAMESPACE).get("time")
-    try:
-        return float(time)
-    except (TypeError, ValueError):
-        raise FormatError(f"{path} has no valid tag time (mpmgis: {time}); export the frames again") from None

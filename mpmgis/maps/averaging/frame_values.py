@@ -1,4 +1,4 @@
-"""Cell values of one frame, the survey of all frames before an export, and values of selected cells."""
+"""Compute the cell values of one frame, the survey of all frames before an export, and values of selected cells."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,13 +8,15 @@ import numpy as np
 from ...frames.particles import Frame
 from ...terrain.grid import Grid
 from . import cell_places
-from .band_products import PRODUCTS, HeightLayers, cell_values, height_layers, map_speed, volume_thickness
-from .cells import Bed, bin_frame, column_reach, column_side, column_spacing, grid_spacing, place
+from .band_products import PRODUCTS, cell_values, map_speed, volume_thickness
+from .cells import bin_frame, column_reach, column_side, column_spacing, grid_spacing
+from .height_layers import HeightLayers, height_layers
 from .maxima import least_depth
+from .placement import Bed, place
 from .sampling import FrameFacts, export_axes, export_grid
 
-_ROUNDING = 1e-3  # share of the solver cell; particles less than this below the bed are on it
-RESTING_BELOW = 0.01  # share of the mass below the bed; above it an offset of the solver is assumed
+_ROUNDING = 1e-3  # [solver cells] particles that are less than this below the bed are on it
+RESTING_BELOW = 0.01  # [1] share of the mass below the bed, above which an offset of the solver is assumed
 NOWHERE = -1  # cell number of a point outside the grid
 
 
@@ -104,7 +106,12 @@ class FrameValues:
 
 
 def average_frame(frame: Frame, averaging: Averaging) -> FrameValues:
-    """Average `frame` with the settings `averaging`.
+    """Average a frame over the cells of a grid.
+
+    Parameters
+    ----------
+    frame : Frame
+    averaging : Averaging
 
     Returns
     -------
@@ -168,7 +175,7 @@ def _below_terrain(frame, placed, standoff, spacing, mass):
 
 
 def reached(frame: Frame, bed: Bed, axes: Grid) -> tuple | None:
-    """Bounds (first column, first row, last column, last row) [m] of the flow on the DTM; None without flow.
+    """Find the bounds of the flow on the DTM.
 
     Parameters
     ----------
@@ -177,6 +184,11 @@ def reached(frame: Frame, bed: Bed, axes: Grid) -> tuple | None:
     bed : Bed
     axes : Grid
         `export_axes` of the bounds.
+
+    Returns
+    -------
+    (float, float, float, float) or None
+        First column, first row, last column, last row [m]; None without flow.
     """
     particles, bounds = frame.particles, np.empty(4)
     half = column_reach(frame) if frame.dimension == 2 else np.zeros(1)
@@ -197,7 +209,7 @@ def reached(frame: Frame, bed: Bed, axes: Grid) -> tuple | None:
 
 
 def survey_frame(frame: Frame, bed: Bed, density: float, axes: Grid | None = None) -> FrameFacts:
-    """Data of `frame` for the choice of the cell size and the standoff.
+    """Collect the data of a frame for the choice of the cell size and the standoff.
 
     Parameters
     ----------
@@ -241,11 +253,11 @@ def _median_thickness(frame, placed, bed, density):
 
 
 def resting_offset(distance: np.ndarray, mass: np.ndarray) -> tuple[float, float]:
-    """Depth below the DTM at which a grid-based code lets particles rest.
+    """Find the depth below the DTM at which a grid-based code lets particles rest.
 
     Parameters
     ----------
-    distance : float[n] [m]
+    distance : float64[n] [m]
         From the bed, NaN where unknown.
     mass : float[n] [kg]
 
@@ -266,23 +278,47 @@ def resting_offset(distance: np.ndarray, mass: np.ndarray) -> tuple[float, float
 
 
 def automatic_standoff(facts: Sequence) -> float:
-    """The standoff [m] of the frame with the largest share of its mass below the bed; 0 if the share is under 1 %.
+    """Choose the standoff [m] by the frame with the largest share of its mass below the bed.
 
-    It is the distance with 1 % of that frame's mass below it. Grid-based codes apply the bed condition at nodes and
-    not at the DTM, so particles rest up to a cell below the DTM, and all distances are too small by this offset.
+    It is the distance with 1 % of that frame's mass below it, and 0 if the share is under 1 %. Grid-based codes apply
+    the bed condition at nodes and not at the DTM, so particles rest up to a cell below the DTM, and all distances are
+    too small by this offset.
+
+    Parameters
+    ----------
+    facts : sequence of FrameFacts
     """
     deepest = max(facts, key=lambda fact: fact.below)
     return deepest.offset if deepest.below >= RESTING_BELOW else 0.0
 
 
 def fastest_mean(frame: Frame, bed: Bed, grid: Grid, density: float) -> float:
-    """Largest depth-averaged horizontal speed [m s-1] over the cells of `grid` (for Eq 17)."""
+    """Compute the largest depth-averaged horizontal speed [m s-1] over the cells of a grid (for Eq 17).
+
+    Parameters
+    ----------
+    frame : Frame
+    bed : Bed
+    grid : Grid
+    density : float [kg m-3]
+    """
     speed = map_speed(bin_frame(frame, place(frame, bed), bed, grid, density))
     return float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
 
 
 def cells_of(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """int64[n]: flat number of the cell of `grid` that contains each map point [m]; NOWHERE outside the grid."""
+    """Find the cell of a grid that contains each map point.
+
+    Parameters
+    ----------
+    grid : Grid
+    x, y : float64[n] [m]
+
+    Returns
+    -------
+    int64[n]
+        Flat number of the cell; NOWHERE outside the grid.
+    """
     row, column = (np.floor(place + 0.5).astype(np.int64) for place in grid.rowcol(x, y))
     rows, columns = grid.shape
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
@@ -290,7 +326,7 @@ def cells_of(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def pick(index: np.ndarray, values: np.ndarray, empty: float, cells: np.ndarray) -> np.ndarray:
-    """Values of selected `cells`.
+    """Select the values of some cells.
 
     Parameters
     ----------
@@ -316,13 +352,36 @@ def pick(index: np.ndarray, values: np.ndarray, empty: float, cells: np.ndarray)
 
 
 def frame_at_cells(frame: Frame, averaging: Averaging, cells: np.ndarray) -> dict:
-    """Product -> float64[n] of `cells` of `averaging.grid`, averaged as in the export's rasters."""
+    """Average a frame as in the export's rasters, and select the values of some cells.
+
+    Parameters
+    ----------
+    frame : Frame
+    averaging : Averaging
+    cells : int64[n]
+        Flat numbers in `averaging.grid`, or NOWHERE.
+
+    Returns
+    -------
+    dict of str to float64[n]
+        By product.
+    """
     found = average_frame(frame, averaging)
     return {name: pick(found.index, found.values[name], PRODUCTS[name].empty, cells) for name in averaging.names}
 
 
 def nearest_times(times: np.ndarray, wanted: np.ndarray) -> list[int]:
-    """Ascending numbers of the frames nearest to the `wanted` times [s], without repetition; the earlier of two
-    equally near ones."""
+    """Find the frames nearest to given times, without repetition; the earlier of two equally near ones.
+
+    Parameters
+    ----------
+    times, wanted : float64[n] [s], float64[m] [s]
+        Of the frames; given.
+
+    Returns
+    -------
+    list of int
+        Numbers of the frames, ascending.
+    """
     gaps = np.abs(np.asarray(times, float)[None, :] - np.asarray(wanted, float)[:, None])
     return sorted({int(k) for k in np.argmin(gaps, axis=1)})

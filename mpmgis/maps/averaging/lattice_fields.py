@@ -1,4 +1,4 @@
-"""Fields between the nodes of a square lattice, integrated over raster cells.
+"""Integrate fields between the nodes of a square lattice over raster cells.
 
 Columns give their sums to the nodes of the lattice with quadratic B-splines, as their solver does (Steffen et al.
 2008). Between the nodes the sums are bilinear. Each raster cell takes the exact integral of that field, so that the
@@ -7,26 +7,61 @@ cells together have the mass of the columns, for any cell size.
 Places are in lattice units: `across` counts along the raster's columns, `down` along its rows, one per node spacing.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...compiled.jit import jit, jit_inline
 from .binning import MASS, SUMS, VOLUME, add_motion
 from .cell_places import ROUNDING, upward_part_of_normal
 
-LEVEL = 1e-9  # share of a node's value by which another of the same height may differ for rounding
+LEVEL = 1e-9  # [1] relative difference of two nodes up to which they are equal: rounding
+
+
+class Parts(NamedTuple):
+    """The parts of raster cells along the rows or the columns of a raster.
+
+    Cells are cut into parts that are no wider than the node spacing.
+
+    Parameters
+    ----------
+    owner : int64[a]
+        Row (or column) of cells that each row of parts belongs to.
+    first : int64[a]
+        First of the three nodes whose hat functions reach the part.
+    weight : float64[a, 3]
+        Integral of the hat function of each of these nodes over the part [node spacings].
+    """
+
+    owner: np.ndarray
+    first: np.ndarray
+    weight: np.ndarray
 
 
 @jit_inline
-def spline(place):
-    """First of the three nodes of the stencil of a column at `place`, and their quadratic B-spline weights."""
+def spline(place: float) -> tuple[int, float, float, float]:
+    """Compute the quadratic B-spline weights of a column at the three nodes of its stencil.
+
+    Parameters
+    ----------
+    place : float
+        Of the column along one axis, in node spacings.
+
+    Returns
+    -------
+    (int, float, float, float)
+        First node, and the weights of the three.
+    """
     first = int(np.floor(place + 0.5)) - 1
     f = place - first
     return first, 0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2
 
 
 @jit
-def lattice_places(position, row, matrix, shift, place, window):
-    """Places of columns on the lattice, and the window of nodes that they give to.
+def lattice_places(
+    position: np.ndarray, row: np.ndarray, matrix: np.ndarray, shift: np.ndarray, place: np.ndarray, window: np.ndarray
+) -> None:
+    """Find the places of columns on the lattice, and the window of nodes that they give to.
 
     Parameters
     ----------
@@ -54,7 +89,19 @@ def lattice_places(position, row, matrix, shift, place, window):
 
 
 @jit
-def spread_columns(place, row, window, share, gain, pixel, gradient, velocity, mass, volume, nodes):
+def spread_columns(
+    place: np.ndarray,
+    row: np.ndarray,
+    window: np.ndarray,
+    share: np.ndarray,
+    gain: np.ndarray,
+    pixel: np.ndarray,
+    gradient: np.ndarray,
+    velocity: np.ndarray,
+    mass: np.ndarray,
+    volume: np.ndarray,
+    nodes: np.ndarray,
+) -> None:
     """Give the sums of every column to its nine nodes.
 
     A column gives only to ground that the raster has, and all of its mass. Beside ground that is left out its weights
@@ -62,16 +109,23 @@ def spread_columns(place, row, window, share, gain, pixel, gradient, velocity, m
 
     Parameters
     ----------
-    place, row, window : as `lattice_places` returns
+    place : float64[n, 2]
+    row : int32[n]
+    window : int64[4]
+        These three as in `lattice_places`.
     share : float64[rows, columns]
         Part of the bilinear hat function of each node on cells of the raster that can contain flow.
     gain : float64[rows, columns]
         One over the part of each node's spline that lies there; 1 inside the flow's ground.
-    pixel, gradient : int64[n], float64[pixels, 2]
-        The DTM pixel under each column, and the slopes of the pixels.
-    velocity, mass, volume : float[n, 3] [m s-1], float[n] [kg], float[n] [m3]
+    pixel : int64[n]
+        Flat number of the DTM pixel under each column.
+    gradient : float64[pixels, 2] [1]
+        Slopes of the pixels.
+    velocity : float[n, 3] [m s-1]
+    mass : float[n] [kg]
+    volume : float[n] [m3]
     nodes : float64[rows, columns, SUMS], out
-        Starts at zero; columns of `binning.SUMS`.
+        Starts at zero; columns of `binning`.
     """
     sums = np.zeros((1, SUMS))
     wx, wy = np.empty(3), np.empty(3)
@@ -101,11 +155,17 @@ def spread_columns(place, row, window, share, gain, pixel, gradient, velocity, m
 
 
 @jit
-def hat_shares(factor, first_row, weight_row, first_column, weight_column, share):
-    """`share` float64[rows, columns] of each node's hat that lies on the parts of cells that may hold flow.
+def hat_shares(factor: np.ndarray, rows: Parts, columns: Parts, share: np.ndarray) -> None:
+    """Compute the part of each node's hat function that lies on parts of cells where flow is possible.
 
-    `factor` and the tables of rows and columns are those of `add_cells`.
+    Parameters
+    ----------
+    factor : float64[a, b]
+    rows, columns : Parts
+        These three as in `add_cells`.
+    share : float64[rows, columns], out
     """
+    first_row, weight_row, first_column, weight_column = rows.first, rows.weight, columns.first, columns.weight
     share[:] = 0.0
     for part_row in range(first_row.shape[0]):
         for part_column in range(first_column.shape[0]):
@@ -121,12 +181,22 @@ def hat_shares(factor, first_row, weight_row, first_column, weight_column, share
 
 @jit
 def mark_cells(
-    nodes, measure, factor, owner_row, first_row, weight_row, owner_column, first_column, weight_column, mark
-):
-    """Set `mark` int32[cell rows, cell columns] to 1 in the cells that a node with something reaches.
+    nodes: np.ndarray, measure: int, factor: np.ndarray, rows: Parts, columns: Parts, mark: np.ndarray
+) -> None:
+    """Set `mark` to 1 in the cells that the hat function of a node with flow reaches.
 
-    `measure` is the column of `nodes` that shows whether a node has something; the other arrays as in `add_cells`.
+    Parameters
+    ----------
+    nodes : float64[rows, columns, s]
+    measure : int
+        Column of `nodes` that is above 0 at a node with flow.
+    factor : float64[a, b]
+    rows, columns : Parts
+        These three as in `add_cells`.
+    mark : int32[cell rows, cell columns], out
     """
+    owner_row, first_row, weight_row = rows
+    owner_column, first_column, weight_column = columns
     reached = np.empty(nodes.shape[1], np.bool_)
     for part_row in range(first_row.shape[0]):
         reached[:] = False
@@ -145,20 +215,16 @@ def mark_cells(
 
 @jit
 def add_cells(
-    nodes,
-    measure,
-    factor,
-    mark,
-    owner_row,
-    first_row,
-    weight_row,
-    owner_column,
-    first_column,
-    weight_column,
-    area,
-    sums,
-    top,
-):
+    nodes: np.ndarray,
+    measure: int,
+    factor: np.ndarray,
+    mark: np.ndarray,
+    rows: Parts,
+    columns: Parts,
+    area: float,
+    sums: np.ndarray,
+    top: np.ndarray,
+) -> None:
     """Integrate the nodes' field over the cells: `sums`, and the largest mean of `measure` over a cell's parts.
 
     Parameters
@@ -168,14 +234,10 @@ def add_cells(
     measure : int
         Column of `nodes` whose largest mean per area is computed.
     factor : float64[a, b]
-        Cells are cut into parts that are no wider than the node spacing. What `measure` is multiplied by in each part;
-        0 where no flow may be.
+        Factor of `measure` in each part of a cell; 0 where no flow is possible.
     mark : int32[cell rows, cell columns]
         Number of each cell, -1 for the cells that are left out.
-    owner_row, first_row, weight_row : int64[a], int64[a], float64[a, 3]
-        Of each row of parts: the cell row that it belongs to, the first node, and how much of the hats of three nodes
-        lies in it.
-    owner_column, first_column, weight_column : as for rows
+    rows, columns : Parts
     area : float [m2]
         Of a part.
     sums : float64[cells, s], out
@@ -183,6 +245,8 @@ def add_cells(
     top : float64[cells], out
         Starts at zero.
     """
+    owner_row, first_row, weight_row = rows
+    owner_column, first_column, weight_column = columns
     held = nodes.shape[2]
     line, part = np.empty((nodes.shape[1], held)), np.empty(held)
     for part_row in range(first_row.shape[0]):
@@ -210,7 +274,18 @@ def add_cells(
 
 
 @jit
-def add_crests(nodes, measure, factor, mark, owner_row, owner_column, corner, part, area, top):
+def add_crests(
+    nodes: np.ndarray,
+    measure: int,
+    factor: np.ndarray,
+    mark: np.ndarray,
+    rows: Parts,
+    columns: Parts,
+    corner: np.ndarray,
+    part: np.ndarray,
+    area: float,
+    top: np.ndarray,
+) -> None:
     """Raise `top` of the cells that hold a crest of `measure` to its height per area.
 
     A crest is a node that is not lower than the eight around it. Without this the peak of a coarse raster would
@@ -218,11 +293,17 @@ def add_crests(nodes, measure, factor, mark, owner_row, owner_column, corner, pa
 
     Parameters
     ----------
-    nodes, measure, factor, mark, owner_row, owner_column, top : as in `add_cells`
+    nodes : float64[rows, columns, s]
+    measure : int
+    factor : float64[a, b]
+    mark : int32[cell rows, cell columns]
+    rows, columns : Parts
+        These as in `add_cells`.
     corner, part : float64[2]
         Down and across: place of the first part's edge, counted from the first node, and its width, in node spacings.
     area : float [m2]
         Of a node.
+    top : float64[cells], out
     """
     first = max(int(np.floor(corner[0] - ROUNDING)), 1)
     last = min(int(np.ceil(corner[0] + part[0] * factor.shape[0] + ROUNDING)), nodes.shape[0] - 2)
@@ -240,7 +321,7 @@ def add_crests(nodes, measure, factor, mark, owner_row, owner_column, corner, pa
             row = int(np.floor((i - corner[0]) / part[0] + ROUNDING * down))
             column = int(np.floor((j - corner[1]) / part[1] + ROUNDING * across))
             if 0 <= row < factor.shape[0] and 0 <= column < factor.shape[1]:
-                k = mark[owner_row[row], owner_column[column]]
+                k = mark[rows.owner[row], columns.owner[column]]
                 if k >= 0:
                     top[k] = max(top[k], here / area * factor[row, column])
 
@@ -255,13 +336,33 @@ def _is_crest(nodes, measure, i, j, here):
 
 
 @jit
-def parts_with_ground(corner, step_column, step_row, dtm_corner, dtm_matrix, elevation, gradient, sloped, factor):
-    """Set `factor` float64[rows, columns] to 1, and to 0 where the DTM has no elevation at the middle of a part.
+def parts_with_ground(
+    corner: np.ndarray,
+    step_column: np.ndarray,
+    step_row: np.ndarray,
+    dtm_corner: np.ndarray,
+    dtm_matrix: np.ndarray,
+    elevation: np.ndarray,
+    gradient: np.ndarray,
+    sloped: bool,
+    factor: np.ndarray,
+) -> None:
+    """Set the factor of each part of a cell to 1 where the DTM has an elevation at its middle, else to 0.
 
-    With `sloped` it is the cosine of the DTM's slope instead of 1; 0 where the DTM has no slope.
-
-    `corner` [m] is the upper left corner of the parts, `step_column` and `step_row` float64[2] [m] lead to the next
-    ones; `dtm_corner` and `dtm_matrix` as in `binning.place`.
+    Parameters
+    ----------
+    corner : float64[2] [m]
+        Upper left corner of the parts.
+    step_column, step_row : float64[2] [m]
+        Map vectors to the next part.
+    dtm_corner : float64[2] [m]
+    dtm_matrix : float64[2, 2] [m]
+    elevation : float64[rows, columns] [m]
+    gradient : float64[rows, columns, 2] [1]
+        These four describe the DTM as in `cell_places.place`.
+    sloped : bool
+        The factor is the cosine of the DTM's slope instead of 1; 0 where the DTM has no slope.
+    factor : float64[a, b], out
     """
     a, b, d, e = dtm_matrix[0, 0], dtm_matrix[0, 1], dtm_matrix[1, 0], dtm_matrix[1, 1]
     determinant = a * e - b * d
@@ -282,10 +383,26 @@ def parts_with_ground(corner, step_column, step_row, dtm_corner, dtm_matrix, ele
 
 
 @jit
-def parts_with_columns(row, column, first_row, first_column, parts_down, parts_across, factor):
-    """Set `factor` to 1 in all parts of the cells that hold the position of a column.
+def parts_with_columns(
+    row: np.ndarray,
+    column: np.ndarray,
+    first_row: int,
+    first_column: int,
+    parts_down: tuple,
+    parts_across: tuple,
+    factor: np.ndarray,
+) -> None:
+    """Set the factor to 1 in all parts of the cells that hold the position of a column.
 
-    `parts_down` and `parts_across` (parts in a cell, number of the first part) of the rows and columns of parts.
+    Parameters
+    ----------
+    row, column : int32[n]
+        Cell of each column; below 0: it is left out.
+    first_row, first_column : int
+        Of the window of cells.
+    parts_down, parts_across : (int, int)
+        Parts in a cell, and number of the first part, down and across.
+    factor : float64[a, b], out
     """
     for p in range(row.shape[0]):
         if row[p] >= 0:
@@ -297,8 +414,21 @@ def parts_with_columns(row, column, first_row, first_column, parts_down, parts_a
 
 
 @jit
-def count_columns(row, column, first_row, first_column, mark, count):
-    """Count the columns whose position lies in each numbered cell."""
+def count_columns(
+    row: np.ndarray, column: np.ndarray, first_row: int, first_column: int, mark: np.ndarray, count: np.ndarray
+) -> None:
+    """Count the columns whose position lies in each numbered cell.
+
+    Parameters
+    ----------
+    row, column : int32[n]
+    first_row, first_column : int
+        These four as in `parts_with_columns`.
+    mark : int32[cell rows, cell columns]
+        Number of each cell.
+    count : int64[cells], out
+        Starts at zero.
+    """
     for p in range(row.shape[0]):
         if row[p] >= 0:
             count[mark[row[p] - first_row, column[p] - first_column]] += 1

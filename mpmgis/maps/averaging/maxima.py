@@ -1,4 +1,4 @@
-"""Largest values over all frames (Eq 16), and the peaks recorded by the solver, on the cells of an export.
+"""Compute the largest values over all frames (Eq 16), and the solver's peaks, on the cells of an export.
 
 If the solver recorded peaks of every step, a cell takes the larger of these and of the frames. Solver peaks include
 times between frames. Frames include the state before the first step, and edges, where a node has less than the column
@@ -10,10 +10,10 @@ of the DTM pixel. The solver's speed is |U|: along the ground in form `slope` (a
 `arrival_thickness` deep at the node. They are used only if `min_depth` is the same number, because a band has one
 threshold.
 
-Peaks are bilinear between nodes, and are integrated over cells like the columns of a frame (`node_fields`): `h` and `t`
-are the largest mean over parts of the cell not wider than the node spacing, or a crest in the cell; `t_vol` is the mean
-over the cell; `Ut` is the mean weighted by thickness; `p` is from the mean speed; arrival is the mean over the reached
-part.
+Peaks are bilinear between nodes, and are integrated over cells like the columns of a frame (`column_field`): `h` and
+`t` are the largest mean over parts of the cell not wider than the node spacing, or a crest in the cell; `t_vol` is the
+mean over the cell; `Ut` is the mean weighted by thickness; `p` is from the mean speed; arrival is the mean over the
+reached part.
 
 Where the depth never reached the smaller of `min_depth` and the arrival thickness, a peak is only the tail of the
 solver's splines, and the cell has no value.
@@ -29,21 +29,35 @@ import scipy  # submodules are loaded on first use
 
 from ...frames.peaks import PEAK_NAMES, TRANSFORM, lattices_of
 from ...terrain.grid import Grid
-from .cells import Bed
 from .column_field import Lattice, nodes_to_cells
+from .placement import Bed
 
-ARRIVAL = "t_arrival"
+ARRIVAL = "t_arrival"  # band
 RUNNING_BANDS = ("h_max", "t_max", "Un_max", "Ut_max")  # also in every step with `--products maxima`
 ARRIVAL_THICKNESS = 0.05  # [m] of the solver, unless its frames give another
-THINNEST = 1e-3  # [m] smallest depth of flow if --min-depth is 0
+THINNEST = 1e-3  # [m] smallest depth of flow where `min_depth` is 0
 BANDS = ("h_max", "t_max", "Ut_max", "p_max", ARRIVAL)  # columns have no velocity normal to the bed
 WITHOUT_THRESHOLD = BANDS[:2]
-STRIP_CELLS = 1_000_000  # of one strip; limits memory on large rasters
-THICKNESS, WEIGHT, MOVED, PRESSED, ARRIVED, ARRIVED_AT = range(6)  # sums of a node, times its ground area
+STRIP_CELLS = 1_000_000  # [cells] of one strip: limits memory on large rasters
+
+# Sums of a node; each is multiplied by the ground area [m2] of the node.
+THICKNESS = 0  # [m]
+WEIGHT = 1  # [m] thickness where flow has arrived: the weight of the next two
+MOVED = 2  # [m2 s-1] weight times speed
+PRESSED = 3  # [m Pa1/2] weight times the square root of pressure
+ARRIVED = 4  # [1] 1 where flow has arrived
+ARRIVED_AT = 5  # [s] time of arrival
 
 
 class Peak(NamedTuple):
-    """A maxima band: its product, and whether the `larger` or the smaller value is kept."""
+    """A maxima band.
+
+    Parameters
+    ----------
+    product : str
+    larger : bool
+        True: the largest value is kept; False: the smallest one.
+    """
 
     product: str
     larger: bool
@@ -62,7 +76,14 @@ PRODUCTS_NEEDED = tuple(dict.fromkeys(peak.product for peak in PEAKS.values()))
 
 
 def least_depth(min_depth: float, arrival_thickness: float = ARRIVAL_THICKNESS) -> float:
-    """Smallest depth [m] of flow in a field of columns; smaller values are the tail of their splines."""
+    """Return the smallest depth [m] of flow in a field of columns; smaller values are the tail of their splines.
+
+    Parameters
+    ----------
+    min_depth : float [m]
+    arrival_thickness : float [m]
+        Of the solver.
+    """
     return min(min_depth, arrival_thickness) or THINNEST
 
 
@@ -79,9 +100,10 @@ class RunningMaxima:
     min_depth : float [m]
         Depth that defines arrival.
     peaks : dict of str to Peak
+        By band.
     """
 
-    def __init__(self, cells, min_depth, peaks=PEAKS):
+    def __init__(self, cells: int, min_depth: float, peaks: dict = PEAKS):
         self.peaks, self.min_depth = dict(peaks), np.float32(min_depth)
         names = (*self.peaks, ARRIVAL)
         self.values = {name: np.zeros(cells, np.float32) for name in names}
@@ -109,7 +131,14 @@ class RunningMaxima:
         self._keep(ARRIVAL, index, arrived, np.minimum)
 
     def absorb_peaks(self, index: np.ndarray, values: dict) -> None:
-        """Add the solver's peaks of every step: `index` and `values` as yielded by `SolverPeaks.on`."""
+        """Add the solver's peaks of every step.
+
+        Parameters
+        ----------
+        index : int64[k]
+        values : dict of str to float32[k]
+            Both as yielded by `SolverPeaks.on`.
+        """
         for name, peak in self.peaks.items():
             if peak.larger and peak.product in values:
                 self._keep(name, index, values[peak.product], np.maximum)
@@ -125,16 +154,47 @@ class RunningMaxima:
         seen[index] = True
 
     def rows(self, name: str, first: int, last: int, columns: int) -> np.ndarray:
-        """float32[last - first, columns]: raster rows of band `name`, NaN without flow."""
+        """Return rows of the raster of one band.
+
+        Parameters
+        ----------
+        name : str
+        first, last : int
+            First row, and row after the last.
+        columns : int
+            Of the raster.
+
+        Returns
+        -------
+        float32[last - first, columns]
+            NaN without flow.
+        """
         part = slice(first * columns, last * columns)
         return np.where(self.seen[name][part], self.values[name][part], np.float32(np.nan)).reshape(-1, columns)
 
     def at(self, name: str, index: np.ndarray) -> np.ndarray:
-        """float32[k]: band `name` in the cells `index`, NaN without flow."""
+        """Return the values of one band in some cells.
+
+        Parameters
+        ----------
+        name : str
+        index : int64[k]
+            Flat numbers of the cells.
+
+        Returns
+        -------
+        float32[k]
+            NaN without flow.
+        """
         return np.where(self.seen[name][index], self.values[name][index], np.float32(np.nan))
 
     def largest(self, name: str) -> float:
-        """Largest absolute value of band `name`; 0 without flow."""
+        """Return the largest absolute value of one band; 0 without flow.
+
+        Parameters
+        ----------
+        name : str
+        """
         return float(np.abs(self.values[name]).max(initial=0.0))
 
 
@@ -173,9 +233,19 @@ class SolverPeaks:
 
     @classmethod
     def of(cls, kept: dict, time: float) -> "SolverPeaks | None":
-        """The peaks in the dictionary `kept` (group `maxima` of a frame at `time` [s]); None without flow.
+        """Return the peaks in the group `maxima` of a frame.
 
-        Its `transform` maps corners of cells around the nodes: (spacing, 0, west, 0, spacing, south).
+        Parameters
+        ----------
+        kept : dict
+            The group. Its `transform` maps corners of cells around the nodes: (spacing, 0, west, 0, spacing, south).
+        time : float [s]
+            Of the frame.
+
+        Returns
+        -------
+        SolverPeaks or None
+            None without flow.
         """
         lattices = [lattice for lattice in lattices_of(kept) if (lattice["thickness"] > 0).any()]
         found = [cls._of_lattice(lattice, float(time)) for lattice in lattices]
@@ -194,12 +264,28 @@ class SolverPeaks:
         )
 
     def bands(self, min_depth: float) -> tuple[str, ...]:
-        """The maxima bands from these peaks: those without a threshold; all if `min_depth` [m] is their threshold."""
+        """Return the maxima bands from these peaks.
+
+        Parameters
+        ----------
+        min_depth : float [m]
+            Threshold of the bands. Those that have a threshold are returned only if the peaks have the same one.
+        """
         same = abs(self.arrival_thickness - min_depth) <= 1e-6 * self.arrival_thickness
         return BANDS if same else WITHOUT_THRESHOLD
 
     def bounds(self, min_depth: float) -> tuple | None:
-        """(west, south, east, north) [m] of the flow, to the next dry node; None without flow."""
+        """Find the bounds of the flow, to the next dry node.
+
+        Parameters
+        ----------
+        min_depth : float [m]
+
+        Returns
+        -------
+        (float, float, float, float) or None
+            West, south, east, north [m]; None without flow.
+        """
         found = [lattice._own_bounds(min_depth) for lattice in (self, *self.others)]
         found = np.array([bounds for bounds in found if bounds is not None])
         if not len(found):

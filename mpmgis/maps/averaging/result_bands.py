@@ -31,17 +31,32 @@ _PEAK_NAME = re.compile(r"(?:(.*)_)?(pft|pfv|ppr)\.(?:asc|tif|tiff)", re.IGNOREC
 
 @dataclass(frozen=True)
 class BandSource:
-    """A band in a file: `path`, `number` (from 1), `quantity`, and `factor` of its values."""
+    """A band in a file.
+
+    Parameters
+    ----------
+    path : Path
+    number : int
+        From 1.
+    quantity : Quantity
+    factor : float
+        Of the values in the file.
+    """
 
     path: Path
     number: int
     quantity: Quantity
     factor: float = 1.0
 
-    def read(self):
-        """(float64[rows, columns] with NaN for nodata, Grid). Refuses CRSs that are not in metres.
+    def read(self) -> tuple[np.ndarray, Grid]:
+        """Read the band, in a CRS in metres.
 
         All values may be nodata: no flow, or never above the minimum depth of velocities.
+
+        Returns
+        -------
+        (float64[rows, columns], Grid)
+            NaN for nodata.
         """
         values, grid = read_raster(self.path, self.number, may_be_empty=True)
         if grid.crs is not None:
@@ -52,15 +67,31 @@ class BandSource:
 
 @dataclass(frozen=True)
 class CroppedBand:
-    """A band of a map of a region within the `extent` of its flow (first row, end, first column, end)."""
+    """A band of a map of a region within the extent of its flow.
+
+    Parameters
+    ----------
+    path : Path
+    number : int
+        From 1.
+    quantity : Quantity
+    extent : (int, int, int, int)
+        First row, row after the last, first column, column after the last.
+    """
 
     path: Path
     number: int
     quantity: Quantity
     extent: tuple
 
-    def read(self):
-        """(float64[rows, columns] with NaN for nodata, Grid) of the extent."""
+    def read(self) -> tuple[np.ndarray, Grid]:
+        """Read the band within the extent.
+
+        Returns
+        -------
+        (float64[rows, columns], Grid)
+            NaN for nodata.
+        """
         top, bottom, left, right = self.extent
         with open_raster(self.path) as source:
             values = source.read(self.number, window=((top, bottom), (left, right)), masked=True)
@@ -70,15 +101,30 @@ class CroppedBand:
 
 @dataclass(frozen=True)
 class BandInMemory:
-    """A band of frames that is not written: `quantity`, float32[rows, columns] `values` on `grid`; `path` of frames."""
+    """A band of frames that is not written.
+
+    Parameters
+    ----------
+    path : Path
+        Of the frames.
+    quantity : Quantity
+    values : float32[rows, columns]
+    grid : Grid
+    """
 
     path: Path
     quantity: Quantity
     values: np.ndarray
     grid: Grid
 
-    def read(self):
-        """(float64[rows, columns] with NaN for nodata, Grid)."""
+    def read(self) -> tuple[np.ndarray, Grid]:
+        """Return the values in double precision.
+
+        Returns
+        -------
+        (float64[rows, columns], Grid)
+            NaN for nodata.
+        """
         return self.values.astype(float), self.grid
 
 
@@ -101,8 +147,18 @@ class Result:
     bands: dict
     terrain: Path | Terrain | None = None
 
-    def read(self, band, crs_of=None):
-        """(values, Grid) of one band; with `crs_of` (a Grid) it must be in the same CRS, or have none.
+    def read(self, band: str, crs_of: Grid | None = None) -> tuple[np.ndarray, Grid]:
+        """Read one band.
+
+        Parameters
+        ----------
+        band : str
+        crs_of : Grid, optional
+            The band must be in the same CRS, or have none.
+
+        Returns
+        -------
+        (float64[rows, columns], Grid)
 
         Raises
         ------
@@ -122,14 +178,19 @@ class Result:
             )
         return values, grid
 
-    def with_export_names(self):
-        """The Result with the peaks also under the names that an export gives them."""
+    def with_export_names(self) -> "Result":
+        """Return the result with its peaks also under the names that an export gives them."""
         ours = {own: self.bands[other] for other, own in SAME_QUANTITY if other in self.bands}
         return replace(self, bands=ours | self.bands)
 
 
-def names_rasters(path):
-    """Whether `path` is a folder of *_pft, *_pfv or *_ppr rasters, a prefix of their names, one of them, a region."""
+def names_rasters(path: str | Path) -> bool:
+    """Return whether a path names rasters: a folder of *_pft, *_pfv or *_ppr, a prefix of them, one of them, a region.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     path = Path(path)
     if _region_maps(path) is not None:
         return True
@@ -140,10 +201,14 @@ def names_rasters(path):
     return path.parent.is_dir() and bool(_peak_files(path.parent, path.name))
 
 
-def open_result(path):
-    """The Result at `path`: an export folder, a folder or common prefix of `..._pft.asc`, a region, or one raster.
+def open_result(path: str | Path) -> Result:
+    """Open the result at a path: an export folder, a folder or common prefix of `..._pft.asc`, a region, or one raster.
 
     A region is its folder, for all areas, or the prefix of the maps of one scenario (`region/maps/scenario_30`).
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------

@@ -10,19 +10,33 @@ from affine import Affine
 from ...system.errors import InputError
 from ...terrain.grid import Grid
 
-POINTS_PER_CELL = 5  # with 5 random points per cell, exp(-5) = 0.7 % of the cells stay empty
-MOST_CELLS = 400_000_000
-FINEST_CELL = 1e-6  # [m]
+POINTS_PER_CELL = 5  # [1] with 5 random points per cell, exp(-5) = 0.7 % of the cells stay empty
+MOST_CELLS = 400_000_000  # [cells] of a raster: one float32 band has 1.6 GB
+FINEST_CELL = 1e-6  # [m] smallest side of a cell
 
 
 class FrameFacts(NamedTuple):
     """Data of one frame for the choice of the cell size.
 
-    `bounds` (first column, first row, last column, last row) [m]: of the flow on the DTM, along the `export_axes`, None
-    without flow; `particle_volume` [m3]: mean at release; `dilation` [1]: 10 % quantile of release volume over current
-    volume; `thickness` [m]: median volume-equivalent thickness over the wet pixels of the DTM; `spacing` [m]: of the
-    solver grid; `below` [1]: share of the mass below the bed; `offset` [m]: distance with 1 % of the mass below it
-    (both 0 for columns); `column_side` [m]: mean side of the squares of columns, 0 for points.
+    Parameters
+    ----------
+    bounds : (float, float, float, float) or None [m]
+        First column, first row, last column and last row of the flow on the DTM, along the `export_axes`; None without
+        flow.
+    particle_volume : float [m3]
+        Mean at release.
+    dilation : float [1]
+        10 % quantile of release volume over current volume.
+    thickness : float [m]
+        Median volume-equivalent thickness over the wet pixels of the DTM.
+    spacing : float [m]
+        Of the solver grid.
+    below : float [1]
+        Share of the mass below the bed; 0 for columns.
+    offset : float [m]
+        Distance with 1 % of the mass below it; 0 for columns.
+    column_side : float [m]
+        Mean side of the squares of columns; 0 for points.
     """
 
     bounds: tuple | None
@@ -36,11 +50,17 @@ class FrameFacts(NamedTuple):
 
 
 def automatic_cell_size(facts: Iterable[FrameFacts], terrain_cell: float) -> tuple[float, str]:
-    """cs_e [m] by Eq 15, coarse enough that few cells inside the flow stay empty.
+    """Compute cs_e [m] by Eq 15, coarse enough that few cells inside the flow stay empty.
 
     The largest of V_p^(1/3) (V_p dilated), sqrt(5 V_mean / median thickness) and the finer of DTM and solver grid,
     rounded up to a divisor of the DTM cell, or above it to a multiple of half the solver cell. Columns leave no cell
     empty inside the flow: for them the side of their squares replaces the second term.
+
+    Parameters
+    ----------
+    facts : iterable of FrameFacts
+    terrain_cell : float [m]
+        Cell size of the DTM.
 
     Returns
     -------
@@ -70,7 +90,7 @@ def automatic_cell_size(facts: Iterable[FrameFacts], terrain_cell: float) -> tup
 
 
 def _coverage(side, volume, thickness):
-    """(cell size [m] that leaves few cells inside the flow empty, reason as text)."""
+    """Return the cell size [m] that leaves few cells inside the flow empty, and the reason as text."""
     if side > 0:
         return side, f"columns fill squares of {side:.3g} m"
     cell = math.sqrt(POINTS_PER_CELL * volume / thickness) if thickness > 0 else 0.0
@@ -78,14 +98,29 @@ def _coverage(side, volume, thickness):
 
 
 def automatic_time_step(cell_size: float, fastest: float) -> float:
-    """dt_e [s] by Eq 17: time to cross one export cell at the horizontal speed `fastest` [m s-1]; inf at rest."""
+    """Compute dt_e [s] by Eq 17: the time to cross one export cell; inf at rest.
+
+    Parameters
+    ----------
+    cell_size : float [m]
+    fastest : float [m s-1]
+        Largest depth-averaged horizontal speed.
+    """
     return cell_size / fastest if fastest > 0 else math.inf
 
 
 class Crossing(NamedTuple):
     """The pair of consecutive frames between which the flow crosses most cells.
 
-    `cells` [1] crossed in the `interval` [s] at `speed` [m s-1]; `fastest` [m s-1]: of all frames, for Eq 17.
+    Parameters
+    ----------
+    cells : float [1]
+        Number of cells crossed.
+    interval : float [s]
+        Between the two frames.
+    speed : float [m s-1]
+    fastest : float [m s-1]
+        Of all frames, for Eq 17.
     """
 
     cells: float
@@ -95,7 +130,7 @@ class Crossing(NamedTuple):
 
 
 def farthest_crossing(times: Sequence, speeds: Sequence, cell_size: float) -> Crossing:
-    """Largest displacement between consecutive frames, in export cells; Eq 17 requires at most one cell.
+    """Find the largest displacement between consecutive frames, in export cells; Eq 17 requires at most one cell.
 
     Parameters
     ----------
@@ -120,10 +155,22 @@ def farthest_crossing(times: Sequence, speeds: Sequence, cell_size: float) -> Cr
 
 
 def choose_steps(times: Sequence, time_step: float | None = None) -> list[int]:
-    """Indices of the frames to export: the nearest frame to each multiple of `time_step` [s], without repetition.
+    """Choose the frames to export: the nearest frame to each multiple of a time step, without repetition.
 
-    `times` [s] are ascending. None: every frame. The earlier of two equally near frames is used. Without a multiple
-    between the first and the last time, the frame nearest to any multiple is used.
+    The earlier of two equally near frames is used. Without a multiple between the first and the last time, the frame
+    nearest to any multiple is used.
+
+    Parameters
+    ----------
+    times : sequence of float [s]
+        Ascending.
+    time_step : float, optional [s]
+        Default: every frame. inf: the first frame alone.
+
+    Returns
+    -------
+    list of int
+        Numbers of the frames.
     """
     times = np.asarray(times, float)
     if time_step is None:
@@ -149,11 +196,18 @@ def _nearest(times, moments):
 
 
 def export_axes(terrain_grid: Grid, north_up: bool = True) -> Grid:
-    """Grid of one 1 m cell at the origin of the export cells, along their axes.
+    """Return a grid of one 1 m cell at the origin of the export cells, along their axes.
 
     North-up: at the upper left corner of the DTM's bounds. A rotated or sheared DTM may keep its axes: then it is at
     the first corner of the DTM, along its axes. A DTM along east and north, in any order, always gives north-up
     cells.
+
+    Parameters
+    ----------
+    terrain_grid : Grid
+        Of the DTM.
+    north_up : bool
+        Also for a rotated DTM.
     """
     t = terrain_grid.transform
     if north_up or not terrain_grid.is_rotated:
@@ -172,18 +226,30 @@ def export_grid(
     option: str = "--cs-e",
     otherwise: str | None = None,
 ) -> Grid:
-    """The export grid, aligned with the DTM (`export_axes`).
+    """Return the export grid, aligned with the DTM (`export_axes`).
 
-    Without `cell_size` [m] it has the cells of the DTM (for a rotated DTM, north-up: squares of the same area), else
+    Without `cell_size` it has the cells of the DTM (for a rotated DTM, north-up: squares of the same area), else
     square cells of that size. Without `bounds` it covers the DTM, and its last row and column may extend beyond the
-    edge. With `bounds` (first column, first row, last column, last row) [m], along `export_axes`, it is the part that
-    contains them, with `margin` cells around.
+    edge.
+
+    Parameters
+    ----------
+    terrain_grid : Grid
+        Of the DTM.
+    cell_size : float, optional [m]
+    bounds : (float, float, float, float), optional [m]
+        First column, first row, last column, last row, along `export_axes`: the grid is the part that contains them.
+    margin : int
+        Cells around `bounds`.
+    north_up : bool
+        Also for a rotated DTM.
+    option, otherwise : str
+        Option that the message of an error advises to change, and what else it advises to do.
 
     Raises
     ------
     InputError
-        More than 400 million cells, or cells below 1e-6 m. The message advises to change `option`, or to do what
-        `otherwise` says.
+        More than 400 million cells, or cells below 1e-6 m.
     """
     axes, own = export_axes(terrain_grid, north_up), terrain_grid.is_rotated and not north_up
     if cell_size is not None:
@@ -209,7 +275,16 @@ def export_grid(
 
 
 def require_cells_within(terrain_grid: Grid, cell_size: float | None, north_up: bool, option: str = "--cs-e") -> None:
-    """Refuse cells of `cell_size` [m], from `option`, that are larger than the DTM: they would be a raster of one cell.
+    """Raise an error unless the cells are smaller than the DTM: else they would be a raster of one cell.
+
+    Parameters
+    ----------
+    terrain_grid : Grid
+        Of the DTM.
+    cell_size : float or None [m]
+    north_up : bool
+    option : str
+        That gives the cell size.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Amounts of the squares of one grid, shared among the cells of another one that may lie at any angle to it.
+"""Share the amounts of the squares of one grid among the cells of another one, at any angle to it.
 
-Everything works in *cell coordinates* (u, v): a cell is a unit square, cell (row, column) is
+All places are in *cell coordinates* (u, v): a cell is a unit square, cell (row, column) is
 [column, column + 1] x [row, row + 1]. A square of the other grid is a parallelogram there.
 """
 
@@ -11,11 +11,13 @@ import numpy as np
 from ...compiled.jit import jit, jit_inline
 from .cell_places import ROUNDING
 
-CORNERS = 8  # of a parallelogram that four half-planes cut
+CORNERS = 8  # [1] at most, of a parallelogram that four half-planes cut
 
 
 @jit
-def share_squares(amount, corner, across, along, cells):
+def share_squares(
+    amount: np.ndarray, corner: np.ndarray, across: np.ndarray, along: np.ndarray, cells: np.ndarray
+) -> None:
     """Give each cell the part of every square's amount that lies in it.
 
     The parts of a square that is inside the cells add up to its amount, to rounding.

@@ -1,5 +1,6 @@
-"""A film of an export: its flow depth over a hillshade, one picture for each step, as .mp4 or .gif."""
+"""Film of an export: its flow depth over a hillshade, one picture for each step, as .mp4 or .gif."""
 
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -26,13 +27,17 @@ from .run_picture import (
 )
 
 FORMATS = (".mp4", ".gif")
-PICTURES_PER_SECOND = 8  # as the project's temporal controller
-DOTS_PER_INCH = 110
-BAND = "h"
+PICTURES_PER_SECOND = 8  # [s-1] as the project's temporal controller
+DOTS_PER_INCH = 110  # [inch-1] about 1200 pixels across
+BAND = "h"  # that is shown
 
 
 def require_animation(path: Path) -> None:
-    """Refuse a name that ends in no format, and a machine without the encoder, before any work.
+    """Raise an error unless the name of a film ends in a format and this machine has the encoder.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -45,7 +50,7 @@ def require_animation(path: Path) -> None:
         import imageio_ffmpeg  # noqa: F401
 
 
-def write_animation(path: Path, run: ExportedRun, terrain: Terrain, release=()) -> int:
+def write_animation(path: Path, run: ExportedRun, terrain: Terrain, release: Sequence = ()) -> int:
     """Write the film of a run; it appears whole or not at all.
 
     Steps are shown as long as they last: a step twice as long as the shortest one is shown twice.
@@ -86,9 +91,18 @@ def _encoder(path):
 
 
 class Pictures:
-    """The map of a run, drawn once; `of` a step changes only the flow and the time in the title."""
+    """The map of a run, drawn once; `of` a step changes only the flow and the time in the title.
 
-    def __init__(self, run, terrain, release, decimals):
+    Parameters
+    ----------
+    run : ExportedRun
+    terrain : Terrain
+    release : list of shapely polygons
+    decimals : int
+        Of the times in the title.
+    """
+
+    def __init__(self, run: ExportedRun, terrain: Terrain, release: list, decimals: int):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -109,7 +123,17 @@ class Pictures:
         self._draw_legend(look, bool(release))
 
     def of(self, step: int) -> np.ndarray:
-        """uint8[rows, columns, 3], rows and columns even as H.264 wants them."""
+        """Draw the picture of a step.
+
+        Parameters
+        ----------
+        step : int
+
+        Returns
+        -------
+        uint8[rows, columns, 3]
+            Rows and columns are even, as H.264 requires.
+        """
         self._flow.set_data(self._colours(step))
         time = f"{self._run.times[step]:.{self._decimals}f}"
         self._axes.set_title(f"{self._run.name}   t = {time} s", loc="left", fontsize=12, fontweight="bold", pad=10)

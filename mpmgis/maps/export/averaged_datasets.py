@@ -1,7 +1,9 @@
 """Results in memory: folders and frames as xarray datasets, averaged as `mpmgis export-raster` does."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,12 +17,17 @@ from ...system.parallel import frame_pool
 from ...terrain.elevation import Terrain
 from ...terrain.georeference import name_of, same_place
 from ..averaging.band_products import PRODUCTS, choose_products
-from ..averaging.exported_folder import is_export
+from ..averaging.exported_steps import is_export
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import RunningMaxima, SolverPeaks
 from .export_inputs import refuse_nowhere
 from .export_plan import make_plan
 from .xarray_datasets import ELEVATION, averaged_step, averaged_steps, computed_bands, gridded, open_export, terrain_of
+
+if TYPE_CHECKING:
+    import xarray
+
+    from .export_request import ExportRequest
 
 
 @dataclass(frozen=True)
@@ -32,40 +39,55 @@ class GivenFrame:
     reader: str = OWN
 
     @property
-    def header(self):
+    def header(self) -> Frame:
         """The frame without its particles."""
         return replace(self.frame, particles=None, header=self.frame.header | {"count": self.count})
 
     @property
-    def time(self):
+    def time(self) -> float:
         """Time [s]."""
         return self.frame.time
 
     @property
-    def count(self):
+    def count(self) -> int:
         """Number of particles."""
         return len(self.frame.particles)
 
-    def read(self, density=1000.0):
-        """The frame, which has mass and volume: `density` is not used."""
+    def read(self, density: float = 1000.0) -> Frame:
+        """Return the frame, which has mass and volume.
+
+        Parameters
+        ----------
+        density : float [kg m-3]
+            Not used.
+        """
         return self.frame
 
-    def read_positions(self):
-        """The frame."""
+    def read_positions(self) -> Frame:
+        """Return the frame."""
         return self.frame
 
-    def read_maxima(self):
-        """Running peaks of the solver."""
+    def read_maxima(self) -> dict:
+        """Return the running peaks of the solver."""
         return self.frame.maxima
 
-    def read_bed_change(self):
-        """What the flow took from its bed."""
+    def read_bed_change(self) -> dict:
+        """Return what the flow took from its bed."""
         return self.frame.bed_change
 
 
 @dataclass(frozen=True)
 class AveragedSteps:
-    """Callable: FrameValues of a step, read and averaged at each call; `entries` of the steps, on `terrain`."""
+    """Function of the number of a step that reads and averages it at each call, to FrameValues.
+
+    Parameters
+    ----------
+    entries : tuple of FrameEntry
+        Of the steps.
+    averaging : Averaging
+    terrain : Terrain
+        Of the entries.
+    """
 
     entries: tuple
     averaging: Averaging
@@ -81,13 +103,20 @@ class AveragedSteps:
 
 @dataclass(frozen=True)
 class SolverMaxima:
-    """Callable: the solver's maxima over all steps on the cells of `averaging`, band name -> float32."""
+    """Function without arguments that puts the solver's maxima over all steps on cells, as float32 by band name.
+
+    Parameters
+    ----------
+    peaks : SolverPeaks
+    averaging : Averaging
+        Its grid has the cells.
+    """
 
     peaks: SolverPeaks
     averaging: Averaging
 
     @property
-    def names(self):
+    def names(self) -> tuple[str, ...]:
         """Names of the maxima bands."""
         return self.peaks.bands(self.averaging.min_depth)
 
@@ -99,15 +128,21 @@ class SolverMaxima:
         return {name: maxima.rows(name, 0, *grid.shape) for name in self.names}
 
 
-def open_results(folder, request, dem=None, given=()):
-    """A folder as a lazy xarray.Dataset: an export, or frames that are averaged when values are needed.
+def open_results(
+    folder: str | Path,
+    request: "ExportRequest",
+    dem: "str | Path | Terrain | xarray.DataArray | None" = None,
+    given: Sequence = (),
+) -> "xarray.Dataset":
+    """Open a folder as a lazy dataset: an export, or frames that are averaged when values are needed.
 
     Parameters
     ----------
     folder : str or Path
-    dem : as of `depth_average`
     request : ExportRequest
         Of frames.
+    dem : str, Path, Terrain or xarray.DataArray, optional
+        As in `depth_average`.
     given : sequence of str
         Names of the options given, which are an error for an exported folder.
 
@@ -124,15 +159,17 @@ def open_results(folder, request, dem=None, given=()):
     return _dataset(request, list_frames([folder], request.source.terms()), dem, lazy=True)
 
 
-def depth_average(frame, request, dem=None):
-    """One frame, a file's path or a Frame, depth-averaged onto cells (NHESS Eqs 2 to 14), in memory.
+def depth_average(
+    frame: "str | Path | Frame", request: "ExportRequest", dem: "str | Path | Terrain | xarray.DataArray | None" = None
+) -> "xarray.Dataset":
+    """Average one frame onto cells in memory (NHESS Eqs 2 to 14).
 
     Parameters
     ----------
     frame : str, Path or Frame
-    dem : path, Terrain or xarray.DataArray (rioxarray), optional
-        Default: the DTM named in the frame.
     request : ExportRequest
+    dem : str, Path, Terrain or xarray.DataArray, optional
+        With the georeference of rioxarray if it is an array. Default: the DTM named in the frame.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""PNG map of one band of a result over a hillshade."""
+"""Write one band of a result as a PNG map over a hillshade."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ from .run_picture import (
     map_view,
 )
 
-DOTS_PER_INCH = 100
+DOTS_PER_INCH = 100  # [inch-1] about 1100 pixels across
 WALL_COLOUR = "#111111"
 
 

@@ -1,4 +1,7 @@
-"""Rasters of what a flow made of its bed: eroded depth and rate, deposit, forest, new bed and surface."""
+"""Write rasters of what a flow made of its bed: eroded depth and rate, deposit, forest, new bed and surface."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -7,19 +10,31 @@ from ...system.messages import log
 from ...terrain.raster_output import SparseBands, write_geotiff
 from ..averaging.bed_change import eroded_depth, largest_rate, on_cells, share_beyond
 
+if TYPE_CHECKING:
+    from ..averaging.frame_values import FrameValues
+    from .planned_export import Plan
+
 BED_BANDS = ("eroded", "erosion_rate_max", "deposit")
-FOREST_BANDS = ("detrained", "broken_forest")
+FOREST_BANDS = ("detrained", "broken_forest")  # only with forest
 SURFACE_BANDS = ("surface_new", "bed_new")
-BEYOND_SHARE = 1e-3  # of a mass that lies beyond the edge of the DTM, above which it is reported
+BEYOND_SHARE = 1e-3  # [1] share of a mass beyond the edge of the DTM, above which it is reported
 
 
-def bed_bands(change):
-    """Names of the bands of `<name>_bed.tif` for what the last frame stores of the bed."""
+def bed_bands(change: dict) -> tuple[str, ...]:
+    """Return the names of the bands of `<name>_bed.tif`.
+
+    Parameters
+    ----------
+    change : dict
+        What the last frame stores of the bed; empty without erosion.
+    """
     return () if not change else (*BED_BANDS, *(FOREST_BANDS if "detrained_mass" in change else ()))
 
 
-def write_bed_rasters(plan, rasters, values, tags, cog, rate=None):
-    """Write `<name>_bed.tif` and `<name>_surface.tif` where the frames tell of erosion or forest.
+def write_bed_rasters(
+    plan: "Plan", rasters: Path, values: "FrameValues", tags: dict, cog: bool, rate: np.ndarray | None = None
+) -> dict[str, float]:
+    """Write `<name>_bed.tif` and `<name>_surface.tif` where the frames store erosion or forest.
 
     Parameters
     ----------
@@ -30,6 +45,7 @@ def write_bed_rasters(plan, rasters, values, tags, cog, rate=None):
         Of the last frame, with `mass`.
     tags : dict
     cog : bool
+        Cloud-optimised files.
     rate : float64[rows, columns], optional [m s-1]
         Largest speed at which the bed receded; without it, that between the frames of the plan.
 

@@ -1,7 +1,9 @@
-"""Inputs of an export, checked before any work: output folder, DTM, density of the release, release outlines."""
+"""Check the inputs of an export before any work: output folder, DTM, density of the release, release outlines."""
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +14,20 @@ from ...system.messages import log
 from ...system.whole_files import refuse_existing
 from ..averaging.maxima import SolverPeaks
 
+if TYPE_CHECKING:
+    from ...exchange.frame_list import FrameEntry
+    from ...exchange.frame_source import CellAveraging, FrameSource
+    from ...terrain.elevation import Terrain
+    from .export_request import ExportRequest
 
-def output_folder(request, entries):
-    """Path of the request, else `<name>_gis` next to the folder `<name>` of the frames.
+
+def output_folder(request: "ExportRequest", entries: Sequence) -> Path:
+    """Return the folder of an export: that of the request, else `<name>_gis` next to the folder `<name>` of the frames.
+
+    Parameters
+    ----------
+    request : ExportRequest
+    entries : sequence of FrameEntry
 
     Raises
     ------
@@ -33,8 +46,21 @@ def output_folder(request, entries):
     return output
 
 
-def release_density(source, entries):
-    """Density of the release [kg m-3]: that of the frames, else `density`, else mass over volume of the first frame."""
+def release_density(source: "FrameSource", entries: Sequence) -> float:
+    """Return the density of the release [kg m-3].
+
+    It is that of the frames, else `density`, else mass over volume of the first frame.
+
+    Parameters
+    ----------
+    source : FrameSource
+    entries : sequence of FrameEntry
+
+    Raises
+    ------
+    InputError
+        The density in the frames is not above 0.
+    """
     first = entries[0]
     stored = first.header.header.get("density")
     if stored is not None:
@@ -52,21 +78,37 @@ def release_density(source, entries):
     return density
 
 
-def log_unused_options(averaging, entries):
-    """Log options of the request without effect if all frames are columns."""
+def log_unused_options(averaging: "CellAveraging", entries: Sequence) -> None:
+    """Log options of the request without effect if all frames are columns.
+
+    Parameters
+    ----------
+    averaging : CellAveraging
+    entries : sequence of FrameEntry
+    """
     if all(entry.header.dimension == 2 for entry in entries) and (
         averaging.percentile < 100 or averaging.standoff != 0
     ):
         log.info("the frames are columns, which stand on the bed: `percentile` and `standoff` have no effect")
 
 
-def solver_peaks(entry):
-    """The solver's maxima of all steps up to a frame (SolverPeaks); None if it stored none."""
+def solver_peaks(entry: "FrameEntry") -> SolverPeaks | None:
+    """Read the solver's maxima of all steps up to a frame; None if it stored none.
+
+    Parameters
+    ----------
+    entry : FrameEntry
+    """
     return SolverPeaks.of(entry.read_maxima(), entry.time)
 
 
-def release_file(entries):
-    """Path of the release in the scene beside the frames; None without one."""
+def release_file(entries: Sequence) -> Path | None:
+    """Return the path of the release in the scene beside the frames; None without one.
+
+    Parameters
+    ----------
+    entries : sequence of FrameEntry
+    """
     scene = entries[0].path.parent / "scene.toml"
     try:
         source = tomllib.loads(scene.read_text(encoding="utf-8"))["release"]["source"]
@@ -75,14 +117,25 @@ def release_file(entries):
     return scene.parent / str(source)
 
 
-def release_name(entries):
-    """Name of the release: from the frames, else from its file, else from the frames' folder."""
+def release_name(entries: Sequence) -> str:
+    """Return the name of the release: from the frames, else from its file, else from the frames' folder.
+
+    Parameters
+    ----------
+    entries : sequence of FrameEntry
+    """
     stored, file = entries[0].header.header.get("release"), release_file(entries)
     return str(stored) if stored else file.stem if file is not None else entries[0].path.resolve().parent.name
 
 
-def release_outlines(entries, terrain):
-    """Polygons of the run's release in the terrain's CRS; None if its file is unknown or missing."""
+def release_outlines(entries: Sequence, terrain: "Terrain") -> list | None:
+    """Read the polygons of the run's release in the terrain's CRS; None if its file is unknown or missing.
+
+    Parameters
+    ----------
+    entries : sequence of FrameEntry
+    terrain : Terrain
+    """
     file = release_file(entries)
     if file is None:
         return None
@@ -95,8 +148,18 @@ def release_outlines(entries, terrain):
         return None
 
 
-def refuse_nowhere(entry, terrain):
-    """Raise an error: the frame has no particle on the DTM."""
+def refuse_nowhere(entry: "FrameEntry", terrain: "Terrain") -> None:
+    """Raise the error for a frame without a particle on the DTM.
+
+    Parameters
+    ----------
+    entry : FrameEntry
+    terrain : Terrain
+
+    Raises
+    ------
+    GeoreferenceError
+    """
     west, south, east, north = terrain.grid.bounds
     raise GeoreferenceError(
         f"{entry.path}: none of its {entry.count} particles is on {terrain.path} (E {west:.0f} to {east:.0f}, N "

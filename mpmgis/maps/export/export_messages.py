@@ -1,6 +1,7 @@
 """Messages about the frames and the maxima of an export."""
 
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,11 +11,23 @@ from ..averaging.maxima import BANDS as SOLVER_BANDS
 from ..averaging.maxima import MAXIMA_BANDS, WITHOUT_THRESHOLD
 from ..averaging.sampling import automatic_time_step, farthest_crossing
 
-MOST_FRAMES_LISTED = 12  # of another code, a line each
+if TYPE_CHECKING:
+    from .export_request import ExportRequest
+    from .planned_export import Plan
+    from .step_rasters import Tally
+
+MOST_FRAMES_LISTED = 12  # [frames] of another code that have a line each
 
 
-def log_export(request, plan, tally):
-    """Log facts and warnings about the frames of an export, each once."""
+def log_export(request: "ExportRequest", plan: "Plan", tally: "Tally") -> None:
+    """Log facts and warnings about the frames of an export, each once.
+
+    Parameters
+    ----------
+    request : ExportRequest
+    plan : Plan
+    tally : Tally
+    """
     if plan.entries[0].reader != OWN:
         _log_third_party(plan, tally)
     _log_kinds(plan.entries)

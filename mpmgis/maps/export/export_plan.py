@@ -1,16 +1,17 @@
-"""Plan of an export: cells, steps, bands and standoff, chosen from the request and the frames."""
+"""Choose the plan of an export from the request and the frames: cells, steps, bands and standoff."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...system.messages import log
-from ...terrain.elevation import Terrain
 from ..averaging.band_products import PRODUCTS, RUNNING
 from ..averaging.bed_change import bounds_of
-from ..averaging.cells import Bed
 from ..averaging.frame_values import Averaging, automatic_standoff, fastest_mean, reached, survey_frame
-from ..averaging.maxima import PRODUCTS_NEEDED, RUNNING_BANDS, SolverPeaks
+from ..averaging.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
+from ..averaging.placement import Bed
 from ..averaging.sampling import (
     automatic_cell_size,
     automatic_time_step,
@@ -20,36 +21,35 @@ from ..averaging.sampling import (
     require_cells_within,
 )
 from .export_inputs import log_unused_options, refuse_nowhere, release_density, solver_peaks
+from .planned_export import Plan
 from .step_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS
+
+if TYPE_CHECKING:
+    from ...system.parallel import FramePool
+    from ...terrain.elevation import Terrain
+    from .export_request import ExportRequest
 
 AUTO = "auto"
 
 
-@dataclass(frozen=True)
-class Plan:
-    """Plan of an export: the run's `name`, its frames, indices of those that are `steps`, and their averaging.
+def make_plan(
+    request: "ExportRequest", entries: Sequence, terrain: "Terrain", products: tuple, pool: "FramePool"
+) -> Plan:
+    """Choose cells, steps and standoff; frames are read only if one of these needs it.
 
-    `peaks` are the solver's maxima of all steps up to the last frame, None if it stored none.
+    Parameters
+    ----------
+    request : ExportRequest
+    entries : sequence of FrameEntry
+    terrain : Terrain
+    products : tuple of str
+        Bands of a step.
+    pool : FramePool
+
+    Returns
+    -------
+    Plan
     """
-
-    name: str
-    entries: tuple
-    steps: tuple
-    averaging: Averaging
-    bands: tuple
-    terrain: Terrain
-    time_step: float | None
-    peaks: SolverPeaks | None = None
-    bed_change: dict = field(default_factory=dict)  # of the last frame
-
-    @property
-    def frames_text(self):
-        """Number and names of the frames."""
-        return f"{len(self.entries)}, {self.entries[0].path.name} to {self.entries[-1].path.name}"
-
-
-def make_plan(request, entries, terrain, products, pool):
-    """Choose cells, steps and standoff; frames are read only if one of these needs it."""
     density = release_density(request.source, entries)
     log_unused_options(request.averaging, entries)
     standoff = 0.0 if request.averaging.standoff == AUTO else request.averaging.standoff
@@ -89,8 +89,13 @@ def make_plan(request, entries, terrain, products, pool):
     return Plan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change)
 
 
-def needed_products(products):
-    """The `products` with those that maxima and deposit are made of, in the order of the table."""
+def needed_products(products: tuple) -> tuple[str, ...]:
+    """Return products with those that maxima and deposit are made of, in the order of the table.
+
+    Parameters
+    ----------
+    products : tuple of str
+    """
     return tuple(name for name in PRODUCTS if name in (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS))
 
 

@@ -1,4 +1,4 @@
-"""Requests of the workflows in parts: frames, declarations about them, averaging of cells.
+"""Requests for exports and answers: results, cells, time steps and files.
 
 The option tables in `mpmgis.commands` describe their fields.
 """
@@ -14,10 +14,10 @@ from ...exchange.frame_source import CellAveraging, FrameSource
 class CellSampling:
     """Cells and time steps."""
 
-    cell_size: float | str | None = None  # [m]
-    time_step: float | str | None = None  # [s]
+    cell_size: float | str | None = None  # [m] or "auto"; None: that of the DTM
+    time_step: float | str | None = None  # [s] or "auto"; None: every frame
     north_up: bool = False
-    extent: str | None = None
+    extent: str | None = None  # "dtm" or "flow"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class Results:
         return self.source.frames
 
     def options_of_frames(self) -> list[str]:
-        """Names of the given options that apply only to frames."""
+        """Return the names of the given options that apply only to frames."""
         parts = (self.source, self.source.declarations, self.averaging, self.sampling)
         without = ("frames", "dem", "dem_band", "to_crs", "declarations")
         return [
@@ -81,7 +81,7 @@ class AnswerRequest:
     overwrite: bool = False
 
     def paths(self) -> list[Any]:
-        """Input paths other than the results: lines, points, guidelines, DTM, ..."""
+        """Return the input paths other than the results: lines, points, guidelines, DTM, ..."""
         own = [getattr(self, one.name) for one in fields(self) if one.name != "output"]
         source = self.results.source
         return [path for path in (*own, source.dem, source.declarations.sidecar) if isinstance(path, Path)]

@@ -1,13 +1,12 @@
-"""`mpmgis export-raster`: frames to a folder for GIS (Vicari et al. 2025, NHESS 25:3897).
-
-Messages about the frames of an export.
-"""
+"""Export frames to a folder for GIS: `mpmgis export-raster` (Vicari et al. 2025, NHESS 25:3897)."""
 
 import math
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...exchange.frame_list import list_frames
 from ...exchange.frame_source import CellAveraging
@@ -30,10 +29,13 @@ from .export_plan import make_plan
 from .export_request import ExportFiles, ExportRequest
 from .step_rasters import frame_maxima, write_rasters
 
+if TYPE_CHECKING:
+    from .export_request import Results
+
 SPOOL_FOLDER = ".steps"  # temporary, in the output folder
 
 
-def export_raster(request: ExportRequest, progress=lambda done, total: None) -> list[Path]:
+def export_raster(request: ExportRequest, progress: Callable = lambda done, total: None) -> list[Path]:
     """Write the folder for GIS, atomically.
 
     Parameters
@@ -101,8 +103,8 @@ def _as_the_paper(request):
     return replace(request, averaging=replace(averaging, bed="plane", min_depth=0.0))
 
 
-def peaks_of_frames(results, progress=lambda done, total: None):
-    """The Result (maxima, deposit, terrain) of frames, in memory.
+def peaks_of_frames(results: "Results", progress: Callable = lambda done, total: None) -> Result:
+    """Compute the maxima and the deposit of frames in memory, with their terrain.
 
     Parameters
     ----------

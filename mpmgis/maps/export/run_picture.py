@@ -22,22 +22,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-PIXELS = 1100  # along the longer side of the terrain
-DOTS_PER_INCH = 150
-MAP_LONG_SIDE = 7.5  # [inch]
-LABEL_WIDTH = 0.7  # [inch] along the axis
+PIXELS = 1100  # [pixels] of the hillshade along the longer side of the map
+DOTS_PER_INCH = 150  # [inch-1]
+MAP_LONG_SIDE = 7.5  # [inch] longer side of the map
+LABEL_WIDTH = 0.7  # [inch] along an axis, room for the number at a tick
 LEGEND_WIDTH = 2.6  # [inch]
-SCALE_BAR = 1.5  # [inch], its greatest length
-MARGIN = 0.12  # around the flow, as a share of its longer side
-POINTS_PER_INCH, LETTER = 72.0, 0.66  # mean width of a bold letter, of its size
-SLIMMEST = 0.62  # smallest ratio of the map sides
-LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees], share
-LIGHT_HEIGHT = 45.0  # [degrees]
-GREYS = (0.58, 1.0)  # of the darkest and lightest 2 % of the hillshade; light, so that colours stay readable
+SCALE_BAR = 1.5  # [inch] longest scale bar in the column of the legend
+LENGTH_OFF_MAP = 1.6  # [inch] longest scale bar at the lower end of the figure
+MARGIN = 0.12  # [1] around the flow, as a share of its longer side
+POINTS_PER_INCH = 72.0
+LETTER = 0.66  # [1] mean width of a bold letter over its size
+SLIMMEST = 0.62  # [1] smallest ratio of the map sides
+LIGHTS = ((315.0, 0.5), (270.0, 0.2), (0.0, 0.2), (225.0, 0.1))  # azimuth [degrees] and share [1] of each source
+LIGHT_HEIGHT = 45.0  # [degrees] of the sources over the horizon
+GREYS = (0.58, 1.0)  # [1] of the darkest and lightest 2 % of the hillshade; light, so that colours stay readable
 LEAST_CONTRAST = 0.02  # [1] of a hillshade between its darkest and lightest 2 %; less is not stretched further
-OPACITY = 0.82  # of values over the hillshade
-RELEASE_COLOUR, DEPOSIT_COLOUR, INK = "#0a4fd0", "#101010", "#333333"
-LENGTH_OFF_MAP = 1.6  # [inch] longest scale bar beside a map
+OPACITY = 0.82  # [1] of values over the hillshade
+RELEASE_COLOUR = "#0a4fd0"  # blue
+DEPOSIT_COLOUR = "#101010"  # nearly black
+INK = "#333333"  # dark grey, of axes and frames
 
 
 def write_picture(
@@ -96,9 +99,22 @@ def write_picture(
 
 
 def map_view(terrain: Terrain, grid: Grid, flow: np.ndarray, release: Sequence = ()) -> tuple:
-    """(west, south, east, north) [m] of the map: flow and release with a margin, within the terrain.
+    """Choose the part of a map to show: flow and release with a margin, within the terrain.
 
-    `flow` is bool[rows, columns] on `grid`. A narrow view is widened within the terrain.
+    A narrow view is widened within the terrain.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    grid : Grid
+        Of `flow`.
+    flow : bool[rows, columns]
+    release : sequence of shapely polygons
+
+    Returns
+    -------
+    (float, float, float, float)
+        West, south, east, north [m].
     """
     row, column = np.nonzero(flow)
     x, y = grid.xy(np.concatenate([row - 0.5, row + 0.5]), np.concatenate([column - 0.5, column + 0.5]))
@@ -117,7 +133,19 @@ def map_view(terrain: Terrain, grid: Grid, flow: np.ndarray, release: Sequence =
 
 
 def shaded_relief(elevation: np.ndarray, spacing: float) -> np.ndarray:
-    """float[rows, columns] in 0..1: hillshade of north-up heights [m], `spacing` [m] apart, with four light sources."""
+    """Compute a hillshade with four light sources.
+
+    Parameters
+    ----------
+    elevation : float[rows, columns] [m]
+        North-up.
+    spacing : float [m]
+
+    Returns
+    -------
+    float[rows, columns]
+        From 0 to 1.
+    """
     down, right = np.gradient(elevation, spacing)
     east, north = -right, down
     length = np.sqrt(east**2 + north**2 + 1.0)
@@ -131,7 +159,14 @@ def shaded_relief(elevation: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def map_axes(figure: "Figure", view: tuple) -> "Axes":
-    """Axes of the map, in a figure sized for the map and a legend at its right."""
+    """Add the axes of a map to a figure, and size the figure for the map and a legend at its right.
+
+    Parameters
+    ----------
+    figure : Figure
+    view : (float, float, float, float) [m]
+        West, south, east, north.
+    """
     west, south, east, north = view
     inch = MAP_LONG_SIDE / max(east - west, north - south)
     width, height = (east - west) * inch, (north - south) * inch
@@ -168,14 +203,34 @@ def _label_axes(axes, size):
 
 
 def draw_title(axes: "Axes", words: str, size: float = 12.0) -> None:
-    """Write a title of a `size` [points] over map and legend, in lines as long as the figure, two at most."""
+    """Write a title over map and legend, in at most two lines as long as the figure.
+
+    Parameters
+    ----------
+    axes : Axes
+    words : str
+    size : float [points]
+    """
     room = axes.figure.get_figwidth() * (1.0 - axes.get_position().x0) * POINTS_PER_INCH
     lines = textwrap.wrap(words, max(int(room / (LETTER * size)), 10), max_lines=2, placeholder=" ...")
     axes.set_title("\n".join(lines), loc="left", fontsize=size, fontweight="bold", pad=10 if len(lines) < 2 else 4)
 
 
 def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:
-    """Draw hillshade and contour lines; returns the contour interval [m], or 0 for a level terrain."""
+    """Draw hillshade and contour lines.
+
+    Parameters
+    ----------
+    axes : Axes
+    terrain : Terrain
+    view : (float, float, float, float) [m]
+        West, south, east, north.
+
+    Returns
+    -------
+    float
+        Contour interval [m]; 0 for a level terrain.
+    """
     west, south, east, north = view
     spacing = max(max(east - west, north - south) / PIXELS, terrain.grid.cell_size)
     x = np.arange(west - 1.5 * spacing, east + 2 * spacing, spacing)
@@ -211,9 +266,22 @@ def _stretched(shade):
 
 
 def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[ColourClass]:
-    """Draw the classes of a band over the hillshade; returns the classes that occur.
+    """Draw the classes of a band over the hillshade.
 
-    `values` float[rows, columns] are NaN without flow; depths up to `min_depth` [m] are not drawn.
+    Parameters
+    ----------
+    axes : Axes
+    grid : Grid
+    values : float[rows, columns]
+        NaN without flow.
+    look : Look
+    min_depth : float [m]
+        Depths up to this are not drawn.
+
+    Returns
+    -------
+    list of ColourClass
+        The classes that occur.
     """
     from matplotlib.colors import to_rgba
 
@@ -229,7 +297,14 @@ def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_de
 
 
 def draw_image(axes: "Axes", grid: Grid, image: np.ndarray) -> None:
-    """Draw colours float[rows, columns, 4] on the cells of `grid` (may be rotated); keeps the limits of the axes."""
+    """Draw colours on the cells of a grid, which may be rotated; the limits of the axes stay.
+
+    Parameters
+    ----------
+    axes : Axes
+    grid : Grid
+    image : float[rows, columns, 4]
+    """
     from matplotlib.transforms import Affine2D
 
     t, (rows, columns) = grid.transform, grid.shape
@@ -240,13 +315,25 @@ def draw_image(axes: "Axes", grid: Grid, image: np.ndarray) -> None:
 
 
 def beside(axes: "Axes") -> tuple[float, float]:
-    """Upper left corner of a legend right of a map, as a share of its sides; farther away from a slim one."""
+    """Return the upper left corner of a legend right of a map, as shares of its sides; farther away from a slim map.
+
+    Parameters
+    ----------
+    axes : Axes
+    """
     width = axes.get_position().width * axes.figure.get_figwidth()
     return 1.0 + max(0.03, (LABEL_WIDTH - width) / width), 1.0
 
 
 def draw_outline(axes: "Axes", shapes: Sequence, colour: str) -> None:
-    """Draw outlines with a white border, visible on any background."""
+    """Draw outlines with a white border, visible on any background.
+
+    Parameters
+    ----------
+    axes : Axes
+    shapes : sequence of shapely polygons
+    colour : str
+    """
     from matplotlib.patheffects import withStroke
 
     for polygon in shapely.get_parts(shapely.get_parts(np.array(shapes, dtype=object))):
@@ -263,7 +350,14 @@ def draw_outline(axes: "Axes", shapes: Sequence, colour: str) -> None:
 
 
 def draw_scale_bar(axes: "Axes", view: tuple) -> None:
-    """Draw a scale bar of a round length beside the map, below the legend, where it never covers the flow."""
+    """Draw a scale bar of a round length beside the map, below the legend, where it never covers the flow.
+
+    Parameters
+    ----------
+    axes : Axes
+    view : (float, float, float, float) [m]
+        West, south, east, north.
+    """
     from matplotlib.patches import Rectangle
 
     figure, (left, bottom) = axes.figure, _lower_left_corner(axes)
@@ -281,7 +375,12 @@ def draw_scale_bar(axes: "Axes", view: tuple) -> None:
 
 
 def draw_north_arrow(axes: "Axes") -> None:
-    """Draw an arrow beside the map, right of the scale bar; the map is always north-up."""
+    """Draw an arrow beside the map, right of the scale bar; the map is always north-up.
+
+    Parameters
+    ----------
+    axes : Axes
+    """
     from matplotlib.patches import FancyArrowPatch
 
     figure, (left, bottom) = axes.figure, _lower_left_corner(axes)
@@ -314,7 +413,14 @@ def _round_down(value):
 
 
 def draw_scale_and_north(axes: "Axes", view: tuple) -> None:
-    """Draw scale bar and north arrow in the column of the legend, off the map, at the lower end of the figure."""
+    """Draw scale bar and north arrow in the column of the legend, off the map, at the lower end of the figure.
+
+    Parameters
+    ----------
+    axes : Axes
+    view : (float, float, float, float) [m]
+        West, south, east, north.
+    """
     from matplotlib.patches import Rectangle
 
     figure, box = axes.figure, axes.get_position()

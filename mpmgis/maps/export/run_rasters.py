@@ -1,11 +1,13 @@
-"""Rasters that a run writes from the particles in memory, with `[output] rasters = true`: as `export-raster` of frames.
+"""Write the rasters of a run from the particles in memory: `[output] rasters = true`.
 
-A step is written before its frame. The maxima are in the state of frames for a restart. A run that is continued writes
-the steps after its last frame again, with the same values.
+They are those of `export-raster` of its frames. A step is written before its frame. The maxima are in the state of
+frames for a restart. A run that is continued writes the steps after its last frame again, with the same values.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,15 +22,16 @@ from ...system.whole_files import whole_file
 from ...terrain.raster_output import write_rows
 from ..averaging.band_products import PRODUCTS, RUNNING, choose_products
 from ..averaging.bed_change import eroded_depth
-from ..averaging.cells import Bed
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, SolverPeaks
+from ..averaging.placement import Bed
 from ..averaging.sampling import export_grid, require_cells_within
 from ..qgis.raster_styles import raster_styles
 from .bed_rasters import write_bed_rasters
 from .export_messages import log_export
-from .export_plan import Plan, needed_products
+from .export_plan import needed_products
 from .export_request import CellSampling, ExportRequest
+from .planned_export import Plan
 from .step_rasters import (
     Tally,
     absorb_peaks,
@@ -40,10 +43,16 @@ from .step_rasters import (
     write_terrain,
 )
 
+if TYPE_CHECKING:
+    from ...frames.particles import Frame
+    from ...frames.run_folder import RunFolder
+    from ...terrain.elevation import Terrain
+    from ...terrain.grid import Grid
+
 PREFIX = "rasters_"  # of arrays in the state of a frame
-RATE = f"{PREFIX}rate"
-KEPT_SECONDS = 60.0  # at least, of wall time between two frames with particles
-KEPT_SHARE = 0.05  # of wall time, at most, for writing these
+RATE = f"{PREFIX}rate"  # largest speed at which the bed receded
+KEPT_SECONDS = 60.0  # [s] shortest wall time between two frames with particles
+KEPT_SHARE = 0.05  # [1] largest share of the wall time for writing these frames
 
 
 @dataclass(frozen=True)
@@ -53,26 +62,27 @@ class RunPlan(Plan):
     interval: float = 0.0  # [s]
 
     @property
-    def frames_text(self):
+    def frames_text(self) -> str:
         """Times of the frames."""
         return f"every {self.interval:g} s, in the run"
 
 
 class RasterWriter:
-    """Writes the rasters of a run, and frames of particles from time to time.
+    """Writer of the rasters of a run, and of frames of particles from time to time.
 
     Parameters
     ----------
     folder : RunFolder
         Locked.
     prepared : Prepared
+        Scene and first frame of the run.
     terrain : Terrain
         As it is in the folder.
     resumed : bool
         The maxima are those of the newest frame in the folder.
     """
 
-    def __init__(self, folder, prepared, terrain, resumed):
+    def __init__(self, folder: "RunFolder", prepared: Any, terrain: "Terrain", resumed: bool):
         self.folder = folder
         output = prepared.scene.output
         bands = bands_of(output.raster_products)
@@ -109,8 +119,13 @@ class RasterWriter:
     def _with(self, entry, **changes):
         return replace(self.plan, entries=(entry,), steps=(0,), **changes)
 
-    def add(self, frame):
-        """Write the step of the next `frame`, and the frame itself if it is time."""
+    def add(self, frame: "Frame") -> None:
+        """Write the step of the next frame, and the frame itself if it is time.
+
+        Parameters
+        ----------
+        frame : Frame
+        """
         frame = self._add_step(frame)
         if self.folder.frames == 0 or time.perf_counter() - self._kept_at >= max(
             KEPT_SECONDS, self._kept_for / KEPT_SHARE
@@ -141,13 +156,23 @@ class RasterWriter:
         self._last = frame, values
         return replace(frame, state=frame.state | self._state())
 
-    def write(self, step, tags, rows_of, at_once=False):
-        """Write the raster of `step`; called by `write_step`."""
+    def write(self, step: int, tags: dict, rows_of: Callable, at_once: bool = False) -> None:
+        """Write the raster of a step; called by `write_step`.
+
+        Parameters
+        ----------
+        step : int
+        tags : dict
+        rows_of : callable
+            Of (band, first row, row after the last): rows of a band.
+        at_once : bool
+            Not used.
+        """
         path = self._place / RASTERS / f"{self.plan.name}_{step:04d}.tif"
         with whole_file(path) as part:
             write_rows(part, self.plan.averaging.grid, [BAND[name] for name in self.plan.bands], tags, rows_of)
 
-    def finish(self):
+    def finish(self) -> None:
         """Write the newest frame, and maxima, deposit and what became of the bed, of all frames so far."""
         if self._last is None:  # the run ended before its first frame
             return
@@ -219,8 +244,13 @@ class RasterWriter:
         return frame.state[name]
 
 
-def bands_of(text):
-    """The bands of a step, with those in the text of [output] raster_products.
+def bands_of(text: str | None) -> tuple[str, ...]:
+    """Return the bands of a step, with those of [output] raster_products.
+
+    Parameters
+    ----------
+    text : str or None
+        Names, with commas between them.
 
     Raises
     ------
@@ -236,8 +266,14 @@ def bands_of(text):
     return (*products, *(RUNNING_BANDS if RUNNING in names else ()))
 
 
-def raster_grid(terrain_grid, cell_size):
-    """The grid of the rasters, along the axes of the DTM; `cell_size` [m] is that of the scene, or None.
+def raster_grid(terrain_grid: "Grid", cell_size: float | None) -> "Grid":
+    """Return the grid of the rasters, along the axes of the DTM.
+
+    Parameters
+    ----------
+    terrain_grid : Grid
+    cell_size : float or None [m]
+        Of the scene.
 
     Raises
     ------

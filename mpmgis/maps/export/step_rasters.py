@@ -1,8 +1,10 @@
-"""The rasters of an export: one pass over the frames writes the steps, then maxima and deposit are written."""
+"""Write the rasters of an export: one pass over the frames writes the steps, then maxima and deposit are written."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,37 +13,65 @@ from ...laws.quantities import BAND, Quantity
 from ...system import operating_system
 from ...terrain.raster_output import SparseBands, write_ascii_grid, write_rows
 from ...terrain.raster_series import StepFiles, StepStacks, finished
-from ..averaging.band_products import PRODUCTS, layer_quantities
+from ..averaging.band_products import PRODUCTS
 from ..averaging.exported_folder import ExportedRun
 from ..averaging.frame_values import average_frame
+from ..averaging.height_layers import layer_quantities
 from ..averaging.maxima import MAXIMA_BANDS, PEAKS, Peak, RunningMaxima
 from ..averaging.result_bands import DEPOSIT
-from ..qgis.outlines import shown_particles, step_outline
+from ..qgis.outlines import StepOutline, shown_particles, step_outline
 from .bed_rasters import SURFACE_BANDS, bed_bands, write_bed_rasters
 from .export_inputs import refuse_nowhere, release_name, solver_peaks
 
+if TYPE_CHECKING:
+    from ...exchange.frame_list import FrameEntry
+    from ...system.parallel import FramePool
+    from ..averaging.frame_values import Averaging, FrameValues
+    from ..averaging.maxima import SolverPeaks
+    from ..qgis.outlines import StepSpool
+    from .export_request import ExportRequest
+    from .planned_export import Plan
+
 DEPOSIT_BANDS = ("h", "t", "t_vol")
-ARROW_BANDS = ("Ut_E", "Ut_N")
+ARROW_BANDS = ("Ut_E", "Ut_N")  # components of the arrows of the mesh
 TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
 # ISeeSnow: peak flow thickness [m], peak flow velocity [m s-1], peak pressure [kPa]
 ISEESNOW = {"pft": Peak("t_vol", True), "pfv": Peak("Ut", True), "ppr": Peak("p", True)}
 ISEESNOW_PRODUCTS = ("h", "Ut", "t_vol", "p")
-PASCAL_PER_KILOPASCAL = 1000.0
-DIGEST_LENGTH = 10  # as in other codes of the intercomparison
+PASCAL_PER_KILOPASCAL = 1000.0  # [Pa kPa-1]
+DIGEST_LENGTH = 10  # [letters] as in other codes of the intercomparison
 
 
 @dataclass(frozen=True)
 class StepShapes:
-    """Features of an exported frame in the GeoPackage: its outline and the particles to show."""
+    """Features of an exported frame in the GeoPackage.
 
-    outline: object
+    Parameters
+    ----------
+    outline : StepOutline or None
+    shown : dict
+        The particles that are shown (`shown_particles`).
+    """
+
+    outline: StepOutline | None
     shown: dict
 
 
-def average_entry(entry, averaging, totals):
-    """The values of one frame on disk and its shapes (None without `totals`).
+def average_entry(entry: "FrameEntry", averaging: "Averaging", totals: dict) -> "tuple[FrameValues, StepShapes | None]":
+    """Read and average one frame on disk, and make its shapes.
 
-    Particles are thinned for a total of `totals[dimension]`, separately for columns and points.
+    Particles are thinned separately for columns and points.
+
+    Parameters
+    ----------
+    entry : FrameEntry
+    averaging : Averaging
+    totals : dict of int to int
+        Number of particles by dimension, from which they are thinned; empty: no shapes.
+
+    Returns
+    -------
+    (FrameValues, StepShapes or None)
     """
     frame = entry.read(averaging.density)
     values = average_frame(frame, averaging)
@@ -54,7 +84,29 @@ def average_entry(entry, averaging, totals):
 
 @dataclass
 class Tally:
-    """The worst frame for each message, and the largest values."""
+    """The worst frame for each message, and the largest values.
+
+    Parameters
+    ----------
+    outside : (int, float, str)
+        Particles outside the DTM, their mass [kg], name of the frame.
+    without_slope : (int, str)
+        Particles on pixels without a slope, name of the frame.
+    below : (float, float, str)
+        Share of the mass below the DTM [1], smallest distance from it [m], name of the frame.
+    moved : (int, str)
+        Particles moved to the edge, name of the frame.
+    column_side : float [m]
+        Largest resolution of columns.
+    point_side : (float, str)
+        Largest cell size of Eq 15 [m], name of the frame.
+    speeds : list of float [m s-1]
+        Largest mean speed on the map of each frame.
+    largest : dict of str to float
+        Largest absolute value of each band over the steps.
+    frames : list of (int, float, float)
+        Particles, mass [kg], and share of it below the DTM of each frame.
+    """
 
     outside: tuple = (0, 0.0, "")
     without_slope: tuple = (0, "")
@@ -66,8 +118,15 @@ class Tally:
     largest: dict = field(default_factory=dict)
     frames: list = field(default_factory=list)  # (particles, mass [kg], share of it below the bed) of each
 
-    def add(self, name, values):
-        """Add the values of the frame named `name`."""
+    def add(self, name: str, values: "FrameValues") -> None:
+        """Add the values of a frame.
+
+        Parameters
+        ----------
+        name : str
+            Of the frame.
+        values : FrameValues
+        """
         self.frames.append((values.count, values.mass, values.below))
         self.outside = max(self.outside, (values.outside, values.mass_outside, name))
         self.without_slope = max(self.without_slope, (values.without_slope, name))
@@ -77,15 +136,27 @@ class Tally:
         self.point_side = max(self.point_side, (values.point_side, name))
         self.speeds.append(values.fastest)
 
-    def add_step(self, values):
-        """Add the values of an exported step."""
+    def add_step(self, values: "FrameValues") -> None:
+        """Add the values of an exported step.
+
+        Parameters
+        ----------
+        values : FrameValues
+        """
         for name, value in values.values.items():
             largest = float(np.fmax.reduce(np.abs(value), initial=0.0))
             self.largest[name] = max(self.largest.get(name, 0.0), largest)
 
 
-def write_rasters(request, plan, folder, pool, spool, progress):
-    """Average every frame of `plan` and write all rasters into `folder`.
+def write_rasters(
+    request: "ExportRequest",
+    plan: "Plan",
+    folder: Path,
+    pool: "FramePool",
+    spool: "StepSpool | None",
+    progress: Callable,
+) -> tuple[ExportedRun, Tally]:
+    """Average every frame of a plan and write all rasters.
 
     Parameters
     ----------
@@ -131,8 +202,15 @@ def write_rasters(request, plan, folder, pool, spool, progress):
     return exported(plan, folder, writer.files, maxima, tally), tally
 
 
-def frame_maxima(plan, pool, progress):
-    """Maxima and deposit of the frames of `plan`, in memory.
+def frame_maxima(plan: "Plan", pool: "FramePool", progress: Callable) -> tuple[dict, Tally]:
+    """Compute maxima and deposit of the frames of a plan in memory.
+
+    Parameters
+    ----------
+    plan : Plan
+    pool : FramePool
+    progress : callable
+        Called with (frames done, frames in all).
 
     Returns
     -------
@@ -178,8 +256,19 @@ def _peaks_up_to(plan, frame):
     return solver_peaks(plan.entries[frame]) if set(plan.bands) & set(PEAKS) else None
 
 
-def absorb_peaks(averaging, peaks, maxima, second=None):
-    """Add the solver's maxima to the maxima on the export's grid and on the second one."""
+def absorb_peaks(
+    averaging: "Averaging", peaks: "SolverPeaks | None", maxima: RunningMaxima, second: RunningMaxima | None = None
+) -> None:
+    """Add the solver's maxima to the maxima on the export's grid and on the second one.
+
+    Parameters
+    ----------
+    averaging : Averaging
+    peaks : SolverPeaks or None
+    maxima : RunningMaxima
+    second : RunningMaxima, optional
+        On the second grid.
+    """
     if peaks is None:
         return
     for store, grid in ((maxima, averaging.grid), (second, averaging.second_grid)):
@@ -207,8 +296,28 @@ def _step_writer(request, plan, rasters, pool):
     return StepFiles(rasters, plan.name, grid, quantities, len(times), request.files.cog, pool.threads, pool.workers)
 
 
-def write_step(plan, writer, step, entry, values, maxima, peaks):
-    """Write the bands of step number `step`, the FrameValues of the FrameEntry `entry`, with `writer`."""
+def write_step(
+    plan: "Plan",
+    writer: object,
+    step: int,
+    entry: "FrameEntry",
+    values: "FrameValues",
+    maxima: RunningMaxima,
+    peaks: "SolverPeaks | None",
+) -> None:
+    """Write the bands of a step.
+
+    Parameters
+    ----------
+    plan : Plan
+    writer : StepFiles, StepStacks or RasterWriter
+    step : int
+    entry : FrameEntry
+    values : FrameValues
+        Of the entry.
+    maxima : RunningMaxima
+    peaks : SolverPeaks or None
+    """
     products = [name for name in plan.bands if name in PRODUCTS]
     running = plan.bands[len(products) :]
     known = SparseBands(
@@ -245,8 +354,18 @@ def _write_layers(plan, folder, step, entry, values, cog):
     write_rows(folder / "layers" / f"{plan.name}_{step:04d}.tif", grid, layer_quantities(edges), tags, rows_of, cog)
 
 
-def write_maxima(plan, path, maxima, tally, cog):
-    """Write the maxima of a run, as RunningMaxima, to `path`."""
+def write_maxima(plan: "Plan", path: Path, maxima: RunningMaxima, tally: Tally, cog: bool) -> None:
+    """Write the maxima of a run.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : Path
+    maxima : RunningMaxima
+    tally : Tally
+    cog : bool
+        Cloud-optimised file.
+    """
     columns = plan.averaging.grid.shape[1]
     tags = run_tags(plan) | _maxima_tags(plan, plan.peaks)
     tags |= {"particles_outside": tally.outside[0], "mass_outside": tally.outside[1]}
@@ -260,8 +379,18 @@ def write_maxima(plan, path, maxima, tally, cog):
     )
 
 
-def write_deposit(plan, path, values, cog):
-    """Write the deposit, the FrameValues of the last frame, to `path`."""
+def write_deposit(plan: "Plan", path: Path, values: "FrameValues", cog: bool) -> None:
+    """Write the deposit.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : Path
+    values : FrameValues
+        Of the last frame.
+    cog : bool
+        Cloud-optimised file.
+    """
     bands = [(values.values[name], PRODUCTS[name].empty) for name in DEPOSIT_BANDS]
     write_rows(
         path,
@@ -274,8 +403,16 @@ def write_deposit(plan, path, values, cog):
     )
 
 
-def write_terrain(plan, path, cog):
-    """Write the elevation of the cells to `path`."""
+def write_terrain(plan: "Plan", path: Path, cog: bool) -> None:
+    """Write the elevation of the cells.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : Path
+    cog : bool
+        Cloud-optimised file.
+    """
     grid, tags = plan.averaging.grid, {"dem": Path(plan.terrain.path).name, "dem_sha256": plan.terrain.sha256}
     tags |= _tags_of_reprojection(plan.terrain)
     rows_of = partial(_elevation, plan.terrain, grid)
@@ -305,8 +442,13 @@ def _tags_of_reprojection(terrain):
     return {} if how is None else {f"dem_{name}": value for name, value in how.facts().items()}
 
 
-def run_tags(plan):
-    """Tags of every raster of the export: version, inputs and settings."""
+def run_tags(plan: "Plan") -> dict:
+    """Return the tags of every raster of the export: version, inputs and settings.
+
+    Parameters
+    ----------
+    plan : Plan
+    """
     averaging, first = plan.averaging, plan.entries[0]
     return _tags_of_reprojection(plan.terrain) | {
         "version": __version__,
@@ -325,8 +467,18 @@ def run_tags(plan):
     }
 
 
-def exported(plan, folder, step_files, maxima, tally):
-    """The ExportedRun of the rasters of `plan` in `folder`."""
+def exported(plan: "Plan", folder: Path, step_files: Iterable, maxima: RunningMaxima, tally: Tally) -> ExportedRun:
+    """Describe the rasters of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+    step_files : iterable of str
+        Names in the folder `rasters`.
+    maxima : RunningMaxima
+    tally : Tally
+    """
     largest = tally.largest | {name: maxima.largest(name) for name in MAXIMA_BANDS}
     return ExportedRun(
         folder=folder,

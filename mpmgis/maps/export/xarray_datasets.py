@@ -1,9 +1,12 @@
-"""Results as lazy xarray datasets with CRS and CF attributes; particles as GeoDataFrames.
+"""Open results as lazy xarray datasets with CRS and CF attributes; particles as GeoDataFrames.
 
 Dimensions are (time, y, x), rows from north to south as in the rasters; NaN where a raster has nodata.
 """
 
 import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import geopandas
 import numpy as np
@@ -23,9 +26,13 @@ from ...terrain.georeference import require_metric
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import SparseBands
-from ..averaging.exported_folder import open_steps, read_part
+from ..averaging.exported_folder import read_part
+from ..averaging.exported_steps import open_steps
 
-BLOCK = 2048  # rows and columns that are read at once
+if TYPE_CHECKING:
+    from ..averaging.frame_values import FrameValues
+
+BLOCK = 2048  # [cells] rows and columns that are read at once
 ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
 TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile")  # of the steps, copied to the dataset
 DEPOSIT = "deposit"  # suffix of the bands of the last step's own raster
@@ -33,10 +40,23 @@ _TIME = {"units": "s", "long_name": "time since the start of the run", "axis": "
 _PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # encoding in NetCDF
 
 
-def particle_table(frame):
-    """GeoDataFrame of a Frame's particles: points with x, y, z [m], u, v, w [m s-1], mass [kg], volume [m3], ...
+def particle_table(frame: Frame) -> geopandas.GeoDataFrame:
+    """Return a table of a frame's particles, one point each.
 
-    `frame` is in memory; z of a column is its bed.
+    Parameters
+    ----------
+    frame : Frame
+        With its particles in memory.
+
+    Returns
+    -------
+    geopandas.GeoDataFrame
+        With x, y, z [m] (z of a column is its bed), u, v, w [m s-1], mass [kg], volume [m3], ...
+
+    Raises
+    ------
+    InputError
+        Not a Frame, or without particles.
     """
     if not isinstance(frame, Frame) or frame.particles is None:
         raise InputError(f"got {type(frame).__name__}, expected a Frame with its particles (mpmgis.read_frame)")
@@ -49,10 +69,20 @@ def particle_table(frame):
     return geopandas.GeoDataFrame(columns, geometry=shapely.points(x, y), crs=frame.crs)
 
 
-def cell_table(dataset, wet="h"):
-    """GeoDataFrame of the cells of a Dataset where `wet` is above 0: squares, one table column per band.
+def cell_table(dataset: xarray.Dataset, wet: str = "h") -> geopandas.GeoDataFrame:
+    """Return a table of the cells with flow: squares, one table column per band.
 
-    `dataset` has no time dimension (select one time: `.isel(time=-1)`).
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Without a time dimension (select one time: `.isel(time=-1)`).
+    wet : str
+        Band that is above 0 in cells with flow.
+
+    Raises
+    ------
+    InputError
+        A time dimension, or no band `wet`.
     """
     if "time" in dataset.dims:
         raise InputError("the dataset has a time dimension; select one time, for example dataset.isel(time=-1)")
@@ -69,8 +99,8 @@ def cell_table(dataset, wet="h"):
     )
 
 
-def gridded(grid, variables, times=None, **attributes):
-    """The Dataset of `variables` on `grid`.
+def gridded(grid: Grid, variables: dict, times: Sequence | None = None, **attributes: object) -> xarray.Dataset:
+    """Put arrays on a grid into a dataset.
 
     Parameters
     ----------
@@ -128,8 +158,8 @@ def _lazy(function, **options):
     return dask.array.map_blocks(function, **options)
 
 
-def averaged_steps(count, quantities, grid, frame_values):
-    """Name -> (Quantity, lazy float32[count, rows, columns]) of bands that are averaged on access.
+def averaged_steps(count: int, quantities: list, grid: Grid, frame_values: Callable) -> dict:
+    """Return bands of steps that are averaged on access.
 
     Parameters
     ----------
@@ -140,6 +170,11 @@ def averaged_steps(count, quantities, grid, frame_values):
     grid : Grid
     frame_values : callable
         `frame_values(step)` returns a FrameValues with these quantities.
+
+    Returns
+    -------
+    dict of str to (Quantity, float32[count, rows, columns])
+        By name; the arrays are lazy.
     """
     rows, columns = grid.shape
     stack = _lazy(
@@ -159,21 +194,46 @@ def _averaged_block(quantities, grid, frame_values, block_info=None):
     return averaged_bands(quantities, grid, values)[np.newaxis]
 
 
-def averaged_step(quantities, grid, values):
-    """Name -> (Quantity, float32[1, rows, columns]) of the bands of one step's FrameValues; as `averaged_steps`."""
+def averaged_step(quantities: list, grid: Grid, values: "FrameValues") -> dict:
+    """Return the bands of one step.
+
+    Parameters
+    ----------
+    quantities : list of (Quantity, float)
+    grid : Grid
+        Both as in `averaged_steps`.
+    values : FrameValues
+
+    Returns
+    -------
+    dict of str to (Quantity, float32[1, rows, columns])
+        By name.
+    """
     bands = averaged_bands(quantities, grid, values)
     return {quantity.name: (quantity, bands[k : k + 1]) for k, (quantity, _) in enumerate(quantities)}
 
 
-def averaged_bands(quantities, grid, values):
-    """float32[bands, rows, columns] of the `quantities` (Quantity, value without particles) in a step's FrameValues."""
+def averaged_bands(quantities: list, grid: Grid, values: "FrameValues") -> np.ndarray:
+    """Put the cell values of a step on the grid.
+
+    Parameters
+    ----------
+    quantities : list of (Quantity, float)
+    grid : Grid
+        Both as in `averaged_steps`.
+    values : FrameValues
+
+    Returns
+    -------
+    float32[bands, rows, columns]
+    """
     bands = [(values.values[quantity.name], empty) for quantity, empty in quantities]
     rows_of = SparseBands(grid, values.index, bands)
     return np.stack([rows_of(band, 0, grid.shape[0]) for band in range(len(bands))])
 
 
-def computed_bands(quantities, grid, compute):
-    """Name -> (Quantity, lazy float32[rows, columns]) of bands that are computed together on first access.
+def computed_bands(quantities: list, grid: Grid, compute: Callable) -> dict:
+    """Return bands that are computed together on first access.
 
     Parameters
     ----------
@@ -181,6 +241,11 @@ def computed_bands(quantities, grid, compute):
     grid : Grid
     compute : callable
         `compute()` returns name -> float32[rows, columns].
+
+    Returns
+    -------
+    dict of str to (Quantity, float32[rows, columns])
+        By name; the arrays are lazy.
     """
     stack = _lazy(
         _computed_block,
@@ -198,8 +263,12 @@ def _computed_block(names, compute):
     return np.stack([values[name] for name in names])
 
 
-def open_export(folder):
-    """The Dataset of an export folder: bands of the steps, maxima, deposit and terrain, all lazy.
+def open_export(folder: str | Path) -> xarray.Dataset:
+    """Open an export folder: bands of the steps, maxima, deposit and terrain, all lazy.
+
+    Parameters
+    ----------
+    folder : str or Path
 
     Raises
     ------
@@ -262,8 +331,13 @@ def _read_block(paths, band, block_info=None):
         return read_part(source, band, tuple(slice(*part) for part in window))[np.newaxis]
 
 
-def terrain_of(array):
-    """The Terrain in an xarray.DataArray [y, x] of elevations [m] with the georeference of rioxarray.
+def terrain_of(array: xarray.DataArray) -> Terrain:
+    """Return the terrain in an array of elevations with the georeference of rioxarray.
+
+    Parameters
+    ----------
+    array : xarray.DataArray [m]
+        Dimensions y and x.
 
     Raises
     ------

@@ -26,11 +26,11 @@ VIK = ("#05528a", "#4289af", "#9dc4d6", "#ece5e0", "#dfb298", "#c87c51", "#a7431
 DEPTH_LIMITS = (0.5, 1, 2, 3, 4, 5)  # [m]
 SPEED_LIMITS = (1, 5, 10, 15, 20, 25, 30)  # [m/s]
 PRESSURE_LIMITS = (1, 10, 25, 50, 100)  # [kPa]
-PROBABILITY_LIMITS = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9)
-CLASS_STEPS = (1, 2, 2.5, 5, 10)  # times a power of ten
-MOST_CLASSES = 7  # of equal width
-BEYOND_HAZARD = 1.25  # times the last hazard class: the largest typical value that keeps the hazard classes
-OPACITY = 0.75  # of a flow over the hillshade
+PROBABILITY_LIMITS = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9)  # [1]
+CLASS_STEPS = (1, 2, 2.5, 5, 10)  # widths of classes, times a power of ten
+MOST_CLASSES = 7  # [classes] of equal width
+BEYOND_HAZARD = 1.25  # [1] largest typical value that keeps the hazard classes, over the last of them
+OPACITY = 0.75  # [1] of a flow over the hillshade
 NORMAL_SIGN = "+ away from it, - into it"
 PROBABILITY = "P_"  # prefix of probability bands
 STATISTIC = re.compile(r"max|min|mean|arrival|p\d+(\.\d+)?")  # last part of a band's name
@@ -39,9 +39,21 @@ STATISTIC = re.compile(r"max|min|mean|arrival|p\d+(\.\d+)?")  # last part of a b
 class Look(NamedTuple):
     """Display style of one band.
 
-    `words`: name in the layer list; `unit`: displayed unit, with values `factor` times the band's; `ramp`: colours from
-    low to high; `limits`: hazard classes in `unit` (empty: classes of the run); `shown`: "depth" (hidden below the
-    smallest depth), "size" (hidden at zero), "rate" (shown from zero) or "signed" (symmetric about zero).
+    Parameters
+    ----------
+    words : str
+        Name in the layer list.
+    unit : str
+        Displayed unit.
+    ramp : tuple of str
+        Colours from low to high.
+    shown : str
+        "depth" (hidden below the smallest depth), "size" (hidden at zero), "rate" (shown from zero) or "signed"
+        (symmetric about zero).
+    limits : tuple of float
+        Hazard classes in `unit`; empty: classes of the run.
+    factor : float
+        Displayed value over the band's.
     """
 
     words: str
@@ -52,11 +64,23 @@ class Look(NamedTuple):
     factor: float = 1.0
 
     def title(self, name: str) -> str:
-        """Name of a dataset: words, symbol and unit."""
+        """Return the name of a dataset: words, symbol and unit.
+
+        Parameters
+        ----------
+        name : str
+            Of the band.
+        """
         return f"{self.words} {name}" + (f" ({self.unit})" if self.unit else "")
 
     def layer_name(self, name: str) -> str:
-        """Name in the layer list, with what differs first, for example "h max [m]: largest flow depth (normal)"."""
+        """Return the name in the layer list, symbol first, for example "h max [m]: largest flow depth (normal)".
+
+        Parameters
+        ----------
+        name : str
+            Of the band.
+        """
         return f"{symbol(name)}{self.bracket}: {self.words}"
 
     @property
@@ -96,7 +120,13 @@ LOOKS = {
 
 
 def symbol(name: str) -> str:
-    """A band's name as a symbol: "h max", "Ut p95", "P(h >= 0.5 m)", "P(arrival)"."""
+    """Return a band's name as a symbol: "h max", "Ut p95", "P(h >= 0.5 m)", "P(arrival)".
+
+    Parameters
+    ----------
+    name : str
+        Of the band.
+    """
     of, _, last = name.removeprefix(PROBABILITY).rpartition("_")
     if not name.startswith(PROBABILITY):
         return f"{of} {last}" if of and STATISTIC.fullmatch(last) else name
@@ -105,9 +135,13 @@ def symbol(name: str) -> str:
 
 
 def look_of(quantity: Quantity) -> Look:
-    """The Look of a band; a band outside the table is shown by size.
+    """Return the display style of a band; a band outside the table is shown by size.
 
     Probabilities have their own classes; an ensemble statistic (`h_mean`, `p_p95`) has the look of its quantity.
+
+    Parameters
+    ----------
+    quantity : Quantity
     """
     if quantity.name.startswith(PROBABILITY):
         return Look(quantity.long_name, "", ACTON_REVERSED, "size", PROBABILITY_LIMITS)
@@ -117,10 +151,21 @@ def look_of(quantity: Quantity) -> Look:
 
 
 def class_limits(look: Look, typical: float) -> tuple:
-    """Upper limits of all classes except the last, in the look's unit, for values up to `typical` (the band's unit).
+    """Choose the upper limits of all classes except the last.
 
-    The hazard classes if `typical` lies between the third limit and 1.25 times the last; else classes of equal width
-    (1, 2, 2.5 or 5 times a power of ten) with the first one halved, and the last one open below `typical`.
+    They are the hazard classes if `typical` lies between the third limit and 1.25 times the last; else classes of equal
+    width (1, 2, 2.5 or 5 times a power of ten) with the first one halved, and the last one open below `typical`.
+
+    Parameters
+    ----------
+    look : Look
+    typical : float
+        Typical largest value, in the band's unit.
+
+    Returns
+    -------
+    tuple of float
+        In the look's unit.
     """
     reached = typical * look.factor
     hazard = look.limits
@@ -140,7 +185,12 @@ def _equal_classes(reached):
 
 
 def round_up(value: float) -> float:
-    """The next 1, 2 or 5 times a power of ten at or above `value`; 1 if `value` is not positive or not finite."""
+    """Return the next 1, 2 or 5 times a power of ten at or above a value; 1 if it is not positive or not finite.
+
+    Parameters
+    ----------
+    value : float
+    """
     if not 1e-300 < value < 1e300:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
@@ -148,7 +198,13 @@ def round_up(value: float) -> float:
 
 
 def ramp_colours(ramp: tuple, count: int) -> list[str]:
-    """`count` hex colours spread evenly over a ramp, ends included."""
+    """Return hex colours spread evenly over a ramp, ends included.
+
+    Parameters
+    ----------
+    ramp : tuple of str
+    count : int
+    """
     stops = np.array([[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in ramp], dtype=float)
     at = np.linspace(0, len(ramp) - 1, count)
     channels = [np.interp(at, np.arange(len(ramp)), stops[:, k]) for k in range(3)]
@@ -156,7 +212,16 @@ def ramp_colours(ramp: tuple, count: int) -> list[str]:
 
 
 class ColourClass(NamedTuple):
-    """One legend class: values up to `upper` [the band's unit] in `colour` (None: transparent)."""
+    """One class of a legend.
+
+    Parameters
+    ----------
+    upper : float
+        Largest value, in the band's unit.
+    colour : str or None
+        None: transparent.
+    label : str
+    """
 
     upper: float
     colour: str | None
@@ -164,7 +229,20 @@ class ColourClass(NamedTuple):
 
 
 def colour_classes(look: Look, typical: float, min_depth: float = 0.0) -> list[ColourClass]:
-    """List of ColourClass for all values of a band, from a transparent class (if any) to "> limit"."""
+    """Return the classes for all values of a band, from a transparent class (if any) to "> limit".
+
+    Parameters
+    ----------
+    look : Look
+    typical : float
+        Typical largest value, in the band's unit.
+    min_depth : float [m]
+        Depths up to this are transparent.
+
+    Returns
+    -------
+    list of ColourClass
+    """
     limits = class_limits(look, typical)
     floor = min_depth if look.shown == "depth" and min_depth < limits[0] else 0.0
     classes = [] if look.shown == "rate" else [ColourClass(floor, None, f"up to {floor:g} (not drawn)")]

@@ -1,4 +1,4 @@
-"""The flow as a UGRID mesh in NetCDF, for velocity arrows in QGIS and for xarray.
+"""Write the flow as a UGRID mesh in NetCDF, for velocity arrows in QGIS and for xarray.
 
 Only cells that the flow ever reached are faces, so a narrow flow on a wide terrain gives a small file.
 Conventions: UGRID 1.0 and CF-1.11, in the subset that QGIS (MDAL) reads: the corners of a face run counter-clockwise,
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from .outlines import StepSpool
 
 
-MESH_BANDS = ("h", "t", "Un", "Ut")
+MESH_BANDS = ("h", "t", "Un", "Ut")  # scalars
 VELOCITY = "velocity along the slope (m/s)"
 BED = "Bed Elevation"  # name of node heights in QGIS
 REFERENCE_SYSTEM = "projected_coordinate_system"  # the name that MDAL looks for
-COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}
-LEAST_REPEATED = 0.25  # share of repeated bytes, below which compression is not worthwhile
+COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}  # of the vector
+LEAST_REPEATED = 0.25  # [1] share of repeated bytes, below which compression is not worthwhile
 LIGHT = {"zlib": True, "complevel": 1, "shuffle": True}  # compression
 
 
@@ -83,7 +83,14 @@ def _title_and_unit(run, name):
 
 
 def dataset_title(run: ExportedRun, name: str) -> str:
-    """Long name of a scalar of the mesh, which is the name of its group in QGIS."""
+    """Return the long name of a scalar of the mesh, which is the name of its group in QGIS.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    name : str
+        Of the band.
+    """
     return look_of(next(q for q in run.step_bands if q.name == name)).title(name)
 
 
@@ -109,7 +116,21 @@ def _chunks(steps, faces, names, threads):
 
 
 def step_chunks(steps: "StepSpool", step: int, faces: np.ndarray, names: list[str]) -> list[bytes]:
-    """List of bytes: a step's values of the variables `names` on `faces`, each packed as a chunk of the file."""
+    """Pack the values of a step, each variable as a chunk of the file.
+
+    Parameters
+    ----------
+    steps : StepSpool
+    step : int
+    faces : int64[f]
+        Flat numbers of the faces in the run's grid, ascending.
+    names : list of str
+        Of the variables.
+
+    Returns
+    -------
+    list of bytes
+    """
     index, values = steps.bands(step)
     place = np.searchsorted(faces, index)
     on = faces[np.minimum(place, len(faces) - 1)] == index  # some cells are not faces
@@ -161,7 +182,17 @@ def _write_values(path, names, steps):
 
 
 def group_names(path: Path) -> list[str]:
-    """List of the dataset groups of a mesh written here, in the order of QGIS; [] without a file."""
+    """Read the dataset groups of a mesh written here, in the order of QGIS.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of str
+        Empty without a file.
+    """
     import netCDF4
 
     if not path.exists():

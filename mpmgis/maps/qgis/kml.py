@@ -1,6 +1,7 @@
-"""Outlines and maxima as KMZ for Google Earth and other viewers of the globe, in WGS 84."""
+"""Write outlines and maxima as KMZ for Google Earth and other viewers of the globe, in WGS 84."""
 
 import zipfile
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,12 +16,18 @@ from .map_clock import Clock, stamp
 from .outlines import mask_outline
 
 DRIVER = "LIBKML"
+# Styles of OGR: fill and line, colours as #rrggbbaa.
 FLOW_STYLE = "BRUSH(fc:#3b6fd266);PEN(c:#1f4eaaff,w:2px)"
 RELEASE_STYLE = "BRUSH(fc:#00000000);PEN(c:#0a4fd0ff,w:3px)"
 
 
 def require_kml(crs: pyproj.CRS | None) -> None:
-    """Refuse a run without a place on the globe, and a GDAL without its KMZ driver, before any work.
+    """Raise an error unless the run has a place on the globe and GDAL has its KMZ driver, before any work.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS or None
+        None: a local frame.
 
     Raises
     ------
@@ -32,7 +39,7 @@ def require_kml(crs: pyproj.CRS | None) -> None:
         raise OutputError(f"--kml needs GDAL with the driver {DRIVER}, which this one has not; install mpmgis by pip")
 
 
-def write_kml(run: ExportedRun, release=None) -> None:
+def write_kml(run: ExportedRun, release: Sequence | None = None) -> None:
     """Write `<name>.kmz`: layers `release`, `maxima` (a polygon for each class of h_max) and `outline` (each step).
 
     The outlines have the times of the project's clock, so that the time slider of Google Earth plays them.

@@ -1,4 +1,4 @@
-"""The time scale of a run in QGIS: simulated seconds as whole QGIS seconds.
+"""Time scale of a run in QGIS: simulated seconds as whole QGIS seconds.
 
 QGIS saves time ranges in whole seconds, and steps of 0.2 s would be lost when the project is saved. So time is
 stretched: one simulated second becomes a minute, an hour or a day from a base date, for stacks, mesh, outlines and
@@ -14,13 +14,14 @@ import numpy as np
 
 from ...system.errors import InputError
 
-BASE = datetime(2000, 1, 1, tzinfo=UTC)
+BASE = datetime(2000, 1, 1, tzinfo=UTC)  # date of the simulated time 0
 BASE_TEXT = "2000-01-01T00:00:00Z"
+# QGIS seconds for one simulated second, and the same as text
 STRETCHES = {60: "1 s = 1 min", 3600: "1 s = 1 hour", 86_400: "1 s = 1 day", 86_400_000: "1 ms = 1 day"}
-SHORTEST_STEP = 2  # QGIS seconds: a single layer is shown from 1 s after its step to 1 s before the next
-ROUNDING = 0.01  # largest rounding error of a time, as a share of the shortest step
-LONGEST_RUN = 1900 * 365 * 86_400  # QGIS seconds: dates stay between the years 100 and 3900
-MOST_FRAMES = 5000  # of the temporal controller, for very unequal steps
+SHORTEST_STEP = 2  # [QGIS s] a single layer is shown from 1 s after its step to 1 s before the next
+ROUNDING = 0.01  # [1] largest rounding error of a time, as a share of the shortest step
+LONGEST_RUN = 1900 * 365 * 86_400  # [QGIS s] dates stay between the years 100 and 3900
+MOST_FRAMES = 5000  # [frames] of the temporal controller, for very unequal steps
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,14 @@ class Clock:
 
     @classmethod
     def of(cls, times: Sequence) -> "Clock":
-        """The clock for increasing `times` [s]: the smallest stretch with whole steps of at least 2 QGIS seconds.
+        """Choose the smallest stretch with whole steps of at least 2 QGIS seconds.
 
         Rounding errors up to a hundredth of the shortest step are allowed; else the largest possible stretch is used.
+
+        Parameters
+        ----------
+        times : sequence of float [s]
+            Increasing.
 
         Raises
         ------
@@ -79,12 +85,12 @@ class Clock:
 
     @property
     def ends(self) -> tuple[int, ...]:
-        """Tuple of int [QGIS s]: end of each step; the last one lasts a controller frame."""
+        """End of each step [QGIS s], tuple of int; the last one lasts a controller frame."""
         return (*self.begins[1:], self.begins[-1] + self.step)
 
     @property
     def label(self) -> str:
-        """The time scale as text, for example "1 s = 1 min"."""
+        """Time scale as text, for example "1 s = 1 min"."""
         return STRETCHES[self.stretch]
 
     @property
@@ -96,7 +102,12 @@ class Clock:
 
 
 def stamp(second: int) -> str:
-    """ISO 8601 text in UTC of a QGIS second after the base date."""
+    """Return the ISO 8601 text in UTC of a time after the base date.
+
+    Parameters
+    ----------
+    second : int [QGIS s]
+    """
     return (BASE + timedelta(seconds=int(second))).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 

@@ -1,4 +1,4 @@
-"""The layers of a QGIS project that move: depth and arrows of the mesh, rasters over time, outlines and particles.
+"""Layers of a QGIS project that move: depth and arrows of the mesh, rasters over time, outlines and particles.
 
 A mesh moves in every QGIS from 3.22 on. The bands of a raster move from 3.38 on; below, QGIS shows the first band at
 all times without a warning. So a project shows the mesh first, and rasters over time have a group of their own.
@@ -18,18 +18,18 @@ from .vector_styles import feature_times
 from .xml_markup import node
 
 TIME_BY_BAND = (3, 38)  # first QGIS version that animates the bands of one layer
-ARROW_GRID = 18  # pixels between velocity arrows on the screen
+ARROW_GRID = 18  # [pixels] between velocity arrows on the screen
 VECTOR_TITLES = {
     "outline": "outline of the flow",
     "envelope": "envelope of all steps",
     "release": "release area",
     "particles": "particles (thinned), by speed",
 }
-MOVING = ("outline", "particles")
+MOVING = ("outline", "particles")  # layers of the GeoPackage with times
 
 
 def animation_group(run: ExportedRun, clock: Clock, version: tuple) -> Group:
-    """The group of all moving layers.
+    """Return the group of all moving layers.
 
     Parameters
     ----------
@@ -58,7 +58,16 @@ def animation_group(run: ExportedRun, clock: Clock, version: tuple) -> Group:
 
 
 def vector_layer(run: ExportedRun, name: str, shown: bool) -> Layer:
-    """Layer `name` of the GeoPackage."""
+    """Return a layer of the GeoPackage.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    name : str
+        Of the layer.
+    shown : bool
+        Visible at first.
+    """
     maplayer = map_layer(
         run,
         "vector",
@@ -100,7 +109,18 @@ def _steps_group(run, clock, quantity, shown):
 
 
 def mesh_layer(run: ExportedRun, clock: Clock, names: list[str], quantity: Quantity, shown: bool) -> Layer:
-    """A variable of the mesh, cell by cell in the classes of its rasters; `names` are the mesh's groups."""
+    """Return the layer of a variable of the mesh, cell by cell in the classes of its rasters.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    clock : Clock
+    names : list of str
+        Of the mesh's groups (`group_names`).
+    quantity : Quantity
+    shown : bool
+        Visible at first.
+    """
     look, number = look_of(quantity), names.index(dataset_title(run, quantity.name))
     shader = value_shader(look, run.typical.get(quantity.name, 0.0), run.min_depth)
     scalar = {

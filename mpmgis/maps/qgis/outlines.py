@@ -1,4 +1,4 @@
-"""Outlines, release and thinned particles in one GeoPackage, from step data spooled to disk.
+"""Write outlines, release and thinned particles into one GeoPackage, from step data spooled to disk.
 
 The GeoPackage and the mesh need all steps. With the spool, memory is that of one step, and rasters are not read again.
 """
@@ -34,16 +34,27 @@ from .vector_styles import (
 )
 from .xml_markup import reference_text
 
-BANDS = ("h", "t", "Un", "Ut", "Ut_E", "Ut_N")
-SHOWN = ("ids", "place", "velocity")
-PARTICLES_SHOWN = 300  # per step, about
+BANDS = ("h", "t", "Un", "Ut", "Ut_E", "Ut_N")  # of cells, that are stored
+SHOWN = ("ids", "place", "velocity")  # of particles, that are stored
+PARTICLES_SHOWN = 300  # [particles] per step, about
 BATCH = 32_000_000  # [bytes] of geometry in memory
 UTC = 100  # GDAL's code for UTC
-POINTS, POLYGONS = 0, 2  # geometry type numbers of QGIS
+POINTS = 0  # geometry type of QGIS
+POLYGONS = 2  # geometry type of QGIS
 
 
 class StepOutline(NamedTuple):
-    """Outline of the flow at one step: WKB, number of `cells`, largest `depth` [m] and `speed` [m s-1]."""
+    """Outline of the flow at one step.
+
+    Parameters
+    ----------
+    wkb : bytes
+    cells : int
+        Number of cells inside.
+    depth : float [m]
+    speed : float [m s-1]
+        The largest ones.
+    """
 
     wkb: bytes
     cells: int
@@ -60,7 +71,7 @@ class StepSpool:
         Is created here and must be removed by the caller.
     """
 
-    def __init__(self, folder):
+    def __init__(self, folder: Path):
         self._folder, self.count = Path(folder), 0
         self._folder.mkdir()
 
@@ -90,13 +101,28 @@ class StepSpool:
         self.count += 1
 
     def bands(self, step: int) -> tuple[np.ndarray, dict]:
-        """(Flat index int64[k], dict of str to float32[k]) of a step's cells."""
+        """Read the values of a step's cells.
+
+        Parameters
+        ----------
+        step : int
+
+        Returns
+        -------
+        (int64[k], dict of str to float32[k])
+            Flat numbers of the cells, values by band.
+        """
         with open(self._cells(step), "rb") as file:
             names, index = np.load(file), np.load(file)
             return index, {str(name): np.load(file) for name in names}
 
     def outline(self, step: int) -> StepOutline | None:
-        """The StepOutline of a step, or None."""
+        """Read the outline of a step; None without one.
+
+        Parameters
+        ----------
+        step : int
+        """
         with np.load(self._shapes(step)) as kept:
             if "wkb" not in kept:
                 return None
@@ -104,7 +130,12 @@ class StepSpool:
             return StepOutline(kept["wkb"].tobytes(), int(cells), depth, speed)
 
     def shown(self, step: int) -> dict | None:
-        """The displayed particles of a step as in `add`, or None."""
+        """Read the particles of a step that are shown, as in `add`; None without them.
+
+        Parameters
+        ----------
+        step : int
+        """
         with np.load(self._shapes(step)) as kept:
             return {name: kept[name] for name in SHOWN} if "ids" in kept else None
 
@@ -121,7 +152,7 @@ def write_outlines(run: ExportedRun, steps: StepSpool, release: Sequence | None 
     Layers: `outline` (of the cells at least `run.min_depth` deep at each step, with depth, speed and area), `envelope`
     (of all steps together), `release`, `particles` (about 300 per step, the same in all steps) and `layer_styles`.
     Empty layers are omitted. Times are `t_s` (simulated seconds) and `t_qgis` to `t_qgis_end`
-    (stretched, see `clock`).
+    (stretched, see `map_clock`).
 
     Parameters
     ----------
@@ -152,7 +183,12 @@ def write_outlines(run: ExportedRun, steps: StepSpool, release: Sequence | None 
 
 
 def layer_names(path: Path) -> tuple[str, ...]:
-    """Tuple of str: the spatial layers of a GeoPackage; () without a file."""
+    """Read the names of the spatial layers of a GeoPackage; none without a file.
+
+    Parameters
+    ----------
+    path : Path
+    """
     if not os.path.exists(path):
         return ()
     with closing(sqlite3.connect(path)) as database:
@@ -161,21 +197,48 @@ def layer_names(path: Path) -> tuple[str, ...]:
 
 
 def vector_renderer(layer: str, run: ExportedRun) -> Element:
-    """`renderer-v2` of a layer of the GeoPackage."""
+    """Return the element `renderer-v2` of a layer of the GeoPackage.
+
+    Parameters
+    ----------
+    layer : str
+    run : ExportedRun
+    """
     if layer == "particles":
         return speed_renderer(run)
     return outline_renderer({"outline": OUTLINE, "envelope": ENVELOPE, "release": RELEASE}[layer])
 
 
 def geometry_type(layer: str) -> tuple[int, str]:
-    """QGIS number and name of the geometry type of a layer of the GeoPackage."""
+    """Return the geometry type of a layer of the GeoPackage.
+
+    Parameters
+    ----------
+    layer : str
+
+    Returns
+    -------
+    (int, str)
+        Number in QGIS, and name.
+    """
     return (POINTS, "Point") if layer == "particles" else (POLYGONS, "Polygon")
 
 
 def mask_outline(mask: np.ndarray, transform: Affine, smooth: bool = False) -> shapely.MultiPolygon | None:
-    """Valid MultiPolygon around the True cells of bool[rows, columns], with holes; None without True cells.
+    """Return the valid polygons around the True cells of a mask, with holes.
 
-    `smooth`: without the stairs of the grid, with the same area (see `smoothing`).
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    transform : Affine
+        Of the mask.
+    smooth : bool
+        Without the stairs of the grid, with the same area (see `smoothing`).
+
+    Returns
+    -------
+    shapely.MultiPolygon or None
+        None without True cells.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if rows.size == 0:
@@ -186,7 +249,21 @@ def mask_outline(mask: np.ndarray, transform: Affine, smooth: bool = False) -> s
 
 
 def cells_outline(index: np.ndarray, grid: Grid, smooth: bool = False) -> shapely.MultiPolygon | None:
-    """As `mask_outline`, for the cells of `grid` with the flat `index` int64[k]; memory follows the flow extent."""
+    """Return the valid polygons around some cells of a grid; memory follows the extent of the flow.
+
+    Parameters
+    ----------
+    index : int64[k]
+        Flat numbers of the cells.
+    grid : Grid
+    smooth : bool
+        As in `mask_outline`.
+
+    Returns
+    -------
+    shapely.MultiPolygon or None
+        None without cells.
+    """
     if not len(index):
         return None
     row, column = np.divmod(index, grid.shape[1])
@@ -215,7 +292,7 @@ def _outline(part, transform, smooth):
 def step_outline(
     index: np.ndarray, depth: np.ndarray, speed: np.ndarray, grid: Grid, min_depth: float
 ) -> StepOutline | None:
-    """The StepOutline of one step; None without cells at least `min_depth` [m] deep.
+    """Return the outline of one step.
 
     Parameters
     ----------
@@ -225,6 +302,11 @@ def step_outline(
         NaN if unknown.
     grid : Grid
     min_depth : float [m]
+
+    Returns
+    -------
+    StepOutline or None
+        None without cells at least `min_depth` deep.
     """
     deep = is_deep(depth, min_depth)
     outline = cells_outline(index[deep], grid, smooth=True)
@@ -234,7 +316,17 @@ def step_outline(
 
 
 def is_deep(depth: np.ndarray, min_depth: float) -> np.ndarray:
-    """bool[k]: cells inside the outline."""
+    """Return whether cells are inside the outline, for each.
+
+    Parameters
+    ----------
+    depth : float[k] [m]
+    min_depth : float [m]
+
+    Returns
+    -------
+    bool[k]
+    """
     return (depth >= np.float32(min_depth)) & (depth > 0)
 
 
@@ -244,7 +336,14 @@ def _largest(values):
 
 
 def shown_particles(frame: Frame, total: int) -> dict:
-    """The displayed particles of `frame`, for `StepSpool.add`, thinned from a `total` number."""
+    """Choose the particles of a frame that are shown, for `StepSpool.add`.
+
+    Parameters
+    ----------
+    frame : Frame
+    total : int
+        Number of particles from which they are thinned.
+    """
     particles = frame.particles
     ids = np.arange(len(particles), dtype=np.uint64) if particles.id is None else particles.id
     chosen = np.flatnonzero(thin(ids, total))
@@ -253,9 +352,19 @@ def shown_particles(frame: Frame, total: int) -> dict:
 
 
 def thin(ids: np.ndarray, total: int, wanted: int = PARTICLES_SHOWN) -> np.ndarray:
-    """bool[n]: about `wanted` of `total` particles, selected by id, so the selection is the same for all steps.
+    """Choose particles by id, so that the selection is the same for all steps.
 
     Ids are hashed first (Knuth's multiplicative hash), because neighbours on the seeding lattice have nearby ids.
+
+    Parameters
+    ----------
+    ids : uint64[n]
+    total, wanted : int
+        Number of particles, and about how many to choose.
+
+    Returns
+    -------
+    bool[n]
     """
     if total <= wanted:
         return np.ones(len(ids), dtype=bool)

@@ -1,4 +1,4 @@
-"""The QGIS toolbox as a zip for installation in QGIS or for its plugin repository."""
+"""Pack the QGIS toolbox as a zip for installation in QGIS or for its plugin repository."""
 
 import json
 import zipfile
@@ -17,14 +17,16 @@ _TIME = (2000, 1, 1, 0, 0, 0)  # time of all files, for reproducible bytes
 def write_plugin_zip(
     path: str | Path, forms: dict, homepage: str | None = None, email: str | None = None, overwrite: bool = False
 ) -> None:
-    """Write the plugin to `path` (.zip), atomically.
+    """Write the plugin as a zip, atomically.
 
     Parameters
     ----------
+    path : str or Path
     forms : dict
         Forms of the verbs, as `qgis_plugin` makes them.
     homepage, email : str or None
         Of the publisher; required by the plugin repository, not by QGIS.
+    overwrite : bool
 
     Raises
     ------
@@ -49,7 +51,7 @@ def write_plugin_zip(
 
 
 def plugin_files() -> list[Path]:
-    """Paths of the plugin's files, sorted."""
+    """Return the paths of the plugin's files, sorted."""
     return sorted(file for file in FOLDER.iterdir() if file.is_file() and file.suffix in SUFFIXES)
 
 

@@ -1,4 +1,4 @@
-"""The print layout of a QGIS project: an A4 page with map, title, legend, scale bar, source and parameters."""
+"""Print layout of a QGIS project: an A4 page with map, title, legend, scale bar, source and parameters."""
 
 from typing import NamedTuple
 from uuid import NAMESPACE_URL, uuid5
@@ -15,7 +15,7 @@ COLUMN = (219.0, 68.0)  # [mm] left and width of the legend's column
 BAR = 22.0  # [mm] shortest half of the scale bar
 INK = {"red": 0, "green": 0, "blue": 0, "alpha": 255}
 WHITE = {"red": 255, "green": 255, "blue": 255, "alpha": 255}
-FONT = "Open Sans,{size},-1,5,{weight},0,0,0,0,0"
+FONT = "Open Sans,{size},-1,5,{weight},0,0,0,0,0"  # description of a font of Qt
 
 
 class Kind(NamedTuple):
@@ -32,7 +32,7 @@ KIND = Kind()
 
 
 def print_layout(run: ExportedRun, view: tuple, rows: Group, title: str, notes: str) -> Element:
-    """`Layouts` with one page that is ready to export.
+    """Return the element `Layouts` with one page that is ready to export.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The QGIS project of an exported run.
+"""Write the QGIS project of an exported run.
 
 Written with the standard library. Undocumented requirements of QGIS (found by tests): a CRS in every layer, layer ids
 of more than 10 characters, `ProjectionsEnabled` for the project CRS, times in whole seconds, and the list of a mesh's
@@ -34,7 +34,7 @@ from .project_layers import (
 from .raster_styles import contour_interval, contour_pipe, hillshade_pipe
 from .xml_markup import node, qgis_document, reference_system
 
-FRAME_RATE = 8  # frames per second in the temporal controller
+FRAME_RATE = 8  # [s-1] frames of the temporal controller
 
 
 def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
@@ -66,13 +66,29 @@ def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
 
 
 def write_archive(run: ExportedRun, project: Element) -> None:
-    """Write the project element as .qgz into the run's folder."""
+    """Write a project as .qgz into the run's folder.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    project : Element
+    """
     with zipfile.ZipFile(run.folder / run.project_file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(f"{run.name}.qgs", qgis_document(project))
 
 
 def parse_version(text: str) -> tuple[int, int]:
-    """(major, minor) of a QGIS version; InputError if it is invalid or older than 3.22."""
+    """Return the major and minor number of a QGIS version.
+
+    Parameters
+    ----------
+    text : str
+
+    Raises
+    ------
+    InputError
+        Invalid, or older than 3.22.
+    """
     match = re.fullmatch(r"(\d+)\.(\d+)(\.\d+)?", str(text).strip())
     if match is None or (int(match[1]), int(match[2])) < (3, 22):
         raise InputError(f"--qgis-min {text}: expected a QGIS version from 3.22 on, for example 3.22 or 3.38")
@@ -119,7 +135,12 @@ def _bed(run):
 
 
 def terrain_group(run: ExportedRun) -> Group:
-    """Group of contours over a hillshade."""
+    """Return the group of contours over a hillshade.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    """
     heights = run.read_terrain()
     heights = heights[np.isfinite(heights)]
     interval = contour_interval(float(np.ptp(heights)) if heights.size else 0.0)
@@ -182,7 +203,7 @@ def _short(text):
 def project_document(
     run: ExportedRun, groups: list[Group], view: tuple, settings: dict, parts: list | tuple = ()
 ) -> Element:
-    """`qgis` element of a project.
+    """Return the element `qgis` of a project.
 
     Parameters
     ----------
@@ -239,7 +260,12 @@ def _view(run, margin=0.1):
 
 
 def emptier_corner(run: ExportedRun) -> int:
-    """QGIS number of the lower corner with less flow beside it: 0 left, 3 right."""
+    """Return the QGIS number of the lower corner with less flow beside it: 0 left, 3 right.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    """
     (peak,) = run.read(run.maxima_file, ("h_max",))
     x, y = run.flow_grid.xy(*np.nonzero(peak >= run.min_depth))
     if x.size == 0:
@@ -262,9 +288,16 @@ def _animation_settings(run, clock, groups):
 
 
 def map_title(run: ExportedRun, clock: Clock, groups: list[Group]) -> str:
-    """Text of the map title with an expression of QGIS: the run's name, and what is shown.
+    """Return the text of the map title with an expression of QGIS: the run's name, and what is shown.
 
     The time of the step that is shown while a moving layer is visible; else that maxima or the last step are shown.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    clock : Clock
+    groups : list of Group
+        The moving layers first.
     """
     moving, still = layers_of(groups[0]), {group.title: layers_of(group) for group in groups[1:]}
     parts = [
@@ -294,7 +327,12 @@ def _shown_time(run, clock):
 
 
 def title_settings(label: str) -> dict:
-    """Settings of a map title."""
+    """Return the settings of a map title.
+
+    Parameters
+    ----------
+    label : str
+    """
     return {
         "TitleLabel": {
             "Enabled": ("bool", "true"),

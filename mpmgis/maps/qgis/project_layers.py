@@ -19,11 +19,20 @@ from .xml_markup import node, options, reference_system
 
 SURFACE = Quantity("surface", "m", "highest surface of the flow: terrain and largest flow depth", "float32")
 TITLE = "surface max [m]: terrain and largest flow depth"
-TERRAIN_COLOUR, SURFACE_COLOUR = "90,70,50,255", "190,60,50,255"
+TERRAIN_COLOUR = "90,70,50,255"  # brown, of the terrain in the profile tool
+SURFACE_COLOUR = "190,60,50,255"  # red, of the surface of the flow there
 
 
 class Layer(NamedTuple):
-    """One row of the layer list: its `maplayer` element and its initial visibility."""
+    """One row of the layer list.
+
+    Parameters
+    ----------
+    title : str
+    maplayer : Element
+    shown, unfolded : bool
+        At first.
+    """
 
     title: str
     maplayer: Element
@@ -32,7 +41,17 @@ class Layer(NamedTuple):
 
 
 class Group(NamedTuple):
-    """A group of rows (Layer or Group); `exclusive`: only one row is visible at a time."""
+    """A group of rows of the layer list.
+
+    Parameters
+    ----------
+    title : str
+    rows : list of Layer or Group
+    shown, unfolded : bool
+        At first.
+    exclusive : bool
+        Only one row is visible at a time.
+    """
 
     title: str
     rows: list
@@ -42,7 +61,20 @@ class Group(NamedTuple):
 
 
 def raster_layer(run: ExportedRun, kind: str, file: str, quantity: Quantity, band: int, shown: bool) -> Layer:
-    """Layer of one band of a raster, in the colours of `quantity`."""
+    """Return the layer of one band of a raster, in the colours of its quantity.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    kind : str
+        Beginning of the layer's id.
+    file : str
+    quantity : Quantity
+    band : int
+        From 1.
+    shown : bool
+        At first.
+    """
     title = look_of(quantity).layer_name(quantity.name)
     pipe = value_pipe(quantity, run, band)
     return Layer(
@@ -60,7 +92,24 @@ def map_layer(
     temporal: Element | None,
     drawing: Element,
 ) -> Element:
-    """`maplayer` element; `part` is used in its id, `drawing` is its pipe or renderer. `run` has a name and a grid."""
+    """Return the element `maplayer` of a layer.
+
+    Parameters
+    ----------
+    run : ExportedRun
+        Or another object with a name and a grid.
+    kind : {"raster", "vector", "mesh"}
+    part : str
+        Part of the layer's id.
+    source : str
+        File, relative to the project.
+    title : str
+    provider : {"gdal", "ogr", "mdal"}
+    temporal : Element or None
+        Times of the layer.
+    drawing : Element
+        Its pipe or renderer.
+    """
     return node(
         "maplayer",
         {"type": kind, "styleCategories": "AllStyleCategories"},
@@ -76,18 +125,39 @@ def map_layer(
 
 
 def layer_id(run: ExportedRun, part: str) -> str:
-    """A layer id for QGIS (more than 10 characters), unique for several runs in one project."""
+    """Return an id for a layer, unique for several runs in one project.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    part : str
+
+    Returns
+    -------
+    str
+        Of more than 10 characters, as QGIS requires.
+    """
     return "mpmgis_" + re.sub(r"\W+", "_", f"{run.name}_{part}", flags=re.ASCII)
 
 
 def layers_of(group: Group) -> Iterator[Layer]:
-    """All layers below a group, in order."""
+    """Yield all layers below a group, in order.
+
+    Parameters
+    ----------
+    group : Group
+    """
     for row in group.rows:
         yield from layers_of(row) if isinstance(row, Group) else (row,)
 
 
 def tree_row(row: Layer | Group) -> Element:
-    """`layer-tree-group` or `layer-tree-layer` of a row."""
+    """Return the element `layer-tree-group` or `layer-tree-layer` of a row.
+
+    Parameters
+    ----------
+    row : Layer or Group
+    """
     shown = {"checked": "Qt::Checked" if row.shown else "Qt::Unchecked", "expanded": int(row.unfolded)}
     if isinstance(row, Layer):
         maplayer = row.maplayer
@@ -99,10 +169,14 @@ def tree_row(row: Layer | Group) -> Element:
 
 
 def legend_entries(maplayer: Element) -> Element | None:
-    """`customproperties` of a row: the legend entries that are shown.
+    """Return the element `customproperties` of a row: the legend entries that are shown.
 
     Entry 0 is the name of the band or dataset, of a raster over time always that of the first one ("h at t = 0 s"); it
     is left out, as are values that are not drawn.
+
+    Parameters
+    ----------
+    maplayer : Element
     """
     shader = maplayer.find(".//colorrampshader")
     if shader is None:
@@ -118,6 +192,10 @@ def write_surface(run: ExportedRun) -> None:
     """Write the elevation of the highest flow surface on the cells that the flow reached; without flow, no file.
 
     The flow depth is measured normal to the bed: its vertical extent is the depth divided by the cosine of the slope.
+
+    Parameters
+    ----------
+    run : ExportedRun
     """
     (depth,) = run.read(run.maxima_file, ("h_max",))
     if not np.isfinite(depth).any():
@@ -138,7 +216,19 @@ def _slope_cosine(bed, grid):
 
 
 def surface_layer(run: ExportedRun, relief: float) -> Layer | None:
-    """Hidden layer of the flow surface as contours, with elevations; None without the file."""
+    """Return the hidden layer of the flow surface as contours, with elevations.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    relief : float [m]
+        Highest minus lowest elevation of the terrain.
+
+    Returns
+    -------
+    Layer or None
+        None without the file.
+    """
     if not (run.folder / run.surface_file).exists():
         return None
     pipe = contour_pipe(contour_interval(relief))
@@ -148,7 +238,13 @@ def surface_layer(run: ExportedRun, relief: float) -> Layer | None:
 
 
 def elevation(colour: str) -> Element:
-    """`elevation` of a raster layer: its first band is a surface, a line of `colour` in the profile tool."""
+    """Return the element `elevation` of a raster layer: its first band is a surface, a line in the profile tool.
+
+    Parameters
+    ----------
+    colour : str
+        Of the line: red, green, blue and opacity from 0 to 255, with commas.
+    """
     pen = {"line_color": colour, "line_width": 0.5, "line_width_unit": "MM"}
     line = node("layer", {"class": "SimpleLine", "enabled": 1, "pass": 0, "locked": 0}, *options(pen))
     symbol = node("symbol", {"type": "line", "name": "", "alpha": 1}, line)
@@ -158,7 +254,14 @@ def elevation(colour: str) -> Element:
 
 
 def project_elevation(run: ExportedRun, part: str) -> Element:
-    """`ElevationProperties` of a project: the raster layer `part` is its terrain."""
+    """Return the element `ElevationProperties` of a project: a raster layer is its terrain.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    part : str
+        Of the id of the layer.
+    """
     layer = {"layer": layer_id(run, part), "layerSource": f"./{run.terrain_file}", "layerProvider": "gdal"}
     provider = node("TerrainProvider", layer | {"layerName": "hillshade", "offset": 0, "scale": 1})
     return node("ElevationProperties", None, node("terrainProvider", {"type": "raster"}, provider))

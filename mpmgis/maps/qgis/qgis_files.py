@@ -1,4 +1,4 @@
-"""All QGIS files of an exported folder in one call, and VRT stacks with the steps as bands."""
+"""Write all QGIS files of an exported folder in one call, and VRT stacks with the steps as bands."""
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -16,7 +16,12 @@ if TYPE_CHECKING:
 
 
 def write_stacks(run: "ExportedRun") -> None:
-    """Write a VRT for each band of the steps; band k + 1 refers to step k by relative path."""
+    """Write a VRT for each band of the steps; band k + 1 refers to step k by relative path.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    """
     decimals = Clock.of(run.times).decimals
     for source_band, quantity in enumerate(run.step_bands, start=1):
         root = _dataset(run, quantity)
@@ -65,9 +70,9 @@ def load() -> tuple:
     """Import the writers and their libraries in advance (0.5 s)."""
     import netCDF4  # noqa: F401
 
-    from . import flow_mesh, outlines, project, project_layers, qgis_files, raster_styles
+    from . import flow_mesh, outlines, project, project_layers, raster_styles
 
-    return flow_mesh, outlines, project, qgis_files, raster_styles, project_layers
+    return flow_mesh, outlines, project, raster_styles, project_layers
 
 
 def write_qgis_files(
@@ -87,9 +92,9 @@ def write_qgis_files(
     threads : Executor
         Mesh and outlines are written at the same time.
     """
-    mesh, outlines, project, folder, styles, surface = load()
+    mesh, outlines, project, styles, surface = load()
     vectors = threads.submit(outlines.write_outlines, run, steps, release)
-    folder.write_stacks(run)
+    write_stacks(run)
     surface.write_surface(run)
     styles.write_styles(run)
     mesh.write_mesh(run, steps, threads)

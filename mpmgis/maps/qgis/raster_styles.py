@@ -17,7 +17,17 @@ from .xml_markup import node, options, qgis_document
 
 
 def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> Element:
-    """`rasterrenderer` of one band: classes, or a symmetric ramp for signed values."""
+    """Return the element `rasterrenderer` of one band: classes, or a symmetric ramp for signed values.
+
+    Parameters
+    ----------
+    look : Look
+    typical : float
+        Typical largest value, in the band's unit.
+    min_depth : float [m]
+    band : int
+        From 1.
+    """
     shader = value_shader(look, typical, min_depth)
     return node(
         "rasterrenderer",
@@ -42,7 +52,15 @@ def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> E
 
 
 def value_shader(look: Look, typical: float, min_depth: float) -> Element:
-    """`colorrampshader` of a band: classes, or a symmetric ramp for signed values."""
+    """Return the element `colorrampshader` of a band: classes, or a symmetric ramp for signed values.
+
+    Parameters
+    ----------
+    look : Look
+    typical : float
+    min_depth : float [m]
+        These three as in `value_renderer`.
+    """
     return _signed_shader(look, typical) if look.shown == "signed" else _class_shader(look, typical, min_depth)
 
 
@@ -108,7 +126,13 @@ def _signed_shader(look, typical):
 
 
 def gradient(ramp: tuple) -> Element:
-    """`colorramp` with which the user can edit the colours."""
+    """Return the element `colorramp` with which the user can edit the colours.
+
+    Parameters
+    ----------
+    ramp : tuple of str
+        Colours, #rrggbb.
+    """
     rgb = [",".join(str(int(c[i : i + 2], 16)) for i in (1, 3, 5)) + ",255" for c in ramp]
     stops = ":".join(f"{k / (len(ramp) - 1):.6g};{rgb[k]}" for k in range(1, len(ramp) - 1))
     values = {"color1": rgb[0], "color2": rgb[-1], "discrete": "0", "rampType": "gradient", "stops": stops}
@@ -116,13 +140,21 @@ def gradient(ramp: tuple) -> Element:
 
 
 def value_pipe(quantity: Quantity, run: ExportedRun, band: int) -> Element:
-    """`pipe` that draws `quantity`, band number `band` of its file, with the colours of the whole run."""
+    """Return the element `pipe` that draws a band with the colours of the whole run.
+
+    Parameters
+    ----------
+    quantity : Quantity
+    run : ExportedRun
+    band : int
+        Number of the band in its file, from 1.
+    """
     typical = run.typical.get(quantity.name, 0.0)
     return node("pipe", None, value_renderer(look_of(quantity), typical, run.min_depth, band))
 
 
 def hillshade_pipe() -> Element:
-    """`pipe` of a terrain as a light multidirectional hillshade, so that colours on top stay readable."""
+    """Return the element `pipe` of a terrain as a multidirectional hillshade, light under other colours."""
     return node(
         "pipe",
         None,
@@ -147,12 +179,23 @@ def hillshade_pipe() -> Element:
 
 
 def contour_interval(relief: float) -> float:
-    """Contour interval [m] (1, 2 or 5 times a power of ten) with 15 to 40 lines over `relief` [m]."""
+    """Return the contour interval [m] (1, 2 or 5 times a power of ten) that gives 15 to 40 lines.
+
+    Parameters
+    ----------
+    relief : float [m]
+        Highest minus lowest elevation.
+    """
     return round_up(relief / 40.0)
 
 
 def contour_pipe(interval: float) -> Element:
-    """`pipe` of a terrain as contour lines every `interval` [m], every fifth one thicker."""
+    """Return the element `pipe` of a terrain as contour lines, every fifth one thicker.
+
+    Parameters
+    ----------
+    interval : float [m]
+    """
     return node(
         "pipe",
         None,
@@ -188,7 +231,12 @@ def _contour_symbol(name, width):
 
 
 def bands_over_time(clock: Clock) -> Element:
-    """`temporal` of a stack: band k + 1 is visible from step k to the next (QGIS 3.38 and later)."""
+    """Return the element `temporal` of a stack: band k + 1 is visible from step k to the next (QGIS 3.38 and later).
+
+    Parameters
+    ----------
+    clock : Clock
+    """
     ranges = [
         node("range", {"band": k, "begin": stamp(begin), "end": stamp(end), "includeBeginning": 1, "includeEnd": 0})
         for k, (begin, end) in enumerate(zip(clock.begins, clock.ends, strict=True), start=1)
@@ -197,24 +245,43 @@ def bands_over_time(clock: Clock) -> Element:
 
 
 def one_step(clock: Clock, k: int) -> Element:
-    """`temporal` of a layer that is visible during step k only, 1 s apart from other steps (all QGIS versions)."""
+    """Return the element `temporal` of a layer that is visible during one step only, 1 s apart from other steps.
+
+    Every QGIS version shows it.
+
+    Parameters
+    ----------
+    clock : Clock
+    k : int
+        Number of the step.
+    """
     start, end = clock.begins[k], clock.ends[k]
     fixed = node("fixedRange", None, node("start", text=stamp(start + 1)), node("end", text=stamp(end - 1)))
     return node("temporal", {"enabled": 1, "mode": 0, "fetchMode": 0}, fixed)
 
 
 def style_document(pipe: Element, temporal: Element | None = None) -> str:
-    """Text of a .qml file for a raster."""
+    """Return the text of a .qml file for a raster.
+
+    Parameters
+    ----------
+    pipe : Element
+    temporal : Element, optional
+    """
     root = node("qgis", {"version": "3.22.0", "styleCategories": "AllStyleCategories"}, temporal, pipe)
     root.append(node("blendMode", text=0))
     return qgis_document(root)
 
 
 def write_styles(run: ExportedRun) -> None:
-    """Write a .qml next to each raster of `run`: steps, maxima, deposit, stacks and terrain.
+    """Write a .qml next to each raster of a run: steps, maxima, deposit, stacks and terrain.
 
     Each raster shows its first band; all bands of a kind have the limits of the run. QGIS ignores times in a style
     that it loads automatically; they are for Load Style.
+
+    Parameters
+    ----------
+    run : ExportedRun
     """
     clock = Clock.of(run.times)
     for file, text in raster_styles(run):
@@ -225,7 +292,17 @@ def write_styles(run: ExportedRun) -> None:
 
 
 def raster_styles(run: ExportedRun) -> Iterator[tuple[str, str]]:
-    """Yield (name of the raster, text of its .qml) of each raster of `run` except stacks."""
+    """Yield the style of each raster of a run except stacks.
+
+    Parameters
+    ----------
+    run : ExportedRun
+
+    Yields
+    ------
+    (str, str)
+        Name of the raster, text of its .qml.
+    """
     step = style_document(value_pipe(run.step_bands[0], run, 1))
     yield from ((file, step) for file in run.step_files)
     yield run.maxima_file, style_document(value_pipe(run.maxima_bands[0], run, 1))
@@ -237,5 +314,13 @@ def raster_styles(run: ExportedRun) -> Iterator[tuple[str, str]]:
 
 
 def write_sidecar(run: ExportedRun, file: str, text: str) -> None:
-    """Write a style next to one of the run's files."""
+    """Write a style next to one of the run's files.
+
+    Parameters
+    ----------
+    run : ExportedRun
+        Or another object with a folder.
+    file : str
+    text : str
+    """
     (run.folder / file).with_suffix(".qml").write_text(text, encoding="utf-8", newline="\n")

@@ -1,4 +1,7 @@
-"""Footprints of the release areas of a region as polygons."""
+"""Write the footprints of the release areas of a region as polygons.
+
+They show which areas reach a place, by a click in QGIS or an overlay.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path

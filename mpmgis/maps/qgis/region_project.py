@@ -1,7 +1,4 @@
-"""The QGIS project of a region: its maps by scenario, the release areas and their footprints, over the terrain.
-
-Footprints of the release areas of a region: which areas reach a place, by a click in QGIS or an overlay.
-"""
+"""Write the QGIS project of a region: its maps by scenario, release areas and footprints over the terrain."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -27,19 +24,19 @@ from .raster_styles import hillshade_pipe, style_document, value_renderer, write
 from .vector_styles import OUTLINE, RELEASE, outline_renderer
 from .xml_markup import node
 
-SAMPLED = 64  # areas, evenly chosen, whose values determine the classes
-MARGIN = 0.08  # around the flow, as a share of its longer side
-COUNT_LIMITS = (1, 2, 3, 5, 10, 20)
-FREQUENCY_LIMITS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)  # [a-1]
+SAMPLED = 64  # [areas] evenly chosen, whose values determine the classes
+MARGIN = 0.08  # [1] around the flow, as a share of its longer side
+COUNT_LIMITS = (1, 2, 3, 5, 10, 20)  # [areas] of classes
+FREQUENCY_LIMITS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)  # [a-1] of classes
 COUNTED = Look("number of release areas that reach the cell", "", DAVOS_REVERSED, "size", COUNT_LIMITS)
 OFTEN = Look("events a year that reach the cell", "1/year", ACTON_REVERSED, "size", FREQUENCY_LIMITS)
 PROBABLE = Look("probability of at least one event in a year", "", ACTON_REVERSED, "size", PROBABILITY_LIMITS)
-TERRAIN_SUFFIXES = (".tif", ".tiff", ".vrt", ".img", ".asc")
+TERRAIN_SUFFIXES = (".tif", ".tiff", ".vrt", ".img", ".asc")  # that QGIS reads as one raster
 
 
 @dataclass(frozen=True)
 class RegionProject:
-    """A region's maps in `folder` while it is written.
+    """Maps of a region in a folder while it is written.
 
     Parameters
     ----------
@@ -81,7 +78,13 @@ class RegionProject:
         return {key: float(np.percentile(own, TYPICAL_PERCENTILE)) if own.size else 0.0 for key, own in flat.items()}
 
     def view(self) -> tuple[float, float, float, float]:
-        """(west, south, east, north) [m] around all cells with flow; the whole grid without flow."""
+        """Choose the initial view: all cells with flow, or the whole grid without flow.
+
+        Returns
+        -------
+        (float, float, float, float)
+            West, south, east, north [m].
+        """
         places = np.array([area.place for area in self.areas.get("all", ())])
         if not len(places):
             return self.grid.bounds
@@ -92,7 +95,16 @@ class RegionProject:
 
 
 def write_region_project(project: RegionProject) -> list[Path]:
-    """Write the project and a style beside each raster; their paths, the project first.
+    """Write the project and a style beside each raster.
+
+    Parameters
+    ----------
+    project : RegionProject
+
+    Returns
+    -------
+    list of Path
+        The files written, the project first.
 
     Raises
     ------
@@ -166,7 +178,19 @@ def _style(project, file, bands):
 
 
 def terrain_path(dem: Path, band: int | None, folder: Path) -> str | None:
-    """Path of the DTM relative to `folder` for a layer; None where QGIS would not show it as the run reads it."""
+    """Return the path of the DTM for a layer, relative to the folder of the project.
+
+    Parameters
+    ----------
+    dem : Path
+    band : int or None
+    folder : Path
+
+    Returns
+    -------
+    str or None
+        None where QGIS would not show the DTM as the run reads it.
+    """
     if not dem.is_file() or dem.suffix.lower() not in TERRAIN_SUFFIXES or band not in (None, 1):
         return None
     try:

@@ -9,15 +9,15 @@ is smoothed less, at last not at all, so that the result is always valid.
 import numpy as np
 import shapely
 
-PASSES = (12, 3, 0)  # of binomial smoothing, from the smoothest to the midpoints; then the cells themselves
+PASSES = (12, 3, 0)  # [passes] of binomial smoothing, from the smoothest to the midpoints; then the cells themselves
 FARTHEST = 0.5  # [cells] that smoothing moves a point
 TOLERANCE = 0.04  # [cells] of the simplified line
-KEPT_AREA = 0.004  # largest change of a part's area
-OFFSETS = 12  # iterations of the offset
+KEPT_AREA = 0.004  # [1] largest relative change of a part's area
+OFFSETS = 12  # [iterations] of the offset
 
 
 def smooth_parts(lines: np.ndarray, owner: np.ndarray) -> np.ndarray:
-    """Polygons of the smoothed rings of cells.
+    """Smooth the rings of cells to polygons.
 
     Parameters
     ----------

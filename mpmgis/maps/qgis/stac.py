@@ -1,4 +1,4 @@
-"""A STAC item (version 1.1) of an exported folder: where it lies, what it holds, the bands of each raster."""
+"""Write a STAC item (version 1.1) of an exported folder: where it lies, what it holds, the bands of each raster."""
 
 import json
 from datetime import timedelta
@@ -15,17 +15,22 @@ from .map_clock import BASE
 
 PROJECTION = "https://stac-extensions.github.io/projection/v2.0.0/schema.json"
 GEOTIFF = "image/tiff; application=geotiff"
-OTHERS = {
+OTHERS = {  # suffix -> media type, roles, title
     ".qgz": ("application/zip", ["overview"], "QGIS project"),
     ".nc": ("application/netcdf", ["data"], "UGRID mesh of the flow"),
     ".gpkg": ("application/geopackage+sqlite3", ["data"], "outlines, release area and particles"),
     ".kmz": ("application/vnd.google-earth.kmz", ["overview"], "outlines and maxima"),
 }
-EDGE_POINTS = 21  # along each side of the footprint, so that it stays on the map's edge when it is projected
+EDGE_POINTS = 21  # [points] along each side of the footprint, so that it stays on the map's edge when it is projected
 
 
 def require_stac(crs: pyproj.CRS | None) -> None:
-    """Refuse a run without a place on the globe, before any work.
+    """Raise an error unless the run has a place on the globe, before any work.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS or None
+        None: a local frame.
 
     Raises
     ------
@@ -39,13 +44,26 @@ def write_stac_item(run: ExportedRun, cog: bool = False) -> None:
     """Write `<name>.stac.json`, with all files of the folder that are there as assets.
 
     Simulated time has no date: it counts from 2000-01-01T00:00:00Z, and `mpmgis:times` has the seconds of the steps.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    cog : bool
+        The rasters are cloud-optimised.
     """
     text = json.dumps(stac_item(run, cog), indent=1, ensure_ascii=False)
     (run.folder / f"{run.name}.stac.json").write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
 def stac_item(run: ExportedRun, cog: bool = False) -> dict:
-    """The item as plain JSON."""
+    """Return the item as plain JSON.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    cog : bool
+        As in `write_stac_item`.
+    """
     footprint = _footprint(run.grid)
     begin, end = (_date(time) for time in (run.times[0], run.times[-1]))
     code = run.grid.crs.to_authority()

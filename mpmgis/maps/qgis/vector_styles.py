@@ -11,21 +11,33 @@ from ..averaging.exported_folder import ExportedRun
 from .colours import LOOKS, colour_classes
 from .xml_markup import node, options, qgis_document
 
+# Pens: colour (red, green, blue, opacity), width [mm], line style.
 OUTLINE = ("10,10,10,255", 0.5, "solid")
 ENVELOPE = ("10,10,10,255", 0.4, "dash")
 RELEASE = ("0,70,200,255", 0.6, "solid")
+_RENDERER = {"symbollevels": 0, "enableorderby": 0, "forceraster": 0}  # attributes of every renderer
 
 
 def outline_renderer(pen: tuple) -> Element:
-    """`renderer-v2` of a polygon without fill; `pen`: colour, width [mm] and line style."""
+    """Return the element `renderer-v2` of a polygon without fill.
+
+    Parameters
+    ----------
+    pen : (str, float, str)
+        Colour, width [mm] and line style.
+    """
     symbol = node("symbol", {"type": "fill", "name": "0", "alpha": 1}, _line(*pen))
     return node("renderer-v2", _RENDERER | {"type": "singleSymbol"}, node("symbols", None, symbol))
 
 
 def speed_renderer(run: ExportedRun) -> Element:
-    """`renderer-v2` of points by their attribute `speed`, in the classes and colours of the speed rasters.
+    """Return the element `renderer-v2` of points by their attribute `speed`, in the classes and colours of the rasters.
 
     With rules, because a common project checker treats every `range` element as a time range.
+
+    Parameters
+    ----------
+    run : ExportedRun
     """
     classes = colour_classes(LOOKS["Ut"], run.typical.get("Ut", 0.0))
     lower, rules = None, []
@@ -38,7 +50,14 @@ def speed_renderer(run: ExportedRun) -> Element:
 
 
 def class_renderer(attribute: str, classes: list[tuple]) -> Element:
-    """`renderer-v2` of polygons by the integers in `attribute`; `classes` are (number, label, colour #rrggbb)."""
+    """Return the element `renderer-v2` of polygons by the integers of an attribute.
+
+    Parameters
+    ----------
+    attribute : str
+    classes : list of (int, str, str)
+        Number, label, colour #rrggbb.
+    """
     return _rule_renderer(
         attribute,
         [(f'"{attribute}" = {number}', label, _filled(k, colour)) for k, (number, label, colour) in enumerate(classes)],
@@ -60,7 +79,7 @@ def _rule_renderer(key, rules):
 
 
 def feature_times() -> Element:
-    """`temporal` of a vector layer with features visible from `t_qgis` to `t_qgis_end`."""
+    """Return the element `temporal` of a vector layer with features visible from `t_qgis` to `t_qgis_end`."""
     return node(
         "temporal",
         {
@@ -78,7 +97,14 @@ def feature_times() -> Element:
 
 
 def vector_style_document(renderer: Element, geometry: int) -> str:
-    """Text of a style for a vector layer; `geometry` is the QGIS type number: 0 points, 2 polygons."""
+    """Return the text of a style for a vector layer.
+
+    Parameters
+    ----------
+    renderer : Element
+    geometry : int
+        QGIS type number: 0 points, 2 polygons.
+    """
     return qgis_document(
         node(
             "qgis",
@@ -88,9 +114,6 @@ def vector_style_document(renderer: Element, geometry: int) -> str:
             node("layerGeometryType", text=geometry),
         )
     )
-
-
-_RENDERER = {"symbollevels": 0, "enableorderby": 0, "forceraster": 0}
 
 
 def _line(colour, width, style):
@@ -126,7 +149,13 @@ def _dot(name, colour):
 
 
 def write_layer_styles(path: Path, styles: dict) -> None:
-    """Add the table of default layer styles for QGIS; `styles` has the style text of each layer.
+    """Add the table of default layer styles for QGIS to a GeoPackage.
+
+    Parameters
+    ----------
+    path : Path
+    styles : dict of str to str
+        Style text of each layer.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""XML elements for QGIS and GDAL files, with the standard library."""
+"""Make XML elements for QGIS and GDAL files, with the standard library."""
 
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -15,8 +15,21 @@ LOCAL_FRAME = (
 )
 
 
-def node(tag: str, attributes: dict | None = None, *children, text: object = None) -> ElementTree.Element:
-    """An element with `attributes` (values converted by str), `text` and `children` (elements; None is skipped)."""
+def node(
+    tag: str, attributes: dict | None = None, *children: ElementTree.Element | None, text: object = None
+) -> ElementTree.Element:
+    """Return an element.
+
+    Parameters
+    ----------
+    tag : str
+    attributes : dict, optional
+        Values are converted by str.
+    *children : Element or None
+        None is skipped.
+    text : object
+        Converted by str.
+    """
     element = ElementTree.Element(tag, {key: str(value) for key, value in (attributes or {}).items()})
     element.text = None if text is None else str(text)
     element.extend(child for child in children if child is not None)
@@ -24,12 +37,22 @@ def node(tag: str, attributes: dict | None = None, *children, text: object = Non
 
 
 def qgis_document(root: ElementTree.Element) -> str:
-    """Text of a QGIS style or project file."""
+    """Return the text of a QGIS style or project file.
+
+    Parameters
+    ----------
+    root : Element
+    """
     return QGIS_HEAD + ElementTree.tostring(root, encoding="unicode")
 
 
 def options(values: dict) -> list[ElementTree.Element]:
-    """The settings of a symbol layer in both forms: of QGIS 3.44 and of QGIS 3.22."""
+    """Return the settings of a symbol layer in both forms: of QGIS 3.44 and of QGIS 3.22.
+
+    Parameters
+    ----------
+    values : dict of str to str
+    """
     newer = node(
         "Option",
         {"type": "Map"},
@@ -39,7 +62,13 @@ def options(values: dict) -> list[ElementTree.Element]:
 
 
 def reference_system(crs: "CRS | None") -> ElementTree.Element:
-    """`spatialrefsys` of a CRS, or of a local frame (None)."""
+    """Return the element `spatialrefsys` of a CRS.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS or None
+        None: a local frame.
+    """
     wkt = reference_text(crs)
     authority = None if crs is None else crs.to_authority()
     return node(
@@ -51,5 +80,11 @@ def reference_system(crs: "CRS | None") -> ElementTree.Element:
 
 
 def reference_text(crs: "CRS | None") -> str:
-    """WKT of a CRS; a local frame (None) is an engineering CRS in metres."""
+    """Return the WKT of a CRS; that of a local frame is an engineering CRS in metres.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS or None
+        None: a local frame.
+    """
     return LOCAL_FRAME if crs is None else crs.to_wkt()
