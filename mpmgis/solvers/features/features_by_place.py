@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
     from ...terrain.elevation import Terrain
     from ...terrain.flow_reach import Reach
+    from ..columns.node_grid import ColumnGrid
+    from .walls import Wall, WallNodes
 
 LEAST_OF = ("xi",)  # parameters whose smallest value represents the zones, because it has the largest effect
 
@@ -218,7 +220,7 @@ class KnownByPlace:
                 )
 
     def _wall_facts(self, terrain, reach, reached, x, y, depth):
-        """Return the distance of walls from reachable ground, and the height of the lowest wall over that of the flow."""
+        """Return the distance of walls from reachable ground, and the height of the lowest over that of the flow."""
         stands = self.wall_nodes.number > 0
         touched = stands & reached
         if not touched.any():
