@@ -3,6 +3,7 @@
 from numba import cuda, float64, int64
 
 from ..points import point_report as entry
+from ..points.affine_limit import STILL, THIN
 from ..points.point_blocks import key_column, key_level, key_row
 from ..points.point_clock import (
     BAD,
@@ -24,7 +25,6 @@ from ..points.point_clock import (
     set_next_step,
 )
 from ..points.point_clock import STEP as STEPS
-from ..points.point_edges import STILL, THIN
 from ..points.point_nodes import FASTEST2
 from ..points.point_rows import BLOCK, GHOSTS, X, Y, Z
 from .device_functions import in_double, real
