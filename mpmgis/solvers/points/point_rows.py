@@ -61,7 +61,7 @@ GHOSTS = BLOCK  # nodes before the domain's corner, in each direction
     NODE_Z,  # up
     NODE_MASS,  # [kg]
 ) = range(4)
-INDEX_MASK = 0x7FFFFFFF  # bits of an index: shows the compiler that it is not negative
+INDEX_MASK = 0x7FFFFFFF  # bits of an index, which is never negative
 LAST_BASE = BLOCK - 1.0  # first of the three nodes of a point, at most
 # as floats, for products with floats
 FLOAT_LAYER = float(TILE_LAYER)
