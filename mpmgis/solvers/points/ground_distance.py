@@ -1,4 +1,8 @@
-"""Distance of nodes from the ground, by its nearest triangle."""
+"""Compute the distance of nodes from the ground by its nearest triangle.
+
+A cell of four nodes is a fan of four triangles around its middle, which is where the bilinear surface has its middle,
+too. On cells that are not twisted, straight cliffs among them, the two are the same.
+"""
 
 from math import sqrt
 

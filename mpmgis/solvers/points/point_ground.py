@@ -3,9 +3,6 @@
 Smooth ground is the plane at the foot of a node column. Where the ground folds within a cell (edge and foot of a cliff,
 a kink) the error of the plane is up to the height of the cliff. Columns there store, for every node that the flow can
 reach, the distance from the nearest ground and its direction (`ground_distance`).
-
-A cell of four nodes is a fan of four triangles around its middle, which is where the bilinear surface has its middle,
-too; on cells that are not twisted, straight cliffs among them, the two are the same.
 """
 
 from math import sqrt
