@@ -19,7 +19,7 @@ from ..scene.tables import DENSITY
 from ..seeding.implausible_values import Fixes, report_implausible, report_implausible_friction
 from ..solvers.columns.column_solver import ColumnNumerics
 from ..solvers.columns.node_grid import ColumnGrid, require_ground
-from ..solvers.features.feature_placement import levelled
+from ..solvers.features.lakes import levelled
 from ..solvers.points.point_numerics import PointNumerics
 from ..system.disguised_files import require_local
 from ..system.errors import InputError, SceneError

@@ -5,16 +5,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..solvers.features.feature_placement import (
-    PlacedFiles,
-    erodible_mass,
-    lake_levels,
-    painted_zones,
-    standing_walls,
-    walls_of,
-)
+from ..solvers.features.feature_placement import PlacedFiles, erodible_mass, painted_zones
 from ..solvers.features.features_by_place import KnownByPlace
 from ..solvers.features.forest_values import ENTRY, forest_values
+from ..solvers.features.lakes import lake_levels
+from ..solvers.features.wall_placement import standing_walls, walls_of
 from ..system.errors import MpmgisError
 from ..terrain.raster_input import raster_files
 from ..terrain.spatial_inputs import is_raster, read_placed_raster, read_polygons, read_walls

@@ -20,7 +20,7 @@ from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_rows import beds_at
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries
 from mpmgis.solvers.columns.node_grid import ColumnGrid
-from mpmgis.solvers.features.lakes_and_areas import lake_cells, water_depth
+from mpmgis.solvers.features.lakes import lake_cells, water_depth
 from mpmgis.solvers.features.walls import Wall, wall_nodes
 
 DX = 5.0

@@ -8,7 +8,7 @@ from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.laws.bed_contact import CoulombContact
 from mpmgis.laws.material import Elastic
-from mpmgis.solvers.points import ground_nodes
+from mpmgis.solvers.points import ground_folds
 from mpmgis.solvers.points.ground_folds import departure, folded_ground
 from mpmgis.solvers.points.point_ground import AWAY, EXACT_X, FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS
 from mpmgis.solvers.points.point_rows import GHOSTS
@@ -102,7 +102,7 @@ def test_planes_of_any_slope_have_no_folds(degrees):
 
 def test_ground_too_rough_to_keep_is_refused(monkeypatch):
     """In one line with the share of the terrain that folds."""
-    monkeypatch.setattr(ground_nodes, "MOST_NODES", 100)
+    monkeypatch.setattr(ground_folds, "MOST_NODES", 100)
     with pytest.raises(SceneError, match=r"folds within a cell of 0\.5 m on [0-9]+ % of the terrain") as error:
         ground_of(cliff())
     assert "\n" not in str(error.value)

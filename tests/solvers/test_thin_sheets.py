@@ -1,5 +1,5 @@
 """Splash on thin sheets of a fluid: no point is thrown, little energy is lost, and the limiter of the affine velocity
-acts nowhere else (`point_edges._limit_point`)."""
+acts nowhere else (`affine_limit._limit_point`)."""
 
 import numpy as np
 import pytest

@@ -1,7 +1,9 @@
 """Spatial features of a scene on the solver's grid, and the numbers by which effects are decided."""
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import ndimage
@@ -13,9 +15,19 @@ from ...scene import mu_least
 from ...scene.terrain_effects import TABLE_OF, ZONE_THRESHOLD
 from ...system.errors import SceneError
 from ..columns.feature_arrays import Places, barrier_entries
-from .lakes_and_areas import spread
+from .area_values import spread
 
-LEAST_OF = ("xi",)  # parameters whose smallest value gives the largest effect; for others the mean is used
+if TYPE_CHECKING:
+    from ...frames.particles import Frame
+    from ...laws.slots import ColumnEffects, PointEffects
+    from ...scene.decisions import Decision
+    from ...scene.scene import Scene
+    from ...terrain.elevation import Terrain
+    from ...terrain.flow_reach import Reach
+    from ..columns.node_grid import ColumnGrid
+    from .walls import Wall, WallNodes
+
+LEAST_OF = ("xi",)  # parameters whose smallest value represents the zones, because it has the largest effect
 
 
 @dataclass(frozen=True)
@@ -28,37 +40,49 @@ class KnownByPlace:
     scene : Scene
     zones : dict
         Parameter of friction -> float64 at the nodes, NaN where it is not given.
-    erodible : float64 at the nodes [kg m-2]
+    erodible : float64[ny + 3, nx + 3] [kg m-2]
+        Mass that the flow can take up at the nodes.
     walls : tuple of Wall
     wall_nodes : WallNodes
-    lake_level : float64 in the cells [m]
-    forest : float64 at the nodes [..., FOREST_ENTRIES]
+    lake_level : float64[ny, nx] [m]
+        Still level in the cells, NO_LAKE elsewhere.
+    forest : float64[ny + 3, nx + 3, FOREST_ENTRIES]
+        Values of the trees at the nodes.
     """
 
-    grid: object
-    scene: object
+    grid: "ColumnGrid"
+    scene: "Scene"
     zones: dict
     erodible: np.ndarray | None
-    walls: tuple
-    wall_nodes: object
+    walls: "tuple[Wall, ...]"
+    wall_nodes: "WallNodes | None"
     lake_level: np.ndarray | None
     forest: np.ndarray | None = None
 
-    def mu_least(self):
-        """The least that friction can be anywhere [1]."""
+    def mu_least(self) -> float:
+        """Return the least that friction can be anywhere [1]."""
         if not self.zones:
             return mu_least(self.scene)
         ends = {name: {np.nanmin(values), np.nanmax(values)} for name, values in self.zones.items()}
         corners = itertools.product(*([(name, value) for value in sorted(found)] for name, found in ends.items()))
         return min(mu_least(_with_friction(self.scene, dict(corner))) for corner in corners)
 
-    def facts(self, terrain, reach, frame, depth):
-        """The entries of `TerrainFacts` on spatial features; `depth` [m] is the release's, `frame` its columns.
+    def facts(self, terrain: "Terrain", reach: "Reach", frame: "Frame", depth: float) -> dict[str, Any]:
+        """Return the entries of `TerrainFacts` on spatial features.
+
+        Parameters
+        ----------
+        terrain : Terrain
+        reach : Reach
+        frame : Frame
+            The columns of the release.
+        depth : float [m]
+            Of the release.
 
         Raises
         ------
         SceneError
-            Ground in reach of the flow without friction.
+            Ground in reach of the flow has no friction.
         """
         x, y = self.grid.node_points()
         inside, near = reach.at(terrain.grid, x, y)
@@ -80,8 +104,14 @@ class KnownByPlace:
             facts["lake_ratio"] = self._lake_volume() / float(frame.particles.volume.sum())
         return facts
 
-    def completed(self, reach, terrain):
-        """The scene with a friction that represents its zones, for decisions on effects."""
+    def completed(self, reach: "Reach", terrain: "Terrain") -> "Scene":
+        """Return the scene with a friction that represents its zones, for decisions on effects.
+
+        Parameters
+        ----------
+        reach : Reach
+        terrain : Terrain
+        """
         if not self.zones:
             return self.scene
         x, y = self.grid.node_points()
@@ -100,8 +130,13 @@ class KnownByPlace:
             representative[name] = float(np.nanmin(chosen) if name in LEAST_OF else np.nanmean(chosen))
         return _with_friction(self.scene, representative)
 
-    def on_grid(self, effects):
-        """The Places of a run in which `effects` are on."""
+    def on_grid(self, effects: "ColumnEffects") -> Places:
+        """Return the spatial features of a depth-averaged run in which `effects` are on.
+
+        Parameters
+        ----------
+        effects : ColumnEffects
+        """
         barriers, names = None, ()
         if effects.barrier.barrier_active():
             barriers, names = barrier_entries(self.wall_nodes), tuple(wall.name for wall in self.walls)
@@ -114,8 +149,15 @@ class KnownByPlace:
             forest=self.forest if effects.forest.forest_active() else None,
         )
 
-    def in_3d(self, effects):
-        """The Places of a 3D run in which `effects` are on; its solver makes nodes of the walls by itself."""
+    def in_3d(self, effects: "PointEffects") -> Places:
+        """Return the spatial features of a 3D run in which `effects` are on.
+
+        The 3D solver makes the nodes of the walls itself.
+
+        Parameters
+        ----------
+        effects : PointEffects
+        """
         walls = self.walls if effects.barrier.barrier_active() else ()
         return Places(
             zone_values=self._zone_values(effects.zones, effects.contact),
@@ -123,8 +165,15 @@ class KnownByPlace:
             barrier_names=tuple(wall.name for wall in walls),
         )
 
-    def watched(self, law, decisions):
-        """tuple of Feature that are off by their indicator only; `law` is the friction used instead."""
+    def watched(self, law: Any, decisions: "Iterable[Decision]") -> tuple[Feature, ...]:
+        """Return the features that are off by their indicator only.
+
+        Parameters
+        ----------
+        law : NamedTuple
+            The friction that is used instead of zones.
+        decisions : iterable of Decision
+        """
         off = {
             decision.effect: _why_off(decision)
             for decision in decisions
@@ -139,7 +188,7 @@ class KnownByPlace:
         return tuple(features)
 
     def _zone_nodes(self, law):
-        """Nodes at which a parameter differs from that of `law` significantly."""
+        """Return a description, and the nodes at which a parameter differs from that of `law` significantly."""
         differs = np.zeros(self.grid.bed.shape, bool)
         for name in law._fields:
             used = getattr(law, name)
@@ -154,7 +203,7 @@ class KnownByPlace:
         return f"barrier {names}", self.wall_nodes.number > 0
 
     def _zone_values(self, zones, law):
-        """Parameters of the friction `law` at the nodes, in the order of its fields; None where zones are off."""
+        """Return the parameters of the friction `law` at the nodes, in the order of its fields; None without zones."""
         if not isinstance(zones, FrictionZones):
             return None
         return np.stack([_filled(self.zones[name]) for name in law._fields], axis=-1)
@@ -171,7 +220,7 @@ class KnownByPlace:
                 )
 
     def _wall_facts(self, terrain, reach, reached, x, y, depth):
-        """How far walls are from reachable ground, and how high the lowest is against flow and energy head there."""
+        """Return the distance of walls from reachable ground, and the height of the lowest over that of the flow."""
         stands = self.wall_nodes.number > 0
         touched = stands & reached
         if not touched.any():
@@ -194,7 +243,7 @@ class KnownByPlace:
 
 
 def _why_off(decision):
-    """Reason of a decision without features in reach."""
+    """Return the reason of a decision without features in reach."""
     if decision.indicator is None:
         return decision.reason.partition(";")[0]
     if decision.indicator == 0.0:
@@ -203,7 +252,7 @@ def _why_off(decision):
 
 
 def _with_friction(scene, values):
-    """`scene` with these parameters of friction, in the order of its law."""
+    """Return `scene` with these parameters of friction, in the order of its law."""
     table = scene.friction
     known = {**table.parameters, **values}
     ordered = {name: known[name] for name in scene.laws[table.law][1] if name in known}
@@ -211,7 +260,7 @@ def _with_friction(scene, values):
 
 
 def _filled(values):
-    """`values` with missing values taken from the nearest node that has one."""
+    """Return `values` with missing values taken from the nearest node that has one."""
     known = np.isfinite(values)
     return (
         values

@@ -1,15 +1,21 @@
-"""Values of the trees of forests at the nodes."""
+"""Compute the values of the trees of forests at the nodes, from files on the solver's grid, with their checks."""
 
+from collections.abc import Iterable
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...laws.forest import DETRAINMENT, DRAG, FOREST_ENTRIES, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
 from ...system.errors import InputError, SceneError
-from .lakes_and_areas import cell_values, within
+from .area_values import cell_values, within
 
-ENTRY = {  # by key of [[forest]]
+if TYPE_CHECKING:
+    from ...scene.tables import ForestTable
+    from ..columns.node_grid import ColumnGrid
+    from .feature_placement import PlacedFiles
+
+ENTRY = {  # key of [[forest]] -> index among the values of the trees
     "detrainment": DETRAINMENT,
     "drag": DRAG,
     "friction": FRICTION,
@@ -20,14 +26,20 @@ ENTRY = {  # by key of [[forest]]
 }
 
 
-def forest_values(forests: Any, grid: Any) -> np.ndarray:
-    """Values of the trees at the nodes, float64[ny + 3, nx + 3, FOREST_ENTRIES]; 0 without forest and at ghosts.
+def forest_values(forests: "Iterable[tuple[int, ForestTable, PlacedFiles]]", grid: "ColumnGrid") -> np.ndarray:
+    """Compute the values of the trees at the nodes.
 
     Parameters
     ----------
-    forests : iterable of (number in the scene, ForestTable, PlacedFiles)
-        A later one applies where several overlap; a node has forest where all its values are known.
+    forests : iterable of (int, ForestTable, PlacedFiles)
+        Number in the scene, table and files of each forest. Where several overlap, the last one applies; a node has
+        forest where all its values are known.
     grid : ColumnGrid
+
+    Returns
+    -------
+    float64[ny + 3, nx + 3, FOREST_ENTRIES]
+        0 without forest and at ghost nodes.
 
     Raises
     ------
@@ -50,7 +62,7 @@ def forest_values(forests: Any, grid: Any) -> np.ndarray:
 
 
 def _stands(table, files, x, y, where):
-    """(bool nodes, values [n, FOREST_ENTRIES] at these) of each polygon of a table, or of its mask."""
+    """Yield (bool nodes, values [n, FOREST_ENTRIES] at these) for each polygon of a table, or for its mask."""
     values = np.zeros((*x.shape, FOREST_ENTRIES))
     columns = {}
     for key, entry in ENTRY.items():

@@ -1,11 +1,12 @@
 """Openings in barriers: the open share of a node's spline, and the direction of flow through the opening.
 
 A wall that is thinner than three cells is held by nodes up to a cell and a half from its middle. Beyond its end, and in
-an opening narrower than that, the same nodes also serve the flow that passes. Such a node gets the share of its
-quadratic B-spline, along the wall, that sees no wall: summed over the nodes of a row, the shares times the cell size
-are the width of the opening within 3 %, whatever its place and its direction on the grid.
+an opening narrower than that, the same nodes also serve the flow that passes. The share of such a node is the part of
+its quadratic B-spline along the wall that is not in front of a wall. Summed over the nodes of a row, the shares times
+the cell size are the width of the opening within 3 %, whatever its place and its direction on the grid.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +15,17 @@ import shapely.affinity
 
 SPLINE = 1.5  # [cells] half width of the quadratic B-spline
 REGION = 3.0  # [cells] radius for the direction of the walls; twice the thickness of the wall if that is more
-WIDER = (1.0, 1.7, 2.7, 4.0)  # times that radius, one after the other until the walls there have a direction
-LONG = 0.4  # least over largest second moment of the walls in a region, below which they have a direction
-SIGHT = 3.5  # [cells] radius in which the two sides of a wall have to be connected for an opening to be one; more by
-DEEPER = 1.5  # [1] times the wall's thickness
-LEAST_SHARE, MOST_SHARE = 1e-6, 0.995  # a node with less is closed, one with more is free
-BEFORE, WITHIN = 1.08, 2.5  # limit over share of nodes before an opening, and of those in it
-LONGER = 0.04, 5.0  # by which the first is more for each cell of the wall's thickness, and for how many at most
-DEEP = 0.3  # [cells] how far behind the wall's faces a node counts as in the opening
+WIDER = (1.0, 1.7, 2.7, 4.0)  # [1] factors of that radius, tried in turn until the walls there have a direction
+LONG = 0.4  # [1] least over largest second moment of the walls in a region, below which they have a direction
+SIGHT = 3.5  # [cells] radius within which both sides of a wall must be connected to form an opening, plus DEEPER
+DEEPER = 1.5  # [1] times the thickness of the wall
+LEAST_SHARE = 1e-6  # [1] a node with a smaller open share is closed
+MOST_SHARE = 0.995  # [1] a node with a larger open share is free
+BEFORE = 1.08  # [1] limit over share of a node before an opening in a thin wall
+WITHIN = 2.5  # [1] limit over share of a node in an opening
+LONGER = 0.04  # [cells-1] increase of BEFORE for each cell of the wall's thickness
+LONGEST = 5.0  # [cells] thickness of the wall up to which BEFORE increases
+DEEP = 0.3  # [cells] depth behind the wall's faces from which a node counts as in the opening
 
 
 class Opening(NamedTuple):
@@ -29,15 +33,15 @@ class Opening(NamedTuple):
 
     Parameters
     ----------
-    share : float
+    share : float64[n] [1]
         Of the node's spline that is open; 0 where the wall is closed.
-    normal : float [n, 2]
+    limit : float64[n] [1]
+        Largest discharge that passes, over the critical discharge of a metre of opening. Before the opening it is a
+        tenth more than the share, which the held nodes beside it take from the flow, and up to a quarter more where the
+        way through is long. In the opening, which holds only what has passed there, it is WITHIN times the share.
+    normal : float64[n, 2] [1]
         Unit vector (east, north) along which the flow passes.
-    limit : float
-        How much passes at most, over the critical discharge of a metre of opening. Before the opening it is a tenth
-        more than the share, which the held nodes beside it take from the flow, and up to a quarter where the way
-        through is long; in the opening, which holds only what has passed there, it is WITHIN times the share.
-    side : float
+    side : float64[n]
         -1, 0 or 1: direction of the opening from the node along (normal north, -normal east).
     """
 
@@ -47,21 +51,28 @@ class Opening(NamedTuple):
     side: np.ndarray
 
 
-def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
-    """The Opening of nodes near walls.
+def openings_at(
+    places: np.ndarray,
+    thickness: np.ndarray,
+    footprints: Sequence[shapely.Geometry],
+    domain: tuple[float, float, float, float],
+    cell_size: float,
+    widened: float = 0.0,
+) -> Opening:
+    """Compute the Opening of nodes near walls.
 
     Parameters
     ----------
-    places : float[n, 2] [m]
-    thickness : float[n] [m]
+    places : float64[n, 2] [m]
+    thickness : float64[n] [m]
         Of the wall near each.
-    footprints : sequence of shapely.Polygon or MultiPolygon [m]
-        Of all walls.
+    footprints : sequence of Polygon or MultiPolygon
+        Of all walls, map metres.
     domain : (west, south, east, north) [m]
         Walls are mirrored at its edges, as the flow is.
     cell_size : float [m]
     widened : float, optional [cells]
-        By how much an opening is taken to be wider on each side. What passes at most stays that of its own width.
+        Length by which an opening is taken to be wider on each side. The largest discharge stays that of its own width.
     """
     n = len(places)
     answer = Opening(np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.zeros(n))
@@ -79,7 +90,7 @@ def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
     near = np.unique(vertices.query(points, "dwithin", 2.0 * SPLINE * cell_size)[0])
     normal = wall_normals(walls, points[near], np.maximum(REGION * cell_size, 2.0 * thickness[near]))
     near, normal = near[~np.isnan(normal[:, 0])], normal[~np.isnan(normal[:, 0])]
-    before = BEFORE + LONGER[0] * np.minimum(thickness / cell_size, LONGER[1])
+    before = BEFORE + LONGER * np.minimum(thickness / cell_size, LONGEST)
     for k, across in zip(near, normal, strict=True):
         share, limit, change, within = _open_share(walls, ground, points[k], across, thickness[k], cell_size, widened)
         if share > LEAST_SHARE:
@@ -88,8 +99,15 @@ def openings_at(places, thickness, footprints, domain, cell_size, widened=0.0):
     return answer
 
 
-def narrow_openings(footprints, narrower):
-    """Places and widths of the openings between walls that are narrower than `narrower` [m].
+def narrow_openings(footprints: Sequence[shapely.Geometry], narrower: float) -> list[tuple[float, float, float]]:
+    """Find the openings between walls that are narrower than a limit.
+
+    Parameters
+    ----------
+    footprints : sequence of Polygon or MultiPolygon
+        Of the walls, map metres.
+    narrower : float [m]
+        The limit of the width.
 
     Returns
     -------
@@ -143,16 +161,28 @@ def _image(walls, axis, edge, reach):
 
 
 def _areas(shape):
-    """The polygons of `shape`, without the lines and points where shapes touch."""
+    """Return the polygons of `shape`, without the lines and points where shapes touch."""
     parts = shapely.get_parts(shape)
     return shapely.union_all(parts[shapely.get_dimensions(parts) == 2])
 
 
-def wall_normals(walls, points, radius):
-    """float[n, 2]: unit normals of the direction in which `walls` run about each point; NaN where they have none.
+def wall_normals(walls: shapely.Geometry, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Compute the unit normals of the direction in which walls run about each point.
 
-    The direction is the axis of the largest second moment of the walls' area around the point, in the smallest of some
-    regions where it is clear; `radius` float[n] [m] is that of the first.
+    The direction is the axis of the largest second moment of the walls' area around the point. It is taken in the
+    smallest region in which the walls have a clear direction (LONG); the radii of the regions are WIDER times `radius`.
+
+    Parameters
+    ----------
+    walls : MultiPolygon
+    points : shapely.Point[n]
+    radius : float64[n] [m]
+        Of the first region.
+
+    Returns
+    -------
+    float64[n, 2]
+        East and north; NaN where the walls have no direction.
     """
     normal = np.full((len(points), 2), np.nan)
     for wider in WIDER:
@@ -169,7 +199,7 @@ def wall_normals(walls, points, radius):
 
 
 def _second_moments(shapes, origins):
-    """(xx, xy, yy) central second moments of area of each polygonal shape; coordinates are taken from `origins`."""
+    """Compute the central second moments of area (xx, xy, yy) of polygonal shapes, with coordinates from `origins`."""
     polygons, owner = shapely.get_parts(shapes, return_index=True)
     flat = shapely.get_dimensions(polygons) == 2
     rings, of = shapely.get_rings(polygons[flat], return_index=True)
@@ -194,8 +224,11 @@ def _second_moments(shapes, origins):
 
 
 def _open_share(walls, ground, point, across, thickness, cell_size, widened):
-    """What the node at `point` sees of openings: (share of its spline that is open, the same over the widening, change
-    of the share along the wall, whether the node is in the opening)."""
+    """Compute the openings as the node at `point` sees them.
+
+    Returns (share of its spline that is open, the same averaged over the widening, change of the share along the wall,
+    whether the node is in the opening).
+    """
     x, y = point.x, point.y
     along = np.array([across[1], -across[0]])
     here = np.array([x, y])
@@ -227,7 +260,7 @@ def _open_share(walls, ground, point, across, thickness, cell_size, widened):
 
 
 def _gaps(shadows, reach, least):
-    """Intervals of [-reach, reach] that no shadow covers."""
+    """Yield the intervals of [-reach, reach] that no shadow covers."""
     end = -reach
     for a, b in sorted(shadows):
         if a - end > least:
@@ -238,7 +271,7 @@ def _gaps(shadows, reach, least):
 
 
 class _Sides:
-    """The free ground around a node in parts that walls divide, and in which of them its own two sides lie."""
+    """Parts of the free ground around a node that walls divide, and those in which its own two sides lie."""
 
     def __init__(self, walls, ground, here, across, level, radius, step):
         window = shapely.Point(here).buffer(radius).intersection(ground)
@@ -261,19 +294,30 @@ class _Sides:
         point = shapely.Point(place)
         return int(np.argmin([part.distance(point) for part in self.parts])) if len(self.parts) else -1
 
-    def connected_by(self, place):
-        """True where the free ground at `place` is connected with both sides of the wall at the node."""
+    def connected_by(self, place: np.ndarray) -> bool:
+        """Return whether the free ground at `place` [m] is connected with both sides of the wall at the node.
+
+        Parameters
+        ----------
+        place : float64[2] [m]
+        """
         return len(self.own) <= 1 and self._part_of(place) in (self.own or {self._part_of(place)})
 
 
-def spline(s):
-    """The quadratic B-spline at `s` cells from its middle."""
+def spline(s: float) -> float:
+    """Compute the quadratic B-spline [1].
+
+    Parameters
+    ----------
+    s : float [cells]
+        Distance from its middle.
+    """
     s = abs(s)
     return max(0.75 - s * s, 0.0) if s < 0.5 else 0.5 * max(1.5 - s, 0.0) ** 2
 
 
 def _below(s):
-    """Integral of the quadratic B-spline up to `s` cells from its middle."""
+    """Compute the integral of the quadratic B-spline up to `s` cells from its middle."""
     s = min(max(s, -SPLINE), SPLINE)
     rest = (SPLINE - abs(s)) ** 3 / 6.0 if abs(s) > 0.5 else 0.5 - (0.75 * abs(s) - abs(s) ** 3 / 3.0)
     return rest if s < 0 else 1.0 - rest

@@ -1,5 +1,6 @@
-"""Barriers on the map: the grid nodes inside a wall, and the normal of its nearest side."""
+"""Find the grid nodes inside walls, and the normal of the nearest side of the wall at each."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import cos, radians
 
@@ -11,18 +12,18 @@ from scipy.sparse.csgraph import connected_components
 
 from .wall_openings import MOST_SHARE, SPLINE, openings_at, spline
 
-PARTS = 4  # of a cell along each axis, of which walls fill some
-NEAR_RIM = 3  # [cells] from the rim of a wall, within which it can fill a part of a cell
+PARTS = 4  # parts along each axis into which a cell at a wall is divided, to measure how much of it the wall fills
+NEAR_RIM = 3  # [cells] distance from the rim of a wall within which the wall can fill a part of a cell
 FACE_CELLS = 0.5  # [cells] depth of the nodes that only stop flow into the wall
 CORE_CELLS = 1.0  # [cells] depth of those behind, without flow; both sides of a wall have one
-WIDENED_IN_3D = 0.75  # [cells] by which nodes are open beyond each side of an opening in 3D
-TOUCHING = 1e-6  # [m] between two walls, up to which they are one
-SMALLEST_PART = 0.05  # of a wall's area: less that others do not cover does not count for its thickness
-CRACK = 1e3  # of TOUCHING, by which the rim of a union with cracks is longer
-AT_RIM = 1e-9  # of a wall's length, from its rim, within which a node is on it
-SAME_SIDES = 1e-6  # sum of the normals around a place, up to which they cancel
-SAME = 1.0 - 1e-6  # cosine between two normals of one side
-CORNER = cos(radians(30.0))  # a larger difference of the normals of neighbours is a corner
+WIDENED_IN_3D = 0.75  # [cells] length by which nodes are open beyond each side of an opening in 3D
+TOUCHING = 1e-6  # [m] gap between two walls up to which they are one
+SMALLEST_PART = 0.05  # [1] share of a wall's area; smaller parts that others do not cover do not set its thickness
+CRACK = 1e3  # [1] times TOUCHING: a union with cracks has a rim that is longer by more than this
+AT_RIM = 1e-9  # [1] share of a wall's length; a node nearer to its rim is on it
+SAME_SIDES = 1e-6  # [1] length of the sum of the normals around a place, up to which they cancel
+SAME = 1.0 - 1e-6  # [1] cosine between two normals of one side
+CORNER = cos(radians(30.0))  # [1] cosine between the normals of neighbours below which they form a corner
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class Wall:
     Parameters
     ----------
     name : str
-    footprint : shapely.Polygon or MultiPolygon [m]
+    footprint : Polygon or MultiPolygon
+        Map metres.
     height : float or None [m]
         Of the crest above the terrain, or
     crest : float or None [m]
@@ -54,25 +56,28 @@ class WallNodes:
 
     Parameters
     ----------
-    number : int
+    number : int[rows, columns]
         1 + index of the wall; 0 where there is none.
-    normal : float [..., 2]
+    normal : float64[rows, columns, 2] [1]
         Outward unit normal (east, north) of the wall's nearest side.
-    crest : float [m]
+    crest : float64[rows, columns] [m]
         Elevation of the crest.
-    mu : float [1]
-    core, corner : bool
-        Nodes without flow below the crest; those of them where the wall has a corner.
-    weight : float [m-1]
-        With which the flux at the node counts as passing over the wall: half a hat behind each of its two faces.
-    depth : float [m]
-        Behind the wall's nearest side as it is computed.
-    share : float
+    mu : float64[rows, columns] [1]
+        Coulomb friction along the wall.
+    core : bool[rows, columns]
+        Nodes without flow below the crest.
+    corner : bool[rows, columns]
+        Nodes of the core where the wall has a corner.
+    weight : float64[rows, columns] [m-1]
+        Weight of the flux at the node in the flux over the wall: half a hat behind each of its two faces.
+    depth : float64[rows, columns] [m]
+        Behind the wall's nearest side, as the solver places it.
+    share : float64[rows, columns] [1]
         Of the node's spline that is open: beyond a wall's end and in narrow openings (`wall_openings`). The normal
         there is the way through the opening.
-    limit : float
-        How much passes there at most, over the critical discharge of a metre of opening.
-    side : float
+    limit : float64[rows, columns] [1]
+        Largest discharge that passes there, over the critical discharge of a metre of opening.
+    side : float64[rows, columns]
         -1, 0 or 1: direction of the opening from the node along (normal north, -normal east).
     """
 
@@ -89,38 +94,71 @@ class WallNodes:
     side: np.ndarray
 
 
-def half_thickness(footprint):
-    """Half the thickness [m] of a long shape: its area over its perimeter."""
+def half_thickness(footprint: shapely.Geometry) -> float:
+    """Compute half the thickness [m] of a long shape: its area over its perimeter.
+
+    Parameters
+    ----------
+    footprint : Polygon or MultiPolygon
+    """
     return footprint.area / footprint.length
 
 
-def margin_in_3d(half, cell_size):
-    """As `margin_of`, but only up to a thickness of three cells: in 3D the flow rests on nodes in front of the wall."""
+def margin_in_3d(half: float, cell_size: float) -> float:
+    """Compute how far beyond its footprint nodes belong to a wall in 3D [m].
+
+    Nodes are added up to a thickness of three cells only (compare `margin_of`): in 3D the flow rests on nodes in front
+    of the wall.
+
+    Parameters
+    ----------
+    half : float [m]
+        The `half_thickness` of the wall.
+    cell_size : float [m]
+    """
     return max((FACE_CELLS + CORE_CELLS) * cell_size - half, 0.0)
 
 
-def margin_of(half, cell_size):
-    """How far [m] beyond its footprint nodes belong to a wall whose `half_thickness` is `half` [m].
+def margin_of(half: float, cell_size: float) -> float:
+    """Compute how far beyond its footprint nodes belong to a wall on the depth-averaged grid [m].
 
     A cell at least, so that the flow comes to rest near the footprint's edge and not a cell behind it; more where the
     wall is thinner than three cells in all, the least that stops a flow on this grid whatever way the wall runs.
+
+    Parameters
+    ----------
+    half : float [m]
+        The `half_thickness` of the wall.
+    cell_size : float [m]
     """
     return max((FACE_CELLS + CORE_CELLS) * cell_size - half, cell_size)
 
 
-def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
-    """The nodes at `x` [m] (east, by column) and `y` [m] (north, by row) inside `walls`, as WallNodes.
+def wall_nodes(
+    walls: Sequence[Wall],
+    x: np.ndarray,
+    y: np.ndarray,
+    bed: np.ndarray,
+    cell_size: float,
+    margin_of: Callable[[float, float], float] = margin_of,
+    widened: float = 0.0,
+) -> WallNodes:
+    """Find the nodes inside walls, with the values of the walls there.
 
     Parameters
     ----------
     walls : sequence of Wall
-    x, y : float[columns], float[rows]
-    bed : float[rows, columns] [m]
+    x : float64[columns] [m]
+        East of the nodes.
+    y : float64[rows] [m]
+        North of the nodes.
+    bed : float64[rows, columns] [m]
     cell_size : float [m]
     margin_of : callable, optional
-        How far [m] beyond its footprint a wall reaches, of (half its thickness [m], cell_size).
+        Function of half the thickness of a wall [m] and `cell_size` that returns how far the wall reaches beyond its
+        footprint [m].
     widened : float, optional [cells]
-        As of `wall_openings.openings_at`.
+        Length by which openings are wider on each side, see `wall_openings.openings_at`.
     """
     number, depth = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
     nearest, behind = np.zeros(bed.shape, int), np.full(bed.shape, -np.inf)
@@ -154,11 +192,34 @@ def wall_nodes(walls, x, y, bed, cell_size, margin_of=margin_of, widened=0.0):
     return nodes
 
 
-def filled_at(walls, nodes, x, y, cell_size, margin_of):
-    """Part [1] of each node's spline in the plane that walls fill, and their crest [m] where it is not 0.
+def filled_at(
+    walls: Sequence[Wall],
+    nodes: WallNodes,
+    x: np.ndarray,
+    y: np.ndarray,
+    cell_size: float,
+    margin_of: Callable[[float, float], float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the part of each node's spline in the plane that walls fill, and the crest of these walls.
 
     A cell around a node is divided into PARTS x PARTS. Each part counts by how far its centre lies behind a side, which
-    is exact for sides along the grid. Parameters are those of `wall_nodes`, which gives `nodes`.
+    is exact for sides along the grid.
+
+    Parameters
+    ----------
+    walls : sequence of Wall
+    nodes : WallNodes
+        The result of `wall_nodes` for these walls.
+    x : float64[columns] [m]
+    y : float64[rows] [m]
+    cell_size : float [m]
+    margin_of : callable
+        That of `wall_nodes`.
+
+    Returns
+    -------
+    (float64[rows, columns] [1], float64[rows, columns] [m])
+        The crest counts where the part is not 0.
     """
     inside = nodes.number > 0
     rim = ndimage.binary_dilation(inside, iterations=NEAR_RIM)
@@ -192,7 +253,7 @@ def filled_at(walls, nodes, x, y, cell_size, margin_of):
 
 
 def _spline_weights():
-    """float64[3, PARTS]: share of the parts of the cells before, at and after a node in its spline along an axis."""
+    """Compute the share of the parts of the cells before, at and after a node in its spline, float64[3, PARTS]."""
     parts = (np.arange(PARTS) + 0.5) / PARTS - 0.5
     weights = np.array([[spline(node + part) for part in parts] for node in (-1.0, 0.0, 1.0)])
     return weights / weights.sum()
@@ -231,7 +292,7 @@ def _open(nodes, walls, halves, nearest, x, y, bed, cell_size, widened):
 
 
 def _crest(wall, bed):
-    """Elevation [m] of the crest of `wall` over ground at `bed` [m]."""
+    """Return the elevation [m] of the crest of `wall` over ground at `bed` [m]."""
     return wall.crest if wall.crest is not None else bed + wall.height
 
 
@@ -260,17 +321,27 @@ def _thickness(footprint, places, depth, normal, most):
 
 
 def _window(bounds, x, y):
-    """(rows, columns) as slices of the nodes within `bounds` (west, south, east, north)."""
+    """Return (rows, columns) as slices of the nodes within `bounds` (west, south, east, north)."""
     west, south, east, north = bounds
     columns, rows = np.searchsorted(x, (west, east)), np.searchsorted(y, (south, north))
     return slice(rows[0], rows[1] + 1), slice(columns[0], columns[1] + 1)
 
 
-def joined_footprints(walls):
-    """For each wall (its footprint with all that touch or overlap it, directly or through others; half thickness [m]).
+def joined_footprints(walls: Sequence[Wall]) -> list[tuple[shapely.Geometry, float]]:
+    """Join the footprint of each wall with all that touch or overlap it, directly or through others.
 
-    The edge that two touch at is no side of a wall. Pieces of a wall are as thick as the whole, but no thicker than
-    they themselves are in the middle of what others do not cover: a thin wall beside or through a thick one stays thin.
+    The edge at which two walls touch is no side of a wall. Pieces of a wall are as thick as the whole, but no thicker
+    than they themselves are in the middle of what others do not cover: a thin wall beside or through a thick one stays
+    thin.
+
+    Parameters
+    ----------
+    walls : sequence of Wall
+
+    Returns
+    -------
+    list of (Polygon or MultiPolygon, float [m])
+        Joined footprint and half thickness of each wall.
     """
     shapes = [wall.footprint for wall in walls]
     one, other = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=TOUCHING)
@@ -307,7 +378,7 @@ def _half_of(part, others, whole):
 
 
 def _depth(footprint, x, y, least=np.inf, most=-np.inf):
-    """(depth in the footprint [m], negative outside; outward unit normal of its nearest side) at the nodes x by y.
+    """Compute the depth in the footprint [m], negative outside, and the outward unit normal of its nearest side.
 
     Where two sides are equally near, at corners and on their bisectors, the normal is between theirs. It is searched
     for nodes between the depths `least` and `most` [m].
@@ -333,13 +404,13 @@ def _depth(footprint, x, y, least=np.inf, most=-np.inf):
 
 
 def _way_from(boundary, points):
-    """float64[..., 2] [m]: way from the nearest point of `boundary` to each of `points`."""
+    """Compute the way from the nearest point of `boundary` to each of `points`, float64[..., 2] [m]."""
     ends = shapely.get_coordinates(shapely.shortest_line(boundary, points)).reshape(*points.shape, 2, 2)
     return ends[..., 1, :] - ends[..., 0, :]
 
 
 def _mean_normal(footprint, boundary, places):
-    """float64[n, 2]: outward unit normal at `places` [n, 2] [m], the mean of those at eight points close around each.
+    """Compute the outward unit normal at `places` [n, 2] [m] as the mean of those at eight points close around each.
 
     Their directions are symmetric about the axes and the diagonals, and none lies on these, so that two sides that are
     equally near have equal parts. It is 0 in the middle between opposite sides.
@@ -354,7 +425,7 @@ def _mean_normal(footprint, boundary, places):
 
 
 def _turns(normal, number):
-    """True at nodes whose neighbours have another normal: corners, ends, and junctions of walls."""
+    """Return the nodes whose neighbours have another normal: corners, ends, and junctions of walls."""
     turns = np.zeros(number.shape, bool)
     for axis in (0, 1):
         for step in (1, -1):

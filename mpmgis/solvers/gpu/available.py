@@ -1,4 +1,4 @@
-"""Whether this machine has a CUDA device that can be used, and which one; the reason in one line where it has none.
+"""Find the CUDA device of this machine, or the reason in one line why none can be used.
 
 numba-cuda is imported only when a device is asked for: it takes half a second and is an extra.
 """
@@ -10,19 +10,29 @@ from typing import NamedTuple
 from ...system.errors import SceneError, one_line
 
 INSTALL = "pip install 'mpmgis[gpu]'"
-TESTED = ((0, 30, 4), (0, 31))  # versions of numba-cuda: from the first, before the second, as in pyproject.toml
+TESTED = ((0, 30, 4), (0, 31))  # versions of numba-cuda: from the first, below the second, as in pyproject.toml
 NO_NUMPY = (2, 5)  # first version of NumPy that numba-cuda 0.30 does not work with, as in pyproject.toml
-LEAST_CAPABILITY = (7, 5)  # what CUDA 13 compiles for
+LEAST_CAPABILITY = (7, 5)  # lowest compute capability that CUDA 13 compiles for
 CPU_INSTEAD = "take device = 'cpu'"
-# how a run of a solver needs less memory
-SMALLER = {
+SMALLER = {  # solver -> how its run needs less memory
     "points": "use larger cells, precision = 'float32' or fewer points_per_cell",
     "columns": "use larger cells or fewer particles_per_cell",
 }
 
 
 class Device(NamedTuple):
-    """A CUDA device: name, compute capability, memory and free memory [bytes]."""
+    """A CUDA device.
+
+    Parameters
+    ----------
+    name : str
+    capability : (int, int)
+        Compute capability.
+    memory, free : int [bytes]
+        Memory of the device, and its free part.
+    simulated : bool
+        Whether it is the CUDA simulator.
+    """
 
     name: str
     capability: tuple[int, int]
@@ -31,7 +41,7 @@ class Device(NamedTuple):
     simulated: bool = False
 
     def line(self) -> str:
-        """The device in words."""
+        """Describe the device in words."""
         if self.simulated:
             return "the CUDA simulator (NUMBA_ENABLE_CUDASIM), which computes on the processor"
         major, minor = self.capability
@@ -41,18 +51,27 @@ class Device(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The device of this machine, or None and the reason."""
+    """The device of this machine, or None and the reason.
+
+    Parameters
+    ----------
+    device : Device, optional
+    lack : str
+        Why there is no device.
+    """
 
     device: Device | None
     lack: str = ""
 
     def line(self) -> str:
-        """The device, or the reason, in words."""
+        """Describe the device, or the reason, in words."""
         return self.lack if self.device is None else self.device.line()
 
 
 def found_device() -> Found:
-    """The CUDA device that numba-cuda would use, or why none can be used; imports numba-cuda if it is installed."""
+    """Find the CUDA device that numba-cuda would use, or why none can be used.
+
+    numba-cuda is imported if it is installed."""
     if importlib.util.find_spec("numba_cuda") is None:
         return Found(None, f"numba-cuda is not installed; {INSTALL} installs it")
     if lack := _version_lack():
@@ -78,12 +97,19 @@ def found_device() -> Found:
 
 
 def require_device(needed: float = 0.0, solver: str = "points") -> Device:
-    """The device of this machine, with `needed` [bytes] of free memory for a run of `solver`, a key of SMALLER.
+    """Return the device of this machine.
+
+    Parameters
+    ----------
+    needed : float [bytes]
+        Free memory that the run needs.
+    solver : str
+        A key of SMALLER.
 
     Raises
     ------
     SceneError
-        There is none, or it has too little memory.
+        There is no device, or it has too little memory.
     """
     device, lack = found_device()
     if device is None:
@@ -97,7 +123,7 @@ def require_device(needed: float = 0.0, solver: str = "points") -> Device:
 
 
 def _version_lack() -> str:
-    """Why the numba-cuda that is installed is not used; "" if it is.
+    """Return why the numba-cuda that is installed is not used; "" if it is.
 
     Laws are registered through an interface that numba-cuda does not document, which may differ in other versions.
     """
@@ -116,5 +142,5 @@ def _version_lack() -> str:
 
 
 def _number(version: str) -> tuple[int, ...]:
-    """The first three numbers of a version."""
+    """Return the first three numbers of a version."""
     return tuple(int(part) for part in version.split(".")[:3] if part.isdigit())

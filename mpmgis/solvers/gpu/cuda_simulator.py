@@ -4,11 +4,11 @@ All threads of a block share the arrays that they ask for: numba-cuda 0.30.4 loo
 for it, and adds it where it is missing, without a lock. Two threads may each get their own, and their sums are wrong (7
 of 3000 launches).
 
-The threads of a block run one after the other, each to its end or to the next `syncthreads`. The simulator runs them at
-the same time and polls them without a pause, which takes most of the time.
+The threads of a block run one after the other, each to its end or to the next `syncthreads`. The unrepaired simulator
+runs them at the same time and polls them without a pause, which takes most of the time.
 
-Arrays are those of NumPy in kernels, and numbers of a type (`uint32(1)`) too. The simulator wraps each array twice, to
-find entries of records, of which kernels have none; numba looks up NumPy's type for each number.
+Arrays are those of NumPy in kernels, and numbers of a type (`uint32(1)`) too. The unrepaired simulator wraps each array
+twice, to find entries of records, which these kernels do not have; numba looks up NumPy's type for each number.
 """
 
 import sys
@@ -16,12 +16,14 @@ import threading
 from functools import cache
 from threading import Lock
 from types import FunctionType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numba import types
 from numba.cuda.simulator import kernel, kernelapi
 from numba.np.numpy_support import as_dtype
 
+# functions of numba.cuda at which a thread waits for others
 WAITS = {"syncthreads", "syncthreads_count", "syncthreads_and", "syncthreads_or", "syncwarp"}
 
 _making = Lock()
@@ -31,8 +33,18 @@ _back = Lock()  # free while a simulated thread gives its turn back
 _back.acquire()
 
 
-def shared_array(self, shape, dtype, alignment=None):
-    """`cuda.shared.array`: the array of the line that calls it, the same one for all threads of the block."""
+def shared_array(self, shape: int | tuple[int, ...], dtype: Any, alignment: int | None = None) -> np.ndarray:
+    """Return the shared array of the line that calls it, the same one for all threads of the block.
+
+    It replaces `cuda.shared.array`, whose `self` is the simulated `cuda.shared`.
+
+    Parameters
+    ----------
+    shape : int or tuple of int
+    dtype : type of numba or NumPy
+    alignment : int, optional
+        Not used.
+    """
     frame = sys._getframe(1)
     line = frame.f_code.co_filename, frame.f_lineno
     with _making:
@@ -51,7 +63,7 @@ class Host(threading.Thread):
         self.turn.acquire()
         self.start()
 
-    def run(self):
+    def run(self) -> None:
         """Run the next task, whenever it has the turn for the first time."""
         while True:
             self.turn.acquire()
@@ -60,20 +72,33 @@ class Host(threading.Thread):
 
 
 class Turn:
-    """A thread of a block that runs while it has the turn, and gives it back at `syncthreads` and at its end."""
+    """A thread of a block that runs while it has the turn, and gives it back at `syncthreads` and at its end.
+
+    Parameters
+    ----------
+    manager : numba.cuda.simulator.kernel.BlockManager
+    block, place : tuple of int
+        Indices of the block, and of the thread in it.
+    arguments : tuple
+        Of the kernel.
+    host : Host
+        The thread of the host that runs it.
+    """
 
     syncthreads_count = kernel.BlockThread.syncthreads_count
     syncthreads_and = kernel.BlockThread.syncthreads_and
     syncthreads_or = kernel.BlockThread.syncthreads_or
 
-    def __init__(self, manager, block, place, arguments, host):
+    def __init__(
+        self, manager: kernel.BlockManager, block: tuple[int, ...], place: tuple[int, ...], arguments: tuple, host: Host
+    ) -> None:
         self._manager, self._arguments, self._host = manager, arguments, host
         self.blockIdx, self.threadIdx = kernel.Dim3(*block), kernel.Dim3(*place)
         self.thread_id = _number(manager, place)
         self.done, self.abort, self.exception = False, False, None
         host.task = self.run
 
-    def run(self):
+    def run(self) -> None:
         """Run the kernel, from the first turn on."""
         try:
             if not self.abort:
@@ -82,14 +107,20 @@ class Turn:
             self.exception = error
         self.done = True
 
-    def syncthreads(self):
-        """Wait for the next turn, when all others have had theirs."""
+    def syncthreads(self) -> None:
+        """Wait for the next turn, when all others have had theirs.
+
+        Raises
+        ------
+        RuntimeError
+            Another thread of the block failed.
+        """
         _back.release()
         self._host.turn.acquire()
         if self.abort:
             raise RuntimeError("another thread of the block failed")
 
-    def take(self):
+    def take(self) -> None:
         """Let the thread have its turn."""
         _now.thread = self
         self._host.turn.release()
@@ -97,8 +128,17 @@ class Turn:
         _now.thread = None
 
 
-def run_in_turn(manager, block, *arguments):
-    """Run the threads of a `block` one after the other, in the order in which the simulator would begin them."""
+def run_in_turn(manager: kernel.BlockManager, block: tuple[int, ...], *arguments: Any) -> None:
+    """Run the threads of a block one after the other, in the order in which the simulator would begin them.
+
+    Parameters
+    ----------
+    manager : numba.cuda.simulator.kernel.BlockManager
+    block : tuple of int
+        Index of the block.
+    *arguments
+        Of the kernel.
+    """
     places = kernel.np.ndindex(*manager._block_dim)  # tests replace it to change the order
     if _waits(manager._f):
         _run_with_turns(manager, block, places, arguments)
@@ -113,7 +153,7 @@ def run_in_turn(manager, block, *arguments):
 
 
 def _number(manager, place):
-    """Number of the thread at a `place` of its block."""
+    """Return the number of the thread at a `place` of its block."""
     (width, height), (x, y, z) = (*manager._block_dim, 1)[:2], (*place, 0, 0)[:3]
     return x + width * (y + height * z)
 
@@ -136,7 +176,7 @@ def _run_with_turns(manager, block, places, arguments):
 
 @cache
 def _waits(function):
-    """Whether a kernel, or a function of this package that it calls, waits for other threads."""
+    """Return whether a kernel, or a function of this package that it calls, waits for other threads."""
     names = set(function.__code__.co_names)
     called = (value for name, value in function.__globals__.items() if name in names)
     return bool(names & WAITS) or any(_waits(value) for value in called if _is_ours(value))
@@ -147,16 +187,21 @@ def _is_ours(value):
 
 
 def _current_thread():
-    """The simulated thread that asks where it is."""
+    """Return the simulated thread that asks where it is."""
     return threading.current_thread() if _now.thread is None else _now.thread
 
 
-def plain_number(kind):
-    """NumPy's type of the numbers of a numba type, which gives the same ones."""
+def plain_number(kind: types.Number) -> type:
+    """Return NumPy's type of the numbers of a numba type, which gives the same ones.
+
+    Parameters
+    ----------
+    kind : numba.types.Number
+    """
     return getattr(np, kind.name)
 
 
-def repair():
+def repair() -> None:
     """Let kernels from now on use `shared_array`, `run_in_turn` and plain arrays."""
     kernel.FakeWithinKernelCUDAArray = lambda array: array._ary
     kernelapi.FakeCUDAShared.array = shared_array

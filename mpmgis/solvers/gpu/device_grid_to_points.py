@@ -13,7 +13,8 @@ from numba import cuda, int32, uint32
 
 from ...laws.material import FAR as FAR_CODE
 from ...laws.material import NO_TENSION as TIP_CODE
-from ..points.point_edges import GRIPPED, INSIDE, JET
+from ..points.affine_limit import GRIPPED, JET
+from ..points.point_edges import INSIDE
 from ..points.point_rows import BLOCK, MASS, PX, PY, PZ, ROW_LONG, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from .device_functions import Part, capped, real
 from .device_point_steps import (

@@ -1,8 +1,10 @@
-"""Methods of laws for kernels on a CUDA device: what `law_methods` does for kernels on the processor.
+"""Make the methods of laws known to kernels on a CUDA device, as `law_methods` does for kernels on the processor.
 
 Import this module before a kernel that calls a law is compiled. numba-cuda has its own register of methods and does not
 see those that are registered with numba; the source of the laws is the same. A user's own law needs nothing else.
 """
+
+from collections.abc import Callable
 
 from numba import config, types
 
@@ -13,8 +15,14 @@ from ..points import point_rows
 FUNCTIONS = (*law_methods.INLINED_FUNCTIONS, *law_methods.FUNCTIONS, point_rows.stencil)
 
 
-def device_method(name):
-    """Let kernels on the device call method `name` of any law, as `jit.law_method`."""
+def device_method(name: str) -> None:
+    """Let kernels on the device call a method of any law, as `jit.law_method` does for the processor.
+
+    Parameters
+    ----------
+    name : str
+        Of the method.
+    """
     from numba.cuda.extending import overload_method, register_jitable
 
     @overload_method(types.BaseNamedTuple, name)
@@ -23,8 +31,13 @@ def device_method(name):
         return lambda law, *arguments: method(law, *arguments)
 
 
-def device_function(function):
-    """Let laws' methods and kernels on the device call the plain `function`, as `jit.law_function`."""
+def device_function(function: Callable) -> None:
+    """Let laws' methods and kernels on the device call a plain function, as `jit.law_function` does for the processor.
+
+    Parameters
+    ----------
+    function : function
+    """
     from numba.cuda.extending import overload
 
     @overload(function, strict=False)

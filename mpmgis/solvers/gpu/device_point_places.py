@@ -1,18 +1,29 @@
-"""Where a point goes on the device: over an edge of the domain, or up to the ground it is under."""
+"""Find where a point goes on the device: over an edge of the domain, or up to the ground it is under."""
 
 from math import sqrt
 
+import numpy as np
 from numba import float64, int64
 
 from ..points import point_report as entry
 from ..points.point_ground import GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y
-from ..points.point_rows import GHOSTS
+from ..points.point_rows import GHOSTS, Settings
 from .device_functions import Part, real
 
 
 @Part
-def way_out(x, y, edges, inside):
-    """Edge over which a point at (x, y) [cells] leaves, as in `point_edges.book_out`; EDGES if it stays."""
+def way_out(x: float, y: float, edges: tuple[float, float, float, float], inside: np.ndarray) -> int:
+    """Return the edge over which a point leaves, as in `point_edges.book_out`; EDGES if it stays.
+
+    Parameters
+    ----------
+    x, y : float [cells]
+        Place of the point.
+    edges : (west, south, east, north) [cells]
+        Of the domain.
+    inside : uint8[cells_y, cells_x]
+        1 where the terrain has an elevation.
+    """
     west, south, east, north = edges
     if x < west:
         return 0
@@ -30,11 +41,43 @@ def way_out(x, y, edges, inside):
 
 
 @Part
-def lifted(place, height, i, j, mass, px, py, pz, ground, settings, mine):
-    """What becomes of a point at `place` [cells] and `height` [m] that may be a cell below the ground.
+def lifted(
+    place: tuple[float, float],
+    height: float,
+    i: int,
+    j: int,
+    mass: float,
+    px: float,
+    py: float,
+    pz: float,
+    ground: np.ndarray,
+    settings: Settings,
+    mine: np.ndarray,
+) -> tuple[float, float, float, float, float]:
+    """Move a point onto the ground if it is more than a cell below it, as in `point_edges`.
 
-    As `point_edges`: it is moved onto it and loses its momentum into the ground. Returns the energy added [J],
-    0 where it stays, the momentum and the height [cells].
+    It then loses its momentum into the ground.
+
+    Parameters
+    ----------
+    place : (float, float) [cells]
+        Of the point in the nodes' array.
+    height : float [m]
+        Of the point.
+    i, j : int
+        Column and row of the node nearest to it.
+    mass : float [kg]
+    px, py, pz : float [kg m s-1]
+        Its momentum.
+    ground : float64[rows, columns, GROUND_ENTRIES]
+    settings : Settings
+    mine : float64[REPORT]
+        Report of the thread.
+
+    Returns
+    -------
+    (float [J], float, float, float [kg m s-1], float [cells])
+        Energy added, momentum and height; energy 0 and unchanged values, the height in metres, where the point stays.
     """
     dx = settings.dx
     x, y = place

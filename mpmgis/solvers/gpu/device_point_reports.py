@@ -1,8 +1,10 @@
-"""Reports of all threads, summed in a fixed order, and the clock of the run on the device."""
+"""Add up the reports of all threads in a fixed order, and update the clock of the run on the device."""
 
+import numpy as np
 from numba import cuda, float64, int64
 
 from ..points import point_report as entry
+from ..points.affine_limit import STILL, THIN
 from ..points.point_blocks import key_column, key_level, key_row
 from ..points.point_clock import (
     BAD,
@@ -24,9 +26,8 @@ from ..points.point_clock import (
     set_next_step,
 )
 from ..points.point_clock import STEP as STEPS
-from ..points.point_edges import STILL, THIN
 from ..points.point_nodes import FASTEST2
-from ..points.point_rows import BLOCK, GHOSTS, X, Y, Z
+from ..points.point_rows import BLOCK, GHOSTS, Settings, X, Y, Z
 from .device_functions import in_double, real
 from .device_point_steps import DENSE, GRADIENT, PUSH, SHIFT, STAY_POINT, STEP, STILL2, TURN2
 from .device_point_steps import STAY2_OF_ALL as STAY2
@@ -36,8 +37,16 @@ GROUP = 16  # reports that a thread block sums
 
 
 @in_double
-def sum_node_reports(run, reports, sums):
-    """Sum the node reports of a group of threads; one thread block per row of `sums`, one thread per entry."""
+def sum_node_reports(run: np.ndarray, reports: np.ndarray, sums: np.ndarray) -> None:
+    """Add up the node reports of a group of threads; one thread block per row of `sums`, one thread per entry.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    reports : float64[threads, NODE_REPORT]
+    sums : float64[groups, NODE_REPORT]
+        Set by this kernel.
+    """
     if run[STATUS] != 0:
         return
     c, k, n, count = cuda.blockIdx.x, cuda.threadIdx.x, reports.shape[0], sums.shape[0]
@@ -48,8 +57,18 @@ def sum_node_reports(run, reports, sums):
 
 
 @in_double
-def sum_point_reports(run, reports, sums):
-    """As `sum_node_reports`, of points: sums, largest and smallest values, and places of what is largest."""
+def sum_point_reports(run: np.ndarray, reports: np.ndarray, sums: np.ndarray) -> None:
+    """Reduce the point reports of a group of threads: sums, largest and smallest values, and the point that is fastest.
+
+    One thread block per row of `sums`, one thread per entry, as in `sum_node_reports`.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    reports : float64[threads, entries]
+    sums : float64[groups, entries]
+        Set by this kernel.
+    """
     if run[STATUS] != 0:
         return
     c, k, n, count = cuda.blockIdx.x, cuda.threadIdx.x, reports.shape[0], sums.shape[0]
@@ -82,8 +101,28 @@ def sum_point_reports(run, reports, sums):
 
 
 @in_double
-def choose_step(run, stage, clock, counts, report, scales, settings):
-    """Clock after the nodes moved, the length of the next step, and the numbers of this one; one thread."""
+def choose_step(
+    run: np.ndarray,
+    stage: np.ndarray,
+    clock: np.ndarray,
+    counts: np.ndarray,
+    report: np.ndarray,
+    scales: np.ndarray,
+    settings: Settings,
+) -> None:
+    """Update the clock after the nodes moved, choose the next step and set the factors of this one; one thread.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    report : float64[1, NODE_REPORT]
+    scales : float[entries]
+        Factors of the step, in the precision of the points; set by this kernel.
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
     collect_nodes(report, clock)
@@ -97,8 +136,34 @@ def choose_step(run, stage, clock, counts, report, scales, settings):
 
 
 @in_double
-def finish_step(run, stage, clock, counts, ledger, report, rows, keys, lowest, settings):
-    """Clock, counts and ledger after the points moved, and reasons to stop; one thread. The report has one row."""
+def finish_step(
+    run: np.ndarray,
+    stage: np.ndarray,
+    clock: np.ndarray,
+    counts: np.ndarray,
+    ledger: np.ndarray,
+    report: np.ndarray,
+    rows: np.ndarray,
+    keys: np.ndarray,
+    lowest: np.ndarray,
+    settings: Settings,
+) -> None:
+    """Update clock, counts and ledger after the points moved, and note reasons to stop; one thread.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    ledger : float64[EDGES, OUT_ENTRIES]
+    report : float64[1, entries]
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    keys : int64[n]
+    lowest : int32[block rows, block columns, 2]
+        The result of `point_blocks.lowest_blocks`.
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
     counts[STEPS] += 1

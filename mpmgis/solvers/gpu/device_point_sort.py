@@ -1,4 +1,4 @@
-"""Points sorted by blocks, and by cells in a block, and the blocks of nodes that they touch.
+"""Sort points by blocks, and by cells in a block, and find the blocks of nodes that they touch.
 
 The blocks are those of `point_blocks.sort_by_block`, with the same points. Within a block the points are in the
 order of their cells, those of a cell in that of their indices. Atomic additions count whole numbers only, and what they
@@ -6,6 +6,7 @@ leave in any order is ranked by index after them. Touched blocks are numbered in
 window.
 """
 
+import numpy as np
 from numba import cuda, int32, int64, uint32
 
 from ...compiled.block_order import GONE, REORDER_STEPS
@@ -49,14 +50,24 @@ from .launch import (
     WIDTH,
 )
 
-CELLS = BLOCK**3  # of a block of nodes, of points and of columns
+CELLS = BLOCK**3  # cells of a block
 SCANNERS = 256  # threads of the scan over pieces
 STRIP = 8  # numbers of each row that are moved at a time when rows are put in order
 
 
 @in_double
-def begin_step(run, stage, now, clock, counts):
-    """Reasons to stop before a step, the window of blocks, length and end of the step, also into `now`; one thread."""
+def begin_step(run: np.ndarray, stage: np.ndarray, now: np.ndarray, clock: np.ndarray, counts: np.ndarray) -> None:
+    """Note reasons to stop before a step, and set the window of blocks, length and end of the step; one thread.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+    now : float[NOW_ENTRIES]
+        Length and end of the step in the precision of the points.
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    """
     if run[STATUS] != 0:
         return
     if clock[TIME] >= stage[UNTIL]:
@@ -81,8 +92,15 @@ def begin_step(run, stage, now, clock, counts):
 
 
 @Kernel
-def clear_window(run, histogram, flags):
-    """No points and no touched blocks in the window."""
+def clear_window(run: np.ndarray, histogram: np.ndarray, flags: np.ndarray) -> None:
+    """Set the window to no points and no touched blocks.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    histogram : int[places]
+    flags : int[places]
+    """
     if run[STATUS] != 0:
         return
     for b in range(cuda.grid(1), run[SIZE], cuda.gridsize(1)):
@@ -91,8 +109,21 @@ def clear_window(run, histogram, flags):
 
 
 @Kernel
-def count_points(run, counts, rows, keys, histogram, cells):
-    """Number of points in each place of the window; and the cell of each point in its block."""
+def count_points(
+    run: np.ndarray, counts: np.ndarray, rows: np.ndarray, keys: np.ndarray, histogram: np.ndarray, cells: np.ndarray
+) -> None:
+    """Count the points in each place of the window, and find the cell of each point in its block.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    counts : int64[COUNTS]
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    keys : int64[n]
+    histogram : int[places]
+        Number of points in each place.
+    cells : uint8[n]
+    """
     if run[STATUS] != 0:
         return
     window = counts[WINDOW_FIRST:]
@@ -103,8 +134,15 @@ def count_points(run, counts, rows, keys, histogram, cells):
 
 
 @Kernel
-def sum_pieces(run, histogram, pieces):
-    """Sum and number of entries above zero of the histogram, in the piece of the window of each thread."""
+def sum_pieces(run: np.ndarray, histogram: np.ndarray, pieces: np.ndarray) -> None:
+    """Compute sum and number of the entries above zero of the histogram, in the piece of the window of each thread.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    histogram : int[places]
+    pieces : int64[threads, 2]
+    """
     if run[STATUS] != 0:
         return
     c, n, size = cuda.grid(1), cuda.gridsize(1), run[SIZE]
@@ -116,10 +154,15 @@ def sum_pieces(run, histogram, pieces):
 
 
 @Kernel
-def scan_pieces(run, pieces, points):
-    """Sums before each piece in place of its own; one block of SCANNERS threads.
+def scan_pieces(run: np.ndarray, pieces: np.ndarray, points: bool) -> None:
+    """Replace the sums of each piece by those of all pieces before it; one block of SCANNERS threads.
 
-    `points`: the histogram is that of the points, else of touched blocks.
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    pieces : int64[threads, 2]
+    points : bool
+        Whether the histogram is that of the points; else of touched blocks.
     """
     if run[STATUS] != 0:
         return
@@ -157,8 +200,21 @@ def scan_pieces(run, pieces, points):
 
 
 @Kernel
-def rank_places(run, histogram, pieces, block, start):
-    """Number the blocks with points, and turn their counts into the index of their first point."""
+def rank_places(
+    run: np.ndarray, histogram: np.ndarray, pieces: np.ndarray, block: np.ndarray, start: np.ndarray
+) -> None:
+    """Number the blocks with points, and turn their counts into the index of their first point.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    histogram : int[places]
+    pieces : int64[threads, 2]
+    block : int[active]
+        Place of each block with points.
+    start : int[active + 1]
+        First point of each block.
+    """
     if run[STATUS] != 0:
         return
     c, n, size = cuda.grid(1), cuda.gridsize(1), run[SIZE]
@@ -175,8 +231,21 @@ def rank_places(run, histogram, pieces, block, start):
 
 
 @Kernel
-def scatter_points(run, counts, keys, histogram, loose):
-    """Indices of the points of each block, in any order."""
+def scatter_points(
+    run: np.ndarray, counts: np.ndarray, keys: np.ndarray, histogram: np.ndarray, loose: np.ndarray
+) -> None:
+    """Collect the indices of the points of each block, in any order.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    counts : int64[COUNTS]
+    keys : int64[n]
+    histogram : int[places]
+        First free index of each place.
+    loose : int32[n]
+        The indices.
+    """
     if run[STATUS] != 0:
         return
     window = counts[WINDOW_FIRST:]
@@ -187,10 +256,24 @@ def scatter_points(run, counts, keys, histogram, loose):
 
 
 @Kernel
-def rank_points(run, start, loose, cells, mixed, order):
-    """Indices of the points of each block in the order of their `cells` uint8[n], those of a cell in ascending order.
+def rank_points(
+    run: np.ndarray, start: np.ndarray, loose: np.ndarray, cells: np.ndarray, mixed: np.ndarray, order: np.ndarray
+) -> None:
+    """Put the indices of the points of each block in the order of their cells, those of a cell in ascending order.
 
-    `mixed` int32[n] takes the indices in the order of cells first. CELLS is the number of cells of a block.
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    start : int[active + 1]
+        First point of each block.
+    loose : int32[n]
+        The indices by block, in any order.
+    cells : uint8[n]
+        Cell of each point, of the CELLS of a block.
+    mixed : int32[n]
+        Work array: the indices in the order of cells.
+    order : int32[n]
+        The indices in order.
     """
     if run[STATUS] != 0:
         return
@@ -227,8 +310,19 @@ def rank_points(run, start, loose, cells, mixed, order):
 
 
 @Kernel
-def mark_touched(run, block, lowest, flags):
-    """Mark the places of the window whose nodes the points of a block reach."""
+def mark_touched(run: np.ndarray, block: np.ndarray, lowest: np.ndarray, flags: np.ndarray) -> None:
+    """Mark the places of the window whose nodes the points of a block reach.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    block : int[active]
+        Place of each block with points.
+    lowest : int32[block rows, block columns, 2]
+        The result of `point_blocks.lowest_blocks`.
+    flags : int[places]
+        1 at these places.
+    """
     if run[STATUS] != 0:
         return
     width, depth, west, south = run[WIDTH], run[DEPTH], run[WEST_NOW], run[SOUTH_NOW]
@@ -241,8 +335,35 @@ def mark_touched(run, block, lowest, flags):
 
 
 @Kernel
-def rank_touched(run, flags, pieces, lowest, watched, slots, touched, sources):
-    """Number the touched blocks; stop if one is above a block column marked in `watched`."""
+def rank_touched(
+    run: np.ndarray,
+    flags: np.ndarray,
+    pieces: np.ndarray,
+    lowest: np.ndarray,
+    watched: np.ndarray,
+    slots: np.ndarray,
+    touched: np.ndarray,
+    sources: np.ndarray,
+) -> None:
+    """Number the touched blocks; stop if one is above a block column that is watched.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    flags : int[places]
+        1 at touched blocks.
+    pieces : int64[threads, 2]
+    lowest : int32[block rows, block columns, 2]
+        The result of `point_blocks.lowest_blocks`.
+    watched : uint8[block rows, block columns]
+        Not 0 where a block column is watched.
+    slots : int32[places]
+        Touched block at each place, or -1.
+    touched : int32[n_touched, 3]
+        Row, column and level of each touched block.
+    sources : int32[n_touched, 8]
+        Set to -1.
+    """
     if run[STATUS] != 0:
         return
     c, n, size = cuda.grid(1), cuda.gridsize(1), run[SIZE]
@@ -262,8 +383,31 @@ def rank_touched(run, flags, pieces, lowest, watched, slots, touched, sources):
 
 
 @Kernel
-def link_blocks(run, block, lowest, slots, sources, targets, places):
-    """Links between blocks with points and touched blocks, and the places of the former (see `kernels`)."""
+def link_blocks(
+    run: np.ndarray,
+    block: np.ndarray,
+    lowest: np.ndarray,
+    slots: np.ndarray,
+    sources: np.ndarray,
+    targets: np.ndarray,
+    places: np.ndarray,
+) -> None:
+    """Link blocks with points and touched blocks, and find the places of the former (see `point_blocks.link_blocks`).
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    block : int[active]
+        Place of each block with points.
+    lowest : int32[block rows, block columns, 2]
+        The result of `point_blocks.lowest_blocks`.
+    slots : int32[places]
+        Touched block at each place, or -1.
+    sources : int32[n_touched, 8]
+    targets : int32[active, 8]
+    places : int32[active, 3]
+        x, y, z of each block with points.
+    """
     if run[STATUS] != 0:
         return
     width, depth, west, south = run[WIDTH], run[DEPTH], run[WEST_NOW], run[SOUTH_NOW]
@@ -281,8 +425,14 @@ def link_blocks(run, block, lowest, slots, sources, targets, places):
 
 
 @Kernel
-def decide_order(run, counts):
-    """Whether rows are put in order in this step; one thread."""
+def decide_order(run: np.ndarray, counts: np.ndarray) -> None:
+    """Decide whether rows are put in order in this step; one thread.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    counts : int64[COUNTS]
+    """
     if run[STATUS] != 0:
         return
     run[REORDER] = 0
@@ -292,8 +442,32 @@ def decide_order(run, counts):
 
 
 @Kernel
-def take_strip(run, rows, ids, keys, order, strip, names, first):
-    """Copy STRIP numbers of each row, from `first`, in the order of blocks; with the first ones ids and keys."""
+def take_strip(
+    run: np.ndarray,
+    rows: np.ndarray,
+    ids: np.ndarray,
+    keys: np.ndarray,
+    order: np.ndarray,
+    strip: np.ndarray,
+    names: np.ndarray,
+    first: int,
+) -> None:
+    """Copy STRIP numbers of each row in the order of blocks; with the first ones ids and keys.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    ids : uint64[n]
+    keys : int64[n]
+    order : int32[n]
+    strip : float[n, STRIP]
+        Work array.
+    names : int64[n, 2]
+        Work array for ids and keys.
+    first : int
+        First of the numbers.
+    """
     if run[STATUS] != 0 or run[REORDER] == 0:
         return
     width = min(STRIP, rows.shape[1] - first)
@@ -307,8 +481,28 @@ def take_strip(run, rows, ids, keys, order, strip, names, first):
 
 
 @Kernel
-def give_strip(run, rows, ids, keys, strip, names, first):
-    """Copy what `take_strip` took to its new rows."""
+def give_strip(
+    run: np.ndarray,
+    rows: np.ndarray,
+    ids: np.ndarray,
+    keys: np.ndarray,
+    strip: np.ndarray,
+    names: np.ndarray,
+    first: int,
+) -> None:
+    """Copy what `take_strip` took to its new rows.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    ids : uint64[n]
+    keys : int64[n]
+    strip : float[n, STRIP]
+    names : int64[n, 2]
+    first : int
+        First of the numbers.
+    """
     if run[STATUS] != 0 or run[REORDER] == 0:
         return
     width = min(STRIP, rows.shape[1] - first)
@@ -321,8 +515,15 @@ def give_strip(run, rows, ids, keys, strip, names, first):
 
 
 @Kernel
-def note_order(run, counts, order):
-    """Rows that are in order: each is its own index, and those that had left are no more."""
+def note_order(run: np.ndarray, counts: np.ndarray, order: np.ndarray) -> None:
+    """Set the order of rows that were put in order: each is its own index, and those that had left are dropped.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    counts : int64[COUNTS]
+    order : int32[n]
+    """
     if run[STATUS] != 0 or run[REORDER] == 0:
         return
     for p in range(cuda.grid(1), run[SORTED], cuda.gridsize(1)):

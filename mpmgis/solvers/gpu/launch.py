@@ -1,4 +1,4 @@
-"""Sizes of launches, entries of the run on the device, and loops that all kernels share."""
+"""Sizes of launches, and entries of the run on the device."""
 
 from typing import NamedTuple
 
@@ -6,34 +6,38 @@ from numba import cuda
 
 from .device_functions import SIMULATED
 
-# int64 entries of a run on the device: reason to stop (0: none); window of blocks; numbers of blocks with points, of
-# points in them and of touched blocks of nodes; 1 if the rows are put in order in this step; then the room of arrays:
-# places of the window, blocks with points, touched blocks, levels of a column
+# int64 entries of a run on the device
 (
-    STATUS,
-    SIZE,
-    WIDTH,
-    HEIGHT,
-    DEPTH,
-    WEST_NOW,
-    SOUTH_NOW,
-    ACTIVE,
-    SORTED,
-    TOUCHED,
-    REORDER,
-    ROOM_PLACES,
-    ROOM_ACTIVE,
-    ROOM_TOUCHED,
-    ROOM_DEPTH,
-    RUN_ENTRIES,
+    STATUS,  # reason to stop; 0: none
+    SIZE,  # [blocks] places of the window
+    WIDTH,  # [blocks] its columns
+    HEIGHT,  # [blocks] its rows
+    DEPTH,  # [blocks] its levels
+    WEST_NOW,  # [blocks] its first column
+    SOUTH_NOW,  # [blocks] its first row
+    ACTIVE,  # number of blocks with points
+    SORTED,  # number of points in them
+    TOUCHED,  # number of touched blocks of nodes
+    REORDER,  # 1 if the rows are put in order in this step
+    ROOM_PLACES,  # largest number of places of the window that the arrays hold
+    ROOM_ACTIVE,  # largest number of blocks with points that they hold
+    ROOM_TOUCHED,  # largest number of touched blocks that they hold
+    ROOM_DEPTH,  # largest number of levels of a column that they hold
+    RUN_ENTRIES,  # number of entries
 ) = range(16)
 NEEDS_ROOM = 100  # status in addition to the kernel's reasons: the host enlarges arrays and repeats the step
-# float64 entries: length of this step and time at its end [s]; time of the request and the one after it [s]. Kernels of
-# nodes read the first two in the precision of the points, from an array `now` of NOW_ENTRIES
-DT, END, UNTIL, AFTER, STAGE_ENTRIES = range(5)
-NOW_ENTRIES = 2
-WIDEST, MOST_GROUPS = 128, 4  # largest width and groups, which the shared arrays of kernels have room for
-WORKERS_PER_MULTIPROCESSOR = 5  # of 128 threads with 96 registers each
+# float64 entries of a stage of the run; kernels of nodes read the first NOW_ENTRIES in the precision of the points
+(
+    DT,  # [s] length of this step
+    END,  # [s] time at its end
+    UNTIL,  # [s] time of the request
+    AFTER,  # [s] time of the next request
+    STAGE_ENTRIES,  # number of entries
+) = range(5)
+NOW_ENTRIES = 2  # DT and END
+WIDEST = 128  # largest width, which the shared arrays of kernels have room for
+MOST_GROUPS = 4  # largest number of groups, which they have room for
+WORKERS_PER_MULTIPROCESSOR = 5  # thread blocks of 128 threads with 96 registers each
 
 
 class Launch(NamedTuple):
@@ -74,15 +78,19 @@ class Launch(NamedTuple):
 SMALL = Launch(2, 8, 1, 2, 4, 4)  # for the simulator, where each thread of the device is one of the host
 
 
-def default_launch():
-    """Sizes for the device of this machine: the same for all devices of one type."""
+def default_launch() -> Launch:
+    """Return the sizes for the device of this machine: the same for all devices of one type."""
     if SIMULATED:
         return SMALL
     return Launch(workers=WORKERS_PER_MULTIPROCESSOR * cuda.get_current_device().MULTIPROCESSOR_COUNT)
 
 
-def checked(launch):
-    """`launch`, if kernels can be launched with it.
+def checked(launch: Launch) -> Launch:
+    """Return `launch` if kernels can be launched with it.
+
+    Parameters
+    ----------
+    launch : Launch
 
     Raises
     ------

@@ -1,16 +1,17 @@
-"""A sequence of launches that is repeated many times: the device repeats it from a CUDA graph.
+"""Repeat a sequence of launches many times: the device repeats it from a CUDA graph.
 
 A launch from Python takes several tens of microseconds on the host, as long as a kernel takes for some hundred thousand
 points. The sequence is therefore recorded once; the device then starts its kernels without the host.
 """
 
 import weakref
+from types import MethodType
 
 from numba import cuda
 
 from .device_functions import SIMULATED
 
-FEW = 2  # times that are launched from the host where nothing is recorded: to record takes as long as to launch
+FEW = 2  # largest number of repetitions that are launched from the host: to record takes as long as to launch
 
 
 class Repeated:
@@ -23,19 +24,19 @@ class Repeated:
         alive: its object, which has this one, releases its arrays as soon as nothing else refers to it.
     """
 
-    def __init__(self, launches):
+    def __init__(self, launches: MethodType) -> None:
         self._launches, self._graph, self._compiled = weakref.WeakMethod(launches), None, False
         self.stream = 0 if SIMULATED else cuda.stream()
 
-    def forget(self):
+    def forget(self) -> None:
         """Record the launches again before they are repeated, because their arguments have changed."""
         self._graph = None
 
-    def launches(self):
+    def launches(self) -> None:
         """Launch the sequence once, from the host."""
         self._launches()()
 
-    def __call__(self, times):
+    def __call__(self, times: int) -> None:
         """Launch the sequence that many `times`, one after the other, and wait for it."""
         if SIMULATED:
             for _ in range(times):
@@ -72,13 +73,13 @@ class _Graph:
             driver.cuGraphDestroy(graph)
         weakref.finalize(self, driver.cuGraphExecDestroy, self._graph)
 
-    def launch(self):
+    def launch(self) -> None:
         """Start the recorded kernels."""
         _checked(self._driver.cuGraphLaunch(self._graph, self._stream))
 
 
 def _checked(answer):
-    """The result of a call of the driver.
+    """Return the result of a call of the driver.
 
     Raises
     ------

@@ -14,7 +14,8 @@ from ...compiled.block_order import GONE, LEFT_MASS, LEFT_X, LEFT_Y, place_left
 from ...laws.material import FAR as FAR_CODE
 from ...laws.material import NO_TENSION as TIP_CODE
 from ..points import point_report as entry
-from ..points.point_edges import BENT, FAR, GRIPPED, INSIDE, JET, TOWARDS, above_ground, filled_share, widen_window
+from ..points.affine_limit import BENT, FAR, GRIPPED, JET, TOWARDS, above_ground, filled_share
+from ..points.point_edges import INSIDE, widen_window
 from ..points.point_ground import GROUND_DEEP
 from ..points.point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
 from . import device_point_steps as step

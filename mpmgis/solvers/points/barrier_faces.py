@@ -2,27 +2,30 @@
 
 from itertools import groupby, pairwise
 from math import cos, floor, radians
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from .contact_shares import part_before
 
-HELD_CELLS = 1.5  # [cells] under the crest at least, above which nodes are held one by one
-EDGE_CELLS = 2.6  # [cells] under the crest, above which flow over it moves freely into the side, at most
-LOW = 2.0  # [cells] height of barriers that hold the flow up to their crest
-LOWEST_FACE = 3.5  # [cells] height at least of barriers with faces
-SAME_SIDE = cos(radians(30.0))  # nodes whose normals differ by more lie behind different sides
-DIAGONAL = 0.999  # of the larger part of a normal, from which both axes are as good
-STRAIGHT = cos(radians(1.0))  # of faces beside each other on one side
-ALIGNED = 1e-6  # difference of the normals of faces on one plane, which rounding makes
-MOST_ASKEW = 4  # faces whose normal a corner turns
-MOST_TO_CORNER = 8  # rows from the last whole one to the end in a corner
-SUPPORT = 1.5  # [cells] of the spline
-OFF_SIDE = 0.05  # [cells] by which the rim of a wall may be off the sides of a corner
-LEAST_SLOPE = 0.1  # of the side that another meets, over which both form a corner
-ROUND_OFF = 1e-9  # [cells]
-AT_RIM = 1e-6  # [cells] from the side, within which rounding decides to whom a node belongs
+if TYPE_CHECKING:
+    from ..features.walls import WallNodes
+
+HELD_CELLS = 1.5  # [cells] least depth under the crest of the rows of a face; nodes above are held one by one
+EDGE_CELLS = 2.6  # [cells] largest depth under the crest in which flow over it moves freely into the side
+LOW = 2.0  # [cells] height up to which barriers hold the flow up to their crest
+LOWEST_FACE = 3.5  # [cells] least height of barriers with faces
+SAME_SIDE = cos(radians(30.0))  # [1] cosine between the normals of nodes, below which they lie behind different sides
+DIAGONAL = 0.999  # [1] ratio of the two parts of a normal from which a row may run along either axis
+STRAIGHT = cos(radians(1.0))  # [1] cosine between the normals of faces beside each other on one plane
+ALIGNED = 1e-6  # [1] difference of the normals of faces on one plane that rounding can cause
+MOST_ASKEW = 4  # largest number of faces whose normal a corner turns
+MOST_TO_CORNER = 8  # largest number of rows from the last whole one to the end in a corner
+SUPPORT = 1.5  # [cells] half width of the spline
+OFF_SIDE = 0.05  # [cells] largest distance of the rim of a wall from the sides of a corner
+LEAST_SLOPE = 0.1  # [1] least slope between two sides that form a corner
+ROUND_OFF = 1e-9  # [cells] rounding error of a place
+AT_RIM = 1e-6  # [cells] distance from the side within which rounding decides on which side of it a node lies
 
 
 class Face(NamedTuple):
@@ -38,16 +41,17 @@ class Face(NamedTuple):
         Place of the side from that node, -0.5 to 0.5.
     out : int
         -1 or 1: in which direction along the row the flow lies.
-    normal : (float, float)
+    normal : (float, float) [1]
         Outward unit normal, east and north.
     number : int
         1 + index of the wall.
     mu : float [1]
+        Coulomb friction along the side.
     top : float [m]
-        Elevation up to which the rows hold.
+        Elevation up to which the rows hold the flow.
     along, shift : float [cells]
         In a corner, how far the centre of the row's part of the side lies beside the row, and how far `foot` along it.
-    spread : float
+    spread : float [1]
         Variance of that part over that of the whole spline.
     """
 
@@ -64,23 +68,23 @@ class Face(NamedTuple):
     shift: float = 0.0
     spread: float = 1.0
 
-    def columns(self):
-        """(j, i) of the three node columns of the row."""
+    def columns(self) -> list[tuple[int, int]]:
+        """Return (j, i) of the three node columns of the row."""
         return [(self.j + o * self.axis, self.i + o * (1 - self.axis)) for o in (-1, 0, 1)]
 
 
-def faces_of(nodes, bed, smooth, cell_size):
-    """List of Face, those beside each other along a side in their order, None between others.
+def faces_of(nodes: "WallNodes", bed: np.ndarray, smooth: np.ndarray, cell_size: float) -> list[Face | None]:
+    """Find the faces of all walls: those beside each other along a side in their order, None between others.
 
     Left out are rows at outer corners, ends and openings, on ground that is not smooth, at walls lower than the cells
-    can tell, and rows that would share a node column with another face of their side. In an inner corner the rows of
+    can resolve, and rows that would share a node column with another face of their side. In an inner corner the rows of
     both sides reach as far as splines of points before it, and share node columns. A node without a normal, in the
     middle between opposite sides or where parts of a wall touch in a point, has no side.
 
     Parameters
     ----------
     nodes : WallNodes
-    bed : float[rows, columns] [m]
+    bed : float64[rows, columns] [m]
     smooth : bool[rows, columns]
         Where the ground under a node column is smooth.
     cell_size : float [m]
@@ -122,12 +126,12 @@ def faces_of(nodes, bed, smooth, cell_size):
 
 
 def _row_and_plane(face):
-    """What two faces of one side in the same row have in common."""
+    """Return what two faces of one side in the same row have in common."""
     return face.j, face.i, face.axis, face.out, *(round(part, 6) for part in face.normal)
 
 
 def _has_plane(side):
-    """Have two faces beside each other the same normal?
+    """Return whether two faces beside each other have the same normal.
 
     Nodes behind a corner can make short sides whose faces do not.
     """
@@ -135,7 +139,7 @@ def _has_plane(side):
 
 
 def _is_askew(faces):
-    """Has the last of three `faces` another normal than the two before it, which have the same one?"""
+    """Return whether the last of three `faces` has another normal than the two before it, which have the same one."""
     if len(faces) < 3:
         return False
     first, second, last = np.array([face.normal for face in faces])
@@ -143,13 +147,13 @@ def _is_askew(faces):
 
 
 def _parts_beside(side, columns):
-    """Runs of the faces of `side` that have none of the node `columns`."""
+    """Return the runs of the faces of `side` that have none of the node `columns`."""
     groups = groupby(side, key=lambda face: any(at in columns for at in face.columns()))
     return [list(group) for meets, group in groups if not meets]
 
 
 def _into_corner(side, nodes, bed, smooth, cell_size):
-    """`side` with its faces at its end in the corner with another side, if it ends in one.
+    """Return `side` with faces at its end in the corner with another side, if it ends in one.
 
     Nodes behind a corner are nearest to the corner itself, so that the last faces may have a normal between those of
     both sides: they are replaced.
@@ -170,7 +174,7 @@ def _into_corner(side, nodes, bed, smooth, cell_size):
 
 
 def _to_corner(last, step, nodes, bed, smooth, cell_size):
-    """(faces beyond the `last` of a side in direction `step`, place of the corner), an empty list if there is none.
+    """Return (faces beyond the `last` of a side in direction `step`, place of the corner); no faces if there is none.
 
     Faces reach as far as the splines of points before the corner. The corner's place counts along the axis across the
     rows. It is where the side meets the plane of the rim next to the first node before it that lies in the wall.
@@ -209,21 +213,22 @@ def _to_corner(last, step, nodes, bed, smooth, cell_size):
 
 
 def _place_of(face):
-    """(east, north) [nodes] of a point of a face's side."""
+    """Return (east, north) [nodes] of a point of a face's side."""
     at = np.array([face.i, face.j], float)
     at[face.axis] += face.foot - face.shift
     return at
 
 
 def _rim_of(nodes, at, cell_size):
-    """(east, north) [nodes] of the rim of a wall nearest to the node `at` in it."""
+    """Return (east, north) [nodes] of the rim of a wall nearest to the node `at` in it."""
     return np.array([at[1], at[0]]) + nodes.depth[at] / cell_size * nodes.normal[at]
 
 
 def _lie_on(sides, faces, nodes, cell_size):
-    """Is the rim of the wall nearest to each node behind `faces` on one of both `sides` (point, normal) of a corner?
+    """Return whether the rim of the wall nearest to each node behind `faces` is on one of both sides of a corner.
 
-    It is not where the wall is curved or has a kink before the corner. The rim behind a thin wall does not count.
+    Each of the `sides` is (point, normal). The rim is not on them where the wall is curved or has a kink before the
+    corner. The rim behind a thin wall does not count.
     """
     meeting = np.linalg.solve([facing for _, facing in sides], [np.dot(*side) for side in sides])
     for face in faces:
@@ -238,19 +243,22 @@ def _lie_on(sides, faces, nodes, cell_size):
 
 
 def _away(face, o):
-    """Distance [cells] along a face's row of its node `o` (-1, 0 or 1) before it."""
+    """Return the distance [cells] along a face's row of its node `o` (-1, 0 or 1) before it."""
     return (o - face.foot) * face.out
 
 
 def _at_place(face, across, place):
-    """`face` with its row at `across` and its foot at `place` along it, both in nodes."""
+    """Return `face` with its row at `across` and its foot at `place` along it, both in nodes."""
     nearest = floor(place + 0.5 + ROUND_OFF)
     at = (across, nearest) if face.axis == 0 else (nearest, across)
     return face._replace(j=at[0], i=at[1], foot=place - nearest)
 
 
 def _before_corner(face, corner, step):
-    """`face`, whose side ends at `corner` in direction `step`, at the centre of the part of its spline before it."""
+    """Move a face to the centre of the part of its spline before a corner.
+
+    The face's side ends at `corner` in direction `step`.
+    """
     across = (face.j, face.i)[face.axis]
     centre, spread = part_before((corner - across) * step)
     if centre == 0.0 or face.spread <= spread:  # the nearer of two corners counts
@@ -262,12 +270,12 @@ def _before_corner(face, corner, step):
 
 
 def _order(face):
-    """Along each side."""
+    """Return the key by which faces are sorted along each side."""
     return face.out, (face.j, face.i) if face.axis == 0 else (face.i, face.j)
 
 
 def _are_adjacent(face, other):
-    """Do two faces follow each other along one side?"""
+    """Return whether two faces follow each other along one side."""
     if face is None or (face.axis, face.out) != (other.axis, other.out):
         return False
     along, across = (other.j - face.j, other.i - face.i) if face.axis == 0 else (other.i - face.i, other.j - face.j)
@@ -275,7 +283,7 @@ def _are_adjacent(face, other):
 
 
 def _face_behind(nodes, bed, j, i, axis, cell_size):
-    """Face in front of node [j, i] of a wall, or None if the next node of the row is not in front of it."""
+    """Return the face in front of node [j, i] of a wall, or None if the next node of the row is not in front of it."""
     normal = nodes.normal[j, i]
     out = 1 if normal[axis] > 0.0 else -1
     ahead = nodes.depth[j, i] / (abs(normal[axis]) * cell_size)
@@ -291,36 +299,44 @@ def _face_behind(nodes, bed, j, i, axis, cell_size):
     return face._replace(top=_top_of(face, nodes, bed, cell_size))
 
 
-def edge_height(crest, bed, cell_size):
-    """Height [m] of the edge of a barrier under its `crest` [m], over ground at `bed` [m].
+def edge_height(crest: float | np.ndarray, bed: float | np.ndarray, cell_size: float) -> float | np.ndarray:
+    """Compute the height of the edge of a barrier under its crest [m].
 
     Flow passes a crest some cells above the nodes that hold its side. With EDGE_CELLS the discharge of water over a
     wall is that of measured weirs. A barrier up to LOW cells high has no edge, and that of a higher one ends LOW cells
     above the ground or higher.
+
+    Parameters
+    ----------
+    crest : float or float64[...] [m]
+        Elevation.
+    bed : float or float64[...] [m]
+        Elevation of the ground there.
+    cell_size : float [m]
     """
     return np.clip(crest - bed - LOW * cell_size, 0.0, EDGE_CELLS * cell_size)
 
 
 def _in_walls(face, nodes):
-    """(row, column) of the nodes of a face's row that are in walls."""
+    """Return (row, column) of the nodes of a face's row that are in walls."""
     rows, columns = nodes.number.shape
     return [at for at in face.columns() if 0 <= at[0] < rows and 0 <= at[1] < columns and nodes.number[at] > 0]
 
 
 def _lowest_crest(face, nodes):
-    """Elevation [m] of the lowest crest at the nodes of a face's row that are in walls."""
+    """Return the elevation [m] of the lowest crest at the nodes of a face's row that are in walls."""
     return min((float(nodes.crest[at]) for at in _in_walls(face, nodes)), default=-np.inf)
 
 
 def _top_of(face, nodes, bed, cell_size):
-    """Elevation [m] up to which the row of a face is held: below the edge of its barrier, and HELD_CELLS at least."""
+    """Return the elevation [m] up to which the row of a face is held: below its barrier's edge, HELD_CELLS at least."""
     inside = _in_walls(face, nodes)
     edges = [max(edge_height(nodes.crest[at], bed[at], cell_size), HELD_CELLS * cell_size) for at in inside]
     return min((float(nodes.crest[at] - edge) for at, edge in zip(inside, edges, strict=True)), default=-np.inf)
 
 
 def _is_smooth(face, nodes, bed, smooth, cell_size):
-    """Are the nodes of the row behind the face of its side, those before it free, and is it high enough?"""
+    """Return whether a row suits its face: nodes of one side behind it, free nodes before it, and enough height."""
     crest = _lowest_crest(face, nodes)
     for o, at in zip((-1, 0, 1), face.columns(), strict=True):
         if not all(0 <= k < n for k, n in zip(at, bed.shape, strict=True)) or not smooth[at]:

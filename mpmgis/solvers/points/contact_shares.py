@@ -14,27 +14,48 @@ for both components, water over an inclined floor flows down along the floor and
 from ...compiled.jit import jit_borrowing, jit_inline
 from .point_rows import GHOSTS
 
-MOST_RATIO = 6.0  # of a node's share and mass: 4 r, of points up to 1.5 cells away
-DEEP = 0.75  # [cells] of the centre of a column's masses above the ground, from which pressure alone tells its shares
-LIGHTEST = 0.1  # of a full node's share, as which a lighter node is pushed
-# Gauss's five points for a mean with the spline as weight, exact for polynomials of the ninth degree: distances [cells]
-# of the inner and the outer pair from the middle, and the weights of the middle and of each point of the pairs
-NEAR, FAR = 0.5877982813242693, 1.125241444035807
-NEAR_WEIGHT, FAR_WEIGHT = 0.2421323233425994, 0.03265097603233586
-MIDDLE_WEIGHT = 1.0 - 2.0 * (NEAR_WEIGHT + FAR_WEIGHT)
+MOST_RATIO = 6.0  # [1] largest ratio of a node's share and mass: 4 r, of points up to 1.5 cells away
+DEEP = 0.75  # [cells] height of the centre of a column's masses above the ground, from which pressure sets all shares
+LIGHTEST = 0.1  # [1] of the mass of a full node with its share: a lighter node is pushed as if it had this mass
+# Gauss's five points for a mean with the spline as weight, exact for polynomials of the ninth degree.
+NEAR = 0.5877982813242693  # [cells] distance of the inner pair of points from the middle
+FAR = 1.125241444035807  # [cells] distance of the outer pair
+NEAR_WEIGHT = 0.2421323233425994  # [1] weight of each point of the inner pair
+FAR_WEIGHT = 0.03265097603233586  # [1] weight of each point of the outer pair
+MIDDLE_WEIGHT = 1.0 - 2.0 * (NEAR_WEIGHT + FAR_WEIGHT)  # [1] weight of the point in the middle
 
 
 @jit_inline
-def foot_of(height, dx):
-    """(node level nearest to the ground at `height` [m], the ground's place above it in cells, -0.5 to 0.5)."""
+def foot_of(height: float, dx: float) -> tuple[int, float]:
+    """Find the node level nearest to the ground.
+
+    Parameters
+    ----------
+    height : float [m]
+        Of the ground.
+    dx : float [m]
+
+    Returns
+    -------
+    (int, float [cells])
+        Level of the node; place of the ground above it, -0.5 to 0.5.
+    """
     place = height / dx + float(GHOSTS)
     level = int(place + 0.5)
     return level, place - float(level)
 
 
 @jit_inline
-def spline_at(foot, offset):
-    """Weight of the node `offset` (-1, 0 or 1) levels above the nearest one, at the ground's place `foot` [cells]."""
+def spline_at(foot: float, offset: int) -> float:
+    """Compute the weight of a node near the ground in the spline at the ground [1].
+
+    Parameters
+    ----------
+    foot : float [cells]
+        Place of the ground above the nearest node.
+    offset : int
+        -1, 0 or 1: levels of the node above the nearest one.
+    """
     if offset == 0:
         return 0.75 - foot * foot
     half = 0.5 + float(offset) * foot
@@ -42,10 +63,15 @@ def spline_at(foot, offset):
 
 
 @jit_inline
-def pressure_share(away):
-    """Share of a node in what points above level ground press, `away` [cells] above the node: 4 r w(r) over r > away.
+def pressure_share(away: float) -> float:
+    """Compute the share of a node in the pressure of points above level ground [1]: 4 r w(r) over r > away.
 
     w is the spline. 4 w r / dx is the gradient of MLS-MPM (Hu et al. 2018, ACM Trans. Graph. 37:150).
+
+    Parameters
+    ----------
+    away : float [cells]
+        Height of the ground above the node.
     """
     a = min(abs(away), 1.5)
     if a < 0.5:
@@ -55,8 +81,14 @@ def pressure_share(away):
 
 
 @jit_inline
-def mass_share(away):
-    """Share of a node's mass that is above level ground `away` [cells] above the node: w(r) over r > away."""
+def mass_share(away: float) -> float:
+    """Compute the share of a node's mass that is above level ground [1]: w(r) over r > away.
+
+    Parameters
+    ----------
+    away : float [cells]
+        Height of the ground above the node.
+    """
     a = min(abs(away), 1.5)
     t = 1.5 - a
     share = 0.5 + a * (a * a / 3.0 - 0.75) if a < 0.5 else t * t * t / 6.0
@@ -64,10 +96,22 @@ def mass_share(away):
 
 
 @jit_borrowing
-def shares_on_slope(away, rise):
-    """(`pressure_share`, `mass_share`) of a node `away` [cells] below ground that rises by `rise` [1] to one side.
+def shares_on_slope(away: float, rise: float) -> tuple[float, float]:
+    """Compute `pressure_share` and `mass_share` of a node below ground that rises to one side.
 
-    The means over the spline along the slope, on which a distance [cells] is a difference in height of `rise` times it.
+    They are the means over the spline along the slope, on which a distance [cells] is a difference in height of `rise`
+    times it.
+
+    Parameters
+    ----------
+    away : float [cells]
+        Height of the ground above the node.
+    rise : float [1]
+        Tangent of the slope.
+
+    Returns
+    -------
+    (float [1], float [1])
     """
     near, far = NEAR * rise, FAR * rise
     pressed = MIDDLE_WEIGHT * pressure_share(away)
@@ -77,8 +121,16 @@ def shares_on_slope(away, rise):
 
 
 @jit_borrowing
-def mass_share_on_slope(away, rise):
-    """`mass_share` of a node `away` [cells] below ground that rises by `rise` [1] to one side, as `shares_on_slope`."""
+def mass_share_on_slope(away: float, rise: float) -> float:
+    """Compute the `mass_share` of a node below ground that rises to one side [1], see `shares_on_slope`.
+
+    Parameters
+    ----------
+    away : float [cells]
+        Height of the ground above the node.
+    rise : float [1]
+        Tangent of the slope.
+    """
     near, far = NEAR * rise, FAR * rise
     if abs(away) >= 1.5 + far:
         return 0.0 if away > 0.0 else 1.0
@@ -88,13 +140,22 @@ def mass_share_on_slope(away, rise):
 
 
 @jit_borrowing
-def share_of_mass(away, rise, mass):
-    """Share of a node `away` [cells] below the ground that rises by `rise` [1], from its `mass` [1].
+def share_of_mass(away: float, rise: float, mass: float) -> float:
+    """Compute the share of a node below ground that rises to one side from the node's mass [1].
 
     The ratio of share and mass is that of a space filled above the ground; a node in its interior has the mass 1. The
     limit is 0 from 2 cells below the ground: there a node has a share only on steep slopes, at most 0.007 up to 45
     degrees. With that share, sand at rest between a floor of 45 degrees and a wall pushed the wall more and more. Above
     the ground the limit is 0 where the nodes that count end, 2.5 cells away.
+
+    Parameters
+    ----------
+    away : float [cells]
+        Height of the ground above the node.
+    rise : float [1]
+        Tangent of the slope.
+    mass : float [1]
+        Of the node, over that of a node in the flow's interior.
     """
     pressed, filled = shares_on_slope(away, rise)
     limit = max(min(1.0 - 0.5 * away, 2.5 + away), 0.0)
@@ -102,17 +163,27 @@ def share_of_mass(away, rise, mass):
 
 
 @jit_borrowing
-def contact_shares(foot, rise, m0, m1, m2, m3, m4):
-    """Shares of the nodes -2 to 2 levels above the nearest one in the contact at the ground's place `foot` [cells].
+def contact_shares(
+    foot: float, rise: float, m0: float, m1: float, m2: float, m3: float, m4: float
+) -> tuple[float, float, float, float, float]:
+    """Compute the shares of the nodes -2 to 2 levels above the nearest one in the contact with the ground [1].
 
-    They are those of the component of the push along the line of nodes, and of friction. They follow from the masses,
-    `m0` to `m4` [1] over that of a node in the flow's interior (see `share_of_mass`), with the sum 1 and the moment
-    `foot` (see `_change`). No share is negative, or more than MOST_RATIO times the mass, which no arrangement of points
-    exceeds; where that limits one (in narrow corners, on very steep ground), all are scaled to the sum 1. They are
-    continuous in place, slope and masses.
+    They are those of the component of the push along the line of nodes, and of friction. They follow from the masses
+    (see `share_of_mass`), with the sum 1 and the moment `foot` (see `_change`). No share is negative, or more than
+    MOST_RATIO times the mass, which no arrangement of points exceeds; where that limits one (in narrow corners, on very
+    steep ground), all are scaled to the sum 1. They are continuous in place, slope and masses.
 
     Of a sheet thinner than 1.5 cells the weights of the spline take over, the more the thinner it is: its points move
     with the velocity that these give, and the shares of pressure would let it sink.
+
+    Parameters
+    ----------
+    foot : float [cells]
+        Place of the ground above the nearest node.
+    rise : float [1]
+        Tangent of the slope.
+    m0, m1, m2, m3, m4 : float [1]
+        Masses of the nodes, over that of a node in the flow's interior.
     """
     s0 = share_of_mass(foot + 2.0, rise, m0)
     s1 = share_of_mass(foot + 1.0, rise, m1)
@@ -132,7 +203,7 @@ def contact_shares(foot, rise, m0, m1, m2, m3, m4):
 
 @jit_inline
 def _across_level(away):
-    """Share of a node across the line less its `pressure_share`, of level ground `away` [cells] above the node.
+    """Compute the share across the line less `pressure_share`, for level ground `away` [cells] above the node.
 
     For the component across the line, the weight along the line is the spline w: this is w(away) less
     `pressure_share`.
@@ -146,12 +217,24 @@ def _across_level(away):
 
 
 @jit_borrowing
-def more_across(away, rise, part, share, mass):
-    """Difference [1] of a node's share in the component of a push across the line from its `share` along the line.
+def more_across(away: float, rise: float, part: float, share: float, mass: float) -> float:
+    """Compute the difference of a node's share in a push across the line from its share along the line [1].
 
-    The node of `mass` [1] is `away` [cells] below ground that rises by `rise` [1]; `part` is that of `across_part`.
     `_across_level` is averaged as in `shares_on_slope`. The share across is not negative, and not more than the mass
     over LIGHTEST: a lighter node would take only a part of the push.
+
+    Parameters
+    ----------
+    away : float [cells]
+        Height of the ground above the node.
+    rise : float [1]
+        Tangent of the slope.
+    part : float [1]
+        The result of `across_part`.
+    share : float [1]
+        Of the node along the line.
+    mass : float [1]
+        Of the node.
     """
     near, far = NEAR * rise, FAR * rise
     if abs(away) >= 1.5 + far:
@@ -163,23 +246,37 @@ def more_across(away, rise, part, share, mass):
 
 
 @jit_inline
-def across_part(nx, ny, nz):
-    """Part [1] of the difference between level ground's two sets of shares that counts on a slope of this unit normal.
+def across_part(nx: float, ny: float, nz: float) -> float:
+    """Compute the part of the difference between level ground's two sets of shares that counts on a slope [1].
 
     A component along an axis of the grid has the gradient of that axis, and the spline along both others. With the
     slope s along that axis, its shares differ from those along the line by 1 - s^2 times the difference on level
     ground. The mean of both axes, weighted by the components of the push, is what acts on its horizontal direction. It
     is 0 on slopes of 45 degrees along the grid: there both sets are equal.
+
+    Parameters
+    ----------
+    nx, ny, nz : float [1]
+        Unit normal of the slope.
     """
     across = nx * nx + ny * ny
     return max(1.0 - (nx * nx * nx * nx + ny * ny * ny * ny) / (nz * nz * across), 0.0) if across > 0.0 else 0.0
 
 
 @jit_inline
-def balanced(offset, more, total, moment):
-    """`more_across` of the node at `offset`, changed so that sum and moment of all nodes are 0.
+def balanced(offset: int, more: float, total: float, moment: float) -> float:
+    """Change the `more_across` of a node so that sum and moment over all nodes are 0 [1].
 
-    Without the change, which nodes 0 and 1 take, `total` is the sum and `moment` [cells] the moment about node 0.
+    Parameters
+    ----------
+    offset : int
+        Levels of the node above the nearest one; nodes 0 and 1 take the change.
+    more : float [1]
+        `more_across` of the node.
+    total : float [1]
+        Sum over all nodes without the change.
+    moment : float [cells]
+        Moment about node 0 without the change.
     """
     if offset == 0:
         return more - total + moment
@@ -187,20 +284,41 @@ def balanced(offset, more, total, moment):
 
 
 @jit_borrowing
-def row_shares(foot, rise, m0, m1, m2, m3, m4):
-    """`contact_shares` at a barrier's face, which leans by `rise` [1] along its rows.
+def row_shares(
+    foot: float, rise: float, m0: float, m1: float, m2: float, m3: float, m4: float
+) -> tuple[float, float, float, float, float]:
+    """Compute the shares of the nodes of a row in the contact with a barrier's face [1], see `contact_shares`.
 
     Shares of the outer nodes go to their neighbours, because the outer nodes may belong to another face. The moment
     changes by their difference, and a neighbour may get more than MOST_RATIO times its mass. Before a face along the
     grid with a full flow the outer nodes have no share.
+
+    Parameters
+    ----------
+    foot : float [cells]
+        Place of the face from the nearest node.
+    rise : float [1]
+        By which the face leans along its rows.
+    m0, m1, m2, m3, m4 : float [1]
+        Masses of the nodes, over that of a node in the flow's interior.
     """
     s0, s1, s2, s3, s4 = contact_shares(foot, rise, m0, m1, m2, m3, m4)
     return 0.0, s0 + s1, s2, s3 + s4, 0.0
 
 
 @jit_inline
-def depth_of(foot, m0, m1, m2, m3, m4):
-    """How deep a flow is at the ground, from the centre of the masses within 2.5 cells: 1 from 1.5 cells, 0 if sunk."""
+def depth_of(foot: float, m0: float, m1: float, m2: float, m3: float, m4: float) -> float:
+    """Compute how deep a flow is at the ground [1]: 1 from 1.5 cells, 0 where it is not above the ground.
+
+    It follows from the centre of the masses within 2.5 cells.
+
+    Parameters
+    ----------
+    foot : float [cells]
+        Place of the ground above the nearest node.
+    m0, m1, m2, m3, m4 : float [1]
+        Masses of the nodes -2 to 2 levels above the nearest one.
+    """
     m0, m4 = m0 * (0.5 - foot), m4 * (0.5 + foot)  # each is 0 where the nearest node changes
     total = m0 + m1 + m2 + m3 + m4
     centre = (m3 - m1 + 2.0 * (m4 - m0) - foot * total) / max(total, 1e-300)
@@ -209,7 +327,7 @@ def depth_of(foot, m0, m1, m2, m3, m4):
 
 @jit_borrowing
 def _with_spline(part, foot, s0, s1, s2, s3, s4):
-    """`part` of the shares, scaled to the sum 1, and for the rest the weights of the spline."""
+    """Mix `part` of the shares, scaled to the sum 1, with the weights of the spline for the rest."""
     scale, rest = part / max(s0 + s1 + s2 + s3 + s4, 1e-300), 1.0 - part
     return (
         scale * s0,
@@ -222,7 +340,7 @@ def _with_spline(part, foot, s0, s1, s2, s3, s4):
 
 @jit_borrowing
 def _change(foot, short, tilt):
-    """(even, lean) of the change (9/4 - e^2) (even + lean e) of shares, with the sum `short` and the moment `tilt`.
+    """Return (even, lean) of the change (9/4 - e^2) (even + lean e) with the sum `short` and the moment `tilt`.
 
     e [cells] is a node's distance above half a cell over the ground. The three nodes of |e| < 3/2 are changed: the
     masses of those further below show where the points end.
@@ -236,19 +354,26 @@ def _change(foot, short, tilt):
 
 @jit_inline
 def _changed(share, e, even, lean, most):
-    """`share` with its `_change`, within 0 and `most`."""
+    """Return `share` with its `_change`, within 0 and `most`."""
     return _held(share + max(2.25 - e * e, 0.0) * (even + lean * e), most)
 
 
 @jit_inline
 def _held(share, most):
-    """`share` within 0 and `most`."""
+    """Limit `share` to the range from 0 to `most`."""
     return min(max(share, 0.0), most)
 
 
 @jit_inline
-def share_at(offset, shares):
-    """The share of the node `offset` (-2 to 2) of `contact_shares`."""
+def share_at(offset: int, shares: tuple[float, float, float, float, float]) -> float:
+    """Return the share of one node of `contact_shares` [1].
+
+    Parameters
+    ----------
+    offset : int
+        -2 to 2: levels of the node above the nearest one.
+    shares : tuple of five float [1]
+    """
     if offset == 0:
         return shares[2]
     if offset < 0:
@@ -257,17 +382,33 @@ def share_at(offset, shares):
 
 
 @jit_inline
-def pushed_mass(mass, share, heaviest):
-    """Mass [kg] as which a node of this `share` is pushed; `heaviest` [kg] is that of its column's heaviest one."""
+def pushed_mass(mass: float, share: float, heaviest: float) -> float:
+    """Return the mass with which a node is pushed [kg]: its own, or a part of its column's largest for a light node.
+
+    Parameters
+    ----------
+    mass : float [kg]
+    share : float [1]
+        Of the node in the contact.
+    heaviest : float [kg]
+        Mass of the heaviest node of its column.
+    """
     return max(mass, LIGHTEST * share * heaviest)
 
 
 @jit_borrowing
-def part_before(away):
-    """(centre, spread) of the part of a node's spline before a wall; the node is `away` [cells] before it.
+def part_before(away: float) -> tuple[float, float]:
+    """Compute the centre and the spread of the part of a node's spline before a wall.
 
-    Behind it `away` is negative. The centre counts in cells from the node away from the wall; the spread is the
-    variance of the part over that of the whole spline.
+    Parameters
+    ----------
+    away : float [cells]
+        Distance of the node before the wall; negative behind it.
+
+    Returns
+    -------
+    (float [cells], float [1])
+        Distance of the centre from the node, away from the wall; variance of the part over that of the whole spline.
     """
     a = min(abs(away), 1.5)
     if a < 0.5:

@@ -1,6 +1,7 @@
-"""Smooth faces of barriers as arrays for the kernels."""
+"""Arrays of the smooth faces of barriers for the kernels (see `barrier_faces` and `point_faces`)."""
 
 from itertools import groupby, pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -10,23 +11,46 @@ from .barrier_faces import SAME_SIDE, faces_of
 from .point_faces import FACE_ENTRIES, FACE_FOLLOWS, FACE_NEXT, FACE_TAKEN, FACE_TOP, FACE_X, FACE_Y
 from .point_rows import GHOSTS
 
-UNDER_GROUND = 2  # [cells] how far rows reach down
-NO_FACES = np.zeros((0, FACE_ENTRIES))
+if TYPE_CHECKING:
+    from ..features.walls import WallNodes
+
+UNDER_GROUND = 2  # [cells] depth of the lowest rows below the ground
+NO_FACES = np.zeros((0, FACE_ENTRIES))  # faces of a terrain without barriers
 
 
-def face_arrays(nodes, bed, smooth, x, y, middle, floor, cell_size):
-    """(float64[n, FACE_ENTRIES], number of levels, float64[rows, columns, 3] for ROWED, ROW_TOP and ROWED_TOO).
+def face_arrays(
+    nodes: "WallNodes",
+    bed: np.ndarray,
+    smooth: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    middle: np.ndarray,
+    floor: float,
+    cell_size: float,
+) -> tuple[np.ndarray, int, np.ndarray]:
+    """Convert the smooth faces of barriers to arrays.
 
     Parameters
     ----------
     nodes : WallNodes
-    bed : float[rows, columns] [m]
-        Above `floor` [m].
+    bed : float64[rows, columns] [m]
+        Above `floor`.
     smooth : bool[rows, columns]
-    x, y : float[columns], float[rows] [m]
-    middle : float[walls + 1, 3] [m]
+        Where the ground under a node column is smooth.
+    x : float64[columns] [m]
+        East of the nodes.
+    y : float64[rows] [m]
+        North of the nodes.
+    middle : float64[walls + 1, 3] [m]
         Foot of each barrier's middle, from 1.
+    floor : float [m]
+        Elevation of the lowest level.
     cell_size : float [m]
+
+    Returns
+    -------
+    (float64[n, FACE_ENTRIES], int, float64[rows, columns, 3])
+        The faces; their number of levels; ROWED, ROW_TOP and ROWED_TOO of the node columns (see `point_barriers`).
     """
     faces = faces_of(nodes, bed + floor, smooth, cell_size)
     entries, levels = np.zeros((len(faces), FACE_ENTRIES)), 0

@@ -15,19 +15,9 @@ from ...laws.material import FAR as FAR_CODE
 from ...laws.material import NO_TENSION as TIP_CODE
 from . import point_batch as line
 from . import point_report as entry
+from .affine_limit import STILL, THIN, limit_thin
 from .point_batch import BATCH, INTEGERS, LINES, QUAD, QUADS
-from .point_edges import (
-    STILL,
-    THIN,
-    all_inside,
-    book_out,
-    deepest_level,
-    find_blocks,
-    give_keys,
-    keep_inside,
-    limit_thin,
-    widen_window,
-)
+from .point_edges import all_inside, book_out, deepest_level, find_blocks, give_keys, keep_inside, widen_window
 from .point_rows import BLOCK, GHOSTS, S4, TILE_LAYER, TILE_ROW, Edges, StepFactors, give_rows, take_rows, weigh
 
 STRAINED = 14  # lines written by a strain out of range: state and stress

@@ -1,18 +1,45 @@
-"""Distance of nodes from the ground, by its nearest triangle."""
+"""Compute the distance of nodes from the ground by its nearest triangle.
+
+A cell of four nodes is a fan of four triangles around its middle, which is where the bilinear surface has its middle,
+too. On cells that are not twisted, straight cliffs among them, the two are the same.
+"""
 
 from math import sqrt
+
+import numpy as np
 
 from ...compiled.jit import jit, jit_parallel, prange
 from .point_ground import AWAY, EXACT_X, EXACT_Y, EXACT_Z
 from .point_rows import GHOSTS
 
-TOUCHING = 1e-6  # [cells] from the ground, within which a node is on it
-SAME = 1e-3  # upward parts of normals that differ by less belong to one side of a fold
+TOUCHING = 1e-6  # [cells] distance from the ground within which a node is on it
+SAME = 1e-3  # [1] difference of the upward parts of normals, below which they belong to one side of a fold
 
 
 @jit
-def nearest_on_triangle(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
-    """The point of triangle a, b, c that is nearest to p (Ericson 2005, Real-Time Collision Detection, 5.1.5)."""
+def nearest_on_triangle(
+    px: float,
+    py: float,
+    pz: float,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    cx: float,
+    cy: float,
+    cz: float,
+) -> tuple[float, float, float]:
+    """Find the point of triangle a, b, c that is nearest to p (Ericson 2005, Real-Time Collision Detection, 5.1.5).
+
+    Parameters
+    ----------
+    px, py, pz : float [m]
+        The point p.
+    ax, ay, az, bx, by, bz, cx, cy, cz : float [m]
+        Corners of the triangle.
+    """
     ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
     d1 = ux * (px - ax) + uy * (py - ay) + uz * (pz - az)
     d2 = vx * (px - ax) + vy * (py - ay) + vz * (pz - az)
@@ -41,10 +68,11 @@ def nearest_on_triangle(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
 
 @jit
 def _nearest_ground(x, y, z, j, i, height, dx, reach):
-    """(squared distance [m2], its point, normal of the ground if (x, y, z) lies on it) around node column [j, i].
+    """Find the nearest ground to (x, y, z) around node column [j, i].
 
-    On a fold that is the normal of one side: of the flattest at an edge, where a flow rests, of the steepest at a foot,
-    where it is stopped. A normal between the two would throw it up, or off.
+    Returns (squared distance [m2], its point, normal of the ground if (x, y, z) lies on it). On a fold that is the
+    normal of one side: of the flattest at an edge, where a flow rests, of the steepest at a foot, where it is stopped.
+    A normal between the two would throw the flow up, or away from the ground.
     """
     best, qx, qy, qz = 1e300, x, y, z
     sx, sy, sz = 0.0, 0.0, 0.0
@@ -87,18 +115,36 @@ def _nearest_ground(x, y, z, j, i, height, dx, reach):
 
 
 @jit_parallel
-def distances_to_ground(height, dx, rows, columns, firsts, lowest, levels, reach, exact):
-    """Fill `exact` [n, EXACT_ENTRIES] for the nodes of some node columns.
+def distances_to_ground(
+    height: np.ndarray,
+    dx: float,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    firsts: np.ndarray,
+    lowest: np.ndarray,
+    levels: np.ndarray,
+    reach: int,
+    exact: np.ndarray,
+) -> None:
+    """Compute the distance and the direction of the nearest ground for the nodes of some node columns, into `exact`.
 
     Parameters
     ----------
-    height : float64[., .] [m]
+    height : float64[all rows, all columns] [m]
         Of the ground at all nodes, above the domain's lowest level.
     dx : float [m]
-    rows, columns, firsts, lowest, levels : int64[k]
-        Place of each node column, where its nodes begin in `exact`, their lowest level and how many there are.
-    reach : int
-        Cells to each side in which the nearest ground is searched.
+    rows, columns : int64[k]
+        Place of each node column.
+    firsts : int64[k]
+        Index in `exact` of the first node of each column.
+    lowest : int64[k]
+        Level of that node.
+    levels : int64[k]
+        Number of nodes of each column.
+    reach : int [cells]
+        Distance to each side within which the nearest ground is searched.
+    exact : float32[n, EXACT_ENTRIES]
+        Set by this function.
     """
     for c in prange(rows.shape[0]):
         j, i = rows[c], columns[c]

@@ -1,4 +1,9 @@
-"""Folds of the ground within a cell."""
+"""Folds of the ground within a cell, and the distance of the nodes there from the ground.
+
+At the edge of a cliff the plane below a node column deviates from the ground by up to the height of the cliff. Such
+columns and their neighbours store the exact distance and direction of the nearest ground for each node that the flow
+can reach.
+"""
 
 import numpy as np
 from scipy import ndimage
@@ -9,21 +14,19 @@ from .point_ground import EXACT_ENTRIES, FOLD_ENTRIES, Ground
 from .point_rows import GHOSTS
 
 FOLD_CELLS = 0.5  # [cells] deviation of the ground from the plane of a node at its neighbours that makes a fold
-REACH = 3  # [cells] to each side in which the nearest ground is searched; nodes with mass are nearer
-MOST_NODES = 1 << 27  # on folds, 2 GiB
-PRESSING = 1.0  # [cells] before a face, up to which points that start with stress press on it
-AT_NODE = 1e-4  # [cells] below a node, up to which the crest counts as at that node (rounding of single precision)
+REACH = 3  # [cells] distance to each side within which the nearest ground is searched; nodes with mass are nearer
+MOST_NODES = 1 << 27  # largest number of nodes on folds: 2 GiB
 SUNK = 3  # [cells] depth of the lowest node that can have mass, below the lowest ground near it
 
 
-def folded_ground(nodes, height, dx, clearance):
-    """The `Ground` of node columns `nodes`, with its folds.
+def folded_ground(nodes: np.ndarray, height: np.ndarray, dx: float, clearance: float) -> Ground:
+    """Make the `Ground` of node columns, with its folds.
 
     Parameters
     ----------
-    nodes : float[rows, columns, GROUND_ENTRIES]
+    nodes : float64[rows, columns, GROUND_ENTRIES]
         Height [m] and slopes first.
-    height : float[rows, columns] [m]
+    height : float64[rows, columns] [m]
         Of the terrain at the nodes: a cliff is one cell wide there and has no ramp, unlike that of the spline.
     dx : float [m]
     clearance : float [cells]
@@ -58,8 +61,21 @@ def folded_ground(nodes, height, dx, clearance):
     return Ground(nodes, folds, exact)
 
 
-def departure(nodes, height, dx):
-    """float[rows, columns] [m]: deviation of the ground from the plane of a node, normal to it, at its neighbours."""
+def departure(nodes: np.ndarray, height: np.ndarray, dx: float) -> np.ndarray:
+    """Compute how far the ground at the neighbours of a node is from the plane of the node, at most and normal to it.
+
+    Parameters
+    ----------
+    nodes : float64[rows, columns, GROUND_ENTRIES]
+        Height [m] and slopes first.
+    height : float64[rows, columns] [m]
+        Of the terrain at the nodes.
+    dx : float [m]
+
+    Returns
+    -------
+    float64[rows, columns] [m]
+    """
     foot, slope_x, slope_y = (nodes[..., k] for k in range(3))
     padded, worst = np.pad(height, 1, mode="edge"), np.zeros(height.shape)
     rows, columns = height.shape
@@ -74,7 +90,12 @@ def departure(nodes, height, dx):
     return np.where(rim, worst, 0.0)
 
 
-def padded(values):
-    """`values` [ny + 3, nx + 3, k], from one node outside the corner of the domain, extended to the ghost nodes."""
+def padded(values: np.ndarray) -> np.ndarray:
+    """Extend values at the nodes, from one node outside the corner of the domain, to the ghost nodes.
+
+    Parameters
+    ----------
+    values : float64[ny + 3, nx + 3, k]
+    """
     before, after = GHOSTS - 1, GHOSTS + 1
     return np.ascontiguousarray(np.pad(values, ((before, after), (before, after), (0, 0)), mode="edge"))

@@ -1,13 +1,6 @@
-"""Ground and barriers at the nodes of the 3D solver, and the yield of the ground below the points.
+"""Ground and barriers at the nodes of the 3D solver, and the yield of the ground below the points."""
 
-Folds of the ground within a cell, and the distance of the nodes there from the ground.
-
-At the edge of a cliff the plane below a node column deviates from the ground by up to the height of the cliff. Such
-columns and their neighbours store the exact distance and direction of the nearest ground for each node that the flow
-can reach.
-
-Faces of barriers as the 3D kernels know them (see `barrier_faces` and `point_faces`).
-"""
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
@@ -15,7 +8,7 @@ from scipy import ndimage
 from ..columns.node_grid import bed_at_nodes
 from .barrier_faces import edge_height
 from .face_arrays import face_arrays
-from .ground_folds import AT_NODE, PRESSING, padded
+from .ground_folds import padded
 from .point_barriers import ROWED
 from .point_contact import LAYER, MOST_YIELD, YIELD, YIELD_STEP
 from .point_faces import (
@@ -32,21 +25,45 @@ from .point_faces import (
     FACE_Y,
 )
 from .point_ground import FOLD_LEVELS
-from .point_rows import GHOSTS
+from .point_rows import GHOSTS, Settings
 
-LEVEL_ROUNDING = 1e-12  # relative rounding error of an elevation in cells
+if TYPE_CHECKING:
+    from ..columns.node_grid import ColumnGrid
+    from ..features.walls import Wall
+
+LEVEL_ROUNDING = 1e-12  # [1] relative rounding error of an elevation in cells
+PRESSING = 1.0  # [cells] distance before a face up to which points that start with stress press on it
+AT_NODE = 1e-4  # [cells] a crest that is lower than a node by less counts as at that node (rounding of float32)
 
 
-def level_below(bed, dx):
-    """Elevation [m] of the highest level of nodes (multiples of `dx` [m]) that is not above `bed` [m]."""
+def level_below(bed: float, dx: float) -> float:
+    """Find the highest level of nodes (multiples of `dx`) that is not above the bed [m].
+
+    Parameters
+    ----------
+    bed : float [m]
+        Elevation.
+    dx : float [m]
+    """
     levels = bed / dx
     if abs(levels - np.rint(levels)) <= LEVEL_ROUNDING * max(1.0, abs(levels)):
         return bed
     return float(np.floor(levels) * dx)
 
 
-def ground_nodes(grid, dx):
-    """(elevation [m] of the lowest level, float64[rows, columns, GROUND_ENTRIES] of all nodes)."""
+def ground_nodes(grid: "ColumnGrid", dx: float) -> tuple[float, np.ndarray]:
+    """Compute the ground at all nodes.
+
+    Parameters
+    ----------
+    grid : ColumnGrid
+    dx : float [m]
+
+    Returns
+    -------
+    (float [m], float64[rows, columns, GROUND_ENTRIES])
+        Elevation of the lowest level; the ground below each node column.
+    """
     bed = bed_at_nodes(grid)
     floor = level_below(float(bed.min()), dx)
     height = bed - floor
@@ -54,15 +71,28 @@ def ground_nodes(grid, dx):
     return floor, padded(np.dstack([height, grid.gradient, deep]))
 
 
-def barrier_nodes(walls, grid, floor, ground, folds, filled):
-    """Barriers `walls` at node columns, and their smooth faces.
+def barrier_nodes(
+    walls: "tuple[Wall, ...]", grid: "ColumnGrid", floor: float, ground: np.ndarray, folds: np.ndarray, filled: bool
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Compute the barriers at node columns, and their smooth faces.
 
-    Moments are about the foot of each wall's centroid. `folds` are those of the `Ground`. With `filled` the parts of
-    the splines that barriers fill are computed too.
+    Moments are about the foot of each wall's centroid.
+
+    Parameters
+    ----------
+    walls : tuple of Wall
+    grid : ColumnGrid
+    floor : float [m]
+        Elevation of the lowest level.
+    ground : float64[rows, columns, GROUND_ENTRIES]
+    folds : int32[rows, columns, FOLD_ENTRIES]
+        Of the `Ground`.
+    filled : bool
+        Whether the parts of the splines that barriers fill are computed too.
 
     Returns
     -------
-    float64[rows, columns, POINT_BARRIER_ENTRIES], float64[faces, FACE_ENTRIES], int
+    (float64[rows, columns, POINT_BARRIER_ENTRIES], float64[faces, FACE_ENTRIES], int)
         The last one is the number of levels of the faces.
     """
     from ..features.walls import WIDENED_IN_3D, filled_at, margin_in_3d, wall_nodes  # they import shapely
@@ -106,12 +136,32 @@ def barrier_nodes(walls, grid, floor, ground, folds, filled):
     return padded(np.dstack([np.where(standing, entries, 0.0), owned, parts])), faces, levels
 
 
-def press_ground(last, step, place, mass, stressed, ground, settings):
-    """Set the yield of the ground to equilibrium with the weight of points at `place` [n, 3] [m] of `mass` [n] [kg].
+def press_ground(
+    last: np.ndarray,
+    step: int,
+    place: np.ndarray,
+    mass: np.ndarray,
+    stressed: bool,
+    ground: np.ndarray,
+    settings: Settings,
+) -> None:
+    """Set the yield of the ground to equilibrium with the weight of points.
 
-    `last` float64[rows, columns, YIELD_ENTRIES] are the yields of `step`. Ground that the flow touched before keeps its
-    yield; below points above the ground the next step finds no contact. Points that are not `stressed` press on ground
-    without yield: both take up the weight in the first steps.
+    Ground that the flow touched before keeps its yield; below points above the ground the next step finds no contact.
+
+    Parameters
+    ----------
+    last : float64[rows, columns, YIELD_ENTRIES]
+        Yields of `step`; changed.
+    step : int
+    place : float64[n, 3] [m]
+        Of the points.
+    mass : float64[n] [kg]
+    stressed : bool
+        Whether the points start with stress. Others press on ground without yield: both take up the weight in the first
+        steps.
+    ground : float64[rows, columns, GROUND_ENTRIES]
+    settings : Settings
     """
     dx, shape = settings.dx, last.shape[:2]
     i, j = np.rint(place[:, :2].T / dx).astype(int) + GHOSTS
@@ -126,7 +176,15 @@ def press_ground(last, step, place, mass, stressed, ground, settings):
     last[new, YIELD_STEP] = step + 1
 
 
-def press_faces(last, step, place, stress, barriers, faces, settings):
+def press_faces(
+    last: np.ndarray,
+    step: int,
+    place: np.ndarray,
+    stress: np.ndarray,
+    barriers: np.ndarray,
+    faces: np.ndarray,
+    settings: Settings,
+) -> None:
     """Set the yield of barriers' faces with friction to equilibrium with the stress of points before them.
 
     A face that bears the pressure p yields by FACE_LAYER dx p / (rho c^2) (c: speed of pressure waves). Rows that the
@@ -135,13 +193,15 @@ def press_faces(last, step, place, stress, barriers, faces, settings):
     Parameters
     ----------
     last : float64[n + 2, levels + 2, YIELD_ENTRIES]
-        Yields of the faces in `step`, with a rim.
+        Yields of the faces in `step`, with a rim; changed.
+    step : int
     place : float64[n, 3] [m]
         Of the points, from the corner of the grid.
     stress : float64[n, 6] [Pa]
         xx, yy, zz, xy, xz, yz of the points.
     barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
     faces : float64[n, FACE_ENTRIES]
+    settings : Settings
     """
     dx, cells = settings.dx, place / settings.dx + GHOSTS
     i, j, k = np.rint(cells.T).astype(int)

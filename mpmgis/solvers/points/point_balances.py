@@ -1,5 +1,7 @@
 """Mass, energy, speeds and places of the points of a 3D run, and its balances."""
 
+from typing import Any
+
 import numpy as np
 
 from ...compiled.particle_slices import in_slices
@@ -12,20 +14,25 @@ from . import point_sums as sums
 from .point_barriers import IMPULSE_X, IMPULSE_Z
 from .point_blocks import places_of
 
-# outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
-LEDGER = ("mass", "momentum_east", "momentum_north", "momentum_up", "kinetic_energy", "potential_energy", "particles")
-# sums of a barrier: impulse into its faces and by axis [N s], moment about its foot [N m s], mass that passed above its
-# crest [kg], and the largest force into its faces in a single step [N]
-BARRIER_SUMS = (
-    "normal_impulse",
-    "impulse_east",
-    "impulse_north",
-    "impulse_up",
-    "moment_impulse_east",
-    "moment_impulse_north",
-    "moment_impulse_up",
-    "overtopped_mass",
-    "peak_normal_force",
+LEDGER = (  # outflow over an edge
+    "mass",  # [kg]
+    "momentum_east",  # [kg m s-1]
+    "momentum_north",  # [kg m s-1]
+    "momentum_up",  # [kg m s-1]
+    "kinetic_energy",  # [J]
+    "potential_energy",  # [J] relative to the lowest level
+    "particles",  # number of points
+)
+BARRIER_SUMS = (  # sums of the loads on a barrier
+    "normal_impulse",  # [N s] into its faces
+    "impulse_east",  # [N s]
+    "impulse_north",  # [N s]
+    "impulse_up",  # [N s]
+    "moment_impulse_east",  # [N m s] about its foot
+    "moment_impulse_north",  # [N m s]
+    "moment_impulse_up",  # [N m s]
+    "overtopped_mass",  # [kg] that passed above its crest
+    "peak_normal_force",  # [N] largest force into its faces in a single step
 )
 LOSSES = {  # energy losses of a flow, and their clock entries
     "ground": entry.GROUND_LOSS,
@@ -40,12 +47,19 @@ CLIPS = {  # limits on the state of points, and the clock entries that count the
     "held_at_walls": entry.WALL_TOTAL,
     "affine_velocity": entry.LIMITED_TOTAL,
 }
-FASTEST_SHARE = 1e-3  # share of the mass that is excluded from the 99.9th percentile of the speed
-ROUNDING = 1e-9  # relative, of a sum of masses
+FASTEST_SHARE = 1e-3  # [1] share of the mass that is faster than the 99.9th percentile of the speed
+ROUNDING = 1e-9  # [1] relative rounding error of a sum of masses
 
 
-def exceeded_by(share, values, mass):
-    """Smallest of `values` [n] that at most a `share` [1] of the `mass` [n] exceeds; 0 without values."""
+def exceeded_by(share: float, values: np.ndarray, mass: np.ndarray) -> float:
+    """Find the smallest of `values` that at most a share of the mass exceeds; 0 without values.
+
+    Parameters
+    ----------
+    share : float [1]
+    values : float64[n]
+    mass : float64[n] [kg]
+    """
     n, count = len(values), int(2.0 * share * len(values)) + 1
     if n == 0:
         return 0.0
@@ -63,27 +77,32 @@ class PointBalances(ParticleStore):
     """Quantities of the points of a run, from their rows and its clock."""
 
     @property
-    def points(self):
+    def points(self) -> int:
         """Number of points on the terrain now."""
         return int(self._counts[entry.ALIVE])
 
     @property
-    def speed_max(self):
+    def speed_max(self) -> float:
         """Largest speed now [m s-1]."""
         return float(self._clock[entry.SPEED_NOW])
 
     @property
-    def mach(self):
+    def mach(self) -> float:
         """Largest speed so far over that of pressure waves [1]."""
         return float(self._clock[entry.SPEED_WORST] / self._settings.signal_speed)
 
     @property
-    def kinetic_peak(self):
+    def kinetic_peak(self) -> float:
         """Largest kinetic energy [J] over the calls of `resting_for`."""
         return float(self._rest[0])
 
-    def resting_for(self, share):
-        """Time [s] for which the kinetic energy has been below `share` of its peak, at the calls of this method."""
+    def resting_for(self, share: float) -> float:
+        """Return how long the kinetic energy has been below a share of its peak, at the calls of this method [s].
+
+        Parameters
+        ----------
+        share : float [1]
+        """
         rest, kinetic = self._rest, float(self._sums()[sums.KINETIC])
         rest[0] = max(rest[0], kinetic)
         if kinetic >= share * rest[0]:
@@ -93,20 +112,20 @@ class PointBalances(ParticleStore):
         return self.time - rest[1] if rest[1] >= 0.0 else 0.0
 
     def _places(self, rows, keys):
-        """float64[n, 3] [m] from the corner of the domain at its lowest level."""
+        """Compute the places of points, float64[n, 3] [m], from the corner of the domain at its lowest level."""
         return places_of(rows, keys, self.numerics.cell_size, self._lowest)
 
     def _map_places(self, rows, keys):
-        """float64[n, 2] [m]: map E, N of points."""
+        """Compute the places of points on the map, float64[n, 2] [m]."""
         return self._places(rows, keys)[:, :2] + (self.grid.x0, self.grid.y0)
 
     def _height_under(self, place):
-        """float64[n] [m]: ground height at places [n, 2] from the corner of the domain, between nodes."""
+        """Compute the ground height at places [n, 2] from the corner of the domain, between nodes, float64[n] [m]."""
         x, y = (place / self.numerics.cell_size + row.GHOSTS).T
         return bilinear(self._ground[..., 0], y, x)
 
     def _sums(self):
-        """float64[SUMS]: sums over the points now, see `point_sums`."""
+        """Return the sums over the points now, float64[SUMS], see `point_sums`."""
         return self._once("sums", self._summed)
 
     def _summed(self):
@@ -121,16 +140,16 @@ class PointBalances(ParticleStore):
         return sum(in_slices(of, len(rows)), np.zeros(sums.SUMS))
 
     def _mass_now(self):
-        """Mass [kg] on the terrain, summed as that at the start."""
+        """Return the mass [kg] on the terrain, summed as that at the start."""
         return self._once("mass", lambda: float(self._seen()[0][:, row.MASS].sum(dtype=float)))
 
     def _speeds(self):
-        """float64[n] [m s-1]: speeds of the points now."""
+        """Return the speeds of the points now, float64[n] [m s-1]."""
         rows = self._seen()[0]
         return np.concatenate([np.zeros(0), *in_slices(lambda some: sums.speeds_of(rows[some]), len(rows))])
 
     def _speed_p999(self):
-        """Speed [m s-1] that 0.1 % of the mass exceeds now."""
+        """Return the speed [m s-1] that 0.1 % of the mass exceeds now."""
         return self._once("p999", self._computed_p999)
 
     def _computed_p999(self):
@@ -150,7 +169,7 @@ class PointBalances(ParticleStore):
         self._note_thickness()
         clock[[entry.SPEED_P999, entry.SPEED_P999_TIME]] = exceeded_by(FASTEST_SHARE, speed, mass), self.time
 
-    def note_deepest(self):
+    def note_deepest(self) -> None:
         """Record a new largest thickness and a new largest 99.9th percentile of the speed, which a restart needs."""
         if self.points:
             self._note_thickness()
@@ -174,8 +193,8 @@ class PointBalances(ParticleStore):
             place = (west + i + 0.5) * dx, (south + j + 0.5) * dx
             clock[entry.DEEPEST : entry.DEEPEST_TIME + 1] = thickness, *place, self.time
 
-    def flow(self):
-        """The present `Flow`; its depth is that of the mass in each cell, spread over the cell."""
+    def flow(self) -> Flow:
+        """Return the present `Flow`; its depth is that of the mass in each cell, spread over the cell."""
         frame, grid = self.frame(), self.grid
         (x, y), particles, dx = frame.map_xy(), frame.particles, grid.cell_size
         column, line = ((place / dx).astype(np.int64) for place in grid.from_corner(frame))
@@ -184,25 +203,25 @@ class PointBalances(ParticleStore):
         speed = np.sqrt((particles.velocity**2).sum(axis=1))
         return Flow(x, y, particles.velocity[:, 0], particles.velocity[:, 1], speed, depth, particles.mass)
 
-    def energy(self):
-        """(kinetic, potential, elastic) energy [J] of the points; potential energy is relative to the lowest ground."""
+    def energy(self) -> tuple[float, float, float]:
+        """Return kinetic, potential (from the lowest ground) and elastic energy of the points [J]."""
         return tuple(self._sums()[[sums.KINETIC, sums.POTENTIAL, sums.STORED]].tolist())
 
     def _energy_of_corrections(self):
-        """Energy [J] that corrections of volumes have supplied; each point keeps that of the present correction."""
+        """Return the energy [J] that corrections of volumes have supplied; points keep that of the present one."""
         if not self.effects.material.follows_density():
             return 0.0
         return float(self._clock[entry.CORRECTION_ENERGY] + self._sums()[sums.OF_STATE] / self.numerics.density)
 
     def _turning_energy(self, mass):
-        """Kinetic energy [J] of the initial velocity gradient inside the points, m (dx / 2)^2 |C|^2 / 2."""
+        """Return the kinetic energy [J] of the initial velocity gradient inside the points, m (dx / 2)^2 |C|^2 / 2."""
         if self._affine is None:
             return 0.0
         reach2 = 0.25 * self.numerics.cell_size**2
         return float(0.5 * reach2 * (mass * (self._affine**2).sum(axis=(1, 2))).sum())
 
-    def balances(self):
-        """Mass, momentum, energy and outflow so far as plain numbers, with relative errors."""
+    def balances(self) -> dict[str, Any]:
+        """Return mass, momentum, energy and outflow so far as plain numbers, with relative errors."""
         clock, ledger = self._clock, self._ledger
         mass_now, mass_out = self._mass_now(), float(ledger[:, 0].sum())
         kinetic, potential, stored = self.energy()
@@ -265,11 +284,11 @@ class PointBalances(ParticleStore):
         }
 
     def _place_of(self, first):
-        """[E, N] [m] of the place at clock entries `first` and following."""
+        """Return [E, N] [m] of the place at clock entries `first` and following."""
         return [float(self._clock[first]) + self.grid.x0, float(self._clock[first + 1]) + self.grid.y0]
 
     def _speed_over_fall(self):
-        """Ratio [1] of the largest speed to its bound.
+        """Return the ratio [1] of the largest speed to its bound.
 
         The bound is the speed of a free fall from the highest initial point with the largest initial speed.
         """
@@ -278,8 +297,8 @@ class PointBalances(ParticleStore):
         bound = np.sqrt(2.0 * self.numerics.gravity * fall + clock[entry.START_SPEED] ** 2)
         return float(clock[entry.SPEED_WORST] / bound) if bound > 0.0 else 0.0
 
-    def energy_look(self):
-        """The present `EnergyLook`.
+    def energy_look(self) -> EnergyLook:
+        """Return the present `EnergyLook`.
 
         Energy added by moving points onto the ground is input, and so is what yielding ground and barriers give back:
         they took it from the flow before. Recorded losses count only as work: nodes also lose energy of the velocity
@@ -296,23 +315,30 @@ class PointBalances(ParticleStore):
         work = float(fall), stored - stored_in, float(taken), kinetic_in
         return EnergyLook(float(made), kinetic, least, work, self.time)
 
-    def fastest(self):
-        """Map E, N [m] and speed [m s-1] of the fastest point."""
+    def fastest(self) -> tuple[float, float, float]:
+        """Return place E, N on the map [m] and speed [m s-1] of the fastest point."""
         rows, _, keys = self._seen()
         speeds = self._speeds()
         k = int(np.argmax(speeds))
         x, y = self._map_places(rows[k : k + 1], keys[k : k + 1])[0]
         return float(x), float(y), float(speeds[k])
 
-    def highest(self):
-        """Map E, N and height above the lowest ground [m] of the highest point."""
+    def highest(self) -> tuple[float, float, float]:
+        """Return place E, N on the map [m] and height above the lowest ground [m] of the highest point."""
         rows, _, keys = self._seen()
         places = self._places(rows, keys)
         x, y, z = places[np.argmax(places[:, 2])]
         return float(x + self.grid.x0), float(y + self.grid.y0), float(z)
 
-    def trouble(self):
-        """Where a run stopped: map E, N [m], number of points not finite, share of mass moved onto the ground."""
+    def trouble(self) -> tuple[float, float, int, float]:
+        """Return where a run stopped, and why.
+
+        Returns
+        -------
+        (float [m], float [m], int, float [1])
+            Place E, N on the map, number of points that are not finite, share of the mass that was moved onto the
+            ground.
+        """
         clock, (rows, _, keys) = self._clock, self._seen()
         bad = int(self._counts[entry.BAD])
         x, y = clock[entry.BAD_AT_X], clock[entry.BAD_AT_Y]

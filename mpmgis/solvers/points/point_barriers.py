@@ -1,6 +1,9 @@
 """Rigid barriers in the 3D solver: they stop flow that moves into them, and their loads are summed."""
 
 from math import floor, sqrt
+from typing import Any
+
+import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
@@ -8,48 +11,68 @@ from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from .point_ground import GROUND_HEIGHT
 from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 
-# of a node column with a barrier: outward unit normal of its nearest side, elevation above the domain's lowest level up
-# to which each node holds the flow [m], depth behind that side [m], friction [1], weight with which what passes
-# above is counted [m-1], place of the barrier's foot from here [m], 1 + number of the barrier (0: none); then of
-# openings (`wall_openings`) the share that is open, how much passes at most, to which side it lies; height of the
-# edge from there to the crest (`point_crests`) [m] (0: none); last of smooth faces (`point_faces`) 1 + the number of
-# the face that this node column belongs to (0: none), the elevation up to which rows are held there [m], and 1 + the
-# number of a face of another side that it belongs to in a corner (0: none); where the material uses the density at the
-# nodes, the part of the node's spline in the plane that barriers fill and the elevation of their crest [m]
+# float64 entries of a node column with a barrier; elevations are above the domain's lowest level
 (
-    WALL_X,
-    WALL_Y,
-    HELD,
-    DEPTH,
-    WALL_MU,
-    WEIGHT,
-    ARM_X,
-    ARM_Y,
-    FOOT,
-    BARRIER,
-    SHARE,
-    LIMIT,
-    SIDE,
-    EDGE,
-    ROWED,
-    ROW_TOP,
-    ROWED_TOO,
-    FILLED,
-    FILLED_TOP,
-    POINT_BARRIER_ENTRIES,
+    WALL_X,  # [1] outward unit normal of the nearest side, east
+    WALL_Y,  # [1] north
+    HELD,  # [m] elevation up to which each node holds the flow
+    DEPTH,  # [m] depth of the column behind that side
+    WALL_MU,  # [1] friction along the barrier
+    WEIGHT,  # [m-1] weight with which flow that passes above is counted
+    ARM_X,  # [m] place of the column from the barrier's foot, east
+    ARM_Y,  # [m] north
+    FOOT,  # [m] elevation of the barrier's foot
+    BARRIER,  # 1 + number of the barrier; 0: none
+    SHARE,  # [1] open share of the column in an opening (`wall_openings`); 0: closed
+    LIMIT,  # [1] largest discharge through the opening, over the critical discharge of a metre of it
+    SIDE,  # -1, 0 or 1: direction of the opening along (normal north, -normal east)
+    EDGE,  # [m] height of the edge from HELD to the crest (`point_crests`); 0: none
+    ROWED,  # 1 + number of the smooth face (`point_faces`) that the column belongs to; 0: none
+    ROW_TOP,  # [m] elevation up to which the rows of that face hold the flow
+    ROWED_TOO,  # 1 + number of a face of another side that it also belongs to, in a corner; 0: none
+    FILLED,  # [1] part of the node's spline in the plane that barriers fill, for materials that follow the density
+    FILLED_TOP,  # [m] elevation of the crest of these barriers
+    POINT_BARRIER_ENTRIES,  # number of entries
 ) = range(20)
-# flow in a node column, which determines the discharge of an opening: mass [kg], momentum east and north [kg m s-1]
-FLOW_MASS, FLOW_X, FLOW_Y, COLUMN_FLOW = range(4)
+# float64 entries of the flow in a node column, which determines the discharge of an opening
+(
+    FLOW_MASS,  # [kg]
+    FLOW_X,  # [kg m s-1] momentum east
+    FLOW_Y,  # [kg m s-1] momentum north
+    COLUMN_FLOW,  # number of entries
+) = range(4)
 BLOCK_FLOW = BLOCK * BLOCK * COLUMN_FLOW  # numbers of a block
-LOOK = 64  # [cells] how far an opening looks for the flow before it
-# sums of each barrier: impulses [N s], moments [N m s], mass above its crest [kg]; the last of a run is the largest
-# normal force of a single step [N]
-(NORMAL, IMPULSE_X, IMPULSE_Y, IMPULSE_Z, MOMENT_X, MOMENT_Y, MOMENT_Z, OVER, POINT_BARRIER_SUMS) = range(9)
+LOOK = 64  # [cells] largest distance at which the flow before an opening is searched
+# float64 sums of the loads on each barrier; a run has one more, the largest normal force of a single step [N]
+(
+    NORMAL,  # [N s] impulse into the faces
+    IMPULSE_X,  # [N s] impulse east
+    IMPULSE_Y,  # [N s] north
+    IMPULSE_Z,  # [N s] up
+    MOMENT_X,  # [N m s] moment of the impulse about the barrier's foot, around the axis east
+    MOMENT_Y,  # [N m s] north
+    MOMENT_Z,  # [N m s] up
+    OVER,  # [kg] mass that passed above the crest
+    POINT_BARRIER_SUMS,  # number of sums
+) = range(9)
 
 
 @jit_inline
-def column_flow(block, column):
-    """(mass [kg], momentum east and north [kg m s-1]) of node `column` (0 to 15) of a block."""
+def column_flow(block: np.ndarray, column: int) -> tuple[float, float, float]:
+    """Sum mass and momentum of a node column within a block.
+
+    Parameters
+    ----------
+    block : float[BLOCK_SIZE]
+        Nodes of the block.
+    column : int
+        0 to 15: the node column in the block.
+
+    Returns
+    -------
+    (float [kg], float [kg m s-1], float [kg m s-1])
+        Mass; momentum east and north.
+    """
     mass = east = north = 0.0
     for k in range(BLOCK):
         n = (k * BLOCK * BLOCK + column) * 4
@@ -60,8 +83,18 @@ def column_flow(block, column):
 
 
 @jit_parallel
-def weigh_flow(nodes, touched, n_touched, flows):
-    """Mass and momentum in each block's node columns, into `flows` float[blocks, BLOCK_FLOW]."""
+def weigh_flow(nodes: np.ndarray, touched: np.ndarray, n_touched: int, flows: np.ndarray) -> None:
+    """Sum mass and momentum in each block's node columns.
+
+    Parameters
+    ----------
+    nodes : float[blocks, BLOCK_SIZE]
+    touched : int32[blocks, 3]
+    n_touched : int
+        Number of touched blocks.
+    flows : float64[blocks, BLOCK_FLOW]
+        Set by this function.
+    """
     for c in prange(CHUNKS):
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             for column in range(BLOCK * BLOCK):
@@ -70,11 +103,33 @@ def weigh_flow(nodes, touched, n_touched, flows):
 
 
 @jit
-def passing_share(flow, ground, barriers, j, i, per_metre, gravity, barrier):
-    """Share [1] of the momentum through the opening that the node column (j, i) keeps, so that no more passes than can.
+def passing_share(
+    flow: np.ndarray,
+    ground: np.ndarray,
+    barriers: np.ndarray,
+    j: int,
+    i: int,
+    per_metre: float,
+    gravity: float,
+    barrier: Any,
+) -> float:
+    """Compute the share of the momentum through an opening that a node column keeps [1].
 
-    `flow` float[rows, columns, COLUMN_FLOW] is that of all node columns, `per_metre` [kg m-1] the mass of one for each
-    metre of thickness. The column loses as much at all heights: what passes is a discharge.
+    It limits the discharge to the largest that can pass. The column loses as much at all heights, because a discharge
+    is limited.
+
+    Parameters
+    ----------
+    flow : float64[rows, columns, COLUMN_FLOW]
+        In all node columns.
+    ground : float64[rows, columns, GROUND_ENTRIES]
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    j, i : int
+        Row and column of the node column.
+    per_metre : float [kg m-1]
+        Mass of a node column for each metre of thickness.
+    gravity : float [m s-2]
+    barrier : Barrier
     """
     here = barriers[j, i]
     mass = flow[j, i, FLOW_MASS]
@@ -89,15 +144,16 @@ def passing_share(flow, ground, barriers, j, i, per_metre, gravity, barrier):
 
 @jit_inline
 def _along(index, steps, step):
-    """Index of the node that is `steps` times `step` [cells] from the node `index`."""
+    """Return the index of the node that is `steps` times `step` [cells] from the node `index`."""
     return int(floor(float(index) + float(steps) * step + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
 
 
 @jit_inline
 def _flow_before(flow, ground, barriers, j, i, side, per_metre):
-    """(thickness that the flow beside an opening would have here [m], its speed towards the opening [m s-1]).
+    """Find the flow beside an opening and return its thickness here [m] and its speed towards the opening [m s-1].
 
-    As for columns (`column_barriers`): parallel to the ground, or level where it deepens towards the opening.
+    The thickness is that of columns (`column_barriers`): parallel to the ground, or level where it deepens towards the
+    opening.
     """
     step_x, step_y = side * barriers[j, i, WALL_X], side * barriers[j, i, WALL_Y]
     thickness, speed = 0.0, 0.0
@@ -122,21 +178,61 @@ def _flow_before(flow, ground, barriers, j, i, side, per_metre):
 
 
 @jit_inline
-def passing_over(u, v, mass, dt, place):
-    """Part [kg] of the mass that passes over a barrier in `dt` [s], by a node of velocity (u, v) [m s-1] and `mass`."""
+def passing_over(u: float, v: float, mass: float, dt: float, place: np.ndarray) -> float:
+    """Compute the part of a node's mass that passes over a barrier [kg].
+
+    Parameters
+    ----------
+    u, v : float [m s-1]
+        Velocity of the node.
+    mass : float [kg]
+    dt : float [s]
+    place : float64[POINT_BARRIER_ENTRIES]
+        The barrier at the node column.
+    """
     return mass * dt * place[WEIGHT] * abs(u * place[WALL_X] + v * place[WALL_Y])
 
 
 @jit_inline
-def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
-    """Velocity (u, v, w) [m s-1] of a node of `mass` [kg] at height `z` [m] after its contact with a barrier.
+def at_barrier(
+    u: float,
+    v: float,
+    w: float,
+    mass: float,
+    z: float,
+    dt: float,
+    place: np.ndarray,
+    passing: float,
+    booked: np.ndarray,
+    barrier: Any,
+) -> tuple[float, float, float]:
+    """Compute the velocity of a node after its contact with a barrier, and book the loads.
 
-    `place` are the entries of the barrier at the node column. The loads over `dt` [s] are added to `booked`
-    float64[barriers, POINT_BARRIER_SUMS]. The nearest side of the barrier acts, or its top if that is nearer. Flow
-    that moves into the barrier loses that speed, and mu times as much of the speed along it; flow that moves away is
-    free. A node that is partly open keeps the share `passing` of its speed through the opening. Nodes around smooth
-    faces are those of `point_faces`, those at the edge of the crest those of `point_crests`. Flow at the edge, above
-    the crest and along the top counts as passing over the barrier.
+    The nearest side of the barrier acts, or its top if that is nearer. Flow that moves into the barrier loses that
+    speed, and mu times as much of the speed along it; flow that moves away is free. A node that is partly open keeps
+    the share `passing` of its speed through the opening. Nodes around smooth faces are those of `point_faces`, those at
+    the edge of the crest those of `point_crests`. Flow at the edge, above the crest and along the top counts as passing
+    over the barrier.
+
+    Parameters
+    ----------
+    u, v, w : float [m s-1]
+        Velocity of the node.
+    mass : float [kg]
+    z : float [m]
+        Height of the node.
+    dt : float [s]
+    place : float64[POINT_BARRIER_ENTRIES]
+        The barrier at the node column.
+    passing : float [1]
+        The result of `passing_share`.
+    booked : float64[barriers, POINT_BARRIER_SUMS]
+        The loads over `dt` are added to it.
+    barrier : Barrier
+
+    Returns
+    -------
+    (float, float, float) [m s-1]
     """
     if place[ROWED] > 0.0 and z <= place[ROW_TOP]:
         return u, v, w
@@ -170,11 +266,28 @@ def at_barrier(u, v, w, mass, z, dt, place, passing, booked, barrier):
 
 
 @jit_inline
-def book_impulse(book, jx, jy, jz, normal, place, arm, z):
-    """Add an impulse (jx, jy, jz) [N s] at height `z` [m] to `book`, `normal` of it into the face.
+def book_impulse(
+    book: np.ndarray, jx: float, jy: float, jz: float, normal: float, place: np.ndarray, arm: int, z: float
+) -> None:
+    """Add an impulse on a barrier to its loads.
 
-    Its place from the barrier's foot, east and north, and the elevation of the foot [m] are the entries of `place` from
-    `arm` on. They are read where they are needed: a kernel on a device has few registers.
+    The place of the node from the barrier's foot and the elevation of the foot are read where they are needed: a kernel
+    on a device has few registers.
+
+    Parameters
+    ----------
+    book : float64[POINT_BARRIER_SUMS]
+        Loads of the barrier.
+    jx, jy, jz : float [N s]
+        The impulse.
+    normal : float [N s]
+        Its part into the face.
+    place : float64[...]
+        Entries of the node column.
+    arm : int
+        Index in `place` of the place from the barrier's foot, east and north, and of the elevation of the foot [m].
+    z : float [m]
+        Height of the node.
     """
     book[NORMAL] += normal
     book[IMPULSE_X] += jx
@@ -187,8 +300,19 @@ def book_impulse(book, jx, jy, jz, normal, place, arm, z):
 
 
 @jit
-def collect_point_barrier(b, report, sums, dt):
-    """`collect_point_barriers` for barrier `b`."""
+def collect_point_barrier(b: int, report: np.ndarray, sums: np.ndarray, dt: float) -> None:
+    """Add a step's bookings of all chunks for one barrier, in their order, to the run's, and keep the largest force.
+
+    Parameters
+    ----------
+    b : int
+        Index of the barrier.
+    report : float64[CHUNKS, barriers, POINT_BARRIER_SUMS]
+        Bookings of the step.
+    sums : float64[barriers, POINT_BARRIER_SUMS + 1]
+        Loads of the run.
+    dt : float [s]
+    """
     normal = 0.0
     for c in range(CHUNKS):
         normal += report[c, b, NORMAL]
@@ -198,7 +322,16 @@ def collect_point_barrier(b, report, sums, dt):
 
 
 @jit
-def collect_point_barriers(report, sums, dt):
-    """Add a step's bookings of all chunks, in their order, to the run's, and keep the largest force."""
+def collect_point_barriers(report: np.ndarray, sums: np.ndarray, dt: float) -> None:
+    """Add a step's bookings of all chunks for all barriers, in their order, to the run's, and keep the largest forces.
+
+    Parameters
+    ----------
+    report : float64[CHUNKS, barriers, POINT_BARRIER_SUMS]
+        Bookings of the step.
+    sums : float64[barriers, POINT_BARRIER_SUMS + 1]
+        Loads of the run.
+    dt : float [s]
+    """
     for b in range(sums.shape[0]):
         collect_point_barrier(b, report, sums, dt)

@@ -10,64 +10,129 @@ from ...compiled.block_order import GONE, rank_blocks
 from ...compiled.jit import jit, jit_borrowing, jit_inline, jit_parallel, prange
 from .point_rows import BLOCK, GHOSTS, X, Y, Z
 
-SORT_PIECES = 8  # of the sort; fixed, so that the order does not depend on the number of threads
-# int64 window: blocks with points, and their largest height above the lowest block
-WEST, SOUTH, EAST, NORTH, TALL, WINDOW = range(6)
+SORT_PIECES = 8  # pieces of work of the sort; fixed, so that the order does not depend on the number of threads
+# int64 entries of the window of blocks with points
+(
+    WEST,  # [blocks] first column
+    SOUTH,  # [blocks] first row
+    EAST,  # [blocks] last column
+    NORTH,  # [blocks] last row
+    TALL,  # [blocks] largest height above the lowest block of a column and its neighbours
+    WINDOW,  # number of entries
+) = range(6)
 
 
 @jit_inline
-def packed(row, column, level):
-    """One number of a block's row, column and level above the ground's lowest block there."""
+def packed(row: int, column: int, level: int) -> int:
+    """Pack row, column and level of a block into one number, its key.
+
+    Parameters
+    ----------
+    row, column : int
+    level : int
+        Above the ground's lowest block there.
+    """
     return (np.int64(row) << 42) | (np.int64(column) << 21) | np.int64(level)
 
 
 @jit_inline
-def key_row(key):
-    """Block row of a key."""
+def key_row(key: int) -> int:
+    """Return the block row of a key.
+
+    Parameters
+    ----------
+    key : int
+    """
     return key >> 42
 
 
 @jit_inline
-def key_column(key):
-    """Block column of a key."""
+def key_column(key: int) -> int:
+    """Return the block column of a key.
+
+    Parameters
+    ----------
+    key : int
+    """
     return (key >> 21) & 0x1FFFFF
 
 
 @jit_inline
-def key_level(key):
-    """Level of a key."""
+def key_level(key: int) -> int:
+    """Return the level of a key.
+
+    Parameters
+    ----------
+    key : int
+    """
     return key & 0x1FFFFF
 
 
-def rows_and_columns(keys):
-    """(int[n], int[n]): block row and block column of `keys`."""
+def rows_and_columns(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return block row and block column of keys, int64[n] each.
+
+    Parameters
+    ----------
+    keys : int64[n]
+    """
     return keys >> 42, (keys >> 21) & 0x1FFFFF
 
 
 @jit_inline
-def block_of(place):
-    """Block, along one axis, of the first node that a point at `place` [cells] of the nodes' array touches."""
+def block_of(place: float) -> int:
+    """Return the block, along one axis, of the first node that a point touches.
+
+    Parameters
+    ----------
+    place : float [cells]
+        Of the point in the nodes' array.
+    """
     return int(place - 0.5) // BLOCK
 
 
 @jit
-def no_window(window):
-    """Set `window` to that of no points."""
+def no_window(window: np.ndarray) -> None:
+    """Set a window of blocks to that of no points.
+
+    Parameters
+    ----------
+    window : int64[WINDOW]
+    """
     window[WEST] = window[SOUTH] = 1 << 40
     window[EAST] = window[NORTH] = window[TALL] = -1
 
 
 @jit
-def widen(window, key, lowest):
-    """Extend `window` to the block of `key`, with the heights of its neighbours above their ground."""
+def widen(window: np.ndarray, key: int, lowest: np.ndarray) -> None:
+    """Extend a window to a block, with the heights of its neighbours above their ground.
+
+    Parameters
+    ----------
+    window : int64[WINDOW]
+    key : int
+        Of the block.
+    lowest : int32[block rows, block columns, 2]
+        The result of `lowest_blocks`.
+    """
     window[WEST], window[EAST] = min(window[WEST], key_column(key)), max(window[EAST], key_column(key))
     window[SOUTH], window[NORTH] = min(window[SOUTH], key_row(key)), max(window[NORTH], key_row(key))
     window[TALL] = max(window[TALL], key_level(key) + lowest[key_row(key), key_column(key), 1])
 
 
 @jit
-def set_places(rows, keys, places, inverse_dx, lowest):
-    """Put points at `places` float64[n, 3] [m] from the domain's corner: fills int64 `keys`, and places in `rows`."""
+def set_places(rows: np.ndarray, keys: np.ndarray, places: np.ndarray, inverse_dx: float, lowest: np.ndarray) -> None:
+    """Put points at their places: set their blocks, and their places within these.
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    keys : int64[n]
+    places : float64[n, 3] [m]
+        From the domain's corner.
+    inverse_dx : float [m-1]
+    lowest : int32[block rows, block columns, 2]
+        The result of `lowest_blocks`.
+    """
     for p in range(rows.shape[0]):
         x, y = places[p, 0] * inverse_dx + GHOSTS, places[p, 1] * inverse_dx + GHOSTS
         z = places[p, 2] * inverse_dx + GHOSTS
@@ -79,8 +144,21 @@ def set_places(rows, keys, places, inverse_dx, lowest):
 
 
 @jit
-def places_of(rows, keys, dx, lowest):
-    """float64[n, 3] [m] from the domain's corner: where the points of `rows` in the blocks `keys` are."""
+def places_of(rows: np.ndarray, keys: np.ndarray, dx: float, lowest: np.ndarray) -> np.ndarray:
+    """Compute the places of points from the domain's corner.
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    keys : int64[n]
+    dx : float [m]
+    lowest : int32[block rows, block columns, 2]
+        The result of `lowest_blocks`.
+
+    Returns
+    -------
+    float64[n, 3] [m]
+    """
     places = np.empty((rows.shape[0], 3))
     for p in range(rows.shape[0]):
         row, column = key_row(keys[p]), key_column(keys[p])
@@ -92,16 +170,35 @@ def places_of(rows, keys, dx, lowest):
 
 
 @jit
-def window_of(keys, lowest, window):
-    """Set `window` to that of all `keys`."""
+def window_of(keys: np.ndarray, lowest: np.ndarray, window: np.ndarray) -> None:
+    """Set a window to that of all points.
+
+    Parameters
+    ----------
+    keys : int64[n]
+    lowest : int32[block rows, block columns, 2]
+        The result of `lowest_blocks`.
+    window : int64[WINDOW]
+    """
     no_window(window)
     for p in range(keys.size):
         widen(window, keys[p], lowest)
 
 
 @jit_inline
-def place_of(key, window, width, depth):
-    """Index of a block in the arrays over the window, which have space for a neighbour behind, beside and above."""
+def place_of(key: int, window: np.ndarray, width: int, depth: int) -> int:
+    """Return the index of a block in the arrays over the window.
+
+    The arrays have space for a neighbour behind, beside and above.
+
+    Parameters
+    ----------
+    key : int
+        Of the block.
+    window : int64[WINDOW]
+    width, depth : int [blocks]
+        Of the arrays.
+    """
     return ((key_row(key) - window[SOUTH]) * width + key_column(key) - window[WEST]) * depth + key_level(key)
 
 
@@ -114,7 +211,10 @@ def _count(keys, n, window, width, depth, size, histogram):
 
 @jit_borrowing
 def _count_piece(keys, first, end, window, width, depth, histogram, c):
-    """Neighbours in memory mostly share a block: they are counted in a register until the block changes."""
+    """Count the points of a piece by block.
+
+    Neighbours in memory mostly share a block: they are counted in a register until the block changes.
+    """
     p = first
     while p < end:
         key, begun = keys[p], p
@@ -150,11 +250,44 @@ def _scatter_piece(keys, first, end, window, width, depth, histogram, c, order):
 
 
 @jit
-def sort_by_block(keys, n, window, width, depth, size, histogram, order, slot, block, start):
-    """Stable counting sort of indices by block.
+def sort_by_block(
+    keys: np.ndarray,
+    n: int,
+    window: np.ndarray,
+    width: int,
+    depth: int,
+    size: int,
+    histogram: np.ndarray,
+    order: np.ndarray,
+    slot: np.ndarray,
+    block: np.ndarray,
+    start: np.ndarray,
+) -> tuple[int, int]:
+    """Sort the indices of points by block, stably, by counting.
 
-    Fills `order`; `slot[b]` is the active block at place b of the window or -1, `block[a]` its place, `start[a]` to
-    `start[a + 1]` its points. Returns (active blocks, points alive).
+    Parameters
+    ----------
+    keys : int64[n]
+    n : int
+        Number of points.
+    window : int64[WINDOW]
+    width, depth, size : int [blocks]
+        Of the arrays over the window.
+    histogram : int[SORT_PIECES, size]
+        Work array.
+    order : int32[n]
+        Set to the indices of the points, sorted by block.
+    slot : int[size]
+        Set to the number of the active block at each place of the window, or -1.
+    block : int[active]
+        Set to the place of each active block.
+    start : int64[active + 1]
+        Set so that `start[a]` to `start[a + 1]` are the points of active block a in `order`.
+
+    Returns
+    -------
+    (int, int)
+        Numbers of active blocks and of points on the terrain.
     """
     _count(keys, n, window, width, depth, size, histogram)
     active, total = rank_blocks(histogram, SORT_PIECES, size, slot, block, start)
@@ -163,12 +296,49 @@ def sort_by_block(keys, n, window, width, depth, size, histogram, order, slot, b
 
 
 @jit
-def link_blocks(block, active, window, width, depth, lowest, touched_slot, size, touched, sources, targets):
+def link_blocks(
+    block: np.ndarray,
+    active: int,
+    window: np.ndarray,
+    width: int,
+    depth: int,
+    lowest: np.ndarray,
+    touched_slot: np.ndarray,
+    size: int,
+    touched: np.ndarray,
+    sources: np.ndarray,
+    targets: np.ndarray,
+) -> int:
     """Find the node blocks that active blocks reach: themselves and their neighbours behind, beside and above.
 
-    `touched` int32[., 3] are their row, column and level above the domain's lowest; `targets[a, o]` is the number of
-    neighbour o of active block a, `sources[t, o]` the active block whose neighbour o it is, or -1. The bits of o are
-    x, y, z. Returns their number.
+    The bits of the number o of a neighbour are x, y, z.
+
+    Parameters
+    ----------
+    block : int[active]
+        Place of each active block.
+    active : int
+        Number of active blocks.
+    window : int64[WINDOW]
+    width, depth : int [blocks]
+        Of the arrays over the window.
+    lowest : int32[block rows, block columns, 2]
+        The result of `lowest_blocks`.
+    touched_slot : int32[size]
+        Set to the number of the touched block at each place of the window, or -1.
+    size : int [blocks]
+        Of the arrays over the window.
+    touched : int32[n_touched, 3]
+        Set to row, column and level above the domain's lowest of each touched block.
+    sources : int32[n_touched, 8]
+        Set to the active block whose neighbour o each touched block is, or -1.
+    targets : int32[active, 8]
+        Set to the number of neighbour o of each active block.
+
+    Returns
+    -------
+    int
+        Number of touched blocks.
     """
     touched_slot[:size] = -1
     count = 0
@@ -194,8 +364,16 @@ def link_blocks(block, active, window, width, depth, lowest, touched_slot, size,
 
 
 @jit
-def comes_near(touched, n_touched, watched):
-    """Whether a touched block is above a block column that is marked in `watched` uint8[block rows, block columns]."""
+def comes_near(touched: np.ndarray, n_touched: int, watched: np.ndarray) -> bool:
+    """Return whether a touched block is above a block column that is watched.
+
+    Parameters
+    ----------
+    touched : int32[n_touched, 3]
+    n_touched : int
+    watched : uint8[block rows, block columns]
+        Not 0 where a block column is watched.
+    """
     for k in range(n_touched):
         row, column = touched[k, 0], touched[k, 1]
         if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
@@ -203,12 +381,22 @@ def comes_near(touched, n_touched, watched):
     return False
 
 
-def lowest_blocks(ground, dx):
-    """int32[block rows, block columns, 2]: the lowest block over each block column that points can touch, and how many
-    blocks deeper its neighbours behind and beside begin.
+def lowest_blocks(ground: np.ndarray, dx: float) -> np.ndarray:
+    """Find the lowest block over each block column that points can touch.
 
-    `ground` float64[rows, columns] [m] is the elevation above the domain's lowest level at all nodes. A point is never
-    more than two cells below the ground; neighbouring columns are included, so that all nodes of a block exist.
+    A point is never more than two cells below the ground; neighbouring columns are included, so that all nodes of a
+    block exist.
+
+    Parameters
+    ----------
+    ground : float64[rows, columns] [m]
+        Elevation above the domain's lowest level at all nodes.
+    dx : float [m]
+
+    Returns
+    -------
+    int32[block rows, block columns, 2]
+        The lowest block, and how many blocks deeper its neighbours behind and beside begin.
     """
     rows, columns = (-(-n // BLOCK) for n in ground.shape)
     padded = np.pad(ground, ((0, rows * BLOCK - ground.shape[0]), (0, columns * BLOCK - ground.shape[1])), mode="edge")
@@ -218,7 +406,7 @@ def lowest_blocks(ground, dx):
 
 
 def _least_around(values, shifts):
-    """Smallest of `values` shifted along both axes, rims continued."""
+    """Compute the smallest of `values` shifted along both axes, rims continued."""
     around = np.pad(values, 2, mode="edge")
     for axis in (0, 1):
         around = np.minimum.reduce([np.roll(around, shift, axis) for shift in shifts])

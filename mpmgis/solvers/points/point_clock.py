@@ -2,6 +2,8 @@
 
 from math import sqrt
 
+import numpy as np
+
 from ...compiled.block_order import CHUNKS, GONE, book_left
 from ...compiled.jit import jit
 from . import point_report as entry
@@ -21,70 +23,94 @@ from .point_nodes import (
     WALL_X,
     WALL_Y,
 )
-from .point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, X, Y
+from .point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, Settings, SortedPoints, X, Y
 
 # reasons for which `advance` returns
-RUNNING, REACHED_TIME, ALL_LEFT, NOT_FINITE_STATE, LEAKED, SCATTERED, WATCHED_REACHED = range(7)
+(
+    RUNNING,  # the largest number of steps was taken
+    REACHED_TIME,  # the requested time is reached
+    ALL_LEFT,  # no point is on the terrain any more
+    NOT_FINITE_STATE,  # a point is not finite
+    LEAKED,  # too much mass was below the ground in one step
+    SCATTERED,  # the points are too far apart for the window of blocks
+    WATCHED_REACHED,  # the flow is about to touch a feature that is watched
+) = range(7)
 # float64 clock: state of the time integration, also stored for a restart
 (
-    TIME,
-    STEP_NOW,  # length [s] of the next step, for which the impulses of the points are computed
+    TIME,  # [s] simulated time
+    STEP_NOW,  # [s] length of the next step, for which the impulses of the points are computed
     HITS,  # 1 if that step ends exactly at the requested time
-    LAST_DT,  # last time step not cut by a frame time [s]
-    FASTEST,  # largest speed at a node [m s-1]
-    SHEAR,  # largest |C| of a point [s-1]
-    SPEED_NOW,  # largest speed of a point [m s-1]
-    SPEED_WORST,
+    LAST_DT,  # [s] last time step not shortened to reach a requested time
+    FASTEST,  # [m s-1] largest speed at a node
+    SHEAR,  # [s-1] largest |C| of a point
+    SPEED_NOW,  # [m s-1] largest speed of a point
+    SPEED_WORST,  # [m s-1] largest speed of a point so far
     TIP_TOTAL,  # point-steps at the tip of the yield surface
     FAR_TOTAL,  # point-steps whose strain exceeded the range of the series
-    LIFTED_MASS,  # mass moved back onto the ground, counted each time [kg]
-    TOTAL_MASS,  # [kg]
-    MASS_NOW,  # on the terrain [kg]
-    BAD_AT_X,
-    BAD_AT_Y,
-    IMPULSE_GROUND_X,  # impulse of the ground on the flow [N s]
-    IMPULSE_GROUND_Y,
-    IMPULSE_GROUND_Z,
-    IMPULSE_WALL_X,
-    IMPULSE_WALL_Y,
-    IMPULSE_GRAVITY,  # downwards [N s]
-    GROUND_LOSS,  # work against friction and drag of the ground [J]
-    BARRIER_LOSS,  # work against barriers [J]
-    PLASTIC_LOSS,  # plastic work [J]
-    LIFTED_ENERGY,  # potential energy added by moving mass back onto the ground [J]
-    FASTEST_X,  # place and time of SPEED_WORST [m, m, m, s]
-    FASTEST_Y,
-    FASTEST_Z,
-    FASTEST_TIME,
-    HIGHEST,  # largest height of a point at the start [m]
-    START_SPEED,  # largest speed of a point at the start [m s-1]
-    DEEPEST,  # largest thickness of the flow at the times it was evaluated [m]; its place and time [m, m, s]
-    DEEPEST_X,
-    DEEPEST_Y,
-    DEEPEST_TIME,
-    POINT_STEPS,  # number of points, summed over the steps; then those that each clip acted on
-    LIFTED_TOTAL,
-    STRETCH_TOTAL,
-    WALL_TOTAL,
-    LIMITED_TOTAL,
-    LIMIT_LOSS,  # kinetic energy removed by the limit of affine velocities [J]
-    SPEED_P999,  # largest 99.9th percentile of the speed, by mass [m s-1], and its time [s]
-    SPEED_P999_TIME,
-    LAYER_LOSS,  # energy lost between layers of a flow with drag [J]
-    FRICTION_LOSS,  # part of GROUND_LOSS by friction along the ground [J]
-    RETURNED,  # energy that ground and barriers, which yield elastically, gave back to the flow [J]
-    CORRECTED_TOTAL,  # corrections of the volumes of points
-    CORRECTION_ENERGY,  # elastic energy [J] that they supplied until the last comparison with the density
-    CLOCK,
+    LIFTED_MASS,  # [kg] mass moved back onto the ground, counted each time
+    TOTAL_MASS,  # [kg] mass of all points at their start
+    MASS_NOW,  # [kg] mass on the terrain
+    BAD_AT_X,  # [m] place of a point that is not finite, from the domain's corner
+    BAD_AT_Y,  # [m]
+    IMPULSE_GROUND_X,  # [N s] impulse of the ground on the flow, east
+    IMPULSE_GROUND_Y,  # [N s] north
+    IMPULSE_GROUND_Z,  # [N s] up
+    IMPULSE_WALL_X,  # [N s] impulse of the walls on the edges on the flow, east
+    IMPULSE_WALL_Y,  # [N s] north
+    IMPULSE_GRAVITY,  # [N s] impulse of gravity, downwards
+    GROUND_LOSS,  # [J] work against friction and drag of the ground
+    BARRIER_LOSS,  # [J] work against barriers
+    PLASTIC_LOSS,  # [J] plastic work
+    LIFTED_ENERGY,  # [J] potential energy added by moving mass back onto the ground
+    FASTEST_X,  # [m] place of SPEED_WORST, from the domain's corner
+    FASTEST_Y,  # [m]
+    FASTEST_Z,  # [m]
+    FASTEST_TIME,  # [s] time of SPEED_WORST
+    HIGHEST,  # [m] largest height of a point at the start
+    START_SPEED,  # [m s-1] largest speed of a point at the start
+    DEEPEST,  # [m] largest thickness of the flow at the times it was evaluated
+    DEEPEST_X,  # [m] its place, from the domain's corner
+    DEEPEST_Y,  # [m]
+    DEEPEST_TIME,  # [s] its time
+    POINT_STEPS,  # number of points, summed over the steps
+    LIFTED_TOTAL,  # point-steps moved back onto the ground
+    STRETCH_TOTAL,  # point-steps whose stretch was limited
+    WALL_TOTAL,  # point-steps stopped at a wall on the edge
+    LIMITED_TOTAL,  # point-steps whose affine velocity was limited
+    LIMIT_LOSS,  # [J] kinetic energy removed by the limit of affine velocities
+    SPEED_P999,  # [m s-1] largest 99.9th percentile of the speed, by mass
+    SPEED_P999_TIME,  # [s] its time
+    LAYER_LOSS,  # [J] energy lost between layers of a flow with drag
+    FRICTION_LOSS,  # [J] part of GROUND_LOSS by friction along the ground
+    RETURNED,  # [J] energy that ground and barriers, which yield elastically, gave back to the flow
+    CORRECTED_TOTAL,  # number of corrections of the volumes of points
+    CORRECTION_ENERGY,  # [J] elastic energy that they supplied until the last comparison with the density
+    CLOCK,  # number of entries
 ) = range(49)
-# int64 counts; then the window of blocks
-ROWS, ALIVE, STEP, SINCE_REORDER, BAD, WINDOW_FIRST = range(6)
-COUNTS = WINDOW_FIRST + WINDOW
+# int64 counts, before the entries of the window of blocks
+(
+    ROWS,  # number of rows with points, those that have left included
+    ALIVE,  # number of points on the terrain
+    STEP,  # number of steps taken
+    SINCE_REORDER,  # steps since the rows were put in order
+    BAD,  # number of points that are not finite
+    WINDOW_FIRST,  # first entry of the window
+) = range(6)
+COUNTS = WINDOW_FIRST + WINDOW  # number of entries
 
 
 @jit
-def largest_time_step(fastest, shear, settings):
-    """Time step [s] C min(dx / (c_p + v), 0.2 / |C|, sqrt(dx / g), rho dx^2 / (6 eta))."""
+def largest_time_step(fastest: float, shear: float, settings: Settings) -> float:
+    """Compute the time step [s]: C min(dx / (c_p + v), 0.2 / |C|, sqrt(dx / g), rho dx^2 / (6 eta)).
+
+    Parameters
+    ----------
+    fastest : float [m s-1]
+        Largest speed v at a node.
+    shear : float [s-1]
+        Largest velocity gradient |C| of a point.
+    settings : Settings
+    """
     return settings.cfl * min(
         min(settings.dx / (settings.signal_speed + fastest), 0.2 / max(shear, 1e-300)),
         min(sqrt(settings.dx / max(settings.gravity, 1e-300)), settings.viscous_limit),
@@ -92,8 +118,18 @@ def largest_time_step(fastest, shear, settings):
 
 
 @jit
-def set_next_step(clock, counts, time, until, after, settings):
-    """Choose the time step after `time` so that `until`, and then `after`, are reached exactly."""
+def set_next_step(
+    clock: np.ndarray, counts: np.ndarray, time: float, until: float, after: float, settings: Settings
+) -> None:
+    """Choose the time step after `time` so that `until`, and then `after`, are reached exactly.
+
+    Parameters
+    ----------
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    time, until, after : float [s]
+    settings : Settings
+    """
     limit = settings.fixed_dt
     if limit <= 0.0:
         limit = largest_time_step(clock[FASTEST], clock[SHEAR], settings)
@@ -111,8 +147,31 @@ def set_next_step(clock, counts, time, until, after, settings):
 
 
 @jit
-def book_points_left(points, blocks, active, dt, dx, shape, left_cells):
-    """Add the points that left in this step of `dt` [s] to `block_order` at their new places (see `book_left`)."""
+def book_points_left(
+    points: SortedPoints,
+    blocks: np.ndarray,
+    active: int,
+    dt: float,
+    dx: float,
+    shape: tuple[int, int],
+    left_cells: np.ndarray,
+) -> None:
+    """Add the points that left in this step at their new places to the outflow (see `block_order.book_left`).
+
+    Parameters
+    ----------
+    points : SortedPoints
+    blocks : int32[active, 3]
+        Places of the active blocks.
+    active : int
+        Number of active blocks.
+    dt : float [s]
+    dx : float [m]
+    shape : (int, int)
+        Rows and columns of the cells.
+    left_cells : float64[WAYS, block rows, block columns, LEFT_ENTRIES]
+        Outflow by blocks of cells.
+    """
     rows = points.rows
     for a in range(active):
         east, north = (blocks[a, 0] * BLOCK - GHOSTS) * dx, (blocks[a, 1] * BLOCK - GHOSTS) * dx
@@ -126,8 +185,23 @@ def book_points_left(points, blocks, active, dt, dx, shape, left_cells):
 
 
 @jit
-def collect(report, ledger, clock, counts, window):
-    """Reduce the rows of the `report`, in order, into clock, counts, ledger and window; returns lifted mass [kg]."""
+def collect(report: np.ndarray, ledger: np.ndarray, clock: np.ndarray, counts: np.ndarray, window: np.ndarray) -> float:
+    """Add the reports of all chunks, in order, to clock, counts, ledger and window.
+
+    Parameters
+    ----------
+    report : float64[CHUNKS, REPORT]
+    ledger : float64[EDGES, OUT_ENTRIES]
+        Outflow over each edge.
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    window : int64[WINDOW]
+
+    Returns
+    -------
+    float [kg]
+        Mass moved back onto the ground.
+    """
     clock[SPEED_NOW] = clock[SHEAR] = 0.0
     clock[POINT_STEPS] += counts[ALIVE]
     no_window(window)
@@ -168,8 +242,18 @@ def collect(report, ledger, clock, counts, window):
 
 
 @jit
-def note_fastest(report, clock, points, dx, lowest):
-    """Record place and time of a new largest speed; the point is searched in the chunk that reports it."""
+def note_fastest(report: np.ndarray, clock: np.ndarray, points: SortedPoints, dx: float, lowest: np.ndarray) -> None:
+    """Record place and time of a new largest speed; the point is searched in the chunk that reports it.
+
+    Parameters
+    ----------
+    report : float64[CHUNKS, REPORT]
+    clock : float64[CLOCK]
+    points : SortedPoints
+    dx : float [m]
+    lowest : int32[block rows, block columns, 2]
+        The result of `point_blocks.lowest_blocks`.
+    """
     most, chunk = clock[SPEED_WORST] ** 2, -1
     for c in range(CHUNKS):
         if report[c, entry.SPEED2_MAX] > most:
@@ -192,8 +276,14 @@ def note_fastest(report, clock, points, dx, lowest):
 
 
 @jit
-def collect_nodes(node_report, clock):
-    """Reduce the reports of the node loop: largest speed, impulses of ground and walls, energy losses."""
+def collect_nodes(node_report: np.ndarray, clock: np.ndarray) -> None:
+    """Add the reports of the node loop to the clock: largest speed, impulses of ground and walls, energy losses.
+
+    Parameters
+    ----------
+    node_report : float64[CHUNKS, NODE_REPORT]
+    clock : float64[CLOCK]
+    """
     fastest2 = 0.0
     for c in range(node_report.shape[0]):
         part = node_report[c]

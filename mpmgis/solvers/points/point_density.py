@@ -13,6 +13,7 @@ only where all nodes around a point are nearly full. The density of irregular po
 """
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 
@@ -22,36 +23,85 @@ from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .contact_shares import mass_share, mass_share_on_slope
 from .point_barriers import FILLED, FILLED_TOP, SHARE
 from .point_contact import YIELD, YIELD_STEP
-from .point_ground import GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, fold_at
+from .point_ground import GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, Ground, fold_at
 from .point_nodes import CORRECTED, CORRECTED_ENERGY
-from .point_rows import BLOCK, GHOSTS, INDEX_MASK, MASS, NODE_MASS, S0, S1, S2, TILE, X, Y, Z, stencil
+from .point_rows import (
+    BLOCK,
+    GHOSTS,
+    INDEX_MASK,
+    MASS,
+    NODE_MASS,
+    S0,
+    S1,
+    S2,
+    TILE,
+    ActiveBlocks,
+    NodeBlocks,
+    Settings,
+    SortedPoints,
+    X,
+    Y,
+    Z,
+    stencil,
+)
 
-EVERY = 16  # steps for which a rate of correction holds
-RELAXATION = 20.0  # time of the relaxation, in cells over the speed of pressure waves
-NEARLY_FULL = 0.9  # of the mass of a full node, from which no free surface is near
-SMALL_PART = 0.1  # open part of a node behind a wall or under the ground, below which its mass tells nothing
-LEAST_OPEN = 0.3  # open part of the splines around a point, below which its density is not known
+EVERY = 16  # [steps] for which a rate of correction holds
+RELAXATION = 20.0  # [1] time of the relaxation, over that of a pressure wave through a cell
+NEARLY_FULL = 0.9  # [1] mass of a node over that of a full one, from which no free surface is near
+SMALL_PART = 0.1  # [1] open part of a node behind a wall or under the ground, below which its mass is not used
+LEAST_OPEN = 0.3  # [1] open part of the splines around a point, below which its density is not known
 UNKNOWN = -1.0  # open part of a node on folded ground or in an opening
-TILE_NODES = TILE * TILE * TILE
+TILE_NODES = TILE * TILE * TILE  # nodes of a tile
 
 
 @jit_inline
-def relaxation_time(settings):
-    """Time [s] in which J would close its gap at the rate of a correction."""
+def relaxation_time(settings: Settings) -> float:
+    """Compute the time in which J would close its gap at the rate of a correction [s].
+
+    Parameters
+    ----------
+    settings : Settings
+    """
     return RELAXATION * settings.dx / settings.signal_speed
 
 
 @jit_inline
-def full_mass(settings):
-    """Mass [kg] of a node around which the fluid is free of stress."""
+def full_mass(settings: Settings) -> float:
+    """Compute the mass of a node around which the fluid is free of stress [kg].
+
+    Parameters
+    ----------
+    settings : Settings
+    """
     return settings.density * settings.dx * settings.dx * settings.dx
 
 
 @jit_inline
-def open_part(j, i, level, ground, yields, step, barriers, barred, settings):
-    """Part [1] of the spline of node [j, i] at `level` that is open to the flow, UNKNOWN where it is not known.
+def open_part(
+    j: int,
+    i: int,
+    level: int,
+    ground: Ground,
+    yields: np.ndarray,
+    step: int,
+    barriers: np.ndarray,
+    barred: bool,
+    settings: Settings,
+) -> float:
+    """Compute the part of a node's spline that is open to the flow [1]; UNKNOWN where it is not known.
 
-    `yields` [rows, columns, YIELD_ENTRIES] of the ground are those after `step`; with `barred` there are `barriers`.
+    Parameters
+    ----------
+    j, i, level : int
+        Row, column and level of the node.
+    ground : Ground
+    yields : float64[rows, columns, YIELD_ENTRIES]
+        Of the ground, after `step`.
+    step : int
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    barred : bool
+        Whether there are barriers.
+    settings : Settings
     """
     j, i = min(j, ground.nodes.shape[0] - 1), min(i, ground.nodes.shape[1] - 1)
     if fold_at(ground.folds, j, i)[2] > 0:
@@ -85,8 +135,15 @@ def _plane(values, n, wx0, wx1, wx2, wy0, wy1, wy2):
 
 
 @jit_inline
-def interpolated(values, x, y, z):
-    """Value at a place in a block, of values at the nodes of its tile."""
+def interpolated(values: np.ndarray, x: float, y: float, z: float) -> float:
+    """Interpolate values at the nodes of a tile to a place in its block.
+
+    Parameters
+    ----------
+    values : float[TILE_NODES]
+    x, y, z : float [cells]
+        The place, from the first node of the block.
+    """
     i, _, wx0, wx1, wx2 = stencil(x)
     j, _, wy0, wy1, wy2 = stencil(y)
     k, _, wz0, wz1, wz2 = stencil(z)
@@ -98,11 +155,23 @@ def interpolated(values, x, y, z):
 
 
 @jit_borrowing
-def density_at(masses, parts, surely, full, x, y, z):
-    """The density over that of the fluid at a place in a block, 0 where it is not known.
+def density_at(
+    masses: np.ndarray, parts: np.ndarray, surely: tuple[bool, bool], full: float, x: float, y: float, z: float
+) -> float:
+    """Compute the density over that of the fluid at a place in a block [1]; 0 where it is not known.
 
-    `masses` [kg] and `parts` are those of the nodes of the block's tile; an open node of the mass `full` [kg] is full.
-    `surely` tells whether all parts are 1, and whether all are known, where this was found before.
+    Parameters
+    ----------
+    masses : float[TILE_NODES] [kg]
+        Of the nodes of the block's tile.
+    parts : float[TILE_NODES] [1]
+        Open parts of these nodes.
+    surely : (bool, bool)
+        Whether all parts are 1, and whether all are known, where this was found before.
+    full : float [kg]
+        Mass of an open node that is full.
+    x, y, z : float [cells]
+        The place, from the first node of the block.
     """
     all_open, all_known = surely
     mass = interpolated(masses, x, y, z)
@@ -116,13 +185,20 @@ def density_at(masses, parts, surely, full, x, y, z):
 
 @jit_borrowing
 def _first_node(x, y, z):
-    """Index of the first of the 27 nodes around a place in a block, in its tile."""
+    """Return the index of the first of the 27 nodes around a place in a block, in its tile."""
     return (int(stencil(z)[0]) * TILE + int(stencil(y)[0])) * TILE + int(stencil(x)[0])
 
 
 @jit_borrowing
-def are_known(parts, x, y, z):
-    """Whether the open parts of all nodes around a place are known."""
+def are_known(parts: np.ndarray, x: float, y: float, z: float) -> bool:
+    """Return whether the open parts of all nodes around a place are known.
+
+    Parameters
+    ----------
+    parts : float[TILE_NODES] [1]
+    x, y, z : float [cells]
+        The place, from the first node of the block.
+    """
     first = _first_node(x, y, z)
     for c in range(3):
         for b in range(3):
@@ -133,8 +209,19 @@ def are_known(parts, x, y, z):
 
 
 @jit_borrowing
-def are_nearly_full(masses, parts, full, x, y, z):
-    """Whether all nodes around a place are nearly full, or behind a wall or under the ground."""
+def are_nearly_full(masses: np.ndarray, parts: np.ndarray, full: float, x: float, y: float, z: float) -> bool:
+    """Return whether all nodes around a place are nearly full, or behind a wall or under the ground.
+
+    Parameters
+    ----------
+    masses : float[TILE_NODES] [kg]
+    parts : float[TILE_NODES] [1]
+        Open parts of the nodes.
+    full : float [kg]
+        Mass of an open node that is full.
+    x, y, z : float [cells]
+        The place, from the first node of the block.
+    """
     first = _first_node(x, y, z)
     for c in range(3):
         for b in range(3):
@@ -146,10 +233,39 @@ def are_nearly_full(masses, parts, full, x, y, z):
 
 
 @jit_borrowing
-def correct_point(rows, p, masses, parts, surely, full, band, time, settings, material, mine):
-    """Set the rate at which J of point `p` relaxes in `time` [s], and book the energy that the last one supplied.
+def correct_point(
+    rows: np.ndarray,
+    p: int,
+    masses: np.ndarray,
+    parts: np.ndarray,
+    surely: tuple[bool, bool],
+    full: float,
+    band: float,
+    time: float,
+    settings: Settings,
+    material: Any,
+    mine: np.ndarray,
+) -> None:
+    """Set the rate at which J of a point relaxes, and book the energy that the last correction supplied.
 
-    `masses`, `parts` and `surely` are those of its block as in `density_at`, `mine` is the report of its chunk.
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    p : int
+        Index of the point.
+    masses : float[TILE_NODES] [kg]
+    parts : float[TILE_NODES] [1]
+    surely : (bool, bool)
+    full : float [kg]
+        Four arguments as in `density_at`.
+    band : float [1]
+        Deviation of J times the density from 1 that is not corrected.
+    time : float [s]
+        Of the relaxation.
+    settings : Settings
+    material : Fluid
+    mine : float64[NODE_REPORT]
+        Report of the chunk of the point.
     """
     x, y, z = rows[p, X], rows[p, Y], rows[p, Z]
     density = density_at(masses, parts, surely, full, x, y, z)
@@ -162,14 +278,28 @@ def correct_point(rows, p, masses, parts, surely, full, band, time, settings, ma
 
 
 @jit_inline
-def place_in_tile(n):
-    """(column, row, level) of node `n` in a tile."""
+def place_in_tile(n: int) -> tuple[int, int, int]:
+    """Return column, row and level of a node in a tile.
+
+    Parameters
+    ----------
+    n : int
+        Index of the node.
+    """
     return n % TILE, (n // TILE) % TILE, n // (TILE * TILE)
 
 
 @jit_inline
-def node_of_tile(n, targets):
-    """(block, node in it) of node `n` of a tile that overlaps the blocks `targets`."""
+def node_of_tile(n: int, targets: np.ndarray) -> tuple[int, int]:
+    """Return the block of a node of a tile, and the index of the node in it.
+
+    Parameters
+    ----------
+    n : int
+        Index of the node in the tile.
+    targets : int32[8]
+        Blocks that the tile overlaps.
+    """
     i, j, k = place_in_tile(n)
     t = targets[(i // BLOCK) + 2 * (j // BLOCK) + 4 * (k // BLOCK)]
     return t, ((k % BLOCK) * BLOCK + j % BLOCK) * BLOCK + i % BLOCK
@@ -177,7 +307,7 @@ def node_of_tile(n, targets):
 
 @jit_parallel
 def _open_parts(parts, grid, free, ground, yields, step, barriers, barred, settings):
-    """The `open_part` of all nodes, into `parts` float[touched blocks, nodes of a block]."""
+    """Compute the `open_part` of all nodes, into `parts` float[touched blocks, nodes of a block]."""
     for c in prange(CHUNKS):
         for t in range(c * grid.count // CHUNKS, (c + 1) * grid.count // CHUNKS):
             row, column, level = grid.touched[t, 0], grid.touched[t, 1], grid.touched[t, 2]
@@ -200,7 +330,20 @@ def _open_parts(parts, grid, free, ground, yields, step, barriers, barred, setti
 
 
 @jit_parallel
-def correct_density(points, blocks, grid, free, ground, yields, step, barriers, report, settings, material, barrier):
+def correct_density(
+    points: SortedPoints,
+    blocks: ActiveBlocks,
+    grid: NodeBlocks,
+    free: np.ndarray,
+    ground: Ground,
+    yields: np.ndarray,
+    step: int,
+    barriers: np.ndarray,
+    report: np.ndarray,
+    settings: Settings,
+    material: Any,
+    barrier: Any,
+) -> None:
     """Set the rates at which the volumes of all points are corrected in EVERY steps, the first of which is this one.
 
     Parameters
@@ -218,6 +361,9 @@ def correct_density(points, blocks, grid, free, ground, yields, step, barriers, 
         Number of this step.
     barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
     report : float64[CHUNKS, NODE_REPORT]
+    settings : Settings
+    material : Fluid
+    barrier : Barrier
     """
     real, after, barred = points.rows.dtype.type, yields[step % 2], barrier.barrier_active()
     parts_of = np.empty((grid.count, BLOCK * BLOCK * BLOCK), points.rows.dtype)

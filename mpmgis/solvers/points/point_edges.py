@@ -1,4 +1,4 @@
-"""Points after a step: walls, outflow, points below the ground, next blocks, limit of the affine velocity."""
+"""Points after a step: walls on the edges, outflow, points below the ground, blocks of the next step."""
 
 from math import sqrt
 
@@ -6,133 +6,30 @@ import numpy as np
 
 from ...compiled.block_order import GONE
 from ...compiled.jit import jit_borrowing, kernel_part
-from ...compiled.lanes import get, lane, lanes, load, multiply_add, multiply_lanes, put
+from ...compiled.lanes import get, put
 from . import point_batch as line
 from . import point_report as entry
 from .point_batch import BATCH
 from .point_blocks import packed
 from .point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y
-from .point_rows import BLOCK, GHOSTS, INDEX_MASK, TILE, TILE_LAYER, TILE_ROW
+from .point_rows import BLOCK, GHOSTS, INDEX_MASK, TILE, Edges, Settings, SortedPoints, Surface
 
-# The limit acts on a point more than GRIPPED cells above the ground or within JET cells of a wall, if the gradient of
-# the velocity normal to the wall has more than TOWARDS of the squared gradient: flow along a smooth wall is not limited
-# by it. It acts where the grid around the point has less than THIN of the density of the material, where the affine
-# velocity exceeds STILL of the speed of pressure waves at half a cell, and where the velocities of the nodes are not
-# linear: the affine velocity does not account for more than BENT of their variance.
-GRIPPED, JET, TOWARDS, THIN, STILL, BENT = 2.0, 3.0, 0.1, 0.75, 1e-3, 0.02
-FAR = 1e9  # cells from a wall where there is none
-FAR_BLOCKS = 1e5  # no point moves further in one step; keeps the conversion to integers valid
+FAR_BLOCKS = 1e5  # [blocks] no point moves further in one step; keeps the conversion to integers valid
 INSIDE = 1e-6  # [cells] distance from a wall of a point that is stopped there: resolved in single precision
-FLOAT_BLOCK = float(BLOCK)
+FLOAT_BLOCK = float(BLOCK)  # [nodes] for products with floats
 
 
 @kernel_part
-def limit_thin(scratch, quads, integers, count, tile, block, edges, ground, settings, factors, report):
-    """Limit the affine velocity of the batch's points in thin sheets and at free surfaces.
+def keep_inside(scratch: np.ndarray, count: int, edges: Edges) -> int:
+    """Stop points at the walls on the edges, and return the number of points that were stopped.
 
-    The nodes around these have less than the mass `factors.dense` [kg]; with `settings.wall` the space beyond the edges
-    of the domain counts as full. Points near the ground are not limited: its contact, not the free surface, makes the
-    velocities of their nodes nonlinear, and the limit would take energy from the flow over rough ground in every step.
-    Points near a wall of the domain are limited there too where the velocity normal to the wall varies: flow that hits
-    a wall can form jets along it and in its corners.
+    Parameters
+    ----------
+    scratch : float[LINES]
+    count : int
+        Number of points in the batch.
+    edges : Edges
     """
-    dense, still, dx, thin = factors.dense, factors.still, settings.dx, 0
-    for q in range(BATCH):
-        thin += (get(scratch, line.NEAR, q) < dense) & (get(scratch, line.AFFINE2, q) > still)
-    if thin == 0:
-        return
-    for q in range(count):
-        if scratch[line.NEAR + q] < dense and scratch[line.AFFINE2 + q] > still:
-            x, y = float(scratch[line.FX + q]), float(scratch[line.FY + q])
-            above = above_ground(x, y, float(scratch[line.FZ + q]), block, ground, dx)
-            inside = FAR
-            if settings.wall:
-                inside = _inside_walls(scratch, q, x, y, edges)
-            if above < GRIPPED and inside > JET:
-                continue
-            filled = filled_share(above)
-            if settings.wall:
-                filled = filled * filled_share(x - edges.west) * filled_share(y - edges.south)
-                filled = filled * filled_share(edges.east - x) * filled_share(edges.north - y)
-            if scratch[line.NEAR + q] < dense * filled:
-                _limit_point(scratch, quads, integers, q, tile, report)
-
-
-@kernel_part
-def _inside_walls(scratch, q, x, y, edges):
-    """Distance [cells] of a point from the nearest wall to which the varying velocity is normal."""
-    least, inside = TOWARDS * 0.25 * scratch[line.AFFINE2 + q], FAR
-    ux, uy, uz = scratch[line.XX + q], scratch[line.XY + q], scratch[line.XZ + q]
-    if ux * ux + uy * uy + uz * uz > least:
-        inside = min(x - edges.west, edges.east - x)
-    vx, vy, vz = scratch[line.YX + q], scratch[line.YY + q], scratch[line.YZ + q]
-    if vx * vx + vy * vy + vz * vz > least:
-        inside = min(inside, min(y - edges.south, edges.north - y))
-    return inside
-
-
-@kernel_part
-def above_ground(x, y, z, block, ground, dx):
-    """Distance [cells] of a place in a block from the plane of the ground at the nearest node."""
-    i, j = int(x + 0.5) + block[0] * BLOCK, int(y + 0.5) + block[1] * BLOCK
-    slope_x, slope_y = ground[j, i, GROUND_SLOPE_X], ground[j, i, GROUND_SLOPE_Y]
-    surface = ground[j, i, GROUND_HEIGHT] / dx + slope_x * (x + float(block[0] * BLOCK - i))
-    surface += slope_y * (y + float(block[1] * BLOCK - j))
-    return (z + float(block[2] * BLOCK - GHOSTS) - surface) / sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-
-
-@kernel_part
-def filled_share(distance):
-    """Share of the full mass at the nodes around a point, `distance` [cells] inside the surface of a half-space.
-
-    The integral of a quintic B-spline, to 0.01.
-    """
-    d = min(max(distance, 0.0), 1.8)
-    return min(0.5 + d * (0.58 - 0.16 * d), 1.0)
-
-
-@kernel_part
-def _limit_point(scratch, quads, integers, q, tile, report):
-    """Scale the affine momentum of a point by R^8; R^2 is its share of the variance of the velocities of the nodes.
-
-    The variance is sum w |v_i - v_p|^2, that of the affine velocity dx^2 |C|^2 / 4; both are equal in a linear field.
-    """
-    affine = float(scratch[line.AFFINE2 + q])
-    share = affine / _variance(scratch, quads, integers, q, tile)
-    if share < 1.0 - BENT:
-        kept = share * share * share * share
-        mass = float(scratch[line.MASS + q])
-        taken = (1.0 - kept) * 4.0 * mass
-        for k in range(3):
-            for axis in range(3):
-                a, m = line.AXX + (4 * k + axis) * BATCH + q, line.XX + (3 * k + axis) * BATCH + q
-                scratch[a] -= taken * float(scratch[m])
-        report[entry.LIMITED] += 1.0
-        report[entry.LIMITED_ENERGY] += 0.5 * mass * affine * (1.0 - kept * kept)
-
-
-@kernel_part
-def _variance(scratch, quads, integers, q, tile):
-    """Weighted variance [m2 s-2] of the velocities of the nodes around a point about its own."""
-    t = integers[line.I_PLACE + q]
-    own, square = load(quads, line.Q_MEAN + 4 * q), lanes(0.0, 0.0, 0.0, 0.0)
-    wx0, wx1, wx2 = get(scratch, line.WX0, q), get(scratch, line.WX1, q), get(scratch, line.WX2, q)
-    for k in range(3):
-        for j in range(3):
-            w = get(scratch, line.WZ0 + k * BATCH, q) * get(scratch, line.WY0 + j * BATCH, q)
-            d0, d1 = multiply_add(-1.0, own, load(tile, t)), multiply_add(-1.0, own, load(tile, t + 4))
-            d2 = multiply_add(-1.0, own, load(tile, t + 8))
-            row = multiply_lanes(d0, d0, wx0, lanes(0.0, 0.0, 0.0, 0.0))
-            row = multiply_lanes(d2, d2, wx2, multiply_lanes(d1, d1, wx1, row))
-            square = multiply_add(w, row, square)
-            t += TILE_ROW
-        t += TILE_LAYER - 3 * TILE_ROW
-    return float(lane(square, 0)) + float(lane(square, 1)) + float(lane(square, 2))
-
-
-@kernel_part
-def keep_inside(scratch, count, edges):
-    """Stop points at the walls on the edges; returns the number of points that were stopped."""
     west, south, east, north, held = edges.west, edges.south, edges.east, edges.north, 0
     for q in range(BATCH):
         x, y = get(scratch, line.X, q), get(scratch, line.Y, q)
@@ -144,8 +41,15 @@ def keep_inside(scratch, count, edges):
 
 
 @kernel_part
-def all_inside(scratch, integers, edges):
-    """Whether all points are finite and inside the `edges` of the domain."""
+def all_inside(scratch: np.ndarray, integers: np.ndarray, edges: Edges) -> bool:
+    """Return whether all points are finite and inside the edges of the domain; set that all stay in it.
+
+    Parameters
+    ----------
+    scratch : float[LINES]
+    integers : int32[INTEGERS]
+    edges : Edges
+    """
     west, south, east, north, within = edges.west, edges.south, edges.east, edges.north, 0
     for q in range(BATCH):
         x, y, z = get(scratch, line.X, q), get(scratch, line.Y, q), get(scratch, line.Z, q)
@@ -155,8 +59,14 @@ def all_inside(scratch, integers, edges):
 
 
 @kernel_part
-def find_blocks(scratch, integers):
-    """Nearest node and new block of each point, and its place in that block."""
+def find_blocks(scratch: np.ndarray, integers: np.ndarray) -> None:
+    """Find the nearest node and the new block of each point, and its place in that block.
+
+    Parameters
+    ----------
+    scratch : float[LINES]
+    integers : int32[INTEGERS]
+    """
     for q in range(BATCH):
         x, y, z = get(scratch, line.X, q), get(scratch, line.Y, q), get(scratch, line.Z, q)
         put(integers, line.I_COLUMN, q, np.int32(np.floor(x + 0.5)))
@@ -172,8 +82,33 @@ def find_blocks(scratch, integers):
 
 
 @kernel_part
-def book_out(scratch, integers, count, block, inside, edges, settings, report):
-    """Record points that left over an edge or onto nodata, or are not finite; they keep their last place."""
+def book_out(
+    scratch: np.ndarray,
+    integers: np.ndarray,
+    count: int,
+    block: np.ndarray,
+    inside: np.ndarray,
+    edges: Edges,
+    settings: Settings,
+    report: np.ndarray,
+) -> None:
+    """Record points that left over an edge or onto nodata, or are not finite; they keep their last place.
+
+    Parameters
+    ----------
+    scratch : float[LINES]
+    integers : int32[INTEGERS]
+    count : int
+        Number of points in the batch.
+    block : int32[3]
+        x, y and z of the block.
+    inside : uint8[cells_y, cells_x]
+        1 where the terrain has an elevation.
+    edges : Edges
+    settings : Settings
+    report : float64[REPORT]
+        Of the chunk.
+    """
     west, south, east, north = edges.west, edges.south, edges.east, edges.north
     dx, gravity = settings.dx, settings.gravity
     for q in range(count):
@@ -237,10 +172,37 @@ def _lift_onto_ground(scratch, integers, q, block, ground, settings, report):
 
 
 @kernel_part
-def give_keys(scratch, integers, points, first, count, block, surface, deepest, settings, report):
+def give_keys(
+    scratch: np.ndarray,
+    integers: np.ndarray,
+    points: SortedPoints,
+    first: int,
+    count: int,
+    block: np.ndarray,
+    surface: Surface,
+    deepest: float,
+    settings: Settings,
+    report: np.ndarray,
+) -> None:
     """Set the blocks of the next step and widen the window; points below the ground are moved onto it.
 
-    Only points below `deepest` [cells from the first node of the block] can be below the ground.
+    Parameters
+    ----------
+    scratch : float[LINES]
+    integers : int32[INTEGERS]
+    points : SortedPoints
+    first : int
+        Place of the batch in the order of the points.
+    count : int
+        Number of points in the batch.
+    block : int32[3]
+        x, y and z of the block.
+    surface : Surface
+    deepest : float [cells]
+        Level from the first node of the block, below which points can be below the ground, see `deepest_level`.
+    settings : Settings
+    report : float64[REPORT]
+        Of the chunk.
     """
     keys, order, ground, lowest = points.keys, points.order, surface.ground, surface.lowest
     for q in range(count):
@@ -264,8 +226,17 @@ def give_keys(scratch, integers, points, first, count, block, surface, deepest, 
 
 
 @kernel_part
-def widen_window(report, row, column, tall):
-    """Widen the window of the chunk to a block that is `tall` blocks above the lowest one near it."""
+def widen_window(report: np.ndarray, row: int, column: int, tall: int) -> None:
+    """Widen the window of a chunk to a block.
+
+    Parameters
+    ----------
+    report : float64[REPORT]
+        Of the chunk.
+    row, column : int [blocks]
+    tall : int [blocks]
+        Height above the lowest block near it.
+    """
     report[entry.BLOCK_WEST] = min(report[entry.BLOCK_WEST], float(column))
     report[entry.BLOCK_EAST] = max(report[entry.BLOCK_EAST], float(column))
     report[entry.BLOCK_SOUTH] = min(report[entry.BLOCK_SOUTH], float(row))
@@ -274,8 +245,16 @@ def widen_window(report, row, column, tall):
 
 
 @jit_borrowing
-def deepest_level(ground, block, dx):
-    """Level [cells from the first node of the block] below which a point near it can be below the ground."""
+def deepest_level(ground: np.ndarray, block: np.ndarray, dx: float) -> float:
+    """Find the level below which a point near a block can be below the ground [cells from the first node of the block].
+
+    Parameters
+    ----------
+    ground : float64[rows, columns, GROUND_ENTRIES]
+    block : int32[3]
+        x, y and z of the block.
+    dx : float [m]
+    """
     deep = -np.inf
     for j in range(max(block[1] * BLOCK, 0), min(block[1] * BLOCK + TILE, ground.shape[0])):
         for i in range(max(block[0] * BLOCK, 0), min(block[0] * BLOCK + TILE, ground.shape[1])):

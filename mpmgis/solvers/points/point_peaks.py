@@ -6,20 +6,32 @@ spline, as at a node of the depth-averaged solver: both solvers store the same p
 
 from math import sqrt
 
+import numpy as np
+
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
+from ...frames.peaks import ARRIVAL, PRESSURE, SPEED, THICKNESS
 from .point_ground import plane_at
-from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
+from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, BlockWindow, NodeBlocks, Settings
 
-THICKNESS, SPEED, PRESSURE, ARRIVAL = range(4)  # peaks of a node column, as in `peaks`
-COLUMN_SUMS = 4 * BLOCK * BLOCK  # momentum [kg m s-1] and mass [kg] of a block's node columns
-LONE_SHARE = 0.75 * 0.75  # largest share of the mass of a point at one node column
-LONE_ROUNDING = 1e-5
+COLUMN_SUMS = 4 * BLOCK * BLOCK  # numbers of a block's node columns: momentum [kg m s-1] and mass [kg] of each
+LONE_SHARE = 0.75 * 0.75  # [1] largest share of the mass of a point at one node column: the spline at its middle
+LONE_ROUNDING = 1e-5  # [1] relative rounding error of that share in single precision
 
 
 @jit_inline
-def is_lowest(slots, place, up):
-    """Whether no block is touched below the one `up` levels above the lowest at `place` of the window."""
+def is_lowest(slots: np.ndarray, place: int, up: int) -> bool:
+    """Return whether no block is touched below one in a block column.
+
+    Parameters
+    ----------
+    slots : int32[places]
+        Touched block at each place of the window, or -1.
+    place : int
+        Of the lowest block of the column.
+    up : int
+        Levels of the block above that one.
+    """
     below = up - 1
     while below >= 0 and slots[place + below] < 0:
         below -= 1
@@ -45,7 +57,7 @@ def _sum_columns(sums, nodes, slots, place, depth):
 
 @jit_inline
 def _mirror_image(index, cells):
-    """(multiplicity of a node, node beyond the wall that is mirrored into it or -1) along an axis with walls.
+    """Return (multiplicity of a node, node beyond the wall that is mirrored into it or -1) along an axis with walls.
 
     Reflection doubles a node on the wall; the first node inside receives that beyond the wall.
     """
@@ -62,7 +74,7 @@ def _mirror_image(index, cells):
 
 @jit_inline
 def _column_mass(nodes, window, row, column):
-    """Mass [kg] of the node column [row, column]; 0 outside the window of blocks."""
+    """Compute the mass [kg] of the node column [row, column]; 0 outside the window of blocks."""
     j, i = row // BLOCK - window.south, column // BLOCK - window.west
     mass = 0.0
     if 0 <= j < window.height and 0 <= i < window.width:
@@ -77,7 +89,7 @@ def _column_mass(nodes, window, row, column):
 
 @jit_borrowing
 def _folded_mass(own, nodes, window, row, column, nx, ny):
-    """Mass [kg] of a node column of `own` mass [kg], with the mass that walls on the edges mirror into it."""
+    """Compute the mass [kg] of a node column of `own` mass [kg], with that which walls on the edges mirror into it."""
     times_y, image_y = _mirror_image(row, ny)
     times_x, image_x = _mirror_image(column, nx)
     mass = times_y * times_x * own
@@ -91,8 +103,37 @@ def _folded_mass(own, nodes, window, row, column, nx, ny):
 
 
 @jit_inline
-def note_column_peaks(peaks, j, i, px, py, pz, mass, nodes, window, ground_nodes, time, settings):
-    """`accumulate_point_peaks` for node column [j, i] of momentum (px, py, pz) [kg m s-1] and `mass` [kg]."""
+def note_column_peaks(
+    peaks: np.ndarray,
+    j: int,
+    i: int,
+    px: float,
+    py: float,
+    pz: float,
+    mass: float,
+    nodes: np.ndarray,
+    window: BlockWindow,
+    ground_nodes: np.ndarray,
+    time: float,
+    settings: Settings,
+) -> None:
+    """Update the peaks of a node column, see `accumulate_point_peaks`.
+
+    Parameters
+    ----------
+    peaks : float64[rows, columns, PEAK_ENTRIES]
+    j, i : int
+        Row and column.
+    px, py, pz : float [kg m s-1]
+        Momentum of the column.
+    mass : float [kg]
+        Of the column.
+    nodes : float[touched, BLOCK_SIZE]
+    window : BlockWindow
+    ground_nodes : float64[rows, columns, GROUND_ENTRIES]
+    time : float [s]
+    settings : Settings
+    """
     density = settings.density
     per_mass = 1.0 / (density * settings.dx * settings.dx)
     lone = settings.lone_thickness * (1.0 + LONE_ROUNDING)
@@ -116,8 +157,31 @@ def note_column_peaks(peaks, j, i, px, py, pz, mass, nodes, window, ground_nodes
 
 
 @jit_borrowing
-def note_block_peaks(peaks, part, t, grid, window, ground_nodes, time, settings):
-    """`accumulate_point_peaks` for the block column whose lowest touched block is `t`; `part` is a work array."""
+def note_block_peaks(
+    peaks: np.ndarray,
+    part: np.ndarray,
+    t: int,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    ground_nodes: np.ndarray,
+    time: float,
+    settings: Settings,
+) -> None:
+    """Update the peaks of the node columns of a block column, see `accumulate_point_peaks`.
+
+    Parameters
+    ----------
+    peaks : float64[rows, columns, PEAK_ENTRIES]
+    part : float64[COLUMN_SUMS]
+        Work array.
+    t : int
+        Lowest touched block of the column; for others nothing is done.
+    grid : NodeBlocks
+    window : BlockWindow
+    ground_nodes : float64[rows, columns, GROUND_ENTRIES]
+    time : float [s]
+    settings : Settings
+    """
     nodes, touched = grid.nodes, grid.touched
     depth, nx, ny = window.depth, settings.cells_x, settings.cells_y
     row, column = touched[t, 0], touched[t, 1]
@@ -145,13 +209,21 @@ def note_block_peaks(peaks, part, t, grid, window, ground_nodes, time, settings)
 
 
 @jit_parallel
-def accumulate_point_peaks(peaks, sums, grid, window, ground_nodes, time, settings):
-    """Running peaks over the node columns: thickness [m], speed [m s-1], pressure rho |v|^2 [Pa], first arrival [s].
+def accumulate_point_peaks(
+    peaks: np.ndarray,
+    sums: np.ndarray,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    ground_nodes: np.ndarray,
+    time: float,
+    settings: Settings,
+) -> None:
+    """Update the running peaks at all node columns: thickness, speed, pressure and first arrival.
 
-    Thickness is vertical: mass over density and the area of a cell. The velocity v is the mean over the mass of the
-    column, after the forces of the step; speed is the length of its part along the ground (`Ut`, Eq 14), pressure uses
-    all of it, as the bands do. Both, and the arrival, require a thickness of at least `settings.arrival_thickness` [m]
-    and of more than a single point has, `settings.lone_thickness` [m].
+    Thickness [m] is vertical: mass over density and the area of a cell. The velocity v is the mean over the mass of the
+    column, after the forces of the step; speed [m s-1] is the length of its part along the ground (`Ut`, Eq 14),
+    pressure rho |v|^2 [Pa] uses all of it, as the bands do. Both, and the arrival [s], require a thickness of at least
+    `settings.arrival_thickness` [m] and of more than a single point has, `settings.lone_thickness` [m].
 
     Parameters
     ----------
@@ -161,6 +233,9 @@ def accumulate_point_peaks(peaks, sums, grid, window, ground_nodes, time, settin
         Work array.
     grid : NodeBlocks
     window : BlockWindow
+    ground_nodes : float64[rows, columns, GROUND_ENTRIES]
+    time : float [s]
+    settings : Settings
     """
     n_touched = grid.count
     for c in prange(CHUNKS):

@@ -1,4 +1,6 @@
-"""Checks of the state from which a 3D run continues."""
+"""Check the state from which a 3D run continues."""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -6,13 +8,29 @@ from ...frames.state_check import YIELD_STATE, StateCheck
 from .point_contact import MOST_YIELD
 from .point_rows import BLOCK, GHOSTS, MASS, X
 
+if TYPE_CHECKING:
+    from ...frames.particles import Frame
+    from .point_balances import PointBalances
 
-def require_point_state(frame, solver, changing, like):
-    """As `require_column_state`, for a PointSolver; `like` is an array of rows of its type and width.
+
+def require_point_state(
+    frame: "Frame", solver: "PointBalances", changing: dict[str, np.ndarray], like: np.ndarray
+) -> None:
+    """Raise unless the state in a frame is one from which a 3D run can continue.
+
+    Parameters
+    ----------
+    frame : Frame
+    solver : PointSolver
+    changing : dict of arrays
+        Name -> array of the state other than the rows, of this solver.
+    like : float[n, ROW_SHORT or ROW_LONG]
+        Rows of this solver, for their type and width.
 
     Raises
     ------
     FormatError
+        An array is missing, has another type or shape, or has values out of their range.
     """
     kernel, state, n = solver.kernel, frame.state, len(frame.particles.id)
     check = StateCheck(frame.time, state)

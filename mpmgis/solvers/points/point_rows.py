@@ -6,7 +6,7 @@ Places are in cells from the first node of the block of the point: 0.5 to 4.5 in
 therefore resolves a four-millionth of a cell in any domain.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,28 +16,73 @@ from ...compiled.lanes import get, load, prefetch, put, store, transposed
 from . import point_batch as line
 from .point_batch import BATCH
 
-(X, Y, Z, S0, PX, PY, PZ, MASS, AXX, AYX, AZX, S1, AXY, AYY, AZY, S2, AXZ, AYZ, AZZ, S3, S4, S5, S6, S7) = range(24)
-ROW_SHORT, ROW_LONG = 20, 24  # numbers of a row, for materials with up to 4 and up to 8 numbers of state
+# entries of a row
+(
+    X,  # [cells] place from the first node of the block, east
+    Y,  # [cells] north
+    Z,  # [cells] up
+    S0,  # numbers of state of the material
+    PX,  # [kg m s-1] momentum, east
+    PY,  # [kg m s-1] north
+    PZ,  # [kg m s-1] up
+    MASS,  # [kg]
+    AXX,  # [kg m s-1] affine momentum over a cell: component x, along x
+    AYX,  # [kg m s-1] component y
+    AZX,  # [kg m s-1] component z
+    S1,
+    AXY,  # [kg m s-1] component x, along y
+    AYY,  # [kg m s-1] component y
+    AZY,  # [kg m s-1] component z
+    S2,
+    AXZ,  # [kg m s-1] component x, along z
+    AYZ,  # [kg m s-1] component y
+    AZZ,  # [kg m s-1] component z
+    S3,
+    S4,
+    S5,
+    S6,
+    S7,
+) = range(24)
+ROW_SHORT = 20  # numbers of a row, for materials with up to 4 numbers of state
+ROW_LONG = 24  # numbers of a row, for materials with up to 8 numbers of state
 STATE = (S0, S1, S2, S3, S4, S5, S6, S7)
 
 BLOCK = 4  # nodes along a block
 TILE = BLOCK + 2  # nodes along a tile, which the points of a block reach
-TILE_ROW = 4 * TILE
-TILE_LAYER = TILE * TILE_ROW
-TILE_SIZE = TILE * TILE_LAYER
-BLOCK_SIZE = BLOCK * BLOCK * BLOCK * 4
+TILE_ROW = 4 * TILE  # numbers of a row of nodes in a tile
+TILE_LAYER = TILE * TILE_ROW  # numbers of a layer of nodes in a tile
+TILE_SIZE = TILE * TILE_LAYER  # numbers of a tile
+BLOCK_SIZE = BLOCK * BLOCK * BLOCK * 4  # numbers of a block of nodes
 GHOSTS = BLOCK  # nodes before the domain's corner, in each direction
+# entries of a node
+(
+    NODE_X,  # [m s-1] velocity after the forces, [kg m s-1] momentum before: east
+    NODE_Y,  # north
+    NODE_Z,  # up
+    NODE_MASS,  # [kg]
+) = range(4)
+INDEX_MASK = 0x7FFFFFFF  # bits of an index, which is never negative
+LAST_BASE = BLOCK - 1.0  # first of the three nodes of a point, at most
+# as floats, for products with floats
+FLOAT_LAYER = float(TILE_LAYER)
+FLOAT_ROW = float(TILE_ROW)
 
-NODE_X, NODE_Y, NODE_Z, NODE_MASS = range(4)
-INDEX_MASK = 0x7FFFFFFF
-LAST_BASE = BLOCK - 1.0
 
+def stencil(place: float) -> tuple[float, float, float, float, float]:
+    """Compute the three nodes of a point along an axis, and their weights in the quadratic B-spline.
 
-def stencil(place):
-    """First of three nodes of the block along an axis, offset from it in cells (0.5 to 1.5), weights of the spline.
+    All results are floats, because a conversion to integers and back prevents vectorisation. A point on the upper side
+    of the block by rounding belongs to its last node.
 
-    All are floats, because a conversion to integers and back prevents vectorisation. A point on the upper side of the
-    block by rounding belongs to its last node.
+    Parameters
+    ----------
+    place : float [cells]
+        Of the point, from the first node of the block.
+
+    Returns
+    -------
+    (float, float [cells], float, float, float)
+        First node; offset of the point from it, 0.5 to 1.5; weights of the three nodes.
     """
     base = min(max(np.floor(place - 0.5), 0.0), LAST_BASE)
     f = place - base
@@ -48,8 +93,14 @@ law_function(stencil)
 
 
 @jit
-def volume_ratios(rows, material):
-    """float64[n]: volume of each point over its stress-free volume [1]."""
+def volume_ratios(rows: np.ndarray, material: Any) -> np.ndarray:
+    """Compute the volume of each point over its stress-free volume, float64[n] [1].
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    material : NamedTuple
+    """
     ratios = np.empty(rows.shape[0])
     for p in range(rows.shape[0]):
         s4, s5, s6, s7 = more_state(rows, p)
@@ -58,20 +109,29 @@ def volume_ratios(rows, material):
 
 
 @jit
-def more_state(rows, p):
-    """Numbers of state beyond the fourth; 0 in short rows."""
+def more_state(rows: np.ndarray, p: int) -> tuple[float, float, float, float]:
+    """Return the numbers of state of a point beyond the fourth; 0 in short rows.
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    p : int
+        Index of the point.
+    """
     if rows.shape[1] > S4:
         return rows[p, S4], rows[p, S4 + 1], rows[p, S4 + 2], rows[p, S4 + 3]
     return 0.0, 0.0, 0.0, 0.0
 
 
-# as floats, for products with floats
-FLOAT_LAYER, FLOAT_ROW = float(TILE_LAYER), float(TILE_ROW)
-
-
 @kernel_part
-def weigh(scratch, integers):
-    """Weights of each point of the batch, its offsets in cells, and the index of its first node in the tile."""
+def weigh(scratch: np.ndarray, integers: np.ndarray) -> None:
+    """Compute the weights and offsets of each point of the batch, and the index of its first node in the tile.
+
+    Parameters
+    ----------
+    scratch : float[LINES]
+    integers : int32[INTEGERS]
+    """
     for q in range(BATCH):
         i, fx, wx0, wx1, wx2 = stencil(get(scratch, line.X, q))
         j, fy, wy0, wy1, wy2 = stencil(get(scratch, line.Y, q))
@@ -103,8 +163,17 @@ def _prefetch_batch(rows, order, first):
 
 
 @kernel_part
-def take_places(rows, order, first, count, scratch):
-    """Copy the places of points order[first : first + count] into lines; the next batch is prefetched."""
+def take_places(rows: np.ndarray, order: np.ndarray, first: int, count: int, scratch: np.ndarray) -> None:
+    """Copy the places of the points of a batch into lines; the next batch is prefetched.
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    order : int32[n]
+    first, count : int
+        The batch is order[first : first + count].
+    scratch : float[LINES]
+    """
     _prefetch_batch(rows, order, first)
     row = rows.shape[1]
     for q in range(count):
@@ -115,8 +184,17 @@ def take_places(rows, order, first, count, scratch):
 
 
 @kernel_part
-def take_rows(rows, order, first, count, scratch):
-    """Copy place, mass and state of points order[first : first + count] into lines; the next batch is prefetched."""
+def take_rows(rows: np.ndarray, order: np.ndarray, first: int, count: int, scratch: np.ndarray) -> None:
+    """Copy place, mass and state of the points of a batch into lines; the next batch is prefetched.
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    order : int32[n]
+    first, count : int
+        The batch is order[first : first + count].
+    scratch : float[LINES]
+    """
     _prefetch_batch(rows, order, first)
     row, last = rows.shape[1], count - 1
     for q in range(0, BATCH, 4):  # beyond `count` the last point again
@@ -146,8 +224,17 @@ def take_rows(rows, order, first, count, scratch):
 
 
 @kernel_part
-def give_rows(rows, order, first, count, scratch):
-    """Copy the lines into the rows of points order[first : first + count]."""
+def give_rows(rows: np.ndarray, order: np.ndarray, first: int, count: int, scratch: np.ndarray) -> None:
+    """Copy the lines of a batch into the rows of its points.
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    order : int32[n]
+    first, count : int
+        The batch is order[first : first + count].
+    scratch : float[LINES]
+    """
     row, last = rows.shape[1], count - 1
     for q in range(0, count, 4):
         # beyond `count` the last point again; its own numbers are stored last
@@ -171,7 +258,7 @@ def give_rows(rows, order, first, count, scratch):
 
 @kernel_part
 def _lines_of_group(group):
-    """Lines of the first three numbers and of the fourth of a group of four in a row."""
+    """Return the lines of the first three numbers and of the fourth of a group of four in a row."""
     head = line.X + group * 4 * BATCH
     fourth = line.MASS
     if group == 0:

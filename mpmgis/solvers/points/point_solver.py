@@ -1,7 +1,9 @@
 """The 3D solver: initial state, time integration, frames and restart."""
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,8 +31,15 @@ from .point_restart import require_point_state
 from .point_rows import volume_ratios
 from .point_sums import MOMENTUM_X, MOMENTUM_Z
 
-STENCIL_CELLS = 27.0  # cells of the stencil of a point: a larger volume of a point is not resolved
-TIME_ROUNDING = 1e-9  # relative
+if TYPE_CHECKING:
+    from ...frames.particles import Frame
+    from ...laws.slots import PointEffects
+    from ...terrain.elevation import Terrain
+    from ..features.walls import Wall
+    from .point_numerics import PointNumerics
+
+STENCIL_CELLS = 27.0  # [cells] volume of the stencil of a point: a larger volume of a point is not resolved
+TIME_ROUNDING = 1e-9  # [1] relative rounding error of a time
 NO_PLACES = np.zeros((1, 1, 1))  # for spatially varying values where there are none
 
 
@@ -56,11 +65,22 @@ class PointSolver(PointBalances):
     Raises
     ------
     SceneError
+        The frame has columns, or points start outside the terrain's whole cells; the ground is too rough.
     """
 
     kernel = kernel
 
-    def __init__(self, frame, terrain, effects, numerics, stress=None, zone_values=None, walls=(), affine=None):
+    def __init__(
+        self,
+        frame: "Frame",
+        terrain: "Terrain",
+        effects: "PointEffects",
+        numerics: "PointNumerics",
+        stress: np.ndarray | None = None,
+        zone_values: np.ndarray | None = None,
+        walls: "Sequence[Wall]" = (),
+        affine: np.ndarray | None = None,
+    ) -> None:
         if frame.dimension != 3:
             raise SceneError("the 3D solver requires points (dimension 3), got columns; `mpmgis convert` makes points")
         self.effects, self.numerics, self._start = effects, numerics, frame
@@ -79,11 +99,11 @@ class PointSolver(PointBalances):
         self._press_contacts(frame, stress)
 
     def _in_precision(self, law):
-        """`law` with parameters in the precision of the points: compiled, float32 with float64 gives float64."""
+        """Return `law` with parameters in the precision of the points: compiled, float32 with float64 gives float64."""
         return type(law)(*map(self._real, law))
 
     def _set_ground(self):
-        """Elevation above the lowest level, slopes, folds and yields at all nodes that points can reach."""
+        """Set elevation above the lowest level, slopes, folds and yields at all nodes that points can reach."""
         grid, dx = self.grid, self.numerics.cell_size
         self.floor, self._ground = ground_nodes(grid, dx)
         terrain_height = padded(grid.bed[..., None] - self.floor)[..., 0]
@@ -107,7 +127,7 @@ class PointSolver(PointBalances):
         self._face_yields = np.zeros((2, len(self._faces) + 2, levels + 2, YIELD_ENTRIES))
 
     def _corner_from(self, origin):
-        """float64[3] [m]: origin of places, relative to the map place `origin` (E, N, H)."""
+        """Return the origin of places, relative to the map place `origin` (E, N, H), float64[3] [m]."""
         return np.append(self.grid.corner_from(origin), self.floor - origin[2])
 
     def _load(self, frame, stress):
@@ -187,11 +207,16 @@ class PointSolver(PointBalances):
                 rows[:, column + k] = turning[:, k, axis] - push * part
         self._stress = self._affine = None
 
-    def advance(self, until, after=np.inf, max_steps=1 << 62):
-        """Advance to time `until` [s] or by `max_steps`; returns the reason of the kernel to stop.
+    def advance(self, until: float, after: float = np.inf, max_steps: int = 1 << 62) -> int:
+        """Advance to a time or by a number of steps, and return the reason of the kernel to stop (see `point_clock`).
 
-        `after` [s] is the next time that will be requested: the length of the step after `until` is chosen in the
-        step before it.
+        Parameters
+        ----------
+        until : float [s]
+            The time.
+        after : float [s]
+            The next time that will be requested: the length of the step after `until` is chosen in the step before it.
+        max_steps : int
         """
         self._forget_computed()
         clock = self._clock
@@ -203,7 +228,7 @@ class PointSolver(PointBalances):
         return self._take_steps(float(until), float(after), int(max_steps))
 
     def _take_steps(self, until, after, max_steps):
-        """`advance`, once the points push on the nodes."""
+        """Take the steps of `advance`, once the points push on the nodes."""
         ready_threads()
         return kernel.advance(
             self._rows,
@@ -244,11 +269,11 @@ class PointSolver(PointBalances):
 
     @staticmethod
     def _on_kernel_nodes(values):
-        """`values` [ny + 3, nx + 3] at the nodes of the blocks."""
+        """Extend `values` [ny + 3, nx + 3] to the nodes of the blocks."""
         return padded(values[..., None])[..., 0]
 
-    def frame(self):
-        """The present points as a Frame."""
+    def frame(self) -> "Frame":
+        """Return the present points as a Frame."""
         header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
         return replace(
             self._start,
@@ -276,8 +301,8 @@ class PointSolver(PointBalances):
         in_slices(fill, n)
         return Particles(position, velocity, mass, volume, id=ids.copy())
 
-    def maxima(self):
-        """Running peaks at the node columns that the flow reached, for a frame; empty without `numerics.maxima`."""
+    def maxima(self) -> dict[str, np.ndarray]:
+        """Return the running peaks where the flow has been, for a frame; empty without `numerics.maxima`."""
         numerics, grid = self.numerics, self.grid
         if not numerics.maxima:
             return {}
@@ -287,7 +312,9 @@ class PointSolver(PointBalances):
         return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, numerics.arrival_thickness)
 
     def _volumes(self, rows, mass):
-        """float64[n] [m3]: volume of each point, at most that of the cells of its stencil (a single point in the air).
+        """Compute the volume of each point, float64[n] [m3].
+
+        It is limited to that of the cells of its stencil, for a single point in the air.
 
         The state itself is not limited: a point that was pulled apart bears load only when it is compressed as much.
         """
@@ -295,8 +322,8 @@ class PointSolver(PointBalances):
         largest = np.maximum(free, STENCIL_CELLS * self.numerics.cell_size**3)
         return np.minimum(free * volume_ratios(rows, self.effects.material), largest)
 
-    def state(self):
-        """State of a restart in addition to the particles of the frame: the arrays that change."""
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the state of a restart in addition to the particles of the frame: the arrays that change."""
         rows, _, keys = self._alive()
         begun = {"stress": self._stress, "affine": self._affine}  # before the first step converts them to impulses
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
@@ -306,12 +333,12 @@ class PointSolver(PointBalances):
         return state | {"counts": self._counts_of_rows()}
 
     @property
-    def yields(self):
-        """float64[2, rows, columns, YIELD_ENTRIES]: yield of the ground at node columns, of two steps."""
+    def yields(self) -> np.ndarray:
+        """Yield of the ground at node columns, of two steps: float64[2, rows, columns, YIELD_ENTRIES]."""
         return self._yields
 
     def _press_contacts(self, frame, stress):
-        """Ground below points that start with `stress`, and faces beside them, start in equilibrium too."""
+        """Set ground below points that start with `stress`, and faces beside them, to equilibrium with it."""
         place, step = frame.particles.position - self._corner_from(frame.origin), self.step
         last, stressed = self._yields[step % 2], stress is not None
         press_ground(last, step, place, frame.particles.mass, stressed, self._ground, self._settings)
@@ -320,7 +347,7 @@ class PointSolver(PointBalances):
             press_faces(last, step, place, np.asarray(stress), self._barriers, self._faces, self._settings)
 
     def _yield_state(self):
-        """Yield of the ground after the last step, at the node columns below the flow."""
+        """Return the yield of the ground after the last step, at the node columns below the flow."""
         last = self._yields[self.step % 2]
         columns = np.flatnonzero(last[..., YIELD_STEP] == self.step + 1)
         return dict(zip(YIELD_STATE, (columns, last[..., YIELD].ravel()[columns]), strict=True))
@@ -333,15 +360,19 @@ class PointSolver(PointBalances):
         last[columns, YIELD], last[columns, YIELD_STEP] = yields, self.step + 1
 
     def _changing(self):
-        """Name -> array of the state other than the rows, as far as this scene has it."""
+        """Return name -> array of the state other than the rows, as far as this scene has it."""
         arrays = {"clock": self._clock, "counts": self._counts, "ledger": self._ledger, "rest": self._rest}
         arrays |= {"barriers": self._barrier_sums} if self.walls else {}
         return arrays | ({"face_yields": self._face_yields} if len(self._faces) else {})
 
-    def restore(self, frame, known=False):
-        """Continue from a `frame` of this run with its state, bitwise identical to a run without interruption.
+    def restore(self, frame: "Frame", known: bool = False) -> None:
+        """Continue from a frame of this run with its state, bitwise identical to a run without interruption.
 
-        The state is checked unless it is `known`, that is, never left this process.
+        Parameters
+        ----------
+        frame : Frame
+        known : bool
+            Whether the state never left this process; it is checked otherwise.
 
         Raises
         ------
@@ -378,10 +409,16 @@ class PointSolver(PointBalances):
         window_of(self._keys[:n], self._lowest, self._counts[entry.WINDOW_FIRST :])
         self._stress, self._affine = state.get("stress"), state.get("affine")
 
-    def insert(self, frame, stress=None, affine=None):
-        """Insert the points of `frame` with their `stress` and velocity gradient, as at a start.
+    def insert(self, frame: "Frame", stress: np.ndarray | None = None, affine: np.ndarray | None = None) -> None:
+        """Insert the points of a frame with their stress and velocity gradient, as at a start.
 
         They count in the mass, momentum and energy of the start.
+
+        Parameters
+        ----------
+        frame : Frame
+        stress : float64[n, 6], optional [Pa]
+        affine : float64[n, 3, 3], optional [s-1]
 
         Raises
         ------
@@ -442,8 +479,8 @@ class PointSolver(PointBalances):
         window, others = (some[entry.WINDOW_FIRST :] for some in (counts, new._counts))
         window[:] = np.where(np.arange(len(window)) < EAST, np.minimum(window, others), np.maximum(window, others))
 
-    def started(self):
-        """Initial sums of the solver as plain numbers (see `start_from`)."""
+    def started(self) -> dict[str, Any]:
+        """Return the initial sums of the solver as plain numbers (see `start_from`)."""
         return {
             "mass": self.mass_start,
             "energy": list(self.energy_start),
@@ -452,8 +489,14 @@ class PointSolver(PointBalances):
             "heaviest": self._heaviest,
         }
 
-    def start_from(self, started):
-        """Set the initial sums to those of `started()`: this solver was made from a later frame of the same run."""
+    def start_from(self, started: dict[str, Any]) -> None:
+        """Set the initial sums to those of `started`: this solver was made from a later frame of the same run.
+
+        Parameters
+        ----------
+        started : dict
+            The result of `started` of the solver of the run's start.
+        """
         self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
         self._momentum_start, self._energy_whole = np.array(started["momentum"]), started["energy_whole"]
         self._heaviest = started.get("heaviest", self._heaviest)  # such points may have left since

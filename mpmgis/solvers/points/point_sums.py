@@ -1,22 +1,45 @@
 """Sums over the points of a 3D run, for its balances."""
 
+from typing import Any
+
 import numpy as np
 
 from ...compiled.jit import jit, jit_inline
 from .point_blocks import key_column, key_level, key_row
 from .point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, X, Y, Z, more_state
 
-# momentum [kg m s-1], sum of the absolute values of its components, kinetic energy, potential energy from the lowest
-# level and elastic energy [J], mass times the second number of state (of `Fluid`: energy of the present correction per
-# volume [J m-3]) [kg J m-3]
-MOMENTUM_X, MOMENTUM_Y, MOMENTUM_Z, MOMENTUM_ABS, KINETIC, POTENTIAL, STORED, OF_STATE, SUMS = range(9)
+(
+    MOMENTUM_X,  # [kg m s-1] momentum, east
+    MOMENTUM_Y,  # [kg m s-1] north
+    MOMENTUM_Z,  # [kg m s-1] up
+    MOMENTUM_ABS,  # [kg m s-1] sum of the absolute values of the components
+    KINETIC,  # [J] kinetic energy
+    POTENTIAL,  # [J] potential energy from the lowest level
+    STORED,  # [J] elastic energy
+    OF_STATE,  # [kg J m-3] mass times S2; of `Fluid` that is the energy of the present correction per volume
+    SUMS,  # number of sums
+) = range(9)
 double = np.float64  # conversion to double precision; `float` would keep float32 in compiled code
-PART = 64  # points that are added before they are added to the rest, which keeps the rounding small
+PART = 64  # points that are summed before their sum is added to the rest, which keeps the rounding small
 
 
 @jit
-def sums_of(rows, keys, lowest, dx, gravity, density, material):
-    """float64[SUMS] over the points of `rows` in the blocks `keys`."""
+def sums_of(
+    rows: np.ndarray, keys: np.ndarray, lowest: np.ndarray, dx: float, gravity: float, density: float, material: Any
+) -> np.ndarray:
+    """Compute the sums over points, float64[SUMS].
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    keys : int64[n]
+    lowest : int32[block rows, block columns, 2]
+        The result of `point_blocks.lowest_blocks`.
+    dx : float [m]
+    gravity : float [m s-2]
+    density : float [kg m-3]
+    material : NamedTuple
+    """
     sums, part = np.zeros(SUMS), np.zeros(SUMS)
     for p in range(rows.shape[0]):
         mass = double(rows[p, MASS])
@@ -48,8 +71,13 @@ def sums_of(rows, keys, lowest, dx, gravity, density, material):
 
 
 @jit
-def speeds_of(rows):
-    """float64[n] [m s-1]: speeds of the points of `rows`."""
+def speeds_of(rows: np.ndarray) -> np.ndarray:
+    """Compute the speeds of points, float64[n] [m s-1].
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    """
     speeds = np.empty(rows.shape[0])
     for p in range(rows.shape[0]):
         east, north, up = double(rows[p, PX]), double(rows[p, PY]), double(rows[p, PZ])
@@ -59,15 +87,26 @@ def speeds_of(rows):
 
 @jit_inline
 def _cells_of(rows, keys, p):
-    """Place [cells] of point `p` from the centre of the cell in the corner of the domain."""
+    """Return the place [cells] of point `p` from the centre of the cell in the corner of the domain."""
     x = double(rows[p, X]) + double(BLOCK * key_column(keys[p]) - GHOSTS) - 0.5
     y = double(rows[p, Y]) + double(BLOCK * key_row(keys[p]) - GHOSTS) - 0.5
     return x, y
 
 
 @jit
-def cells_of(rows, keys):
-    """First and last column and row of the cells whose centres are around points: west, south, east, north."""
+def cells_of(rows: np.ndarray, keys: np.ndarray) -> tuple[int, int, int, int]:
+    """Find the range of the cells whose centres are around points.
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    keys : int64[n]
+
+    Returns
+    -------
+    (int, int, int, int)
+        First column, first row, last column, last row.
+    """
     west = south = 1 << 60
     east = north = -(1 << 60)
     for p in range(rows.shape[0]):
@@ -78,8 +117,18 @@ def cells_of(rows, keys):
 
 
 @jit
-def spread_masses(rows, keys, west, south, held):
-    """Add the mass [kg] of points to the cells `held` [rows, columns] from [south, west] on, linear between centres."""
+def spread_masses(rows: np.ndarray, keys: np.ndarray, west: int, south: int, held: np.ndarray) -> None:
+    """Add the mass of points to cells, linear between their centres.
+
+    Parameters
+    ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    keys : int64[n]
+    west, south : int
+        Column and row of the first cell.
+    held : float64[rows of cells, columns of cells] [kg]
+        Changed by this function.
+    """
     for p in range(rows.shape[0]):
         x, y = _cells_of(rows, keys, p)
         i, j = int(np.floor(x)), int(np.floor(y))

@@ -13,18 +13,18 @@ import numpy as np
 from ...frames.particles import Frame
 from ...laws.quantities import GRAVITY
 
-PACKED = 1.2  # times the material density, above which mass counts as packed
-PACKED_CELLS = 2.0  # side of the map squares for this test: points of a fluid gather in single cells
+PACKED = 1.2  # [1] times the material density, above which mass counts as packed
+PACKED_CELLS = 2.0  # [cells] side of the map squares for this test: points of a fluid gather in single cells
 CLEARANCE = 0.25  # [cells] by which points may be lower than a lattice on the ground; sliding points: 0.1 to 0.2
-# A column hangs if the gap under its lowest point exceeds half its thickness, limited to this range [cells].
-# Fallen material rests up to 1.4 cells high, including half a point.
-HANGING_SHARE_OF_DEPTH, HANGING_CELLS = 0.5, (0.5, 1.5)
-FALLING = 0.1  # share of the free-fall speed through the gap, below which the column is not falling
-PACKED_SHARE, HANGING_SHARE = 0.05, 0.1  # of the mass; limits of a usable result; resolved flows have 0.02 at most
-MISSING_SHARE = 0.1  # of the volume; limit of a usable result
-LOOSE_SHARE = 0.1  # of the volume at rest; limit of a usable result
-LOOSE_FROM = 0.9  # cells: the heights of fewer points do not tell how thick their layer is
-INTERIOR = 0.5  # of a column's mass, which each of its four neighbours has unless the column is at the rim
+HANGING_SHARE_OF_DEPTH = 0.5  # [1] gap under the lowest point over the thickness, above which a column hangs
+HANGING_CELLS = (0.5, 1.5)  # [cells] limits of that gap; fallen material rests up to 1.4 high, half a point included
+FALLING = 0.1  # [1] share of the free-fall speed through the gap, below which the column is not falling
+PACKED_SHARE = 0.05  # [1] of the mass; limit of a usable result; resolved flows have 0.02 at most
+HANGING_SHARE = 0.1  # [1] of the mass; limit of a usable result; resolved flows have 0.02 at most
+MISSING_SHARE = 0.1  # [1] of the volume; limit of a usable result
+LOOSE_SHARE = 0.1  # [1] of the volume at rest; limit of a usable result
+LOOSE_FROM = 0.9  # [cells] least thickness of a loose layer: fewer points do not show how thick their layer is
+INTERIOR = 0.5  # [1] share of a column's mass that each of its four neighbours has unless the column is at the rim
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,7 @@ class PointVolume:
         Of the volume of that mass: the part that exceeds the space below its points.
     loose_share : float [1]
         Excess of the space of points at rest on the ground over the volume of their mass, relative, in columns of at
-        least LOOSE_FROM cells; 0 if less than HANGING_SHARE
-        of all mass is at rest within the flow.
+        least LOOSE_FROM cells; 0 if less than HANGING_SHARE of all mass is at rest within the flow.
     cells_over_depth : float [1]
         Mass-weighted mean thickness of the flow, divided by the cell size.
     """
@@ -62,15 +61,15 @@ class PointVolume:
         in_place = self.hanging_share <= HANGING_SHARE and self.loose_share <= LOOSE_SHARE
         return in_place and self.packed_share <= PACKED_SHARE and self.missing_share <= MISSING_SHARE
 
-    def as_numbers(self) -> dict:
-        """All values as plain numbers for a record."""
+    def as_numbers(self) -> dict[str, float]:
+        """Return all values as plain numbers for a record."""
         return asdict(self) | {"kept": self.kept}
 
 
 def point_volume(
     frame: Frame, height: np.ndarray, slope: np.ndarray, cell_size: float, density: float, gravity: float = GRAVITY
 ) -> PointVolume:
-    """The PointVolume of a Frame of points.
+    """Check the volume of the points of a frame.
 
     A map square has PACKED_CELLS cells per side. A point is packed if the points of its square up to its height have
     more than PACKED times the volume below that height. So a point above a packed layer does not hide it, and thin
@@ -89,11 +88,8 @@ def point_volume(
     cell_size : float [m]
         Of the solver's grid.
     density : float [kg m-3]
+        Of the material.
     gravity : float [m s-2]
-
-    Returns
-    -------
-    PointVolume
     """
     known = np.isfinite(height)
     particles, (x, y) = frame.particles, frame.map_xy()
@@ -135,17 +131,17 @@ def point_volume(
 
 
 def _falls(height, gravity):
-    """FALLING times the speed [m s-1] of a free fall through `height` [m]."""
+    """Compute FALLING times the speed [m s-1] of a free fall through `height` [m]."""
     return FALLING * np.sqrt(2.0 * gravity * np.maximum(height, 0.0))
 
 
 def _excess(taken, thickness):
-    """By how much the heights `taken` [m] exceed, in all, the `thickness` [m] of the mass there; 0 at least."""
+    """Compute by how much the heights `taken` [m] exceed, in all, the `thickness` [m] of the mass there; 0 at least."""
     return max(float(taken.sum() / thickness.sum()) - 1.0, 0.0)
 
 
 def _filled(column, height, volume):
-    """float64[n] [m3]: for each point, the volume of the points of its column up to its height."""
+    """Compute for each point the volume of the points of its column up to its height, float64[n] [m3]."""
     order = np.lexsort((height, column))
     column = column[order]
     first = np.flatnonzero(np.diff(column, prepend=-1))
@@ -156,12 +152,12 @@ def _filled(column, height, volume):
 
 
 def _columns(x, y, cell_size, cells):
-    """int64[n]: number of the square (side: `cells` times `cell_size` [m]) of each point, from 0 without gaps."""
+    """Number the square (side: `cells` times `cell_size` [m]) of each point, from 0 without gaps, int64[n]."""
     return np.unique(_places(x, y, cell_size, cells)[0], return_inverse=True)[1].reshape(-1)
 
 
 def _places(x, y, cell_size, cells):
-    """(int64[n] number of each point's square in the lattice, squares per row of it with an empty one at its end).
+    """Return the number of each point's square in the lattice, int64[n], and the squares of a row with an empty one.
 
     Squares begin a quarter of a cell before the first point, so that lattice points are not on square edges.
     """
@@ -171,7 +167,7 @@ def _places(x, y, cell_size, cells):
 
 
 def _interior(x, y, cell_size, of_column):
-    """bool[columns]: columns of single cells beside which each of four has INTERIOR of their mass `of_column` [kg]."""
+    """Find the columns of single cells beside which each of four has INTERIOR of their mass `of_column` [kg]."""
     places, row = _places(x, y, cell_size, 1.0)
     known = np.unique(places)
     within = np.ones(len(known), bool)
