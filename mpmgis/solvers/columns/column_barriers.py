@@ -9,7 +9,7 @@ from math import floor, sqrt
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from .column_rows import BLOCK, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
+from .column_rows import BLOCK, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y, BlockWindow, first_node
 
 # entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no
 # wall here), friction along it [1], how it holds the flow (`barrier`), and the weight with which what passes
@@ -24,73 +24,35 @@ LOOK = 64  # [cells] distance within which a node in a wall searches the flow ou
 
 
 @jit_parallel
-def hold_at_barriers(
-    nodes,
-    bed,
-    node_gradient,
-    slot,
-    touched,
-    n_touched,
-    west,
-    south,
-    width,
-    height,
-    report,
-    dx,
-    dt,
-    density,
-    gravity,
-    wall,
-    walls,
-    barrier,
-    metric,
-):
-    """Hold the flow at the nodes in `walls` [ny + 3, nx + 3, BARRIER_ENTRIES] and book it in `report`.
+def hold_at_barriers(nodes, fields, slot, touched, report, dt, settings, barrier, metric):
+    """Hold the flow at the nodes in walls (`fields.barriers`) and book it in `report`.
 
     The higher of the two surfaces at the wall determines the discharge over the crest. The normal impulse acts
     away from that side; the overtopping is the mean flux through the middle of the wall.
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
-    window = west, south, width, height
+    window = BlockWindow(touched.west, touched.south, touched.width, touched.height)
+    walls = fields.barriers
     for c in prange(CHUNKS):
         report[c, :, :] = 0.0
-        for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            j_first = (touched[k] // (width + 1) + south) * BLOCK
-            i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for k in range(c * touched.count // CHUNKS, (c + 1) * touched.count // CHUNKS):
+            j_first, i_first = first_node(touched, k)
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
                     mass, number = nodes[j, i, NODE_MASS], int(walls[j, i, BARRIER])
                     if mass <= 0.0 or number <= 0:
                         continue
-                    hold_node(
-                        nodes,
-                        bed,
-                        node_gradient,
-                        slot,
-                        window,
-                        j,
-                        i,
-                        report[c, number - 1],
-                        dx,
-                        dt,
-                        density,
-                        gravity,
-                        wall,
-                        walls,
-                        barrier,
-                        metric,
-                    )
+                    hold_node(nodes, fields, slot, window, j, i, report[c, number - 1], dt, settings, barrier, metric)
 
 
 @jit_inline
-def hold_node(
-    nodes, bed, node_gradient, slot, window, j, i, sums, dx, dt, density, gravity, wall, walls, barrier, metric
-):
+def hold_node(nodes, fields, slot, window, j, i, sums, dt, settings, barrier, metric):
     """`hold_at_barriers` at node [j, i], which is in a wall and has mass; adds to `sums` float64[BARRIER_LOSS + 1].
 
-    `window` = (west, south, width, height) of the blocks with columns in `slot`.
+    `window` is the BlockWindow of the blocks with columns in `slot`.
     """
-    per_metre = density * dx * dx  # mass of a node for each metre of thickness
+    bed, walls, dx = fields.bed, fields.barriers, settings.dx
+    per_metre = settings.density * dx * dx  # mass of a node for each metre of thickness
     here, mass = walls[j, i], nodes[j, i, NODE_MASS]
     rows, columns = nodes.shape[0], nodes.shape[1]
     u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
@@ -99,9 +61,10 @@ def hold_node(
     side = 1.0 if before >= beyond else -1.0  # with the higher flow
     head = max(before, beyond) - (here[CREST] - bed[j, i])
     speed = speed_before if before >= beyond else speed_beyond
-    over = barrier.weir_discharge(gravity, head, speed) * (1.0 - here[SHARE])
+    over = barrier.weir_discharge(settings.gravity, head, speed) * (1.0 - here[SHARE])
     if here[SHARE] > 0.0:
-        through = here[LIMIT] * barrier.opening_discharge(gravity, before, speed_before, beyond, speed_beyond)
+        passing = barrier.opening_discharge(settings.gravity, before, speed_before, beyond, speed_beyond)
+        through = here[LIMIT] * passing
         u_held, v_held = barrier.let_through(
             u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU], (over + through) * per_metre / mass
         )
@@ -112,8 +75,8 @@ def hold_node(
         )
         over = 1.0
     nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = mass * u_held, mass * v_held
-    own = mass * share_within(j, i, rows, columns, wall)
-    slopes = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    own = mass * share_within(j, i, rows, columns, settings.wall)
+    slopes = metric.metric_gradient(fields.gradient[j, i, 0], fields.gradient[j, i, 1])
     sums[BARRIER_LOSS] += own * _loss_at_wall(nodes[j, i], u, v, u_held, v_held, slopes)
     sums[IMPULSE] += own * side * ((u_held - u) * here[WALL_X] + (v_held - v) * here[WALL_Y])
     sums[IMPULSE_X] += own * (u - u_held)
@@ -166,13 +129,12 @@ def _mass_now(nodes, slot, window, j, i):
 @jit_inline
 def is_touched(slot, window, j, i):
     """Whether node [j, i] is in a block that columns touch."""
-    west, south, width, height = window
-    bi, bj = i // BLOCK - west, j // BLOCK - south
+    bi, bj = i // BLOCK - window.west, j // BLOCK - window.south
     touched = False
     for back_j in range(2):
         for back_i in range(2):
             oi, oj = bi - back_i, bj - back_j
-            if 0 <= oi < width and 0 <= oj < height and slot[oj * width + oi] >= 0:
+            if 0 <= oi < window.width and 0 <= oj < window.height and slot[oj * window.width + oi] >= 0:
                 touched = True
     return touched
 

@@ -47,7 +47,7 @@ from .column_report import (
     WILD,
     WORK,
 )
-from .column_rows import BLOCK, GX, GY, NODE_MASS, U, V, X, Y
+from .column_rows import BLOCK, GX, GY, NODE_MASS, U, V, X, Y, first_node
 
 # reasons for which `advance` returns
 (
@@ -191,7 +191,7 @@ def collect(report, node_report, ledger, clock, counts):
 
 
 @jit
-def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, width, dx):
+def note_deepest(node_report, clock, nodes, touched, dx):
     """Record place and time of a new largest thickness at a node; it is searched in the chunk that reports it."""
     most, chunk = clock[DEPTH_WORST], -1
     for c in range(CHUNKS):
@@ -200,9 +200,8 @@ def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, wid
     if chunk < 0:
         return
     heaviest = 0.0
-    for k in range(chunk * n_touched // CHUNKS, (chunk + 1) * n_touched // CHUNKS):
-        j_first = (touched[k] // (width + 1) + south) * BLOCK
-        i_first = (touched[k] % (width + 1) + west) * BLOCK
+    for k in range(chunk * touched.count // CHUNKS, (chunk + 1) * touched.count // CHUNKS):
+        j_first, i_first = first_node(touched, k)
         for j in range(j_first, min(j_first + BLOCK, nodes.shape[0])):
             for i in range(i_first, min(i_first + BLOCK, nodes.shape[1])):
                 if nodes[j, i, NODE_MASS] > heaviest:
@@ -212,7 +211,7 @@ def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, wid
 
 
 @jit
-def note_fastest(report, clock, rows, keys, order, start, bounds, metric):
+def note_fastest(report, clock, rows, keys, sorted_columns, metric):
     """Record a new largest speed, its place and time; the column is searched in the chunk that reports it."""
     most, chunk = clock[FASTEST] ** 2, -1
     for c in range(CHUNKS):
@@ -221,8 +220,9 @@ def note_fastest(report, clock, rows, keys, order, start, bounds, metric):
     if chunk < 0:
         return
     fastest2 = -1.0
+    start, bounds = sorted_columns.start, sorted_columns.bounds
     for k in range(start[bounds[chunk]], start[bounds[chunk + 1]]):
-        p = order[k]
+        p = sorted_columns.order[k]
         if keys[p] == GONE:
             continue
         mx, my = metric.metric_gradient(rows[p, GX], rows[p, GY])

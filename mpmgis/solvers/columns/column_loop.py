@@ -61,11 +61,13 @@ from .column_clock import (
 )
 from .column_detrainment import detrain
 from .column_forest import break_forest, clear_shares, collect_forest, find_shares
+from .column_motion import SpeedBound, StepTimes
 from .column_nodes import (
     ARMED,
     FOREST_LOSS,
     NODE_REPORT,
     REACHED,
+    NodeArrays,
     accumulate_peaks,
     clear_ghosts,
     fold_walls,
@@ -82,6 +84,9 @@ from .column_rows import (
     MASS,
     ROW,
     TILE,
+    BlockWindow,
+    SortedColumns,
+    TouchedBlocks,
     U,
     V,
     X,
@@ -113,6 +118,7 @@ __all__ = [  # used by the solver through this module
     "ROW",
     "WAYS",
     "WET",
+    "ColumnArrays",
     "U",
     "V",
     "X",
@@ -145,6 +151,21 @@ class Settings(NamedTuple):
     holes: bool  # the terrain has cells without elevation
     stop_at_rest: bool
     keep_peaks: bool
+
+
+class ColumnArrays(NamedTuple):
+    """Arrays of a run that change; they belong to the host and keep their identity."""
+
+    rows: np.ndarray  # float64[columns, ROW]
+    ids: np.ndarray  # uint64[columns]
+    keys: np.ndarray  # int32[columns]; block of each column, GONE for one that has left
+    wet: np.ndarray  # uint8[ny + 3, nx + 3]; marks of the nodes
+    clock: np.ndarray  # float64[CLOCK]
+    counts: np.ndarray  # int64[COUNTS]
+    ledger: np.ndarray  # float64[EDGES, OUT_ENTRIES]; outflow over each edge
+    peaks: np.ndarray  # float64[ny + 3, nx + 3, 4]; one entry where not in use
+    barrier_sums: np.ndarray  # float64[barriers, BARRIER_SUMS + 1]
+    left_cells: np.ndarray  # float64[WAYS, blocks, blocks, LEFT_ENTRIES]; where mass left
 
 
 class NodeFields(NamedTuple):
@@ -208,26 +229,7 @@ def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
 
 
 @jit
-def advance(
-    rows,
-    ids,
-    keys,
-    order,
-    nodes,
-    wet,
-    clock,
-    counts,
-    ledger,
-    peaks,
-    barrier_sums,
-    left_cells,
-    until,
-    max_steps,
-    settings,
-    fields,
-    effects,
-    watched,
-):
+def advance(state, order, nodes, until, max_steps, settings, fields, effects, watched):
     """Advance to time `until` [s] or by `max_steps`; the whole loop is compiled, for any number of particles.
 
     It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
@@ -236,17 +238,18 @@ def advance(
     Everything that changes is in the arrays (clock, counts, rows...): a call continues exactly where the last one
     ended. Returns the reason to stop.
     """
-    dx, density, gravity, wall = settings.dx, settings.density, settings.gravity, settings.wall
+    rows, ids, keys, clock, counts = state.rows, state.ids, state.keys, state.clock, state.counts
+    wall, metric, entrainment = settings.wall, effects.metric, effects.entrainment
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
-    barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], BARRIER_LOSS + 1))
+    barrier_report = np.zeros((CHUNKS, state.barrier_sums.shape[0], BARRIER_LOSS + 1))
     broken = np.zeros(CHUNKS)
     bounds = np.zeros(CHUNKS + 1, np.int64)
     histogram = np.zeros((CHUNKS, 16), np.int32)
     slot = np.zeros(16, np.int32)
     block = np.zeros(16, np.int32)
     start = np.zeros(17, np.int64)
-    touched = np.zeros(64, np.int32)
+    places = np.zeros(64, np.int32)
     tiles, lowered = np.zeros((16, TILE * TILE * 4)), np.zeros((1, BLOCK * BLOCK))
     strip, names = np.empty((counts[ROWS], STRIP)), np.empty((counts[ROWS], 2), np.int64)
     for _ in range(max_steps):
@@ -254,20 +257,20 @@ def advance(
             return REACHED_TIME
         if counts[ALIVE] == 0:
             return ALL_LEFT
-        n = counts[ROWS]
         west, south, east, north = counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH]
-        width, height = east - west + 1, north - south + 1
-        window = west, south, width
-        if width * height > slot.size:
-            size = 2 * width * height
+        window = BlockWindow(west, south, east - west + 1, north - south + 1)
+        if window.width * window.height > slot.size:
+            size = 2 * window.width * window.height
             histogram = np.zeros((CHUNKS, size), np.int32)
             slot, block, start = np.zeros(size, np.int32), np.zeros(size, np.int32), np.zeros(size + 1, np.int64)
-            touched = np.zeros(2 * size + 2 * (width + height) + 64, np.int32)
-        active, alive = sort_by_block(keys, n, west, south, east, north, histogram, order, slot, block, start)
+            places = np.zeros(2 * size + 2 * (window.width + window.height) + 64, np.int32)
+        sorted_columns = SortedColumns(order, start, block, bounds)
+        active, alive = sort_by_block(keys, counts[ROWS], window, histogram, slot, sorted_columns)
         if alive == 0:
             return ALL_LEFT
-        n_touched = touched_blocks(slot, width, height, touched)
-        if watched.size > 0 and comes_near(touched, n_touched, west, south, width, watched):
+        n_touched = touched_blocks(slot, window, places)
+        touched = TouchedBlocks(places, n_touched, window.west, window.south, window.width, window.height)
+        if watched.size > 0 and comes_near(touched, watched):
             return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
             reorder(rows, ids, keys, order, alive, strip, names)
@@ -277,144 +280,88 @@ def advance(
         counts[SINCE_REORDER] += 1
         if active > tiles.shape[0]:
             tiles = np.zeros((active + active // 2, TILE * TILE * 4))
-        if effects.entrainment.bed_lowering() > 0.0 and n_touched > lowered.shape[0]:
+        if entrainment.bed_lowering() > 0.0 and n_touched > lowered.shape[0]:
             lowered = np.zeros((n_touched + n_touched // 2, BLOCK * BLOCK))
         split_evenly(start, active, bounds)
 
         dt, kick, behind, last = choose_step(clock, counts, until, settings)
         particles_to_grid(
             rows,
-            order,
-            start,
-            block,
-            bounds,
+            sorted_columns,
             window,
             tiles,
             fields,
             report,
             kick,
             settings,
-            effects.metric,
+            metric,
             effects.still_water,
             effects.earth_pressure,
             effects.viscosity,
         )
         if wall:
             clear_ghosts(nodes)
-        gather_tiles(nodes, tiles, slot, west, south, width, height, touched, n_touched)
+        gather_tiles(nodes, tiles, slot, touched)
         if wall:
             fold_walls(nodes)
         if effects.barrier.barrier_active():
-            hold_at_barriers(
-                nodes,
-                fields.bed,
-                fields.gradient,
-                slot,
-                touched,
-                n_touched,
-                west,
-                south,
-                width,
-                height,
-                barrier_report,
-                dx,
-                kick,
-                density,
-                gravity,
-                wall,
-                fields.barriers,
-                effects.barrier,
-                effects.metric,
-            )
+            hold_at_barriers(nodes, fields, slot, touched, barrier_report, kick, settings, effects.barrier, metric)
         if effects.forest.forest_active():
-            break_forest(nodes, fields, touched, n_touched, window, broken, settings, effects.forest, effects.metric)
+            break_forest(nodes, fields, touched, broken, settings, effects.forest, metric)
         update_nodes(
-            nodes,
+            NodeArrays(nodes, state.wet, lowered, node_report),
             fields,
-            wet,
             touched,
-            n_touched,
-            window,
-            lowered,
-            node_report,
             kick,
             settings,
             effects.friction,
             effects.zones,
             effects.cohesion,
-            effects.metric,
+            metric,
             effects.curvature,
-            effects.entrainment,
+            entrainment,
             effects.forest,
         )
         if effects.forest.forest_active():
-            find_shares(
-                nodes,
-                fields,
-                touched,
-                n_touched,
-                window,
-                dt,
-                settings,
-                effects.forest,
-                effects.metric,
-                effects.entrainment,
-            )
+            find_shares(nodes, fields, touched, dt, settings, effects.forest, metric, entrainment)
             collect_forest(broken, node_report, FOREST_LOSS, fields.forest_sums)
-        if effects.entrainment.bed_lowering() > 0.0:
-            regrade(
-                fields.bed, fields.gradient, touched, n_touched, west, south, width, dx, lowered, effects.entrainment
-            )
+        if entrainment.bed_lowering() > 0.0:
+            regrade(fields.bed, fields.gradient, touched, settings.dx, lowered, entrainment)
         if settings.keep_peaks:
             accumulate_peaks(
-                peaks,
-                nodes,
-                fields.gradient,
-                touched,
-                n_touched,
-                west,
-                south,
-                width,
-                dx,
-                density,
-                clock[TIME] + dt,
-                settings.arrival_thickness,
-                effects.metric,
-                effects.entrainment,
+                state.peaks, nodes, fields.gradient, touched, clock[TIME] + dt, settings, metric, entrainment
             )
         if wall:
             mirror_walls(nodes)
         grid_to_particles(
             rows,
             keys,
-            order,
-            start,
-            bounds,
+            sorted_columns,
             nodes,
             fields,
             report,
-            (dt, behind, clock[KICK_BEFORE]),
+            StepTimes(dt, behind, clock[KICK_BEFORE]),
+            SpeedBound(clock[BOUND_BED], clock[BOUND_ENERGY], effects.earth_pressure.largest_factor()),
             settings,
-            (clock[BOUND_BED], clock[BOUND_ENERGY], effects.earth_pressure.largest_factor()),
-            effects.metric,
+            metric,
             effects.curvature,
-            effects.entrainment,
+            entrainment,
         )
 
         counts[STEP] += 1
         clock[TIME] = until if last else clock[TIME] + dt
-        note_deepest(node_report, clock, nodes, touched, n_touched, west, south, width, dx)
-        note_fastest(report, clock, rows, keys, order, start, bounds, effects.metric)
-        gone, triggered = collect(report, node_report, ledger, clock, counts)
+        note_deepest(node_report, clock, nodes, touched, settings.dx)
+        note_fastest(report, clock, rows, keys, sorted_columns, metric)
+        gone, triggered = collect(report, node_report, state.ledger, clock, counts)
         if effects.barrier.barrier_active():
-            clock[BARRIER_TOTAL] += collect_barriers(barrier_report, barrier_sums, kick)
+            clock[BARRIER_TOTAL] += collect_barriers(barrier_report, state.barrier_sums, kick)
         if counts[BAD] > 0:
             return NOT_FINITE_STATE
         if gone > 0:
-            book_columns_left(rows, keys, order, alive, dt, dx, fields.inside.shape, left_cells)
+            book_columns_left(rows, keys, order, alive, dt, settings.dx, fields.inside.shape, state.left_cells)
         if effects.forest.forest_active():
-            detrain(rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, effects.metric)
-            clear_shares(fields.forest_share, touched, n_touched, west, south, width)
+            detrain(rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, metric)
+            clear_shares(fields.forest_share, touched)
         if clock[WILD_NOW] > settings.wild_stop:
             return TOO_FAST
         if counts[ALIVE] == 0:

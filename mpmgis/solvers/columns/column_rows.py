@@ -5,6 +5,8 @@ domain's south-west corner, so that there is one ghost node outside each edge. W
 (Steffen et al. 2008).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
@@ -70,6 +72,45 @@ QUADS = 6 * QUAD
 Q_MEAN, Q_ALONG_X, Q_ALONG_Y, Q_MOMENT_X, Q_MOMENT_Y = range(0, 5 * QUAD, QUAD)
 Q_BED, Q_BED_SLOPE = Q_MEAN, Q_ALONG_X
 SORT_ROWS = 8192  # rows per piece of the sort, at most CHUNKS pieces
+
+
+class BlockWindow(NamedTuple):
+    """Window of the blocks with columns."""
+
+    west: int  # block column of its first blocks
+    south: int  # block row of its first blocks
+    width: int  # [blocks]
+    height: int  # [blocks]
+
+
+class SortedColumns(NamedTuple):
+    """Columns in the order of their blocks (see `sort_by_block`)."""
+
+    order: np.ndarray  # int32[n]; indices of columns
+    start: np.ndarray  # int64[blocks with columns + 1]; where the columns of each block begin in the order
+    block: np.ndarray  # int32[blocks with columns]; place of each block in the window
+    bounds: np.ndarray  # int64[CHUNKS + 1]; first block of each piece of work
+
+
+class TouchedBlocks(NamedTuple):
+    """Blocks of nodes that columns reach (see `touched_blocks`).
+
+    The window is not a BlockWindow here, because numba passes no record within a record to a parallel loop.
+    """
+
+    places: np.ndarray  # int32[at least count]; in the window with one more column of blocks
+    count: int
+    west: int  # window of the blocks with columns
+    south: int
+    width: int
+    height: int
+
+
+@jit_inline
+def first_node(touched, k):
+    """Return the row and the column of the first node of touched block `k`."""
+    row, column = touched.places[k] // (touched.width + 1), touched.places[k] % (touched.width + 1)
+    return (row + touched.south) * BLOCK, (column + touched.west) * BLOCK
 
 
 @jit_inline
@@ -290,7 +331,8 @@ def initial_keys(rows, keys, dx):
 
 
 @jit_parallel
-def _count(keys, n, pieces, west, south, width, size, histogram):
+def _count(keys, n, pieces, window, size, histogram):
+    west, south, width = window.west, window.south, window.width
     for c in prange(pieces):
         for b in range(size):
             histogram[c, b] = 0
@@ -300,7 +342,8 @@ def _count(keys, n, pieces, west, south, width, size, histogram):
 
 
 @jit_parallel
-def _scatter(keys, n, pieces, west, south, width, histogram, order):
+def _scatter(keys, n, pieces, window, histogram, order):
+    west, south, width = window.west, window.south, window.width
     for c in prange(pieces):
         for p in range(c * n // pieces, (c + 1) * n // pieces):
             if keys[p] != GONE:
@@ -310,34 +353,35 @@ def _scatter(keys, n, pieces, west, south, width, histogram, order):
 
 
 @jit
-def sort_by_block(keys, n, west, south, east, north, histogram, order, slot, block, start):
+def sort_by_block(keys, n, window, histogram, slot, sorted_columns):
     """Stable counting sort of indices by block.
 
     Fills `order`; `slot[b]` is the active block at place b of the window or -1, `block[a]` its place,
     `start[a]`..`start[a + 1]` its particles. Answers (active blocks, particles alive).
     """
-    width, height = east - west + 1, north - south + 1
-    size = width * height
+    size = window.width * window.height
     pieces = min(CHUNKS, n // SORT_ROWS + 1)
-    _count(keys, n, pieces, west, south, width, size, histogram)
-    active, total = rank_blocks(histogram, pieces, size, slot, block, start)
-    _scatter(keys, n, pieces, west, south, width, histogram, order)
+    _count(keys, n, pieces, window, size, histogram)
+    active, total = rank_blocks(histogram, pieces, size, slot, sorted_columns.block, sorted_columns.start)
+    _scatter(keys, n, pieces, window, histogram, sorted_columns.order)
     return active, total
 
 
 @jit
-def comes_near(touched, n_touched, west, south, width, watched):
+def comes_near(touched, watched):
     """Is one of the touched blocks marked in `watched` uint8[block rows, block columns]?"""
-    for k in range(n_touched):
-        row, column = touched[k] // (width + 1) + south, touched[k] % (width + 1) + west
+    for k in range(touched.count):
+        j, i = first_node(touched, k)
+        row, column = j // BLOCK, i // BLOCK
         if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
             return True
     return False
 
 
 @jit
-def touched_blocks(slot, width, height, touched):
+def touched_blocks(slot, window, places):
     """List the node blocks that active tiles reach (themselves and their east, north, north-east neighbours)."""
+    width, height = window.width, window.height
     count = 0
     for bj in range(height + 1):
         for bi in range(width + 1):
@@ -347,6 +391,6 @@ def touched_blocks(slot, width, height, touched):
                     if 0 <= oi < width and 0 <= oj < height and slot[oj * width + oi] >= 0:
                         hit = True
             if hit:
-                touched[count] = bj * (width + 1) + bi
+                places[count] = bj * (width + 1) + bi
                 count += 1
     return count

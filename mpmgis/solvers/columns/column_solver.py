@@ -336,11 +336,23 @@ class ColumnSolver(ColumnState):
     def _take_steps(self, until, max_steps, settings):
         ready_threads()
         return kernel.advance(
+            self._arrays(),
+            self._order,
+            self._nodes,
+            until,
+            max_steps,
+            settings,
+            self.fields,
+            self.effects,
+            self._watched,
+        )
+
+    def _arrays(self):
+        """Return the present arrays of the run that change."""
+        return kernel.ColumnArrays(
             self._rows,
             self._ids,
             self._keys,
-            self._order,
-            self._nodes,
             self._wet,
             self._clock,
             self._counts,
@@ -348,12 +360,6 @@ class ColumnSolver(ColumnState):
             self._peaks,
             self._barrier_sums,
             self._left,
-            until,
-            max_steps,
-            settings,
-            self.fields,
-            self.effects,
-            self._watched,
         )
 
     def _integrate_with(self, effects, places, walls):

@@ -80,24 +80,7 @@ def hold_at_barriers(run, stage, nodes, slot, fields, places, held, settings, ba
         for e in range(HELD):
             mine[e] = 0.0
         if is_touched(slot, window, j, i) and nodes[j, i, NODE_MASS] > 0.0:
-            hold_node(
-                nodes,
-                fields.bed,
-                fields.gradient,
-                slot,
-                window,
-                j,
-                i,
-                mine,
-                settings.dx,
-                stage[KICK],
-                settings.density,
-                settings.gravity,
-                settings.wall,
-                fields.barriers,
-                barrier,
-                metric,
-            )
+            hold_node(nodes, fields, slot, window, j, i, mine, stage[KICK], settings, barrier, metric)
 
 
 @Kernel
@@ -123,24 +106,7 @@ def collect_held(run, stage, report, sums, lost):
 
 
 @capped(double=REGISTERS)
-def update_nodes(
-    run,
-    stage,
-    nodes,
-    touched,
-    fields,
-    wet,
-    lowered,
-    reports,
-    settings,
-    friction,
-    zones,
-    cohesion,
-    metric,
-    curvature,
-    entrainment,
-    forest,
-):
+def update_nodes(run, stage, nodes, touched, fields, wet, lowered, reports, settings, laws):
     """Momentum to velocity, friction, erosion, resistance of trees; all reports begin here.
 
     The bed is lowered after all nodes have read it: `lowered` is the mass eroded [kg m-2].
@@ -151,36 +117,16 @@ def update_nodes(
     mine[DEEPEST_AT] = -1.0
     if run[STATUS] != 0:
         return
-    trees, state = fields.forest, fields.forest_state
+    trees, state, forest, entrainment = fields.forest, fields.forest_state, laws.forest, laws.entrainment
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
             if forest.forest_active():
-                mine[BROKEN_NOW] += break_trees(nodes, trees, state, fields.gradient, j, i, settings, forest, metric)
+                mine[BROKEN_NOW] += break_trees(
+                    nodes, trees, state, fields.gradient, j, i, settings, forest, laws.metric
+                )
             deepest = mine[DEEPEST]
-            eroded = update_node(
-                nodes,
-                fields.bed,
-                fields.gradient,
-                fields.zone_values,
-                fields.erodible,
-                trees,
-                state,
-                fields.trigger_thickness,
-                wet,
-                j,
-                i,
-                mine,
-                stage[KICK],
-                settings,
-                friction,
-                zones,
-                cohesion,
-                metric,
-                curvature,
-                entrainment,
-                forest,
-            )
+            eroded = update_node(nodes, fields, wet, j, i, mine, stage[KICK], settings, laws)
             if mine[DEEPEST] > deepest:
                 mine[DEEPEST_AT] = e
             if entrainment.bed_lowering() > 0.0:
@@ -197,7 +143,7 @@ def update_nodes(
                     stage[DT],
                     settings,
                     forest,
-                    metric,
+                    laws.metric,
                     entrainment,
                 )
 
@@ -234,19 +180,8 @@ def note_peaks(run, stage, clock, nodes, touched, gradient, peaks, settings, met
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
-            note_node(
-                peaks,
-                nodes,
-                gradient,
-                j,
-                i,
-                settings.dx,
-                settings.density,
-                clock[TIME] + stage[DT],
-                settings.arrival_thickness,
-                metric,
-                entrainment,
-            )
+            time = clock[TIME] + stage[DT]
+            note_node(peaks, nodes, gradient, j, i, time, settings, metric, entrainment)
 
 
 def barrier_nodes(barriers, count):

@@ -9,7 +9,7 @@ from numba import cuda, int64
 from ...compiled.block_order import GONE
 from ..columns.column_clock import ALIVE, ALL_LEFT, EAST, NORTH, REACHED_TIME, ROWS, SOUTH, TIME, WATCHED_REACHED, WEST
 from ..columns.column_loop import choose_step as chosen_step
-from ..columns.column_rows import BLOCK, X, Y
+from ..columns.column_rows import BLOCK, BlockWindow, X, Y
 from . import launch
 from .device_functions import Kernel, Part
 from .launch import ACTIVE, HEIGHT, NEEDS_ROOM, ROOM_PLACES, SIZE, SORTED, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
@@ -174,5 +174,5 @@ def nodes_of(run):
 
 @Part
 def window_of(run):
-    """(west, south, width, height) of the window, as functions of kernels take it."""
-    return run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT]
+    """The BlockWindow of the run."""
+    return BlockWindow(run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT])
