@@ -2,10 +2,10 @@
 
 from mpmgis.compiled import law_methods
 from mpmgis.laws.slots import ColumnEffects
-from mpmgis.solvers.columns.column_loop import ColumnArrays, NodeFields, Settings
+from mpmgis.solvers.columns.column_blocks import BlockWindow, SortedColumns, TouchedBlocks
 from mpmgis.solvers.columns.column_motion import MotionLaws, SpeedBound, StepTimes
 from mpmgis.solvers.columns.column_nodes import NodeArrays, NodeLaws
-from mpmgis.solvers.columns.column_rows import BlockWindow, SortedColumns, TouchedBlocks
+from mpmgis.solvers.columns.column_records import ColumnArrays, NodeFields, Settings
 from mpmgis.solvers.columns.columns_to_grid import StressLaws
 from mpmgis.solvers.columns.grid_to_columns import Batch, FlatGrid
 

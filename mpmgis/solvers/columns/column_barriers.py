@@ -9,18 +9,35 @@ from math import floor, sqrt
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from .column_rows import BLOCK, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y, BlockWindow, first_node
+from .column_blocks import BLOCK, BlockWindow, first_node
+from .column_rows import NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
 
-# entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no
-# wall here), friction along it [1], how it holds the flow (`barrier`), and the weight with which what passes
-# there is counted [m-1]: across a wall the weights times the distance of the nodes sum to 1; the share of the node that
-# is open, how much passes there at most, and to which side of it the opening lies (`wall_openings`)
-WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, SHARE, LIMIT, SIDE, BARRIER_ENTRIES = range(11)
-# sums of a barrier: normal impulse [N s], impulse east and north on it, mass that overtopped it [kg]
-IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
-BARRIER_LOSS = BARRIER_SUMS  # of a chunk's report only: kinetic energy lost to the barrier [J]
-PEAK_FORCE = BARRIER_SUMS  # largest normal impulse of a step over its length [N], after the sums of a barrier
+# entries of a node in a wall
+(
+    WALL_X,  # [1] outward unit normal of its side, to the east
+    WALL_Y,  # [1] to the north
+    CREST,  # [m] elevation of the crest
+    BARRIER,  # number of the barrier, from 1; 0: no wall here
+    WALL_MU,  # [1] friction along the wall
+    HOLD,  # how it holds the flow (`laws.barrier`)
+    WEIGHT,  # [m-1] with which what passes here is counted: times the distance of nodes, the sum across a wall is 1
+    SHARE,  # [1] of the node that is open (`wall_openings`)
+    LIMIT,  # [1] how much passes the opening at most
+    SIDE,  # [1] to which side of the node the opening lies
+    BARRIER_ENTRIES,
+) = range(11)
+# sums of a barrier
+(
+    IMPULSE,  # [N s] normal to the wall
+    IMPULSE_X,  # [N s] on the barrier, to the east
+    IMPULSE_Y,  # [N s] to the north
+    OVERTOPPED,  # [kg] mass that passed over the crest
+    BARRIER_SUMS,
+) = range(5)
+BARRIER_LOSS = BARRIER_SUMS  # [J] in the report of a chunk only: kinetic energy lost to the barrier
+PEAK_FORCE = BARRIER_SUMS  # [N] after the sums of a barrier: largest normal impulse of a step over its length
 LOOK = 64  # [cells] distance within which a node in a wall searches the flow outside
+LEAST = 1e-300  # [m2 s-1] keeps a divisor off 0
 
 
 @jit_parallel
@@ -68,7 +85,7 @@ def hold_node(nodes, fields, slot, window, j, i, sums, dt, settings, barrier, me
         u_held, v_held = barrier.let_through(
             u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU], (over + through) * per_metre / mass
         )
-        over /= max(over + through, 1e-300)
+        over /= max(over + through, LEAST)
     else:
         u_held, v_held = barrier.deflected(
             u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], over * per_metre / mass

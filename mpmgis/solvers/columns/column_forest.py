@@ -11,15 +11,30 @@ from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...laws.forest import DETRAINMENT, DRAG, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
 from ...laws.ground_metric import cosine_squared
-from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y, first_node
+from .column_blocks import BLOCK, first_node
+from .column_rows import NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
 
-# state of a node: mass that stopped there [kg], and its trees: not reached yet, standing in the flow, broken, or
-# standing within limits of speed and thickness, where they only take mass or only brake
-STOPPED, TREES, FOREST_STATE = range(3)
-STANDING, BROKEN, TAKING, BRAKING = 1.0, 2.0, 3.0, 4.0
-# sums over a run: mass that stopped [kg], with its kinetic energy and its potential energy from elevation 0 [J], energy
-# lost to added resistance [J], nodes with broken forest, columns that stopped as a whole
-DETRAINED, KINETIC, POTENTIAL, RESISTED, BROKEN_NODES, STOPPED_COLUMNS, FOREST_SUMS = range(7)
+# state of a node
+(
+    STOPPED,  # [kg] mass that stopped there
+    TREES,  # state of its trees, one of the following; 0: the flow has not reached them
+    FOREST_STATE,
+) = range(3)
+STANDING = 1.0  # in the flow
+BROKEN = 2.0  # without effect on the flow
+TAKING = 3.0  # they only take mass: the flow is within the limits of speed and thickness
+BRAKING = 4.0  # they only brake: the flow is beyond these limits
+# sums over a run
+(
+    DETRAINED,  # [kg] mass that stopped
+    KINETIC,  # [J] its kinetic energy
+    POTENTIAL,  # [J] its potential energy, from elevation 0
+    RESISTED,  # [J] energy lost to the added resistance
+    BROKEN_NODES,  # number of nodes with broken forest
+    STOPPED_COLUMNS,  # number of columns that stopped as a whole
+    FOREST_SUMS,
+) = range(7)
+LEAST = 1e-300  # [m s-2] keeps a divisor off 0
 
 _cosine_squared = jit_inline(cosine_squared)
 
@@ -79,7 +94,7 @@ def added_resistance(values, state, j, i, normal_gravity):
 def share_of_resistance(dry, drag, all_dry, viscous, all_drag, speed):
     """Share [1] of friction `dry` [m s-2] and `drag` [m-1] in the deceleration by all resistance at `speed` [m s-1]."""
     square = speed * speed
-    return (dry + drag * square) / max(all_dry + viscous * speed + all_drag * square, 1e-300)
+    return (dry + drag * square) / max(all_dry + viscous * speed + all_drag * square, LEAST)
 
 
 @jit_parallel

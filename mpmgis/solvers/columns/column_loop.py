@@ -9,8 +9,6 @@ Nodes lie on cell corners: array index k + 1 is the node at k * dx from the doma
 is one ghost node outside each edge. Weights are quadratic B-splines (Steffen et al. 2008).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ...compiled.block_order import (
@@ -26,7 +24,20 @@ from ...compiled.block_order import (
     split_evenly,
 )
 from ...compiled.jit import jit
+from .column_areas import grid_areas, settle_areas
 from .column_barriers import BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
+from .column_blocks import (
+    BLOCK,
+    TILE,
+    BlockWindow,
+    SortedColumns,
+    TouchedBlocks,
+    comes_near,
+    initial_keys,
+    rows_and_columns,
+    sort_by_block,
+    touched_blocks,
+)
 from .column_clock import (
     ALIVE,
     ALL_LEFT,
@@ -76,32 +87,10 @@ from .column_nodes import (
     update_nodes,
 )
 from .column_report import REPORT
-from .column_rows import (
-    AREA,
-    BLOCK,
-    GX,
-    GY,
-    MASS,
-    ROW,
-    TILE,
-    BlockWindow,
-    SortedColumns,
-    TouchedBlocks,
-    U,
-    V,
-    X,
-    Y,
-    beds_at,
-    comes_near,
-    grid_areas,
-    initial_keys,
-    rows_and_columns,
-    settle_areas,
-    sort_by_block,
-    touched_blocks,
-)
+from .column_rows import AREA, GX, GY, MASS, ROW, U, V, X, Y
 from .columns_to_grid import gather_tiles, particles_to_grid
 from .grid_to_columns import grid_to_particles
+from .spline_bed import beds_at
 
 __all__ = [  # used by the solver through this module
     "AREA",
@@ -118,7 +107,6 @@ __all__ = [  # used by the solver through this module
     "ROW",
     "WAYS",
     "WET",
-    "ColumnArrays",
     "U",
     "V",
     "X",
@@ -131,58 +119,8 @@ __all__ = [  # used by the solver through this module
     "settle_areas",
 ]
 
-
-class Settings(NamedTuple):
-    """Settings that are constant during the time integration."""
-
-    dx: float  # [m]
-    density: float  # [kg m-3]
-    gravity: float  # [m s-2]
-    cfl: float
-    fixed_dt: float  # [s]; 0: by the Courant number
-    move_limit: float  # largest share of a cell that a column moves in a step
-    fall_limit: float  # [s] C times the time in which the steepest ground moves a resting column by a cell
-    clamp: float
-    thickness_floor: float  # [m]
-    wet_thickness: float  # [m]
-    arrival_thickness: float  # [m]
-    wild_stop: float  # share of the mass
-    wall: bool
-    holes: bool  # the terrain has cells without elevation
-    stop_at_rest: bool
-    keep_peaks: bool
-
-
-class ColumnArrays(NamedTuple):
-    """Arrays of a run that change; they belong to the host and keep their identity."""
-
-    rows: np.ndarray  # float64[columns, ROW]
-    ids: np.ndarray  # uint64[columns]
-    keys: np.ndarray  # int32[columns]; block of each column, GONE for one that has left
-    wet: np.ndarray  # uint8[ny + 3, nx + 3]; marks of the nodes
-    clock: np.ndarray  # float64[CLOCK]
-    counts: np.ndarray  # int64[COUNTS]
-    ledger: np.ndarray  # float64[EDGES, OUT_ENTRIES]; outflow over each edge
-    peaks: np.ndarray  # float64[ny + 3, nx + 3, 4]; one entry where not in use
-    barrier_sums: np.ndarray  # float64[barriers, BARRIER_SUMS + 1]
-    left_cells: np.ndarray  # float64[WAYS, blocks, blocks, LEFT_ENTRIES]; where mass left
-
-
-class NodeFields(NamedTuple):
-    """Spatial fields at the nodes [ny + 3, nx + 3] or in the cells [ny, nx]; one entry where not in use."""
-
-    bed: np.ndarray  # [m]
-    gradient: np.ndarray  # [..., 2]
-    inside: np.ndarray  # cells; 1 where there is terrain
-    zone_values: np.ndarray  # [..., parameters of the friction law]
-    erodible: np.ndarray  # [kg m-2] that can still be taken up
-    barriers: np.ndarray  # [..., BARRIER_ENTRIES]
-    lake_level: np.ndarray  # cells; [m]
-    forest: np.ndarray  # [..., FOREST_ENTRIES] values of the trees; all 0: none
-    forest_state: np.ndarray  # [..., FOREST_STATE] mass that stopped [kg], and whether the trees are broken
-    forest_share: np.ndarray  # share of a node's mass that stops in this step
-    forest_sums: np.ndarray  # [FOREST_SUMS] over the run
-    trigger_thickness: np.ndarray  # [areas that the flow releases]; [m] that has to reach each
+MOST_GROWTH = 1.5  # [1] length of a step over that of the last one, at most
+ROUNDING = 1e-12  # [1] of the time left: a step that ends so little before the end is the last one
 
 
 @jit
@@ -193,7 +131,7 @@ def next_time_step(clock, step, settings):
         settings.move_limit * settings.dx / max(clock[SPEED], 1e-300),
         settings.fall_limit,
     )
-    return dt if step == 0 else min(dt, 1.5 * clock[LAST_DT])
+    return dt if step == 0 else min(dt, MOST_GROWTH * clock[LAST_DT])
 
 
 @jit
@@ -207,7 +145,7 @@ def choose_step(clock, counts, until, settings):
     dt = settings.fixed_dt if settings.fixed_dt > 0.0 else next_time_step(clock, counts[STEP], settings)
     clock[LAST_DT] = dt
     left = until - clock[TIME]
-    last = dt >= left * (1.0 - 1e-12)
+    last = dt >= left * (1.0 - ROUNDING)
     if last:
         dt = left
     elif dt > 0.5 * left:  # two equal steps instead of one whole and one tiny

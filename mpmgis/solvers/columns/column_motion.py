@@ -35,7 +35,6 @@ from .column_report import (
     WORK,
 )
 from .column_rows import (
-    INDEX_MASK,
     L_AREA,
     L_BENT,
     L_BOUND,
@@ -73,9 +72,13 @@ from .column_rows import (
     Q_MEAN,
     Q_MOMENT_X,
     Q_MOMENT_Y,
-    bed_at,
 )
 from .columns_to_grid import compiled_cosine_squared
+from .spline_bed import INDEX_MASK, bed_at
+
+BOUND_SLACK = 1.05  # [1] factor on the largest |U|^2 that energy allows: 5 % to spare
+WILD_FACTOR2 = 4.0  # [1] of that bound: more than twice the speed is an error of the state
+WALL_GAP = 1e-9  # [cells] distance from a wall at which columns are stopped: they stay within the domain
 
 
 class StepTimes(NamedTuple):
@@ -172,9 +175,10 @@ def keep_in(moved, count, dx, length_x, length_y):
     held = 0
     for k in range(count):
         x, y = get(moved, L_X, k), get(moved, L_Y, k)
-        held += (x < 1e-9 * dx) | (x > length_x - 1e-9 * dx) | (y < 1e-9 * dx) | (y > length_y - 1e-9 * dx)
-        put(moved, L_X, k, min(max(x, 1e-9 * dx), length_x - 1e-9 * dx))
-        put(moved, L_Y, k, min(max(y, 1e-9 * dx), length_y - 1e-9 * dx))
+        gap = WALL_GAP * dx
+        held += (x < gap) | (x > length_x - gap) | (y < gap) | (y > length_y - gap)
+        put(moved, L_X, k, min(max(x, gap), length_x - gap))
+        put(moved, L_Y, k, min(max(y, gap), length_y - gap))
     return held
 
 
@@ -299,7 +303,7 @@ def turn(scratch, moved, quads, count, times, bound, settings, laws):
         put(moved, L_SPEED2, k, horizontal2 + w * w)
         put(moved, L_HORIZONTAL2, k, horizontal2)
         put(moved, L_SIGNAL2, k, horizontal2 + wave2 + 2.0 * sqrt(horizontal2 * wave2))
-        put(moved, L_BOUND, k, 1.05 * (2.0 * gravity * max(bound_bed - bed_here, 0.0) + bound_energy))
+        put(moved, L_BOUND, k, BOUND_SLACK * (2.0 * gravity * max(bound_bed - bed_here, 0.0) + bound_energy))
 
 
 @jit
@@ -334,7 +338,7 @@ def survey(moved, stays, count, part, dx, gravity, entrainment):
             part[LIMITED] += mass
             part[HELD_SPEED] += 1.0
             drop = dx * sqrt(get(moved, L_GX, k) ** 2 + get(moved, L_GY, k) ** 2)
-            if speed2 > 4.0 * (bound + 2.0 * gravity * drop):
+            if speed2 > WILD_FACTOR2 * (bound + 2.0 * gravity * drop):
                 part[WILD] += mass
             limited += 0.5 * mass * (speed2 - bound)
             horizontal2, speed2 = horizontal2 * bound / speed2, bound

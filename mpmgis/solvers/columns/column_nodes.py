@@ -11,31 +11,30 @@ from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...laws.friction import slowed_speed
 from ...laws.ground_metric import cosine_squared
 from .column_barriers import share_within
+from .column_blocks import BLOCK, first_node
 from .column_forest import added_resistance, share_of_resistance
-from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at, first_node
+from .column_rows import NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
+from .spline_bed import bed_at, bending_at
 
-# report of each chunk of the node loop; energies [J]: lost to friction on the bed, to the entrained mass, which is at
-# rest, and the potential energy that the flow loses where the bed is lowered; masses [kg] that are
-# thinner than friction takes them for, and that would have taken up more than MOST_GAIN in one step; energy lost to
-# trees
+# report of each chunk of the node loop
 (
-    WET_NEW,
-    AIRBORNE_MASS,
-    DEEPEST,
-    TRIGGERED,
-    FRICTION_LOSS,
-    MERGING_LOSS,
-    LOWERING_LOSS,
-    THIN_MASS,
-    GREEDY_MASS,
-    FOREST_LOSS,
+    WET_NEW,  # number of nodes that the flow reached
+    AIRBORNE_MASS,  # [kg] mass without effective weight
+    DEEPEST,  # [m] largest thickness
+    TRIGGERED,  # number of nodes at which the flow released an area
+    FRICTION_LOSS,  # [J] energy lost to friction on the bed
+    MERGING_LOSS,  # [J] to the entrained mass, which is at rest
+    LOWERING_LOSS,  # [J] potential energy that the flow loses where the bed is lowered
+    THIN_MASS,  # [kg] mass that is thinner than friction takes it for
+    GREEDY_MASS,  # [kg] mass that would have taken up more than MOST_GAIN in one step
+    FOREST_LOSS,  # [J] energy lost to trees
     NODE_REPORT,
 ) = range(11)
-# a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
-# reached releases
-REACHED, ARMED = 1, 2
+# a node's mark is the sum of
+REACHED = 1  # once the flow has been there
+ARMED = 2  # times the number, from 1, of the area that the flow releases when it arrives
 CHORDS = 5  # evaluations of a viscous law, each at the speed after the last one: Bingham within 0.2 %
-MOST_GAIN = 1.0  # of a node's mass by erosion in one step
+MOST_GAIN = 1.0  # [1] mass that a node takes up in one step, over its own: a column at most doubles
 
 _slowed_speed = jit_inline(slowed_speed)
 _cosine_squared = jit_inline(cosine_squared)

@@ -13,10 +13,10 @@ from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...compiled.lanes import get, load, multiply_add, put, put_four, store
 from ...laws.ground_metric import cosine_squared
+from .column_blocks import BLOCK, TILE, first_node
 from .column_report import STIFF
 from .column_rows import (
     BATCH,
-    BLOCK,
     L_AREA,
     L_CXX,
     L_CXY,
@@ -38,12 +38,12 @@ from .column_rows import (
     LINES,
     QUAD,
     QUADS,
-    TILE,
-    bed_at,
-    first_node,
     take_rows,
-    weights,
 )
+from .spline_bed import bed_at, weights
+
+STABLE_SHARE = 0.125  # [1] largest apparent viscosity over rho dx^2 / dt: explicit diffusion is stable up to 0.5
+REST_SPEED2 = 1e-12  # [m2 s-2] below which a flow has no direction
 
 compiled_cosine_squared = jit_inline(cosine_squared)
 
@@ -99,7 +99,7 @@ def pressure_impulses(scratch, quads, place, count, i_block, j_block, bed, lake_
         if viscosity.viscosity_active():
             dxy = 0.5 * (cxy + cyx)
             apparent = viscosity.apparent_viscosity(mass / (density * area), u, v, cxx, dxy, cyy)
-            largest = 0.125 * density * dx * dx / dt  # explicit diffusion is stable below four times that
+            largest = STABLE_SHARE * density * dx * dx / dt
             stiff += apparent > largest
             drawn = 2.0 * min(apparent, largest) * dt * inverse_dx * mass / density
             push_xx -= drawn * (cxx * along_xx + dxy * along_xy)
@@ -222,7 +222,7 @@ def _stretching_rate(u, v, dxx, two_dxy, dyy):
     """Stretching rate of the flow along its direction [s-1]; its divergence at rest."""
     speed2 = u * u + v * v
     along = u * u * dxx + u * v * two_dxy + v * v * dyy
-    return along / speed2 if speed2 > 1e-12 else dxx + dyy
+    return along / speed2 if speed2 > REST_SPEED2 else dxx + dyy
 
 
 @jit_parallel

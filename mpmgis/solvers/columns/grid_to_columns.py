@@ -9,6 +9,7 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...compiled.lanes import get, lanes, load, multiply_add, put, store, transposed
+from .column_blocks import block_key
 from .column_motion import MotionLaws, all_stay, book_out, clamp_areas, keep_in, move, survey, turn
 from .column_report import (
     BLOCK_EAST,
@@ -30,7 +31,6 @@ from .column_report import (
 )
 from .column_rows import (
     BATCH,
-    INDEX_MASK,
     L_GX0,
     L_GX1,
     L_GX2,
@@ -59,10 +59,9 @@ from .column_rows import (
     Q_MOMENT_Y,
     QUADS,
     ROW,
-    block_key,
     take_rows,
-    weights,
 )
+from .spline_bed import INDEX_MASK, weights
 
 
 class Batch(NamedTuple):

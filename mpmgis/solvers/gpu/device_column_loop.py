@@ -21,9 +21,9 @@ from numba import cuda
 
 from ...compiled.block_order import CHUNKS
 from ..columns import column_clock as entry
-from ..columns.column_loop import ColumnArrays
 from ..columns.column_motion import MotionLaws
 from ..columns.column_nodes import NodeLaws
+from ..columns.column_records import ColumnArrays
 from ..columns.column_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_WEST
 from ..columns.columns_to_grid import StressLaws
 from ..columns.grid_to_columns import FlatGrid
@@ -115,10 +115,10 @@ class DeviceColumns:
 
     Parameters
     ----------
-    state : solvers.columns.column_loop.ColumnArrays
-    settings : solvers.columns.column_loop.Settings
+    state : ColumnArrays
+    settings : Settings
         Kept as `settings`, which can be replaced between two calls of `advance`.
-    fields : solvers.columns.column_loop.NodeFields
+    fields : NodeFields
     effects : ColumnEffects
     watched : uint8[block rows, block columns], optional
         Blocks before which `advance` stops, as in `column_loop.advance`.

@@ -1,6 +1,6 @@
 """The grid of the columns on the device between the two transfers; what happens to a node is code of the CPU's kernels.
 
-Each thread has a report of its own, that of `column_nodes`. Fields are `column_loop.NodeFields`.
+Each thread has a report of its own, that of `column_nodes`. Fields are `column_records.NodeFields`.
 """
 
 import numpy as np
@@ -20,7 +20,8 @@ from ..columns.column_nodes import (
     note_node,
     update_node,
 )
-from ..columns.column_rows import NODE_MASS, bed_at
+from ..columns.column_rows import NODE_MASS
+from ..columns.spline_bed import bed_at
 from .device_column_sort import DT, KICK, node_at, nodes_of, window_of
 from .device_functions import REGISTERS, Kernel, capped
 from .launch import STATUS

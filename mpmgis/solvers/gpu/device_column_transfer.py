@@ -9,10 +9,11 @@ in the order of their cells, and then to a tile in shared memory, in which no ot
 from numba import cuda, float64, int32, int64, uint32
 
 from ...compiled.block_order import LEFT_MASS, LEFT_X, LEFT_Y, place_left
+from ..columns.column_blocks import BLOCK, TILE
 from ..columns.column_clock import BOUND_BED, BOUND_ENERGY, KICK_BEFORE, TOTAL_MASS
 from ..columns.column_motion import SpeedBound, StepTimes
 from ..columns.column_report import FASTEST2, OUT, REPORT, STIFF
-from ..columns.column_rows import BLOCK, MASS, ROW, TILE, U, V, X, Y
+from ..columns.column_rows import MASS, ROW, U, V, X, Y
 from ..columns.columns_to_grid import pressure_impulses
 from ..columns.grid_to_columns import Batch, clear_report, finish_report, move_batch
 from .device_column_batch import LINES, QUAD, QUADS, WX, WY

@@ -12,9 +12,9 @@ from mpmgis.laws.forest import Forest
 from mpmgis.laws.ground_metric import StillWater, WaterMetric
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
 from mpmgis.laws.slots import ColumnEffects
-from mpmgis.solvers.columns.column_loop import NodeFields, Settings
 from mpmgis.solvers.columns.column_motion import MotionLaws
 from mpmgis.solvers.columns.column_nodes import NodeLaws
+from mpmgis.solvers.columns.column_records import NodeFields, Settings
 from mpmgis.solvers.columns.columns_to_grid import StressLaws
 from mpmgis.solvers.columns.grid_to_columns import FlatGrid
 from mpmgis.solvers.gpu import (

@@ -14,7 +14,7 @@ from launch_order import shuffled
 from mpmgis.compiled.block_order import GONE
 from mpmgis.solvers.columns import column_clock as entry
 from mpmgis.solvers.columns import column_rows as row
-from mpmgis.solvers.columns.column_loop import ColumnArrays
+from mpmgis.solvers.columns.column_records import ColumnArrays
 from mpmgis.solvers.gpu import device_column_loop
 from mpmgis.solvers.gpu.device_column_loop import CHANGING_FIELDS, DeviceColumns
 from mpmgis.solvers.gpu.launch import ACTIVE, Launch
