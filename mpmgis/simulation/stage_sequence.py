@@ -10,7 +10,7 @@ import numpy as np
 
 from ..frames.peaks import combined_peaks
 from ..scene.point_effects import stiffness_in_hindsight
-from ..solvers.columns.column_state import with_density
+from ..solvers.columns.bed_changes import with_density
 from ..system.errors import FormatError, InputError, one_line
 from ..system.messages import log
 from .coupled_solver import parts_of

@@ -2,12 +2,22 @@
 
 from mpmgis.compiled import law_methods
 from mpmgis.laws.slots import ColumnEffects
-from mpmgis.solvers.columns.column_loop import NodeFields, Settings
+from mpmgis.solvers.columns.column_blocks import BlockWindow, SortedColumns, TouchedBlocks
+from mpmgis.solvers.columns.column_motion import MotionLaws, SpeedBound, StepTimes
+from mpmgis.solvers.columns.column_nodes import NodeArrays, NodeLaws
+from mpmgis.solvers.columns.column_records import ColumnArrays, NodeFields, Settings
+from mpmgis.solvers.columns.columns_to_grid import StressLaws
+from mpmgis.solvers.columns.grid_to_columns import Batch, FlatGrid
+
+RECORDS = (
+    *(Settings, NodeFields, ColumnArrays, SortedColumns, BlockWindow, TouchedBlocks, NodeArrays, Batch, FlatGrid),
+    *(StepTimes, SpeedBound, StressLaws, NodeLaws, MotionLaws),
+)
 
 
 def test_no_method_of_laws_is_named_like_a_field():
     methods = {*law_methods.METHODS, *law_methods.INLINED_METHODS}
-    for group in (ColumnEffects, Settings, NodeFields):
+    for group in (ColumnEffects, *RECORDS):
         assert not methods & set(group._fields), group
     for name in ColumnEffects._fields:
         law = getattr(ColumnEffects(), name)

@@ -13,8 +13,8 @@ from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.friction import Coulomb, Voellmy
 from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.laws.still_water import StillWater
-from mpmgis.solvers.columns.column_rows import beds_at
 from mpmgis.solvers.columns.feature_arrays import Places
+from mpmgis.solvers.columns.spline_bed import beds_at
 
 
 def test_v5_ritter_dry_dam_break():

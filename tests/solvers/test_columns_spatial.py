@@ -17,9 +17,9 @@ from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
 from mpmgis.laws.friction import Coulomb, FrictionZones, Voellmy
 from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.laws.still_water import StillWater
-from mpmgis.solvers.columns.column_rows import beds_at
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries
 from mpmgis.solvers.columns.node_grid import ColumnGrid
+from mpmgis.solvers.columns.spline_bed import beds_at
 from mpmgis.solvers.features.lakes import lake_cells, water_depth
 from mpmgis.solvers.features.walls import Wall, wall_nodes
 

@@ -9,88 +9,67 @@ from math import floor, sqrt
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from .column_rows import BLOCK, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
+from .column_blocks import BLOCK, BlockWindow, first_node
+from .column_rows import NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
 
-# entries of a node in a wall: outward unit normal of its side, elevation of the crest [m], number of the barrier (0: no
-# wall here), friction along it [1], how it holds the flow (`barrier`), and the weight with which what passes
-# there is counted [m-1]: across a wall the weights times the distance of the nodes sum to 1; the share of the node that
-# is open, how much passes there at most, and to which side of it the opening lies (`wall_openings`)
-WALL_X, WALL_Y, CREST, BARRIER, WALL_MU, HOLD, WEIGHT, SHARE, LIMIT, SIDE, BARRIER_ENTRIES = range(11)
-# sums of a barrier: normal impulse [N s], impulse east and north on it, mass that overtopped it [kg]
-IMPULSE, IMPULSE_X, IMPULSE_Y, OVERTOPPED, BARRIER_SUMS = range(5)
-BARRIER_LOSS = BARRIER_SUMS  # of a chunk's report only: kinetic energy lost to the barrier [J]
-PEAK_FORCE = BARRIER_SUMS  # largest normal impulse of a step over its length [N], after the sums of a barrier
+# entries of a node in a wall
+(
+    WALL_X,  # [1] outward unit normal of its side, to the east
+    WALL_Y,  # [1] to the north
+    CREST,  # [m] elevation of the crest
+    BARRIER,  # number of the barrier, from 1; 0: no wall here
+    WALL_MU,  # [1] friction along the wall
+    HOLD,  # how it holds the flow (`laws.barrier`)
+    WEIGHT,  # [m-1] with which what passes here is counted: times the distance of nodes, the sum across a wall is 1
+    SHARE,  # [1] of the node that is open (`wall_openings`)
+    LIMIT,  # [1] how much passes the opening at most
+    SIDE,  # [1] to which side of the node the opening lies
+    BARRIER_ENTRIES,
+) = range(11)
+# sums of a barrier
+(
+    IMPULSE,  # [N s] normal to the wall
+    IMPULSE_X,  # [N s] on the barrier, to the east
+    IMPULSE_Y,  # [N s] to the north
+    OVERTOPPED,  # [kg] mass that passed over the crest
+    BARRIER_SUMS,
+) = range(5)
+BARRIER_LOSS = BARRIER_SUMS  # [J] in the report of a chunk only: kinetic energy lost to the barrier
+PEAK_FORCE = BARRIER_SUMS  # [N] after the sums of a barrier: largest normal impulse of a step over its length
 LOOK = 64  # [cells] distance within which a node in a wall searches the flow outside
+LEAST = 1e-300  # [m2 s-1] keeps a divisor off 0
 
 
 @jit_parallel
-def hold_at_barriers(
-    nodes,
-    bed,
-    node_gradient,
-    slot,
-    touched,
-    n_touched,
-    west,
-    south,
-    width,
-    height,
-    report,
-    dx,
-    dt,
-    density,
-    gravity,
-    wall,
-    walls,
-    barrier,
-    metric,
-):
-    """Hold the flow at the nodes in `walls` [ny + 3, nx + 3, BARRIER_ENTRIES] and book it in `report`.
+def hold_at_barriers(nodes, fields, slot, touched, report, dt, settings, barrier, metric):
+    """Hold the flow at the nodes in walls (`fields.barriers`) and book it in `report`.
 
     The higher of the two surfaces at the wall determines the discharge over the crest. The normal impulse acts
     away from that side; the overtopping is the mean flux through the middle of the wall.
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
-    window = west, south, width, height
+    window = BlockWindow(touched.west, touched.south, touched.width, touched.height)
+    walls = fields.barriers
     for c in prange(CHUNKS):
         report[c, :, :] = 0.0
-        for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            j_first = (touched[k] // (width + 1) + south) * BLOCK
-            i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for k in range(c * touched.count // CHUNKS, (c + 1) * touched.count // CHUNKS):
+            j_first, i_first = first_node(touched, k)
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
                     mass, number = nodes[j, i, NODE_MASS], int(walls[j, i, BARRIER])
                     if mass <= 0.0 or number <= 0:
                         continue
-                    hold_node(
-                        nodes,
-                        bed,
-                        node_gradient,
-                        slot,
-                        window,
-                        j,
-                        i,
-                        report[c, number - 1],
-                        dx,
-                        dt,
-                        density,
-                        gravity,
-                        wall,
-                        walls,
-                        barrier,
-                        metric,
-                    )
+                    hold_node(nodes, fields, slot, window, j, i, report[c, number - 1], dt, settings, barrier, metric)
 
 
 @jit_inline
-def hold_node(
-    nodes, bed, node_gradient, slot, window, j, i, sums, dx, dt, density, gravity, wall, walls, barrier, metric
-):
+def hold_node(nodes, fields, slot, window, j, i, sums, dt, settings, barrier, metric):
     """`hold_at_barriers` at node [j, i], which is in a wall and has mass; adds to `sums` float64[BARRIER_LOSS + 1].
 
-    `window` = (west, south, width, height) of the blocks with columns in `slot`.
+    `window` is the BlockWindow of the blocks with columns in `slot`.
     """
-    per_metre = density * dx * dx  # mass of a node for each metre of thickness
+    bed, walls, dx = fields.bed, fields.barriers, settings.dx
+    per_metre = settings.density * dx * dx  # mass of a node for each metre of thickness
     here, mass = walls[j, i], nodes[j, i, NODE_MASS]
     rows, columns = nodes.shape[0], nodes.shape[1]
     u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
@@ -99,21 +78,22 @@ def hold_node(
     side = 1.0 if before >= beyond else -1.0  # with the higher flow
     head = max(before, beyond) - (here[CREST] - bed[j, i])
     speed = speed_before if before >= beyond else speed_beyond
-    over = barrier.weir_discharge(gravity, head, speed) * (1.0 - here[SHARE])
+    over = barrier.weir_discharge(settings.gravity, head, speed) * (1.0 - here[SHARE])
     if here[SHARE] > 0.0:
-        through = here[LIMIT] * barrier.opening_discharge(gravity, before, speed_before, beyond, speed_beyond)
+        passing = barrier.opening_discharge(settings.gravity, before, speed_before, beyond, speed_beyond)
+        through = here[LIMIT] * passing
         u_held, v_held = barrier.let_through(
             u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU], (over + through) * per_metre / mass
         )
-        over /= max(over + through, 1e-300)
+        over /= max(over + through, LEAST)
     else:
         u_held, v_held = barrier.deflected(
             u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], over * per_metre / mass
         )
         over = 1.0
     nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = mass * u_held, mass * v_held
-    own = mass * share_within(j, i, rows, columns, wall)
-    slopes = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    own = mass * share_within(j, i, rows, columns, settings.wall)
+    slopes = metric.metric_gradient(fields.gradient[j, i, 0], fields.gradient[j, i, 1])
     sums[BARRIER_LOSS] += own * _loss_at_wall(nodes[j, i], u, v, u_held, v_held, slopes)
     sums[IMPULSE] += own * side * ((u_held - u) * here[WALL_X] + (v_held - v) * here[WALL_Y])
     sums[IMPULSE_X] += own * (u - u_held)
@@ -166,13 +146,12 @@ def _mass_now(nodes, slot, window, j, i):
 @jit_inline
 def is_touched(slot, window, j, i):
     """Whether node [j, i] is in a block that columns touch."""
-    west, south, width, height = window
-    bi, bj = i // BLOCK - west, j // BLOCK - south
+    bi, bj = i // BLOCK - window.west, j // BLOCK - window.south
     touched = False
     for back_j in range(2):
         for back_i in range(2):
             oi, oj = bi - back_i, bj - back_j
-            if 0 <= oi < width and 0 <= oj < height and slot[oj * width + oi] >= 0:
+            if 0 <= oi < window.width and 0 <= oj < window.height and slot[oj * window.width + oi] >= 0:
                 touched = True
     return touched
 

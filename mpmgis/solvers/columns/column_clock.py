@@ -4,6 +4,7 @@ import numpy as np
 
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit
+from .column_blocks import BLOCK, first_node
 from .column_nodes import (
     AIRBORNE_MASS,
     DEEPEST,
@@ -47,80 +48,99 @@ from .column_report import (
     WILD,
     WORK,
 )
-from .column_rows import BLOCK, GX, GY, NODE_MASS, U, V, X, Y
+from .column_rows import GX, GY, NODE_MASS, U, V, X, Y
 
 # reasons for which `advance` returns
 (
-    RUNNING,
+    RUNNING,  # the largest number of steps is done
     REACHED_TIME,
-    STOPPED_MOVING,
-    STOPPED_ENERGY,
-    STOPPED_FOOTPRINT,
-    ALL_LEFT,
-    NOT_FINITE_STATE,
-    TOO_FAST,
-    TRIGGER_REACHED,
-    WATCHED_REACHED,
+    STOPPED_MOVING,  # almost no mass moves any more
+    STOPPED_ENERGY,  # the kinetic energy has been low for STILL_TIME
+    STOPPED_FOOTPRINT,  # the reached area grows no more, and little mass flows
+    ALL_LEFT,  # there are no columns
+    NOT_FINITE_STATE,  # the state of a column is not finite
+    TOO_FAST,  # much of the mass has over twice the speed that energy allows
+    TRIGGER_REACHED,  # the flow releases an area
+    WATCHED_REACHED,  # the flow is about to touch a watched block
 ) = range(10)
 # float64 clock: state of the time integration, also stored for a restart
 (
-    TIME,
+    TIME,  # [s]
     LAST_DT,  # last time step not cut by a frame time [s]
     KICK_BEFORE,  # [s] of the last step for which velocities have not been driven yet
     SIGNAL,  # max |u| + sqrt(g h) [m s-1]
     SPEED,  # max |u| [m s-1]
-    KINETIC_NOW,
-    KINETIC_PEAK,
+    KINETIC_NOW,  # [J] kinetic energy
+    KINETIC_PEAK,  # [J] largest so far
     KINETIC_LOW_SINCE,  # [s], -1 while the energy is not low
-    MOVING_SHARE,
-    MOVING_PEAK,
-    FLOWING_SHARE,
-    FOOTPRINT_MARK_TIME,
-    FOOTPRINT_MARK,
-    BOUND_WORST,  # over the run
-    BOUND_NOW,
-    BOUND_NOW_X,
-    BOUND_NOW_Y,
-    LIMITED_NOW,
-    LIMITED_WORST,
-    WILD_NOW,
-    DEPTH_NOW,
-    DEPTH_WORST,
-    AIRBORNE_NOW,
-    AIRBORNE_WORST,
-    CLAMPED_TOTAL,
-    STIFF_WORST,  # largest share of the columns whose apparent viscosity was limited
+    MOVING_SHARE,  # [1] share of the mass that is faster than MOVING_SPEED
+    MOVING_PEAK,  # [1] largest so far
+    FLOWING_SHARE,  # [1] share of the mass that is faster than FLOWING_SPEED
+    FOOTPRINT_MARK_TIME,  # [s] of the last look at the reached area
+    FOOTPRINT_MARK,  # number of reached nodes then
+    BOUND_WORST,  # [1] max of |U|^2 over its physical bound, over the run
+    BOUND_NOW,  # [1] the same now
+    BOUND_NOW_X,  # [m] where that is
+    BOUND_NOW_Y,  # [m]
+    LIMITED_NOW,  # [1] share of the mass whose speed was limited
+    LIMITED_WORST,  # [1] largest so far
+    WILD_NOW,  # [1] share of the mass at more than twice the bound of the speed
+    DEPTH_NOW,  # [m] largest thickness at a node
+    DEPTH_WORST,  # [m] over the run
+    AIRBORNE_NOW,  # [1] share of the mass without effective weight
+    AIRBORNE_WORST,  # [1] largest so far
+    CLAMPED_TOTAL,  # number of areas that the thickness clamp reset
+    STIFF_WORST,  # [1] largest share of the columns whose apparent viscosity was limited
     TOTAL_MASS,  # all that ever was in the scene: released and taken up from the bed [kg]
     ENTRAINED_TOTAL,  # [kg]
     BOUND_BED,  # highest bed of any release [m]
     BOUND_ENERGY,  # 4 g h_max and the square of the initial speed [m2 s-2]
-    FRICTION_TOTAL,  # energy lost to friction on the bed [J]; next, to mass entrained from the bed
-    MERGING_TOTAL,
-    BARRIER_TOTAL,  # to barriers
-    LIMITED_TOTAL,  # to the bound of the speed
+    FRICTION_TOTAL,  # energy lost to friction on the bed [J]
+    MERGING_TOTAL,  # to mass entrained from the bed [J]
+    BARRIER_TOTAL,  # to barriers [J]
+    LIMITED_TOTAL,  # to the bound of the speed [J]
     WORK_TOTAL,  # work of weight and pressure [J]
     BENT_TOTAL,  # potential energy that came of changes of the bed's slope [J]
     ENTRAINED_POTENTIAL_TOTAL,  # potential energy of entrained mass, relative to elevation 0 [J]
-    DEEPEST_X,  # where and when DEPTH_WORST was [m, m, s]
+    DEEPEST_X,  # where DEPTH_WORST was [m]
     DEEPEST_Y,
-    DEEPEST_TIME,
-    FASTEST,  # largest |U| over the run [m s-1], where and when it was
-    FASTEST_X,
+    DEEPEST_TIME,  # and when [s]
+    FASTEST,  # largest |U| over the run [m s-1]
+    FASTEST_X,  # where that was [m]
     FASTEST_Y,
-    FASTEST_TIME,
-    COLUMN_STEPS,  # number of columns, summed over the steps; then those that each clip acted on
-    STRETCH_TOTAL,
-    THIN_AREA_TOTAL,
-    SPEED_TOTAL,
-    WALL_TOTAL,
-    STIFF_TOTAL,
-    THIN_TOTAL,  # limits at nodes, as the number of columns with that share of the mass
-    GREEDY_TOTAL,
-    AIRBORNE_TOTAL,
+    FASTEST_TIME,  # and when [s]
+    COLUMN_STEPS,  # number of columns, summed over the steps; next, those on which each limit acted
+    STRETCH_TOTAL,  # growth of areas
+    THIN_AREA_TOTAL,  # least thickness
+    SPEED_TOTAL,  # bound of the speed
+    WALL_TOTAL,  # walls at the edges
+    STIFF_TOTAL,  # apparent viscosity
+    THIN_TOTAL,  # next, limits at nodes, as the number of columns with that share of the mass: thickness for friction
+    GREEDY_TOTAL,  # erosion of a step
+    AIRBORNE_TOTAL,  # no effective weight
     CLOCK,
 ) = range(54)
 # int64 counts
-ROWS, ALIVE, STEP, SINCE_REORDER, WET, WEST, SOUTH, EAST, NORTH, BAD, COUNTS = range(11)
+(
+    ROWS,  # columns in memory
+    ALIVE,  # columns that have not left
+    STEP,  # steps taken
+    SINCE_REORDER,  # steps since rows were put in order
+    WET,  # nodes that the flow has reached
+    WEST,  # window of the blocks with columns: block column of the first ones
+    SOUTH,  # block row of the first ones
+    EAST,  # block column of the last ones
+    NORTH,  # block row of the last ones
+    BAD,  # columns that are not finite
+    COUNTS,
+) = range(11)
+# a flow is at rest where one of three rules applies
+STILL_SHARE = 0.01  # [1] of the largest share of moving mass so far, or of the largest kinetic energy so far
+STILL_TIME = 2.0  # [s] for which the kinetic energy has to be that low
+FOOTPRINT_TIME = 10.0  # [s] between two looks at the reached area
+FOOTPRINT_GROWTH = 0.001  # [1] growth of the reached area between two looks below which it has stopped
+FOOTPRINT_KINETIC = 0.5  # [1] of the largest kinetic energy so far: above that the flow is not slowing yet
+FOOTPRINT_FLOWING = 0.05  # [1] share of the mass that may still flow then
 
 
 @jit
@@ -191,7 +211,7 @@ def collect(report, node_report, ledger, clock, counts):
 
 
 @jit
-def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, width, dx):
+def note_deepest(node_report, clock, nodes, touched, dx):
     """Record place and time of a new largest thickness at a node; it is searched in the chunk that reports it."""
     most, chunk = clock[DEPTH_WORST], -1
     for c in range(CHUNKS):
@@ -200,9 +220,8 @@ def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, wid
     if chunk < 0:
         return
     heaviest = 0.0
-    for k in range(chunk * n_touched // CHUNKS, (chunk + 1) * n_touched // CHUNKS):
-        j_first = (touched[k] // (width + 1) + south) * BLOCK
-        i_first = (touched[k] % (width + 1) + west) * BLOCK
+    for k in range(chunk * touched.count // CHUNKS, (chunk + 1) * touched.count // CHUNKS):
+        j_first, i_first = first_node(touched, k)
         for j in range(j_first, min(j_first + BLOCK, nodes.shape[0])):
             for i in range(i_first, min(i_first + BLOCK, nodes.shape[1])):
                 if nodes[j, i, NODE_MASS] > heaviest:
@@ -212,7 +231,7 @@ def note_deepest(node_report, clock, nodes, touched, n_touched, west, south, wid
 
 
 @jit
-def note_fastest(report, clock, rows, keys, order, start, bounds, metric):
+def note_fastest(report, clock, rows, keys, sorted_columns, metric):
     """Record a new largest speed, its place and time; the column is searched in the chunk that reports it."""
     most, chunk = clock[FASTEST] ** 2, -1
     for c in range(CHUNKS):
@@ -221,8 +240,9 @@ def note_fastest(report, clock, rows, keys, order, start, bounds, metric):
     if chunk < 0:
         return
     fastest2 = -1.0
+    start, bounds = sorted_columns.start, sorted_columns.bounds
     for k in range(start[bounds[chunk]], start[bounds[chunk + 1]]):
-        p = order[k]
+        p = sorted_columns.order[k]
         if keys[p] == GONE:
             continue
         mx, my = metric.metric_gradient(rows[p, GX], rows[p, GY])
@@ -238,19 +258,19 @@ def note_fastest(report, clock, rows, keys, order, start, bounds, metric):
 def stop_rule(clock, counts):
     """Whether the flow has come to rest. Returns the reason or RUNNING."""
     time = clock[TIME]
-    if clock[MOVING_PEAK] > 0.0 and clock[MOVING_SHARE] < 0.01 * clock[MOVING_PEAK]:
+    if clock[MOVING_PEAK] > 0.0 and clock[MOVING_SHARE] < STILL_SHARE * clock[MOVING_PEAK]:
         return STOPPED_MOVING
-    if clock[KINETIC_PEAK] > 0.0 and clock[KINETIC_NOW] < 0.01 * clock[KINETIC_PEAK]:
+    if clock[KINETIC_PEAK] > 0.0 and clock[KINETIC_NOW] < STILL_SHARE * clock[KINETIC_PEAK]:
         if clock[KINETIC_LOW_SINCE] < 0.0:
             clock[KINETIC_LOW_SINCE] = time
-        elif time - clock[KINETIC_LOW_SINCE] >= 2.0:
+        elif time - clock[KINETIC_LOW_SINCE] >= STILL_TIME:
             return STOPPED_ENERGY
     else:
         clock[KINETIC_LOW_SINCE] = -1.0
-    if time - clock[FOOTPRINT_MARK_TIME] >= 10.0:
+    if time - clock[FOOTPRINT_MARK_TIME] >= FOOTPRINT_TIME:
         grown = counts[WET] - clock[FOOTPRINT_MARK]
         clock[FOOTPRINT_MARK_TIME], clock[FOOTPRINT_MARK] = time, float(counts[WET])
-        slowing = clock[KINETIC_NOW] <= 0.5 * clock[KINETIC_PEAK]
-        if slowing and grown < 0.001 * counts[WET] and clock[FLOWING_SHARE] < 0.05:
+        slowing = clock[KINETIC_NOW] <= FOOTPRINT_KINETIC * clock[KINETIC_PEAK]
+        if slowing and grown < FOOTPRINT_GROWTH * counts[WET] and clock[FLOWING_SHARE] < FOOTPRINT_FLOWING:
             return STOPPED_FOOTPRINT
     return RUNNING

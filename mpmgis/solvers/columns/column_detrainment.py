@@ -6,10 +6,11 @@ from ...compiled.jit import jit, jit_inline
 from ...laws.ground_metric import cosine_squared
 from .column_clock import ALIVE, WORK_TOTAL
 from .column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
-from .column_rows import AREA, GX, GY, MASS, U, V, X, Y, bed_at, weights
+from .column_rows import AREA, GX, GY, MASS, U, V, X, Y
+from .spline_bed import bed_at, weights
 
-MOST_SHARE = 0.999  # of a column's mass: where more would stop in a step, all of it does
-LEAST_THICKNESS = 1e-3  # of the least thickness of friction: thinner columns in forest stop as a whole
+MOST_SHARE = 0.999  # [1] of a column's mass: where more would stop in a step, all of it does
+LEAST_THICKNESS = 1e-3  # [1] of the least thickness for friction: thinner columns in forest stop as a whole
 
 _cosine_squared = jit_inline(cosine_squared)
 

@@ -11,21 +11,36 @@ from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...laws.forest import DETRAINMENT, DRAG, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
 from ...laws.ground_metric import cosine_squared
-from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
+from .column_blocks import BLOCK, first_node
+from .column_rows import NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
 
-# state of a node: mass that stopped there [kg], and its trees: not reached yet, standing in the flow, broken, or
-# standing within limits of speed and thickness, where they only take mass or only brake
-STOPPED, TREES, FOREST_STATE = range(3)
-STANDING, BROKEN, TAKING, BRAKING = 1.0, 2.0, 3.0, 4.0
-# sums over a run: mass that stopped [kg], with its kinetic energy and its potential energy from elevation 0 [J], energy
-# lost to added resistance [J], nodes with broken forest, columns that stopped as a whole
-DETRAINED, KINETIC, POTENTIAL, RESISTED, BROKEN_NODES, STOPPED_COLUMNS, FOREST_SUMS = range(7)
+# state of a node
+(
+    STOPPED,  # [kg] mass that stopped there
+    TREES,  # state of its trees, one of the following; 0: the flow has not reached them
+    FOREST_STATE,
+) = range(3)
+STANDING = 1.0  # in the flow
+BROKEN = 2.0  # without effect on the flow
+TAKING = 3.0  # they only take mass: the flow is within the limits of speed and thickness
+BRAKING = 4.0  # they only brake: the flow is beyond these limits
+# sums over a run
+(
+    DETRAINED,  # [kg] mass that stopped
+    KINETIC,  # [J] its kinetic energy
+    POTENTIAL,  # [J] its potential energy, from elevation 0
+    RESISTED,  # [J] energy lost to the added resistance
+    BROKEN_NODES,  # number of nodes with broken forest
+    STOPPED_COLUMNS,  # number of columns that stopped as a whole
+    FOREST_SUMS,
+) = range(7)
+LEAST = 1e-300  # [m s-2] keeps a divisor off 0
 
 _cosine_squared = jit_inline(cosine_squared)
 
 
 @jit_parallel
-def break_forest(nodes, fields, touched, n_touched, window, report, settings, forest, metric):
+def break_forest(nodes, fields, touched, report, settings, forest, metric):
     """Mark trees that the flow reaches, and break those whose strength its pressure reaches.
 
     Flow is what is thicker than `wet_thickness`: a film before the front neither breaks trees nor is slowed by them.
@@ -34,12 +49,10 @@ def break_forest(nodes, fields, touched, n_touched, window, report, settings, fo
     """
     values, state, node_gradient = fields.forest, fields.forest_state, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
-    west, south, width = window
     for c in prange(CHUNKS):
         report[c] = 0.0
-        for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            j_first = (touched[k] // (width + 1) + south) * BLOCK
-            i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for k in range(c * touched.count // CHUNKS, (c + 1) * touched.count // CHUNKS):
+            j_first, i_first = first_node(touched, k)
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
                     report[c] += break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric)
@@ -81,21 +94,19 @@ def added_resistance(values, state, j, i, normal_gravity):
 def share_of_resistance(dry, drag, all_dry, viscous, all_drag, speed):
     """Share [1] of friction `dry` [m s-2] and `drag` [m-1] in the deceleration by all resistance at `speed` [m s-1]."""
     square = speed * speed
-    return (dry + drag * square) / max(all_dry + viscous * speed + all_drag * square, 1e-300)
+    return (dry + drag * square) / max(all_dry + viscous * speed + all_drag * square, LEAST)
 
 
 @jit_parallel
-def find_shares(nodes, fields, touched, n_touched, window, dt, settings, forest, metric, entrainment):
+def find_shares(nodes, fields, touched, dt, settings, forest, metric, entrainment):
     """`fields.forest_share` [1] at the touched nodes: of their mass, what stops in the step `dt` [s]; 0 elsewhere.
 
     The nodes have the velocity in the middle of the step.
     """
     values, state, share, node_gradient = fields.forest, fields.forest_state, fields.forest_share, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
-    west, south, width = window
-    for k in prange(n_touched):
-        j_first = (touched[k] // (width + 1) + south) * BLOCK
-        i_first = (touched[k] % (width + 1) + west) * BLOCK
+    for k in prange(touched.count):
+        j_first, i_first = first_node(touched, k)
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
                 find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment)
@@ -118,11 +129,10 @@ def find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, f
 
 
 @jit_parallel
-def clear_shares(share, touched, n_touched, west, south, width):
+def clear_shares(share, touched):
     """Zero the shares of the touched blocks, so that none of this step is left in a block that the next one misses."""
-    for k in prange(n_touched):
-        j_first = (touched[k] // (width + 1) + south) * BLOCK
-        i_first = (touched[k] % (width + 1) + west) * BLOCK
+    for k in prange(touched.count):
+        j_first, i_first = first_node(touched, k)
         share[j_first : j_first + BLOCK, i_first : i_first + BLOCK] = 0.0
 
 

@@ -9,8 +9,6 @@ Nodes lie on cell corners: array index k + 1 is the node at k * dx from the doma
 is one ghost node outside each edge. Weights are quadratic B-splines (Steffen et al. 2008).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ...compiled.block_order import (
@@ -26,7 +24,20 @@ from ...compiled.block_order import (
     split_evenly,
 )
 from ...compiled.jit import jit
+from .column_areas import grid_areas, settle_areas
 from .column_barriers import BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
+from .column_blocks import (
+    BLOCK,
+    TILE,
+    BlockWindow,
+    SortedColumns,
+    TouchedBlocks,
+    comes_near,
+    initial_keys,
+    rows_and_columns,
+    sort_by_block,
+    touched_blocks,
+)
 from .column_clock import (
     ALIVE,
     ALL_LEFT,
@@ -61,11 +72,13 @@ from .column_clock import (
 )
 from .column_detrainment import detrain
 from .column_forest import break_forest, clear_shares, collect_forest, find_shares
+from .column_motion import SpeedBound, StepTimes
 from .column_nodes import (
     ARMED,
     FOREST_LOSS,
     NODE_REPORT,
     REACHED,
+    NodeArrays,
     accumulate_peaks,
     clear_ghosts,
     fold_walls,
@@ -74,29 +87,10 @@ from .column_nodes import (
     update_nodes,
 )
 from .column_report import REPORT
-from .column_rows import (
-    AREA,
-    BLOCK,
-    GX,
-    GY,
-    MASS,
-    ROW,
-    TILE,
-    U,
-    V,
-    X,
-    Y,
-    beds_at,
-    comes_near,
-    grid_areas,
-    initial_keys,
-    rows_and_columns,
-    settle_areas,
-    sort_by_block,
-    touched_blocks,
-)
+from .column_rows import AREA, GX, GY, MASS, ROW, U, V, X, Y
 from .columns_to_grid import gather_tiles, particles_to_grid
 from .grid_to_columns import grid_to_particles
+from .spline_bed import beds_at
 
 __all__ = [  # used by the solver through this module
     "AREA",
@@ -125,43 +119,8 @@ __all__ = [  # used by the solver through this module
     "settle_areas",
 ]
 
-
-class Settings(NamedTuple):
-    """Settings that are constant during the time integration."""
-
-    dx: float  # [m]
-    density: float  # [kg m-3]
-    gravity: float  # [m s-2]
-    cfl: float
-    fixed_dt: float  # [s]; 0: by the Courant number
-    move_limit: float  # largest share of a cell that a column moves in a step
-    fall_limit: float  # [s] C times the time in which the steepest ground moves a resting column by a cell
-    clamp: float
-    thickness_floor: float  # [m]
-    wet_thickness: float  # [m]
-    arrival_thickness: float  # [m]
-    wild_stop: float  # share of the mass
-    wall: bool
-    holes: bool  # the terrain has cells without elevation
-    stop_at_rest: bool
-    keep_peaks: bool
-
-
-class NodeFields(NamedTuple):
-    """Spatial fields at the nodes [ny + 3, nx + 3] or in the cells [ny, nx]; one entry where not in use."""
-
-    bed: np.ndarray  # [m]
-    gradient: np.ndarray  # [..., 2]
-    inside: np.ndarray  # cells; 1 where there is terrain
-    zone_values: np.ndarray  # [..., parameters of the friction law]
-    erodible: np.ndarray  # [kg m-2] that can still be taken up
-    barriers: np.ndarray  # [..., BARRIER_ENTRIES]
-    lake_level: np.ndarray  # cells; [m]
-    forest: np.ndarray  # [..., FOREST_ENTRIES] values of the trees; all 0: none
-    forest_state: np.ndarray  # [..., FOREST_STATE] mass that stopped [kg], and whether the trees are broken
-    forest_share: np.ndarray  # share of a node's mass that stops in this step
-    forest_sums: np.ndarray  # [FOREST_SUMS] over the run
-    trigger_thickness: np.ndarray  # [areas that the flow releases]; [m] that has to reach each
+MOST_GROWTH = 1.5  # [1] length of a step over that of the last one, at most
+ROUNDING = 1e-12  # [1] of the time left: a step that ends so little before the end is the last one
 
 
 @jit
@@ -172,7 +131,7 @@ def next_time_step(clock, step, settings):
         settings.move_limit * settings.dx / max(clock[SPEED], 1e-300),
         settings.fall_limit,
     )
-    return dt if step == 0 else min(dt, 1.5 * clock[LAST_DT])
+    return dt if step == 0 else min(dt, MOST_GROWTH * clock[LAST_DT])
 
 
 @jit
@@ -186,7 +145,7 @@ def choose_step(clock, counts, until, settings):
     dt = settings.fixed_dt if settings.fixed_dt > 0.0 else next_time_step(clock, counts[STEP], settings)
     clock[LAST_DT] = dt
     left = until - clock[TIME]
-    last = dt >= left * (1.0 - 1e-12)
+    last = dt >= left * (1.0 - ROUNDING)
     if last:
         dt = left
     elif dt > 0.5 * left:  # two equal steps instead of one whole and one tiny
@@ -208,26 +167,7 @@ def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
 
 
 @jit
-def advance(
-    rows,
-    ids,
-    keys,
-    order,
-    nodes,
-    wet,
-    clock,
-    counts,
-    ledger,
-    peaks,
-    barrier_sums,
-    left_cells,
-    until,
-    max_steps,
-    settings,
-    fields,
-    effects,
-    watched,
-):
+def advance(state, order, nodes, until, max_steps, settings, fields, effects, watched):
     """Advance to time `until` [s] or by `max_steps`; the whole loop is compiled, for any number of particles.
 
     It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
@@ -236,17 +176,18 @@ def advance(
     Everything that changes is in the arrays (clock, counts, rows...): a call continues exactly where the last one
     ended. Returns the reason to stop.
     """
-    dx, density, gravity, wall = settings.dx, settings.density, settings.gravity, settings.wall
+    rows, ids, keys, clock, counts = state.rows, state.ids, state.keys, state.clock, state.counts
+    wall, metric, entrainment = settings.wall, effects.metric, effects.entrainment
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
-    barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], BARRIER_LOSS + 1))
+    barrier_report = np.zeros((CHUNKS, state.barrier_sums.shape[0], BARRIER_LOSS + 1))
     broken = np.zeros(CHUNKS)
     bounds = np.zeros(CHUNKS + 1, np.int64)
     histogram = np.zeros((CHUNKS, 16), np.int32)
     slot = np.zeros(16, np.int32)
     block = np.zeros(16, np.int32)
     start = np.zeros(17, np.int64)
-    touched = np.zeros(64, np.int32)
+    places = np.zeros(64, np.int32)
     tiles, lowered = np.zeros((16, TILE * TILE * 4)), np.zeros((1, BLOCK * BLOCK))
     strip, names = np.empty((counts[ROWS], STRIP)), np.empty((counts[ROWS], 2), np.int64)
     for _ in range(max_steps):
@@ -254,20 +195,20 @@ def advance(
             return REACHED_TIME
         if counts[ALIVE] == 0:
             return ALL_LEFT
-        n = counts[ROWS]
         west, south, east, north = counts[WEST], counts[SOUTH], counts[EAST], counts[NORTH]
-        width, height = east - west + 1, north - south + 1
-        window = west, south, width
-        if width * height > slot.size:
-            size = 2 * width * height
+        window = BlockWindow(west, south, east - west + 1, north - south + 1)
+        if window.width * window.height > slot.size:
+            size = 2 * window.width * window.height
             histogram = np.zeros((CHUNKS, size), np.int32)
             slot, block, start = np.zeros(size, np.int32), np.zeros(size, np.int32), np.zeros(size + 1, np.int64)
-            touched = np.zeros(2 * size + 2 * (width + height) + 64, np.int32)
-        active, alive = sort_by_block(keys, n, west, south, east, north, histogram, order, slot, block, start)
+            places = np.zeros(2 * size + 2 * (window.width + window.height) + 64, np.int32)
+        sorted_columns = SortedColumns(order, start, block, bounds)
+        active, alive = sort_by_block(keys, counts[ROWS], window, histogram, slot, sorted_columns)
         if alive == 0:
             return ALL_LEFT
-        n_touched = touched_blocks(slot, width, height, touched)
-        if watched.size > 0 and comes_near(touched, n_touched, west, south, width, watched):
+        n_touched = touched_blocks(slot, window, places)
+        touched = TouchedBlocks(places, n_touched, window.west, window.south, window.width, window.height)
+        if watched.size > 0 and comes_near(touched, watched):
             return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
             reorder(rows, ids, keys, order, alive, strip, names)
@@ -277,144 +218,88 @@ def advance(
         counts[SINCE_REORDER] += 1
         if active > tiles.shape[0]:
             tiles = np.zeros((active + active // 2, TILE * TILE * 4))
-        if effects.entrainment.bed_lowering() > 0.0 and n_touched > lowered.shape[0]:
+        if entrainment.bed_lowering() > 0.0 and n_touched > lowered.shape[0]:
             lowered = np.zeros((n_touched + n_touched // 2, BLOCK * BLOCK))
         split_evenly(start, active, bounds)
 
         dt, kick, behind, last = choose_step(clock, counts, until, settings)
         particles_to_grid(
             rows,
-            order,
-            start,
-            block,
-            bounds,
+            sorted_columns,
             window,
             tiles,
             fields,
             report,
             kick,
             settings,
-            effects.metric,
+            metric,
             effects.still_water,
             effects.earth_pressure,
             effects.viscosity,
         )
         if wall:
             clear_ghosts(nodes)
-        gather_tiles(nodes, tiles, slot, west, south, width, height, touched, n_touched)
+        gather_tiles(nodes, tiles, slot, touched)
         if wall:
             fold_walls(nodes)
         if effects.barrier.barrier_active():
-            hold_at_barriers(
-                nodes,
-                fields.bed,
-                fields.gradient,
-                slot,
-                touched,
-                n_touched,
-                west,
-                south,
-                width,
-                height,
-                barrier_report,
-                dx,
-                kick,
-                density,
-                gravity,
-                wall,
-                fields.barriers,
-                effects.barrier,
-                effects.metric,
-            )
+            hold_at_barriers(nodes, fields, slot, touched, barrier_report, kick, settings, effects.barrier, metric)
         if effects.forest.forest_active():
-            break_forest(nodes, fields, touched, n_touched, window, broken, settings, effects.forest, effects.metric)
+            break_forest(nodes, fields, touched, broken, settings, effects.forest, metric)
         update_nodes(
-            nodes,
+            NodeArrays(nodes, state.wet, lowered, node_report),
             fields,
-            wet,
             touched,
-            n_touched,
-            window,
-            lowered,
-            node_report,
             kick,
             settings,
             effects.friction,
             effects.zones,
             effects.cohesion,
-            effects.metric,
+            metric,
             effects.curvature,
-            effects.entrainment,
+            entrainment,
             effects.forest,
         )
         if effects.forest.forest_active():
-            find_shares(
-                nodes,
-                fields,
-                touched,
-                n_touched,
-                window,
-                dt,
-                settings,
-                effects.forest,
-                effects.metric,
-                effects.entrainment,
-            )
+            find_shares(nodes, fields, touched, dt, settings, effects.forest, metric, entrainment)
             collect_forest(broken, node_report, FOREST_LOSS, fields.forest_sums)
-        if effects.entrainment.bed_lowering() > 0.0:
-            regrade(
-                fields.bed, fields.gradient, touched, n_touched, west, south, width, dx, lowered, effects.entrainment
-            )
+        if entrainment.bed_lowering() > 0.0:
+            regrade(fields.bed, fields.gradient, touched, settings.dx, lowered, entrainment)
         if settings.keep_peaks:
             accumulate_peaks(
-                peaks,
-                nodes,
-                fields.gradient,
-                touched,
-                n_touched,
-                west,
-                south,
-                width,
-                dx,
-                density,
-                clock[TIME] + dt,
-                settings.arrival_thickness,
-                effects.metric,
-                effects.entrainment,
+                state.peaks, nodes, fields.gradient, touched, clock[TIME] + dt, settings, metric, entrainment
             )
         if wall:
             mirror_walls(nodes)
         grid_to_particles(
             rows,
             keys,
-            order,
-            start,
-            bounds,
+            sorted_columns,
             nodes,
             fields,
             report,
-            (dt, behind, clock[KICK_BEFORE]),
+            StepTimes(dt, behind, clock[KICK_BEFORE]),
+            SpeedBound(clock[BOUND_BED], clock[BOUND_ENERGY], effects.earth_pressure.largest_factor()),
             settings,
-            (clock[BOUND_BED], clock[BOUND_ENERGY], effects.earth_pressure.largest_factor()),
-            effects.metric,
+            metric,
             effects.curvature,
-            effects.entrainment,
+            entrainment,
         )
 
         counts[STEP] += 1
         clock[TIME] = until if last else clock[TIME] + dt
-        note_deepest(node_report, clock, nodes, touched, n_touched, west, south, width, dx)
-        note_fastest(report, clock, rows, keys, order, start, bounds, effects.metric)
-        gone, triggered = collect(report, node_report, ledger, clock, counts)
+        note_deepest(node_report, clock, nodes, touched, settings.dx)
+        note_fastest(report, clock, rows, keys, sorted_columns, metric)
+        gone, triggered = collect(report, node_report, state.ledger, clock, counts)
         if effects.barrier.barrier_active():
-            clock[BARRIER_TOTAL] += collect_barriers(barrier_report, barrier_sums, kick)
+            clock[BARRIER_TOTAL] += collect_barriers(barrier_report, state.barrier_sums, kick)
         if counts[BAD] > 0:
             return NOT_FINITE_STATE
         if gone > 0:
-            book_columns_left(rows, keys, order, alive, dt, dx, fields.inside.shape, left_cells)
+            book_columns_left(rows, keys, order, alive, dt, settings.dx, fields.inside.shape, state.left_cells)
         if effects.forest.forest_active():
-            detrain(rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, effects.metric)
-            clear_shares(fields.forest_share, touched, n_touched, west, south, width)
+            detrain(rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, metric)
+            clear_shares(fields.forest_share, touched)
         if clock[WILD_NOW] > settings.wild_stop:
             return TOO_FAST
         if counts[ALIVE] == 0:

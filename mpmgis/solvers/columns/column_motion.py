@@ -1,6 +1,7 @@
 """Motion of a batch of columns over one step: positions, areas, edges, the bed's slope, speed bound and report."""
 
 from math import sqrt
+from typing import Any, NamedTuple
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.jit import jit
@@ -34,7 +35,6 @@ from .column_report import (
     WORK,
 )
 from .column_rows import (
-    INDEX_MASK,
     L_AREA,
     L_BENT,
     L_BOUND,
@@ -72,9 +72,37 @@ from .column_rows import (
     Q_MEAN,
     Q_MOMENT_X,
     Q_MOMENT_Y,
-    bed_at,
 )
 from .columns_to_grid import compiled_cosine_squared
+from .spline_bed import INDEX_MASK, bed_at
+
+BOUND_SLACK = 1.05  # [1] factor on the largest |U|^2 that energy allows: 5 % to spare
+WILD_FACTOR2 = 4.0  # [1] of that bound: more than twice the speed is an error of the state
+WALL_GAP = 1e-9  # [cells] distance from a wall at which columns are stopped: they stay within the domain
+
+
+class StepTimes(NamedTuple):
+    """Times of a step [s]; forces change velocities at other times than places (leapfrog)."""
+
+    dt: float  # length of the step
+    behind: float  # from the time of the velocities before its forces to the beginning of the step
+    ahead: float  # from the time of the velocities after its forces to the end of the step
+
+
+class SpeedBound(NamedTuple):
+    """What bounds the speed of columns by their drop in height, and the speed of waves."""
+
+    bed: float  # [m] highest bed of any release
+    energy: float  # [m2 s-2] to spare for the pressure and for the speed at the start
+    wave_factor: float  # largest factor of earth pressure, by which the square of the speed of waves grows
+
+
+class MotionLaws(NamedTuple):
+    """Laws that change columns while they move; those of the same names in `ColumnEffects`."""
+
+    metric: Any
+    curvature: Any
+    entrainment: Any
 
 
 @jit
@@ -147,9 +175,10 @@ def keep_in(moved, count, dx, length_x, length_y):
     held = 0
     for k in range(count):
         x, y = get(moved, L_X, k), get(moved, L_Y, k)
-        held += (x < 1e-9 * dx) | (x > length_x - 1e-9 * dx) | (y < 1e-9 * dx) | (y > length_y - 1e-9 * dx)
-        put(moved, L_X, k, min(max(x, 1e-9 * dx), length_x - 1e-9 * dx))
-        put(moved, L_Y, k, min(max(y, 1e-9 * dx), length_y - 1e-9 * dx))
+        gap = WALL_GAP * dx
+        held += (x < gap) | (x > length_x - gap) | (y < gap) | (y > length_y - gap)
+        put(moved, L_X, k, min(max(x, gap), length_x - gap))
+        put(moved, L_Y, k, min(max(y, gap), length_y - gap))
     return held
 
 
@@ -165,12 +194,13 @@ def all_stay(moved, stays, count, length_x, length_y):
 
 
 @jit
-def book_out(scratch, moved, stays, count, bed, inside, part, outflow, dx, driven, density, gravity, metric):
+def book_out(scratch, moved, stays, count, bed, inside, part, outflow, driven, settings, metric):
     """Find the columns that left through an edge or onto nodata and book them; they wait at their last place.
 
     `stays[k]` becomes 0 for them; a column that is not finite is counted and does not stay either. Potential energy is
     that of the place after the share `driven` of the step, for which the velocities hold, on the plane of the bed.
     """
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
     inverse_dx = 1.0 / dx
     ny, nx = inside.shape
     length_x, length_y = nx * dx, ny * dx
@@ -214,33 +244,20 @@ def book_out(scratch, moved, stays, count, bed, inside, part, outflow, dx, drive
 
 
 @jit
-def turn(
-    scratch,
-    moved,
-    quads,
-    count,
-    dx,
-    behind,
-    driven,
-    ahead,
-    density,
-    gravity,
-    bound_bed,
-    bound_energy,
-    pressure_factor,
-    metric,
-    curvature,
-    entrainment,
-):
+def turn(scratch, moved, quads, count, times, bound, settings, laws):
     """The bed at the new place, velocities turned with it, and quantities for the report of the step.
 
-    The work of the weight is computed at the slope at the column's old place: for the last `behind` [s] before it, with
-    the velocities before the step's forces, and for the `driven` [s] after it, with those after them. Over the steps
-    this is the trapezoidal rule for the column's way on the bed, whatever the steps. The work of the pressure is the
-    fall of the column's middle, c^2 h / 2 above the bed, as it spreads.
+    The work of the weight is computed at the slope at the column's old place: for the last `times.behind` [s] before
+    it, with the velocities before the step's forces, and for `times.dt` - `times.ahead` [s] after it, with those after
+    them. Over the steps this is the trapezoidal rule for the column's way on the bed, whatever the steps. The work of
+    the pressure is the fall of the column's middle, c^2 h / 2 above the bed, as it spreads.
     Changes of c are no work of a force: the model takes the flow as a thin layer. The forces of the next step act from
-    `ahead` [s] before the end of this one, with velocities that are turned here, on mass that is taken up here.
+    `times.ahead` [s] before the end of this one, with velocities that are turned here, on mass that is taken up here.
     """
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
+    metric, curvature, entrainment = laws.metric, laws.curvature, laws.entrainment
+    behind, driven, ahead = times.behind, times.dt - times.ahead, times.ahead
+    bound_bed, bound_energy, wave_factor = bound.bed, bound.energy, bound.wave_factor
     inverse_dx = 1.0 / dx
     for k in range(count):
         row0, row1 = get_of_four(quads, Q_BED, k, 0), get_of_four(quads, Q_BED, k, 1)
@@ -278,7 +295,7 @@ def turn(
             put(moved, L_TAKEN, k, (grown - mass) * gravity * bed_here + thicker)
         w = u * mx + v * my
         horizontal2 = u * u + v * v
-        wave2 = pressure_factor * gravity * get(moved, L_MASS, k) / (density * get(moved, L_AREA, k))
+        wave2 = wave_factor * gravity * get(moved, L_MASS, k) / (density * get(moved, L_AREA, k))
         put(moved, L_U, k, u)
         put(moved, L_V, k, v)
         put(moved, L_GX, k, slope_x)
@@ -286,7 +303,7 @@ def turn(
         put(moved, L_SPEED2, k, horizontal2 + w * w)
         put(moved, L_HORIZONTAL2, k, horizontal2)
         put(moved, L_SIGNAL2, k, horizontal2 + wave2 + 2.0 * sqrt(horizontal2 * wave2))
-        put(moved, L_BOUND, k, 1.05 * (2.0 * gravity * max(bound_bed - bed_here, 0.0) + bound_energy))
+        put(moved, L_BOUND, k, BOUND_SLACK * (2.0 * gravity * max(bound_bed - bed_here, 0.0) + bound_energy))
 
 
 @jit
@@ -321,7 +338,7 @@ def survey(moved, stays, count, part, dx, gravity, entrainment):
             part[LIMITED] += mass
             part[HELD_SPEED] += 1.0
             drop = dx * sqrt(get(moved, L_GX, k) ** 2 + get(moved, L_GY, k) ** 2)
-            if speed2 > 4.0 * (bound + 2.0 * gravity * drop):
+            if speed2 > WILD_FACTOR2 * (bound + 2.0 * gravity * drop):
                 part[WILD] += mass
             limited += 0.5 * mass * (speed2 - bound)
             horizontal2, speed2 = horizontal2 * bound / speed2, bound

@@ -1,6 +1,9 @@
 """Grid update between the two transfers: walls, momentum to velocity, friction, erosion, running peaks."""
 
 from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
@@ -8,34 +11,54 @@ from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...laws.friction import slowed_speed
 from ...laws.ground_metric import cosine_squared
 from .column_barriers import share_within
+from .column_blocks import BLOCK, first_node
 from .column_forest import added_resistance, share_of_resistance
-from .column_rows import BLOCK, NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y, bed_at, bending_at
+from .column_rows import NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
+from .spline_bed import bed_at, bending_at
 
-# report of each chunk of the node loop; energies [J]: lost to friction on the bed, to the entrained mass, which is at
-# rest, and the potential energy that the flow loses where the bed is lowered; masses [kg] that are
-# thinner than friction takes them for, and that would have taken up more than MOST_GAIN in one step; energy lost to
-# trees
+# report of each chunk of the node loop
 (
-    WET_NEW,
-    AIRBORNE_MASS,
-    DEEPEST,
-    TRIGGERED,
-    FRICTION_LOSS,
-    MERGING_LOSS,
-    LOWERING_LOSS,
-    THIN_MASS,
-    GREEDY_MASS,
-    FOREST_LOSS,
+    WET_NEW,  # number of nodes that the flow reached
+    AIRBORNE_MASS,  # [kg] mass without effective weight
+    DEEPEST,  # [m] largest thickness
+    TRIGGERED,  # number of nodes at which the flow released an area
+    FRICTION_LOSS,  # [J] energy lost to friction on the bed
+    MERGING_LOSS,  # [J] to the entrained mass, which is at rest
+    LOWERING_LOSS,  # [J] potential energy that the flow loses where the bed is lowered
+    THIN_MASS,  # [kg] mass that is thinner than friction takes it for
+    GREEDY_MASS,  # [kg] mass that would have taken up more than MOST_GAIN in one step
+    FOREST_LOSS,  # [J] energy lost to trees
     NODE_REPORT,
 ) = range(11)
-# a node's mark: REACHED once the flow has been there, plus ARMED times the number of the area (from 1) that its being
-# reached releases
-REACHED, ARMED = 1, 2
+# a node's mark is the sum of
+REACHED = 1  # once the flow has been there
+ARMED = 2  # times the number, from 1, of the area that the flow releases when it arrives
 CHORDS = 5  # evaluations of a viscous law, each at the speed after the last one: Bingham within 0.2 %
-MOST_GAIN = 1.0  # of a node's mass by erosion in one step
+MOST_GAIN = 1.0  # [1] mass that a node takes up in one step, over its own: a column at most doubles
 
 _slowed_speed = jit_inline(slowed_speed)
 _cosine_squared = jit_inline(cosine_squared)
+
+
+class NodeArrays(NamedTuple):
+    """Arrays that `update_nodes` changes, in addition to fields."""
+
+    nodes: np.ndarray  # float64[ny + 3, nx + 3, 4]; NODE_MASS, NODE_X, NODE_Y, NODE_KINETIC, later NODE_GAIN
+    wet: np.ndarray  # uint8[ny + 3, nx + 3]; marks REACHED and ARMED
+    lowered: np.ndarray  # float64[touched blocks, BLOCK * BLOCK] [kg m-2]; mass eroded in this step, for `regrade`
+    report: np.ndarray  # float64[CHUNKS, NODE_REPORT]
+
+
+class NodeLaws(NamedTuple):
+    """Laws that change the velocity of a node; those of the same names in `ColumnEffects`."""
+
+    friction: Any
+    zones: Any
+    cohesion: Any
+    metric: Any
+    curvature: Any
+    entrainment: Any
+    forest: Any
 
 
 @jit
@@ -117,23 +140,7 @@ def mirror_column(nodes, i):
 
 @jit_parallel
 def update_nodes(
-    nodes,
-    fields,
-    wet,
-    touched,
-    n_touched,
-    window,
-    lowered,
-    report,
-    dt,
-    settings,
-    friction,
-    zones,
-    cohesion,
-    metric,
-    curvature,
-    entrainment,
-    forest,
+    arrays, fields, touched, dt, settings, friction, zones, cohesion, metric, curvature, entrainment, forest
 ):
     """Momentum to velocity; basal friction and resistance of trees, semi-implicit in the metric of the ground.
 
@@ -145,75 +152,29 @@ def update_nodes(
     they gain what the bed loses. The mass taken up is at rest: velocities here are those of the mass before, whose
     momentum the columns share out over both.
 
-    `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns. Where erosion lowers the
-    bed, `lowered` [n_touched, BLOCK * BLOCK] is the mass eroded [kg m-2]: `regrade` lowers the bed after all nodes have
-    read it for its bending.
+    `arrays` are NodeArrays, `fields` NodeFields.
     """
-    # arrays come out of `fields` before the loop: numba drops what a loop writes to arrays that it takes from a tuple
-    bed, node_gradient, zone_values, erodible = fields.bed, fields.gradient, fields.zone_values, fields.erodible
-    trees, state, trigger_thickness = fields.forest, fields.forest_state, fields.trigger_thickness
-    west, south, width = window
+    # arrays come out of the record before the loop: numba drops what a loop writes to arrays that it takes from a tuple
+    nodes, wet, lowered, report = arrays.nodes, arrays.wet, arrays.lowered, arrays.report
     rows, columns = nodes.shape[0], nodes.shape[1]
     for c in prange(CHUNKS):
+        laws = NodeLaws(friction, zones, cohesion, metric, curvature, entrainment, forest)
         part = report[c]
         part[:] = 0.0
-        for k in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
-            j_first = (touched[k] // (width + 1) + south) * BLOCK
-            i_first = (touched[k] % (width + 1) + west) * BLOCK
+        for k in range(c * touched.count // CHUNKS, (c + 1) * touched.count // CHUNKS):
+            j_first, i_first = first_node(touched, k)
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
-                    eroded = update_node(
-                        nodes,
-                        bed,
-                        node_gradient,
-                        zone_values,
-                        erodible,
-                        trees,
-                        state,
-                        trigger_thickness,
-                        wet,
-                        j,
-                        i,
-                        part,
-                        dt,
-                        settings,
-                        friction,
-                        zones,
-                        cohesion,
-                        metric,
-                        curvature,
-                        entrainment,
-                        forest,
-                    )
+                    eroded = update_node(nodes, fields, wet, j, i, part, dt, settings, laws)
                     if entrainment.bed_lowering() > 0.0:
                         lowered[k, (j - j_first) * BLOCK + i - i_first] = eroded
 
 
 @jit_inline
-def update_node(
-    nodes,
-    bed,
-    node_gradient,
-    zone_values,
-    erodible,
-    trees,
-    state,
-    trigger_thickness,
-    wet,
-    j,
-    i,
-    report,
-    dt,
-    settings,
-    friction,
-    zones,
-    cohesion,
-    metric,
-    curvature,
-    entrainment,
-    forest,
-):
+def update_node(nodes, fields, wet, j, i, report, dt, settings, laws):
     """`update_nodes` at node [j, i], into `report` float64[NODE_REPORT]; answers the mass eroded [kg m-2]."""
+    metric, curvature, entrainment, forest = laws.metric, laws.curvature, laws.entrainment, laws.forest
+    node_gradient, erodible = fields.gradient, fields.erodible
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     thickness_floor, wet_thickness, wall = settings.thickness_floor, settings.wet_thickness, settings.wall
     rows, columns = nodes.shape[0], nodes.shape[1]
@@ -225,28 +186,28 @@ def update_node(
     grid_thickness = mass * per_area
     report[DEEPEST] = max(report[DEEPEST], grid_thickness)
     if grid_thickness > wet_thickness and wet[j, i] != REACHED:
-        _reach(wet, j, i, grid_thickness, trigger_thickness, report)
+        _reach(wet, j, i, grid_thickness, fields.trigger_thickness, report)
     mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
     c2 = _cosine_squared(mx, my)
     w = u * mx + v * my
     speed = sqrt(u * u + v * v + w * w)
     centrifugal = 0.0
     if curvature.curvature_active():
-        bend_xx, bend_xy, bend_yy = bending_at(bed, j, i, 1.0 / dx)
+        bend_xx, bend_xy, bend_yy = bending_at(fields.bed, j, i, 1.0 / dx)
         centrifugal = curvature.centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy)
     effective = curvature.effective_gravity(gravity, centrifugal)
     if effective == 0.0:
         report[AIRBORNE_MASS] += mass
     gain = eroded = 0.0
     if speed > 0.0:
-        law = zones.local(friction, zone_values, j, i)
+        law = laws.zones.local(laws.friction, fields.zone_values, j, i)
         thickness = max(grid_thickness, thickness_floor)
         if grid_thickness < thickness_floor:
             report[THIN_MASS] += mass
         normal_thickness = thickness * sqrt(c2)
         normal_stress = density * thickness * effective * c2
         dry = law.dry_stress(density, gravity, normal_stress, normal_thickness, speed)
-        dry += cohesion.cohesive_stress()
+        dry += laws.cohesion.cohesive_stress()
         viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, speed)
         drag = law.drag_coefficient(gravity, normal_thickness, speed)
         per_mass = 1.0 / (density * normal_thickness)
@@ -254,7 +215,7 @@ def update_node(
         before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
         decelerated, drawn = dry * per_mass, drag / normal_thickness
         if forest.forest_active():
-            trees_dry, trees_drag = added_resistance(trees, state, j, i, effective * sqrt(c2))
+            trees_dry, trees_drag = added_resistance(fields.forest, fields.forest_state, j, i, effective * sqrt(c2))
             decelerated += trees_dry
             drawn += trees_drag
         slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
@@ -301,59 +262,43 @@ def _reach(wet, j, i, thickness, trigger_thickness, report):
 
 
 @jit_parallel
-def regrade(bed, node_gradient, touched, n_touched, west, south, width, dx, lowered, entrainment):
+def regrade(bed, node_gradient, touched, dx, lowered, entrainment):
     """Lower the bed by what was eroded (see `update_nodes`), and recompute the gradients at the touched nodes."""
     rows, columns = bed.shape[0], bed.shape[1]
-    for k in prange(n_touched):
-        j_first = (touched[k] // (width + 1) + south) * BLOCK
-        i_first = (touched[k] % (width + 1) + west) * BLOCK
+    for k in prange(touched.count):
+        j_first, i_first = first_node(touched, k)
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
                 bed[j, i] -= lowered[k, (j - j_first) * BLOCK + i - i_first] * entrainment.bed_lowering()
-    for k in prange(n_touched):
-        j_first = (touched[k] // (width + 1) + south) * BLOCK
-        i_first = (touched[k] % (width + 1) + west) * BLOCK
+    for k in prange(touched.count):
+        j_first, i_first = first_node(touched, k)
         for j in range(max(j_first, 1), min(j_first + BLOCK, rows - 1)):
             for i in range(max(i_first, 1), min(i_first + BLOCK, columns - 1)):
                 _, node_gradient[j, i, 0], node_gradient[j, i, 1] = bed_at(bed, (i - 1) * dx, (j - 1) * dx, 1.0 / dx)
 
 
 @jit_parallel
-def accumulate_peaks(
-    peaks,
-    nodes,
-    node_gradient,
-    touched,
-    n_touched,
-    west,
-    south,
-    width,
-    dx,
-    density,
-    time,
-    arrival_thickness,
-    metric,
-    entrainment,
-):
+def accumulate_peaks(peaks, nodes, node_gradient, touched, time, settings, metric, entrainment):
     """Running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], and first arrival [s].
 
-    Speed and pressure count where the flow is at least `arrival_thickness` [m] deep, so that empty rims do not.
+    Speed and pressure count where the flow is at least `settings.arrival_thickness` [m] deep, so that empty rims do
+    not.
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
-    for k in prange(n_touched):
-        j_first = (touched[k] // (width + 1) + south) * BLOCK
-        i_first = (touched[k] % (width + 1) + west) * BLOCK
+    for k in prange(touched.count):
+        j_first, i_first = first_node(touched, k)
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
-                note_node(peaks, nodes, node_gradient, j, i, dx, density, time, arrival_thickness, metric, entrainment)
+                note_node(peaks, nodes, node_gradient, j, i, time, settings, metric, entrainment)
 
 
 @jit_inline
-def note_node(peaks, nodes, node_gradient, j, i, dx, density, time, arrival_thickness, metric, entrainment):
+def note_node(peaks, nodes, node_gradient, j, i, time, settings, metric, entrainment):
     """`accumulate_peaks` at node [j, i]."""
+    density, dx = settings.density, settings.dx
     thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
     peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
-    if thickness >= arrival_thickness:
+    if thickness >= settings.arrival_thickness:
         u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
         if entrainment.entrainment_active():
             u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])

@@ -1,10 +1,8 @@
 """Entries of the report that each chunk of the grid-to-particle loop fills, and the limits of one step."""
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
-
 # report of each chunk of the grid-to-particle loop
 (
-    SIGNAL_MAX,  # max of |u| + sqrt(g h) [m s-1]
+    SIGNAL_MAX,  # max of |u| + sqrt(g h) [m s-1]; squares during the step, as SPEED_MAX
     SPEED_MAX,  # max of |u| [m s-1]
     KINETIC,  # sum of m |U|^2 / 2 [J]
     MOVING,  # mass with |U| above MOVING_SPEED [kg]
@@ -14,9 +12,9 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
     BOUND_Y,
     LIMITED,  # mass whose speed was limited to that bound [kg]
     WILD,  # mass at more than twice the speed of that bound [kg]
-    NOT_FINITE,  # particles with a NaN or infinite state
+    NOT_FINITE,  # columns with a NaN or infinite state
     CLAMPED,  # areas reset because the column's thickness left the range about the grid's
-    BLOCK_WEST,  # window of blocks with particles
+    BLOCK_WEST,  # window of blocks with columns
     BLOCK_SOUTH,
     BLOCK_EAST,
     BLOCK_NORTH,
@@ -31,12 +29,13 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
     HELD_THIN,  # columns that would have been thinner than 1 / THINNEST of the grid
     HELD_SPEED,  # columns whose speed was limited to its bound
     HELD_WALL,  # columns that would have passed a wall at the edge
-    OUT,  # then the outflow ledger: per edge mass, momentum east and north, kinetic and potential energy, number
+    OUT,  # then for each edge the OUT_ENTRIES of the outflow: mass, momentum, energies, number
 ) = range(28)
 EDGES = 5  # west, south, east, north, nodata
-OUT_ENTRIES = 6
+OUT_ENTRIES = 6  # mass [kg], momentum east and north [kg m s-1], kinetic and potential energy [J], number of columns
 REPORT = OUT + EDGES * OUT_ENTRIES
-MOVING_SPEED = 0.05  # [m s-1]
+MOVING_SPEED = 0.05  # [m s-1] slower counts as at rest
 FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
-THINNEST = 1000.0  # a column keeps at least a thousandth of the thickness of the grid: negligible push, finite area
-AREA_FACTOR_MIN, AREA_FACTOR_MAX = 0.1, 10.0  # of one step
+THINNEST = 1000.0  # [1] a column keeps at least a thousandth of the thickness of the grid: negligible push, finite area
+AREA_FACTOR_MIN = 0.1  # [1] by which an area shrinks in one step, at least
+AREA_FACTOR_MAX = 10.0  # [1] by which an area grows in one step, at most

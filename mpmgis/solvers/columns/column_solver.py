@@ -14,18 +14,22 @@ from ...laws.quantities import GRAVITY
 from ...system.errors import SceneError
 from . import column_clock, column_report
 from . import column_loop as kernel
+from .column_records import ColumnArrays, Settings
 from .column_rows import CXX
 from .column_state import INSERTED, INSERTED_COLUMNS, ColumnState
 from .feature_arrays import Places
 from .node_grid import ColumnGrid
 
 NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks with columns if there are none
-LAID_OVER = 1.05  # a column overlaps others where the grid is thicker than the column by this factor
-NO_WALLS = (-9, -9, -9, -9)
-SHOWN_RANGE = 2.0
-THIN_SHARE = 1e-3  # of the reference thickness, below which friction takes a column for that thick
-WILD_STOP = 0.05  # share of the mass with over twice the speed that energy allows, at which a run stops
-CFL_ALONE = 0.6  # Courant number of a flow without walls, entrainment and inflow
+LAID_OVER = 1.05  # [1] a column overlaps others where the grid is thicker than the column by this factor
+NO_WALLS = (-9, -9, -9, -9)  # indices of nodes behind walls at the four edges: far outside, there is no wall
+SHOWN_RANGE = 2.0  # [1] factor by which the area of a column in a frame differs at most from that of the grid
+THIN_SHARE = 1e-3  # [1] of the reference thickness, below which friction takes a column for that thick
+THIN_WITHOUT = 1e-3  # [m] the same where there is no reference thickness
+WET_SHARE = 0.01  # [1] of the reference thickness, above which a node counts as reached by the flow
+LEAST_FALL = 1e-3  # [1] tangent of the slope that level ground is taken for, so that steps have a limit
+WILD_STOP = 0.05  # [1] share of the mass with over twice the speed that energy allows, at which a run stops
+CFL_ALONE = 0.6  # [1] Courant number of a flow without walls, entrainment and inflow
 SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all go with the length of a step
 
 
@@ -123,8 +127,8 @@ class ColumnSolver(ColumnState):
         slope = np.hypot(grid.gradient[..., 0], grid.gradient[..., 1])
         if isinstance(self.effects.metric, SlopeMetric):
             slope = slope / (1.0 + slope * slope)  # g sin cos along the ground, seen from above
-        fall = np.sqrt(2.0 * grid.cell_size / (numerics.gravity * max(float(slope.max()), 1e-3)))
-        return kernel.Settings(
+        fall = np.sqrt(2.0 * grid.cell_size / (numerics.gravity * max(float(slope.max()), LEAST_FALL)))
+        return Settings(
             dx=grid.cell_size,
             density=float(numerics.density),
             gravity=float(numerics.gravity),
@@ -133,8 +137,8 @@ class ColumnSolver(ColumnState):
             move_limit=float(numerics.move_limit),
             fall_limit=float(numerics.cfl * fall),
             clamp=float(numerics.clamp),
-            thickness_floor=THIN_SHARE * reference if reference > 0.0 else 1e-3,
-            wet_thickness=0.01 * reference,
+            thickness_floor=THIN_SHARE * reference if reference > 0.0 else THIN_WITHOUT,
+            wet_thickness=WET_SHARE * reference,
             arrival_thickness=float(numerics.arrival_thickness),
             wild_stop=WILD_STOP,
             wall=numerics.edges == "wall",
@@ -336,11 +340,23 @@ class ColumnSolver(ColumnState):
     def _take_steps(self, until, max_steps, settings):
         ready_threads()
         return kernel.advance(
+            self._arrays(),
+            self._order,
+            self._nodes,
+            until,
+            max_steps,
+            settings,
+            self.fields,
+            self.effects,
+            self._watched,
+        )
+
+    def _arrays(self):
+        """Return the present arrays of the run that change."""
+        return ColumnArrays(
             self._rows,
             self._ids,
             self._keys,
-            self._order,
-            self._nodes,
             self._wet,
             self._clock,
             self._counts,
@@ -348,12 +364,6 @@ class ColumnSolver(ColumnState):
             self._peaks,
             self._barrier_sums,
             self._left,
-            until,
-            max_steps,
-            settings,
-            self.fields,
-            self.effects,
-            self._watched,
         )
 
     def _integrate_with(self, effects, places, walls):

@@ -1,9 +1,4 @@
-"""State of the depth-averaged solver: for a restart, and as sums, energies and balances.
-
-What a flow made of its bed, as frames store it: mass per area at the nodes, eroded and stopped in forest.
-"""
-
-from typing import Any
+"""State of the depth-averaged solver: for a restart, and as sums, energies and balances."""
 
 import numpy as np
 
@@ -17,10 +12,9 @@ from ...laws.ground_metric import cosine_squared
 from ...system.errors import FormatError
 from . import column_clock, column_forest, column_report
 from . import column_loop as kernel
+from .bed_changes import bed_change_of
 from .column_restart import require_column_state
 
-DETRAINED, BROKEN = "detrained_mass", "broken_forest"
-MASS, TRANSFORM, DENSITY = "eroded_mass", "transform", "bed_density"
 # outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
 # sums of a barrier [N s, N s, N s, kg, N]; the force is the largest of a single step
@@ -44,38 +38,6 @@ CLIPS = {  # limits on the state of columns, and the clock entries that count th
     "erosion_of_a_step": column_clock.GREEDY_TOTAL,
     "weightless": column_clock.AIRBORNE_TOTAL,
 }
-
-
-def bed_change_of(eroded, forest, west, south, spacing):
-    """What a frame stores of the bed, cut to the nodes where anything changed.
-
-    Parameters
-    ----------
-    eroded : float64[rows, columns] [kg m-2]
-        Per plan area at the nodes, row 0 in the south; a node stands for the square of side `spacing` around it.
-    forest : (float64[rows, columns], float64[rows, columns]) or None
-        Mass that stopped in forest [kg m-2], and 1 where forest is broken.
-    west, south : float [m]
-        Map position of the first node.
-    spacing : float [m]
-
-    Returns
-    -------
-    dict
-        eroded_mass float64[rows, columns] [kg m-2] and the affine `transform` of the nodes' squares; with forest also
-        detrained_mass [kg m-2] and broken_forest [1].
-    """
-    arrays = {MASS: eroded} if forest is None else {MASS: eroded, DETRAINED: forest[0], BROKEN: forest[1]}
-    j, i = np.nonzero(np.any([values > 0 for values in arrays.values()], axis=0))
-    window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
-    corner = west + (window[1].start - 0.5) * spacing, south + (window[0].start - 0.5) * spacing
-    transform = np.array([spacing, 0.0, corner[0], 0.0, spacing, corner[1]])
-    return {name: values[window].copy() for name, values in arrays.items()} | {TRANSFORM: transform}
-
-
-def with_density(eroded: dict[str, Any], density: float) -> dict[str, Any]:
-    """The same with the density [kg m-3] of the bed, which makes depths of masses; nothing stays nothing."""
-    return eroded | {DENSITY: float(density)} if eroded else {}
 
 
 class ColumnState(ParticleStore):

@@ -4,6 +4,8 @@ A block sums its columns into a private tile, and the grid gathers the tiles tha
 No array is shared between loops, so results are bitwise the same for any number of threads.
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
@@ -11,10 +13,10 @@ from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...compiled.lanes import get, load, multiply_add, put, put_four, store
 from ...laws.ground_metric import cosine_squared
+from .column_blocks import BLOCK, TILE, first_node
 from .column_report import STIFF
 from .column_rows import (
     BATCH,
-    BLOCK,
     L_AREA,
     L_CXX,
     L_CXY,
@@ -36,38 +38,33 @@ from .column_rows import (
     LINES,
     QUAD,
     QUADS,
-    TILE,
-    bed_at,
     take_rows,
-    weights,
 )
+from .spline_bed import bed_at, weights
+
+STABLE_SHARE = 0.125  # [1] largest apparent viscosity over rho dx^2 / dt: explicit diffusion is stable up to 0.5
+REST_SPEED2 = 1e-12  # [m2 s-2] below which a flow has no direction
 
 compiled_cosine_squared = jit_inline(cosine_squared)
 
 
+class StressLaws(NamedTuple):
+    """Laws of the forces that columns give to nodes; those of the same names in `ColumnEffects`."""
+
+    metric: Any
+    still_water: Any
+    earth_pressure: Any
+    viscosity: Any
+
+
 @jit
-def pressure_impulses(
-    scratch,
-    quads,
-    place,
-    count,
-    i_block,
-    j_block,
-    bed,
-    lake_level,
-    dx,
-    dt,
-    density,
-    gravity,
-    metric,
-    lake,
-    earth_pressure,
-    viscosity,
-):
+def pressure_impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, dt, settings, laws):
     """Contribution of columns to nodes, as weights and four-number groups; returns how many viscosities it capped.
 
     Node (i, j) gets wy_j * column_i + wx_i * line_j of (mass, momentum east, north, kinetic energy before the step).
     """
+    dx, density, gravity = settings.dx, settings.density, settings.gravity
+    metric, lake, earth_pressure, viscosity = laws.metric, laws.still_water, laws.earth_pressure, laws.viscosity
     inverse_dx = 1.0 / dx
     stiff = 0
     for k in range(count):
@@ -102,7 +99,7 @@ def pressure_impulses(
         if viscosity.viscosity_active():
             dxy = 0.5 * (cxy + cyx)
             apparent = viscosity.apparent_viscosity(mass / (density * area), u, v, cxx, dxy, cyy)
-            largest = 0.125 * density * dx * dx / dt  # explicit diffusion is stable below four times that
+            largest = STABLE_SHARE * density * dx * dx / dt
             stiff += apparent > largest
             drawn = 2.0 * min(apparent, largest) * dt * inverse_dx * mass / density
             push_xx -= drawn * (cxx * along_xx + dxy * along_xy)
@@ -188,61 +185,33 @@ def _spread_one(scratch, quads, place, k, tile):
 
 @jit_parallel
 def particles_to_grid(
-    rows,
-    order,
-    start,
-    block,
-    bounds,
-    window,
-    tiles,
-    fields,
-    report,
-    dt,
-    settings,
-    metric,
-    lake,
-    earth_pressure,
-    viscosity,
+    rows, sorted_columns, window, tiles, fields, report, dt, settings, metric, still_water, earth_pressure, viscosity
 ):
     """Sum mass, momentum and impulse of each block's particles into its tile (weak form).
 
     f_i = sum_p A_p rho g c^2 K h_p^2 / 2 P grad N_i - A_p h_p sigma_p P grad N_i - m_p g c^2 grad b N_i, with
     P = I - c^2 grad b grad b^T and momentum sum_p N_i m_p (u_p + C_p (x_i - x_p)) (APIC, Jiang et al. 2015).
 
-    `fields` are NodeFields, `window` = (west, south, width) that of the blocks with columns.
+    `sorted_columns` are SortedColumns, `window` is their BlockWindow, `fields` are NodeFields.
     """
-    bed, lake_level, (west, south, width) = fields.bed, fields.lake_level, window
-    dx, density, gravity = settings.dx, settings.density, settings.gravity
+    order, start, block, bounds = sorted_columns
+    bed, lake_level = fields.bed, fields.lake_level
     for c in prange(CHUNKS):
         scratch = np.empty(LINES)
         quads = np.empty(QUADS)
         place = np.empty(BATCH, np.int64)
+        laws = StressLaws(metric, still_water, earth_pressure, viscosity)
         stiff = 0
         for a in range(bounds[c], bounds[c + 1]):
             tile = tiles[a]
             tile[:] = 0.0
-            i_block = (block[a] % width + west) * BLOCK
-            j_block = (block[a] // width + south) * BLOCK
+            i_block = (block[a] % window.width + window.west) * BLOCK
+            j_block = (block[a] // window.width + window.south) * BLOCK
             for first in range(start[a], start[a + 1], BATCH):
                 count = min(BATCH, start[a + 1] - first)
                 take_rows(rows, order, first, count, order.size, scratch, True)
                 stiff += pressure_impulses(
-                    scratch,
-                    quads,
-                    place,
-                    count,
-                    i_block,
-                    j_block,
-                    bed,
-                    lake_level,
-                    dx,
-                    dt,
-                    density,
-                    gravity,
-                    metric,
-                    lake,
-                    earth_pressure,
-                    viscosity,
+                    scratch, quads, place, count, i_block, j_block, bed, lake_level, dt, settings, laws
                 )
                 _spread(scratch, quads, place, count, tile)
         report[c, STIFF] = stiff
@@ -253,25 +222,28 @@ def _stretching_rate(u, v, dxx, two_dxy, dyy):
     """Stretching rate of the flow along its direction [s-1]; its divergence at rest."""
     speed2 = u * u + v * v
     along = u * u * dxx + u * v * two_dxy + v * v * dyy
-    return along / speed2 if speed2 > 1e-12 else dxx + dyy
+    return along / speed2 if speed2 > REST_SPEED2 else dxx + dyy
 
 
 @jit_parallel
-def gather_tiles(nodes, tiles, slot, west, south, width, height, touched, n_touched):
+def gather_tiles(nodes, tiles, slot, touched):
     """Sum the up to four tiles that overlap each node of the touched blocks, always in the same order."""
     rows, columns = nodes.shape[0], nodes.shape[1]
-    for k in prange(n_touched):
-        bi, bj = touched[k] % (width + 1), touched[k] // (width + 1)
-        j_first, i_first = (bj + south) * BLOCK, (bi + west) * BLOCK
+    for k in prange(touched.count):
+        j_first, i_first = first_node(touched, k)
+        bj, bi = j_first // BLOCK - touched.south, i_first // BLOCK - touched.west
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
                 nodes[j, i, :] = 0.0
         for back_j in range(2):
             for back_i in range(2):
                 oi, oj = bi - back_i, bj - back_j
-                if oi < 0 or oj < 0 or oi >= width or oj >= height or slot[oj * width + oi] < 0:
+                if oi < 0 or oj < 0 or oi >= touched.width or oj >= touched.height:
                     continue
-                tile = tiles[slot[oj * width + oi]]
+                active = slot[oj * touched.width + oi]
+                if active < 0:
+                    continue
+                tile = tiles[active]
                 for j in range(TILE - BLOCK if back_j else BLOCK):
                     for i in range(TILE - BLOCK if back_i else BLOCK):
                         if j_first + j < rows and i_first + i < columns:

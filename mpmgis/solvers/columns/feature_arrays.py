@@ -9,7 +9,7 @@ from ...laws.forest import FOREST_ENTRIES
 from . import column_barriers as entries
 from .column_barriers import BARRIER_ENTRIES
 from .column_forest import FOREST_STATE, FOREST_SUMS
-from .column_loop import NodeFields
+from .column_records import NodeFields
 from .node_grid import spared
 
 NO_LAKE = -1e30  # [m] a still level below all ground

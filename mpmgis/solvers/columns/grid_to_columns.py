@@ -1,6 +1,7 @@
 """Transfer of the depth-averaged MPM from grid to columns, in batches of a block's columns."""
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,7 +9,8 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...compiled.lanes import get, lanes, load, multiply_add, put, store, transposed
-from .column_motion import all_stay, book_out, clamp_areas, keep_in, move, survey, turn
+from .column_blocks import block_key
+from .column_motion import MotionLaws, all_stay, book_out, clamp_areas, keep_in, move, survey, turn
 from .column_report import (
     BLOCK_EAST,
     BLOCK_NORTH,
@@ -29,7 +31,6 @@ from .column_report import (
 )
 from .column_rows import (
     BATCH,
-    INDEX_MASK,
     L_GX0,
     L_GX1,
     L_GX2,
@@ -58,10 +59,28 @@ from .column_rows import (
     Q_MOMENT_Y,
     QUADS,
     ROW,
-    block_key,
     take_rows,
-    weights,
 )
+from .spline_bed import INDEX_MASK, weights
+
+
+class Batch(NamedTuple):
+    """Arrays of a batch of columns (see `column_rows.BATCH`)."""
+
+    scratch: np.ndarray  # float64[LINES]; columns before the step, and what is computed of them
+    moved: np.ndarray  # float64[LINES]; columns after the step
+    quads: np.ndarray  # float64[QUADS]; groups of four numbers of each column
+    place: np.ndarray  # int64[BATCH]; where the nodes of each column begin in a flat array
+    stays: np.ndarray  # int64[BATCH]; 0 for columns that leave
+
+
+class FlatGrid(NamedTuple):
+    """What columns read from the grid."""
+
+    nodes: np.ndarray  # float64[ny + 3, nx + 3, 4]; read by flat index
+    flat_bed: np.ndarray  # float64[ny + 3, nx + 3] [m]; read by flat index
+    bed: np.ndarray  # float64[ny + 3, nx + 3] [m]; the same
+    inside: np.ndarray  # uint8[ny, nx]; 1 where there is terrain
 
 
 @jit
@@ -205,7 +224,7 @@ def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part)
 
 @jit_parallel
 def grid_to_particles(
-    rows, keys, order, start, bounds, nodes, fields, report, times, settings, limits, metric, curvature, entrainment
+    rows, keys, sorted_columns, nodes, fields, report, times, bound, settings, metric, curvature, entrainment
 ):
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
 
@@ -215,46 +234,22 @@ def grid_to_particles(
     (leapfrog). Columns that leave through an open edge or onto nodata (looked
     for only if the terrain has `holes`) go to the ledger and get the key GONE.
 
-    `fields` are NodeFields, `times` = (dt, time behind the last kick, time ahead of the next) [s], `limits` = (highest
-    bed [m], energy [m2 s-2], largest pressure factor) of the speed bound.
+    `sorted_columns` are SortedColumns, `fields` NodeFields, `times` StepTimes; `bound` is the SpeedBound.
     """
-    bed, inside = fields.bed, fields.inside
+    order, start, bounds = sorted_columns.order, sorted_columns.start, sorted_columns.bounds
+    grid = FlatGrid(nodes, fields.bed, fields.bed, fields.inside)
     for c in prange(CHUNKS):
         part = report[c]
         clear_report(part, part)
-        scratch = np.empty(LINES)
-        moved = np.empty(LINES)
-        quads = np.empty(QUADS)
-        place = np.empty(BATCH, np.int64)
-        stays = np.empty(BATCH, np.int64)
+        laws = MotionLaws(metric, curvature, entrainment)
+        scratch, moved, quads = np.empty(LINES), np.empty(LINES), np.empty(QUADS)
+        batch = Batch(scratch, moved, quads, np.empty(BATCH, np.int64), np.empty(BATCH, np.int64))
         end = start[bounds[c + 1]]
         first = start[bounds[c]]
         while first < end:
             count = min(BATCH, end - first)
             take_rows(rows, order, first, count, end, scratch, False)
-            move_batch(
-                keys,
-                order,
-                first,
-                count,
-                scratch,
-                moved,
-                quads,
-                place,
-                stays,
-                nodes,
-                bed,
-                bed,
-                inside,
-                part,
-                part,
-                times,
-                settings,
-                limits,
-                metric,
-                curvature,
-                entrainment,
-            )
+            move_batch(keys, order, first, count, batch, grid, part, part, times, bound, settings, laws)
             _give_rows(rows, order, first, count, moved)
             first += count
         finish_report(part)
@@ -285,70 +280,29 @@ def finish_report(part):
 
 
 @jit_inline
-def move_batch(
-    keys,
-    order,
-    first,
-    count,
-    scratch,
-    moved,
-    quads,
-    place,
-    stays,
-    nodes,
-    flat_bed,
-    bed,
-    inside,
-    part,
-    outflow,
-    times,
-    settings,
-    limits,
-    metric,
-    curvature,
-    entrainment,
-):
-    """`grid_to_particles` for the `count` columns from place `first` of the order, whose rows are in `scratch`.
+def move_batch(keys, order, first, count, batch, grid, part, outflow, times, bound, settings, laws):
+    """`grid_to_particles` for the `count` columns from place `first` of the order, whose rows are in `batch.scratch`.
 
-    `nodes` and `flat_bed`, the elevations of `bed`, are read by flat index; `part` and `outflow` as in `clear_report`.
+    `part` and `outflow` as in `clear_report`.
     """
-    dx, density, gravity = settings.dx, settings.density, settings.gravity
-    clamp, wall, holes = settings.clamp, settings.wall, settings.holes
-    dt, behind, ahead = times
-    bound_bed, bound_energy, pressure_factor = limits
+    scratch, moved, quads, place, stays = batch.scratch, batch.moved, batch.quads, batch.place, batch.stays
+    dx, gravity, clamp, entrainment = settings.dx, settings.gravity, settings.clamp, laws.entrainment
     inverse_dx = 1.0 / dx
-    (ny, nx), row_length = inside.shape, bed.shape[1]
+    (ny, nx), row_length = grid.inside.shape, grid.bed.shape[1]
     _weigh(scratch, place, count, row_length, inverse_dx)
-    _read_nodes(scratch, quads, place, count, nodes, 4 * row_length)
-    factors, thin = move(scratch, moved, quads, count, dx, dt, entrainment)
+    _read_nodes(scratch, quads, place, count, grid.nodes, 4 * row_length)
+    factors, thin = move(scratch, moved, quads, count, dx, times.dt, entrainment)
     part[HELD_STRETCH] += factors
     part[HELD_THIN] += thin
     if clamp > 0.0:
         part[CLAMPED] += clamp_areas(moved, quads, count, dx, clamp)
-    if wall:
+    if settings.wall:
         part[HELD_WALL] += keep_in(moved, count, dx, nx * dx, ny * dx)
-    if not all_stay(moved, stays, count, nx * dx, ny * dx) or holes:
-        driven = 1.0 - ahead / dt
-        book_out(scratch, moved, stays, count, bed, inside, part, outflow, dx, driven, density, gravity, metric)
+    if not all_stay(moved, stays, count, nx * dx, ny * dx) or settings.holes:
+        driven = 1.0 - times.ahead / times.dt
+        book_out(scratch, moved, stays, count, grid.bed, grid.inside, part, outflow, driven, settings, laws.metric)
     _weigh_bed(moved, place, count, row_length, inverse_dx)
-    _read_bed(moved, quads, place, count, flat_bed, row_length)
-    turn(
-        scratch,
-        moved,
-        quads,
-        count,
-        dx,
-        behind,
-        dt - ahead,
-        ahead,
-        density,
-        gravity,
-        bound_bed,
-        bound_energy,
-        pressure_factor,
-        metric,
-        curvature,
-        entrainment,
-    )
+    _read_bed(moved, quads, place, count, grid.flat_bed, row_length)
+    turn(scratch, moved, quads, count, times, bound, settings, laws)
     survey(moved, stays, count, part, dx, gravity, entrainment)
     _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part)

@@ -8,13 +8,15 @@ from scipy import ndimage
 
 from ...system.errors import SceneError
 from ...terrain.elevation import Terrain, bilinear, continued
-from .column_rows import beds_at, node_gradients
+from .spline_bed import beds_at, node_gradients
 
+FEWEST_CELLS = 3  # along a side of the domain
 MAX_NODES_PER_SIDE = 262_000  # block rows, of 8 nodes each, have 15 bits and a sign
-
-
 RIM = 3  # [cells] beyond the known ground over which it is extended with its slope
-LEVEL = 1e-6  # tangent of a slope below which there is no downhill direction
+LEVEL = 1e-6  # [1] tangent of a slope below which there is no downhill direction
+ROUNDING = 1e-9  # [cells] error of the extent of the terrain that does not cost a cell
+RIM_ROUNDING = 1e-6  # [pixels] by which a node may lie beyond the rim of the raster
+SPARE = 4  # numbers behind an array of nodes, because kernels load three nodes of a row as four
 
 
 class CellWindow(NamedTuple):
@@ -61,12 +63,13 @@ class ColumnGrid:
         west, _, _, north = terrain.grid.bounds
         near = terrain.moved(-west, -north)  # the upper left corner is (0, 0) there, and small cells keep their digits
         _, depth, length, _ = near.grid.bounds
-        off = max(1e-9, terrain.grid.rounding / cell_size)  # [cells]
+        off = max(ROUNDING, terrain.grid.rounding / cell_size)  # [cells]
         nx, ny = (int(extent / cell_size + off) for extent in (length, -depth))
-        if min(nx, ny) < 3:
+        if min(nx, ny) < FEWEST_CELLS:
             raise SceneError(
                 f"[numerics] cell_size = {cell_size:g} m leaves {nx} x {ny} cells on a terrain of "
-                f"{length:g} x {-depth:g} m, expected 3 x 3 at least; take a smaller cell_size"
+                f"{length:g} x {-depth:g} m, expected {FEWEST_CELLS} x {FEWEST_CELLS} at least; "
+                "take a smaller cell_size"
             )
         if max(nx, ny) > MAX_NODES_PER_SIDE:
             raise SceneError(
@@ -218,7 +221,7 @@ def bed_at_nodes(grid):
 
 def spared(array):
     """A copy of `array` with four numbers to spare behind it: kernels load three nodes of a row as four."""
-    padded = np.zeros(array.size + 4)
+    padded = np.zeros(array.size + SPARE)
     padded[: array.size] = array.ravel()
     return padded[: array.size].reshape(array.shape)
 
@@ -228,7 +231,7 @@ def _on_raster(grid, x0, y0, cell_size, nx, ny, off):
     x, y = x0 + np.arange(nx + 1) * cell_size, y0 + np.arange(ny + 1) * cell_size
     row, column = grid.rowcol(x[None, :], y[:, None])
     rows, columns = grid.shape
-    rim = 0.5 + max(1e-6, off * cell_size / min(grid.sides))
+    rim = 0.5 + max(RIM_ROUNDING, off * cell_size / min(grid.sides))
     return (row >= -rim) & (row <= rows - 1 + rim) & (column >= -rim) & (column <= columns - 1 + rim)
 
 

@@ -15,14 +15,18 @@ Arrays whose size depends on the flow grow when a step does not fit: nothing of 
 """
 
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numba import cuda
 
 from ...compiled.block_order import CHUNKS
 from ..columns import column_clock as entry
+from ..columns.column_motion import MotionLaws
+from ..columns.column_nodes import NodeLaws
+from ..columns.column_records import ColumnArrays
 from ..columns.column_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_WEST
+from ..columns.columns_to_grid import StressLaws
+from ..columns.grid_to_columns import FlatGrid
 from . import (
     device_column_detrainment,
     device_column_nodes,
@@ -31,7 +35,7 @@ from . import (
     device_column_transfer,
     device_point_sort,
 )
-from .device_column_reports import GROUP
+from .device_column_reports import GROUP, RunSums
 from .device_column_sort import NEEDS_ROOM_LATE, UNTIL
 from .device_functions import SIMULATED
 from .launch import (
@@ -50,23 +54,7 @@ from .launch_graph import Repeated
 
 ROOMS = ((ROOM_PLACES, SIZE, 256), (ROOM_ACTIVE, ACTIVE, 64), (ROOM_TOUCHED, TOUCHED, 128))  # and the least room
 OWNERS = 128  # threads of a block that sums columns to the nodes of a tile
-CHANGING = ("rows", "ids", "keys", "wet", "clock", "counts", "ledger", "peaks", "barrier_sums", "left_cells")
 CHANGING_FIELDS = ("bed", "gradient", "erodible", "forest_state", "forest_sums")
-
-
-class ColumnArrays(NamedTuple):
-    """Arrays of a run that change, as in `column_loop.advance`; they belong to the host and keep their identity."""
-
-    rows: np.ndarray
-    ids: np.ndarray
-    keys: np.ndarray
-    wet: np.ndarray
-    clock: np.ndarray
-    counts: np.ndarray
-    ledger: np.ndarray
-    peaks: np.ndarray
-    barrier_sums: np.ndarray
-    left_cells: np.ndarray
 
 
 class Sorted:
@@ -128,9 +116,9 @@ class DeviceColumns:
     Parameters
     ----------
     state : ColumnArrays
-    settings : solvers.columns.column_loop.Settings
+    settings : Settings
         Kept as `settings`, which can be replaced between two calls of `advance`.
-    fields : solvers.columns.column_loop.NodeFields
+    fields : NodeFields
     effects : ColumnEffects
     watched : uint8[block rows, block columns], optional
         Blocks before which `advance` stops, as in `column_loop.advance`.
@@ -157,7 +145,7 @@ class DeviceColumns:
     def _upload(self):
         """Copy state and fields to the device."""
         state, fields, effects = self.state, self.fields, self._effects
-        for name in CHANGING:
+        for name in ColumnArrays._fields:
             setattr(self, f"_{name}", cuda.to_device(_some(getattr(state, name))))
         shape, n = fields.bed.shape, len(state.rows)
         self._flat_bed = cuda.to_device(np.append(fields.bed.ravel(), np.zeros(4)))  # three nodes are read as four
@@ -235,7 +223,7 @@ class DeviceColumns:
 
     def download(self):
         """Copy all that changes into the arrays of the host."""
-        for name in CHANGING:
+        for name in ColumnArrays._fields:
             values = getattr(self.state, name)
             if values.size:
                 values[...] = getattr(self, f"_{name}").copy_to_host()
@@ -284,7 +272,7 @@ class DeviceColumns:
         self._all(device_point_sort.note_order, run, self._counts, order)
 
     def _sum_to_nodes(self):
-        now, effects, launch = self._now, self._effects, self._launch
+        now, launch = self._now, self._launch
         width = launch.width if SIMULATED else OWNERS
         device_column_transfer.columns_to_grid.of(np.float64)[8 * launch.workers, width, launch.stream](
             now.run,
@@ -294,13 +282,9 @@ class DeviceColumns:
             now.start,
             now.block,
             now.tiles,
-            self._fields.bed,
-            self._fields.lake_level,
+            self._fields,
             self.settings,
-            effects.metric,
-            effects.still_water,
-            effects.earth_pressure,
-            effects.viscosity,
+            _chosen(StressLaws, self._effects),
         )
         if self.settings.wall:
             self._all(device_column_nodes.clear_ghosts, now.run, self._nodes)
@@ -340,13 +324,7 @@ class DeviceColumns:
             self._lowered,
             self._node_sums[0],
             settings,
-            effects.friction,
-            effects.zones,
-            effects.cohesion,
-            effects.metric,
-            effects.curvature,
-            effects.entrainment,
-            effects.forest,
+            _chosen(NodeLaws, effects),
         )
         if effects.entrainment.bed_lowering() > 0.0:
             self._all(device_column_nodes.lower_bed, run, touched, fields.bed, self._lowered, effects.entrainment)
@@ -370,7 +348,7 @@ class DeviceColumns:
                 self._all(device_column_nodes.mirror_walls, run, nodes, along_columns)
 
     def _move_columns(self):
-        now, effects, clock, counts = self._now, self._effects, self._clock, self._counts
+        now, effects, clock = self._now, self._effects, self._clock
         self._all(
             device_column_transfer.grid_to_columns,
             now.run,
@@ -379,17 +357,12 @@ class DeviceColumns:
             self._rows,
             self._keys,
             now.order,
-            self._flat_nodes,
-            self._flat_bed,
-            self._fields.bed,
-            self._fields.inside,
+            FlatGrid(self._flat_nodes, self._flat_bed, self._fields.bed, self._fields.inside),
             self._left,
             self._column_sums[0],
             self.settings,
-            effects.metric,
-            effects.curvature,
+            _chosen(MotionLaws, effects),
             effects.earth_pressure,
-            effects.entrainment,
         )
         _add_up(self._launch, device_column_reports.sum_node_reports, now.run, self._node_sums)
         _add_up(self._launch, device_column_reports.sum_column_reports, now.run, self._column_sums)
@@ -398,16 +371,13 @@ class DeviceColumns:
             device_column_reports.collect_reports,
             now.run,
             self._d_stage,
-            clock,
-            counts,
-            self._ledger,
+            RunSums(clock, self._counts, self._ledger, self._fields.forest_sums),
             self._column_sums[-1],
             self._node_sums[-1],
             self._rows,
             now.order,
             now.touched,
             self._lost,
-            self._fields.forest_sums,
             self.settings,
             effects.barrier,
             effects.forest,
@@ -483,6 +453,11 @@ def _add_up(launch, kernel, run, sums):
     """Sum the reports of all threads, from one array of `sums` to the next."""
     for many, few in pairwise(sums):
         kernel.of(np.float64)[few.shape[0], few.shape[1], launch.stream](run, many, few)
+
+
+def _chosen(laws, effects):
+    """Return the record `laws` of those effects whose names its fields have."""
+    return laws(*(getattr(effects, name) for name in laws._fields))
 
 
 def _some(array):

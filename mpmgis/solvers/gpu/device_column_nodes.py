@@ -1,6 +1,6 @@
 """The grid of the columns on the device between the two transfers; what happens to a node is code of the CPU's kernels.
 
-Each thread has a report of its own, that of `column_nodes`. Fields are `column_loop.NodeFields`.
+Each thread has a report of its own, that of `column_nodes`. Fields are `column_records.NodeFields`.
 """
 
 import numpy as np
@@ -20,7 +20,8 @@ from ..columns.column_nodes import (
     note_node,
     update_node,
 )
-from ..columns.column_rows import NODE_MASS, bed_at
+from ..columns.column_rows import NODE_MASS
+from ..columns.spline_bed import bed_at
 from .device_column_sort import DT, KICK, node_at, nodes_of, window_of
 from .device_functions import REGISTERS, Kernel, capped
 from .launch import STATUS
@@ -80,24 +81,7 @@ def hold_at_barriers(run, stage, nodes, slot, fields, places, held, settings, ba
         for e in range(HELD):
             mine[e] = 0.0
         if is_touched(slot, window, j, i) and nodes[j, i, NODE_MASS] > 0.0:
-            hold_node(
-                nodes,
-                fields.bed,
-                fields.gradient,
-                slot,
-                window,
-                j,
-                i,
-                mine,
-                settings.dx,
-                stage[KICK],
-                settings.density,
-                settings.gravity,
-                settings.wall,
-                fields.barriers,
-                barrier,
-                metric,
-            )
+            hold_node(nodes, fields, slot, window, j, i, mine, stage[KICK], settings, barrier, metric)
 
 
 @Kernel
@@ -123,24 +107,7 @@ def collect_held(run, stage, report, sums, lost):
 
 
 @capped(double=REGISTERS)
-def update_nodes(
-    run,
-    stage,
-    nodes,
-    touched,
-    fields,
-    wet,
-    lowered,
-    reports,
-    settings,
-    friction,
-    zones,
-    cohesion,
-    metric,
-    curvature,
-    entrainment,
-    forest,
-):
+def update_nodes(run, stage, nodes, touched, fields, wet, lowered, reports, settings, laws):
     """Momentum to velocity, friction, erosion, resistance of trees; all reports begin here.
 
     The bed is lowered after all nodes have read it: `lowered` is the mass eroded [kg m-2].
@@ -151,36 +118,16 @@ def update_nodes(
     mine[DEEPEST_AT] = -1.0
     if run[STATUS] != 0:
         return
-    trees, state = fields.forest, fields.forest_state
+    trees, state, forest, entrainment = fields.forest, fields.forest_state, laws.forest, laws.entrainment
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
             if forest.forest_active():
-                mine[BROKEN_NOW] += break_trees(nodes, trees, state, fields.gradient, j, i, settings, forest, metric)
+                mine[BROKEN_NOW] += break_trees(
+                    nodes, trees, state, fields.gradient, j, i, settings, forest, laws.metric
+                )
             deepest = mine[DEEPEST]
-            eroded = update_node(
-                nodes,
-                fields.bed,
-                fields.gradient,
-                fields.zone_values,
-                fields.erodible,
-                trees,
-                state,
-                fields.trigger_thickness,
-                wet,
-                j,
-                i,
-                mine,
-                stage[KICK],
-                settings,
-                friction,
-                zones,
-                cohesion,
-                metric,
-                curvature,
-                entrainment,
-                forest,
-            )
+            eroded = update_node(nodes, fields, wet, j, i, mine, stage[KICK], settings, laws)
             if mine[DEEPEST] > deepest:
                 mine[DEEPEST_AT] = e
             if entrainment.bed_lowering() > 0.0:
@@ -197,7 +144,7 @@ def update_nodes(
                     stage[DT],
                     settings,
                     forest,
-                    metric,
+                    laws.metric,
                     entrainment,
                 )
 
@@ -234,19 +181,8 @@ def note_peaks(run, stage, clock, nodes, touched, gradient, peaks, settings, met
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
-            note_node(
-                peaks,
-                nodes,
-                gradient,
-                j,
-                i,
-                settings.dx,
-                settings.density,
-                clock[TIME] + stage[DT],
-                settings.arrival_thickness,
-                metric,
-                entrainment,
-            )
+            time = clock[TIME] + stage[DT]
+            note_node(peaks, nodes, gradient, j, i, time, settings, metric, entrainment)
 
 
 def barrier_nodes(barriers, count):

@@ -1,7 +1,9 @@
 """Reports of all threads over columns and nodes, summed in a fixed order, and the clock of the run on the device."""
 
 from math import sqrt
+from typing import NamedTuple
 
+import numpy as np
 from numba import cuda
 
 from ..columns import column_report as entry
@@ -38,6 +40,15 @@ from .device_functions import Kernel, Part
 from .launch import STATUS
 
 GROUP = 16  # reports that a thread sums
+
+
+class RunSums(NamedTuple):
+    """Clock, counts and sums of a run, on the device."""
+
+    clock: np.ndarray  # float64[CLOCK]
+    counts: np.ndarray  # int64[COUNTS]
+    ledger: np.ndarray  # float64[EDGES, OUT_ENTRIES]
+    forest_sums: np.ndarray  # float64[FOREST_SUMS]
 
 
 @Part
@@ -123,26 +134,11 @@ def sum_plain_reports(run, reports, sums):
 
 
 @Kernel
-def collect_reports(
-    run,
-    stage,
-    clock,
-    counts,
-    ledger,
-    report,
-    node_report,
-    rows,
-    order,
-    touched,
-    lost,
-    forest_sums,
-    settings,
-    barrier,
-    forest,
-):
+def collect_reports(run, stage, sums, report, node_report, rows, order, touched, lost, settings, barrier, forest):
     """Clock, counts and ledger after the columns moved; one thread. The reports have one row."""
     if run[STATUS] != 0:
         return
+    clock, counts, forest_sums = sums.clock, sums.counts, sums.forest_sums
     counts[STEP] += 1
     clock[TIME] = stage[END]
     report[0, entry.STIFF] = run[STIFF]
@@ -151,7 +147,7 @@ def collect_reports(
     if forest.forest_active():
         forest_sums[RESISTED] += node_report[0, FOREST_LOSS]
         forest_sums[BROKEN_NODES] += node_report[0, BROKEN_NOW]
-    _, fired = collect(report, node_report, ledger, clock, counts)
+    _, fired = collect(report, node_report, sums.ledger, clock, counts)
     if barrier.barrier_active():
         for b in range(lost.shape[0]):
             clock[BARRIER_TOTAL] += lost[b]

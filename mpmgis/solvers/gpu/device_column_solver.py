@@ -64,24 +64,12 @@ class DeviceColumnSolver(ColumnSolver):
     def _on_device(self, settings):
         """The DeviceColumns of the present arrays."""
         from . import device_laws  # noqa: F401  (kernels call methods of laws)
-        from .device_column_loop import ColumnArrays, DeviceColumns
+        from .device_column_loop import DeviceColumns
 
         at_nodes = sum(array.nbytes for array in (*self.fields, self._wet, self._peaks, self._left))
         needed = device_memory_of_columns(len(self._rows), self.fields.bed.size, at_nodes, self.effects)
         require_device(needed, "columns")
-        state = ColumnArrays(
-            self._rows,
-            self._ids,
-            self._keys,
-            self._wet,
-            self._clock,
-            self._counts,
-            self._ledger,
-            self._peaks,
-            self._barrier_sums,
-            self._left,
-        )
-        return DeviceColumns(state, settings, self.fields, self.effects, self._watched)
+        return DeviceColumns(self._arrays(), settings, self.fields, self.effects, self._watched)
 
     def insert(self, frame, window, slab=True):
         """As of `ColumnSolver`."""

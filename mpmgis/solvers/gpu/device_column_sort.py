@@ -1,15 +1,16 @@
 """Columns sorted by blocks, and the blocks of nodes that they touch; what does not depend on columns is `point_sort`.
 
-The result is that of `column_rows.sort_by_block` and `touched_blocks`. The window has one more row and column
+The result is that of `column_blocks.sort_by_block` and `touched_blocks`. The window has one more row and column
 of blocks than hold columns, so that a touched block has the same number in it as on the processor.
 """
 
 from numba import cuda, int64
 
 from ...compiled.block_order import GONE
+from ..columns.column_blocks import BLOCK, BlockWindow
 from ..columns.column_clock import ALIVE, ALL_LEFT, EAST, NORTH, REACHED_TIME, ROWS, SOUTH, TIME, WATCHED_REACHED, WEST
 from ..columns.column_loop import choose_step as chosen_step
-from ..columns.column_rows import BLOCK, X, Y
+from ..columns.column_rows import X, Y
 from . import launch
 from .device_functions import Kernel, Part
 from .launch import ACTIVE, HEIGHT, NEEDS_ROOM, ROOM_PLACES, SIZE, SORTED, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
@@ -93,7 +94,7 @@ def count_columns(run, counts, rows, keys, histogram, cells, settings):
 
 @Part
 def node_of(place, dx):
-    """First of the three nodes around a `place` [m] along an axis, as `column_rows.weights`."""
+    """First of the three nodes around a `place` [m] along an axis, as `spline_bed.weights`."""
     return int64(place * (1.0 / dx) + 0.5)
 
 
@@ -174,5 +175,5 @@ def nodes_of(run):
 
 @Part
 def window_of(run):
-    """(west, south, width, height) of the window, as functions of kernels take it."""
-    return run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT]
+    """The BlockWindow of the run."""
+    return BlockWindow(run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT])

@@ -9,11 +9,13 @@ in the order of their cells, and then to a tile in shared memory, in which no ot
 from numba import cuda, float64, int32, int64, uint32
 
 from ...compiled.block_order import LEFT_MASS, LEFT_X, LEFT_Y, place_left
+from ..columns.column_blocks import BLOCK, TILE
 from ..columns.column_clock import BOUND_BED, BOUND_ENERGY, KICK_BEFORE, TOTAL_MASS
+from ..columns.column_motion import SpeedBound, StepTimes
 from ..columns.column_report import FASTEST2, OUT, REPORT, STIFF
-from ..columns.column_rows import BLOCK, MASS, ROW, TILE, U, V, X, Y
+from ..columns.column_rows import MASS, ROW, U, V, X, Y
 from ..columns.columns_to_grid import pressure_impulses
-from ..columns.grid_to_columns import clear_report, finish_report, move_batch
+from ..columns.grid_to_columns import Batch, clear_report, finish_report, move_batch
 from .device_column_batch import LINES, QUAD, QUADS, WX, WY
 from .device_column_sort import BEHIND, DT, KICK, LEFT, node_at, nodes_of
 from .device_column_sort import STIFF as STIFF_NOW
@@ -82,9 +84,7 @@ def give_rows(staged, size, rows, order, first, count, thread, quarter):
 
 
 @Kernel
-def columns_to_grid(
-    run, stage, rows, order, start, block, tiles, bed, lake_level, settings, metric, lake, earth_pressure, viscosity
-):
+def columns_to_grid(run, stage, rows, order, start, block, tiles, fields, settings, laws):
     """Sum mass, momentum and impulse of each block's columns into its tile; see `columns_to_grid`."""
     if run[STATUS] != 0:
         return
@@ -117,16 +117,11 @@ def columns_to_grid(
                     1,
                     i_block,
                     j_block,
-                    bed,
-                    lake_level,
-                    settings.dx,
+                    fields.bed,
+                    fields.lake_level,
                     stage[KICK],
-                    settings.density,
-                    settings.gravity,
-                    metric,
-                    lake,
-                    earth_pressure,
-                    viscosity,
+                    settings,
+                    laws,
                 )
                 bases[uint32(s)] = uint32(place[0] >> 2)
                 for k in range(3):
@@ -229,41 +224,24 @@ def tile_sum(run, tiles, slot, j, i, k, numbers):
 
 
 @capped(double=128)
-def grid_to_columns(
-    run,
-    stage,
-    clock,
-    rows,
-    keys,
-    order,
-    nodes,
-    flat_bed,
-    bed,
-    inside,
-    left,
-    reports,
-    settings,
-    metric,
-    curvature,
-    earth_pressure,
-    entrainment,
-):
+def grid_to_columns(run, stage, clock, rows, keys, order, grid, left, reports, settings, laws, earth_pressure):
     """Read the new velocity field back and move the columns; see `grid_to_columns`.
 
-    `nodes` and `flat_bed`, the elevations of `bed`, have one dimension; `left` int32[n] takes the columns that left, in
-    any order. At most WIDEST threads in a block, a multiple of four.
+    `grid` is a FlatGrid whose arrays that are read by flat index have one dimension; `left` int32[n] takes the columns
+    that left, in any order. At most WIDEST threads in a block, a multiple of four.
     """
     rooms = cuda.shared.array(ROOMS, float64)
     marks = cuda.shared.array((WIDEST, OUT), float64)  # an odd number, as ROOM
     scratch, moved = cuda.local.array(LINES, float64), cuda.local.array(LINES, float64)
     quads = cuda.local.array(QUADS, float64)
     place, stays = cuda.local.array(1, int64), cuda.local.array(1, int64)
+    batch = Batch(scratch, moved, quads, place, stays)
     thread, threads, fastest_at = int32(cuda.threadIdx.x), int32(cuda.blockDim.x), int32(-1)
     part, mine = marks[thread], reports[cuda.grid(1)]
     part[STIFF] = 0.0
     clear_report(part, mine)
-    times = stage[DT], stage[BEHIND], clock[KICK_BEFORE]
-    limits = clock[BOUND_BED], clock[BOUND_ENERGY], earth_pressure.largest_factor()
+    times = StepTimes(stage[DT], stage[BEHIND], clock[KICK_BEFORE])
+    bound = SpeedBound(clock[BOUND_BED], clock[BOUND_ENERGY], earth_pressure.largest_factor())
     end = int32(run[SORTED]) if run[STATUS] == 0 else int32(0)
     for first in range(int32(cuda.blockIdx.x) * threads, end, int32(cuda.gridDim.x) * threads):
         count = min(threads, end - first)
@@ -273,29 +251,7 @@ def grid_to_columns(
             at, fastest, q = uint32(thread) * uint32(ROOM), part[FASTEST2], uint32(first + thread)
             for e in range(ROW):
                 scratch[e] = rooms[at + uint32(e)]
-            move_batch(
-                keys,
-                order,
-                q,
-                1,
-                scratch,
-                moved,
-                quads,
-                place,
-                stays,
-                nodes,
-                flat_bed,
-                bed,
-                inside,
-                part,
-                mine,
-                times,
-                settings,
-                limits,
-                metric,
-                curvature,
-                entrainment,
-            )
+            move_batch(keys, order, q, 1, batch, grid, part, mine, times, bound, settings, laws)
             for e in range(ROW):
                 rooms[at + uint32(e)] = moved[e]
             if part[FASTEST2] > fastest:

@@ -13,7 +13,11 @@ from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
 from mpmgis.laws.slots import ColumnEffects
 from mpmgis.laws.still_water import StillWater
-from mpmgis.solvers.columns.column_loop import NodeFields, Settings
+from mpmgis.solvers.columns.column_motion import MotionLaws
+from mpmgis.solvers.columns.column_nodes import NodeLaws
+from mpmgis.solvers.columns.column_records import NodeFields, Settings
+from mpmgis.solvers.columns.columns_to_grid import StressLaws
+from mpmgis.solvers.columns.grid_to_columns import FlatGrid
 from mpmgis.solvers.gpu import (
     device_column_detrainment,
     device_column_nodes,
@@ -21,6 +25,7 @@ from mpmgis.solvers.gpu import (
     device_column_sort,
     device_column_transfer,
 )
+from mpmgis.solvers.gpu.device_column_reports import RunSums
 
 SETTINGS = Settings(
     dx=1.0,
@@ -61,6 +66,15 @@ FIELDS = NodeFields(
     *(np.zeros((1,) * dimensions) for dimensions in (3, 2, 3, 2, 3, 3, 2, 1, 1)),
 )
 
+LINE = np.zeros(1)
+GRID = FlatGrid(LINE, LINE, FIELDS.bed, FIELDS.inside)
+RUN_SUMS = RunSums(LINE, np.zeros(1, np.int64), FIELDS.bed, LINE)
+
+
+def chosen(record, effects):
+    """Type of the `record` of some of the effects."""
+    return numba.typeof(record(*(getattr(effects, name) for name in record._fields)))
+
 
 def array(kind, dimensions):
     """Type of a contiguous array."""
@@ -74,7 +88,7 @@ def signatures():
     rows, keys, order, start = array(f8, 2), array(i4, 1), array(i4, 1), array(i8, 1)
     window, pieces, nodes, tiles = array(i4, 1), array(i8, 2), array(f8, 3), array(f8, 2)
     reports, held, bed, peaks, wet = array(f8, 2), array(f8, 3), array(f8, 2), array(f8, 3), array(byte, 2)
-    settings, fields = numba.typeof(SETTINGS), numba.typeof(FIELDS)
+    settings, fields, grid, run_sums = (numba.typeof(record) for record in (SETTINGS, FIELDS, GRID, RUN_SUMS))
     for name, *arguments in (
         ("begin_step", run, stage, clock, counts),
         ("begin_again", run, run, counts),
@@ -114,6 +128,7 @@ def signatures():
         yield name, getattr(device_column_detrainment, name), arguments
     for label, effects in EFFECTS.items():
         law = effects._replace(**{name: numba.typeof(value) for name, value in effects._asdict().items()})
+        stress, motion, moving = (chosen(laws, effects) for laws in (StressLaws, MotionLaws, NodeLaws))
         for module, name, *arguments in (
             (
                 device_column_transfer,
@@ -125,13 +140,9 @@ def signatures():
                 start,
                 window,
                 tiles,
-                bed,
-                bed,
+                fields,
                 settings,
-                law.metric,
-                law.still_water,
-                law.earth_pressure,
-                law.viscosity,
+                stress,
             ),
             (
                 device_column_transfer,
@@ -142,17 +153,12 @@ def signatures():
                 rows,
                 keys,
                 order,
-                sums,
-                sums,
-                bed,
-                wet,
+                grid,
                 window,
                 reports,
                 settings,
-                law.metric,
-                law.curvature,
+                motion,
                 law.earth_pressure,
-                law.entrainment,
             ),
             (
                 device_column_nodes,
@@ -180,13 +186,7 @@ def signatures():
                 bed,
                 reports,
                 settings,
-                law.friction,
-                law.zones,
-                law.cohesion,
-                law.metric,
-                law.curvature,
-                law.entrainment,
-                law.forest,
+                moving,
             ),
             (device_column_nodes, "lower_bed", run, window, bed, bed, law.entrainment),
             (
@@ -208,15 +208,12 @@ def signatures():
                 "collect_reports",
                 run,
                 stage,
-                clock,
-                counts,
-                rows,
+                run_sums,
                 reports,
                 reports,
                 rows,
                 order,
                 window,
-                sums,
                 sums,
                 settings,
                 law.barrier,

@@ -14,8 +14,9 @@ from launch_order import shuffled
 from mpmgis.compiled.block_order import GONE
 from mpmgis.solvers.columns import column_clock as entry
 from mpmgis.solvers.columns import column_rows as row
+from mpmgis.solvers.columns.column_records import ColumnArrays
 from mpmgis.solvers.gpu import device_column_loop
-from mpmgis.solvers.gpu.device_column_loop import CHANGING_FIELDS, ColumnArrays, DeviceColumns
+from mpmgis.solvers.gpu.device_column_loop import CHANGING_FIELDS, DeviceColumns
 from mpmgis.solvers.gpu.launch import ACTIVE, Launch
 
 NARROW, WIDE = Launch(2, 8, 1, 2, 1, 3), Launch(3, 16, 1, 3, 1, 5)

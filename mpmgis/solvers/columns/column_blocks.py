@@ -1,0 +1,141 @@
+"""Blocks of 8 x 8 nodes: columns in the order of their blocks, and the blocks of nodes that they reach."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiled.block_order import CHUNKS, GONE, rank_blocks
+from ...compiled.jit import jit, jit_inline, jit_parallel, prange
+from .column_rows import X, Y
+
+BLOCK = 8  # nodes along a block's side
+TILE = BLOCK + 2  # a column of the block reaches two nodes further
+SORT_ROWS = 8192  # rows per piece of the sort, at most CHUNKS pieces
+
+
+class BlockWindow(NamedTuple):
+    """Window of the blocks with columns."""
+
+    west: int  # block column of its first blocks
+    south: int  # block row of its first blocks
+    width: int  # [blocks]
+    height: int  # [blocks]
+
+
+class SortedColumns(NamedTuple):
+    """Columns in the order of their blocks (see `sort_by_block`)."""
+
+    order: np.ndarray  # int32[n]; indices of columns
+    start: np.ndarray  # int64[blocks with columns + 1]; where the columns of each block begin in the order
+    block: np.ndarray  # int32[blocks with columns]; place of each block in the window
+    bounds: np.ndarray  # int64[CHUNKS + 1]; first block of each piece of work
+
+
+class TouchedBlocks(NamedTuple):
+    """Blocks of nodes that columns reach (see `touched_blocks`).
+
+    The window is not a BlockWindow here, because numba passes no record within a record to a parallel loop.
+    """
+
+    places: np.ndarray  # int32[at least count]; in the window with one more column of blocks
+    count: int
+    west: int  # window of the blocks with columns
+    south: int
+    width: int
+    height: int
+
+
+@jit_inline
+def first_node(touched, k):
+    """Return the row and the column of the first node of touched block `k`."""
+    row, column = touched.places[k] // (touched.width + 1), touched.places[k] % (touched.width + 1)
+    return (row + touched.south) * BLOCK, (column + touched.west) * BLOCK
+
+
+@jit_inline
+def block_key(x, y, inverse_dx):
+    """Block of a particle, its row in the high and its column in the low 16 bits."""
+    return ((int(y * inverse_dx + 0.5) // BLOCK) << 16) | (int(x * inverse_dx + 0.5) // BLOCK)
+
+
+def rows_and_columns(keys):
+    """(int[n], int[n]): block row and block column of `keys`."""
+    return keys >> 16, keys & 0xFFFF
+
+
+@jit
+def initial_keys(rows, keys, dx):
+    """Fill `keys` for all `rows`; returns the window of blocks (west, south, east, north)."""
+    west, south, east, north = 1 << 16, 1 << 16, -1, -1
+    for p in range(rows.shape[0]):
+        key = block_key(rows[p, X], rows[p, Y], 1.0 / dx)
+        keys[p] = key
+        west, east = min(west, key & 0xFFFF), max(east, key & 0xFFFF)
+        south, north = min(south, key >> 16), max(north, key >> 16)
+    return west, south, east, north
+
+
+@jit_parallel
+def _count(keys, n, pieces, window, size, histogram):
+    west, south, width = window.west, window.south, window.width
+    for c in prange(pieces):
+        for b in range(size):
+            histogram[c, b] = 0
+        for p in range(c * n // pieces, (c + 1) * n // pieces):
+            if keys[p] != GONE:
+                histogram[c, ((keys[p] >> 16) - south) * width + (keys[p] & 0xFFFF) - west] += 1
+
+
+@jit_parallel
+def _scatter(keys, n, pieces, window, histogram, order):
+    west, south, width = window.west, window.south, window.width
+    for c in prange(pieces):
+        for p in range(c * n // pieces, (c + 1) * n // pieces):
+            if keys[p] != GONE:
+                b = ((keys[p] >> 16) - south) * width + (keys[p] & 0xFFFF) - west
+                order[histogram[c, b]] = p
+                histogram[c, b] += 1
+
+
+@jit
+def sort_by_block(keys, n, window, histogram, slot, sorted_columns):
+    """Stable counting sort of indices by block.
+
+    Fills `order`; `slot[b]` is the active block at place b of the window or -1, `block[a]` its place,
+    `start[a]`..`start[a + 1]` its particles. Answers (active blocks, particles alive).
+    """
+    size = window.width * window.height
+    pieces = min(CHUNKS, n // SORT_ROWS + 1)
+    _count(keys, n, pieces, window, size, histogram)
+    active, total = rank_blocks(histogram, pieces, size, slot, sorted_columns.block, sorted_columns.start)
+    _scatter(keys, n, pieces, window, histogram, sorted_columns.order)
+    return active, total
+
+
+@jit
+def comes_near(touched, watched):
+    """Is one of the touched blocks marked in `watched` uint8[block rows, block columns]?"""
+    for k in range(touched.count):
+        j, i = first_node(touched, k)
+        row, column = j // BLOCK, i // BLOCK
+        if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
+            return True
+    return False
+
+
+@jit
+def touched_blocks(slot, window, places):
+    """List the node blocks that active tiles reach (themselves and their east, north, north-east neighbours)."""
+    width, height = window.width, window.height
+    count = 0
+    for bj in range(height + 1):
+        for bi in range(width + 1):
+            hit = False
+            for oj in range(bj - 1, bj + 1):
+                for oi in range(bi - 1, bi + 1):
+                    if 0 <= oi < width and 0 <= oj < height and slot[oj * width + oi] >= 0:
+                        hit = True
+            if hit:
+                places[count] = bj * (width + 1) + bi
+                count += 1
+    return count

@@ -1,0 +1,58 @@
+"""Records on which the loop over columns works: settings, fields at the nodes, and arrays that change."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Settings(NamedTuple):
+    """Settings that are constant during the time integration."""
+
+    dx: float  # [m]
+    density: float  # [kg m-3]
+    gravity: float  # [m s-2]
+    cfl: float  # [1] Courant number C
+    fixed_dt: float  # [s]; 0: by the Courant number
+    move_limit: float  # [1] largest share of a cell that a column moves in a step
+    fall_limit: float  # [s] C times the time in which the steepest ground moves a resting column by a cell
+    clamp: float  # [1] a column is at most so many times as thick or as thin as the grid; 0: no limit
+    thickness_floor: float  # [m] least thickness for friction
+    wet_thickness: float  # [m] above which a node counts as reached by the flow
+    arrival_thickness: float  # [m] above which speed, pressure and arrival time are recorded
+    wild_stop: float  # [1] share of the mass that is much too fast, at which a run stops
+    wall: bool  # the edges are walls
+    holes: bool  # the terrain has cells without elevation
+    stop_at_rest: bool  # the stop rules apply
+    keep_peaks: bool  # running peaks are recorded
+
+
+class ColumnArrays(NamedTuple):
+    """Arrays of a run that change; the solver owns them, and kernels work in them."""
+
+    rows: np.ndarray  # float64[columns, ROW]
+    ids: np.ndarray  # uint64[columns]
+    keys: np.ndarray  # int32[columns]; block of each column, GONE for one that has left
+    wet: np.ndarray  # uint8[ny + 3, nx + 3]; marks of the nodes
+    clock: np.ndarray  # float64[CLOCK]
+    counts: np.ndarray  # int64[COUNTS]
+    ledger: np.ndarray  # float64[EDGES, OUT_ENTRIES]; outflow over each edge
+    peaks: np.ndarray  # float64[ny + 3, nx + 3, 4]; one entry where not in use
+    barrier_sums: np.ndarray  # float64[barriers, BARRIER_SUMS + 1]
+    left_cells: np.ndarray  # float64[WAYS, blocks, blocks, LEFT_ENTRIES]; where mass left
+
+
+class NodeFields(NamedTuple):
+    """Spatial fields at the nodes [ny + 3, nx + 3] or in the cells [ny, nx]; one entry where not in use."""
+
+    bed: np.ndarray  # [m]
+    gradient: np.ndarray  # [..., 2]
+    inside: np.ndarray  # cells; 1 where there is terrain
+    zone_values: np.ndarray  # [..., parameters of the friction law]
+    erodible: np.ndarray  # [kg m-2] that can still be taken up
+    barriers: np.ndarray  # [..., BARRIER_ENTRIES]
+    lake_level: np.ndarray  # cells; [m]
+    forest: np.ndarray  # [..., FOREST_ENTRIES] values of the trees; all 0: none
+    forest_state: np.ndarray  # [..., FOREST_STATE] mass that stopped [kg], and whether the trees are broken
+    forest_share: np.ndarray  # share of a node's mass that stops in this step
+    forest_sums: np.ndarray  # [FOREST_SUMS] over the run
+    trigger_thickness: np.ndarray  # [areas that the flow releases]; [m] that has to reach each

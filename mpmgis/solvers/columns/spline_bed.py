@@ -1,0 +1,79 @@
+"""Quadratic B-splines on the grid: weights of a place on nodes, the spline bed, its gradient and curvature.
+
+Nodes lie on cell corners: array index k + 1 is the node at k * dx from the domain's south-west corner, so that there
+is one ghost node outside each edge. Weights are quadratic B-splines (Steffen et al. 2008).
+"""
+
+import numpy as np
+
+from ...compiled.jit import jit, jit_inline
+
+INDEX_MASK = 0x3FFFFFFF  # shows the compiler that an index is not negative, which spares a test for each access
+
+
+@jit_inline
+def weights(position, inverse_dx):
+    """Base index in the node array, offset in it, and the three quadratic B-spline weights of one axis."""
+    s = position * inverse_dx
+    base = int(s + 0.5) & INDEX_MASK  # to the letter as in the block keys, so that both round alike
+    f = s + 1.0 - base
+    return base, f, 0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2
+
+
+@jit_inline
+def bed_at(bed, x, y, inverse_dx):
+    """Bed elevation [m] and its gradient at (x, y) [m]: b = sum b_i N_i, grad b = sum b_i grad N_i."""
+    i0, fx, wx0, wx1, wx2 = weights(x, inverse_dx)
+    j0, fy, wy0, wy1, wy2 = weights(y, inverse_dx)
+    dx0, dx1, dx2 = fx - 1.5, 2.0 - 2.0 * fx, fx - 0.5
+    dy0, dy1, dy2 = fy - 1.5, 2.0 - 2.0 * fy, fy - 0.5
+    b00, b01, b02 = bed[j0, i0], bed[j0, i0 + 1], bed[j0, i0 + 2]
+    b10, b11, b12 = bed[j0 + 1, i0], bed[j0 + 1, i0 + 1], bed[j0 + 1, i0 + 2]
+    b20, b21, b22 = bed[j0 + 2, i0], bed[j0 + 2, i0 + 1], bed[j0 + 2, i0 + 2]
+    r0 = wx0 * b00 + wx1 * b01 + wx2 * b02
+    r1 = wx0 * b10 + wx1 * b11 + wx2 * b12
+    r2 = wx0 * b20 + wx1 * b21 + wx2 * b22
+    g0 = dx0 * b00 + dx1 * b01 + dx2 * b02
+    g1 = dx0 * b10 + dx1 * b11 + dx2 * b12
+    g2 = dx0 * b20 + dx1 * b21 + dx2 * b22
+    value = wy0 * r0 + wy1 * r1 + wy2 * r2
+    gradient_x = (wy0 * g0 + wy1 * g1 + wy2 * g2) * inverse_dx
+    gradient_y = (dy0 * r0 + dy1 * r1 + dy2 * r2) * inverse_dx
+    return value, gradient_x, gradient_y
+
+
+@jit
+def beds_at(bed, x, y, dx):
+    """`bed_at` for arrays of points: elevation, gradient east, gradient north."""
+    value, gradient_x, gradient_y = np.empty(x.size), np.empty(x.size), np.empty(x.size)
+    for p in range(x.size):
+        value[p], gradient_x[p], gradient_y[p] = bed_at(bed, x[p], y[p], 1.0 / dx)
+    return value, gradient_x, gradient_y
+
+
+@jit_inline
+def bending_at(bed, j, i, inverse_dx):
+    """Hessian (xx, xy, yy) [m-1] of the spline bed at node (j, i), as its nine coefficients give it."""
+    south, north = max(j - 1, 0), min(j + 1, bed.shape[0] - 1)
+    west, east = max(i - 1, 0), min(i + 1, bed.shape[1] - 1)
+    square = inverse_dx * inverse_dx
+    xx_south = bed[south, west] - 2.0 * bed[south, i] + bed[south, east]
+    xx_here = bed[j, west] - 2.0 * bed[j, i] + bed[j, east]
+    xx_north = bed[north, west] - 2.0 * bed[north, i] + bed[north, east]
+    yy_west = bed[south, west] - 2.0 * bed[j, west] + bed[north, west]
+    yy_here = bed[south, i] - 2.0 * bed[j, i] + bed[north, i]
+    yy_east = bed[south, east] - 2.0 * bed[j, east] + bed[north, east]
+    xy = 0.25 * (bed[north, east] - bed[north, west] - bed[south, east] + bed[south, west])
+    xx = 0.125 * (xx_south + xx_north) + 0.75 * xx_here
+    yy = 0.125 * (yy_west + yy_east) + 0.75 * yy_here
+    return xx * square, xy * square, yy * square
+
+
+@jit
+def node_gradients(bed, dx):
+    """float64[ny, nx, 2]: gradient of the spline bed at the nodes themselves (zero on the outermost ring)."""
+    gradient = np.zeros((bed.shape[0], bed.shape[1], 2))
+    for j in range(1, bed.shape[0] - 1):
+        for i in range(1, bed.shape[1] - 1):
+            _, gradient[j, i, 0], gradient[j, i, 1] = bed_at(bed, (i - 1) * dx, (j - 1) * dx, 1.0 / dx)
+    return gradient
