@@ -97,8 +97,16 @@ class Turn:
         _now.thread = None
 
 
+def plain_array(value):
+    """Return `value` with NumPy's array in place of one of the simulator, in records too."""
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return type(value)(*map(plain_array, value))
+    return getattr(value, "_ary", value)
+
+
 def run_in_turn(manager, block, *arguments):
     """Run the threads of a `block` one after the other, in the order in which the simulator would begin them."""
+    arguments = tuple(map(plain_array, arguments))
     places = kernel.np.ndindex(*manager._block_dim)  # tests replace it to change the order
     if _waits(manager._f):
         _run_with_turns(manager, block, places, arguments)
