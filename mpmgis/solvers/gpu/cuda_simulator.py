@@ -128,6 +128,18 @@ class Turn:
         _now.thread = None
 
 
+def plain_array(value: Any) -> Any:
+    """Return a value with NumPy's array in place of one of the simulator, in records too.
+
+    Parameters
+    ----------
+    value : array of the simulator, record of such arrays, or anything else
+    """
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return type(value)(*map(plain_array, value))
+    return getattr(value, "_ary", value)
+
+
 def run_in_turn(manager: kernel.BlockManager, block: tuple[int, ...], *arguments: Any) -> None:
     """Run the threads of a block one after the other, in the order in which the simulator would begin them.
 
@@ -139,6 +151,7 @@ def run_in_turn(manager: kernel.BlockManager, block: tuple[int, ...], *arguments
     *arguments
         Of the kernel.
     """
+    arguments = tuple(map(plain_array, arguments))
     places = kernel.np.ndindex(*manager._block_dim)  # tests replace it to change the order
     if _waits(manager._f):
         _run_with_turns(manager, block, places, arguments)

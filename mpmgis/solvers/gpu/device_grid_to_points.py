@@ -9,6 +9,7 @@ marks them for `rare_points.move_rare_points`, which computes their step from th
 
 from math import floor
 
+import numpy as np
 from numba import cuda, int32, uint32
 
 from ...laws.material import FAR as FAR_CODE
@@ -42,6 +43,7 @@ from .device_point_steps import (
     TORN,
     TURN2,
     WEST,
+    Domain,
     blocks_away,
     edges_of,
     enter_block,
@@ -52,6 +54,7 @@ from .device_point_steps import (
     only_turning,
     plastic_rate,
 )
+from .device_records import MotionLaws, PointMap, PointsInBlocks, RarePoints, Shared
 from .launch import ACTIVE, STATUS, WIDEST
 
 PITCH = ROW_LONG + 1  # numbers between two rows in shared memory; odd, so that threads read from different banks
@@ -60,7 +63,7 @@ UNSURE = 0.05  # [cells] by which heights above the ground in single precision m
 
 @Part
 def _widen(counts, row, column, tall):
-    """As `point_edges.widen_window`, in whole numbers."""
+    """Widen the window as `point_edges.widen_window`, in whole numbers."""
     counts[WEST], counts[EAST] = min(counts[WEST], int32(column)), max(counts[EAST], int32(column))
     counts[SOUTH], counts[NORTH] = min(counts[SOUTH], int32(row)), max(counts[NORTH], int32(row))
     counts[TALL] = max(counts[TALL], int32(tall))
@@ -68,7 +71,7 @@ def _widen(counts, row, column, tall):
 
 @Part
 def _surely_kept(x, y, z, column, row, level, edges, planes, domain):
-    """Whether the affine velocity of a point in a thin part of the flow is kept: it is near the ground."""
+    """Return whether the affine velocity of a point in a thin part of the flow is kept: it is near the ground."""
     west, south, east, north = edges
     if domain.wall and min(min(x - west, y - south), min(east - x, north - y)) <= JET + UNSURE:
         return False
@@ -83,7 +86,10 @@ def _surely_kept(x, y, z, column, row, level, edges, planes, domain):
 
 @Part
 def _stays_common(x, y, z, column, row, level, edges, planes, inside, wall):
-    """Whether a place after a step [cells of the block] is finite, in the domain, off walls and above the ground."""
+    """Return whether a place after a step is finite, in the domain, off walls and above the ground.
+
+    Places are in cells of the block.
+    """
     west, south, east, north = edges
     margin = real(INSIDE) if wall else real(0.0)
     if not (x >= west + margin and y >= south + margin and x < east - margin and y < north - margin and z * 0.0 == 0.0):
@@ -97,50 +103,50 @@ def _stays_common(x, y, z, column, row, level, edges, planes, inside, wall):
 
 @capped()
 def grid_to_points(
-    run,
-    scales,
-    rows,
-    keys,
-    order,
-    start,
-    blocks,
-    targets,
-    nodes,
-    planes,
-    lowest,
-    inside,
-    rare,
-    rare_blocks,
-    marks,
-    counts,
-    domain,
-    material,
-    softening,
-    transfer,
-):
+    run: np.ndarray,
+    scales: np.ndarray,
+    points: PointsInBlocks,
+    nodes: np.ndarray,
+    below: PointMap,
+    rare: RarePoints,
+    domain: Domain,
+    laws: MotionLaws,
+) -> None:
     """Interpolate the velocity field, move the points, strain them and compute the stress of the next step.
 
-    As `grid_to_points`, but for rare points, marked in `rare` uint8[points] in the order of blocks, whose
-    blocks are marked in `rare_blocks` uint8[blocks]. `marks` real[threads, RARE_MARKS] and `counts`
-    int32[threads, RARE_COUNTS] are the reports of the threads.
+    As `grid_to_points.grid_to_points`, but for rare points: they and their blocks are marked.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    scales : real[SCALES]
+    points : PointsInBlocks
+    nodes : real[touched, BLOCK_SIZE]
+    below : PointMap
+    rare : RarePoints
+        Is set.
+    domain : Domain
+    laws : MotionLaws
     """
+    rows, order, start, blocks, lowest = points.rows, points.order, points.start, points.blocks, below.lowest
     thread, threads = int32(cuda.threadIdx.x), int32(cuda.blockDim.x)
     own = uint32(int32(cuda.blockIdx.x) * threads + thread)
-    count = counts[own]
+    count = rare.counts[own]
     count[WEST] = count[SOUTH] = int32(1 << 30)
     count[EAST] = count[NORTH] = count[TALL] = int32(-1)
     count[TORN] = count[STAY] = int32(0)
     tile = cuda.shared.array(TILE_SIZE, real, alignment=16)
     here = cuda.shared.array((WIDEST, MARKS), real)
     lines = cuda.shared.array((WIDEST, PITCH), real)
+    shared = Shared(lines, tile, here)
     mine = here[uint32(thread)]
     width = uint32(rows.shape[1])
     mine[SHEAR] = mine[SPEED2] = mine[PLASTIC] = real(0.0)
     mine[STAY2] = real(-1.0)
     for a in range(int32(cuda.blockIdx.x), int32(0 if run[STATUS] != 0 else run[ACTIVE]), int32(cuda.gridDim.x)):
-        load_tile(tile, nodes, targets, a, thread, threads)
+        load_tile(tile, nodes, points.targets, a, thread, threads)
         if thread == 0:
-            rare_blocks[a] = 0
+            rare.blocks[a] = 0
             column, row, level = blocks[uint32(a), 0], blocks[uint32(a), 1], blocks[uint32(a), 2]
             _widen(count, row, column, level - lowest[row, column, 0] + lowest[row, column, 1])
         first = int32(start[uint32(a)])
@@ -152,23 +158,14 @@ def grid_to_points(
                     uint32(thread),
                     uint32(first + thread),
                     uint32(a),
-                    lines,
-                    tile,
-                    blocks,
+                    shared,
+                    points,
                     scales,
-                    keys,
-                    order,
-                    planes,
-                    lowest,
-                    inside,
+                    below,
                     rare,
-                    rare_blocks,
-                    here,
                     count,
                     domain,
-                    material,
-                    softening,
-                    transfer,
+                    laws,
                     width > uint32(S4),
                 )
             cuda.syncthreads()
@@ -176,7 +173,7 @@ def grid_to_points(
             first += threads
         cuda.syncthreads()
     for k in range(MARKS):
-        marks[own, k] = mine[k]
+        rare.marks[own, k] = mine[k]
 
 
 @Part
@@ -220,30 +217,16 @@ def _give_lines(lines, rows, order, first, end, thread, threads):
 
 
 @Part
-def _move(
-    t,
-    s,
-    a,
-    lines,
-    tile,
-    blocks,
-    scales,
-    keys,
-    order,
-    planes,
-    lowest,
-    inside,
-    rare,
-    rare_blocks,
-    here,
-    count,
-    domain,
-    material,
-    softening,
-    transfer,
-    longer,
-):
-    """The step of the point at place `s` of the order, whose row is line `t`, or its mark in `rare`."""
+def _move(t, s, a, shared, points, scales, below, rare, count, domain, laws, longer):
+    """Move the point at place `s` of the order, whose row is line `t`, or mark it in `rare`."""
+    lines, tile, here, blocks, planes, inside = (
+        shared.lines,
+        shared.tile,
+        shared.marks,
+        points.blocks,
+        below.planes,
+        below.inside,
+    )
     u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, lines[t, X], lines[t, Y], lines[t, Z])
     thin = near < scales[DENSE]
     here[t, SPEED2] = max(here[t, SPEED2], u * u + v * v + w * w)
@@ -251,7 +234,7 @@ def _move(
     if longer:
         s4, s5, s6, s7 = lines[t, S4], lines[t, S5], lines[t, S6], lines[t, S7]
     g = scales[GRADIENT]
-    n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, code = material.stress_step(
+    n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, code = laws.material.stress_step(
         lines[t, S0],
         lines[t, S1],
         lines[t, S2],
@@ -270,9 +253,9 @@ def _move(
         g * zy,
         g * zz,
         scales[STEP],
-        softening,
+        laws.softening,
     )
-    if transfer.only_turns():
+    if laws.transfer.only_turns():
         xx, yx, zx, xy, yy, zy, xz, yz, zz = only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz)
     affine2 = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
     here[t, SHEAR] = max(here[t, SHEAR], affine2 * scales[TURN2])
@@ -283,25 +266,24 @@ def _move(
     common = code != FAR_CODE and _stays_common(x1, y1, z1, column, row, level, edges, planes, inside, domain.wall)
     if common and thin and 4.0 * affine2 > scales[STILL2]:
         common = _surely_kept(x, y, z, column, row, level, edges, planes, domain)
-    rare[s] = 0 if common else 1
+    rare.marked[s] = 0 if common else 1
     if not common:
-        rare_blocks[a] = 1
+        rare.blocks[a] = 1
         return
     if code == TIP_CODE:
         count[TORN] += int32(1)
-    mass, p = lines[t, MASS], uint32(order[s])
+    mass, p = lines[t, MASS], uint32(points.order[s])
     if longer:
         here[t, PLASTIC] += mass * plastic_rate(txx, tyy, tzz, txy, txz, tyz) * (n6 - s6)
         lines[t, S4], lines[t, S5], lines[t, S6], lines[t, S7] = n4, n5, n6, n7
     keep_state(lines, t, n0, n1, n2, n3)
-    keep_affine(
-        lines, t, 4.0 * mass, scales[PUSH] * mass, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz
-    )
+    gradient, stress = (xx, yx, zx, xy, yy, zy, xz, yz, zz), (txx, tyy, tzz, txy, txz, tyz)
+    keep_affine(lines, t, 4.0 * mass, scales[PUSH] * mass, gradient, stress)
     lines[t, PX], lines[t, PY], lines[t, PZ] = mass * u, mass * v, mass * w
     bx, by, bz = blocks_away(x1, y1, z1)
     z1 = z1 - 4.0 * real(bz)
     if bx != 0 or by != 0 or bz != 0:
-        z1, tall = enter_block(p, column + bx, row + by, level + bz, z1, keys, lowest)
+        z1, tall = enter_block(p, column + bx, row + by, level + bz, z1, points.keys, below.lowest)
         _widen(count, row + by, column + bx, tall)
     lines[t, X], lines[t, Y], lines[t, Z] = x1 - 4.0 * real(bx), y1 - 4.0 * real(by), z1
     speed2 = u * u + v * v + w * w

@@ -1,5 +1,8 @@
 """Correction of the volumes of fluid points on the device (see `point_density`)."""
 
+from typing import NamedTuple
+
+import numpy as np
 from numba import cuda, int32
 
 from ..points import point_density
@@ -15,15 +18,16 @@ from ..points.point_density import (
     relaxation_time,
 )
 from ..points.point_ground import Ground
-from ..points.point_rows import BLOCK, NODE_MASS, TILE
+from ..points.point_rows import BLOCK, NODE_MASS, TILE, Settings
 from .device_functions import Part, capped, real, stand_in
 from .device_point_steps import stencil
+from .device_records import PointsInBlocks
 from .launch import ACTIVE, STATUS
 
 
 @Part
 def _interpolated(values, x, y, z):
-    """As `point_density.interpolated`, in loops, which need half of its registers."""
+    """Return the result of `point_density.interpolated`, in loops, which need half of its registers."""
     i, _, wx0, wx1, wx2 = stencil(x)
     j, _, wy0, wy1, wy2 = stencil(y)
     k, _, wz0, wz1, wz2 = stencil(z)
@@ -43,37 +47,49 @@ stand_in((point_density,), {"stencil": stencil, "interpolated": _interpolated})
 
 @capped()
 def correct_density(
-    run,
-    counts,
-    rows,
-    order,
-    start,
-    blocks,
-    targets,
-    nodes,
-    free,
-    ground_nodes,
-    folds,
-    exact,
-    yields,
-    barriers,
-    reports,
-    settings,
-    material,
-    barrier,
-):
-    """Set the rates of correction of all volumes in every EVERY-th step; a thread block per block of points."""
+    run: np.ndarray,
+    counts: np.ndarray,
+    points: PointsInBlocks,
+    nodes: np.ndarray,
+    free: np.ndarray,
+    ground: Ground,
+    yields: np.ndarray,
+    barriers: np.ndarray,
+    reports: np.ndarray,
+    settings: Settings,
+    material: NamedTuple,
+    barrier: NamedTuple,
+) -> None:
+    """Set the rates of correction of all volumes in every EVERY-th step, a thread block for each block of points.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    counts : int64[COUNTS]
+    points : PointsInBlocks
+    nodes : real[touched, BLOCK_SIZE]
+    free : uint8[touched]
+        1 for blocks whose nodes touch nothing.
+    ground : Ground
+    yields : real[2, rows, columns, YIELD_ENTRIES]
+    barriers : real[rows, columns, POINT_BARRIER_ENTRIES]
+    reports : real[threads, NODE_REPORT]
+    settings : Settings
+    material : material (`laws.material`)
+    barrier : law of barriers (`laws.barrier`)
+    """
     if run[STATUS] != 0 or counts[STEP] % EVERY != 0:
         return
+    start, blocks = points.start, points.blocks
     thread, threads, step = int32(cuda.threadIdx.x), int32(cuda.blockDim.x), counts[STEP] + 1
     masses = cuda.shared.array(TILE_NODES, real)
     parts = cuda.shared.array(TILE_NODES, real)  # on a line of its own, by which the simulator tells arrays apart
     after = yields[step % 2]
-    ground, barred, mine = Ground(ground_nodes, folds, exact), barrier.barrier_active(), reports[cuda.grid(1)]
+    barred, mine = barrier.barrier_active(), reports[cuda.grid(1)]
     time, full = relaxation_time(settings), full_mass(settings)
     for a in range(int32(cuda.blockIdx.x), int32(run[ACTIVE]), int32(cuda.gridDim.x)):
         for n in range(thread, TILE_NODES, threads):
-            t, node = node_of_tile(n, targets[a])
+            t, node = node_of_tile(n, points.targets[a])
             masses[n], parts[n] = nodes[t, 4 * node + NODE_MASS], real(1.0)
             if free[t] == 0:
                 i, j, k = place_in_tile(n)
@@ -82,8 +98,8 @@ def correct_density(
         cuda.syncthreads()
         for s in range(int32(start[a]) + thread, int32(start[a + 1]), threads):
             correct_point(
-                rows,
-                order[s],
+                points.rows,
+                points.order[s],
                 masses,
                 parts,
                 (False, False),

@@ -13,21 +13,24 @@ Arrays whose size depends on the flow grow when a step does not fit: nothing of 
 """
 
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numba import cuda
 
 from ...compiled.block_order import LEFT_MASS
 from ...laws.barrier import NoBarrier
+from ...laws.slots import PointEffects
 from ...system.errors import SceneError
 from ..points import point_clock as entry
 from ..points.bed_drag import BLOCK_COLUMNS, COLUMN_MASSES
+from ..points.grid_to_points import NO_WINDOW
 from ..points.point_barriers import BLOCK_FLOW
+from ..points.point_ground import Ground
 from ..points.point_layers import LAYER_ENTRIES
 from ..points.point_nodes import NODE_REPORT
+from ..points.point_records import ColumnSums, ContactLaws, PointPlaces, PointState, Site
 from ..points.point_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_TALL, BLOCK_WEST
-from ..points.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE
+from ..points.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE, Settings, Surface
 from . import (
     device_barriers,
     device_grid_to_points,
@@ -39,6 +42,7 @@ from . import (
     device_points_to_grid,
     rare_points,
 )
+from .device_records import MotionLaws, PointMap, PointsInBlocks, RarePoints, TouchedBlocks
 from .launch import (
     ACTIVE,
     AFTER,
@@ -55,6 +59,7 @@ from .launch import (
     STATUS,
     TOUCHED,
     UNTIL,
+    Launch,
     checked,
     default_launch,
 )
@@ -62,35 +67,7 @@ from .launch_graph import Repeated
 
 LAST_STEP = 1 << 24  # numbers of steps, kept with the yield of the ground, are exact in float32 up to here
 EXACT = 2.0**52  # whole numbers below it are exact in float64: sums of outflow pass between host and device unchanged
-COLUMNS = device_point_nodes.COLUMNS
-
-
-class PointState(NamedTuple):
-    """Arrays of a run that change, as in `point_loop.advance`; they belong to the host and keep their identity."""
-
-    rows: np.ndarray
-    ids: np.ndarray
-    keys: np.ndarray
-    clock: np.ndarray
-    counts: np.ndarray
-    ledger: np.ndarray
-    left_cells: np.ndarray
-    peaks: np.ndarray
-    yields: np.ndarray
-    barrier_sums: np.ndarray
-    face_yields: np.ndarray
-
-
-class PointPlaces(NamedTuple):
-    """Ground and map of a run, as in `point_loop.advance`."""
-
-    ground: NamedTuple  # `point_ground.Ground`
-    lowest: np.ndarray
-    inside: np.ndarray
-    zone_values: np.ndarray
-    watched: np.ndarray
-    barriers: np.ndarray
-    faces: np.ndarray
+LEAST_MASS = 1e-300  # [kg] keeps units of outflow off 0
 
 
 class DevicePoints:
@@ -100,14 +77,21 @@ class DevicePoints:
     ----------
     state : PointState
     places : PointPlaces
-    settings : solvers.points.point_rows.Settings
+    settings : Settings
     effects : PointEffects
         Material and softening in the precision of the rows.
     launch : Launch, optional
         Sizes of launches; by default those for a GPU, in the simulator small ones.
     """
 
-    def __init__(self, state, places, settings, effects, launch=None):
+    def __init__(
+        self,
+        state: PointState,
+        places: PointPlaces,
+        settings: Settings,
+        effects: PointEffects,
+        launch: Launch | None = None,
+    ) -> None:
         self._barred = effects.barrier.barrier_active() and len(state.barrier_sums) > 0
         if not self._barred:
             effects = effects._replace(barrier=NoBarrier())
@@ -127,11 +111,11 @@ class DevicePoints:
         self._grow()
 
     def _law(self, values):
-        """`values`, a law or settings, with its floats in the precision of the points."""
+        """Return `values`, a law or settings, with its floats in the precision of the points."""
         return type(values)(*(self._real(value) if isinstance(value, float) else value for value in values))
 
     def _to_device(self, values):
-        """An array of floats on the device, in the precision of the points."""
+        """Return an array of floats on the device, in the precision of the points."""
         return cuda.to_device(np.ascontiguousarray(values, self._real))
 
     def _upload(self, places):
@@ -147,7 +131,7 @@ class DevicePoints:
         self._names = cuda.device_array((n, 2), np.int64)
         ground = places.ground
         folds = cuda.to_device(np.ascontiguousarray(ground.folds))
-        self._ground = self._to_device(ground.nodes), folds, self._to_device(ground.exact)
+        self._ground = Ground(self._to_device(ground.nodes), folds, self._to_device(ground.exact))
         settings, nodes = self._settings, ground.nodes
         self._planes = cuda.to_device(device_point_steps.planes_of(nodes, settings.dx, self._real))
         self._domain = device_point_steps.Domain(settings.cells_x, settings.cells_y, settings.wall)
@@ -161,8 +145,10 @@ class DevicePoints:
         self._watched = cuda.to_device(np.ascontiguousarray(watched.astype(np.uint8)))
         arrays = places.barriers, places.faces, state.barrier_sums, state.face_yields
         self._barriers = device_barriers.DeviceBarriers(*arrays, self._real)
+        self._site = Site(*self._ground, self._zone_values, self._barriers.values)
         rows, columns = ground.nodes.shape[:2] if self._drags else (1, 1)
-        self._column_mass = self._to_device(np.zeros((rows, columns, COLUMN_MASSES)))
+        mass = self._to_device(np.zeros((rows, columns, COLUMN_MASSES)))
+        self._column_sums = ColumnSums(mass, self._barriers.flow)
         self._units = left_units(
             state.left_cells, state.clock[entry.TOTAL_MASS], places.inside.shape, self._settings.dx
         )
@@ -170,7 +156,7 @@ class DevicePoints:
         self._d_units = cuda.to_device(self._units)
 
     def _make_reports(self):
-        """Reports of all threads, and the arrays in which they are summed."""
+        """Make the reports of all threads, and the arrays in which they are summed."""
         threads = self._launch.workers * self._launch.width
         self._pieces = cuda.to_device(np.zeros((self._launch.scanners * self._launch.width, 2), np.int64))
         threads, *fewer = self._summed(threads)
@@ -179,13 +165,13 @@ class DevicePoints:
         self._marks = cuda.device_array((threads, device_point_steps.RARE_MARKS), self._real)
         self._mark_counts = cuda.device_array((threads, device_point_steps.RARE_COUNTS), np.int32)
         nothing = np.zeros(device_point_steps.POINT_REPORT)
-        nothing[[BLOCK_WEST, BLOCK_SOUTH]] = 1 << 40
+        nothing[[BLOCK_WEST, BLOCK_SOUTH]] = NO_WINDOW
         nothing[[BLOCK_EAST, BLOCK_NORTH, BLOCK_TALL, device_point_steps.STAY2_OF_ALL]] = -1.0
         self._point_sums = [cuda.to_device(np.tile(nothing, (n, 1))) for n in (threads, *fewer)]
 
     @staticmethod
     def _summed(rows):
-        """Numbers of rows of reports, from those of all threads to one."""
+        """Return the numbers of rows of reports, from those of all threads to one."""
         numbers = [rows]
         while numbers[-1] > 1:
             numbers.append(-(-numbers[-1] // device_point_reports.GROUP))
@@ -233,10 +219,32 @@ class DevicePoints:
         self._d_run.copy_to_device(run)
         self._steps.forget()
 
-    def advance(self, until, after=np.inf, max_steps=1 << 62):
-        """Advance to time `until` [s] or by `max_steps`; returns the reason to stop, as `point_loop.advance`.
+    def _touched_blocks(self):
+        """Return the record of the present arrays that kernels of nodes take."""
+        return TouchedBlocks(self._nodes, self._touched, self._slots, self._lowest)
+
+    def _points_in_blocks(self):
+        """Return the record of the present arrays that kernels of points take."""
+        return PointsInBlocks(self._rows, self._keys, self._order, self._start, self._blocks, self._targets)
+
+    def advance(self, until: float, after: float = np.inf, max_steps: int = 1 << 62) -> int:
+        """Advance to a time or by a number of steps, as `point_loop.advance`.
 
         `clock` and `counts` of the host state are current afterwards; the other arrays after `download`.
+
+        Parameters
+        ----------
+        until : float [s]
+            Time at which to stop.
+        after : float [s]
+            The next time that will be requested.
+        max_steps : int
+            Largest number of steps.
+
+        Returns
+        -------
+        reason : int
+            Why it stopped: one of the reasons of `point_clock`.
 
         Raises
         ------
@@ -272,7 +280,7 @@ class DevicePoints:
                 f"t = {self.state.clock[entry.TIME]:g} s; continue with --resume --device cpu"
             )
 
-    def download(self):
+    def download(self) -> None:
         """Copy all that changes into the arrays of the host state.
 
         Not `clock` and `counts`, which `advance` has copied: the host may have changed them since.
@@ -283,7 +291,7 @@ class DevicePoints:
             values[...] = getattr(self, f"_{name}").copy_to_host()
         state.left_cells[...] = self._left.copy_to_host() * self._units
         state.barrier_sums[...] = self._barriers.sums.copy_to_host()
-        state.face_yields[...] = self._barriers.face_yields.copy_to_host()
+        state.face_yields[...] = self._barriers.faces.yields.copy_to_host()
 
     def _all(self, kernel, *arguments):
         """Launch a kernel whose threads share the work."""
@@ -294,7 +302,7 @@ class DevicePoints:
         kernel.of(self._real)[self._launch.scanners, self._launch.width, self._steps.stream](*arguments)
 
     def _scan(self, values, points):
-        """Sums of `values` at the places of the window before each piece of it."""
+        """Sum `values` at the places of the window before each piece of it."""
         self._pieces_of(device_point_sort.sum_pieces, self._d_run, values, self._pieces)
         scanners = min(device_point_sort.SCANNERS, len(self._pieces))
         device_point_sort.scan_pieces.of(self._real)[1, scanners, self._steps.stream](self._d_run, self._pieces, points)
@@ -362,162 +370,79 @@ class DevicePoints:
         self._all(device_point_nodes.gather_nodes, run, self._tiles, self._sources, self._nodes)
         if self._drags:
             self._all(
-                device_point_nodes.weigh_contact, run, self._nodes, self._touched, *self._ground, self._masses, settings
+                device_point_nodes.weigh_contact, run, self._nodes, self._touched, self._ground, self._masses, settings
             )
-            self._spread(self._masses, self._column_mass)
+            self._spread(self._masses, self._column_sums.mass)
         if self._barriers.opens:
             self._all(device_barriers.weigh_flow, run, self._nodes, self._flows)
-            self._spread(self._flows, self._barriers.flow)
+            self._spread(self._flows, self._column_sums.flow)
         self._all(device_point_nodes.move_nodes, run, self._now, self._nodes, settings)
 
     def _spread(self, masses, columns):
         """Sum `masses` of blocks' node columns into `columns` of the ground."""
-        self._all(
-            device_point_nodes.spread_contact, self._d_run, masses, self._touched, self._slots, self._lowest, columns
-        )
+        self._all(device_point_nodes.spread_contact, self._d_run, masses, self._touched_blocks(), columns)
 
     def _contact(self):
-        """Ground, barriers, walls and layers; then peaks, and the length of the next step."""
-        run, now, settings, ground = self._d_run, self._now, self._node_settings, self._ground
-        laws = settings, self._effects.contact, self._effects.zones, self._effects.barrier
-        nodes, touched, slots, lowest = self._nodes, self._touched, self._slots, self._lowest
+        """Apply ground, barriers, walls and layers; then update peaks, and choose the length of the next step."""
+        run, now, counts, settings, ground = self._d_run, self._now, self._counts, self._node_settings, self._ground
+        effects, site, sums, blocks = self._effects, self._site, self._column_sums, self._touched_blocks()
+        laws = ContactLaws(effects.contact, effects.zones, effects.barrier)
+        nodes, touched, yields = self._nodes, self._touched, self._yields
         reports, free, barred = self._node_sums[0], self._free, self._barriers
-        places = *ground, self._zone_values, barred.values
+        faces, booked = barred.faces, barred.booked
         self._all(
             device_point_nodes.find_contacts,
             run,
             nodes,
             touched,
             free,
-            *ground,
+            ground,
             barred.values,
             reports,
             settings,
-            self._effects.barrier,
+            laws.barrier,
         )
         if self._drags:
-            self._all(
-                device_point_nodes.couple_layers,
-                run,
-                now,
-                nodes,
-                touched,
-                slots,
-                lowest,
-                *places,
-                self._column_mass,
-                self._layers,
-                reports,
-                *laws,
-            )
-        self._all(
-            device_point_nodes.press_on_ground,
-            run,
-            now,
-            self._counts,
-            nodes,
-            touched,
-            slots,
-            lowest,
-            free,
-            *places,
-            self._yields,
-            reports,
-            *laws,
-        )
-        if self._barred and len(barred.faces):
-            around, lines = (nodes, touched, slots, lowest, *ground), (barred.faces, barred.lines)
-            yields, step = (self._yields, barred.face_yields), (run, now, self._counts)
-            self._all(device_barriers.share_face_rows, run, nodes, touched, slots, lowest, *lines, settings)
-            self._all(device_barriers.weigh_face_rows, *step, *around, *lines, yields[1], settings)
-            self._all(device_barriers.weigh_face_columns, *step, *around, *lines, yields[0], settings)
-            self._all(device_barriers.settle_faces, run, now, *around, self._zone_values, *lines, *laws)
-            self._all(
-                device_barriers.book_faces,
-                run,
-                self._counts,
-                *around,
-                *lines,
-                *yields,
-                barred.booked,
-                reports,
-                settings,
-            )
+            kernel = device_point_nodes.couple_layers
+            self._all(kernel, run, now, blocks, site, sums.mass, self._layers, reports, settings, laws)
+        kernel = device_point_nodes.press_on_ground
+        self._all(kernel, run, now, counts, blocks, free, site, yields, reports, settings, laws)
+        if self._barred and len(faces.values):
+            self._all(device_barriers.share_face_rows, run, blocks, faces, settings)
+            self._all(device_barriers.weigh_face_rows, run, now, counts, blocks, site, faces, settings)
+            self._all(device_barriers.weigh_face_columns, run, now, counts, blocks, site, faces, yields, settings)
+            self._all(device_barriers.settle_faces, run, now, blocks, site, faces, settings, laws)
+            self._all(device_barriers.book_faces, run, counts, blocks, site, faces, yields, booked, reports, settings)
         if self._barred:
-            self._all(
-                device_barriers.press_on_crests,
-                run,
-                barred.columns,
-                nodes,
-                touched,
-                slots,
-                lowest,
-                barred.values,
-                barred.booked,
-                reports,
-                settings,
-                self._effects.barrier,
-            )
-        self._all(
-            device_point_nodes.hold_nodes,
-            run,
-            now,
-            nodes,
-            touched,
-            free,
-            *places,
-            self._column_mass,
-            barred.flow,
-            barred.booked,
-            reports,
-            *laws,
-        )
+            kernel = device_barriers.press_on_crests
+            self._all(kernel, run, barred.columns, blocks, barred.values, booked, reports, settings, laws.barrier)
+        self._all(device_point_nodes.hold_nodes, run, now, blocks, free, site, sums, booked, reports, settings, laws)
         if self._barred:
-            self._all(
-                device_barriers.hold_at_barriers,
-                run,
-                now,
-                barred.columns,
-                nodes,
-                touched,
-                slots,
-                lowest,
-                *places,
-                self._column_mass,
-                barred.flow,
-                barred.booked,
-                reports,
-                *laws,
-            )
-        self._all(device_point_nodes.finish_nodes, run, nodes, touched, free, *ground, reports, settings)
-        if self._effects.material.follows_density():
+            kernel = device_barriers.hold_at_barriers
+            self._all(kernel, run, now, barred.columns, blocks, site, sums, booked, reports, settings, laws)
+        self._all(device_point_nodes.finish_nodes, run, nodes, touched, free, ground, reports, settings)
+        if effects.material.follows_density():
             self._all(
                 device_point_density.correct_density,
                 run,
-                self._counts,
-                self._rows,
-                self._order,
-                self._start,
-                self._blocks,
-                self._targets,
+                counts,
+                self._points_in_blocks(),
                 nodes,
                 free,
-                *ground,
-                self._yields,
+                ground,
+                yields,
                 barred.values,
                 reports,
                 settings,
-                self._effects.material,
-                self._effects.barrier,
+                effects.material,
+                laws.barrier,
             )
         if self._drags:
-            self._all(device_point_nodes.clear_contact, run, touched, self._column_mass)
+            self._all(device_point_nodes.clear_contact, run, touched, sums.mass)
         if barred.opens:
-            self._all(device_point_nodes.clear_contact, run, touched, barred.flow)
+            self._all(device_point_nodes.clear_contact, run, touched, sums.flow)
         if settings.keep_peaks:
-            self._all(
-                device_point_nodes.note_peaks, run, now, nodes, touched, slots, lowest, ground[0], self._peaks, settings
-            )
+            self._all(device_point_nodes.note_peaks, run, now, blocks, ground.nodes, self._peaks, settings)
         self._add_up(device_point_reports.sum_node_reports, self._node_sums)
         if self._barred:
             self._all(device_barriers.sum_booked, run, barred.booked, barred.start, barred.report)
@@ -535,54 +460,38 @@ class DevicePoints:
 
     def _move_points(self):
         run, stage, settings, effects = self._d_run, self._d_stage, self._settings, self._effects
-        laws = effects.material, effects.softening, effects.transfer
-        blocks = self._order, self._start, self._blocks
-        around = *blocks, self._targets, self._nodes
-        rare = self._rare, self._rare_blocks, self._marks, self._mark_counts
-        self._all(
-            device_grid_to_points.grid_to_points,
-            run,
-            self._scales,
-            self._rows,
-            self._keys,
-            *around,
-            self._planes,
-            self._lowest,
-            self._inside,
-            *rare,
-            self._domain,
-            *laws,
-        )
+        laws = MotionLaws(effects.material, effects.softening, effects.transfer)
+        points, ground, nodes, domain = self._points_in_blocks(), self._ground.nodes, self._nodes, self._domain
+        below = PointMap(self._planes, self._lowest, self._inside)
+        surface = Surface(ground, self._lowest, self._inside)
+        rare, reports = RarePoints(self._rare, self._rare_blocks, self._marks, self._mark_counts), self._point_sums[0]
+        self._all(device_grid_to_points.grid_to_points, run, self._scales, points, nodes, below, rare, domain, laws)
         self._all(
             rare_points.move_rare_points,
             run,
             self._scales,
-            self._rows,
-            *around,
-            self._ground[0],
-            *rare,
-            self._domain,
+            points,
+            nodes,
+            ground,
+            rare,
+            domain,
             self._node_settings,
-            *laws,
+            laws,
         )
-        self._all(rare_points.begin_reports, run, *rare[2:], self._point_sums[0], settings)
+        self._all(rare_points.begin_reports, run, rare.marks, rare.counts, reports, settings)
         self._all(
             rare_points.settle_rare_points,
             run,
-            self._rows,
-            self._keys,
-            *blocks,
-            self._ground[0],
-            self._lowest,
-            self._inside,
+            points,
+            surface,
             self._left,
             self._d_units,
-            *rare[:2],
-            self._point_sums[0],
-            self._domain,
+            rare,
+            reports,
+            domain,
             settings,
         )
-        if self._barred and len(self._barriers.faces):
+        if self._barred and len(self._barriers.faces.values):
             self._all(
                 device_barriers.keep_before_faces,
                 run,
@@ -591,9 +500,9 @@ class DevicePoints:
                 self._keys,
                 self._lowest,
                 self._inside,
-                self._barriers.faces,
+                self._barriers.faces.values,
                 self._barriers.values,
-                self._point_sums[0],
+                reports,
                 self._node_settings,
             )
         self._add_up(device_point_reports.sum_point_reports, self._point_sums)
@@ -617,11 +526,24 @@ class DevicePoints:
             kernel.of(self._real)[few.shape[0], few.shape[1], self._steps.stream](self._d_run, many, few)
 
 
-def left_units(left_cells, mass, cells, dx):
-    """float64[LEFT_ENTRIES]: units [kg, kg m, kg m], powers of two, in which outflow is summed in whole numbers.
+def left_units(left_cells: np.ndarray, mass: float, cells: tuple[int, int], dx: float) -> np.ndarray:
+    """Compute the units in which outflow is summed in whole numbers: sums of twice the mass stay exact in float64.
 
-    Sums of twice the `mass` [kg] of a run on a domain of `cells` [ny, nx] of `dx` [m] stay exact in float64.
+    Parameters
+    ----------
+    left_cells : float64[WAYS, blocks, blocks, LEFT_ENTRIES]
+        What has left so far.
+    mass : float [kg]
+        Of the run.
+    cells : (ny, nx)
+        Of the domain.
+    dx : float [m]
+
+    Returns
+    -------
+    units : float64[LEFT_ENTRIES] [kg, kg m, kg m]
+        Powers of two.
     """
     ny, nx = cells
-    most = 2.0 * max(float(mass), float(left_cells[..., LEFT_MASS].sum()), 1e-300)
+    most = 2.0 * max(float(mass), float(left_cells[..., LEFT_MASS].sum()), LEAST_MASS)
     return np.array([2.0 ** np.ceil(np.log2(most * length / EXACT)) for length in (1.0, nx * dx, ny * dx)])

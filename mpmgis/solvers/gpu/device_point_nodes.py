@@ -4,6 +4,9 @@ What happens to a node, a node column or a block of nodes is the code of the CPU
 this module has the loops over them. Each thread has a report of its own, that of `point_nodes`.
 """
 
+from typing import NamedTuple
+
+import numpy as np
 from numba import cuda, int32
 
 from ..points.bed_drag import COLUMN_MASSES, TOUCHING, WHOLE, column_contact
@@ -23,6 +26,7 @@ from ..points.point_nodes import (
     stop_at_walls,
 )
 from ..points.point_peaks import COLUMN_SUMS, is_lowest, note_column_peaks
+from ..points.point_records import ColumnSums, ContactLaws, Site
 from ..points.point_rows import (
     BLOCK,
     BLOCK_SIZE,
@@ -35,8 +39,10 @@ from ..points.point_rows import (
     TILE_ROW,
     BlockWindow,
     NodeBlocks,
+    Settings,
 )
 from .device_functions import REGISTERS, Kernel, Part, capped, real
+from .device_records import TouchedBlocks
 from .launch import DEPTH, DT, END, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
 NODES = BLOCK * BLOCK * BLOCK
@@ -44,14 +50,42 @@ COLUMNS = BLOCK * BLOCK
 
 
 @Part
-def window_now(run, slots, lowest):
-    """The window of blocks of this step."""
-    return BlockWindow(slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], lowest)
+def nodes_now(run: np.ndarray, blocks: TouchedBlocks) -> NodeBlocks:
+    """Return the touched blocks of nodes of this step.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    blocks : TouchedBlocks
+    """
+    return NodeBlocks(blocks.nodes, blocks.touched, run[TOUCHED])
+
+
+@Part
+def window_now(run: np.ndarray, blocks: TouchedBlocks) -> BlockWindow:
+    """Return the window of blocks of this step.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    blocks : TouchedBlocks
+    """
+    return BlockWindow(blocks.slots, run[WEST_NOW], run[SOUTH_NOW], run[WIDTH], run[HEIGHT], run[DEPTH], blocks.lowest)
 
 
 @Kernel
-def gather_nodes(run, tiles, sources, nodes):
-    """Sum the up to eight tiles that overlap a node, always in the same order."""
+def gather_nodes(run: np.ndarray, tiles: np.ndarray, sources: np.ndarray, nodes: np.ndarray) -> None:
+    """Sum the up to eight tiles that overlap a node, always in the same order.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    tiles : real[active, TILE_SIZE]
+    sources : int32[touched, 8]
+        Active blocks whose tiles overlap each touched block, -1 for none.
+    nodes : real[touched, BLOCK_SIZE]
+        Is set.
+    """
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), NODES * run[TOUCHED], cuda.gridsize(1)):
@@ -71,11 +105,23 @@ def gather_nodes(run, tiles, sources, nodes):
 
 
 @Kernel
-def weigh_contact(run, nodes, touched, ground_nodes, folds, exact, masses, settings):
-    """Masses [kg] in each block's node columns, into `masses` real[blocks, BLOCK_COLUMNS]."""
+def weigh_contact(
+    run: np.ndarray, nodes: np.ndarray, touched: np.ndarray, ground: Ground, masses: np.ndarray, settings: Settings
+) -> None:
+    """Compute the masses in each block's node columns.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    nodes : real[touched, BLOCK_SIZE]
+    touched : int32[touched, 3]
+    ground : Ground
+    masses : real[touched, BLOCK_COLUMNS] [kg]
+        Is set.
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
-    ground = Ground(ground_nodes, folds, exact)
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
         t, column = e // COLUMNS, e % COLUMNS
         touching, whole = column_contact(
@@ -86,10 +132,20 @@ def weigh_contact(run, nodes, touched, ground_nodes, folds, exact, masses, setti
 
 
 @Kernel
-def spread_contact(run, masses, touched, slots, lowest, columns):
-    """Sum the blocks' `masses` from the lowest upwards into `columns` real[rows, columns, entries] of the ground."""
+def spread_contact(run: np.ndarray, masses: np.ndarray, blocks: TouchedBlocks, columns: np.ndarray) -> None:
+    """Sum the blocks' masses, from the lowest block upwards, into those of all node columns.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    masses : real[touched, BLOCK * BLOCK * entries]
+    blocks : TouchedBlocks
+    columns : real[rows, columns, entries]
+        Is set at node columns of touched blocks.
+    """
     if run[STATUS] != 0:
         return
+    touched, slots, lowest = blocks.touched, blocks.slots, blocks.lowest
     width, depth, entries = run[WIDTH], run[DEPTH], columns.shape[2]
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
         t, column = e // COLUMNS, e % COLUMNS
@@ -109,8 +165,15 @@ def spread_contact(run, masses, touched, slots, lowest, columns):
 
 
 @Kernel
-def clear_contact(run, touched, columns):
-    """Set `columns` to 0 again where `spread_contact` has been."""
+def clear_contact(run: np.ndarray, touched: np.ndarray, columns: np.ndarray) -> None:
+    """Set the sums of node columns to 0 again where `spread_contact` has set them.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    touched : int32[touched, 3]
+    columns : real[rows, columns, entries]
+    """
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
@@ -122,8 +185,17 @@ def clear_contact(run, touched, columns):
 
 
 @Kernel
-def move_nodes(run, now, nodes, settings):
-    """Velocities at all nodes after gravity."""
+def move_nodes(run: np.ndarray, now: np.ndarray, nodes: np.ndarray, settings: Settings) -> None:
+    """Compute the velocities at all nodes after gravity.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    now : real[NOW_ENTRIES] [s]
+    nodes : real[touched, BLOCK_SIZE]
+        Is changed from momentum to velocity.
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
     fall = now[DT] * settings.gravity
@@ -137,14 +209,38 @@ def move_nodes(run, now, nodes, settings):
 
 
 @Kernel
-def find_contacts(run, nodes, touched, free, ground_nodes, folds, exact, barriers, reports, settings, barrier):
-    """Walls before the ground, and which blocks touch nothing (`free`); all reports begin here."""
+def find_contacts(
+    run: np.ndarray,
+    nodes: np.ndarray,
+    touched: np.ndarray,
+    free: np.ndarray,
+    ground: Ground,
+    barriers: np.ndarray,
+    reports: np.ndarray,
+    settings: Settings,
+    barrier: NamedTuple,
+) -> None:
+    """Apply the walls that act before the ground, and find the blocks that touch nothing; all reports begin here.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    nodes : real[touched, BLOCK_SIZE]
+    touched : int32[touched, 3]
+    free : uint8[touched]
+        Is set: 1 for blocks that touch nothing.
+    ground : Ground
+    barriers : real[rows, columns, POINT_BARRIER_ENTRIES]
+    reports : real[threads, NODE_REPORT]
+        Is set.
+    settings : Settings
+    barrier : law of barriers (`laws.barrier`)
+    """
     mine = reports[cuda.grid(1)]
     for k in range(NODE_REPORT):
         mine[k] = 0.0
     if run[STATUS] != 0:
         return
-    ground = Ground(ground_nodes, folds, exact)
     nx, ny = settings.cells_x, settings.cells_y
     for t in range(cuda.grid(1), run[TOUCHED], cuda.gridsize(1)):
         row, column = touched[t, 0], touched[t, 1]
@@ -161,82 +257,75 @@ def find_contacts(run, nodes, touched, free, ground_nodes, folds, exact, barrier
 
 @Kernel
 def couple_layers(
-    run,
-    now,
-    nodes,
-    touched,
-    slots,
-    lowest,
-    ground_nodes,
-    folds,
-    exact,
-    zone_values,
-    barriers,
-    column_mass,
-    layers,
-    reports,
-    settings,
-    contact,
-    zones,
-    barrier,
-):
-    """Voellmy's drag and links between layers; `layers` real[threads, levels, LAYER_ENTRIES] are work arrays."""
+    run: np.ndarray,
+    now: np.ndarray,
+    blocks: TouchedBlocks,
+    site: Site,
+    column_mass: np.ndarray,
+    layers: np.ndarray,
+    reports: np.ndarray,
+    settings: Settings,
+    laws: ContactLaws,
+) -> None:
+    """Apply Voellmy's drag and the links between layers.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    now : real[NOW_ENTRIES] [s]
+    blocks : TouchedBlocks
+    site : Site
+    column_mass : real[rows, columns, COLUMN_MASSES] [kg]
+    layers : real[threads, levels, LAYER_ENTRIES]
+        Work arrays.
+    reports : real[threads, NODE_REPORT]
+    settings : Settings
+    laws : ContactLaws
+    """
     if run[STATUS] != 0:
         return
-    grid = NodeBlocks(nodes, touched, run[TOUCHED])
-    ground = Ground(ground_nodes, folds, exact)
-    window = window_now(run, slots, lowest)
+    grid, window = nodes_now(run, blocks), window_now(run, blocks)
     c = cuda.grid(1)
     if c >= layers.shape[0]:
         return
     for e in range(c, COLUMNS * run[TOUCHED], min(layers.shape[0], cuda.gridsize(1))):
         couple_column(
-            e // COLUMNS,
-            e % COLUMNS,
-            grid,
-            window,
-            ground,
-            zone_values,
-            barriers,
-            column_mass,
-            layers[c],
-            reports[c],
-            now[DT],
-            settings,
-            contact,
-            zones,
-            barrier,
+            e // COLUMNS, e % COLUMNS, grid, window, site, column_mass, layers[c], reports[c], now[DT], settings, laws
         )
 
 
 @capped(double=152)
 def press_on_ground(
-    run,
-    now,
-    counts,
-    nodes,
-    touched,
-    slots,
-    lowest,
-    free,
-    ground_nodes,
-    folds,
-    exact,
-    zone_values,
-    barriers,
-    yields,
-    reports,
-    settings,
-    contact,
-    zones,
-    barrier,
-):
-    """Contact with smooth ground, one multiplier for each node column (see `point_contact`)."""
+    run: np.ndarray,
+    now: np.ndarray,
+    counts: np.ndarray,
+    blocks: TouchedBlocks,
+    free: np.ndarray,
+    site: Site,
+    yields: np.ndarray,
+    reports: np.ndarray,
+    settings: Settings,
+    laws: ContactLaws,
+) -> None:
+    """Apply the contact with smooth ground, one multiplier for each node column (see `point_contact`).
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    now : real[NOW_ENTRIES] [s]
+    counts : int64[COUNTS]
+    blocks : TouchedBlocks
+    free : uint8[touched]
+        1 for blocks that touch nothing.
+    site : Site
+    yields : real[2, rows, columns, YIELD_ENTRIES]
+    reports : real[threads, NODE_REPORT]
+    settings : Settings
+    laws : ContactLaws
+    """
     if run[STATUS] != 0:
         return
-    grid = NodeBlocks(nodes, touched, run[TOUCHED])
-    ground = Ground(ground_nodes, folds, exact)
-    window = window_now(run, slots, lowest)
+    grid, window = nodes_now(run, blocks), window_now(run, blocks)
     for e in range(int32(cuda.grid(1)), int32(COLUMNS * run[TOUCHED]), int32(cuda.gridsize(1))):
         t = e // COLUMNS
         if free[t] == 0:
@@ -245,56 +334,59 @@ def press_on_ground(
                 e % COLUMNS,
                 grid,
                 window,
-                ground,
-                zone_values,
-                barriers,
+                site,
                 yields,
                 counts[STEP] + 1,
                 reports[cuda.grid(1)],
                 now[DT],
                 settings,
-                contact,
-                zones,
-                barrier,
+                laws,
             )
 
 
 @Part
 def _stands_on(barriers, touched, t, column):
-    """Whether a barrier stands on node `column` (0 to 15) of touched block `t`."""
+    """Return whether a barrier stands on node `column` (0 to 15) of touched block `t`."""
     j, i = touched[t, 0] * BLOCK + column // BLOCK, touched[t, 1] * BLOCK + column % BLOCK
     return barriers[min(j, barriers.shape[0] - 1), min(i, barriers.shape[1] - 1), BARRIER] > 0.0
 
 
 @capped(double=REGISTERS)
 def hold_nodes(
-    run,
-    now,
-    nodes,
-    touched,
-    free,
-    ground_nodes,
-    folds,
-    exact,
-    zone_values,
-    barriers,
-    column_mass,
-    flow,
-    booked,
-    reports,
-    settings,
-    contact,
-    zones,
-    barrier,
-):
-    """Contact node by node on folds and deep under the ground, in each column of blocks that are not `free`.
+    run: np.ndarray,
+    now: np.ndarray,
+    blocks: TouchedBlocks,
+    free: np.ndarray,
+    site: Site,
+    sums: ColumnSums,
+    booked: np.ndarray,
+    reports: np.ndarray,
+    settings: Settings,
+    laws: ContactLaws,
+) -> None:
+    """Apply the contact node by node on folds and deep under the ground, in each column of blocks that are not `free`.
 
-    Node columns that barriers stand on are those of `point_barriers.hold_at_barriers`.
+    Node columns that barriers stand on are those of `device_barriers.hold_at_barriers`.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    now : real[NOW_ENTRIES] [s]
+    blocks : TouchedBlocks
+    free : uint8[touched]
+        1 for blocks that touch nothing.
+    site : Site
+    sums : ColumnSums
+    booked : real[rows of loads, POINT_BARRIER_SUMS]
+        Is not changed here.
+    reports : real[threads, NODE_REPORT]
+    settings : Settings
+    laws : ContactLaws
     """
     if run[STATUS] != 0:
         return
-    grid = NodeBlocks(nodes, touched, run[TOUCHED])
-    ground = Ground(ground_nodes, folds, exact)
+    grid, touched = nodes_now(run, blocks), blocks.touched
+    barrier, barriers = laws.barrier, site.barriers
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
         t, column = e // COLUMNS, e % COLUMNS
         if free[t] == 0 and not (barrier.barrier_active() and _stands_on(barriers, touched, t, column)):
@@ -303,27 +395,41 @@ def hold_nodes(
                 column // BLOCK,
                 column % BLOCK,
                 grid,
-                ground,
-                zone_values,
-                barriers,
-                column_mass,
-                flow,
+                site,
+                sums,
                 reports[cuda.grid(1)],
                 booked,
                 now[DT],
                 settings,
-                contact,
-                zones,
-                barrier,
+                laws,
             )
 
 
 @Kernel
-def finish_nodes(run, nodes, touched, free, ground_nodes, folds, exact, reports, settings):
-    """Walls once more, and the largest speed of blocks that are not `free`."""
+def finish_nodes(
+    run: np.ndarray,
+    nodes: np.ndarray,
+    touched: np.ndarray,
+    free: np.ndarray,
+    ground: Ground,
+    reports: np.ndarray,
+    settings: Settings,
+) -> None:
+    """Apply the walls once more, and report the largest speed of blocks that are not `free`.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    nodes : real[touched, BLOCK_SIZE]
+    touched : int32[touched, 3]
+    free : uint8[touched]
+        1 for blocks that touch nothing.
+    ground : Ground
+    reports : real[threads, NODE_REPORT]
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
-    ground = Ground(ground_nodes, folds, exact)
     nx, ny = settings.cells_x, settings.cells_y
     mine = reports[cuda.grid(1)]
     for t in range(cuda.grid(1), run[TOUCHED], cuda.gridsize(1)):
@@ -334,12 +440,30 @@ def finish_nodes(run, nodes, touched, free, ground_nodes, folds, exact, reports,
 
 
 @Kernel
-def note_peaks(run, now, nodes, touched, slots, lowest, ground_nodes, peaks, settings):
-    """Running peaks over the node columns (see `point_peaks`), a thread for each."""
+def note_peaks(
+    run: np.ndarray,
+    now: np.ndarray,
+    blocks: TouchedBlocks,
+    ground_nodes: np.ndarray,
+    peaks: np.ndarray,
+    settings: Settings,
+) -> None:
+    """Update the running peaks over the node columns (see `point_peaks`), a thread for each.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    now : real[NOW_ENTRIES] [s]
+    blocks : TouchedBlocks
+    ground_nodes : real[rows, columns, GROUND_ENTRIES]
+    peaks : real[rows, columns, entries]
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
+    nodes, touched, slots, lowest = blocks
     depth, nx, ny = run[DEPTH], settings.cells_x, settings.cells_y
-    window = window_now(run, slots, lowest)
+    window = window_now(run, blocks)
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
         t, own = e // COLUMNS, e % COLUMNS
         row, column = touched[t, 0], touched[t, 1]

@@ -95,31 +95,9 @@ class DevicePointSolver(PointSolver):
     def _on_device(self):
         """Make the DevicePoints of the present arrays."""
         from . import device_laws  # noqa: F401  (kernels call methods of laws)
-        from .device_point_loop import DevicePoints, PointPlaces, PointState
+        from .device_point_loop import DevicePoints
 
-        state = PointState(
-            self._rows,
-            self._ids,
-            self._keys,
-            self._clock,
-            self._counts,
-            self._ledger,
-            self._left,
-            self._peaks,
-            self._yields,
-            self._barrier_sums,
-            self._face_yields,
-        )
-        places = PointPlaces(
-            self._known_ground,
-            self._lowest,
-            self.grid.inside,
-            self._zone_values,
-            self._watched,
-            self._barriers,
-            self._faces,
-        )
-        return DevicePoints(state, places, self._settings, self._effects)
+        return DevicePoints(self._kernel_state(), self._kernel_places(), self._settings, self._effects)
 
     def _give_impulses(self):
         self._forget()

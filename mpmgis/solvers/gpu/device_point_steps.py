@@ -16,24 +16,48 @@ from ..points.point_ground import GROUND_DEEP, GROUND_HEIGHT, GROUND_SLOPE_X, GR
 from ..points.point_rows import AXX, AXY, AXZ, BLOCK, GHOSTS, LAST_BASE, S0, S1, S2, S3, TILE, TILE_SIZE
 from .device_functions import Part, real
 
-# numbers of a step in the precision of the points: cells per speed, (cells per speed and radius) for a velocity and its
-# square, momentum per stress, length [s], and mass [kg] and squared speed of `point_edges.limit_thin`
-SHIFT, GRADIENT, TURN2, PUSH, STEP, DENSE, STILL2, SCALES = range(8)
-# ground of a node column: height, slopes, height below which a point is checked; heights in cells from the first ghost
-PLANE, SLOPE_X, SLOPE_Y, DEEP, PLANE_ENTRIES = range(5)
-# float entries of a thread's report of moved points: largest squares, the largest of a common point that stays, plastic
-# work; and of rare points, energy of the limit
-SHEAR, SPEED2, STAY2, PLASTIC, MARKS = range(5)
-LIMITED_ENERGY, RARE_MARKS = MARKS, MARKS + 1
-# int32 entries: window of blocks, points at the tip of the yield surface, index of the fastest common point that stays;
-# and numbers of rare points: strained beyond the series, held there, limited, held at walls
-WEST, SOUTH, EAST, NORTH, TALL, TORN, STAY, FAR, HELD, LIMITED, WALLED, RARE_COUNTS = range(12)
-# a report of settled points has in addition to the entries of a report: the largest squared speed of a point that
-# stays, and its index
-STAY2_OF_ALL, STAY_POINT = entry.REPORT, entry.REPORT + 1
+# numbers of a step, in the precision of the points
+SHIFT = 0  # [cells s m-1] motion per velocity
+GRADIENT = 1  # [1] gradient of the displacement per first moment of the velocity
+TURN2 = 2  # [s-2] squared gradient of the velocity per squared moment
+PUSH = 3  # [m2 s-1 kg-1 ...] affine momentum per stress and mass
+STEP = 4  # [s] its length
+DENSE = 5  # [kg] mass of the nodes around a point below which `point_edges.limit_thin` may act
+STILL2 = 6  # [m2 s-2] squared affine velocity above which it may act
+SCALES = 7
+# ground of a node column, heights in cells from the first ghost
+PLANE = 0  # [cells] height
+SLOPE_X = 1
+SLOPE_Y = 2
+DEEP = 3  # [cells] height below which a point is checked
+PLANE_ENTRIES = 4
+# float entries of a thread's report of moved points
+SHEAR = 0  # [s-2] largest squared gradient of the velocity
+SPEED2 = 1  # [m2 s-2] largest squared speed
+STAY2 = 2  # [m2 s-2] largest squared speed of a common point that stays
+PLASTIC = 3  # [J kg m-3] plastic work times the density
+MARKS = 4  # entries of common points
+LIMITED_ENERGY = 4  # [J] of rare points: energy that the limit of the affine velocity removed
+RARE_MARKS = 5
+# int32 entries of it
+WEST = 0  # window of blocks
+SOUTH = 1
+EAST = 2
+NORTH = 3
+TALL = 4
+TORN = 5  # points at the tip of the yield surface
+STAY = 6  # index of the fastest common point that stays
+FAR = 7  # rare points whose strain exceeds the range of the series
+HELD = 8  # of these, points whose stretch was limited
+LIMITED = 9  # rare points whose affine velocity was limited
+WALLED = 10  # rare points held at walls
+RARE_COUNTS = 11
+# entries that a report of settled points has in addition to those of `point_report`
+STAY2_OF_ALL = entry.REPORT  # [m2 s-2] largest squared speed of a point that stays
+STAY_POINT = entry.REPORT + 1  # index of that point
 POINT_REPORT = entry.REPORT + 2
 LANES = 8  # threads that copy a row
-LAYER, ROW = 4 * TILE * TILE, 4 * TILE
+LAYER, ROW = 4 * TILE * TILE, 4 * TILE  # numbers of a layer and of a row of a tile
 THIRD = 1.0 / 3.0
 
 
@@ -45,8 +69,20 @@ class Domain(NamedTuple):
     wall: bool
 
 
-def planes_of(ground, dx, real):
-    """real[rows, columns, PLANE_ENTRIES] of the `ground` float64[rows, columns, GROUND_ENTRIES]; DEEP is rounded up."""
+def planes_of(ground: np.ndarray, dx: float, real: type) -> np.ndarray:
+    """Return the ground in short, in the precision of the points.
+
+    Parameters
+    ----------
+    ground : float64[rows, columns, GROUND_ENTRIES]
+    dx : float [m]
+    real : np.float32 or np.float64
+
+    Returns
+    -------
+    planes : real[rows, columns, PLANE_ENTRIES]
+        DEEP is rounded up.
+    """
     planes = np.empty((*ground.shape[:2], PLANE_ENTRIES), real)
     planes[..., PLANE] = ground[..., GROUND_HEIGHT] / dx + GHOSTS
     planes[..., SLOPE_X], planes[..., SLOPE_Y] = ground[..., GROUND_SLOPE_X], ground[..., GROUND_SLOPE_Y]
@@ -56,16 +92,28 @@ def planes_of(ground, dx, real):
 
 
 @Part
-def stencil(place):
-    """As `point_rows.stencil`, with the index of the first node too."""
+def stencil(place: float) -> tuple[int, float, float, float, float]:
+    """Return first node, offset from it and weights of the spline as `point_rows.stencil`, the node as an index.
+
+    Parameters
+    ----------
+    place : real [cells]
+        In the block, along an axis.
+    """
     base = min(max(real(floor(place - 0.5)), 0.0), LAST_BASE)
     f = place - base
     return uint32(base), f, 0.5 * (1.5 - f) * (1.5 - f), 0.75 - (f - 1.0) * (f - 1.0), 0.5 * (f - 0.5) * (f - 0.5)
 
 
 @Part
-def cell_of(x, y, z):
-    """Cell of a place in its block, from 0 to BLOCK^3 - 1: that of the first of the nodes around it."""
+def cell_of(x: float, y: float, z: float) -> int:
+    """Return the cell of a place in its block, from 0 to BLOCK^3 - 1: that of the first of the nodes around it.
+
+    Parameters
+    ----------
+    x, y, z : real [cells]
+        Place in the block.
+    """
     i = uint32(min(max(real(floor(x - 0.5)), 0.0), LAST_BASE))
     j = uint32(min(max(real(floor(y - 0.5)), 0.0), LAST_BASE))
     k = uint32(min(max(real(floor(z - 0.5)), 0.0), LAST_BASE))
@@ -73,8 +121,21 @@ def cell_of(x, y, z):
 
 
 @Part
-def load_tile(tile, nodes, targets, a, thread, threads):
-    """Copy the nodes that points of block `a` reach into `tile`."""
+def load_tile(tile: np.ndarray, nodes: np.ndarray, targets: np.ndarray, a: int, thread: int, threads: int) -> None:
+    """Copy the nodes that points of a block reach into its tile.
+
+    Parameters
+    ----------
+    tile : real[TILE_SIZE]
+        Is set.
+    nodes : real[touched, BLOCK_SIZE]
+    targets : int32[active, 8]
+        Node blocks that the tile of each active block overlaps.
+    a : int
+        Number of the active block.
+    thread, threads : int
+        Number of this thread, and of threads that share the work.
+    """
     for n in range(uint32(thread), uint32(TILE_SIZE // 4), uint32(threads)):
         i, j, k = n % uint32(TILE), n // uint32(TILE) % uint32(TILE), n // uint32(TILE * TILE)
         o = i // uint32(BLOCK) + uint32(2) * (j // uint32(BLOCK)) + uint32(4) * (k // uint32(BLOCK))
@@ -85,15 +146,34 @@ def load_tile(tile, nodes, targets, a, thread, threads):
 
 
 @Part
-def edges_of(column, row, domain):
-    """Western, southern, eastern and northern edge of the domain [cells of the block]."""
+def edges_of(column: int, row: int, domain: Domain) -> tuple[float, float, float, float]:
+    """Return the western, southern, eastern and northern edge of the domain [cells of the block].
+
+    Parameters
+    ----------
+    column, row : int
+        Of the block.
+    domain : Domain
+    """
     west, south = GHOSTS - BLOCK * column, GHOSTS - BLOCK * row
     return real(west), real(south), real(west + domain.cells_x), real(south + domain.cells_y)
 
 
 @Part
-def around(tile, n):
-    """The three nodes from `n` of a row of the `tile`: their numbers in order."""
+def around(tile: np.ndarray, n: int) -> tuple[tuple, tuple, tuple, tuple]:
+    """Return velocities and masses of three nodes of a row of a tile.
+
+    Parameters
+    ----------
+    tile : real[TILE_SIZE]
+    n : int
+        Index of the first number of the first node.
+
+    Returns
+    -------
+    u, v, w, mass : tuples of 3 numbers
+        Of the three nodes, in order.
+    """
     a0, a1, a2, a3 = tile[n], tile[n + uint32(1)], tile[n + uint32(2)], tile[n + uint32(3)]
     b0, b1, b2, b3 = tile[n + uint32(4)], tile[n + uint32(5)], tile[n + uint32(6)], tile[n + uint32(7)]
     c0, c1, c2, c3 = tile[n + uint32(8)], tile[n + uint32(9)], tile[n + uint32(10)], tile[n + uint32(11)]
@@ -101,10 +181,21 @@ def around(tile, n):
 
 
 @Part
-def interpolated(tile, x, y, z):
-    """Velocity, mass at the nodes around, and gradient [velocity per cell / 4] at a place.
+def interpolated(tile: np.ndarray, x: float, y: float, z: float) -> tuple:
+    """Interpolate the velocity, the mass at the nodes around, and the gradient of the velocity at a place.
 
-    u, v, w, near, then du/dx, dv/dx, dw/dx, du/dy, ... .
+    Parameters
+    ----------
+    tile : real[TILE_SIZE]
+    x, y, z : real [cells]
+        Place in the block.
+
+    Returns
+    -------
+    u, v, w : real [m s-1]
+    near : real [kg]
+    xx, yx, zx, xy, yy, zy, xz, yz, zz : real [m s-1 cells-1 / 4]
+        du/dx, dv/dx, dw/dx, du/dy, ...
     """
     i, fx, wx0, wx1, wx2 = stencil(x)
     j, fy, wy0, wy1, wy2 = stencil(y)
@@ -138,22 +229,55 @@ def interpolated(tile, x, y, z):
 
 
 @Part
-def only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz):
-    """The part of a gradient that turns the point without strain."""
+def only_turning(
+    xx: float, yx: float, zx: float, xy: float, yy: float, zy: float, xz: float, yz: float, zz: float
+) -> tuple:
+    """Return the part of a gradient that turns the point without strain.
+
+    Parameters
+    ----------
+    xx, yx, zx, xy, yy, zy, xz, yz, zz : real
+        Gradient, as of `interpolated`.
+    """
     zero = real(0.0)
     xy, xz, yz = 0.5 * (xy - yx), 0.5 * (xz - zx), 0.5 * (yz - zy)
     return zero, -xy, -xz, xy, zero, -yz, xz, yz, zero
 
 
 @Part
-def keep_state(rows, p, n0, n1, n2, n3):
-    """Write the first four numbers of state."""
+def keep_state(rows: np.ndarray, p: int, n0: float, n1: float, n2: float, n3: float) -> None:
+    """Write the first four numbers of state.
+
+    Parameters
+    ----------
+    rows : real[n, ...]
+    p : int
+        Row of the point.
+    n0, n1, n2, n3 : real
+    """
     rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3] = n0, n1, n2, n3
 
 
 @Part
-def keep_affine(rows, p, carried, pushed, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz):
-    """Write the affine momentum: `carried` times the gradient less the impulse `pushed` of the stress."""
+def keep_affine(rows: np.ndarray, p: int, carried: float, pushed: float, gradient: tuple, stress: tuple) -> None:
+    """Write the affine momentum: that of the gradient less the impulse of the stress.
+
+    Parameters
+    ----------
+    rows : real[n, ...]
+    p : int
+        Row of the point.
+    carried : real
+        Affine momentum per gradient.
+    pushed : real
+        Affine momentum per stress.
+    gradient : tuple of 9 numbers
+        xx, yx, zx, xy, yy, zy, xz, yz, zz as of `interpolated`.
+    stress : tuple of 6 numbers [Pa]
+        xx, yy, zz, xy, xz, yz.
+    """
+    xx, yx, zx, xy, yy, zy, xz, yz, zz = gradient
+    txx, tyy, tzz, txy, txz, tyz = stress
     rows[p, AXX], rows[p, AXX + 1] = carried * xx - pushed * txx, carried * yx - pushed * txy
     rows[p, AXX + 2] = carried * zx - pushed * txz
     rows[p, AXY], rows[p, AXY + 1] = carried * xy - pushed * txy, carried * yy - pushed * tyy
@@ -163,25 +287,59 @@ def keep_affine(rows, p, carried, pushed, xx, yx, zx, xy, yy, zy, xz, yz, zz, tx
 
 
 @Part
-def plastic_rate(txx, tyy, tzz, txy, txz, tyz):
-    """Stress whose product with the plastic strain is plastic work: sqrt(3 / 2 s : s) [Pa]."""
+def plastic_rate(txx: float, tyy: float, tzz: float, txy: float, txz: float, tyz: float) -> float:
+    """Return the stress whose product with the plastic strain is plastic work: sqrt(3 / 2 s : s) [Pa].
+
+    Parameters
+    ----------
+    txx, tyy, tzz, txy, txz, tyz : real [Pa]
+        Stress.
+    """
     mean = (txx + tyy + tzz) * THIRD
     square = (txx - mean) * (txx - mean) + (tyy - mean) * (tyy - mean) + (tzz - mean) * (tzz - mean)
     return sqrt(1.5 * (square + 2.0 * (txy * txy + txz * txz + tyz * tyz)))
 
 
 @Part
-def blocks_away(x, y, z):
-    """How many blocks a place [cells of a block] is from that block, to the east, north and up."""
+def blocks_away(x: float, y: float, z: float) -> tuple[int, int, int]:
+    """Return how many blocks a place is from a block, to the east, to the north and upwards.
+
+    Parameters
+    ----------
+    x, y, z : real [cells]
+        Place in the block.
+    """
     up = min(max(real(floor((z - 0.5) * 0.25)), -FAR_BLOCKS), FAR_BLOCKS)
     return int32(floor((x - 0.5) * 0.25)), int32(floor((y - 0.5) * 0.25)), int32(up)
 
 
 @Part
-def enter_block(p, column, row, level, z, keys, lowest):
-    """Write the key of point `p`, which entered a block; its height there [cells] and how tall the window must be.
+def enter_block(
+    p: int, column: int, row: int, level: int, z: float, keys: np.ndarray, lowest: np.ndarray
+) -> tuple[float, int]:
+    """Write the key of a point that entered a block.
 
     A point below the lowest level of its column belongs to the block of that level.
+
+    Parameters
+    ----------
+    p : int
+        Number of the point.
+    column, row, level : int
+        Of the block.
+    z : real [cells]
+        Height of the point in it.
+    keys : int64[n]
+        Block of each point.
+    lowest : int32[block rows, block columns, 2]
+        See `point_blocks.lowest_blocks`.
+
+    Returns
+    -------
+    z : real [cells]
+        Height of the point in its block.
+    tall : int
+        Blocks above the lowest level that the window must have.
     """
     new = level - lowest[row, column, 0]
     if new < 0:

@@ -5,6 +5,7 @@ that each of 27 threads adds to one of them, in registers as long as the next po
 tile in shared memory, in which no other thread adds to that node. No atomic additions: every sum has one order.
 """
 
+import numpy as np
 from numba import cuda, int32, uint32
 
 from ..points.point_rows import AXX, AXY, AXZ, MASS, PX, TILE, TILE_SIZE, X, Y, Z
@@ -22,7 +23,10 @@ NONE = 1 << 16  # no cell
 
 @Part
 def _number_of(e):
-    """Number of a row that is staged at `e`: place and mass, momentum, then the columns of the affine momentum."""
+    """Return the number of a row that is staged at `e`.
+
+    They are place and mass, momentum, then the columns of the affine momentum.
+    """
     if e < 3:
         return X + e
     if e == 3:
@@ -38,7 +42,7 @@ def _number_of(e):
 
 @Part
 def _owned(base, remainder):
-    """Node from `base` to `base` + 2 with the `remainder`, and numbers s, a, b of its weight a + b (s - |d|)^2."""
+    """Return the node from `base` to `base` + 2 with the `remainder`, and s, a, b of its weight a + b (s - |d|)^2."""
     away = remainder + uint32(3) - base
     if away >= uint32(3):
         away -= uint32(3)
@@ -48,11 +52,22 @@ def _owned(base, remainder):
 
 
 @Kernel
-def points_to_grid(run, rows, order, start, tiles):
+def points_to_grid(run: np.ndarray, rows: np.ndarray, order: np.ndarray, start: np.ndarray, tiles: np.ndarray) -> None:
     """Sum mass and momentum, with the impulse of the stress, of the points of each block into its tile.
 
     MLS-MPM of Hu et al. 2018, as `points_to_grid`. The groups of a thread block, at most MOST_GROUPS, share the
     points of a block; the results differ in the last bits with their number.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    rows : real[n, ROW_SHORT or ROW_LONG]
+    order : int32[n]
+        Indices of the points, sorted by block.
+    start : int64[active + 1]
+        First point of each active block in `order`.
+    tiles : real[active, TILE_SIZE]
+        Is set.
     """
     if run[STATUS] != 0:
         return

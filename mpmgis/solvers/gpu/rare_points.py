@@ -8,6 +8,7 @@ the precision of the points. `settle_rare_points` then finds their blocks, with 
 
 from math import floor
 
+import numpy as np
 from numba import cuda, float64, int32, int64, uint32
 
 from ...compiled.block_order import GONE, LEFT_MASS, LEFT_X, LEFT_Y, place_left
@@ -17,11 +18,33 @@ from ..points import point_report as entry
 from ..points.affine_limit import BENT, FAR, GRIPPED, JET, TOWARDS, above_ground, filled_share
 from ..points.point_edges import INSIDE, widen_window
 from ..points.point_ground import GROUND_DEEP
-from ..points.point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
+from ..points.point_rows import (
+    BLOCK,
+    GHOSTS,
+    MASS,
+    PX,
+    PY,
+    PZ,
+    S0,
+    S1,
+    S2,
+    S3,
+    S4,
+    S5,
+    S6,
+    S7,
+    TILE_SIZE,
+    Settings,
+    Surface,
+    X,
+    Y,
+    Z,
+)
 from . import device_point_steps as step
 from .device_functions import Part, capped, in_double, real
 from .device_point_places import lifted, way_out
 from .device_point_steps import (
+    Domain,
     blocks_away,
     edges_of,
     enter_block,
@@ -33,6 +56,7 @@ from .device_point_steps import (
     plastic_rate,
     stencil,
 )
+from .device_records import MotionLaws, PointsInBlocks, RarePoints
 from .launch import ACTIVE, STATUS, WIDEST
 
 LIST = 512  # rare points of a block that are listed before they are moved, so that all threads have one
@@ -40,7 +64,7 @@ LIST = 512  # rare points of a block that are listed before they are moved, so t
 
 @Part
 def _between(x, low, high):
-    """`x` within `low` and `high`; NaN remains, from which min and max of the device would make a number."""
+    """Return `x` within `low` and `high`; NaN remains, from which min and max of the device would make a number."""
     if x < low:
         return low
     return high if x > high else x
@@ -48,7 +72,7 @@ def _between(x, low, high):
 
 @Part
 def _variance(tile, x, y, z, u, v, w):
-    """Weighted variance [m2 s-2] of the velocities of the nodes around a point about its own."""
+    """Return the weighted variance [m2 s-2] of the velocities of the nodes around a point about its own."""
     i, _, wx0, wx1, wx2 = stencil(x)
     j, _, wy0, wy1, wy2 = stencil(y)
     k, _, wz0, wz1, wz2 = stencil(z)
@@ -69,7 +93,7 @@ def _variance(tile, x, y, z, u, v, w):
 
 @Part
 def _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, settings):
-    """Whether the affine velocity of a point is kept as it is (see `point_edges.limit_thin`).
+    """Return whether the affine velocity of a point is kept as it is (see `point_edges.limit_thin`).
 
     `east2` and `north2` are the parts of the velocities to the east and to the north in `affine2`.
     """
@@ -94,33 +118,37 @@ def _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, 
 
 @capped()
 def move_rare_points(
-    run,
-    scales,
-    rows,
-    order,
-    start,
-    blocks,
-    targets,
-    nodes,
-    ground,
-    rare,
-    rare_blocks,
-    marks,
-    counts,
-    domain,
-    settings,
-    material,
-    softening,
-    transfer,
-):
-    """The step of the points marked in `rare`; as `grid_to_points`, with the code that few points need.
+    run: np.ndarray,
+    scales: np.ndarray,
+    points: PointsInBlocks,
+    nodes: np.ndarray,
+    ground: np.ndarray,
+    rare: RarePoints,
+    domain: Domain,
+    settings: Settings,
+    laws: MotionLaws,
+) -> None:
+    """Move the marked points, as `grid_to_points`, with the code that few points need.
 
-    Their places after it are still in cells of the blocks that they are in before it. `marks` real[threads, RARE_MARKS]
-    and `counts` int32[threads, RARE_COUNTS] are reports that `grid_to_points` began.
+    Their places after it are still in cells of the blocks that they are in before it.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    scales : real[SCALES]
+    points : PointsInBlocks
+    nodes : real[touched, BLOCK_SIZE]
+    ground : real[rows, columns, GROUND_ENTRIES]
+    rare : RarePoints
+        With the reports that `grid_to_points` began.
+    domain : Domain
+    settings : Settings
+    laws : MotionLaws
     """
+    order, start = points.order, points.start
     thread, threads = cuda.threadIdx.x, cuda.blockDim.x
     own = uint32(cuda.blockIdx.x * threads + thread)
-    mark, count = marks[own], counts[own]
+    mark, count = rare.marks[own], rare.counts[own]
     mark[step.LIMITED_ENERGY] = real(0.0)
     count[step.FAR], count[step.HELD] = int32(0), int32(0)
     count[step.LIMITED], count[step.WALLED] = int32(0), int32(0)
@@ -128,13 +156,13 @@ def move_rare_points(
     marked = cuda.shared.array(WIDEST, int32)
     chosen = cuda.shared.array(LIST, int32)
     for a in range(int32(cuda.blockIdx.x), int32(0 if run[STATUS] != 0 else run[ACTIVE]), int32(cuda.gridDim.x)):
-        if rare_blocks[a] == 0:
+        if rare.blocks[a] == 0:
             continue
-        load_tile(tile, nodes, targets, a, thread, threads)
+        load_tile(tile, nodes, points.targets, a, thread, threads)
         listed = int32(0)
         for first in range(int32(start[a]), int32(start[a + 1]), int32(threads)):
             s = first + thread
-            marked[thread] = 1 if s < start[a + 1] and rare[s] != 0 else 0
+            marked[thread] = 1 if s < start[a + 1] and rare.marked[s] != 0 else 0
             cuda.syncthreads()
             at, total = listed, listed
             for t in range(threads):
@@ -148,25 +176,24 @@ def move_rare_points(
                     _move(
                         uint32(chosen[e]),
                         tile,
-                        blocks[a],
+                        points.blocks[a],
                         scales,
-                        rows,
+                        points.rows,
                         ground,
                         mark,
                         count,
                         domain,
                         settings,
-                        material,
-                        softening,
-                        transfer,
+                        laws,
                     )
                 listed = int32(0)
                 cuda.syncthreads()
 
 
 @Part
-def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, material, softening, transfer):
-    """The step of point `p`, whose new place is in cells of `block`."""
+def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, laws):
+    """Move point `p`, whose new place is in cells of `block`."""
+    material, softening = laws.material, laws.softening
     longer = rows.shape[1] > S4
     u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, rows[p, X], rows[p, Y], rows[p, Z])
     s4 = s5 = s6 = s7 = real(0.0)
@@ -227,7 +254,7 @@ def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, m
     keep_state(rows, p, n0, n1, n2, n3)
     x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]  # read here, to hold fewer values until now
     edges = edges_of(block[0], block[1], domain)
-    if transfer.only_turns():
+    if laws.transfer.only_turns():
         xx, yx, zx, xy, yy, zy, xz, yz, zz = only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz)
     affine2 = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
     mark[step.SHEAR] = max(mark[step.SHEAR], affine2 * scales[step.TURN2])
@@ -237,9 +264,8 @@ def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, m
     east2, north2 = 4.0 * (xx * xx + xy * xy + xz * xz), 4.0 * (yx * yx + yy * yy + yz * yz)
     if not _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, settings):
         carried = carried * _limited(affine2 / _variance(tile, x, y, z, u, v, w), affine2, mass, mark, count)
-    keep_affine(
-        rows, p, carried, scales[step.PUSH] * mass, xx, yx, zx, xy, yy, zy, xz, yz, zz, txx, tyy, tzz, txy, txz, tyz
-    )
+    gradient, stress = (xx, yx, zx, xy, yy, zy, xz, yz, zz), (txx, tyy, tzz, txy, txz, tyz)
+    keep_affine(rows, p, carried, scales[step.PUSH] * mass, gradient, stress)
     rows[p, PX], rows[p, PY], rows[p, PZ] = mass * u, mass * v, mass * w
     shift = scales[step.SHIFT]
     x1, y1, z1 = x + shift * u, y + shift * v, z + shift * w
@@ -256,7 +282,7 @@ def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, m
 
 @Part
 def _limited(share, affine2, mass, mark, count):
-    """Factor of the affine momentum of a point whose affine velocity accounts for `share` of the nodes' variance."""
+    """Return the factor of the affine momentum of a point that accounts for `share` of the nodes' variance."""
     if not share < 1.0 - BENT:
         return real(1.0)
     kept = share * share * share * share
@@ -266,8 +292,20 @@ def _limited(share, affine2, mass, mark, count):
 
 
 @in_double
-def begin_reports(run, marks, counts, reports, settings):
-    """Begin the `reports` float64[threads, POINT_REPORT] with what the threads did when points were moved."""
+def begin_reports(
+    run: np.ndarray, marks: np.ndarray, counts: np.ndarray, reports: np.ndarray, settings: Settings
+) -> None:
+    """Begin the reports of the threads with what they did when points were moved.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    marks : real[threads, RARE_MARKS]
+    counts : int32[threads, RARE_COUNTS]
+    reports : float64[threads, POINT_REPORT]
+        Is set.
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
     entries, n = uint32(step.POINT_REPORT), uint32(reports.shape[0] * step.POINT_REPORT)
@@ -278,7 +316,7 @@ def begin_reports(run, marks, counts, reports, settings):
 
 @Part
 def _begun(k, mark, count, density):
-    """Entry `k` of the report of a thread with the `mark` and `count` of moved points."""
+    """Return entry `k` of the report of a thread with the `mark` and `count` of moved points."""
     if k == entry.SHEAR_MAX:
         return float64(mark[step.SHEAR])
     if k == entry.SPEED2_MAX:
@@ -316,49 +354,56 @@ def _begun(k, mark, count, density):
 
 @in_double
 def settle_rare_points(
-    run,
-    rows,
-    keys,
-    order,
-    start,
-    blocks,
-    ground,
-    lowest,
-    inside,
-    left,
-    units,
-    rare,
-    rare_blocks,
-    reports,
-    domain,
-    settings,
-):
-    """Find the blocks of the points marked in `rare` from their places after the step, or the edge they leave over.
+    run: np.ndarray,
+    points: PointsInBlocks,
+    surface: Surface,
+    left: np.ndarray,
+    units: np.ndarray,
+    rare: RarePoints,
+    reports: np.ndarray,
+    domain: Domain,
+    settings: Settings,
+) -> None:
+    """Find the blocks of the marked points from their places after the step, or the edge they leave over.
 
-    Points that leave are added to `left` int64[WAYS, blocks, blocks, LEFT_ENTRIES] in `units` float64[LEFT_ENTRIES], in
-    whole numbers: their sum has no order. `begin_reports` began the `reports` float64[threads, POINT_REPORT].
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    points : PointsInBlocks
+    surface : Surface
+    left : int64[WAYS, blocks, blocks, LEFT_ENTRIES]
+        Points that leave are added to it, in whole numbers, whose sum does not depend on the order.
+    units : float64[LEFT_ENTRIES]
+        Of these numbers.
+    rare : RarePoints
+    reports : float64[threads, POINT_REPORT]
+        That `begin_reports` began.
+    domain : Domain
+    settings : Settings
     """
+    start = points.start
     thread, threads = cuda.threadIdx.x, cuda.blockDim.x
     own = cuda.blockIdx.x * threads + thread
     mine = reports[own]
     for a in range(int32(cuda.blockIdx.x), int32(0 if run[STATUS] != 0 else run[ACTIVE]), int32(cuda.gridDim.x)):
-        if rare_blocks[a] == 0:
+        if rare.blocks[a] == 0:
             continue
         for s in range(int32(start[a]) + int32(thread), int32(start[a + 1]), int32(threads)):
-            if rare[s] == 0:
+            if rare.marked[s] == 0:
                 continue
-            p = uint32(order[s])
-            way, x, y, mass = _settle(p, blocks[a], rows, keys, ground, lowest, inside, mine, domain, settings)
+            p = uint32(points.order[s])
+            way, x, y, mass = _settle(p, points.blocks[a], points, surface, mine, domain, settings)
             if 0 <= way < entry.EDGES:
-                over, j, i, x, y = place_left(inside.shape, x, y, settings.dx)
+                over, j, i, x, y = place_left(surface.inside.shape, x, y, settings.dx)
                 cuda.atomic.add(left, (over, j, i, LEFT_MASS), _whole(mass / units[LEFT_MASS]))
                 cuda.atomic.add(left, (over, j, i, LEFT_X), _whole(mass * x / units[LEFT_X]))
                 cuda.atomic.add(left, (over, j, i, LEFT_Y), _whole(mass * y / units[LEFT_Y]))
 
 
 @Part
-def _settle(p, block, rows, keys, ground, lowest, inside, mine, domain, settings):
-    """Settle point `p`; returns the edge over which it leaves (EDGES: none, -1: not finite), x, y [m], mass."""
+def _settle(p, block, points, surface, mine, domain, settings):
+    """Settle point `p`; return the edge over which it leaves (EDGES: none, -1: not finite), x, y [m], mass."""
+    rows = points.rows
     dx, column, row = settings.dx, block[0], block[1]
     x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]
     px, py, pz = rows[p, PX], rows[p, PY], rows[p, PZ]
@@ -367,14 +412,14 @@ def _settle(p, block, rows, keys, ground, lowest, inside, mine, domain, settings
         mine[entry.BAD_X], mine[entry.BAD_Y] = _metres(x, column, dx), _metres(y, row, dx)
         way = -1
     else:
-        way = way_out(x, y, edges_of(column, row, domain), inside)
+        way = way_out(x, y, edges_of(column, row, domain), surface.inside)
     speed2 = (px * px + py * py + pz * pz) / (mass * mass)
     if way != entry.EDGES:
         if way >= 0:
             _book_out(way, block, z, px, py, pz, speed2, mass, settings, mine)
-        keys[p] = GONE
+        points.keys[p] = GONE
         return way, _metres(x, column, dx), _metres(y, row, dx), float64(mass)
-    _enter(p, block, x, y, z, px, py, pz, mass, rows, keys, ground, lowest, settings, mine)
+    _enter(p, block, (x, y, z), (px, py, pz), mass, points, surface, settings, mine)
     if float64(speed2) > mine[step.STAY2_OF_ALL]:
         mine[step.STAY2_OF_ALL], mine[step.STAY_POINT] = speed2, p
     return way, float64(0.0), float64(0.0), float64(mass)
@@ -382,7 +427,7 @@ def _settle(p, block, rows, keys, ground, lowest, inside, mine, domain, settings
 
 @Part
 def _metres(place, block, dx):
-    """Place [m] from the domain's edge or lowest level of a `place` [cells of its block] on one axis."""
+    """Return the place [m] from the domain's edge or lowest level of a `place` [cells of its block] on one axis."""
     return (float64(place) + float64(block * BLOCK - GHOSTS)) * dx
 
 
@@ -400,28 +445,30 @@ def _book_out(way, block, z, px, py, pz, speed2, mass, settings, mine):
 
 
 @Part
-def _enter(p, block, x1, y1, z1, px, py, pz, mass, rows, keys, ground, lowest, settings, mine):
+def _enter(p, block, place, momentum, mass, points, surface, settings, mine):
     """Write the place of a point that stays, its block, and its momentum if it is lifted onto the ground."""
+    (x1, y1, z1), (px, py, pz) = place, momentum
+    rows, ground = points.rows, surface.ground
     dx, column, row, level = settings.dx, block[0], block[1], block[2]
     ni, nj = int32(floor(x1 + 0.5)) + column * BLOCK, int32(floor(y1 + 0.5)) + row * BLOCK
     bx, by, bz = blocks_away(x1, y1, z1)
     x1, y1, z1 = x1 - 4.0 * real(bx), y1 - 4.0 * real(by), z1 - 4.0 * real(bz)
     height = _metres(z1, level + bz, dx)
     if height < ground[nj, ni, GROUND_DEEP]:
-        place = float64(x1) + float64((column + bx) * BLOCK), float64(y1) + float64((row + by) * BLOCK)
-        energy, px, py, pz, up = lifted(place, height, ni, nj, mass, px, py, pz, ground, settings, mine)
+        cells = float64(x1) + float64((column + bx) * BLOCK), float64(y1) + float64((row + by) * BLOCK)
+        energy, px, py, pz, up = lifted(cells, height, ni, nj, mass, px, py, pz, ground, settings, mine)
         if energy > 0.0:
             new = int32(up - 0.5) // BLOCK
             bz, z1 = new - level, real(up - float64(new * BLOCK))
             rows[p, PX], rows[p, PY], rows[p, PZ] = px, py, pz
     rows[p, X], rows[p, Y] = x1, y1
     if bx != 0 or by != 0 or bz != 0:
-        z1, tall = enter_block(p, column + bx, row + by, level + bz, z1, keys, lowest)
+        z1, tall = enter_block(p, column + bx, row + by, level + bz, z1, points.keys, surface.lowest)
         widen_window(mine, row + by, column + bx, tall)
     rows[p, Z] = z1
 
 
 @Part
 def _whole(value):
-    """The whole number nearest to `value`, which is not negative."""
+    """Return the whole number nearest to `value`, which is not negative."""
     return int64(value + float64(0.5))

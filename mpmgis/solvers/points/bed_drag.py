@@ -7,20 +7,47 @@ any width. A column with less than RIM of the mass of its heaviest neighbour has
 a steep margin then adds an eighth of a column, and a flow whose thickness changes by less than a fifth per cell none.
 """
 
+import numpy as np
+
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from .point_ground import exact_at, fold_at, plane_at
+from .point_ground import Ground, exact_at, fold_at, plane_at
 from .point_rows import BLOCK, GHOSTS, NODE_MASS
 
-# entries of a node column [kg]: mass that touches the ground, total mass; numbers of a block of columns
-TOUCHING, WHOLE, COLUMN_MASSES = range(3)
-BLOCK_COLUMNS = BLOCK * BLOCK * COLUMN_MASSES
-RIM = 5.0 / 6.0
+# entries of a node column
+TOUCHING = 0  # [kg] mass that touches the ground
+WHOLE = 1  # [kg] total mass
+COLUMN_MASSES = 2
+BLOCK_COLUMNS = BLOCK * BLOCK * COLUMN_MASSES  # numbers of a block
+RIM = 5.0 / 6.0  # of the heaviest neighbour's mass, below which a column has less than its whole bed
+LEAST_MASS = 1e-30  # [kg] keeps divisors off 0
 
 
 @jit_inline
-def column_contact(block, touched, t, j, i, ground, dx, clearance):
-    """(mass that touches the ground, mass) [kg] of node column [j, i] of touched block `t`."""
+def column_contact(
+    block: np.ndarray, touched: np.ndarray, t: int, j: int, i: int, ground: Ground, dx: float, clearance: float
+) -> tuple[float, float]:
+    """Return the mass that touches the ground, and the mass, of a node column of a touched block.
+
+    Parameters
+    ----------
+    block : float[BLOCK_SIZE]
+        Masses and momenta, or velocities, at the nodes of the block.
+    touched : int32[touched, 3]
+        Row, column and level of the touched blocks.
+    t : int
+        Number of the block.
+    j, i : int
+        Node column in the block, from 0 to BLOCK - 1.
+    ground : Ground
+    dx : float [m]
+    clearance : float [m]
+        Height above the ground up to which a node touches it.
+
+    Returns
+    -------
+    touching, whole : float [kg]
+    """
     j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
     jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
     height, _, _, flat = plane_at(ground.nodes, jj, ii)
@@ -37,8 +64,30 @@ def column_contact(block, touched, t, j, i, ground, dx, clearance):
 
 
 @jit_parallel
-def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
-    """Masses [kg] in each block's node columns, into `masses` float[blocks, BLOCK_COLUMNS]."""
+def weigh_contact(
+    nodes: np.ndarray,
+    touched: np.ndarray,
+    n_touched: int,
+    ground: Ground,
+    dx: float,
+    clearance: float,
+    masses: np.ndarray,
+) -> None:
+    """Compute the masses in each block's node columns.
+
+    Parameters
+    ----------
+    nodes : float[touched, BLOCK_SIZE]
+    touched : int32[touched, 3]
+        Row, column and level of the touched blocks.
+    n_touched : int
+        Number of touched blocks.
+    ground : Ground
+    dx, clearance : float [m]
+        As of `column_contact`.
+    masses : float64[touched, BLOCK_COLUMNS] [kg]
+        Is set.
+    """
     for c in prange(CHUNKS):
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             block, part = nodes[t], masses[t]
@@ -50,8 +99,20 @@ def weigh_contact(nodes, touched, n_touched, ground, dx, clearance, masses):
 
 
 @jit
-def spread_contact(masses, touched, n_touched, columns):
-    """Add the blocks' `masses`, in their order, to `columns` float[rows, columns, entries] of all the ground."""
+def spread_contact(masses: np.ndarray, touched: np.ndarray, n_touched: int, columns: np.ndarray) -> None:
+    """Add the sums of the blocks' node columns, block by block, to those of all the ground.
+
+    Parameters
+    ----------
+    masses : float64[touched, BLOCK * BLOCK * entries]
+        Sums in each block's node columns.
+    touched : int32[touched, 3]
+        Row, column and level of the touched blocks.
+    n_touched : int
+        Number of touched blocks.
+    columns : float64[rows, columns, entries]
+        Is added to.
+    """
     entries = columns.shape[2]
     for t in range(n_touched):
         for j in range(BLOCK):
@@ -63,25 +124,53 @@ def spread_contact(masses, touched, n_touched, columns):
 
 
 @jit
-def clear_contact(touched, n_touched, columns):
-    """Set `columns` to 0 again where `spread_contact` has been."""
+def clear_contact(touched: np.ndarray, n_touched: int, columns: np.ndarray) -> None:
+    """Set sums of node columns to 0 again where `spread_contact` has added to them.
+
+    Parameters
+    ----------
+    touched : int32[touched, 3]
+        Row, column and level of the touched blocks.
+    n_touched : int
+        Number of touched blocks.
+    columns : float64[rows, columns, entries]
+        Is changed.
+    """
     for t in range(n_touched):
         j, i = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK
         columns[j : j + BLOCK, i : i + BLOCK] = 0.0
 
 
 @jit_inline
-def bed_per_mass(columns, j, i, area):
-    """Bed [m2 kg-1] of a node column of bed `area` [m2], over its mass that touches the bed."""
-    return bed_under(columns, j, i, area) / max(columns[j, i, TOUCHING], 1e-30)
+def bed_per_mass(columns: np.ndarray, j: int, i: int, area: float) -> float:
+    """Return the bed [m2 kg-1] of a node column over its mass that touches the bed.
+
+    Parameters
+    ----------
+    columns : float[rows, columns, COLUMN_MASSES] [kg]
+    j, i : int
+        Node column.
+    area : float [m2]
+        Bed of a node column that the flow covers completely.
+    """
+    return bed_under(columns, j, i, area) / max(columns[j, i, TOUCHING], LEAST_MASS)
 
 
 @jit_inline
-def bed_under(columns, j, i, area):
-    """Bed [m2] below the flow of a node column, of its `area` [m2]."""
+def bed_under(columns: np.ndarray, j: int, i: int, area: float) -> float:
+    """Return the bed [m2] below the flow of a node column.
+
+    Parameters
+    ----------
+    columns : float[rows, columns, COLUMN_MASSES] [kg]
+    j, i : int
+        Node column.
+    area : float [m2]
+        Bed of a node column that the flow covers completely.
+    """
     heaviest = 0.0
     for jj in range(max(j - 1, 0), min(j + 2, columns.shape[0])):
         for ii in range(max(i - 1, 0), min(i + 2, columns.shape[1])):
             heaviest = max(heaviest, columns[jj, ii, WHOLE])
-    covered = min(columns[j, i, WHOLE] / max(RIM * heaviest, 1e-30), 1.0)
+    covered = min(columns[j, i, WHOLE] / max(RIM * heaviest, LEAST_MASS), 1.0)
     return covered * area

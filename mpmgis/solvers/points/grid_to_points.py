@@ -4,6 +4,7 @@ Each block copies the nodes that its points read into a private tile and works o
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,10 +19,26 @@ from . import point_report as entry
 from .affine_limit import STILL, THIN, limit_thin
 from .point_batch import BATCH, INTEGERS, LINES, QUAD, QUADS
 from .point_edges import all_inside, book_out, deepest_level, find_blocks, give_keys, keep_inside, widen_window
-from .point_rows import BLOCK, GHOSTS, S4, TILE_LAYER, TILE_ROW, Edges, StepFactors, give_rows, take_rows, weigh
+from .point_rows import (
+    BLOCK,
+    GHOSTS,
+    S4,
+    TILE_LAYER,
+    TILE_ROW,
+    ActiveBlocks,
+    Edges,
+    Settings,
+    SortedPoints,
+    StepFactors,
+    Surface,
+    give_rows,
+    take_rows,
+    weigh,
+)
 
 STRAINED = 14  # lines written by a strain out of range: state and stress
 THIRD = 1.0 / 3.0
+NO_WINDOW = 1 << 40  # western and southern block of a window of no points
 
 
 @kernel_part
@@ -40,7 +57,7 @@ def _read_nodes(tile, nodes, targets):
 
 @kernel_part
 def _weigh_moments(scratch):
-    """Weights times the offset [cells] of their node from the point."""
+    """Compute the weights times the offset [cells] of their node from the point."""
     for q in range(BATCH):
         fx, fy, fz = get(scratch, line.FX, q), get(scratch, line.FY, q), get(scratch, line.FZ, q)
         put(scratch, line.MX0, q, -get(scratch, line.WX0, q) * fx)
@@ -56,7 +73,7 @@ def _weigh_moments(scratch):
 
 @kernel_part
 def _read_tile(scratch, quads, integers, count, tile):
-    """Interpolated velocity of each point, and its first moments about the point along x, y and z [m s-1 cells]."""
+    """Interpolate the velocity of each point, and its first moments about the point along x, y, z [m s-1 cells]."""
     nothing = lanes(0.0, 0.0, 0.0, 0.0)
     for q in range(count):
         t = integers[line.I_PLACE + q]
@@ -102,7 +119,7 @@ def _transpose_quads(scratch, quads, count):
 
 @kernel_part
 def _transpose_quad(scratch, quads, group, target):
-    """Write the first three entries of four groups to three lines; returns the fourth entries."""
+    """Write the first three entries of four groups to three lines; return the fourth entries."""
     a, b, c, d = transposed(load(quads, group), load(quads, group + 4), load(quads, group + 8), load(quads, group + 12))
     store(scratch, target, a)
     store(scratch, target + BATCH, b)
@@ -112,7 +129,10 @@ def _transpose_quad(scratch, quads, group, target):
 
 @kernel_part
 def _strain(scratch, factors, material, softening):
-    """State and stress of each point after the step; gradients are `factors.gradient` times the moments of velocity."""
+    """Compute state and stress of each point after the step.
+
+    Gradients of the velocity are `factors.gradient` times its moments.
+    """
     dt = factors.dt
     g = factors.gradient * dt
     for q in range(BATCH):
@@ -156,7 +176,7 @@ def _strain(scratch, factors, material, softening):
 
 @kernel_part
 def _strain_far(scratch, count, factors, material, softening, report):
-    """State and stress of points whose strain is too large for the series, one by one; their number is reported."""
+    """Compute state and stress of points whose strain is too large for the series, one by one; report their number."""
     dt = factors.dt
     g, far = factors.gradient * dt, 0
     for q in range(count):
@@ -212,7 +232,7 @@ def _keep_rotation(scratch):
 
 @kernel_part
 def _move(scratch, count, factors):
-    """Place, momentum and affine momentum after the step, as lines of a row.
+    """Compute place, momentum and affine momentum after the step, as lines of a row.
 
     A = dx (m C - next_dt V0 (4 / dx^2) tau): a node i cells away gets w A i in addition to the momentum of the point.
     """
@@ -273,7 +293,7 @@ def _yield_work(scratch, count):
 
 @jit_borrowing
 def _advance_blocks(points, blocks, nodes, surface, part, settings, dt, next_dt, laws, work, report):
-    """`grid_to_points` for active blocks `part` = (first, end); `work` = (scratch, quads, integers)."""
+    """Apply `grid_to_points` to active blocks `part` = (first, end); `work` = (scratch, quads, integers)."""
     scratch, quads, integers = work
     rows, order, start = points.rows, points.order, points.start
     material, softening, transfer = laws
@@ -319,7 +339,19 @@ def _advance_blocks(points, blocks, nodes, surface, part, settings, dt, next_dt,
 
 
 @jit_parallel
-def grid_to_points(points, blocks, nodes, surface, reports, settings, dt, next_dt, material, softening, transfer):
+def grid_to_points(
+    points: SortedPoints,
+    blocks: ActiveBlocks,
+    nodes: np.ndarray,
+    surface: Surface,
+    reports: np.ndarray,
+    settings: Settings,
+    dt: float,
+    next_dt: float,
+    material: NamedTuple,
+    softening: NamedTuple,
+    transfer: NamedTuple,
+) -> None:
     """Interpolate the velocity field, move the points, strain them and compute the stress of the next step.
 
     APIC: v_p = sum w_i v_i, C_p = 4/dx^2 sum w_i v_i (x_i - x_p)^T (Jiang et al. 2015); the deformation follows C.
@@ -331,16 +363,20 @@ def grid_to_points(points, blocks, nodes, surface, reports, settings, dt, next_d
     points : SortedPoints
     blocks : ActiveBlocks
     nodes : float[touched, BLOCK_SIZE]
+        Velocities and masses.
     surface : Surface
     reports : float64[CHUNKS, REPORT]
+        Is set.
     settings : Settings
     dt, next_dt : float [s]
-    material, softening, transfer : laws, with parameters in the precision of the rows
+        Length of this step and of the next one.
+    material, softening, transfer : laws
+        With parameters in the precision of the rows.
     """
     for c in prange(CHUNKS):
         report = reports[c]
         report[:] = 0.0
-        report[entry.BLOCK_WEST] = report[entry.BLOCK_SOUTH] = 1 << 40
+        report[entry.BLOCK_WEST] = report[entry.BLOCK_SOUTH] = NO_WINDOW
         report[entry.BLOCK_EAST] = report[entry.BLOCK_NORTH] = report[entry.BLOCK_TALL] = -1
         scratch, quads = np.zeros(LINES, points.rows.dtype), np.zeros(QUADS, points.rows.dtype)
         work = scratch, quads, np.zeros(INTEGERS, np.int32)

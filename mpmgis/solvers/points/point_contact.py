@@ -1,6 +1,9 @@
 """Contact of a 3D flow with smooth ground: one multiplier for each node column (see `press_on_ground`)."""
 
 from math import exp, floor, sqrt
+from typing import NamedTuple
+
+import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
@@ -20,64 +23,108 @@ from .contact_shares import (
 from .point_barriers import BARRIER, DEPTH, EDGE, HELD, ROWED, SHARE, WALL_X, WALL_Y
 from .point_ground import fold_at, plane_at
 from .point_nodes import FRICTION_WORK, GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, RETURNED_WORK, edge_at, leaning_edge
-from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
+from .point_records import ContactLaws, NodeColumn, Site
+from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, BlockWindow, NodeBlocks, Settings
 
 NO_MASS = 1e-300  # [kg] of a column's heaviest node, up to which there is no flow
 LEAST_SHARE = 0.35  # of the heaviest node's mass near the ground, at the ground, from which a flow touches it
 LAYER = 20.0  # [cells] thickness of the layer of ground, as stiff as the flow, that yields under it
 MOST_YIELD = 0.2  # [cells] by which the ground yields at most
-# of the ground under a node column: how far it yields [m], and one more than the number of the step that found it so
-YIELD, YIELD_STEP, YIELD_ENTRIES = range(3)
+# entries of the ground under a node column
+YIELD = 0  # [m] by which it yields
+YIELD_STEP = 1  # number of the step after the one that computed it
+YIELD_ENTRIES = 2
 
 
 @jit_inline
-def is_column_of_block(level, first, below):
-    """Is the column whose node nearest to the ground is at `level` processed in the block of lowest level `first`?
+def is_column_of_block(level: int, first: int, below: int) -> bool:
+    """Return whether a node column is processed in a block.
 
-    It is processed in the block of that node. If there is no such block (`below` is -1), the mass of the column begins
-    at the next node, in the block above.
+    It is processed in the block of the node nearest to the ground. If there is no such block, the mass of the column
+    begins at the next node, in the block above.
+
+    Parameters
+    ----------
+    level : int
+        Level of the node nearest to the ground.
+    first : int
+        Lowest level of the block.
+    below : int
+        Touched block below it, -1 where there is none.
     """
     return (level >= first and level < first + BLOCK) or (level == first - 1 and below < 0)
 
 
 @jit_inline
-def is_sunk_below_block(level, first, above):
-    """Is all mass of the column whose node nearest to the ground is at `level` in the block of lowest level `first`?
+def is_sunk_below_block(level: int, first: int, above: int) -> bool:
+    """Return whether a block has all mass of a node column whose ground is above it.
 
-    Such a column is up to two levels below its ground, and there is no block around its ground (`above` is -1).
+    Such a column is up to two levels below its ground, and there is no block around its ground.
+
+    Parameters
+    ----------
+    level : int
+        Level of the node nearest to the ground.
+    first : int
+        Lowest level of the block.
+    above : int
+        Touched block above it, -1 where there is none.
     """
     return above < 0 and level >= first + BLOCK and level <= first + BLOCK + 1
 
 
 @jit_borrowing
-def node_of(nodes, below, own, above, level, first, column):
-    """(block, index of its entry, mass [kg]) of the node at `level` of a block's node `column` (0 to 15).
+def node_of(stack: NodeColumn, level: int) -> tuple[int, int, float]:
+    """Return where the node of a column at a level is stored, and its mass.
 
-    `first` is the lowest level of block `own`; `below` and `above` are its neighbours, -1 where there is none: the
-    mass is 0 there.
+    Parameters
+    ----------
+    stack : NodeColumn
+    level : int
+
+    Returns
+    -------
+    slot : int
+        Touched block of the node, -1 where there is none.
+    n : int
+        Index of the node's first entry in the block.
+    mass : float [kg]
+        0 where there is no block.
     """
-    k = level - first
-    slot = own
+    k = level - stack.first
+    slot = stack.own
     if k < 0:
-        slot, k = below, k + BLOCK
+        slot, k = stack.below, k + BLOCK
     elif k >= BLOCK:
-        slot, k = above, k - BLOCK
-    n = (k * BLOCK * BLOCK + column) * 4
+        slot, k = stack.above, k - BLOCK
+    n = (k * BLOCK * BLOCK + stack.column) * 4
     mass = 0.0
     if slot >= 0:
-        mass = float(nodes[slot, n + NODE_MASS])
+        mass = float(stack.nodes[slot, n + NODE_MASS])
     return slot, n, mass
 
 
 @jit_borrowing
-def mass_near(nodes, below, own, above, first, column, level):
-    """(mass [kg] of the heaviest node of a column near the ground, centre of the masses there [levels above `level`]).
+def mass_near(stack: NodeColumn, level: int) -> tuple[float, float]:
+    """Return the mass of the heaviest node of a column near the ground, and the centre of the masses there.
 
     The heaviest is that of the flow's interior there.
+
+    Parameters
+    ----------
+    stack : NodeColumn
+    level : int
+        Level of the node nearest to the ground.
+
+    Returns
+    -------
+    heaviest : float [kg]
+    centre : float [cells]
+        Above `level`.
     """
     heaviest = total = moment = 0.0
     for offset in range(-2, 3):
-        mass = node_of(nodes, below, own, above, level + offset, first, column)[2]
+        mass = node_of(stack, level + offset)[2]
         total += mass
         moment += float(offset) * mass
         heaviest = max(heaviest, mass)
@@ -85,30 +132,53 @@ def mass_near(nodes, below, own, above, first, column, level):
 
 
 @jit_borrowing
-def _masses_at(nodes, below, own, above, first, column, level, heaviest):
-    """Masses [1] of the nodes -2 to 2 levels above `level` over that of the `heaviest` [kg]."""
+def _masses_at(stack, level, heaviest):
+    """Return the masses [1] of the nodes -2 to 2 levels above `level` over that of the `heaviest` [kg]."""
     whole = 1.0 / heaviest
     return (
-        whole * node_of(nodes, below, own, above, level - 2, first, column)[2],
-        whole * node_of(nodes, below, own, above, level - 1, first, column)[2],
-        whole * node_of(nodes, below, own, above, level, first, column)[2],
-        whole * node_of(nodes, below, own, above, level + 1, first, column)[2],
-        whole * node_of(nodes, below, own, above, level + 2, first, column)[2],
+        whole * node_of(stack, level - 2)[2],
+        whole * node_of(stack, level - 1)[2],
+        whole * node_of(stack, level)[2],
+        whole * node_of(stack, level + 1)[2],
+        whole * node_of(stack, level + 2)[2],
     )
 
 
 @jit_borrowing
-def at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest):
-    """What the flow has at the ground under a node column.
+def at_foot(
+    stack: NodeColumn, level: int, foot: float, rise: float, heaviest: float
+) -> tuple[float, float, float, float, float, tuple]:
+    """Return what the flow has at the ground under a node column.
 
-    Returns velocity [m s-1], the velocity that a unit impulse gives it [kg-1], the mass there [kg], and the
-    `contact_shares` of the nodes.
+    Parameters
+    ----------
+    stack : NodeColumn
+    level : int
+        Level of the node nearest to the ground.
+    foot : float [cells]
+        Place of the ground above that node, -0.5 to 0.5.
+    rise : float [1]
+        Of the ground.
+    heaviest : float [kg]
+        Mass of the heaviest node near the ground.
+
+    Returns
+    -------
+    u, v, w : float [m s-1]
+        Velocity.
+    give : float [kg-1]
+        Velocity that a unit impulse gives it.
+    here : float [kg]
+        Mass there.
+    shares : tuple of 5 floats
+        `contact_shares` of the nodes.
     """
+    nodes = stack.nodes
     u = v = w = give = here = 0.0
-    m0, m1, m2, m3, m4 = _masses_at(nodes, below, own, above, first, column, level, heaviest)
+    m0, m1, m2, m3, m4 = _masses_at(stack, level, heaviest)
     shares = contact_shares(foot, rise, m0, m1, m2, m3, m4)
     for offset in range(-2, 3):
-        slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
+        slot, n, mass = node_of(stack, level + offset)
         if mass <= 0.0:
             continue
         share = share_at(offset, shares)
@@ -122,25 +192,60 @@ def at_foot(nodes, below, own, above, first, column, level, foot, rise, heaviest
 
 
 @jit_borrowing
-def across_foot(nodes, below, own, above, first, column, level, foot, rise, part, heaviest, shares, nx, ny):
-    """What differs from `at_foot` for the horizontal component, along (`nx`, `ny`), of a normal impulse.
+def across_foot(
+    stack: NodeColumn,
+    level: int,
+    foot: float,
+    rise: float,
+    part: float,
+    heaviest: float,
+    shares: tuple,
+    nx: float,
+    ny: float,
+) -> tuple[float, float, float, tuple[float, float, float]]:
+    """Return what differs from `at_foot` for the horizontal component of a normal impulse.
 
-    `part` is that of `across_part`; in a sheet thinner than 1.5 cells it counts less. `shares` are the
-    `contact_shares` of the nodes. Returns the speed at the ground along (nx, ny) [m s-1] less that of `at_foot`, the
-    velocity [kg-1] that a unit impulse gives there with the other shares, the same measured with `shares`, and what
-    the other shares follow from: (part, total, moment), see `balanced`.
+    Parameters
+    ----------
+    stack : NodeColumn
+    level : int
+        Level of the node nearest to the ground.
+    foot : float [cells]
+        Place of the ground above that node, -0.5 to 0.5.
+    rise : float [1]
+        Of the ground.
+    part : float [1]
+        That of `across_part`; in a sheet thinner than 1.5 cells it counts less.
+    heaviest : float [kg]
+        Mass of the heaviest node near the ground.
+    shares : tuple of 5 floats
+        `contact_shares` of the nodes.
+    nx, ny : float
+        Horizontal part of the ground's unit normal.
+
+    Returns
+    -------
+    speed : float [m s-1]
+        Speed at the ground along (nx, ny) less that of `at_foot`.
+    give : float [kg-1]
+        Velocity that a unit impulse gives there with the other shares.
+    both : float [kg-1]
+        The same, measured with `shares`.
+    across : (part, total, moment)
+        What the other shares follow from (see `balanced`).
     """
+    nodes = stack.nodes
     whole = 1.0 / heaviest
-    m0, m1, m2, m3, m4 = _masses_at(nodes, below, own, above, first, column, level, heaviest)
+    m0, m1, m2, m3, m4 = _masses_at(stack, level, heaviest)
     part *= depth_of(foot, m0, m1, m2, m3, m4)
     total = moment = speed = give = both = 0.0
     for offset in range(-2, 3):
-        mass = whole * node_of(nodes, below, own, above, level + offset, first, column)[2]
+        mass = whole * node_of(stack, level + offset)[2]
         more = more_across(foot - float(offset), rise, part, share_at(offset, shares), mass)
         total += more
         moment += float(offset) * more
     for offset in range(-2, 3):
-        slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
+        slot, n, mass = node_of(stack, level + offset)
         if mass <= 0.0:
             continue
         share = share_at(offset, shares)
@@ -154,12 +259,43 @@ def across_foot(nodes, below, own, above, first, column, level, foot, rise, part
 
 
 @jit_borrowing
-def push_node(nodes, slot, n, mass, heaviest, share, across, normal, friction):
+def push_node(
+    nodes: np.ndarray,
+    slot: int,
+    n: int,
+    mass: float,
+    heaviest: float,
+    share: float,
+    across: float,
+    normal: tuple[float, float, float],
+    friction: tuple[float, float, float],
+) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
     """Give a node its part of the impulse of the ground.
 
-    Its `share` and its share `across` the column [1] are those of the vertical and the horizontal components of
-    the `normal` impulse (x, y, z) [N s]; `friction` (x, y, z) [N s] has the `share`. Returns the impulse (x, y, z) that
-    the node takes, the part of it that is friction, and the velocity [m s-1] of the node after it.
+    Parameters
+    ----------
+    nodes : float[touched, BLOCK_SIZE]
+    slot, n : int
+        Block of the node, and index of its first entry there.
+    mass : float [kg]
+        Of the node.
+    heaviest : float [kg]
+        Mass of the heaviest node near the ground.
+    share, across : float [1]
+        Shares of the node in the vertical and in the horizontal components of the normal impulse.
+    normal : (x, y, z) [N s]
+        Normal impulse on the column.
+    friction : (x, y, z) [N s]
+        Impulse of friction on the column, of which the node has `share`.
+
+    Returns
+    -------
+    taken : (x, y, z) [N s]
+        Impulse that the node takes.
+    rubbed : (x, y, z) [N s]
+        Part of it that is friction.
+    velocity : (x, y, z) [m s-1]
+        Of the node after it.
     """
     taken = mass / pushed_mass(mass, max(share, abs(across)), heaviest)
     fx, fy, fz = taken * share * friction[0], taken * share * friction[1], taken * share * friction[2]
@@ -176,31 +312,33 @@ def push_node(nodes, slot, n, mass, heaviest, share, across, normal, friction):
 
 
 @jit_inline
-def dot(a, b):
-    """Scalar product of two vectors (x, y, z)."""
+def dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+    """Compute the scalar product of two vectors.
+
+    Parameters
+    ----------
+    a, b : (x, y, z)
+    """
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit_borrowing
-def _push(
-    nodes, below, own, above, first, column, level, foot, rise, across_of, shares, heaviest, normal, friction, mine
-):
+def _push(stack, level, foot, rise, across_of, shares, heaviest, normal, friction, mine):
     """Give the `normal` impulse and that of `friction` (x, y, z) [N s] at the ground to the nodes around it.
 
     `shares` are the `contact_shares` at the ground's place `foot` and its `rise`; `across_of` is that of `across_foot`.
-
     The impulse, its work and the work of friction are added to the report `mine`.
     """
     part, total, moment = across_of
     for offset in range(-2, 3):
-        slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
+        slot, n, mass = node_of(stack, level + offset)
         if mass <= 0.0:
             continue
         share = across = share_at(offset, shares)
         if part > 0.0:
             more = more_across(foot - float(offset), rise, part, share, mass / heaviest)
             across += balanced(offset, more, total, moment)
-        taken, rubbed, velocity = push_node(nodes, slot, n, mass, heaviest, share, across, normal, friction)
+        taken, rubbed, velocity = push_node(stack.nodes, slot, n, mass, heaviest, share, across, normal, friction)
         mine[GROUND_X] += taken[0]
         mine[GROUND_Y] += taken[1]
         mine[GROUND_Z] += taken[2]
@@ -209,13 +347,35 @@ def _push(
 
 
 @jit_inline
-def yielding_impulse(into, give, yielded, impedance, back, most, dt):
-    """(normal impulse [N s], yield [m] after it) of yielding ground under a flow with the speed `into` [m s-1] into it.
+def yielding_impulse(
+    into: float, give: float, yielded: float, impedance: float, back: float, most: float, dt: float
+) -> tuple[float, float]:
+    """Return the normal impulse of yielding ground, and its yield after it.
 
     The ground is an elastic layer on rigid rock: it pushes with `impedance` [kg s-1] times (speed + yield / `back`
     [s]), at most `most` [m] deep, and comes back by itself where nothing touches it. Rigid ground reflects waves of
     separation, with which a slab slides under less friction than Coulomb's (Adams, 1995, J. Appl. Mech. 62); this
     impedance, that of the flow itself, absorbs them (Lysmer & Kuhlemeyer, 1969, J. Eng. Mech. 95).
+
+    Parameters
+    ----------
+    into : float [m s-1]
+        Speed of the flow into the ground.
+    give : float [kg-1]
+        Velocity that a unit impulse gives to the flow.
+    yielded : float [m]
+        Yield before the step.
+    impedance : float [kg s-1]
+    back : float [s]
+        Time in which ground that nothing touches comes back.
+    most : float [m]
+        Largest yield.
+    dt : float [s]
+
+    Returns
+    -------
+    normal : float [N s]
+    yielded : float [m]
     """
     normal = max(dt * impedance * (into + yielded / back) / (1.0 + dt * impedance * give), 0.0)
     if yielded + dt * (into - normal * give) > most:
@@ -227,7 +387,10 @@ def yielding_impulse(into, give, yielded, impedance, back, most, dt):
 
 @jit_borrowing
 def _mass_above(nodes, slots, place, up, depth, column):
-    """Mass [kg] of a node column from the block below the one at `place` + `up` of the window up to the first gap."""
+    """Return the mass [kg] of a node column up to the first gap.
+
+    It is summed from the block below the one at `place` + `up` of the window.
+    """
     mass = 0.0
     for level in range(max(up - 1, 0), depth):
         slot = slots[place + level]
@@ -241,13 +404,25 @@ def _mass_above(nodes, slots, place, up, depth, column):
 
 
 @jit_borrowing
-def carried_yield(before, step, j, i, east, north, weighed):
-    """Yield [m] under node column [j, i] that moved with the flow, by `east` and `north` [cells] in this step.
+def carried_yield(before: np.ndarray, step: int, j: int, i: int, east: float, north: float, weighed: float) -> float:
+    """Return the yield [m] under a node column, which moved with the flow in this step.
 
-    `before` are the yields before this step, whose number is `step`. A column that the flow has just reached has the
-    mean of its neighbours', so that a front does not fall into the ground cell by cell. What comes along makes the
-    yield no larger than `weighed` [m], that under the column's weight: ground pressed by a deep flow would throw up
-    the thin front that it moves to.
+    A column that the flow has just reached has the mean of its neighbours', so that a front does not fall into the
+    ground cell by cell. What comes along makes the yield no larger than that under the column's weight: ground pressed
+    by a deep flow would throw up the thin front that it moves to.
+
+    Parameters
+    ----------
+    before : float[rows, columns, YIELD_ENTRIES]
+        Yields before this step.
+    step : int
+        Number of this step, from 1.
+    j, i : int
+        Node column.
+    east, north : float [cells]
+        Motion of the flow in this step.
+    weighed : float [m]
+        Yield under the column's weight (`weighed_yield`).
     """
     now = float(step)
     if before[j, i, YIELD_STEP] != now:
@@ -269,11 +444,21 @@ def carried_yield(before, step, j, i, east, north, weighed):
 
 
 @jit_inline
-def weighed_yield(mass, heaviest, nz, settings):
-    """Yield [m] under a node column of `mass` [kg] at rest, whose heaviest node at the ground has `heaviest` [kg].
+def weighed_yield(mass: float, heaviest: float, nz: float, settings: Settings) -> float:
+    """Return the yield [m] under a node column at rest.
 
     Of a flow many cells deep it is LAYER dx g h nz^2 / c^2 (h: thickness, nz: upward part of the ground's normal); at
     most MOST_YIELD cells.
+
+    Parameters
+    ----------
+    mass : float [kg]
+        Of the column.
+    heaviest : float [kg]
+        Mass of its heaviest node at the ground.
+    nz : float
+        Upward part of the ground's unit normal.
+    settings : Settings
     """
     dx, cells, signal_speed = settings.dx, mass / heaviest, settings.signal_speed
     yielded = LAYER * dx * dx * settings.gravity * cells * nz * nz / (signal_speed * signal_speed)
@@ -281,12 +466,25 @@ def weighed_yield(mass, heaviest, nz, settings):
 
 
 @jit_inline
-def friction_impulse(u, v, w, normal, give, nx, ny, nz, law):
-    """Impulse of friction [N s] on a flow of velocity (u, v, w) at the ground, beside the `normal` impulse [N s].
+def friction_impulse(
+    u: float, v: float, w: float, normal: float, give: float, nx: float, ny: float, nz: float, law: NamedTuple
+) -> tuple[float, float, float]:
+    """Return the impulse of friction (x, y, z) [N s] on a flow at the ground.
 
-    (nx, ny, nz) is the direction of the normal impulse; the normal speed of the flow does not count. Coulomb friction
-    bears at most mu times the normal impulse. Drag came before (`point_layers`). Ground to which the flow sticks leaves
-    it no velocity.
+    The normal speed of the flow does not count. Coulomb friction bears at most mu times the normal impulse. Drag came
+    before (`point_layers`). Ground to which the flow sticks leaves it no velocity.
+
+    Parameters
+    ----------
+    u, v, w : float [m s-1]
+        Velocity of the flow at the ground.
+    normal : float [N s]
+        Normal impulse.
+    give : float [kg-1]
+        Velocity that a unit impulse gives to the flow.
+    nx, ny, nz : float
+        Direction of the normal impulse.
+    law : contact law (`laws.bed_contact`)
     """
     if law.sticks():
         return -u / give - normal * nx, -v / give - normal * ny, -w / give - normal * nz
@@ -300,15 +498,32 @@ def friction_impulse(u, v, w, normal, give, nx, ny, nz, law):
 
 
 @jit_inline
-def between_faces(u, v, into, give, nx, ny, wall_x, wall_y):
-    """Contact with the ground beside a wall of outward unit normal (wall_x, wall_y); both act together.
+def between_faces(
+    u: float, v: float, into: float, give: float, nx: float, ny: float, wall_x: float, wall_y: float
+) -> tuple[float, float, float, float, float, float]:
+    """Prepare the contact with the ground beside a wall: both act together.
 
     If the ground alone moves the flow away from the wall, nothing changes. Otherwise the flow keeps no speed into the
     wall, and the wall takes the part of the ground's impulse towards it. One after the other, ground and wall would
     push the flow out of an acute corner in each step.
 
-    Returns the velocity (u, v) [m s-1], the speed `into` the ground [m s-1], the speed out of it per unit impulse along
-    its normal, `give` [kg-1], and the ground's normal (nx, ny) within the face of the wall.
+    Parameters
+    ----------
+    u, v : float [m s-1]
+        Horizontal velocity of the flow at the ground.
+    into : float [m s-1]
+        Its speed into the ground.
+    give : float [kg-1]
+        Speed out of the ground that a unit impulse along its normal gives.
+    nx, ny : float
+        Horizontal part of the ground's unit normal.
+    wall_x, wall_y : float
+        Outward unit normal of the wall.
+
+    Returns
+    -------
+    u, v, into, give, nx, ny : float
+        The same after the wall has acted; (nx, ny) lies within the face of the wall.
     """
     leans = nx * wall_x + ny * wall_y
     across = u * wall_x + v * wall_y
@@ -319,11 +534,28 @@ def between_faces(u, v, into, give, nx, ny, wall_x, wall_y):
 
 
 @jit_inline
-def ground_under_mass(height, nx, ny, nz, j, i, settings):
-    """(height [m], rise [1]) of the ground, of unit normal (nx, ny, nz), where the mass of node column [j, i] lies.
+def ground_under_mass(
+    height: float, nx: float, ny: float, nz: float, j: int, i: int, settings: Settings
+) -> tuple[float, float]:
+    """Return height and rise of the ground where the mass of a node column lies.
 
     Walls around the domain hold the flow inside: of a column on or beyond an edge only a part of its splines has mass.
     The ground counts as high as at the centre of that part, and rises less over it because the part is narrower.
+
+    Parameters
+    ----------
+    height : float [m]
+        Of the ground at the node column.
+    nx, ny, nz : float
+        Unit normal of the ground.
+    j, i : int
+        Node column.
+    settings : Settings
+
+    Returns
+    -------
+    height : float [m]
+    rise : float [1]
     """
     dx, spread_x, spread_y = settings.dx, 1.0, 1.0
     if settings.wall:
@@ -341,7 +573,7 @@ def ground_under_mass(height, nx, ny, nz, j, i, settings):
 
 @jit_inline
 def _face_at(place, height, wall_x, wall_y):
-    """Outward unit normal of the barrier's side that holds the node column `place` at ground `height` [m].
+    """Return the outward unit normal of the barrier's side that holds the node column `place` at ground `height` [m].
 
     (wall_x, wall_y) where none does: no barrier, an opening, or its top is nearer.
     """
@@ -353,9 +585,40 @@ def _face_at(place, height, wall_x, wall_y):
 
 @jit_inline
 def press_column(
-    t, column, grid, window, ground, zone_values, barriers, yields, step, mine, dt, settings, contact, zones, barrier
-):
-    """`press_on_ground` for node `column` (0 to 15) of touched block `t`; `mine` is the report of its chunk."""
+    t: int,
+    column: int,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    site: Site,
+    yields: np.ndarray,
+    step: int,
+    mine: np.ndarray,
+    dt: float,
+    settings: Settings,
+    laws: ContactLaws,
+) -> None:
+    """Apply `press_on_ground` to one node column of a touched block.
+
+    Parameters
+    ----------
+    t : int
+        Number of the block.
+    column : int
+        Node column in the block, 0 to 15.
+    grid : NodeBlocks
+    window : BlockWindow
+    site : Site
+    yields : float[2, rows, columns, YIELD_ENTRIES]
+        Of the last step and of this one, by turns.
+    step : int
+        Number of this step, from 1.
+    mine : float[NODE_REPORT]
+        Report of the chunk.
+    dt : float [s]
+    settings : Settings
+    laws : ContactLaws
+    """
+    ground, barriers, barrier = site.ground, site.barriers, laws.barrier
     nodes, touched = grid.nodes, grid.touched
     slots, width, depth, lowest = window.slots, window.width, window.depth, window.lowest
     dx, signal_speed = settings.dx, settings.signal_speed
@@ -366,21 +629,22 @@ def press_column(
     up = block_level - lowest[row, block_column, 0]
     below = slots[place + up - 1] if up > 0 else -1
     above = slots[place + up + 1] if up + 1 < depth else -1
-    jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
-    ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
-    height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
+    jj = min(row * BLOCK + column // BLOCK, ground.shape[0] - 1)
+    ii = min(block_column * BLOCK + column % BLOCK, ground.shape[1] - 1)
+    height, nx, ny, nz = plane_at(ground, jj, ii)
     height, rise = ground_under_mass(height, nx, ny, nz, jj, ii, settings)
     level, foot = foot_of(height, dx)
     if not is_column_of_block(level, first, below) and not is_sunk_below_block(level, first, above):
         return
-    if fold_at(ground.folds, jj, ii)[2] > 0:
+    if fold_at(site.folds, jj, ii)[2] > 0:
         return
     if barrier.barrier_active() and barriers[jj, ii, ROWED] > 0.0:
         return
-    heaviest, centre = mass_near(nodes, below, t, above, first, column, level)
+    stack = NodeColumn(nodes, below, t, above, first, column)
+    heaviest, centre = mass_near(stack, level)
     if heaviest <= NO_MASS:
         return
-    law = zones.local(contact, zone_values, jj, ii)
+    law = laws.zones.local(laws.contact, site.zone_values, jj, ii)
     rubs = law.kept_slip(1.0, 1.0) < 1.0
     yielding = rubs and not law.sticks()
     mass = _mass_above(nodes, slots, place, up, depth, column) if yielding else 0.0  # here: fewer registers on devices
@@ -389,19 +653,17 @@ def press_column(
         inward_x, inward_y = edge_at(jj, ii, cells_x, cells_y)
         wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
     if barrier.barrier_active():
-        wall_x, wall_y = _face_at(barriers[jj, ii], plane_at(ground.nodes, jj, ii)[0], wall_x, wall_y)
+        wall_x, wall_y = _face_at(barriers[jj, ii], plane_at(ground, jj, ii)[0], wall_x, wall_y)
     if centre < foot:  # sunk: the ground acts where the mass is
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
         level, foot = level + lower, centre - float(lower)
-    u, v, w, give, here, shares = at_foot(nodes, below, t, above, first, column, level, foot, rise, heaviest)
+    u, v, w, give, here, shares = at_foot(stack, level, foot, rise, heaviest)
     if here < LEAST_SHARE * heaviest or give <= 0.0:
         return
     into, push_give, turned, across = -(u * nx + v * ny + w * nz), give, 0.0, (0.0, 0.0, 0.0)
     part = across_part(nx, ny, nz)
     if part > 0.0:
-        speed, give_across, both, across = across_foot(
-            nodes, below, t, above, first, column, level, foot, rise, part, heaviest, shares, nx, ny
-        )
+        speed, give_across, both, across = across_foot(stack, level, foot, rise, part, heaviest, shares, nx, ny)
         into, turned = into - speed, both - give
         push_give = give * nz * nz + give_across * (1.0 - nz * nz)
     tx, ty = nx, ny
@@ -426,14 +688,25 @@ def press_column(
         after = yields[step % 2]
         after[jj, ii, YIELD], after[jj, ii, YIELD_STEP] = yielded, step + 1
     push, friction = (normal * nx, normal * ny, normal * nz), (fx, fy, fz)
-    _push(nodes, below, t, above, first, column, level, foot, rise, across, shares, heaviest, push, friction, mine)
+    _push(stack, level, foot, rise, across, shares, heaviest, push, friction, mine)
 
 
 @jit_parallel
 def press_on_ground(
-    grid, window, free, ground, zone_values, barriers, yields, step, report, dt, settings, contact, zones, barrier
-):
-    """Contact with smooth ground, of velocities at the nodes of all touched blocks that are not `free`.
+    grid: NodeBlocks,
+    window: BlockWindow,
+    free: np.ndarray,
+    site: Site,
+    yields: np.ndarray,
+    step: int,
+    report: np.ndarray,
+    dt: float,
+    settings: Settings,
+    contact: NamedTuple,
+    zones: NamedTuple,
+    barrier: NamedTuple,
+) -> None:
+    """Apply the contact with smooth ground to velocities at the nodes of all touched blocks that are not `free`.
 
     The flow's velocity at the ground, v_b = sum s_k v_k over the nodes of a column around it, is what contact acts on;
     the impulse J is given back with the same shares, dv_k = s_k J / m_k, so that the bed's reaction reaches every node
@@ -448,7 +721,9 @@ def press_on_ground(
     ----------
     grid : NodeBlocks
     window : BlockWindow
-    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    free : uint8[touched]
+        1 for blocks whose nodes touch nothing.
+    site : Site
         Barriers and walls of the domain act later; the contact of the ground beside them already assumes that they act
         (see `between_faces`).
     yields : float64[2, rows, columns, YIELD_ENTRIES]
@@ -458,27 +733,15 @@ def press_on_ground(
     report : float64[CHUNKS, NODE_REPORT]
         Impulses and work are added to it.
     dt : float [s]
+    settings : Settings
+    contact, zones, barrier : laws
+        As of `ContactLaws`.
     """
     n_touched = grid.count
     for c in prange(CHUNKS):
+        laws, mine = ContactLaws(contact, zones, barrier), report[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             if free[t] == 1:
                 continue
             for column in range(BLOCK * BLOCK):
-                press_column(
-                    t,
-                    column,
-                    grid,
-                    window,
-                    ground,
-                    zone_values,
-                    barriers,
-                    yields,
-                    step,
-                    report[c],
-                    dt,
-                    settings,
-                    contact,
-                    zones,
-                    barrier,
-                )
+                press_column(t, column, grid, window, site, yields, step, mine, dt, settings, laws)

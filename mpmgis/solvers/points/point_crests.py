@@ -10,6 +10,9 @@ The top acts as smooth ground does, by one multiplier for each node column (`res
 """
 
 from math import floor, sqrt
+from typing import NamedTuple
+
+import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
@@ -28,7 +31,8 @@ from .point_contact import (
     push_node,
 )
 from .point_nodes import BARRIER_WORK
-from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z
+from .point_records import NodeColumn, NodeReports
+from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, BlockWindow, NodeBlocks, Settings
 
 SIDE_DEPTH = 1.5  # [cells] behind a side, up to which points before it have mass at nodes
 TOP_DEPTH = 0.5  # [cells] behind a side, from which the top acts
@@ -38,27 +42,57 @@ EDGE_LEVELS = 4  # levels from the one nearest to the crest down to the lowest o
 
 
 @jit_inline
-def into_side(outwards, above, share):
-    """Speed [m s-1] into the side that a node at the edge keeps.
+def into_side(outwards: float, above: float, share: float) -> float:
+    """Return the speed [m s-1] into the side that a node at the edge keeps.
 
-    It moves `outwards` [m s-1] from the side, the node one level higher `above` [m s-1] into it. At most the
-    `share` [1] of that is kept: all of it from one cell above the nodes that hold the side, and less below.
+    At most the `share` [1] of that is kept which the node one level higher has: all of it from one cell above the
+    nodes that hold the side, and less below.
+
+    Parameters
+    ----------
+    outwards : float [m s-1]
+        Speed of the node away from the side.
+    above : float [m s-1]
+        Speed of the node one level higher into the side.
+    share : float [1]
     """
     return min(max(-outwards, 0.0), share * above)
 
 
 @jit_borrowing
-def slow_at_edge(nodes, below, own, above, first, column, level, place, mine, booked, dx, barrier):
+def slow_at_edge(
+    stack: NodeColumn,
+    level: int,
+    place: np.ndarray,
+    mine: np.ndarray,
+    booked: np.ndarray,
+    dx: float,
+    barrier: NamedTuple,
+) -> None:
     """Slow the nodes of a column at the edge of a barrier, from the crest downwards (`into_side`).
 
-    `level` is nearest to the crest, `place` are the entries of the barrier at the column. Flow above that is lighter
-    than the node lets it pass in proportion, because splash does not carry along what is below it. Friction acts along
-    the side.
+    Flow above that is lighter than the node lets it pass in proportion, because splash does not carry along what is
+    below it. Friction acts along the side.
+
+    Parameters
+    ----------
+    stack : NodeColumn
+    level : int
+        Level of the node nearest to the crest.
+    place : float[POINT_BARRIER_ENTRIES]
+        The barrier at the column.
+    mine : float[NODE_REPORT]
+        Report of the chunk.
+    booked : float[barriers, POINT_BARRIER_SUMS]
+        Loads on the barriers of the chunk.
+    dx : float [m]
+    barrier : law of barriers (`laws.barrier`)
     """
+    nodes = stack.nodes
     nx, ny = place[WALL_X], place[WALL_Y]
     crest, passing, heavier = place[HELD] + place[EDGE], 0.0, 0.0
     for lower in range(-1, EDGE_LEVELS):
-        slot, n, mass = node_of(nodes, below, own, above, level - lower, first, column)
+        slot, n, mass = node_of(stack, level - lower)
         if mass <= 0.0:
             continue
         z = float(level - lower - GHOSTS) * dx
@@ -84,14 +118,39 @@ def slow_at_edge(nodes, below, own, above, first, column, level, place, mine, bo
 
 
 @jit_borrowing
-def rest_on_top(nodes, below, own, above, first, column, level, foot, place, mine, booked, settings, barrier):
-    """Contact of a node column with the top of a barrier, `foot` [cells] above `level`, as with smooth ground.
+def rest_on_top(
+    stack: NodeColumn,
+    level: int,
+    foot: float,
+    place: np.ndarray,
+    mine: np.ndarray,
+    booked: np.ndarray,
+    settings: Settings,
+    barrier: NamedTuple,
+) -> None:
+    """Apply the contact of a node column with the top of a barrier, as with smooth ground.
 
     Flow whose centre near the crest is lower is held there. Near a side, mass that is centred more than SUNK below the
     crest or less than TAIL of a full node belongs to points before the side. The top does not act on it.
+
+    Parameters
+    ----------
+    stack : NodeColumn
+    level : int
+        Level of the node nearest to the crest.
+    foot : float [cells]
+        Place of the crest above that node, -0.5 to 0.5.
+    place : float[POINT_BARRIER_ENTRIES]
+        The barrier at the column.
+    mine : float[NODE_REPORT]
+        Report of the chunk.
+    booked : float[barriers, POINT_BARRIER_SUMS]
+        Loads on the barriers of the chunk.
+    settings : Settings
+    barrier : law of barriers (`laws.barrier`)
     """
     dx = settings.dx
-    heaviest, centre = mass_near(nodes, below, own, above, first, column, level)
+    heaviest, centre = mass_near(stack, level)
     if heaviest <= NO_MASS:
         return
     if place[DEPTH] < SIDE_DEPTH * dx and (centre < foot - SUNK or heaviest < TAIL * settings.density * dx * dx * dx):
@@ -99,7 +158,7 @@ def rest_on_top(nodes, below, own, above, first, column, level, foot, place, min
     if centre < foot:
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
         level, foot = level + lower, centre - float(lower)
-    u, v, w, give, here, shares = at_foot(nodes, below, own, above, first, column, level, foot, 0.0, heaviest)
+    u, v, w, give, here, shares = at_foot(stack, level, foot, 0.0, heaviest)
     if here < LEAST_SHARE * heaviest or give <= 0.0 or w >= 0.0:
         return
     slip = sqrt(u * u + v * v)
@@ -107,19 +166,46 @@ def rest_on_top(nodes, below, own, above, first, column, level, foot, place, min
     push, friction = (0.0, 0.0, -w / give), ((kept - 1.0) * u / give, (kept - 1.0) * v / give, 0.0)
     z = (float(level - GHOSTS) + foot) * dx
     for offset in range(-2, 3):
-        slot, n, mass = node_of(nodes, below, own, above, level + offset, first, column)
+        slot, n, mass = node_of(stack, level + offset)
         if mass <= 0.0:
             continue
         share = share_at(offset, shares)
-        taken, _, velocity = push_node(nodes, slot, n, mass, heaviest, share, share, push, friction)
+        taken, _, velocity = push_node(stack.nodes, slot, n, mass, heaviest, share, share, push, friction)
         book_impulse(booked[int(place[BARRIER]) - 1], -taken[0], -taken[1], -taken[2], taken[2], place, ARM_X, z)
         mine[BARRIER_WORK] -= dot(taken, velocity)
 
 
 @jit_inline
-def press_at_crest(t, column, grid, window, barriers, mine, booked, settings, barrier):
-    """`press_on_crests` for node `column` (0 to 15) of touched block `t`; `mine` and `booked` are its reports."""
-    nodes, touched, slots, dx = grid.nodes, grid.touched, window.slots, settings.dx
+def press_at_crest(
+    t: int,
+    column: int,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    barriers: np.ndarray,
+    mine: np.ndarray,
+    booked: np.ndarray,
+    settings: Settings,
+    barrier: NamedTuple,
+) -> None:
+    """Apply `press_on_crests` to one node column of a touched block.
+
+    Parameters
+    ----------
+    t : int
+        Number of the block.
+    column : int
+        Node column in the block, 0 to 15.
+    grid : NodeBlocks
+    window : BlockWindow
+    barriers : float[rows, columns, POINT_BARRIER_ENTRIES]
+    mine : float[NODE_REPORT]
+        Report of the chunk.
+    booked : float[barriers, POINT_BARRIER_SUMS]
+        Loads on the barriers of the chunk.
+    settings : Settings
+    barrier : law of barriers (`laws.barrier`)
+    """
+    touched, slots, dx = grid.touched, window.slots, settings.dx
     row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
     jj = min(row * BLOCK + column // BLOCK, barriers.shape[0] - 1)
     ii = min(block_column * BLOCK + column % BLOCK, barriers.shape[1] - 1)
@@ -134,15 +220,24 @@ def press_at_crest(t, column, grid, window, barriers, mine, booked, settings, ba
     above = slots[at + up + 1] if up + 1 < window.depth else -1
     if not is_column_of_block(level, first, below) and not is_sunk_below_block(level, first, above):
         return
+    stack = NodeColumn(grid.nodes, below, t, above, first, column)
     if place[DEPTH] >= TOP_DEPTH * dx:
-        rest_on_top(nodes, below, t, above, first, column, level, foot, place, mine, booked, settings, barrier)
+        rest_on_top(stack, level, foot, place, mine, booked, settings, barrier)
     if place[DEPTH] < SIDE_DEPTH * dx:
-        slow_at_edge(nodes, below, t, above, first, column, level, place, mine, booked, dx, barrier)
+        slow_at_edge(stack, level, place, mine, booked, dx, barrier)
 
 
 @jit_parallel
-def press_on_crests(grid, window, free, barriers, report, barrier_report, settings, barrier):
-    """Contact with the crests of barriers, of velocities at the nodes of all touched blocks that are not `free`.
+def press_on_crests(
+    grid: NodeBlocks,
+    window: BlockWindow,
+    free: np.ndarray,
+    barriers: np.ndarray,
+    reports: NodeReports,
+    settings: Settings,
+    barrier: NamedTuple,
+) -> None:
+    """Apply the contact with the crests of barriers to velocities at the nodes of all touched blocks.
 
     Each column of nodes is processed in the block of the node that is nearest to the crest. Nodes below the edge follow
     (`point_barriers.at_barrier`).
@@ -151,10 +246,13 @@ def press_on_crests(grid, window, free, barriers, report, barrier_report, settin
     ----------
     grid : NodeBlocks
     window : BlockWindow
+    free : uint8[touched]
+        1 for blocks whose nodes touch nothing: they are left out.
     barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
-    report : float64[CHUNKS, NODE_REPORT]
-    barrier_report : float64[CHUNKS, barriers, POINT_BARRIER_SUMS]
-        Impulses and work are added to both.
+    reports : NodeReports
+        Work and loads on barriers are added to them.
+    settings : Settings
+    barrier : law of barriers (`laws.barrier`)
     """
     n_touched = grid.count
     for c in prange(CHUNKS):
@@ -162,4 +260,6 @@ def press_on_crests(grid, window, free, barriers, report, barrier_report, settin
             if free[t] == 1:
                 continue
             for column in range(BLOCK * BLOCK):
-                press_at_crest(t, column, grid, window, barriers, report[c], barrier_report[c], settings, barrier)
+                press_at_crest(
+                    t, column, grid, window, barriers, reports.nodes[c], reports.barriers[c], settings, barrier
+                )

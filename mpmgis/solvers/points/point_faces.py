@@ -1,6 +1,9 @@
 """Contact of a 3D flow with barriers' smooth faces: one multiplier for each row of nodes (see `press_on_faces`)."""
 
 from math import floor, sqrt
+from typing import NamedTuple
+
+import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS, GONE
@@ -35,60 +38,48 @@ from .point_nodes import (
     leaning_edge,
     node_at,
 )
+from .point_records import ContactLaws, FaceArrays, NodeReports, Site
 from .point_report import HELD_WALL
-from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, X, Y, Z
+from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, BlockWindow, NodeBlocks, Settings, X, Y, Z
 
-# Of a face: node column nearest to it, direction of its rows, place from that node [cells], on which side the flow is,
-# unit normal, friction, 1 + number of the barrier (0: none, a gap between faces), place from the barrier's foot [m],
-# elevation up to which it holds [m], lowest level that its rows reach, level of the first of its `lines`.
-# Of faces that share node columns: 1 + the number of the next of them (0: none); 1 for all but the first; which of its
-# node columns belong to an earlier one, as a sum of 1, 2 and 4.
-# In corners: how far the place lies beside the side's plane [cells]; root of the variance of the part of the row's
-# spline before the corner, over that of the whole.
-(
-    FACE_J,
-    FACE_I,
-    FACE_EAST,
-    FACE_NORTH,
-    FACE_FOOT,
-    FACE_OUT,
-    FACE_X,
-    FACE_Y,
-    FACE_MU,
-    FACE_BARRIER,
-    FACE_ARM_X,
-    FACE_ARM_Y,
-    FACE_BASE,
-    FACE_TOP,
-    FACE_LOWEST,
-    FACE_FIRST,
-    FACE_NEXT,
-    FACE_FOLLOWS,
-    FACE_TAKEN,
-    FACE_SHIFT,
-    FACE_SPREAD,
-    FACE_ENTRIES,
-) = range(22)
-# of a line of nodes in contact: impulse so far [N s], velocity that a unit impulse gives [kg-1], mass of its
-# heaviest node [kg], yield before the step and after it [m], 1 where there is contact, shares of the nodes -2 to 2
-(
-    LINE_X,
-    LINE_Y,
-    LINE_Z,
-    LINE_GIVE,
-    LINE_HEAVIEST,
-    LINE_YIELD,
-    LINE_YIELDED,
-    LINE_ON,
-    LINE_SHARES,
-    _,
-    _,
-    _,
-    _,
-    LINE_ENTRIES,
-) = range(14)
-SPAN_FIRST, SPAN_LAST = range(2)  # of the last line of a face: level of its lowest and of its highest row in contact
-UPWARDS = (0, 0, 1)
+# entries of a face
+FACE_J = 0  # node column nearest to it: row and column
+FACE_I = 1
+FACE_EAST = 2  # 1 if its rows of nodes run along x, or
+FACE_NORTH = 3  # 1 if they run along y
+FACE_FOOT = 4  # [cells] its place from that node, along the rows
+FACE_OUT = 5  # 1 or -1: on which side the flow is
+FACE_X = 6  # its unit normal
+FACE_Y = 7
+FACE_MU = 8  # [1] friction
+FACE_BARRIER = 9  # 1 + number of the barrier; 0: none, a gap between faces
+FACE_ARM_X = 10  # [m] its place from the barrier's foot, east and north
+FACE_ARM_Y = 11
+FACE_BASE = 12  # [m] elevation of that foot
+FACE_TOP = 13  # [m] elevation up to which the face holds
+FACE_LOWEST = 14  # lowest level that its rows reach
+FACE_FIRST = 15  # level of the first of its `lines`
+FACE_NEXT = 16  # 1 + the number of the next of the faces that share node columns; 0: none
+FACE_FOLLOWS = 17  # 1 for all but the first of these
+FACE_TAKEN = 18  # which of its node columns belong to an earlier one of these, as a sum of 1, 2 and 4
+FACE_SHIFT = 19  # [cells] in corners: how far the place lies beside the side's plane
+FACE_SPREAD = 20  # in corners: root of the variance of the part of the row's spline before it, over that of the whole
+FACE_ENTRIES = 21
+# entries of a line of nodes in contact, a row or a node column
+LINE_X = 0  # [N s] impulse so far
+LINE_Y = 1
+LINE_Z = 2
+LINE_GIVE = 3  # [kg-1] velocity that a unit impulse gives
+LINE_HEAVIEST = 4  # [kg] mass of its heaviest node
+LINE_YIELD = 5  # [m] yield before the step
+LINE_YIELDED = 6  # [m] yield after it
+LINE_ON = 7  # 1 where there is contact
+LINE_SHARES = 8  # of the nodes -2 to 2: five entries
+LINE_ENTRIES = 13
+# entries of the last line of a face
+SPAN_FIRST = 0  # level of its lowest row in contact
+SPAN_LAST = 1  # level of its highest
+UPWARDS = (0, 0, 1)  # direction of a node column
 FACE_LAYER = 5.0  # [cells] thickness of the elastic layer of a face; a thicker one takes up load later
 COLUMNS = 3  # node columns of a face, in front of its levels in the array of lines
 SWEEPS = 40  # over the contacts of a face, at most
@@ -98,13 +89,13 @@ SETTLED = 1e-4  # of the largest change of velocity, at which sweeps end
 
 @jit_inline
 def _ground_under(ground, face, n, dx):
-    """(row, column, height of the ground [m], its unit normal, its rise [1]) under node column `n` of a face.
+    """Return (row, column, height of the ground [m], its unit normal, its rise [1]) under node column `n` of a face.
 
     What weighs on a column lies before the face: the ground counts as in `ground_under_mass`.
     """
     j = int(face[FACE_J]) + (n - 1) * int(face[FACE_NORTH])
     i = int(face[FACE_I]) + (n - 1) * int(face[FACE_EAST])
-    height, nx, ny, nz = plane_at(ground.nodes, j, i)
+    height, nx, ny, nz = plane_at(ground, j, i)
     centre, spread = part_before((float(n - 1) - face[FACE_FOOT] + face[FACE_SHIFT]) * face[FACE_OUT])
     height -= (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * face[FACE_OUT] * centre * dx
     spread_x, spread_y = (spread, 1.0) if face[FACE_EAST] == 1.0 else (1.0, spread)
@@ -113,26 +104,26 @@ def _ground_under(ground, face, n, dx):
 
 @jit_inline
 def _ground_at(ground, face, dx):
-    """Height of the ground [m] at a face."""
-    height, nx, ny, nz = plane_at(ground.nodes, int(face[FACE_J]), int(face[FACE_I]))
+    """Return the height of the ground [m] at a face."""
+    height, nx, ny, nz = plane_at(ground, int(face[FACE_J]), int(face[FACE_I]))
     return height - (nx * face[FACE_EAST] + ny * face[FACE_NORTH]) / nz * face[FACE_FOOT] * dx
 
 
 @jit_inline
 def _across(face):
-    """Part of a face's unit normal along its rows [1]."""
+    """Return the part of a face's unit normal along its rows [1]."""
     return abs(face[FACE_X]) if face[FACE_EAST] == 1.0 else abs(face[FACE_Y])
 
 
 @jit_inline
 def _row_of(face, k):
-    """(node (j, i, level) of the row at level `k`, its direction from the face to the flow (east, north, up))."""
+    """Return the node (j, i, level) of the row at level `k`, and its direction to the flow (east, north, up)."""
     out = int(face[FACE_OUT])
     return (int(face[FACE_J]), int(face[FACE_I]), k), (out * int(face[FACE_EAST]), out * int(face[FACE_NORTH]), 0)
 
 
 @jit_borrowing
-def _weigh_line(nodes, slots, span, lowest, node, along, line):
+def _weigh_line(grid, window, node, along, line):
     """Set the masses of the line of nodes around `node` (j, i, level), in place of their shares, and the heaviest one.
 
     The line runs `along` (east, north, up) to the flow.
@@ -142,7 +133,7 @@ def _weigh_line(nodes, slots, span, lowest, node, along, line):
     line[:] = 0.0
     heaviest = 0.0
     for o in range(-2, 3):
-        mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)[2]
+        mass = node_at(grid, window, j + o * north, i + o * east, k + o * up)[2]
         line[LINE_SHARES + 2 + o] = mass
         heaviest = max(heaviest, mass)
     line[LINE_HEAVIEST] = heaviest
@@ -150,7 +141,7 @@ def _weigh_line(nodes, slots, span, lowest, node, along, line):
 
 @jit_inline
 def _relative_masses(line):
-    """Masses of the nodes of a line over that of the heaviest one [1], where there is one."""
+    """Return the masses of the nodes of a line over that of the heaviest one [1], where there is one."""
     whole = 1.0 / max(line[LINE_HEAVIEST], NO_MASS)
     return (
         whole * line[LINE_SHARES],
@@ -177,8 +168,8 @@ def _share_line(line, foot, shares):
 
 
 @jit_borrowing
-def _velocity_at(nodes, slots, span, lowest, node, along, line):
-    """Velocity [m s-1] of the flow at the place of contact of a line; `node`, `along` as in `_weigh_line`."""
+def _velocity_at(grid, window, node, along, line):
+    """Return the velocity [m s-1] of the flow at the place of contact of a line; `node`, `along`: see `_weigh_line`."""
     j, i, k = node
     east, north, up = along
     u = v = w = 0.0
@@ -186,17 +177,17 @@ def _velocity_at(nodes, slots, span, lowest, node, along, line):
         share = line[LINE_SHARES + 2 + o]
         if share == 0.0:
             continue
-        slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
+        slot, n, mass = node_at(grid, window, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
-            u += share * nodes[slot, n + NODE_X]
-            v += share * nodes[slot, n + NODE_Y]
-            w += share * nodes[slot, n + NODE_Z]
+            u += share * grid.nodes[slot, n + NODE_X]
+            v += share * grid.nodes[slot, n + NODE_Y]
+            w += share * grid.nodes[slot, n + NODE_Z]
     return u, v, w
 
 
 @jit_borrowing
-def _give_line(nodes, slots, span, lowest, node, along, impulse, line):
-    """Make `impulse` (x, y, z) [N s] that of a line; returns the change of its velocity [m s-1]."""
+def _give_line(grid, window, node, along, impulse, line):
+    """Make `impulse` (x, y, z) [N s] that of a line; return the change of its velocity [m s-1]."""
     j, i, k = node
     east, north, up = along
     jx, jy, jz = impulse
@@ -205,19 +196,19 @@ def _give_line(nodes, slots, span, lowest, node, along, impulse, line):
         share = line[LINE_SHARES + 2 + o]
         if share == 0.0:
             continue
-        slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
+        slot, n, mass = node_at(grid, window, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
             share /= pushed_mass(mass, share, line[LINE_HEAVIEST])
-            nodes[slot, n + NODE_X] += share * dx
-            nodes[slot, n + NODE_Y] += share * dy
-            nodes[slot, n + NODE_Z] += share * dz
+            grid.nodes[slot, n + NODE_X] += share * dx
+            grid.nodes[slot, n + NODE_Y] += share * dy
+            grid.nodes[slot, n + NODE_Z] += share * dz
     line[LINE_X], line[LINE_Y], line[LINE_Z] = jx, jy, jz
     return line[LINE_GIVE] * sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @jit_borrowing
-def _taken(nodes, slots, span, lowest, node, along, line):
-    """(part of its impulse that the nodes of a line take, their velocity [m s-1] times the part of each)."""
+def _taken(grid, window, node, along, line):
+    """Return the part of its impulse that a line's nodes take, and their velocity [m s-1] times the part of each."""
     j, i, k = node
     east, north, up = along
     part = u = v = w = 0.0
@@ -225,21 +216,53 @@ def _taken(nodes, slots, span, lowest, node, along, line):
         share = line[LINE_SHARES + 2 + o]
         if share == 0.0:
             continue
-        slot, n, mass = node_at(nodes, slots, span, lowest, j + o * north, i + o * east, k + o * up)
+        slot, n, mass = node_at(grid, window, j + o * north, i + o * east, k + o * up)
         if mass > 0.0:
             taken = share * mass / pushed_mass(mass, share, line[LINE_HEAVIEST])
             part += taken
-            u += taken * nodes[slot, n + NODE_X]
-            v += taken * nodes[slot, n + NODE_Y]
-            w += taken * nodes[slot, n + NODE_Z]
+            u += taken * grid.nodes[slot, n + NODE_X]
+            v += taken * grid.nodes[slot, n + NODE_Y]
+            w += taken * grid.nodes[slot, n + NODE_Z]
     return part, u, v, w
 
 
 @jit_inline
-def face_impulse(velocity, give, nx, ny, mu, impedance, yielded, back, most, dt, barrier):
-    """(impulse (x, y, z) [N s], yield [m]) of a face of normal (nx, ny, 0) on a flow of `velocity` (x, y, z) at it.
+def face_impulse(
+    velocity: tuple[float, float, float],
+    give: float,
+    nx: float,
+    ny: float,
+    mu: float,
+    impedance: float,
+    yielded: float,
+    back: float,
+    most: float,
+    dt: float,
+    barrier: NamedTuple,
+) -> tuple[float, float, float, float]:
+    """Return the impulse of a face on the flow, and its yield after it.
 
     Faces with friction yield as ground does (`yielding_impulse`), others are rigid.
+
+    Parameters
+    ----------
+    velocity : (x, y, z) [m s-1]
+        Of the flow at the face.
+    give : float [kg-1]
+        Velocity that a unit impulse gives to the flow.
+    nx, ny : float
+        Unit normal of the face.
+    mu : float [1]
+        Friction.
+    impedance, yielded, back, most, dt : float
+        As of `yielding_impulse`.
+    barrier : law of barriers (`laws.barrier`)
+
+    Returns
+    -------
+    x, y, z : float [N s]
+        Impulse.
+    yielded : float [m]
     """
     u, v, w = velocity
     into = -(u * nx + v * ny)
@@ -254,12 +277,12 @@ def face_impulse(velocity, give, nx, ny, mu, impedance, yielded, back, most, dt,
 
 
 @jit_borrowing
-def _press_row(nodes, slots, span, lowest, face, k, line, dt, settings, barrier):
-    """Contact of the row at level `k` with its face, given what else pushes it; returns the change [m s-1]."""
+def _press_row(grid, window, face, k, line, dt, settings, barrier):
+    """Apply the contact of the row at level `k` with its face, beside what else pushes; return the change [m s-1]."""
     dx, signal_speed = settings.dx, settings.signal_speed
     nx, ny, give = face[FACE_X], face[FACE_Y], line[LINE_GIVE]
     node, along = _row_of(face, k)
-    u, v, w = _velocity_at(nodes, slots, span, lowest, node, along, line)
+    u, v, w = _velocity_at(grid, window, node, along, line)
     u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
     impedance = signal_speed * line[LINE_HEAVIEST] / (dx * _across(face))
     jx, jy, jz, line[LINE_YIELDED] = face_impulse(
@@ -275,17 +298,20 @@ def _press_row(nodes, slots, span, lowest, face, k, line, dt, settings, barrier)
         dt,
         barrier,
     )
-    return _give_line(nodes, slots, span, lowest, node, along, (jx, jy, jz), line)
+    return _give_line(grid, window, node, along, (jx, jy, jz), line)
 
 
 @jit_borrowing
-def _press_column(nodes, slots, span, lowest, face, n, ground, zone_values, line, dt, settings, contact, zones):
-    """Contact of node column `n` of a face with the ground, as in `press_on_ground`, given what else pushes it."""
+def _press_column(grid, window, face, n, site, line, dt, settings, laws):
+    """Apply the contact of node column `n` of a face with the ground, as in `press_on_ground`, beside what else pushes.
+
+    Returns the change [m s-1].
+    """
     dx, signal_speed = settings.dx, settings.signal_speed
-    j, i, height, nx, ny, nz, _ = _ground_under(ground, face, n, dx)
+    j, i, height, nx, ny, nz, _ = _ground_under(site.ground, face, n, dx)
     level, _ = foot_of(height, dx)
-    law, give = zones.local(contact, zone_values, j, i), line[LINE_GIVE]
-    u, v, w = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
+    law, give = laws.zones.local(laws.contact, site.zone_values, j, i), line[LINE_GIVE]
+    u, v, w = _velocity_at(grid, window, (j, i, level), UPWARDS, line)
     u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
     into, push_give, tx, ty = -(u * nx + v * ny + w * nz), give, nx, ny
     if settings.wall:
@@ -300,46 +326,62 @@ def _press_column(nodes, slots, span, lowest, face, n, ground, zone_values, line
         normal, line[LINE_YIELDED] = yielding_impulse(into, push_give, line[LINE_YIELD], impedance, back, most, dt)
     fx, fy, fz = friction_impulse(u, v, w, normal, give, tx, ty, nz, law)
     impulse = fx + normal * nx, fy + normal * ny, fz + normal * nz
-    return _give_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, impulse, line)
+    return _give_line(grid, window, (j, i, level), UPWARDS, impulse, line)
 
 
 @jit_borrowing
-def _begin_column(nodes, slots, span, lowest, face, n, ground, line, before, step, dt, settings):
+def _begin_column(grid, window, face, n, ground, line, before, step, dt, settings):
     """Weigh node column `n` of a face at the ground and find how far the ground yielded before this step."""
     dx = settings.dx
     j, i, height, _, _, nz, rise = _ground_under(ground, face, n, dx)
     level, foot = foot_of(height, dx)
-    _weigh_line(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
+    _weigh_line(grid, window, (j, i, level), UPWARDS, line)
     m0, m1, m2, m3, m4 = _relative_masses(line)
     _share_line(line, foot, contact_shares(foot, rise, m0, m1, m2, m3, m4))
     if line[LINE_ON] == 0.0:
         return
     mass, k = 0.0, level - 1
     while True:
-        slot, _, here = node_at(nodes, slots, span, lowest, j, i, k)
+        slot, _, here = node_at(grid, window, j, i, k)
         if k > level + 1 and slot < 0:
             break
         mass += here
         k += 1
     weighed = weighed_yield(mass, line[LINE_HEAVIEST], nz, settings)
-    u, v, _ = _velocity_at(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
+    u, v, _ = _velocity_at(grid, window, (j, i, level), UPWARDS, line)
     line[LINE_YIELD] = carried_yield(before, step, j, i, u * dt / dx, v * dt / dx, weighed)
 
 
 @jit_inline
-def top_of(face, dx):
-    """Level of the highest row of a face."""
+def top_of(face: np.ndarray, dx: float) -> int:
+    """Return the level of the highest row of a face.
+
+    Parameters
+    ----------
+    face : float[FACE_ENTRIES]
+    dx : float [m]
+    """
     return int(face[FACE_TOP] / dx + float(GHOSTS))
 
 
 @jit_borrowing
-def share_row(f, k, grid, window, faces, lines):
-    """Weigh the row at level `k` of face `f`, and share it as contact across it."""
-    face = faces[f]
-    span = (window.west, window.south, window.width, window.height, window.depth)
-    line = lines[f, COLUMNS + k - int(face[FACE_FIRST])]
+def share_row(f: int, k: int, grid: NodeBlocks, window: BlockWindow, faces: FaceArrays) -> None:
+    """Weigh a row of a face, and set its shares in the contact across it.
+
+    Parameters
+    ----------
+    f : int
+        Number of the face.
+    k : int
+        Level of the row.
+    grid : NodeBlocks
+    window : BlockWindow
+    faces : FaceArrays
+    """
+    face = faces.values[f]
+    line = faces.lines[f, COLUMNS + k - int(face[FACE_FIRST])]
     node, along = _row_of(face, k)
-    _weigh_line(grid.nodes, window.slots, span, window.lowest, node, along, line)
+    _weigh_line(grid, window, node, along, line)
     m0, m1, m2, m3, m4 = _relative_masses(line)
     foot, across = face[FACE_FOOT] * face[FACE_OUT], _across(face)
     rise = face[FACE_SPREAD] * sqrt(max(1.0 - across * across, 0.0)) / across
@@ -347,8 +389,8 @@ def share_row(f, k, grid, window, faces, lines):
 
 
 @jit_borrowing
-def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step, dt, settings):
-    """Find the rows in contact of a face, from its top down, and how far it yielded at them; returns (lowest, highest).
+def _begin_rows(grid, window, face, f, ground, lines, before, step, dt, settings):
+    """Find the rows in contact of a face, from its top down, and how far it yielded at them; return (lowest, highest).
 
     At and under the ground rows are in contact with those above them: their masses tell how the ground lies.
     """
@@ -368,7 +410,7 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
         above += line[LINE_HEAVIEST] / (density * dx * dx)
         if face[FACE_MU] > 0.0:
             node, along = _row_of(face, k)
-            u, v, w = _velocity_at(nodes, slots, span, lowest, node, along, line)
+            u, v, w = _velocity_at(grid, window, node, along, line)
             sideways = v if face[FACE_EAST] == 1.0 else u
             weighed = min(stretch * above, MOST_YIELD * dx)
             line[LINE_YIELD] = carried_yield(before, step, f, k - base + 1, w * dt / dx, sideways * dt / dx, weighed)
@@ -376,10 +418,10 @@ def _begin_rows(nodes, slots, span, lowest, face, f, ground, lines, before, step
 
 
 @jit_borrowing
-def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
+def _book_row(grid, window, face, k, line, dx, booked, mine):
     """Add the load of a row on its face, and its work, to `booked` and to the report `mine`."""
     node, along = _row_of(face, k)
-    part, u, v, w = _taken(nodes, slots, span, lowest, node, along, line)
+    part, u, v, w = _taken(grid, window, node, along, line)
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
     book_impulse(
         booked[int(face[FACE_BARRIER]) - 1],
@@ -397,11 +439,11 @@ def _book_row(nodes, slots, span, lowest, face, k, line, dx, booked, mine):
 
 
 @jit_borrowing
-def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
+def _book_column(grid, window, face, n, ground, line, dx, mine):
     """Add the impulse of the ground on node column `n` of a face, and its work, to the report `mine`."""
     j, i, height, nx, ny, nz, _ = _ground_under(ground, face, n, dx)
     level, _ = foot_of(height, dx)
-    part, u, v, w = _taken(nodes, slots, span, lowest, (j, i, level), UPWARDS, line)
+    part, u, v, w = _taken(grid, window, (j, i, level), UPWARDS, line)
     jx, jy, jz = line[LINE_X], line[LINE_Y], line[LINE_Z]
     mine[GROUND_X] += part * jx
     mine[GROUND_Y] += part * jy
@@ -413,163 +455,210 @@ def _book_column(nodes, slots, span, lowest, face, n, ground, line, dx, mine):
 
 
 @jit_borrowing
-def weigh_rows(f, grid, window, ground, faces, lines, face_yields, step, dt, settings):
-    """Find the rows in contact of face `f`, after `share_row`, and how far it yielded; set SPAN_FIRST and SPAN_LAST."""
-    nodes, slots, lowest, own = grid.nodes, window.slots, window.lowest, lines[f]
-    window_span = (window.west, window.south, window.width, window.height, window.depth)
-    before, span = face_yields[(step - 1) % 2], own[own.shape[0] - 1]
+def weigh_rows(
+    f: int,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    site: Site,
+    faces: FaceArrays,
+    step: int,
+    dt: float,
+    settings: Settings,
+) -> None:
+    """Find the rows in contact of a face, after `share_row`, and how far it yielded; set SPAN_FIRST and SPAN_LAST.
+
+    Parameters
+    ----------
+    f : int
+        Number of the face.
+    grid : NodeBlocks
+    window : BlockWindow
+    site : Site
+    faces : FaceArrays
+    step : int
+        Number of this step, from 1.
+    dt : float [s]
+    settings : Settings
+    """
+    own = faces.lines[f]
+    before, span = faces.yields[(step - 1) % 2], own[own.shape[0] - 1]
     span[SPAN_FIRST], span[SPAN_LAST] = _begin_rows(
-        nodes, slots, window_span, lowest, faces[f], f + 1, ground, own, before, step, dt, settings
+        grid, window, faces.values[f], f + 1, site.ground, own, before, step, dt, settings
     )
 
 
 @jit_borrowing
-def weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, settings):
-    """Weigh node column `n` of face `f` at the ground and find how far the ground yielded.
+def weigh_column(
+    f: int,
+    n: int,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    site: Site,
+    faces: FaceArrays,
+    yields: np.ndarray,
+    step: int,
+    dt: float,
+    settings: Settings,
+) -> None:
+    """Weigh a node column of a face at the ground and find how far the ground yielded.
 
     One that belongs to an earlier face is not in contact here.
+
+    Parameters
+    ----------
+    f : int
+        Number of the face.
+    n : int
+        Node column of the face, 0 to COLUMNS - 1.
+    grid : NodeBlocks
+    window : BlockWindow
+    site : Site
+    faces : FaceArrays
+    yields : float[2, rows, columns, YIELD_ENTRIES]
+        Of the ground.
+    step : int
+        Number of this step, from 1.
+    dt : float [s]
+    settings : Settings
     """
-    if int(faces[f, FACE_TAKEN]) >> n & 1:
-        lines[f, n, LINE_ON] = 0.0
+    face, line = faces.values[f], faces.lines[f, n]
+    if int(face[FACE_TAKEN]) >> n & 1:
+        line[LINE_ON] = 0.0
         return
-    window_span = (window.west, window.south, window.width, window.height, window.depth)
-    _begin_column(
-        grid.nodes,
-        window.slots,
-        window_span,
-        window.lowest,
-        faces[f],
-        n,
-        ground,
-        lines[f, n],
-        yields[(step - 1) % 2],
-        step,
-        dt,
-        settings,
-    )
+    before = yields[(step - 1) % 2]
+    _begin_column(grid, window, face, n, site.ground, line, before, step, dt, settings)
 
 
 @jit_borrowing
-def _press_face(f, reach, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier):
-    """Push at the rows of face `f` up to level `reach`, then at its node columns; returns the largest change.
+def _press_face(f, reach, grid, window, site, faces, dt, settings, laws):
+    """Push at the rows of face `f` up to level `reach`, then at its node columns.
 
-    In m s-1 of a node.
+    Returns the largest change of the velocity of a node [m s-1].
     """
-    face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
-    nodes, slots, lowest = grid.nodes, window.slots, window.lowest
-    window_span = (window.west, window.south, window.width, window.height, window.depth)
-    span, change = own[own.shape[0] - 1], 0.0
+    face, own = faces.values[f], faces.lines[f]
+    base, span, change = int(face[FACE_FIRST]), own[own.shape[0] - 1], 0.0
     for k in range(int(span[SPAN_FIRST]), min(int(span[SPAN_LAST]), reach) + 1):
-        if own[COLUMNS + k - base, LINE_ON] > 0.0:
-            change = max(
-                change,
-                _press_row(nodes, slots, window_span, lowest, face, k, own[COLUMNS + k - base], dt, settings, barrier),
-            )
+        line = own[COLUMNS + k - base]
+        if line[LINE_ON] > 0.0:
+            change = max(change, _press_row(grid, window, face, k, line, dt, settings, laws.barrier))
     for n in range(COLUMNS):
         if own[n, LINE_ON] > 0.0:
-            change = max(
-                change,
-                _press_column(
-                    nodes,
-                    slots,
-                    window_span,
-                    lowest,
-                    face,
-                    n,
-                    ground,
-                    zone_values,
-                    own[n],
-                    dt,
-                    settings,
-                    contact,
-                    zones,
-                ),
-            )
+            change = max(change, _press_column(grid, window, face, n, site, own[n], dt, settings, laws))
     return change
 
 
 @jit_borrowing
-def settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier):
-    """Push at the rows and node columns of face `f` in turn, and of all that it meets, until nothing changes.
+def settle_face(
+    f: int,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    site: Site,
+    faces: FaceArrays,
+    dt: float,
+    settings: Settings,
+    laws: ContactLaws,
+) -> None:
+    """Push at the rows and node columns of a face in turn, and of all that it meets, until nothing changes.
 
     Rows above the ground's reach do not share nodes with what else pushes, unless two sides meet in a corner.
+
+    Parameters
+    ----------
+    f : int
+        Number of the face.
+    grid : NodeBlocks
+    window : BlockWindow
+    site : Site
+    faces : FaceArrays
+    dt : float [s]
+    settings : Settings
+    laws : ContactLaws
     """
-    if faces[f, FACE_FOLLOWS] > 0.0:
+    values = faces.values
+    if values[f, FACE_FOLLOWS] > 0.0:
         return
-    top, reach, largest = top_of(faces[f], settings.dx), 0, 0.0
+    top, reach, largest = top_of(values[f], settings.dx), 0, 0.0
     for n in range(COLUMNS):
-        reach = max(reach, foot_of(_ground_under(ground, faces[f], n, settings.dx)[2], settings.dx)[0] + 1)
-    g = int(faces[f, FACE_NEXT]) - 1
+        reach = max(reach, foot_of(_ground_under(site.ground, values[f], n, settings.dx)[2], settings.dx)[0] + 1)
+    g = int(values[f, FACE_NEXT]) - 1
     while g >= 0:
-        top = max(top, top_of(faces[g], settings.dx))
-        reach, g = top, int(faces[g, FACE_NEXT]) - 1
+        top = max(top, top_of(values[g], settings.dx))
+        reach, g = top, int(values[g, FACE_NEXT]) - 1
     for sweep in range(SWEEPS):
-        change, g = 0.0, f
+        change, g, up_to = 0.0, f, top if sweep == 0 else reach
         while g >= 0:
-            change = max(
-                change,
-                _press_face(
-                    g,
-                    top if sweep == 0 else reach,
-                    grid,
-                    window,
-                    ground,
-                    zone_values,
-                    faces,
-                    lines,
-                    dt,
-                    settings,
-                    contact,
-                    zones,
-                    barrier,
-                ),
-            )
-            g = int(faces[g, FACE_NEXT]) - 1
+            change = max(change, _press_face(g, up_to, grid, window, site, faces, dt, settings, laws))
+            g = int(values[g, FACE_NEXT]) - 1
         largest = max(largest, change)
         if change <= SETTLED * largest:
             break
 
 
 @jit_borrowing
-def book_face(f, grid, window, ground, faces, lines, yields, face_yields, step, mine, booked, settings):
-    """Add the loads on face `f` and on the ground beside it to the reports, and store how far they yielded."""
-    face, own, base = faces[f], lines[f], int(faces[f, FACE_FIRST])
-    nodes, slots, lowest, dx = grid.nodes, window.slots, window.lowest, settings.dx
-    window_span = (window.west, window.south, window.width, window.height, window.depth)
-    after, face_after, span = yields[step % 2], face_yields[step % 2], own[own.shape[0] - 1]
+def book_face(
+    f: int,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    site: Site,
+    faces: FaceArrays,
+    yields: np.ndarray,
+    step: int,
+    mine: np.ndarray,
+    booked: np.ndarray,
+    settings: Settings,
+) -> None:
+    """Add the loads on a face and on the ground beside it to the reports, and store how far they yielded.
+
+    Parameters
+    ----------
+    f : int
+        Number of the face.
+    grid : NodeBlocks
+    window : BlockWindow
+    site : Site
+    faces : FaceArrays
+    yields : float[2, rows, columns, YIELD_ENTRIES]
+        Of the ground.
+    step : int
+        Number of this step, from 1.
+    mine : float[NODE_REPORT]
+        Report of the chunk.
+    booked : float[barriers, POINT_BARRIER_SUMS]
+        Loads on the barriers of the chunk.
+    settings : Settings
+    """
+    face, own, dx = faces.values[f], faces.lines[f], settings.dx
+    base = int(face[FACE_FIRST])
+    after, face_after, span = yields[step % 2], faces.yields[step % 2], own[own.shape[0] - 1]
     for k in range(int(span[SPAN_FIRST]), int(span[SPAN_LAST]) + 1):
         line = own[COLUMNS + k - base]
         if line[LINE_ON] > 0.0:
-            _book_row(nodes, slots, window_span, lowest, face, k, line, dx, booked, mine)
+            _book_row(grid, window, face, k, line, dx, booked, mine)
             face_after[f + 1, k - base + 1, YIELD] = line[LINE_YIELDED]
             face_after[f + 1, k - base + 1, YIELD_STEP] = step + 1
     for n in range(COLUMNS):
         if own[n, LINE_ON] > 0.0:
-            j, i = _ground_under(ground, face, n, dx)[:2]
-            _book_column(nodes, slots, window_span, lowest, face, n, ground, own[n], dx, mine)
+            j, i = _ground_under(site.ground, face, n, dx)[:2]
+            _book_column(grid, window, face, n, site.ground, own[n], dx, mine)
             after[j, i, YIELD], after[j, i, YIELD_STEP] = own[n, LINE_YIELDED], step + 1
 
 
 @jit_parallel
 def press_on_faces(
-    grid,
-    window,
-    ground,
-    zone_values,
-    faces,
-    lines,
-    yields,
-    face_yields,
-    step,
-    report,
-    barrier_report,
-    dt,
-    settings,
-    contact,
-    zones,
-    barrier,
-):
-    """Contact with barriers' smooth faces, and with the ground under the node columns beside them.
+    grid: NodeBlocks,
+    window: BlockWindow,
+    site: Site,
+    faces: FaceArrays,
+    yields: np.ndarray,
+    step: int,
+    reports: NodeReports,
+    dt: float,
+    settings: Settings,
+    contact: NamedTuple,
+    zones: NamedTuple,
+    barrier: NamedTuple,
+) -> None:
+    """Apply the contact with barriers' smooth faces, and with the ground under the node columns beside them.
 
     As at the ground (`press_on_ground`) the flow's velocity at the face, sum s_k v_k over the nodes of a row around it,
     is what contact acts on, and the impulse is given back with the same shares. Rows and the node columns
@@ -579,49 +668,47 @@ def press_on_faces(
 
     Parameters
     ----------
-    faces : float64[n, FACE_ENTRIES]
-    lines : float64[n, COLUMNS + levels + 1, LINE_ENTRIES]
-        Room for the node columns, the rows and the span (`SPAN_FIRST`) of each face.
+    grid : NodeBlocks
+    window : BlockWindow
+    site : Site
+    faces : FaceArrays
+        `lines` have room for the node columns, the rows and the span (`SPAN_FIRST`) of each face.
     yields : float64[2, rows, columns, YIELD_ENTRIES]
         Of the ground.
-    face_yields : float64[2, n + 2, levels + 2, YIELD_ENTRIES]
-        Of the faces, with a rim.
+    step : int
+        Number of this step, from 1.
+    reports : NodeReports
+        Impulses, work and loads on barriers are added to them.
+    dt : float [s]
+    settings : Settings
+    contact, zones, barrier : laws
+        As of `ContactLaws`.
     """
+    values = faces.values
     for c in prange(CHUNKS):
-        for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
-            if faces[f, FACE_BARRIER] == 0.0:
+        for f in range(c * values.shape[0] // CHUNKS, (c + 1) * values.shape[0] // CHUNKS):
+            if values[f, FACE_BARRIER] == 0.0:
                 continue
-            for k in range(int(faces[f, FACE_LOWEST]), top_of(faces[f], settings.dx) + 1):
-                share_row(f, k, grid, window, faces, lines)
-            weigh_rows(f, grid, window, ground, faces, lines, face_yields, step, dt, settings)
+            for k in range(int(values[f, FACE_LOWEST]), top_of(values[f], settings.dx) + 1):
+                share_row(f, k, grid, window, faces)
+            weigh_rows(f, grid, window, site, faces, step, dt, settings)
             for n in range(COLUMNS):
-                weigh_column(f, n, grid, window, ground, faces, lines, yields, step, dt, settings)
+                weigh_column(f, n, grid, window, site, faces, yields, step, dt, settings)
     for c in prange(CHUNKS):
-        for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
-            if faces[f, FACE_BARRIER] > 0.0:
-                settle_face(f, grid, window, ground, zone_values, faces, lines, dt, settings, contact, zones, barrier)
+        laws = ContactLaws(contact, zones, barrier)
+        for f in range(c * values.shape[0] // CHUNKS, (c + 1) * values.shape[0] // CHUNKS):
+            if values[f, FACE_BARRIER] > 0.0:
+                settle_face(f, grid, window, site, faces, dt, settings, laws)
     for c in prange(CHUNKS):
-        for f in range(c * faces.shape[0] // CHUNKS, (c + 1) * faces.shape[0] // CHUNKS):
-            if faces[f, FACE_BARRIER] > 0.0:
-                book_face(
-                    f,
-                    grid,
-                    window,
-                    ground,
-                    faces,
-                    lines,
-                    yields,
-                    face_yields,
-                    step,
-                    report[c],
-                    barrier_report[c],
-                    settings,
-                )
+        for f in range(c * values.shape[0] // CHUNKS, (c + 1) * values.shape[0] // CHUNKS):
+            if values[f, FACE_BARRIER] > 0.0:
+                mine, booked = reports.nodes[c], reports.barriers[c]
+                book_face(f, grid, window, site, faces, yields, step, mine, booked, settings)
 
 
 @jit_inline
 def _depth_behind(p, rows, row, column, face):
-    """Distance [cells] of point `p`, in block [row, column], behind the plane of a face."""
+    """Return the distance [cells] of point `p`, in block [row, column], behind the plane of a face."""
     foot = face[FACE_FOOT] - face[FACE_SHIFT]
     east = float(rows[p, X]) + float(column * BLOCK - int(face[FACE_I])) - foot * face[FACE_EAST]
     north = float(rows[p, Y]) + float(row * BLOCK - int(face[FACE_J])) - foot * face[FACE_NORTH]
@@ -629,13 +716,31 @@ def _depth_behind(p, rows, row, column, face):
 
 
 @jit_inline
-def keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, mine):
-    """Move point `p` towards the smooth face that it has passed, along its normal.
+def keep_before_face(
+    p: int,
+    rows: np.ndarray,
+    keys: np.ndarray,
+    lowest: np.ndarray,
+    inside: np.ndarray,
+    faces: np.ndarray,
+    barriers: np.ndarray,
+    dx: float,
+    mine: np.ndarray,
+) -> None:
+    """Move a point towards the smooth face that it has passed, along its normal.
 
     By at most MOST_BACK a step, and not over an edge of the domain. Faces with friction yield: the point may be behind
     them by MOST_YIELD. Points that are more than a cell behind a face came another way and stay. In a corner the point
-    moves towards the side behind which it is further. `mine` is the report of the chunk: points that are moved are
-    counted as held, and its window is widened to their blocks.
+    moves towards the side behind which it is further.
+
+    Parameters
+    ----------
+    p : int
+        Number of the point.
+    rows, keys, lowest, inside, faces, barriers, dx
+        As of `keep_before_faces`.
+    mine : float64[REPORT]
+        Report of the chunk: points that are moved are counted as held, and its window is widened to their blocks.
     """
     if keys[p] == GONE:
         return
@@ -682,7 +787,18 @@ def keep_before_face(p, rows, keys, lowest, inside, faces, barriers, dx, mine):
 
 
 @jit_parallel
-def keep_before_faces(rows, keys, count, lowest, inside, faces, barriers, dx, report, barrier):
+def keep_before_faces(
+    rows: np.ndarray,
+    keys: np.ndarray,
+    count: int,
+    lowest: np.ndarray,
+    inside: np.ndarray,
+    faces: np.ndarray,
+    barriers: np.ndarray,
+    dx: float,
+    report: np.ndarray,
+    barrier: NamedTuple,
+) -> None:
     """Move the first `count` points back to barriers' smooth faces that they have passed.
 
     The contact of nodes (`press_on_faces`) stops the mean flow at a face. Points of a fluid creep past it by fractions
@@ -691,6 +807,17 @@ def keep_before_faces(rows, keys, count, lowest, inside, faces, barriers, dx, re
 
     Parameters
     ----------
+    rows : float[n, ROW_SHORT or ROW_LONG]
+    keys : int64[n]
+        Block of each point.
+    count : int
+    lowest : int32[block rows, block columns, 2]
+        See `point_blocks.lowest_blocks`.
+    inside : uint8[cells_y, cells_x]
+        1 where the terrain has an elevation.
+    faces : float64[faces, FACE_ENTRIES]
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    dx : float [m]
     report : float64[CHUNKS, REPORT]
         Of the points of this step.
     barrier : Barrier or NoBarrier

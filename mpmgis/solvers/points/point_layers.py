@@ -7,6 +7,7 @@ momentum, without gain of energy.
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,20 +21,36 @@ from .point_barriers import BARRIER, EDGE, HELD
 from .point_contact import LEAST_SHARE, is_column_of_block
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK
-from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z
+from .point_records import ContactLaws, Site
+from .point_rows import BLOCK, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, BlockWindow, NodeBlocks, Settings
 
-# entries of a layer: touched block and place in it; mass [kg]; height above the bed, along its normal [m]; weight at
-# the bed; its part of the drag [N s]; tangential velocity before and after [m s-1]; link to the next [kg]; elimination
-SLOT, PLACE, LAYER_MASS, HEIGHT, AT_BED, PUSH_X, PUSH_Y, PUSH_Z, OLD_X, OLD_Y, OLD_Z, LINK, CARRY = range(13)
-NEW_X, NEW_Y, NEW_Z, LAYER_ENTRIES = range(13, 17)
+# entries of a layer
+SLOT = 0  # touched block
+PLACE = 1  # index of the node's first entry in it
+LAYER_MASS = 2  # [kg]
+HEIGHT = 3  # [cells] above the bed; times the upward part of the bed's normal, the distance from the bed
+AT_BED = 4  # weight at the bed
+PUSH_X = 5  # [N s] its part of the drag
+PUSH_Y = 6
+PUSH_Z = 7
+OLD_X = 8  # [m s-1] tangential velocity before
+OLD_Y = 9
+OLD_Z = 10
+LINK = 11  # [kg] link to the next layer
+CARRY = 12  # [1] of the elimination
+NEW_X = 13  # [m s-1] tangential velocity after
+NEW_Y = 14
+NEW_Z = 15
+LAYER_ENTRIES = 16
 HOLLOW = 0.25  # share of the mass of a full node: above a lighter node, a heavier one belongs to another flow
 MIXED = 0.5  # [cells] above the bed, up to which the flow is one layer
 CREEP = 1e-3  # slip between layers over sqrt(g dx), below which Coulomb friction is proportional to the slip
+NO_LIMIT = 1 << 30  # highest level of a column that no barrier limits
 
 
 @jit_borrowing
 def _take(nodes, slots, place, depth, lowest, column, level, foot, full, top, layers):
-    """Read the contiguous nodes of a column from the bed up into `layers`; returns their number.
+    """Read the contiguous nodes of a column from the bed up into `layers`; return their number.
 
     `place` is the index in `slots` of the lowest block of the column, `lowest` the lowest level of that block; `full`
     [kg] is the mass of a node inside the flow, `top` the highest level of the column.
@@ -61,7 +78,7 @@ def _take(nodes, slots, place, depth, lowest, column, level, foot, full, top, la
 
 @jit_inline
 def _read_speeds(nodes, layers, count, nx, ny, nz):
-    """Tangential velocities of the layers; returns their mass [kg], momentum [N s], and mass weighted at the bed."""
+    """Set the tangential velocities of the layers; return their mass [kg], momentum [N s], mass weighted at the bed."""
     mass = px = py = pz = at_bed = 0.0
     for k in range(count):
         slot, entry, own = int(layers[k, SLOT]), int(layers[k, PLACE]), layers[k, LAYER_MASS]
@@ -79,7 +96,7 @@ def _read_speeds(nodes, layers, count, nx, ny, nz):
 
 @jit_inline
 def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, creep, dt):
-    """Links [kg] between neighbours, stress times bed area and time over slip, from the present speeds.
+    """Set the links [kg] between neighbours, stress times bed area and time over slip, from the present speeds.
 
     The stress of a steady flow decreases from the bed upwards with the mass above; `weight` [N] is mu times the load.
     """
@@ -99,7 +116,7 @@ def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, 
 
 @jit_inline
 def _solve(layers, count):
-    """New tangential velocities: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
+    """Solve for the tangential velocities: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
     link = carry = x = y = z = 0.0
     for k in range(count):
         mass = layers[k, LAYER_MASS]
@@ -136,7 +153,7 @@ def _give(nodes, layers, count, report):
 
 @jit_borrowing
 def _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report):
-    """Drag and links of one column, whose flow covers the share `covered` of its bed."""
+    """Apply drag and links to one column, whose flow covers the share `covered` of its bed."""
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     mass, px, py, pz, at_bed = _read_speeds(nodes, layers, count, nx, ny, nz)
     bed = covered * dx * dx / nz
@@ -154,7 +171,7 @@ def _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report
 
 @jit_inline
 def _touches(layers, count):
-    """Whether enough of the mass of the interior is at the bed for the flow to touch it."""
+    """Return whether enough of the mass of the interior is at the bed for the flow to touch it."""
     here = heaviest = 0.0
     for k in range(min(count, 4)):
         heaviest = max(heaviest, layers[k, LAYER_MASS])
@@ -164,51 +181,76 @@ def _touches(layers, count):
 
 @jit_inline
 def couple_column(
-    t,
-    column,
-    grid,
-    window,
-    ground,
-    zone_values,
-    barriers,
-    column_mass,
-    layers,
-    report,
-    dt,
-    settings,
-    contact,
-    zones,
-    barrier,
-):
-    """`couple_layers` for node `column` (0 to 15) of touched block `t`; `layers` is a work array."""
+    t: int,
+    column: int,
+    grid: NodeBlocks,
+    window: BlockWindow,
+    site: Site,
+    column_mass: np.ndarray,
+    layers: np.ndarray,
+    report: np.ndarray,
+    dt: float,
+    settings: Settings,
+    laws: ContactLaws,
+) -> None:
+    """Apply `couple_layers` to one node column of a touched block.
+
+    Parameters
+    ----------
+    t : int
+        Number of the block.
+    column : int
+        Node column in the block, 0 to 15.
+    grid : NodeBlocks
+    window : BlockWindow
+    site : Site
+    column_mass : float[rows, columns, COLUMN_MASSES] [kg]
+    layers : float[levels, LAYER_ENTRIES]
+        Work array.
+    report : float[NODE_REPORT]
+        Of the chunk.
+    dt : float [s]
+    settings : Settings
+    laws : ContactLaws
+    """
+    ground, barriers, barrier = site.ground, site.barriers, laws.barrier
     nodes, touched = grid.nodes, grid.touched
     slots, depth, lowest, dx = window.slots, window.depth, window.lowest, settings.dx
     row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
     first, base = block_level * BLOCK, lowest[row, block_column, 0]
     place = ((row - window.south) * window.width + block_column - window.west) * depth
     below = slots[place + block_level - base - 1] if block_level > base else -1
-    jj = min(row * BLOCK + column // BLOCK, ground.nodes.shape[0] - 1)
-    ii = min(block_column * BLOCK + column % BLOCK, ground.nodes.shape[1] - 1)
-    height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
+    jj = min(row * BLOCK + column // BLOCK, ground.shape[0] - 1)
+    ii = min(block_column * BLOCK + column % BLOCK, ground.shape[1] - 1)
+    height, nx, ny, nz = plane_at(ground, jj, ii)
     level, foot = foot_of(height, dx)
-    if not is_column_of_block(level, first, below) or fold_at(ground.folds, jj, ii)[2] > 0:
+    if not is_column_of_block(level, first, below) or fold_at(site.folds, jj, ii)[2] > 0:
         return
-    covered, top = bed_under(column_mass, jj, ii, 1.0), 1 << 30
+    covered, top = bed_under(column_mass, jj, ii, 1.0), NO_LIMIT
     if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
         top = int((barriers[jj, ii, HELD] + barriers[jj, ii, EDGE]) / dx) + GHOSTS
     full = covered * settings.density * dx * dx * dx
     count = _take(nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers)
     if count == 0 or covered <= 0.0 or not _touches(layers, count):
         return
-    law = zones.local(contact, zone_values, jj, ii)
+    law = laws.zones.local(laws.contact, site.zone_values, jj, ii)
     _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report)
 
 
 @jit_parallel
 def couple_layers(
-    grid, window, ground, zone_values, barriers, column_mass, report, dt, settings, contact, zones, barrier
-):
-    """Voellmy's drag, and links between the layers of a flow, on velocities at the nodes of all touched blocks.
+    grid: NodeBlocks,
+    window: BlockWindow,
+    site: Site,
+    column_mass: np.ndarray,
+    report: np.ndarray,
+    dt: float,
+    settings: Settings,
+    contact: NamedTuple,
+    zones: NamedTuple,
+    barrier: NamedTuple,
+) -> None:
+    """Apply Voellmy's drag, and links between the layers of a flow, to velocities at the nodes of all touched blocks.
 
     Each column is computed in the block of the node nearest to the ground, as in `press_on_ground`, which follows.
     Columns on folds are skipped. In a barrier a column ends at its crest. `settings.slack` is 1 where the links
@@ -218,27 +260,19 @@ def couple_layers(
     ----------
     grid : NodeBlocks
     window : BlockWindow
+    site : Site
     column_mass : float64[rows, columns, COLUMN_MASSES] [kg]
+    report : float64[CHUNKS, NODE_REPORT]
+        Impulses, work and losses are added to it.
+    dt : float [s]
+    settings : Settings
+    contact, zones, barrier : laws
+        As of `ContactLaws`.
     """
     n_touched, depth = grid.count, window.depth
     for c in prange(CHUNKS):
+        laws, mine = ContactLaws(contact, zones, barrier), report[c]
         layers = np.zeros((depth * BLOCK, LAYER_ENTRIES))
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             for column in range(BLOCK * BLOCK):
-                couple_column(
-                    t,
-                    column,
-                    grid,
-                    window,
-                    ground,
-                    zone_values,
-                    barriers,
-                    column_mass,
-                    layers,
-                    report[c],
-                    dt,
-                    settings,
-                    contact,
-                    zones,
-                    barrier,
-                )
+                couple_column(t, column, grid, window, site, column_mass, layers, mine, dt, settings, laws)

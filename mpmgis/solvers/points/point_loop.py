@@ -22,6 +22,7 @@ from ...compiled.block_order import (
     split_evenly,
 )
 from ...compiled.jit import for_law, jit
+from ...laws.slots import PointEffects
 from .bed_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .grid_to_points import grid_to_points
 from .point_barriers import BLOCK_FLOW, COLUMN_FLOW, POINT_BARRIER_SUMS, SHARE, collect_point_barriers, weigh_flow
@@ -67,9 +68,11 @@ from .point_contact import press_on_ground
 from .point_crests import press_on_crests
 from .point_density import EVERY, correct_density
 from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces
+from .point_ground import Ground
 from .point_layers import couple_layers
 from .point_nodes import NODE_REPORT, gather_nodes, hold_nodes, move_nodes
 from .point_peaks import COLUMN_SUMS, accumulate_point_peaks
+from .point_records import ColumnSums, FaceArrays, NodeReports, PointPlaces, PointState, Site
 from .point_report import REPORT
 from .point_rows import (
     BLOCK,
@@ -96,11 +99,17 @@ __all__ = [  # used by the solver through this module, as those of `column_loop`
 ]
 
 MOST_PLACES = 1 << 25  # blocks in the window of all points; a gigabyte of counters
+FIRST_PLACES, FIRST_ACTIVE, FIRST_TOUCHED = 16, 64, 256  # blocks that there is room for at first; arrays grow
 
 
 @jit
-def has_openings(barriers):
-    """Whether any node column of `barriers` is partly open."""
+def has_openings(barriers: np.ndarray) -> bool:
+    """Return whether any node column of barriers is partly open.
+
+    Parameters
+    ----------
+    barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
+    """
     for j in range(barriers.shape[0]):
         for i in range(barriers.shape[1]):
             if barriers[j, i, SHARE] > 0.0:
@@ -110,32 +119,40 @@ def has_openings(barriers):
 
 @jit
 def _sort_arrays(size):
-    """(histogram, slot, touched slot, block, start) for sorting into a window of `size` places."""
+    """Return (histogram, slot, touched slot, block, start) for sorting into a window of `size` places."""
     slot, touched_slot, block = np.zeros(size, np.int32), np.zeros(size, np.int32), np.zeros(size, np.int32)
     return np.zeros((SORT_PIECES, size), np.int32), slot, touched_slot, block, np.zeros(size + 1, np.int64)
 
 
 @jit
 def _block_arrays(rows, size):
-    """`ActiveBlocks` for up to `size` blocks of `rows`."""
+    """Return the ActiveBlocks for up to `size` blocks of `rows`."""
     tiles = np.zeros((size, TILE_SIZE), rows.dtype)
     return ActiveBlocks(np.zeros((size, 3), np.int32), np.zeros((size, 8), np.int32), tiles)
 
 
 @jit
 def _node_arrays(rows, size, drags, opens):
-    """(nodes, free, masses, flow) for up to `size` node blocks; masses where the bed `drags`, flow where `opens`."""
+    """Return (nodes, free, masses, flow) for `size` node blocks; masses where the bed `drags`, flow where `opens`."""
     masses = np.zeros((size if drags else 1, BLOCK_COLUMNS))
     flow = np.zeros((size if opens else 1, BLOCK_FLOW))
     return np.zeros((size, BLOCK_SIZE), rows.dtype), np.zeros(size, np.uint8), masses, flow
 
 
 @jit
-def _column_arrays(ground, drags, opens):
-    """(masses, flow) of all node columns: masses where the bed `drags`, flow where a barrier `opens`."""
+def _column_arrays(ground: Ground, drags: bool, opens: bool) -> ColumnSums:
+    """Return the sums of all node columns: masses where the bed `drags`, flow where a barrier `opens`."""
     rows, columns = ground.nodes.shape[0], ground.nodes.shape[1]
     masses = np.zeros((rows if drags else 1, columns if drags else 1, COLUMN_MASSES))
-    return masses, np.zeros((rows if opens else 1, columns if opens else 1, COLUMN_FLOW))
+    return ColumnSums(masses, np.zeros((rows if opens else 1, columns if opens else 1, COLUMN_FLOW)))
+
+
+@jit
+def _work_on_faces(places, state):
+    """Return the FaceArrays of a run."""
+    levels = state.face_yields.shape[2] - 2
+    lines = np.zeros((places.faces.shape[0], COLUMNS + levels + 1, LINE_ENTRIES))
+    return FaceArrays(places.faces, lines, state.face_yields)
 
 
 _couple_layers = for_law(couple_layers, -3, "drag_active")
@@ -147,56 +164,61 @@ _keep_before_faces = for_law(keep_before_faces, -1, "barrier_active")
 
 @jit
 def advance(
-    rows,
-    ids,
-    keys,
-    order,
-    clock,
-    counts,
-    ledger,
-    left_cells,
-    barrier_sums,
-    peaks,
-    ground,
-    lowest,
-    inside,
-    zone_values,
-    barriers,
-    yields,
-    faces,
-    face_yields,
-    until,
-    after,
-    max_steps,
-    settings,
-    effects,
-    watched,
-):
-    """Advance to time `until` [s] or by `max_steps`; the whole loop is compiled, for any number of points.
+    state: PointState,
+    places: PointPlaces,
+    order: np.ndarray,
+    until: float,
+    after: float,
+    max_steps: int,
+    settings: Settings,
+    effects: PointEffects,
+) -> int:
+    """Advance to a time or by a number of steps; the whole loop is compiled, for any number of points.
 
-    It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
-    empty where nothing is watched. `after` [s] is the next time that will be requested.
+    It stops before a step that would touch a block column marked in `places.watched`. Everything that changes is in
+    `state`: a call continues exactly where the last one ended.
 
-    Everything that changes is in the arrays (clock, counts, rows...): a call continues exactly where the last one
-    ended. Returns the reason to stop.
+    Parameters
+    ----------
+    state : PointState
+    places : PointPlaces
+    order : int32[n]
+        Work array for indices of the points.
+    until : float [s]
+        Time at which to stop.
+    after : float [s]
+        The next time that will be requested: the step after `until` is chosen for it.
+    max_steps : int
+        Largest number of steps.
+    settings : Settings
+    effects : PointEffects
+        Material, softening and transfer in the precision of the rows.
+
+    Returns
+    -------
+    reason : int
+        Why it stopped: one of the reasons of `point_clock`.
     """
+    rows, keys, clock, counts, yields = state.rows, state.keys, state.clock, state.counts, state.yields
+    ground, lowest, inside, barriers = places.ground, places.lowest, places.inside, places.barriers
     dx, gravity = settings.dx, settings.gravity
     contact, zones, barrier = effects.contact, effects.zones, effects.barrier
+    site = Site(ground.nodes, ground.folds, ground.exact, places.zone_values, barriers)
     extent = counts[WINDOW_FIRST:]
     report = np.zeros((CHUNKS, REPORT))
     node_report = np.zeros((CHUNKS, NODE_REPORT))
-    barrier_report = np.zeros((CHUNKS, barrier_sums.shape[0], POINT_BARRIER_SUMS))
-    face_lines = np.zeros((faces.shape[0], COLUMNS + face_yields.shape[2] - 1, LINE_ENTRIES))
+    barrier_report = np.zeros((CHUNKS, state.barrier_sums.shape[0], POINT_BARRIER_SUMS))
+    reports, faces = NodeReports(node_report, barrier_report), _work_on_faces(places, state)
     bounds = np.zeros(CHUNKS + 1, np.int64)
     column_sums = np.zeros((CHUNKS, COLUMN_SUMS))
-    histogram, slot, touched_slot, block, start = _sort_arrays(16)
-    room = 64
+    histogram, slot, touched_slot, block, start = _sort_arrays(FIRST_PLACES)
+    room = FIRST_ACTIVE
     blocks = _block_arrays(rows, room)
     drags = contact.drag_active()
     opens = barrier.barrier_active() and has_openings(barriers)
-    nodes, free, block_mass, block_flow = _node_arrays(rows, 256, drags, opens)
-    sources, touched = np.zeros((256, 8), np.int32), np.zeros((256, 3), np.int32)
-    column_mass, flow = _column_arrays(ground, drags, opens)
+    nodes, free, block_mass, block_flow = _node_arrays(rows, FIRST_TOUCHED, drags, opens)
+    sources, touched = np.zeros((FIRST_TOUCHED, 8), np.int32), np.zeros((FIRST_TOUCHED, 3), np.int32)
+    sums = _column_arrays(ground, drags, opens)
     surface = Surface(ground.nodes, lowest, inside)
     strip, names = np.empty((counts[ROWS], STRIP), rows.dtype), np.empty((counts[ROWS], 2), np.int64)
     for _ in range(max_steps):
@@ -223,10 +245,10 @@ def advance(
         n_touched = link_blocks(
             block, active, extent, width, depth, lowest, touched_slot, size, touched, sources, blocks.targets
         )
-        if watched.size > 0 and comes_near(touched, n_touched, watched):
+        if places.watched.size > 0 and comes_near(touched, n_touched, places.watched):
             return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
-            reorder(rows, ids, keys, order, alive, strip, names)
+            reorder(rows, state.ids, keys, order, alive, strip, names)
             counts[ROWS], counts[SINCE_REORDER] = alive, 0
             for p in range(alive):
                 order[p] = p
@@ -251,10 +273,10 @@ def advance(
             gather_nodes(nodes, blocks.tiles, sources, n_touched)
         if drags:
             weigh_contact(nodes, touched, n_touched, ground, dx, settings.clearance, block_mass)
-            spread_contact(block_mass, touched, n_touched, column_mass)
+            spread_contact(block_mass, touched, n_touched, sums.mass)
         if opens:
             weigh_flow(nodes, touched, n_touched, block_flow)
-            spread_contact(block_flow, touched, n_touched, flow)
+            spread_contact(block_flow, touched, n_touched, sums.flow)
         move_nodes(
             grid,
             blocks.tiles,
@@ -269,79 +291,20 @@ def advance(
             barrier.barrier_active(),
         )
         if drags:
-            _couple_layers(
-                grid,
-                window,
-                ground,
-                zone_values,
-                barriers,
-                column_mass,
-                node_report,
-                dt,
-                settings,
-                contact,
-                zones,
-                barrier,
-            )
-        press_on_ground(
-            grid,
-            window,
-            free,
-            ground,
-            zone_values,
-            barriers,
-            yields,
-            counts[STEP] + 1,
-            node_report,
-            dt,
-            settings,
-            contact,
-            zones,
-            barrier,
-        )
+            _couple_layers(grid, window, site, sums.mass, node_report, dt, settings, contact, zones, barrier)
+        step = counts[STEP] + 1
+        press_on_ground(grid, window, free, site, yields, step, node_report, dt, settings, contact, zones, barrier)
         if barrier.barrier_active():
             barrier_report[:] = 0.0
-            _press_on_faces(
-                grid,
-                window,
-                ground,
-                zone_values,
-                faces,
-                face_lines,
-                yields,
-                face_yields,
-                counts[STEP] + 1,
-                node_report,
-                barrier_report,
-                dt,
-                settings,
-                contact,
-                zones,
-                barrier,
-            )
-            _press_on_crests(grid, window, free, barriers, node_report, barrier_report, settings, barrier)
-        hold_nodes(
-            grid,
-            free,
-            ground,
-            zone_values,
-            barriers,
-            column_mass,
-            flow,
-            node_report,
-            barrier_report,
-            dt,
-            settings,
-            contact,
-            zones,
-            barrier,
-        )
+            _press_on_faces(grid, window, site, faces, yields, step, reports, dt, settings, contact, zones, barrier)
+            _press_on_crests(grid, window, free, barriers, reports, settings, barrier)
+        hold_nodes(grid, free, site, sums, reports, dt, settings, contact, zones, barrier)
         if drags:
-            clear_contact(touched, n_touched, column_mass)
+            clear_contact(touched, n_touched, sums.mass)
         if opens:
-            clear_contact(touched, n_touched, flow)
+            clear_contact(touched, n_touched, sums.flow)
         if settings.keep_peaks:
-            accumulate_point_peaks(peaks, column_sums, grid, window, ground.nodes, end, settings)
+            accumulate_point_peaks(state.peaks, column_sums, grid, window, ground.nodes, end, settings)
         if effects.material.follows_density() and counts[STEP] % EVERY == 0:
             _correct_density(
                 points,
@@ -350,7 +313,7 @@ def advance(
                 free,
                 ground,
                 yields,
-                counts[STEP] + 1,
+                step,
                 barriers,
                 node_report,
                 settings,
@@ -359,7 +322,7 @@ def advance(
             )
         collect_nodes(node_report, clock)
         if barrier.barrier_active():
-            collect_point_barriers(barrier_report, barrier_sums, dt)
+            collect_point_barriers(barrier_report, state.barrier_sums, dt)
         clock[IMPULSE_GRAVITY] += dt * gravity * clock[MASS_NOW]
         set_next_step(clock, counts, end, until, after, settings)
         grid_to_points(
@@ -376,16 +339,16 @@ def advance(
             effects.transfer,
         )
         if barrier.barrier_active():
-            _keep_before_faces(rows, keys, counts[ROWS], lowest, inside, faces, barriers, dx, report, barrier)
+            _keep_before_faces(rows, keys, counts[ROWS], lowest, inside, places.faces, barriers, dx, report, barrier)
         counts[STEP] += 1
         clock[TIME] = end
         before = counts[ALIVE]
         note_fastest(report, clock, points, dx, lowest)
-        lifted = collect(report, ledger, clock, counts, extent)
+        lifted = collect(report, state.ledger, clock, counts, extent)
         if counts[BAD] > 0:
             return NOT_FINITE_STATE
         if lifted > settings.leak_stop * clock[TOTAL_MASS]:
             return LEAKED
         if counts[ALIVE] < before:
-            book_points_left(points, blocks.places, active, dt, dx, inside.shape, left_cells)
+            book_points_left(points, blocks.places, active, dt, dx, inside.shape, state.left_cells)
     return REACHED_TIME if clock[TIME] >= until else RUNNING

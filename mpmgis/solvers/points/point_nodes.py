@@ -1,6 +1,12 @@
-"""The grid of the 3D MPM between the two transfers: momentum to velocity, gravity, ground, walls."""
+"""The grid of the 3D MPM between the two transfers: momentum to velocity, gravity, ground, walls.
+
+Each chunk of a loop over touched blocks has a report of its own, NODE_REPORT numbers.
+"""
 
 from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
@@ -8,36 +14,45 @@ from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from ...compiled.lanes import load, multiply_add, store
 from .bed_drag import bed_per_mass
 from .point_barriers import BARRIER, FILLED, ROWED, SHARE, at_barrier, passing_share
-from .point_ground import GROUND_HEIGHT, exact_at, fold_at, plane_at
-from .point_rows import BLOCK, BLOCK_SIZE, GHOSTS, NODE_MASS, NODE_X, NODE_Y, NODE_Z, TILE_LAYER, TILE_ROW
+from .point_ground import GROUND_HEIGHT, Ground, exact_at, fold_at, plane_at
+from .point_records import ColumnSums, ContactLaws, NodeReports, Site
+from .point_rows import (
+    BLOCK,
+    BLOCK_SIZE,
+    GHOSTS,
+    NODE_MASS,
+    NODE_X,
+    NODE_Y,
+    NODE_Z,
+    TILE_LAYER,
+    TILE_ROW,
+    BlockWindow,
+    NodeBlocks,
+    Settings,
+)
 
-# what each chunk of the node loop reports: largest speed squared; what the ground and the walls took up [N s]; work
-# that the flow did against the ground, of it against friction along the ground, and against barriers, what its layers
-# lost to each other, and what ground and barriers that had yielded gave back [J]; number of points whose volume is
-# corrected from now on (`point_density`), and the elastic energy that corrections have supplied to the points [J]
-(
-    FASTEST2,
-    GROUND_X,
-    GROUND_Y,
-    GROUND_Z,
-    WALL_X,
-    WALL_Y,
-    GROUND_WORK,
-    FRICTION_WORK,
-    BARRIER_WORK,
-    LAYER_WORK,
-    RETURNED_WORK,
-    CORRECTED,
-    CORRECTED_ENERGY,
-    NODE_REPORT,
-) = range(14)
+# entries of the report of a chunk of a loop over nodes
+FASTEST2 = 0  # [m2 s-2] largest squared speed
+GROUND_X = 1  # [N s] impulse that the ground gave to the flow, east, north and up
+GROUND_Y = 2
+GROUND_Z = 3
+WALL_X = 4  # [N s] impulse that the walls on the domain's edges gave to it
+WALL_Y = 5
+GROUND_WORK = 6  # [J] work that the flow did against the ground
+FRICTION_WORK = 7  # [J] of it, against friction along the ground
+BARRIER_WORK = 8  # [J] work that the flow did against barriers
+LAYER_WORK = 9  # [J] energy that its layers lost to each other
+RETURNED_WORK = 10  # [J] energy that ground and barriers that had yielded gave back
+CORRECTED = 11  # number of points whose volume is corrected from now on (`point_density`)
+CORRECTED_ENERGY = 12  # [J] elastic energy that corrections of volumes have supplied to the points
+NODE_REPORT = 13
 BENEATH = 1.5  # [cells] under smooth ground, from which nodes are held one by one
 REACHED = 3.0  # [cells] above the ground, up to which its contact reaches and a little more
 STEEPEST_LIFT = 0.17  # upward part of the ground's normal, under which (80 degrees) a node is not lifted along it
 
 
 @jit_borrowing
-def _gather(block, sources, tiles):
+def _gather(block: np.ndarray, sources: np.ndarray, tiles: np.ndarray) -> None:
     """Sum the up to eight tiles that overlap a node block, always in the same order."""
     block[:] = 0.0
     for o in range(8):
@@ -55,8 +70,20 @@ def _gather(block, sources, tiles):
 
 
 @jit_parallel
-def gather_nodes(nodes, tiles, sources, n_touched):
-    """Mass and momentum at the nodes of all touched blocks, for what must know them before the nodes move."""
+def gather_nodes(nodes: np.ndarray, tiles: np.ndarray, sources: np.ndarray, n_touched: int) -> None:
+    """Sum mass and momentum at the nodes of all touched blocks, for what must know them before the nodes move.
+
+    Parameters
+    ----------
+    nodes : float[touched, BLOCK_SIZE]
+        Is set: momentum [kg m s-1] and mass [kg].
+    tiles : float[active, TILE_SIZE]
+        Sums of the points of each active block.
+    sources : int32[touched, 8]
+        Active blocks whose tiles overlap each touched block, -1 for none.
+    n_touched : int
+        Number of touched blocks.
+    """
     for c in prange(CHUNKS):
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             _gather(nodes[t], sources[t], tiles)
@@ -64,7 +91,7 @@ def gather_nodes(nodes, tiles, sources, n_touched):
 
 @jit_inline
 def _on_ground(u, v, w, nx, ny, nz, law, drag):
-    """Velocity of a node on the ground, whose unit normal is (nx, ny, nz), after its contact with it."""
+    """Return the velocity of a node after its contact with the ground, whose unit normal is (nx, ny, nz)."""
     into = u * nx + v * ny + w * nz
     held = into < 0.0 or law.sticks()
     if held or law.drag_active():
@@ -80,8 +107,18 @@ def _on_ground(u, v, w, nx, ny, nz, law, drag):
 
 
 @jit_borrowing
-def is_near_ground(first, row, column, ground, dx):
-    """Can a node of the block whose lowest level is `first` touch the ground under it, or be on a fold?"""
+def is_near_ground(first: int, row: int, column: int, ground: Ground, dx: float) -> bool:
+    """Return whether a node of a block can touch the ground under it, or be on a fold.
+
+    Parameters
+    ----------
+    first : int
+        Lowest level of the block.
+    row, column : int
+        Of the block.
+    ground : Ground
+    dx : float [m]
+    """
     for j in range(BLOCK):
         for i in range(BLOCK):
             jj, ii = min(row * BLOCK + j, ground.nodes.shape[0] - 1), min(column * BLOCK + i, ground.nodes.shape[1] - 1)
@@ -94,8 +131,15 @@ def is_near_ground(first, row, column, ground, dx):
 
 
 @jit_borrowing
-def has_barrier(row, column, barriers):
-    """Does a barrier stand on a node column of the block column, or reach one with its face or its volume?"""
+def has_barrier(row: int, column: int, barriers: np.ndarray) -> bool:
+    """Return whether a barrier stands on a node column of the block, or reaches one with its face or its volume.
+
+    Parameters
+    ----------
+    row, column : int
+        Of the block.
+    barriers : float[rows, columns, POINT_BARRIER_ENTRIES]
+    """
     for j in range(BLOCK):
         for i in range(BLOCK):
             jj, ii = min(row * BLOCK + j, barriers.shape[0] - 1), min(column * BLOCK + i, barriers.shape[1] - 1)
@@ -105,36 +149,74 @@ def has_barrier(row, column, barriers):
 
 
 @jit_inline
-def is_at_wall(row, column, nx, ny):
-    """Does the block column have nodes on or beyond the domain's edges?"""
+def is_at_wall(row: int, column: int, nx: int, ny: int) -> bool:
+    """Return whether a block has nodes on or beyond the domain's edges.
+
+    Parameters
+    ----------
+    row, column : int
+        Of the block.
+    nx, ny : int
+        Cells of the domain.
+    """
     west, south = column * BLOCK, row * BLOCK
     return west <= GHOSTS or south <= GHOSTS or west + BLOCK > GHOSTS + nx or south + BLOCK > GHOSTS + ny
 
 
 @jit_borrowing
-def node_at(nodes, slots, span, lowest, j, i, k):
-    """(touched block or -1, index of the node's entry, its mass [kg]) of node [j, i] at level `k`.
+def node_at(grid: NodeBlocks, window: BlockWindow, j: int, i: int, k: int) -> tuple[int, int, float]:
+    """Return where a node is stored, and its mass.
 
-    `span` holds the window of blocks: west, south, width, number of rows, depth.
+    Parameters
+    ----------
+    grid : NodeBlocks
+    window : BlockWindow
+    j, i : int
+        Node column.
+    k : int
+        Level.
+
+    Returns
+    -------
+    slot : int
+        Touched block of the node, -1 where there is none.
+    n : int
+        Index of the node's first entry in the block.
+    mass : float [kg]
+        0 where there is no block.
     """
     row, column, level = j // BLOCK, i // BLOCK, k // BLOCK
-    if row < span[1] or row >= span[1] + span[3] or column < span[0] or column >= span[0] + span[2] or k < 0:
+    south, west, lowest = window.south, window.west, window.lowest
+    if row < south or row >= south + window.height or column < west or column >= west + window.width or k < 0:
         return -1, 0, 0.0
     if row >= lowest.shape[0] or column >= lowest.shape[1]:
         return -1, 0, 0.0
     up = level - lowest[row, column, 0]
-    if up < 0 or up >= span[4]:
+    if up < 0 or up >= window.depth:
         return -1, 0, 0.0
-    slot = slots[((row - span[1]) * span[2] + column - span[0]) * span[4] + up]
+    slot = window.slots[((row - south) * window.width + column - west) * window.depth + up]
     if slot < 0:
         return -1, 0, 0.0
     n = (((k - level * BLOCK) * BLOCK + j - row * BLOCK) * BLOCK + i - column * BLOCK) * 4
-    return slot, n, float(nodes[slot, n + NODE_MASS])
+    return slot, n, float(grid.nodes[slot, n + NODE_MASS])
 
 
 @jit_inline
-def edge_at(j, i, nx, ny):
-    """(east, north) parts, -1, 0 or 1, of the inward normals of the domain's edges that node column [j, i] is at."""
+def edge_at(j: int, i: int, nx: int, ny: int) -> tuple[float, float]:
+    """Return the inward normals of the domain's edges that a node column is on or beyond.
+
+    Parameters
+    ----------
+    j, i : int
+        Node column.
+    nx, ny : int
+        Cells of the domain.
+
+    Returns
+    -------
+    inward_x, inward_y : float
+        -1 or 1 at an edge whose normal points along that axis, 0 elsewhere.
+    """
     inward_x, inward_y = 0.0, 0.0
     if i <= GHOSTS:
         inward_x = 1.0
@@ -148,8 +230,21 @@ def edge_at(j, i, nx, ny):
 
 
 @jit_inline
-def leaning_edge(inward_x, inward_y, ground_x, ground_y):
-    """Of the edges `edge_at` a node column, that towards whose inside the ground's normal leans most."""
+def leaning_edge(inward_x: float, inward_y: float, ground_x: float, ground_y: float) -> tuple[float, float]:
+    """Return the inward normal of the edge towards whose inside the ground's normal leans most.
+
+    Parameters
+    ----------
+    inward_x, inward_y : float
+        Edges at a node column, as of `edge_at`.
+    ground_x, ground_y : float
+        Horizontal part of the ground's unit normal there.
+
+    Returns
+    -------
+    inward_x, inward_y : float
+        One of the two is 0.
+    """
     if inward_y == 0.0 or (inward_x != 0.0 and inward_x * ground_x >= inward_y * ground_y):
         return inward_x, 0.0
     return 0.0, inward_y
@@ -157,7 +252,7 @@ def leaning_edge(inward_x, inward_y, ground_x, ground_y):
 
 @jit_inline
 def _held_before_ground(j, i, nx, ny, ground):
-    """As `edge_at`, but 0 for an edge that bears together with the ground (`point_contact.between_faces`)."""
+    """Return the result of `edge_at` with 0 for an edge that acts together with the ground (`between_faces`)."""
     inward_x, inward_y = edge_at(j, i, nx, ny)
     jj, ii = min(j, ground.nodes.shape[0] - 1), min(i, ground.nodes.shape[1] - 1)
     if fold_at(ground.folds, jj, ii)[2] == 0:
@@ -169,10 +264,24 @@ def _held_before_ground(j, i, nx, ny, ground):
 
 
 @jit_borrowing
-def stop_at_walls(block, row, column, nx, ny, ground, at_last, mine):
+def stop_at_walls(
+    block: np.ndarray, row: int, column: int, nx: int, ny: int, ground: Ground, at_last: bool, mine: np.ndarray
+) -> None:
     """Remove the outward velocity of the nodes on and beyond the domain's edges, and add the impulses to the report.
 
-    With `at_last` false, before the contact with the ground, only at walls that this contact does not include.
+    Parameters
+    ----------
+    block : float[BLOCK_SIZE]
+        Velocities and masses at the nodes of the block.
+    row, column : int
+        Of the block.
+    nx, ny : int
+        Cells of the domain.
+    ground : Ground
+    at_last : bool
+        False before the contact with the ground: only at walls that this contact does not include.
+    mine : float[NODE_REPORT]
+        Report of the chunk.
     """
     for j in range(BLOCK):
         for i in range(BLOCK):
@@ -193,8 +302,14 @@ def stop_at_walls(block, row, column, nx, ny, ground, at_last, mine):
 
 
 @jit_borrowing
-def fastest_squared(block):
-    """Largest squared speed [m2 s-2] at the nodes of `block` that have mass."""
+def fastest_squared(block: np.ndarray) -> float:
+    """Return the largest squared speed [m2 s-2] at the nodes of a block that have mass.
+
+    Parameters
+    ----------
+    block : float[BLOCK_SIZE]
+        Velocities and masses at the nodes.
+    """
     fastest2 = 0.0
     for n in range(0, BLOCK_SIZE, 4):
         if block[n + NODE_MASS] > 0.0:
@@ -204,13 +319,42 @@ def fastest_squared(block):
 
 
 @jit_parallel
-def move_nodes(grid, tiles, sources, gathered, free, ground, barriers, report, dt, settings, barred):
-    """Velocities at the nodes of all touched blocks after gravity and walls, before any contact with the ground.
+def move_nodes(
+    grid: NodeBlocks,
+    tiles: np.ndarray,
+    sources: np.ndarray,
+    gathered: bool,
+    free: np.ndarray,
+    ground: Ground,
+    barriers: np.ndarray,
+    report: np.ndarray,
+    dt: float,
+    settings: Settings,
+    barred: bool,
+) -> None:
+    """Compute velocities at the nodes of all touched blocks after gravity and walls, before contact with the ground.
 
-    Walls come first, because friction acts along what they leave, and once more in the end.
+    Walls act first, because friction acts along what they leave, and once more at the end of the step.
 
-    Nodes are `gathered` already where something had to know their masses; `barred`: there are `barriers`. `free`
-    uint8[n_touched] becomes 1 for blocks whose nodes touch nothing: they are finished.
+    Parameters
+    ----------
+    grid : NodeBlocks
+    tiles : float[active, TILE_SIZE]
+        Sums of the points of each active block.
+    sources : int32[touched, 8]
+        Active blocks whose tiles overlap each touched block, -1 for none.
+    gathered : bool
+        Whether the tiles have been summed already, because something had to know the masses.
+    free : uint8[touched]
+        Is set: 1 for blocks whose nodes touch nothing. They are finished.
+    ground : Ground
+    barriers : float[rows, columns, POINT_BARRIER_ENTRIES]
+    report : float64[CHUNKS, NODE_REPORT]
+        Is set.
+    dt : float [s]
+    settings : Settings
+    barred : bool
+        Whether there are barriers.
     """
     nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
     dx, gravity, wall, nx, ny = settings.dx, settings.gravity, settings.wall, settings.cells_x, settings.cells_y
@@ -240,25 +384,54 @@ def move_nodes(grid, tiles, sources, gathered, free, ground, barriers, report, d
 
 @jit_inline
 def hold_column(
-    t, j, i, grid, ground, zone_values, barriers, column_mass, flow, mine, booked, dt, settings, contact, zones, barrier
-):
-    """`hold_nodes` for node column [j, i] of touched block `t`; `mine` and `booked` are the reports of its chunk."""
+    t: int,
+    j: int,
+    i: int,
+    grid: NodeBlocks,
+    site: Site,
+    sums: ColumnSums,
+    mine: np.ndarray,
+    booked: np.ndarray,
+    dt: float,
+    settings: Settings,
+    laws: ContactLaws,
+) -> None:
+    """Apply `hold_nodes` to one node column of a touched block.
+
+    Parameters
+    ----------
+    t : int
+        Number of the block.
+    j, i : int
+        Node column in the block, from 0 to BLOCK - 1.
+    grid : NodeBlocks
+    site : Site
+    sums : ColumnSums
+    mine : float[NODE_REPORT]
+        Report of the chunk.
+    booked : float[barriers, POINT_BARRIER_SUMS]
+        Loads on the barriers of the chunk.
+    dt : float [s]
+    settings : Settings
+    laws : ContactLaws
+    """
+    ground, barriers, contact, barrier = site.ground, site.barriers, laws.contact, laws.barrier
     block, touched = grid.nodes[t], grid.touched
     dx, density, gravity, clearance = settings.dx, settings.density, settings.gravity, settings.clearance
     j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
-    jj, ii = min(j_first + j, ground.nodes.shape[0] - 1), min(i_first + i, ground.nodes.shape[1] - 1)
-    height, nx, ny, nz = plane_at(ground.nodes, jj, ii)
-    first, lowest, levels = fold_at(ground.folds, jj, ii)
+    jj, ii = min(j_first + j, ground.shape[0] - 1), min(i_first + i, ground.shape[1] - 1)
+    height, nx, ny, nz = plane_at(ground, jj, ii)
+    first, lowest, levels = fold_at(site.folds, jj, ii)
     touching = clearance if levels > 0 else -BENEATH * dx * nz
     beyond = levels == 0 and (float(k_first - GHOSTS) * dx - height) * nz > touching  # even the lowest node
     if beyond and (not barrier.barrier_active() or barriers[jj, ii, BARRIER] <= 0.0):
         return
-    law, drag = zones.local(contact, zone_values, jj, ii), 0.0
+    law, drag = laws.zones.local(contact, site.zone_values, jj, ii), 0.0
     if contact.drag_active() and levels > 0:
-        drag = density * gravity * dt * bed_per_mass(column_mass, jj, ii, dx * dx / nz)
+        drag = density * gravity * dt * bed_per_mass(sums.mass, jj, ii, dx * dx / nz)
     passing = 1.0
     if barrier.barrier_active() and barriers[jj, ii, SHARE] > 0.0:
-        passing = passing_share(flow, ground.nodes, barriers, jj, ii, density * dx * dx, gravity, barrier)
+        passing = passing_share(sums.flow, ground, barriers, jj, ii, density * dx * dx, gravity, barrier)
     for k in range(BLOCK):
         n = ((k * BLOCK + j) * BLOCK + i) * 4
         mass = block[n + NODE_MASS]
@@ -266,7 +439,7 @@ def hold_column(
             continue
         u, v, w = block[n + NODE_X], block[n + NODE_Y], block[n + NODE_Z]
         if levels > 0:
-            away, nx, ny, nz = exact_at(ground.exact, first, lowest, levels, k_first + k)
+            away, nx, ny, nz = exact_at(site.exact, first, lowest, levels, k_first + k)
         else:
             away = (float(k_first + k - GHOSTS) * dx - height) * nz
         if away <= touching:
@@ -294,56 +467,50 @@ def hold_column(
 
 @jit_parallel
 def hold_nodes(
-    grid,
-    free,
-    ground,
-    zone_values,
-    barriers,
-    column_mass,
-    flow,
-    report,
-    barrier_report,
-    dt,
-    settings,
-    contact,
-    zones,
-    barrier,
-):
-    """Contact of single nodes in blocks that are not `free`: ground on folds or far below the surface, barriers, walls.
+    grid: NodeBlocks,
+    free: np.ndarray,
+    site: Site,
+    sums: ColumnSums,
+    reports: NodeReports,
+    dt: float,
+    settings: Settings,
+    contact: NamedTuple,
+    zones: NamedTuple,
+    barrier: NamedTuple,
+) -> None:
+    """Apply the contact of single nodes: ground on folds or far below the surface, barriers, walls.
 
     On folds a node touches the ground up to `settings.clearance` [m] above it, elsewhere from BENEATH cells under it.
     A node that moves into the ground keeps its tangential velocity, slowed by Coulomb's law on the impulse:
-    v <- v_t max(0, 1 - mu |v_n| / |v_t|). Barriers follow, then walls, which remove the outward velocity. `flow` are
-    mass and momentum of the node columns, which limit the discharge of openings.
+    v <- v_t max(0, 1 - mu |v_n| / |v_t|). Barriers follow, then walls, which remove the outward velocity.
+
+    Parameters
+    ----------
+    grid : NodeBlocks
+    free : uint8[touched]
+        1 for blocks whose nodes touch nothing: they are left out.
+    site : Site
+    sums : ColumnSums
+        `mass` is the mass on which the drag acts; `flow` limits the discharge of openings.
+    reports : NodeReports
+        Impulses, work and loads on barriers are added to them.
+    dt : float [s]
+    settings : Settings
+    contact, zones, barrier : laws
+        As of `ContactLaws`.
     """
     nodes, touched, n_touched = grid.nodes, grid.touched, grid.count
     wall, nx, ny = settings.wall, settings.cells_x, settings.cells_y
+    ground = Ground(site.ground, site.folds, site.exact)
     for c in prange(CHUNKS):
-        mine = report[c]
+        laws, mine, booked = ContactLaws(contact, zones, barrier), reports.nodes[c], reports.barriers[c]
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             if free[t] == 1:
                 continue
             block = nodes[t]
             for j in range(BLOCK):
                 for i in range(BLOCK):
-                    hold_column(
-                        t,
-                        j,
-                        i,
-                        grid,
-                        ground,
-                        zone_values,
-                        barriers,
-                        column_mass,
-                        flow,
-                        mine,
-                        barrier_report[c],
-                        dt,
-                        settings,
-                        contact,
-                        zones,
-                        barrier,
-                    )
+                    hold_column(t, j, i, grid, site, sums, mine, booked, dt, settings, laws)
             if wall and is_at_wall(touched[t, 0], touched[t, 1], nx, ny):
                 stop_at_walls(block, touched[t, 0], touched[t, 1], nx, ny, ground, True, mine)
             mine[FASTEST2] = max(mine[FASTEST2], fastest_squared(block))

@@ -27,6 +27,7 @@ from .point_blocks import EAST, lowest_blocks, set_places, window_of
 from .point_clock import set_next_step
 from .point_contact import YIELD, YIELD_ENTRIES, YIELD_STEP
 from .point_numerics import PRECISIONS, kernel_settings, mass_limits
+from .point_records import PointPlaces, PointState
 from .point_restart import require_point_state
 from .point_rows import volume_ratios
 from .point_sums import MOMENTUM_X, MOMENTUM_Z
@@ -230,31 +231,35 @@ class PointSolver(PointBalances):
     def _take_steps(self, until, after, max_steps):
         """Take the steps of `advance`, once the points push on the nodes."""
         ready_threads()
-        return kernel.advance(
+        state, places = self._kernel_state(), self._kernel_places()
+        return kernel.advance(state, places, self._order, until, after, max_steps, self._settings, self._effects)
+
+    def _kernel_state(self):
+        """Return the arrays that a step changes, as PointState."""
+        return PointState(
             self._rows,
             self._ids,
             self._keys,
-            self._order,
             self._clock,
             self._counts,
             self._ledger,
             self._left,
-            self._barrier_sums,
             self._peaks,
+            self._yields,
+            self._barrier_sums,
+            self._face_yields,
+        )
+
+    def _kernel_places(self):
+        """Return ground and map, as PointPlaces."""
+        return PointPlaces(
             self._known_ground,
             self._lowest,
             self.grid.inside,
             self._zone_values,
-            self._barriers,
-            self._yields,
-            self._faces,
-            self._face_yields,
-            until,
-            after,
-            max_steps,
-            self._settings,
-            self._effects,
             self._watched,
+            self._barriers,
+            self._faces,
         )
 
     def _integrate_with(self, effects, places, walls):

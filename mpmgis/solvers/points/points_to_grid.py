@@ -11,7 +11,7 @@ from ...compiled.jit import jit_borrowing, jit_parallel, kernel_part, law_functi
 from ...compiled.lanes import get, load, multiply_add, store, without_last
 from . import point_batch as line
 from .point_batch import BATCH, INTEGERS, LINES
-from .point_rows import AXX, AXY, AXZ, INDEX_MASK, PX, TILE_LAYER, TILE_ROW, take_places, weigh
+from .point_rows import AXX, AXY, AXZ, INDEX_MASK, PX, TILE_LAYER, TILE_ROW, SortedPoints, take_places, weigh
 
 
 def _spread_one(rows, p, scratch, integers, q, tile):
@@ -67,10 +67,16 @@ def _sum_blocks(points, tiles, first_block, end_block, scratch, integers):
 
 
 @jit_parallel
-def points_to_grid(points, tiles):
+def points_to_grid(points: SortedPoints, tiles: np.ndarray) -> None:
     """Sum mass and momentum, with the impulse of the stress, of the points of each block into its tile.
 
-    MLS-MPM of Hu et al. 2018. `points` are SortedPoints, `tiles` those of `ActiveBlocks`.
+    MLS-MPM of Hu et al. 2018.
+
+    Parameters
+    ----------
+    points : SortedPoints
+    tiles : float[active, TILE_SIZE]
+        Is set: momentum [kg m s-1] and mass [kg] at the nodes of each tile.
     """
     for c in prange(CHUNKS):
         scratch, integers = np.zeros(LINES, points.rows.dtype), np.zeros(INTEGERS, np.int32)

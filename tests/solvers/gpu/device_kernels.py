@@ -26,8 +26,11 @@ from mpmgis.solvers.gpu import (
 )
 from mpmgis.solvers.gpu.device_functions import Kernel
 from mpmgis.solvers.gpu.device_point_steps import Domain
+from mpmgis.solvers.gpu.device_records import MotionLaws, PointMap, PointsInBlocks, RarePoints, TouchedBlocks
 from mpmgis.solvers.gpu.rare_points import _between
-from mpmgis.solvers.points.point_rows import Settings
+from mpmgis.solvers.points.point_ground import Ground
+from mpmgis.solvers.points.point_records import ColumnSums, ContactLaws, FaceArrays, Site
+from mpmgis.solvers.points.point_rows import Settings, Surface
 
 SETTINGS = Settings(
     dx=1.0,
@@ -97,6 +100,29 @@ def array(kind, dimensions):
     return types.Array(kind, dimensions, "C")
 
 
+def record(kind, *fields):
+    """Type of a record `kind` with `fields` of these types."""
+    return types.BaseTuple.from_types(fields, kind)
+
+
+def blocks_and_site(number):
+    """(types of TouchedBlocks, Ground, Site, ColumnSums, FaceArrays) of arrays of `number`."""
+    i4, line, table, map_ = types.int32, array(number, 2), array(number, 3), array(types.int32, 3)
+    blocks = record(TouchedBlocks, line, array(i4, 2), array(i4, 1), map_)
+    faces = record(FaceArrays, line, table, array(number, 4))
+    ground = table, map_, line
+    return blocks, record(Ground, *ground), record(Site, *ground, table, table), record(ColumnSums, table, table), faces
+
+
+def points_and_marks(number):
+    """(types of PointsInBlocks, RarePoints) of arrays of `number`."""
+    i4, byte = types.int32, array(types.uint8, 1)
+    places = array(types.int64, 1), array(i4, 1), array(types.int64, 1), array(i4, 2), array(i4, 2)
+    return record(PointsInBlocks, array(number, 2), *places), record(
+        RarePoints, byte, byte, array(number, 2), array(i4, 2)
+    )
+
+
 def in_precision(law, real):
     """Type of `law` with parameters of `real`."""
     return numba.typeof(type(law)(*(real(value) if isinstance(value, float) else value for value in law)))
@@ -124,7 +150,9 @@ def _without_laws(real):
     rows, keys, order, start = array(number, 2), array(i8, 1), array(i4, 1), array(i8, 1)
     window, pieces, lowest, ids = array(i4, 1), array(i8, 2), array(i4, 3), array(types.uint64, 1)
     touched, sources, nodes, tiles = array(i4, 2), array(i4, 2), array(number, 2), array(number, 2)
-    ground, free = (array(number, 3), array(i4, 3), array(number, 2)), array(byte, 1)
+    free = array(byte, 1)
+    blocks, ground, site, _, faces = blocks_and_site(number)
+    points, rare = points_and_marks(number)
     columns, reports, sums, yields = array(number, 3), array(number, 2), array(f8, 2), array(number, 4)
     settings, of_nodes, cells = numba.typeof(SETTINGS), in_precision(SETTINGS, real), array(byte, 1)
     barrier, walled = in_precision(NoBarrier(), real), in_precision(Barrier(), real)
@@ -149,29 +177,28 @@ def _without_laws(real):
     yield "points_to_grid", device_points_to_grid.points_to_grid, (run, rows, order, start, tiles)
     for name, *arguments in (
         ("gather_nodes", run, tiles, sources, nodes),
-        ("weigh_contact", run, nodes, touched, *ground, reports, of_nodes),
-        ("spread_contact", run, reports, touched, window, lowest, columns),
+        ("weigh_contact", run, nodes, touched, ground, reports, of_nodes),
+        ("spread_contact", run, reports, blocks, columns),
         ("clear_contact", run, touched, columns),
         ("move_nodes", run, now, nodes, of_nodes),
-        ("find_contacts", run, nodes, touched, free, *ground, columns, reports, of_nodes, barrier),
-        ("finish_nodes", run, nodes, touched, free, *ground, reports, of_nodes),
-        ("note_peaks", run, now, nodes, touched, window, lowest, ground[0], columns, of_nodes),
+        ("find_contacts", run, nodes, touched, free, ground, columns, reports, of_nodes, barrier),
+        ("finish_nodes", run, nodes, touched, free, ground, reports, of_nodes),
+        ("note_peaks", run, now, blocks, columns, columns, of_nodes),
     ):
         yield name, getattr(device_point_nodes, name), arguments
     yield (
         "find_contacts_barred",
         device_point_nodes.find_contacts,
-        (run, nodes, touched, free, *ground, columns, reports, of_nodes, walled),
+        (run, nodes, touched, free, ground, columns, reports, of_nodes, walled),
     )
-    around, lines = (nodes, touched, window, lowest, *ground), (reports, columns)
     for name, *arguments in (
-        ("share_face_rows", run, nodes, touched, window, lowest, *lines, of_nodes),
-        ("weigh_face_rows", run, now, counts, *around, *lines, yields, of_nodes),
-        ("weigh_face_columns", run, now, counts, *around, *lines, yields, of_nodes),
-        ("book_faces", run, counts, *around, *lines, yields, yields, reports, reports, of_nodes),
+        ("share_face_rows", run, blocks, faces, of_nodes),
+        ("weigh_face_rows", run, now, counts, blocks, site, faces, of_nodes),
+        ("weigh_face_columns", run, now, counts, blocks, site, faces, yields, of_nodes),
+        ("book_faces", run, counts, blocks, site, faces, yields, reports, reports, of_nodes),
         ("keep_before_faces", run, counts, rows, keys, lowest, array(byte, 2), reports, columns, sums, of_nodes),
         ("weigh_flow", run, nodes, reports),
-        ("press_on_crests", run, touched, nodes, touched, window, lowest, columns, reports, reports, of_nodes, walled),
+        ("press_on_crests", run, touched, blocks, columns, reports, reports, of_nodes, walled),
         ("sum_booked", run, reports, start, array(f8, 3)),
         ("collect_barriers", run, stage, array(f8, 3), sums),
     ):
@@ -182,11 +209,9 @@ def _without_laws(real):
     yield "choose_step", device_point_reports.choose_step, (run, stage, clock, counts, sums, array(number, 1), settings)
     finish = run, stage, clock, counts, sums, sums, rows, keys, lowest, settings
     yield "finish_step", device_point_reports.finish_step, finish
-    marks = array(byte, 1), array(byte, 1), array(number, 2), array(i4, 2)
-    map_, domain = (lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
-    given, left = (rows, keys, order, start, touched), (array(i8, 4), array(f8, 1))
-    yield "begin_reports", rare_points.begin_reports, (run, *marks[2:], sums, settings)
-    arguments = run, *given, ground[0], *map_, *left, *marks[:2], sums, domain, settings
+    surface, domain = record(Surface, columns, lowest, array(byte, 2)), numba.typeof(Domain(10, 10, False))
+    yield "begin_reports", rare_points.begin_reports, (run, array(number, 2), array(i4, 2), sums, settings)
+    arguments = run, points, surface, array(i8, 4), array(f8, 1), rare, sums, domain, settings
     yield "settle_rare_points", rare_points.settle_rare_points, arguments
 
 
@@ -194,47 +219,20 @@ def _with_contacts(real, contacts):
     """Signatures of kernels that call contact laws; `contacts`: name -> (contact, zones, barrier)."""
     number = numba.from_dtype(np.dtype(real))
     run, now, counts, free = array(types.int64, 1), array(number, 1), array(types.int64, 1), array(types.uint8, 1)
-    nodes, touched = array(number, 2), array(types.int32, 2)
-    given = nodes, touched, array(types.int32, 1), array(types.int32, 3)
-    ground = array(number, 3), array(types.int32, 3), array(number, 2)
     columns, reports, yields = array(number, 3), array(number, 2), array(number, 4)
-    places = (*ground, columns, columns)
+    blocks, _, site, sums, faces = blocks_and_site(number)
+    barred = array(types.int32, 2)
     for label, slots in contacts.items():
-        laws = in_precision(SETTINGS, real), *(in_precision(law, real) for law in slots)
+        laws = in_precision(SETTINGS, real), record(ContactLaws, *(in_precision(law, real) for law in slots))
         kernels = [
-            (device_point_nodes.couple_layers, run, now, *given, *places, columns, columns, reports, *laws),
-            (device_point_nodes.press_on_ground, run, now, counts, *given, free, *places, yields, reports, *laws),
-            (
-                device_point_nodes.hold_nodes,
-                run,
-                now,
-                nodes,
-                touched,
-                free,
-                *places,
-                columns,
-                columns,
-                reports,
-                reports,
-                *laws,
-            ),
+            (device_point_nodes.couple_layers, run, now, blocks, site, columns, columns, reports, *laws),
+            (device_point_nodes.press_on_ground, run, now, counts, blocks, free, site, yields, reports, *laws),
+            (device_point_nodes.hold_nodes, run, now, blocks, free, site, sums, reports, reports, *laws),
         ]
         if slots[-1].barrier_active():
             kernels += [
-                (device_barriers.settle_faces, run, now, *given, *ground, columns, reports, columns, *laws),
-                (
-                    device_barriers.hold_at_barriers,
-                    run,
-                    now,
-                    touched,
-                    *given,
-                    *places,
-                    columns,
-                    columns,
-                    reports,
-                    reports,
-                    *laws,
-                ),
+                (device_barriers.settle_faces, run, now, blocks, site, faces, *laws),
+                (device_barriers.hold_at_barriers, run, now, barred, blocks, site, sums, reports, reports, *laws),
             ]
         for kernel, *arguments in kernels:
             yield f"{kernel.function.__name__}_{label}", kernel, arguments
@@ -243,27 +241,24 @@ def _with_contacts(real, contacts):
 def _with_materials(real, materials):
     """Signatures of kernels that call materials; `materials`: name -> (material, softening)."""
     number = numba.from_dtype(np.dtype(real))
-    run, keys, start, order = array(types.int64, 1), array(types.int64, 1), array(types.int64, 1), array(types.int32, 1)
-    scales, rows, nodes, ground = array(number, 1), array(number, 2), array(number, 2), array(number, 3)
-    blocks, byte = array(types.int32, 2), array(types.uint8, 1)
-    around, map_ = (order, start, blocks, blocks, nodes), (array(types.int32, 3), array(types.uint8, 2))
-    marks = byte, byte, array(number, 2), array(types.int32, 2)
+    run, scales, nodes, ground = array(types.int64, 1), array(number, 1), array(number, 2), array(number, 3)
+    below = record(PointMap, ground, array(types.int32, 3), array(types.uint8, 2))
+    points, rare = points_and_marks(number)
     domain, settings = numba.typeof(Domain(10, 10, False)), in_precision(SETTINGS, real)
     for label, slots in materials.items():
-        laws = [in_precision(law, real) for law in (*slots, WholeGradient())]
-        arguments = run, scales, rows, keys, *around, ground, *map_, *marks, domain, *laws
+        laws = record(MotionLaws, *(in_precision(law, real) for law in (*slots, WholeGradient())))
+        arguments = run, scales, points, nodes, below, rare, domain, laws
         yield f"grid_to_points_{label}", device_grid_to_points.grid_to_points, arguments
-        arguments = run, scales, rows, *around, ground, *marks, domain, settings, *laws
+        arguments = run, scales, points, nodes, ground, rare, domain, settings, laws
         yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments
 
 
 def _with_density(real):
     """Signatures of the correction of volumes, for materials that use the density at the nodes."""
     number = numba.from_dtype(np.dtype(real))
-    run, start, order, free = array(types.int64, 1), array(types.int64, 1), array(types.int32, 1), array(types.uint8, 1)
+    run, free = array(types.int64, 1), array(types.uint8, 1)
     rows, columns, yields = (array(number, k) for k in (2, 3, 4))
-    blocks, ground = array(types.int32, 2), (columns, array(types.int32, 3), rows)
-    given = run, run, rows, order, start, blocks, blocks, rows, free, *ground, yields, columns, rows
+    given = run, run, points_and_marks(number)[0], rows, free, blocks_and_site(number)[1], yields, columns, rows
     for label, (material, _) in (MATERIALS | OTHER_MATERIALS).items():
         if material.follows_density():
             for end, barrier in (("", NoBarrier()), ("_barred", Barrier())):

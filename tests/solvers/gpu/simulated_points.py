@@ -21,7 +21,7 @@ from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.friction import FrictionZones
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 from mpmgis.laws.softening import NoSoftening, softening
-from mpmgis.solvers.gpu.device_point_loop import LAST_STEP, DevicePoints, PointPlaces, PointState
+from mpmgis.solvers.gpu.device_point_loop import LAST_STEP, DevicePoints
 from mpmgis.solvers.gpu.launch import Launch
 from mpmgis.solvers.points import point_clock as entry
 from mpmgis.solvers.points import point_rows as row
@@ -150,10 +150,7 @@ def with_zones(solver):
 
 def device_of(solver, launch=NARROW):
     """DevicePoints of the arrays of `solver`."""
-    ground, places = solver._known_ground, (solver._lowest, solver.grid.inside, solver._zone_values, solver._watched)
-    places = PointPlaces(ground, *places, solver._barriers, solver._faces)
-    state = PointState(*(getattr(solver, f"_{name}") for name in NAMES))
-    return DevicePoints(state, places, solver._settings, solver._effects, launch)
+    return DevicePoints(solver._kernel_state(), solver._kernel_places(), solver._settings, solver._effects, launch)
 
 
 def begun(solver):

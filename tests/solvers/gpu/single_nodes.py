@@ -41,8 +41,8 @@ PHASES = {  # of `point_loop.advance`, by their names there
 }
 ON_NODES = {module.__name__ for module in (contact_shares, point_barriers, point_ground, point_peaks)}
 ON_NODES |= {kernel.py_func.__module__ for kernel in PHASES.values()}
-OF_RUN = ("peaks", "zone_values", "barriers", "yields", "faces", "face_yields")  # arrays in single precision
-CHANGED = ("peaks", "yields", "face_yields")  # of these
+CHANGED = ("peaks", "yields", "face_yields")  # arrays of the state in single precision
+FIXED = ("zone_values", "barriers", "faces")  # arrays of the places in single precision
 
 
 @cache
@@ -100,41 +100,22 @@ def law(values):
     return type(values)(*(single(value, SMALL) for value in values))
 
 
+def in_float32(record, names):
+    """A `record` whose arrays with these `names` are in single precision."""
+    return record._replace(**{name: np.ascontiguousarray(getattr(record, name), np.float32) for name in names})
+
+
 class SingleNodes(PointSolver):
     """A 3D solver for float32 points whose ground, contact, layers and density are in single precision."""
 
     def _take_steps(self, until, after, max_steps):
-        here = {name: np.ascontiguousarray(getattr(self, f"_{name}"), np.float32) for name in OF_RUN}
-        ground = self._known_ground
+        state, places = in_float32(self._kernel_state(), CHANGED), in_float32(self._kernel_places(), FIXED)
+        ground = places.ground
         ground = ground._replace(nodes=ground.nodes.astype(np.float32), exact=ground.exact.astype(np.float32))
         effects = self._effects
         effects = effects._replace(contact=law(effects.contact), zones=law(effects.zones), barrier=law(effects.barrier))
-        reason = advance()(
-            self._rows,
-            self._ids,
-            self._keys,
-            self._order,
-            self._clock,
-            self._counts,
-            self._ledger,
-            self._left,
-            self._barrier_sums,
-            here["peaks"],
-            ground,
-            self._lowest,
-            self.grid.inside,
-            here["zone_values"],
-            here["barriers"],
-            here["yields"],
-            here["faces"],
-            here["face_yields"],
-            until,
-            after,
-            max_steps,
-            self._settings,
-            effects,
-            self._watched,
-        )
+        places = places._replace(ground=ground)
+        reason = advance()(state, places, self._order, until, after, max_steps, self._settings, effects)
         for name in CHANGED:
-            getattr(self, f"_{name}")[...] = here[name]
+            getattr(self, f"_{name}")[...] = getattr(state, name)
         return reason
