@@ -25,6 +25,27 @@ LIMITS = {
     "arrows between top-level folders": 95,
     "files with constants amid the code": 10,
     "lines that the formatter skips": 0,
+    "functions with more than 12 parameters": 5,  # laws of stress in the inner loop over points
+    "public functions without annotations, parameters or a verb": 0,
+}
+# first words of a docstring that are no verb
+NO_VERBS = {
+    "The",
+    "A",
+    "An",
+    "As",
+    "Whether",
+    "Of",
+    "In",
+    "For",
+    "One",
+    "All",
+    "This",
+    "It",
+    "Its",
+    "Each",
+    "Every",
+    "No",
 }
 
 
@@ -171,15 +192,52 @@ def long_signatures():
         (count, f"mpmgis/{path.relative_to(PACKAGE)}:{node.lineno}", node.name)
         for path in SOURCES
         for node in ast.walk(tree(path))
-        if isinstance(node, ast.FunctionDef)
-        and (count := len(node.args.posonlyargs + node.args.args + node.args.kwonlyargs)) > LONG
+        if isinstance(node, ast.FunctionDef) and (count := len(_parameters(node))) > LONG
     )
+
+
+def undocumented():
+    """Return a line for each public function without annotations, section Parameters, or a verb in its first line."""
+    found = []
+    for name, path in MODULES.items():
+        for node in tree(path).body:
+            if isinstance(node, ast.FunctionDef):
+                functions = [node]
+            elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                functions = [part for part in node.body if isinstance(part, ast.FunctionDef)]
+            else:
+                continue
+            found += [
+                f"{name}:{function.lineno}: {function.name} {lack}"
+                for function in functions
+                if not function.name.startswith("_") and (lack := _lack(function))
+            ]
+    return found
+
+
+def _lack(function):
+    """Return what the signature or docstring of a public function lacks; "" if nothing."""
+    decorators = [ast.unparse(decorator) for decorator in function.decorator_list]
+    given = [a for a in _parameters(function) if a.arg not in ("self", "cls")]
+    text = ast.get_docstring(function) or ""
+    first = text.split(maxsplit=1)[0] if text else ""
+    if function.returns is None or any(argument.annotation is None for argument in given):
+        return "has no annotations"
+    if given and "Parameters\n---" not in text:
+        return "has no section Parameters"
+    if not any("property" in decorator for decorator in decorators) and (not first.isalpha() or first in NO_VERBS):
+        return "does not begin with a verb"
+    return ""
+
+
+def _parameters(function):
+    return function.args.posonlyargs + function.args.args + function.args.kwonlyargs
 
 
 def figures():
     """Return what LIMITS names, as lists."""
     found = (upward_imports, private_imports, repeated_names, folders, arrows)
-    found += (files_with_late_constants, skipped_by_formatter)
+    found += (files_with_late_constants, skipped_by_formatter, long_signatures, undocumented)
     return dict(zip(LIMITS, (function() for function in found), strict=True))
 
 
@@ -194,7 +252,6 @@ def main():
             shown = found if "-v" in sys.argv else found[:SHOWN]
             print(*(f"        {line}" for line in shown), sep="\n")
     print(f"{len(SOURCES):5} files")
-    print(f"{len(long_signatures()):5} functions with more than {LONG} parameters")
     return int(beyond)
 
 
