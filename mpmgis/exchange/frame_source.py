@@ -8,7 +8,7 @@ from .declarations import Declarations
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredByUser:
-    """User declarations about another code's files."""
+    """User declarations about another code's files, as options give them."""
 
     reader: str | None = None
     origin: tuple | None = None  # (E, N, H) [m]
@@ -34,7 +34,7 @@ class FrameSource:
     declarations: DeclaredByUser = field(default_factory=DeclaredByUser)
 
     def terms(self) -> Declarations:
-        """The declarations as Declarations."""
+        """Return the declarations, checked."""
         declared = vars(self.declarations)
         return Declarations.named(declared | {"time_step": declared["frame_step"], "density": self.density}, self.crs)
 

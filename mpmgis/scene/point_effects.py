@@ -87,7 +87,8 @@ def decide_stiffness(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
 def largest_speed(facts: TerrainFacts) -> float:
     """Estimate the largest speed of the flow.
 
-    It is that of the energy line with the head 2 h0 of a front driven by the thickness of the release. At rest on level ground it is the front speed of a dam break, 2 sqrt(g h0) (Ritter, 1892).
+    It is that of the energy line with the head 2 h0 of a front driven by the thickness of the release.
+    At rest on level ground it is the front speed of a dam break, 2 sqrt(g h0) (Ritter, 1892).
 
     Parameters
     ----------

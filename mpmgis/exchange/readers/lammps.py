@@ -14,13 +14,16 @@ another file. Karamelo names its pieces `proc-<rank>.` and always writes step 0.
 """
 
 import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...system.errors import FormatError
+from ..declarations import Declarations
 from .reader_interface import MOST_DIGITS, Reader, ThirdPartyFrame, joined
 from .record_parsing import BLANK, Form, mapped, read_rows
 
@@ -45,8 +48,23 @@ MOST_ITEMS = 20
 _WHOLE = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
 
 
-def pieces_by_name(path):
-    """The files of all ranks with the step of `path`, named `proc-<rank>.` as by Karamelo."""
+def pieces_by_name(path: Path) -> list[Path]:
+    """Return the files of all ranks with the step of a file, named `proc-<rank>.` as by Karamelo.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of Path
+        In the order of the ranks; `path` only where it has another name.
+
+    Raises
+    ------
+    FormatError
+        The piece of a rank is missing.
+    """
     match = _PIECE.fullmatch(path.name)
     if match is None:
         return [path]
@@ -61,8 +79,13 @@ def pieces_by_name(path):
     return [found[rank] for rank in sorted(found)]
 
 
-def numbered_by_name(frames):
-    """Frames that all have step 0, as Karamelo writes them, with the steps of their file names."""
+def numbered_by_name(frames: list[ThirdPartyFrame]) -> list[ThirdPartyFrame]:
+    """Return frames that all have step 0, as Karamelo writes them, with the steps of their file names.
+
+    Parameters
+    ----------
+    frames : list of ThirdPartyFrame
+    """
     names = [_PIECE.fullmatch(frame.path.name) or _LAST_NUMBER.fullmatch(frame.path.name) for frame in frames]
     numbers = [None if match is None else int(match[3] if match.re is _PIECE else match[1]) for match in names]
     if len(frames) == 1 and numbers[0] is not None and numbers[0] != 0:
@@ -75,11 +98,18 @@ def numbered_by_name(frames):
     ]
 
 
-def with_all_pieces(paths, first_step, open_file):
-    """`paths`, and further pieces of the same parallel run in their folders.
+def with_all_pieces(paths: list[Path], first_step: Callable, open_file: Callable) -> list[Path]:
+    """Return the files, and further pieces of the same parallel run in their folders.
 
-    Names of pieces differ in one number; the first step is the same and the grains are different. `first_step(path)`
-    is None for other files, `open_file(path)` returns the ThirdPartyFrames.
+    Names of pieces differ in one number; the first step is the same and the grains are different.
+
+    Parameters
+    ----------
+    paths : list of Path
+    first_step : callable
+        `first_step(path)` returns the number of the first step; None for other files.
+    open_file : callable
+        `open_file(path)` returns the ThirdPartyFrames.
     """
     named = {path.resolve() for path in paths}
     likes = {(path.parent, _likeness(path)) for path in paths}
@@ -106,8 +136,8 @@ def _likeness(path):
     return _NUMBER.sub("#", Path(path).name)
 
 
-def _are_pieces(series, path, open_file):
-    """Whether the dump at `path` has other grains than a series, in the first step where both have grains."""
+def _are_pieces(series: list[ThirdPartyFrame], path: Path, open_file: Callable) -> bool:
+    """Return whether the dump at `path` has other grains than a series, in the first step where both have grains."""
     try:
         other = open_file(path)
     except FormatError:  # of another run, incomplete
@@ -118,16 +148,20 @@ def _are_pieces(series, path, open_file):
     return both is None or _disjoint(both)
 
 
-def _disjoint(frames):
-    """Whether no grain (id) is in two of the frames; False without ids."""
+def _disjoint(frames: Sequence[ThirdPartyFrame]) -> bool:
+    """Return whether no grain (id) is in two of the frames; False without ids."""
     if not all("id" in frame.columns for frame in frames):
         return False
     ids = np.concatenate([frame.read(("id",))["id"] for frame in frames])
     return len(np.unique(ids)) == len(ids)
 
 
-def one_per_step(frames):
-    """One frame per step: pieces are joined, steps repeated by a restart are omitted; others are unchanged.
+def one_per_step(frames: list[ThirdPartyFrame]) -> list[ThirdPartyFrame]:
+    """Return one frame per step: pieces are joined, steps repeated by a restart are omitted; others are unchanged.
+
+    Parameters
+    ----------
+    frames : list of ThirdPartyFrame
 
     Raises
     ------
@@ -153,8 +187,8 @@ def _of_one_step(frames):
     return frames
 
 
-def _are_same(frame, other):
-    """Whether two frames have the same grains with the same values, in any order."""
+def _are_same(frame: ThirdPartyFrame, other: ThirdPartyFrame) -> bool:
+    """Return whether two frames have the same grains with the same values, in any order."""
     names = tuple(dict.fromkeys(frame.column_map.values()))
     if frame.column_map != other.column_map or frame.count != other.count or "id" not in frame.column_map:
         return False
@@ -165,15 +199,15 @@ def _are_same(frame, other):
     return np.array_equal(*tables)
 
 
-def _varying(paths):
-    """Sets of the numbers that differ between the names; [] for names that differ in other parts."""
+def _varying(paths: list[Path]) -> list[set[int]]:
+    """Return sets of the numbers that differ between the names; [] for names that differ in other parts."""
     if len({_likeness(path) for path in paths}) > 1:
         return []
     columns = zip(*(_NUMBER.findall(path.name) for path in paths), strict=True)
     return [{int(word) for word in words} for words in columns if len(set(words)) > 1]
 
 
-def _require_all_ranks(paths):
+def _require_all_ranks(paths: list[Path]) -> None:
     """Refuse pieces with a missing rank between 0 and the last."""
     varying = _varying(paths)
     if len(varying) == 1:
@@ -189,13 +223,30 @@ class _TruncatedError(FormatError):
     """The file ends within a time step."""
 
 
-def recognises(path, head):
-    """True for a dump that begins with a time step."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is a dump that begins with a time step.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     return head.startswith((BEGIN, b"ITEM: UNITS", b"ITEM: TIME\n")) or BINARY.match(head) is not None
 
 
-def frames(paths, terms):
-    """The ThirdPartyFrames in files; pieces of a parallel run and repeated steps form one frame."""
+def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
+    """Describe the frames in files; pieces of a parallel run and repeated steps form one frame.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError
+    """
     groups = {}
     for path in with_all_pieces(list(map(Path, paths)), first_step, open_file):
         pieces = pieces_by_name(path)
@@ -211,8 +262,18 @@ def frames(paths, terms):
     return one_per_step(found)
 
 
-def first_step(path):
-    """Number of the first time step of a dump; None for other and unreadable files."""
+def first_step(path: Path) -> int | None:
+    """Return the number of the first time step of a dump.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    int or None
+        None for other and unreadable files.
+    """
     try:
         with mapped(path) as content:
             begin = content.find(BEGIN, 0, LONGEST_LINE)
@@ -222,8 +283,12 @@ def first_step(path):
     return int(words[2]) if len(words) > 2 and _WHOLE.fullmatch(words[2].decode("ascii", "replace")) else None
 
 
-def open_file(path):
-    """The ThirdPartyFrames in one file.
+def open_file(path: str | Path) -> list[ThirdPartyFrame]:
+    """Describe the frames in one file.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -250,16 +315,16 @@ def open_file(path):
     return found
 
 
-def _salvage_command(path, count, size):
-    """Command that extracts the `count` complete time steps, `size` bytes, before a truncated one."""
+def _salvage_command(path: Path, count: int, size: int) -> str:
+    """Return the command that extracts the `count` complete time steps, `size` bytes, before a truncated one."""
     if count == 0:
         return ""
     unpacked = "gzip -dc {0} | head -c {1}" if path.suffix == ".gz" else "head -c {1} {0}"
     return f"; the {count} before are complete: {unpacked.format(path.name, size)} > whole.dump"
 
 
-def _step(path, content, at):
-    """(The ThirdPartyFrame that begins at byte `at`, where the next one begins)."""
+def _step(path: Path, content: Any, at: int) -> tuple[ThirdPartyFrame, int]:
+    """Return (the frame that begins at byte `at`, where the next one begins)."""
     header, columns = {}, None
     for _ in range(MOST_ITEMS):
         words, at = _line(path, content, at)
@@ -296,8 +361,8 @@ def _step(path, content, at):
     return _in_box(frame, header.get("BOX BOUNDS")), stop
 
 
-def _end(path, content, at, count, width, number):
-    """End of the rows from byte `at`; the last time step of a file must be complete."""
+def _end(path: Path, content: Any, at: int, count: int, width: int, number: int) -> int:
+    """Return the end of the rows from byte `at`; the last time step of a file must be complete."""
     stop = content.find(b"ITEM:", at)
     last = stop < 0
     stop = len(content) if last else stop
@@ -307,8 +372,8 @@ def _end(path, content, at, count, width, number):
     return stop
 
 
-def _line(path, content, at):
-    """(Words of the line at byte `at`, where the next line begins)."""
+def _line(path: Path, content: Any, at: int) -> tuple[list[str], int]:
+    """Return (words of the line at byte `at`, where the next line begins)."""
     stop = content.find(b"\n", at, at + LONGEST_LINE)
     if stop < 0:
         if len(content) - at < LONGEST_LINE:
@@ -317,8 +382,8 @@ def _line(path, content, at):
     return content[at:stop].decode("ascii", "replace").split(), stop + 1
 
 
-def _words(header, key):
-    """The words of the first line of an ITEM; [] where it is missing."""
+def _words(header: dict[str, list[list[str]]], key: str) -> list[str]:
+    """Return the words of the first line of an ITEM; [] where it is missing."""
     return header[key][0] if key in header else []
 
 
@@ -339,8 +404,8 @@ def _time(path, header):
     return time if abs(time) < float("inf") else None
 
 
-def _in_box(frame, bounds):
-    """`frame` with columns x, y, z from fractions of the box, where it has no other position."""
+def _in_box(frame: ThirdPartyFrame, bounds: list[list[str]] | None) -> ThirdPartyFrame:
+    """Return `frame` with columns x, y, z from fractions of the box, where it has no other position."""
     if all(axis in frame.column_map for axis in "xyz"):
         return frame
     shares = next((names for names in SHARES if set(names) <= set(frame.columns)), None)
@@ -357,8 +422,8 @@ def _in_box(frame, bounds):
     )
 
 
-def _box(path, bounds):
-    """(float64[3] corner, float64[3, 3] edges, one per row) [m] of three lines of BOX BOUNDS.
+def _box(path: Path, bounds: list[list[str]] | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return (float64[3] corner, float64[3, 3] edges, one per row) [m] of three lines of BOX BOUNDS.
 
     Orthogonal: `lo hi`. Sheared: `lo hi` of the bounding box, and the shears xy, xz, yz. General: `x y z origin`.
     """

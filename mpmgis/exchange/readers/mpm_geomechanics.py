@@ -5,6 +5,7 @@ left the domain.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 from ...system.errors import FormatError
 from .reader_interface import Reader
@@ -20,8 +21,15 @@ COLUMN_MAP = PLACES | {
 }
 
 
-def recognises(path, head):
-    """True for .vtu with "Particle Id", and for a .pvd that lists such files."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is .vtu with "Particle Id", or a .pvd that lists such files.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     kind = kind_of(head)
     try:
         if kind == "Collection":

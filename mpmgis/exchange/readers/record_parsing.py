@@ -4,6 +4,7 @@ import csv
 import mmap
 import warnings
 import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache, partial
 from pathlib import Path
@@ -37,15 +38,34 @@ BLANK = " "  # delimiter for any number of blanks and tabs
 MOST_TIMES = 100_000
 
 
-def column_names(name, components):
-    """Columns of an array: its own name, or with .x, .y, .z of three components, .0, .1, .. of another number."""
+def column_names(name: str, components: int) -> tuple[str, ...]:
+    """Return the columns of an array.
+
+    A single component has the name of the array, three have .x, .y, .z, another number has .0, .1, ..
+
+    Parameters
+    ----------
+    name : str
+    components : int
+    """
     if components == 1:
         return (name,)
     return tuple(f"{name}.{word}" for word in (COMPONENTS if components == 3 else range(components)))
 
 
-def columns_of(arrays):
-    """Dict of column and (array, component), of a dict of array and number of components."""
+def columns_of(arrays: dict[str, int]) -> dict[str, tuple[str, int]]:
+    """Return the columns of arrays.
+
+    Parameters
+    ----------
+    arrays : dict of str to int
+        Name -> number of components.
+
+    Returns
+    -------
+    dict of str to (str, int)
+        Column -> (array, component).
+    """
     return {
         column: (name, k)
         for name, components in arrays.items()
@@ -53,8 +73,24 @@ def columns_of(arrays):
     }
 
 
-def picked(read_array, arrays, names):
-    """float64[n] of some columns by name, each array read once by `read_array(name)`: float64[n, components]."""
+def picked(
+    read_array: Callable[[str], np.ndarray], arrays: dict[str, int], names: Iterable[str]
+) -> dict[str, np.ndarray]:
+    """Read some columns by name, each array once.
+
+    Parameters
+    ----------
+    read_array : callable
+        `read_array(name)` returns float64[n, components].
+    arrays : dict of str to int
+        Name -> number of components.
+    names : iterable of str
+        Of the columns.
+
+    Returns
+    -------
+    dict of str to float64[n]
+    """
     places, whole, found = columns_of(arrays), {}, {}
     for column in names:
         name, component = places[column]
@@ -64,17 +100,35 @@ def picked(read_array, arrays, names):
     return found
 
 
-def plainly_named(arrays):
-    """Names of mpmgis and columns for arrays (name -> components) with names of SYNONYMS, in any case."""
+def plainly_named(arrays: dict[str, int]) -> dict[str, str]:
+    """Return the names of mpmgis and columns for arrays with names of SYNONYMS, in any case.
+
+    Parameters
+    ----------
+    arrays : dict of str to int
+        Name -> number of components.
+
+    Returns
+    -------
+    dict of str to str
+    """
     found = candidates_named(arrays)
     return {name: column for places in found.values() for name, column in places[0].items()}
 
 
-def candidates_named(arrays):
-    """Quantities of mpmgis and their candidates, each as names and columns, the most likely first.
+def candidates_named(arrays: dict[str, int]) -> dict[str, list[dict[str, str]]]:
+    """Return the quantities of mpmgis and their candidates, each as names and columns, the most likely first.
 
-    `arrays` (name -> components) are matched with SYNONYMS, in any case. A position or a velocity is a vector, or its
-    components by name.
+    Names are matched with SYNONYMS, in any case. A position or a velocity is a vector, or its components by name.
+
+    Parameters
+    ----------
+    arrays : dict of str to int
+        Name -> number of components.
+
+    Returns
+    -------
+    dict of str to list of dict of str to str
     """
     small = {}
     for name, components in arrays.items():
@@ -93,14 +147,40 @@ def candidates_named(arrays):
     return found
 
 
-def require_whole(path, what, got, wanted):
-    """Refuse an array with another number of values than expected."""
+def require_whole(path: str | Path, what: str, got: int | str, wanted: int) -> None:
+    """Refuse an array with another number of values than expected.
+
+    Parameters
+    ----------
+    path : str or Path
+    what : str
+        Name of the array in the message.
+    got : int or str
+    wanted : int
+
+    Raises
+    ------
+    FormatError
+    """
     if got != wanted:
         raise FormatError(f"{path}: {what} has {got} numbers, expected {wanted}; it is truncated or damaged")
 
 
-def text_numbers(text, count, path, what, more=False):
-    """float64[count] of `text` (bytes); with `more` further numbers may follow.
+def text_numbers(text: bytes, count: int, path: str | Path, what: str, more: bool = False) -> np.ndarray:
+    """Read the numbers in a text.
+
+    Parameters
+    ----------
+    text : bytes
+    count : int
+    path, what : str or Path, str
+        File and name of the array in messages.
+    more : bool
+        Further numbers may follow.
+
+    Returns
+    -------
+    float64[count]
 
     Raises
     ------
@@ -121,8 +201,12 @@ def text_numbers(text, count, path, what, more=False):
 
 
 @contextmanager
-def mapped(path):
-    """The bytes of the file at `path`: a read-only mmap, from which data must be copied; bytes of a .gz.
+def mapped(path: str | Path) -> Iterator[mmap.mmap | bytes]:
+    """Open the bytes of a file: a read-only mmap, from which data must be copied; bytes of a .gz.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -144,8 +228,8 @@ def mapped(path):
 
 
 @lru_cache(maxsize=1)  # the frames of a file are read one after the other
-def _unpacked(path, size, changed):
-    """All bytes in a .gz; `size` and `changed` identify the version of the file."""
+def _unpacked(path: str, size: int, changed: int) -> bytes:
+    """Return all bytes in a .gz; `size` and `changed` identify the version of the file."""
     parts, total = [], 0
     for part in _parts(path):
         total += len(part)
@@ -156,8 +240,8 @@ def _unpacked(path, size, changed):
     return b"".join(parts)
 
 
-def _parts(path):
-    """The bytes in a .gz, in parts; it may contain several streams, as by programs that append."""
+def _parts(path: str) -> Iterator[bytes]:
+    """Yield the bytes in a .gz, in parts; it may contain several streams, as by programs that append."""
     stream = zlib.decompressobj(wbits=31)
     with open(path, "rb") as file:
         packed = file.read(AT_ONCE)
@@ -174,8 +258,15 @@ def _parts(path):
         raise FormatError(f"{path} ends within its compressed data; it is truncated")
 
 
-def unpacked_head(head, size):
-    """The first `size` bytes of a file that begins with `head`; a .gz is decompressed as far as possible."""
+def unpacked_head(head: bytes, size: int) -> bytes:
+    """Return the first bytes of a file; a .gz is decompressed as far as possible.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes as stored.
+    size : int [bytes]
+    """
     if not head.startswith(GZIP):
         return head
     stream, found = zlib.decompressobj(wbits=31), b""
@@ -190,7 +281,17 @@ def unpacked_head(head, size):
 
 
 class Form(NamedTuple):
-    """Format of a table: names of the `columns`, `delimiter`, `decimal` sign, first byte of the rows (`start`)."""
+    """Format of a table.
+
+    Attributes
+    ----------
+    columns : tuple of str
+    delimiter : str
+    decimal : str
+        Decimal sign.
+    start : int [bytes]
+        Of the rows.
+    """
 
     columns: tuple
     delimiter: str
@@ -198,8 +299,22 @@ class Form(NamedTuple):
     start: int = 0
 
 
-def read_rows(path, start, stop, form, names):
-    """Name -> float64[n] of some columns of the rows from byte `start` to `stop` (None: the end) of a file.
+def read_rows(
+    path: str | Path, start: int, stop: int | None, form: Form, names: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """Read some columns of the rows of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+    start, stop : int, int or None [bytes]
+        Of the rows; None is the end of the file.
+    form : Form
+    names : sequence of str
+
+    Returns
+    -------
+    dict of str to float64[n]
 
     Raises
     ------
@@ -231,8 +346,21 @@ def read_rows(path, start, stop, form, names):
     return {name: table[name].to_numpy().astype(np.float64, copy=False) for name in names}
 
 
-def read_by_python(path, raw, form, names):
-    """As `read_rows` for the bytes `raw` of the file at `path`, without Arrow: 2 s per million rows.
+def read_by_python(path: str | Path, raw: bytes, form: Form, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Read some columns of rows, without Arrow: 2 s per million rows.
+
+    Parameters
+    ----------
+    path : str or Path
+        File of the rows.
+    raw : bytes
+        The rows.
+    form : Form
+    names : sequence of str
+
+    Returns
+    -------
+    dict of str to float64[n]
 
     Raises
     ------
@@ -255,8 +383,8 @@ def read_by_python(path, raw, form, names):
     return {name: np.ascontiguousarray(column) for name, column in zip(names, columns, strict=True)}
 
 
-def _number(text, decimal):
-    """The number in `text`, NaN where it is missing."""
+def _number(text: str, decimal: str) -> float:
+    """Return the number in `text`, NaN where it is missing."""
     text = text.strip()
     if text in NO_NUMBER:
         return np.nan
@@ -265,16 +393,22 @@ def _number(text, decimal):
     return float(text if decimal == "." else text.replace(decimal, "."))
 
 
-def _single_spaced(raw):
-    """Rows with one blank between numbers and none at the ends of lines."""
+def _single_spaced(raw: bytes) -> bytes:
+    """Return rows with one blank between numbers and none at the ends of lines."""
     raw = raw.replace(b"\t", b" ").replace(b"\r\n", b"\n")
     while b"  " in raw:
         raw = raw.replace(b"  ", b" ")
     return raw.replace(b" \n", b"\n").replace(b"\n ", b"\n").strip(b" ")
 
 
-def frames_of_tables(open_file):
-    """`frames` of a Reader of tables; `open_file(path, time_column)` returns the frames of one table."""
+def frames_of_tables(open_file: Callable) -> Callable:
+    """Make `frames` of a Reader of tables.
+
+    Parameters
+    ----------
+    open_file : callable
+        `open_file(path, time_column)` returns the frames of one table.
+    """
     return partial(_frames, open_file)
 
 
@@ -282,8 +416,17 @@ def _frames(open_file, paths, terms):
     return [frame for path in paths for frame in open_file(Path(path), terms.column_for("time"))]
 
 
-def time_column_of(path, columns, column_map, asked=None):
-    """The column of times of a table: `asked`, else the column named time, else None.
+def time_column_of(
+    path: Path, columns: Sequence[str], column_map: dict[str, str], asked: str | None = None
+) -> str | None:
+    """Return the column of times of a table: `asked`, else the column named time, else None.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str
+    column_map : dict of str to str
+    asked : str, optional
 
     Raises
     ------
@@ -296,8 +439,13 @@ def time_column_of(path, columns, column_map, asked=None):
     return found
 
 
-def require_few_times(path, times):
-    """Refuse more than MOST_TIMES `times`: the column is of another quantity.
+def require_few_times(path: Path, times: np.ndarray) -> None:
+    """Refuse more than MOST_TIMES times: the column is of another quantity.
+
+    Parameters
+    ----------
+    path : Path
+    times : float64[n] [s]
 
     Raises
     ------
@@ -309,8 +457,23 @@ def require_few_times(path, times):
         )
 
 
-def frame_of_rows(path, columns, column_map, time, count, read):
-    """The ThirdPartyFrame of the `count` rows of a `time` [s], or of all rows of a table without times (None)."""
+def frame_of_rows(
+    path: Path, columns: tuple[str, ...], column_map: dict[str, str], time: float | None, count: int, read: Callable
+) -> ThirdPartyFrame:
+    """Describe the frame of the rows of one time, or of all rows of a table without times.
+
+    Parameters
+    ----------
+    path : Path
+    columns : tuple of str
+    column_map : dict of str to str
+    time : float or None [s]
+        None without times.
+    count : int
+        Number of rows.
+    read : callable
+        As of ThirdPartyFrame.
+    """
     return ThirdPartyFrame(
         path=path,
         count=count,
@@ -322,16 +485,31 @@ def frame_of_rows(path, columns, column_map, time, count, read):
     )
 
 
-def rows_of_time(found, time_column, time):
-    """The rows in `found` (column -> float64[n]) of a `time` [s]; all where it is None."""
+def rows_of_time(found: dict[str, np.ndarray], time_column: str | None, time: float | None) -> dict[str, np.ndarray]:
+    """Return the rows of one time.
+
+    Parameters
+    ----------
+    found : dict of str to float64[n]
+    time_column : str or None
+    time : float or None [s]
+        None for all rows.
+    """
     if time is None:
         return found
     of_time = found[time_column] == time
     return found if np.all(of_time) else {name: values[of_time] for name, values in found.items()}
 
 
-def require_rows(path, found, names, count):
-    """Name -> float64[count] of the columns `names`.
+def require_rows(path: Path, found: dict[str, np.ndarray], names: Sequence[str], count: int) -> dict[str, np.ndarray]:
+    """Return some columns; refuse another number of rows than expected.
+
+    Parameters
+    ----------
+    path : Path
+    found : dict of str to float64[n]
+    names : sequence of str
+    count : int
 
     Raises
     ------

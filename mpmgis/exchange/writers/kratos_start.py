@@ -5,6 +5,8 @@ volume of the point and one material point.
 """
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,8 +43,21 @@ if __name__ == "__main__":
 '''
 
 
-def write(start, folder, number):
-    """Write the case of a SolverStart to `folder`."""
+def write(start: Any, folder: Path, number: int) -> None:
+    """Write the case of a start.
+
+    Parameters
+    ----------
+    start : SolverStart
+    folder : Path
+    number : int
+        Of the frame.
+
+    Raises
+    ------
+    InputError
+        The grid has too many cells, or the DTM has holes under points.
+    """
     grid = solver_grid(start)
     _write_grid(folder / GRID, grid)
     _write_body(folder / BODY, start, len(grid.nodes), len(grid.cells))
@@ -198,8 +213,20 @@ def _output(start):
     }
 
 
-def read_back(folder, number):
-    """(position, volume) of the cubes in the body mesh."""
+def read_back(folder: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read positions and volumes from the cubes in the body mesh.
+
+    Parameters
+    ----------
+    folder : Path
+    number : int
+        Of the frame.
+
+    Returns
+    -------
+    position : float64[n, 3] [m]
+    volume : float64[n] [m3]
+    """
     text = (folder / BODY).read_bytes()
     nodes = read_rows(text.partition(b"Begin Nodes\n")[2].partition(b"End Nodes")[0], 4)
     cells = text.partition(b"Begin Elements MPMUpdatedLagrangian3D8N\n")[2].partition(b"End Elements")[0]
