@@ -37,14 +37,3 @@ class FrameSource:
         """Return the declarations, checked."""
         declared = vars(self.declarations)
         return Declarations.named(declared | {"time_step": declared["frame_step"], "density": self.density}, self.crs)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CellAveraging:
-    """Averaging of the particles of a cell."""
-
-    percentile: float = 100.0
-    bed: str = "bilinear"
-    min_depth: float = 0.05  # [m]
-    standoff: float | str = 0.0  # [m]
-    paper: bool = False

@@ -19,8 +19,8 @@ import numpy as np
 from ...system.errors import FormatError
 from ...system.trusted_files import require_file
 from ..declarations import Declarations
+from .array_columns import column_names
 from .reader_interface import Reader, ThirdPartyFrame, beside
-from .record_parsing import column_names
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
 
 VIRTUAL, REAL = "virtual_material_point", "real_material_point"  # the second is derived: 1 for REAL_KINDS

@@ -37,7 +37,7 @@ COLUMN_MAP = {
     "id": "id",
 }
 NEEDED = (*(f"coord_{axis}" for axis in "xyz"), *(f"velocity_{axis}" for axis in "xyz"), "mass")
-ROWS_AT_ONCE = 100_000  # of 416 bytes and more
+ROWS_AT_ONCE = 100_000  # read at once, of 416 bytes and more each
 SETTINGS_FOLDERS = 3  # searched upwards from the files: results/<uuid>/ is next to mpm.json
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _PIECE = re.compile(r"(.*)-(\d{1,9})_(\d{1,9})-(\d{1,15})")

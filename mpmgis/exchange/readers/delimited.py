@@ -10,25 +10,16 @@ from typing import Any
 import numpy as np
 
 from ...system.errors import FormatError
+from .array_columns import plainly_named
+from .mapped_files import mapped
 from .reader_interface import Reader, ThirdPartyFrame
-from .record_parsing import (
-    BLANK,
-    Form,
-    frame_of_rows,
-    frames_of_tables,
-    mapped,
-    plainly_named,
-    read_rows,
-    require_few_times,
-    require_rows,
-    rows_of_time,
-    time_column_of,
-)
+from .record_parsing import BLANK, Form, read_rows
+from .time_tables import frame_of_rows, frames_of_tables, require_few_times, require_rows, rows_of_time, time_column_of
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 DELIMITERS = (",", ";", "\t")
 LONGEST_HEADER = 1 << 16  # [bytes]
-AT_ONCE = 1 << 24  # [bytes]
+AT_ONCE = 1 << 24  # [bytes] of a table searched at once
 OWN_COLUMNS = {"z_bed", "z_surface"}  # of a seed that mpmgis wrote
 
 

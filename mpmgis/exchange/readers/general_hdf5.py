@@ -22,14 +22,14 @@ import numpy as np
 from ...system.errors import FormatError, InputError, one_line
 from ...system.hdf5_reading import MOST_OBJECTS, opened, reason_elsewhere, reason_not_followed, require_memory
 from ..declarations import POSSIBLE, VECTORS, Declarations, terms_in
+from .array_columns import candidates_named, columns_of, picked
 from .reader_interface import Reader, ThirdPartyFrame, number_of, require_readable
-from .record_parsing import candidates_named, columns_of, picked
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 OFFSETS = (0, 512, 1024, 2048)  # start of HDF5: after a user block, for example of MATLAB
 OWN_FORMATS = "mpmgis-"
-MOST_COMPONENTS = 100
-MOST_NAMED = 12
+MOST_COMPONENTS = 100  # of an array with a row per particle
+MOST_NAMED = 12  # in a message
 STEP_WORDS = ("step", "steps", "timestep", "time_step", "time", "t", "frame", "iteration", "iter", "output", "snapshot")
 DECLARED = ("crs", "origin", "axes")  # attributes of the root, as in a sidecar
 _NUMBERED = re.compile(r"(.*?)[-_.#]?(\d{1,15})", re.DOTALL)

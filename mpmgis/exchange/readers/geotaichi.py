@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...system.errors import FormatError
+from .array_columns import column_names
 from .npz import fits, open_file, read_members
 from .reader_interface import Reader, ThirdPartyFrame, frame_of_each
-from .record_parsing import column_names
 
 COLUMN_MAP = {
     **dict(zip("xyz", column_names("position", 3), strict=True)),

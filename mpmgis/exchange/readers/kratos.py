@@ -12,6 +12,7 @@ from typing import Any
 
 from ...system.errors import FormatError
 from ..declarations import Declarations
+from .array_columns import column_names
 from .reader_interface import (
     Reader,
     ThirdPartyFrame,
@@ -21,7 +22,6 @@ from .reader_interface import (
     setting,
     setting_above_zero,
 )
-from .record_parsing import column_names
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
 
 COLUMN_MAP = {

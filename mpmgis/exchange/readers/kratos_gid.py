@@ -15,9 +15,11 @@ import numpy as np
 
 from ...system.errors import FormatError
 from ..declarations import Declarations
+from .array_columns import column_names, columns_of
 from .kratos import DENSITY_HINT, materials_density, project_settings
+from .mapped_files import mapped
 from .reader_interface import Reader, ThirdPartyFrame
-from .record_parsing import column_names, columns_of, mapped, text_numbers
+from .record_parsing import text_numbers
 
 DISPLACEMENT = "MP_DISPLACEMENT"
 COLUMN_MAP = {
@@ -26,7 +28,7 @@ COLUMN_MAP = {
     "mass": "MP_MASS",
     "id": "id",
 }
-MOST_BLOCKS = 1_000_000
+MOST_BLOCKS = 1_000_000  # of results in a file
 _RESULT = re.compile(
     rb'^[ \t]*Result[ \t]+"([^"\n]{1,80})"[ \t]+"[^"\n]{0,80}"[ \t]+(\S{1,40})[ \t]+(\w+)[ \t]+OnNodes[^\n]{0,80}\n',
     re.MULTILINE | re.IGNORECASE,

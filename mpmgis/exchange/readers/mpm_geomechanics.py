@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...system.errors import FormatError
+from .array_columns import column_names
 from .reader_interface import Reader
-from .record_parsing import column_names
 from .vtk import PLACES, frames, kind_of, read_list
 from .vtk_xml import read_layout
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from ...system.errors import FormatError, one_line
 from ...system.zip_archives import MAGIC, opened_zip, require_unpacked_fits
+from .array_columns import columns_of, picked, plainly_named
 from .reader_interface import Reader, ThirdPartyFrame, frame_of_each, number_of, require_readable
-from .record_parsing import columns_of, picked, plainly_named
 
-MOST_COMPONENTS = 100
+MOST_COMPONENTS = 100  # of an array with a row per particle
 LONGEST_HEADER = 10_000  # [bytes] as the limit of NumPy; a header can declare 4 GB
 
 

@@ -9,16 +9,9 @@ import numpy as np
 
 from ...system.errors import FormatError, one_line
 from ...system.optional_libraries import needed_for
+from .array_columns import plainly_named
 from .reader_interface import Reader, ThirdPartyFrame, require_memory, require_readable
-from .record_parsing import (
-    frame_of_rows,
-    frames_of_tables,
-    plainly_named,
-    require_few_times,
-    require_rows,
-    rows_of_time,
-    time_column_of,
-)
+from .time_tables import frame_of_rows, frames_of_tables, require_few_times, require_rows, rows_of_time, time_column_of
 
 MAGIC = b"PAR1"
 OWN_NOTE = b"mpmgis"  # metadata key of seeds of mpmgis

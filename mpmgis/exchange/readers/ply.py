@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...system.errors import FormatError
+from .array_columns import plainly_named
 from .reader_interface import MOST_DIGITS, Reader, ThirdPartyFrame, frame_of_each, number_of, require_readable
-from .record_parsing import plainly_named, text_numbers
+from .record_parsing import text_numbers
 
-LONGEST_HEADER = 65536  # bytes
+LONGEST_HEADER = 65536  # [bytes]
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 TEXT = "ascii"
 TYPES = {

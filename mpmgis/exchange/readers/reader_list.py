@@ -22,7 +22,7 @@ from . import (
     ply,
     vtk,
 )
-from .record_parsing import unpacked_head
+from .mapped_files import unpacked_head
 
 OWN = "mpmgis"
 HEAD = 4096  # [bytes] of a file for the detection of its format

@@ -15,15 +15,16 @@ import numpy as np
 
 from ...system.errors import FormatError
 from ..declarations import Declarations
+from .array_columns import column_names, columns_of, picked, plainly_named
+from .mapped_files import mapped
 from .reader_interface import Reader, ThirdPartyFrame, joined, number_of
-from .record_parsing import column_names, columns_of, mapped, picked, plainly_named
 from .vtk_legacy import MAGIC, legacy_frame
 from .vtk_legacy import read_layout as read_legacy_layout
 from .vtk_xml import FILES, POINTS, parse_outline, read_array, read_layout
 
 PLACES = dict(zip("xyz", column_names(POINTS, 3), strict=True))
 LISTS = (".pvtu", ".pvtp")
-MOST_LISTED = 1_000_000
+MOST_LISTED = 1_000_000  # files in a list
 _ROOT = re.compile(rb"<VTKFile\b[^>]{0,400}\btype\s*=\s*[\"'](\w{1,40})[\"']")
 
 
@@ -84,7 +85,7 @@ class _List:
         self.path, self.found, self.missing = path, [], []
 
     def start(self, tag, attributes, at):
-        """An element begins."""
+        """Receive the begin of an element."""
         name = {"DataSet": attributes.get("file"), "Piece": attributes.get("Source")}.get(tag)
         if name is None:
             return
@@ -103,7 +104,7 @@ class _List:
         self.found.append(Listed(file, time))
 
     def end(self, tag, at):
-        """An element ends."""
+        """Receive the end of an element."""
 
 
 def listed_times(paths: Iterable[str | Path]) -> dict[Path, float]:

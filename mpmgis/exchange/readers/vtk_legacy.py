@@ -13,8 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...system.errors import FormatError
+from .array_columns import columns_of, picked
+from .mapped_files import mapped
 from .reader_interface import MOST_DIGITS, ThirdPartyFrame, number_of
-from .record_parsing import columns_of, mapped, picked, text_numbers
+from .record_parsing import text_numbers
 
 MAGIC = b"# vtk DataFile Version"
 POINTS = "points"
@@ -36,8 +38,8 @@ TYPES = {
 }
 COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
 CELLS = ("CELLS", "VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS")
-LONGEST_LINE = 1000
-MOST_ARRAYS = 1000
+LONGEST_LINE = 1000  # [bytes] with a keyword
+MOST_ARRAYS = 1000  # of a FIELD
 _KEYWORD = re.compile(rb"\n[ \t]*(?!(?i:nan|inf|infinity)\b)[A-Za-z_]")
 _NUMBER = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
 

@@ -17,8 +17,9 @@ from xml.parsers import expat
 import numpy as np
 
 from ...system.errors import FormatError, one_line
+from .mapped_files import mapped
 from .reader_interface import MOST_DIGITS
-from .record_parsing import mapped, text_numbers
+from .record_parsing import text_numbers
 
 TYPES = {
     "Float64": "f8",
@@ -36,8 +37,8 @@ HEADERS = {"UInt32": "u4", "UInt64": "u8"}
 PACKERS = ("", "vtkZLibDataCompressor")
 FILES = ("PolyData", "UnstructuredGrid")
 POINTS = "points"
-XML_AT_ONCE = 1 << 20  # [bytes]
-MOST_DEPTH = 50
+XML_AT_ONCE = 1 << 20  # [bytes] parsed at once
+MOST_DEPTH = 50  # elements within each other
 _APPENDED = re.compile(rb"<AppendedData([^>]{0,200})>\s*_")
 _DIGITS = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
 
