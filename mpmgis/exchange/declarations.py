@@ -227,7 +227,7 @@ def write_sidecar(path: Path, terms: Declarations) -> None:
         part.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
 
 
-def _plain(key, value):
+def _plain(key: str, value: Any) -> Any:
     if key == "crs":
         code = value.to_epsg()
         return f"EPSG:{code}" if code else value.to_wkt()
@@ -282,7 +282,7 @@ def terms_in(path: Path, content: dict[str, Any]) -> Declarations:
         raise InputError(f"{path}: {error}") from error
 
 
-def _content(path):
+def _content(path: Path) -> dict[str, Any]:
     require_file(path)
     try:
         if path.stat().st_size > LARGEST:
@@ -301,36 +301,36 @@ def _content(path):
     return content
 
 
-def _is_number(value):
+def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _positive(path, key, value):
+def _positive(path: Path, key: str, value: Any) -> float:
     if not _is_number(value) or value <= 0:
         raise FormatError(f"{path}: {key} is {str(value)[:40]}, expected a number above 0")
     return float(value)
 
 
-def _numbers(path, key, value):
+def _numbers(path: Path, key: str, value: Any) -> tuple[float, ...]:
     if not isinstance(value, list) or not value or not all(map(_is_number, value)):
         raise FormatError(f"{path}: {key} is {str(value)[:40]}, expected a list of numbers")
     return tuple(map(float, value))
 
 
-def _origin(path, key, value):
+def _origin(path: Path, key: str, value: Any) -> tuple[float, ...]:
     numbers = _numbers(path, key, value)
     if len(numbers) != 3:
         raise FormatError(f"{path}: origin has {len(numbers)} numbers, expected three: E, N, H")
     return numbers
 
 
-def _axes(path, key, value):
+def _axes(path: Path, key: str, value: Any) -> tuple[str, ...]:
     if not isinstance(value, list) or len(value) != 3 or not all(isinstance(word, str) for word in value):
         raise FormatError(f'{path}: axes is {str(value)[:40]}, expected three words, for example ["e", "u", "-n"]')
     return tuple(value)
 
 
-def _columns(path, key, value):
+def _columns(path: Path, key: str, value: Any) -> tuple[tuple[str, str], ...]:
     if not isinstance(value, dict) or not all(isinstance(column, str) for column in value.values()):
         raise FormatError(
             f'{path}: columns is {str(value)[:40]}, expected names and columns, for example {{"mass": "m"}}'
@@ -338,13 +338,13 @@ def _columns(path, key, value):
     return tuple(value.items())
 
 
-def _text(path, key, value):
+def _text(path: Path, key: str, value: Any) -> str:
     if not isinstance(value, str) or not value or "\0" in value:
         raise FormatError(f"{path}: {key} is {str(value)[:40]}, expected text")
     return value
 
 
-def _crs(path, key, value):
+def _crs(path: Path, key: str, value: Any) -> Any:
     text = _text(path, key, value)
     try:
         return None if text.strip().lower() == LOCAL else crs_of_text(text)
@@ -352,7 +352,7 @@ def _crs(path, key, value):
         raise InputError(f"{path}: {error}") from error
 
 
-def _dem(path, key, value):
+def _dem(path: Path, key: str, value: Any) -> str:
     return str((path.parent / _text(path, key, value)).absolute())
 
 

@@ -155,7 +155,7 @@ def _active(
     return found, rows
 
 
-def _require_sound(frame, name, column, value, rows):
+def _require_sound(frame: ThirdPartyFrame, name: str, column: str, value: np.ndarray, rows: np.ndarray) -> None:
     bad = np.flatnonzero(~np.isfinite(value))
     if bad.size:
         raise FormatError(
@@ -165,7 +165,7 @@ def _require_sound(frame, name, column, value, rows):
         raise FormatError(f"{frame.path}: {column} is {value.min():g} in row {rows[value.argmin()]}, expected above 0")
 
 
-def _ids(frame, values, column):
+def _ids(frame: ThirdPartyFrame, values: np.ndarray, column: str) -> np.ndarray:
     if values.min() < 0 or values.max() > 2**63:
         raise FormatError(f"{frame.path}: {column} is from {values.min():g} to {values.max():g}, expected ids from 0")
     return values.astype(np.uint64)

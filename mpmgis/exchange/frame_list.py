@@ -136,7 +136,7 @@ def _log_kept(entries):
         )
 
 
-def _third_party_entries(paths, reader, terms):
+def _third_party_entries(paths: list[Path], reader: str, terms: Declarations) -> list[FrameEntry]:
     frames, terms = third_party_frames(paths, reader, terms)
     for frame in frames:
         require_complete(reader, frame, terms)

@@ -7,12 +7,12 @@ scene : Scene
 facts : TerrainFacts
     Numbers about release and terrain.
 slots : dict of str to law
-    It puts its law into `slots[name of the slot]` if the effect is on. Laws of earlier deciders are there already.
+    It puts its law into `slots[name of the slot]` if the effect is on; laws of earlier deciders are there already.
 
 It returns what `by_number` (auto compares an indicator with a threshold), `as_asked` (no number decides) or
 `not_called_for` (not used in the scene) returns. To add one: write it beside its kind (`scene/resistance_effects`,
-`scene/terrain_effects`, `scene/point_effects`), give `TerrainFacts` its number with None as default, fill that in where
-TerrainFacts are computed, and name the decider in `decided_effects.DECIDERS`.
+`scene/terrain_effects`, `scene/point_effects`), give `TerrainFacts` its number with None as default, compute it in
+`simulation/preparation`, and name the decider in `decided_effects.DECIDERS`.
 """
 
 from typing import Any, NamedTuple
@@ -62,7 +62,7 @@ def _distinct(number: float, threshold: float | None) -> str:
 
 
 class TerrainFacts(NamedTuple):
-    """Numbers about release and reachable terrain that decide effects, computed in seconds (`terrain.reach`).
+    """Numbers about release and reachable terrain that decide effects, computed in seconds (`terrain.flow_reach`).
 
     Spatial features are None if the scene has none.
     """

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import fields
+from typing import Any
 
 from ..laws import entrainment, friction, ground_metric
 from ..terrain.inflow import COLUMNS
@@ -59,6 +60,6 @@ def quantities(table: type) -> dict[str, str]:
     return {name: units[name][1] for name in numbers if units[name]}
 
 
-def _entry(table, law, described, parameters):
+def _entry(table: str, law: str | None, described: type, parameters: dict[str, str]) -> dict[str, Any]:
     what = described.__doc__.strip().splitlines()[0]
     return {"table": table, "law": law, "what": what, "parameters": parameters}

@@ -167,7 +167,7 @@ def _density(settings):
     return same_density(setting_above_zero(m, "density") for m in materials) if isinstance(materials, list) else None
 
 
-def _read(path, count, names):
+def _read(path: Path, count: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     with _table(path) as table:
         if len(table) != count or not set(names) <= set(table.dtype.names):
             raise FormatError(f"{path} has changed since it was opened; repeat when its code has finished writing")

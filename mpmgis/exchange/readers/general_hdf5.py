@@ -409,7 +409,7 @@ def _row_sources(
     return of_rows
 
 
-def _read(path, sources, names):
+def _read(path: Path, sources: dict[str, Source], names: tuple[str, ...]) -> dict[str, np.ndarray]:
     with _opened(path) as file:
         components = {name: source.components for name, source in sources.items()}
         return picked(lambda name: _array(path, file, sources[name]), components, names)

@@ -208,7 +208,7 @@ def _words(header: dict[str, list[list[str]]], key: str) -> list[str]:
     return header[key][0] if key in header else []
 
 
-def _whole(path, header, key):
+def _whole(path: Path, header: dict[str, list[list[str]]], key: str) -> int:
     word = (_words(header, key) or [""])[0]
     if not _WHOLE.fullmatch(word):
         raise FormatError(f"{path}: ITEM: {key} is {word[:20]!r}, expected an integer")

@@ -1,5 +1,6 @@
 """Parquet tables with one row per particle; a column of times separates several times in one file."""
 
+from collections.abc import Iterable
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -98,7 +99,7 @@ def open_file(path: Path, time_column: str | None = None) -> list[ThirdPartyFram
     ]
 
 
-def _values(path, names, groups=None):
+def _values(path: Path, names: Iterable[str], groups: Iterable[int] | None = None) -> dict[str, np.ndarray]:
     with _opened(path) as file:
         groups = range(file.num_row_groups) if groups is None else groups
         table = file.read_row_groups(list(groups), columns=list(names))
@@ -129,7 +130,9 @@ def _groups_of(path: Path, time_column: str, time: float) -> list[int]:
         return wanted
 
 
-def _read(path, time_column, time, count, names):
+def _read(
+    path: Path, time_column: str | None, time: float | None, count: int, names: tuple[str, ...]
+) -> dict[str, np.ndarray]:
     if time is None:
         found = _values(path, names)
     else:

@@ -100,7 +100,7 @@ def frame_of_each(open_file: Callable[[Path], ThirdPartyFrame]) -> Callable:
     return partial(_each_opened, open_file)
 
 
-def _each_opened(open_file, paths, terms):
+def _each_opened(open_file: Callable, paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
     return [open_file(path) for path in paths]
 
 
@@ -171,7 +171,7 @@ def beside(frames: list[ThirdPartyFrame]) -> ThirdPartyFrame:
     return replace(first, columns=tuple(owner), read=partial(_read_merged, [frame.read for frame in frames], owner))
 
 
-def _read_merged(reads, owner, names):
+def _read_merged(reads: list[Callable], owner: dict[str, int], names: tuple[str, ...]) -> dict[str, np.ndarray]:
     found = {}
     for k, read in enumerate(reads):
         wanted = tuple(name for name in names if owner[name] == k)

@@ -1,12 +1,13 @@
 """Tables with one row per particle and maybe a column of times: a frame for each time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ...system.errors import FormatError
+from ..declarations import Declarations
 from .reader_interface import ThirdPartyFrame, number_of
 
 MOST_TIMES = 100_000  # of a table; more are another quantity
@@ -23,7 +24,7 @@ def frames_of_tables(open_file: Callable) -> Callable:
     return partial(_frames, open_file)
 
 
-def _frames(open_file, paths, terms):
+def _frames(open_file: Callable, paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
     return [frame for path in paths for frame in open_file(Path(path), terms.column_for("time"))]
 
 

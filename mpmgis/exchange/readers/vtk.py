@@ -20,7 +20,7 @@ from .mapped_files import mapped
 from .reader_interface import Reader, ThirdPartyFrame, joined, number_of
 from .vtk_legacy import MAGIC, legacy_frame
 from .vtk_legacy import read_layout as read_legacy_layout
-from .vtk_xml import FILES, POINTS, parse_outline, read_array, read_layout
+from .vtk_xml import FILES, POINTS, Layout, parse_outline, read_array, read_layout
 
 PLACES = dict(zip("xyz", column_names(POINTS, 3), strict=True))
 LISTS = (".pvtu", ".pvtp")
@@ -84,8 +84,8 @@ class _List:
     def __init__(self, path):
         self.path, self.found, self.missing = path, [], []
 
-    def start(self, tag, attributes, at):
-        """Receive the begin of an element."""
+    def start(self, tag: str, attributes: dict[str, str], at: int) -> None:
+        """Receive the start of an element."""
         name = {"DataSet": attributes.get("file"), "Piece": attributes.get("Source")}.get(tag)
         if name is None:
             return
@@ -103,7 +103,7 @@ class _List:
             self.missing.append(name)
         self.found.append(Listed(file, time))
 
-    def end(self, tag, at):
+    def end(self, tag: str, at: int) -> None:
         """Receive the end of an element."""
 
 
@@ -227,7 +227,7 @@ def _meant(arrays):
     return plainly_named({name: components for name, components in arrays.items() if name != POINTS}) | PLACES
 
 
-def _read(path, layout, arrays, names):
+def _read(path: Path, layout: Layout, arrays: dict[str, int], names: tuple[str, ...]) -> dict[str, np.ndarray]:
     pieces = [piece for piece in layout.pieces if POINTS in piece and piece[POINTS].count]
 
     def read(name):

@@ -183,7 +183,7 @@ class _Outline:
         self.pieces, self.counts, self.open, self.inside, self.found = 0, [], None, [], []
 
     def start(self, tag: str, attributes: dict[str, str], at: int) -> None:
-        """Receive the begin of an element."""
+        """Receive the start of an element."""
         attributes = {key.lower(): value for key, value in attributes.items()}
         if tag == "VTKFile":
             self.file, self.kind = attributes, attributes.get("type", "")
@@ -308,7 +308,7 @@ def _headed(
         raise FormatError(f"{path}: {array.name} is not base64 ({one_line(error)[:60]}); it is damaged") from error
 
 
-def _lengths(path, layout, array, raw, size):
+def _lengths(path: str | Path, layout: Layout, array: Array, raw: bytes, size: int) -> np.ndarray:
     if len(raw) < size:
         raise FormatError(f"{path} ends before {array.name}; it is truncated")
     header = np.frombuffer(raw[:size], layout.header)
@@ -317,7 +317,7 @@ def _lengths(path, layout, array, raw, size):
     return header.astype(np.int64)
 
 
-def _unpacked(path, array, header, data, wanted):
+def _unpacked(path: str | Path, array: Array, header: np.ndarray, data: bytes, wanted: int) -> bytes:
     """Decompress blocks of `header[0]` bytes, the last of `header[1]` (0: full), from `header[2:]` bytes each."""
     block, last, packed = int(header[0]), int(header[1]), header[2:].tolist()
     lengths = [block] * len(packed)

@@ -97,7 +97,7 @@ def state_name(steps: int) -> str:
     return f"particles{'0' * (int(math.log10(steps)) + 1)}.h5"
 
 
-def _write_state(path, start, cell_of):
+def _write_state(path: Path, start: Any, cell_of: np.ndarray) -> None:
     count, stress, variables = len(start.mass), start.stress, state_variables(start.material)
     with written(path) as file:
         table = file.create_dataset("table", (count,), ROW, maxshape=(None,), chunks=(ROWS_AT_ONCE,))

@@ -5,8 +5,9 @@ volume of the point and one material point.
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -77,7 +78,7 @@ def _write_grid(path, grid):
             _write_part(sink, name.encode(), getattr(grid, name) + 1)
 
 
-def _write_body(path, start, node_count, cell_count):
+def _write_body(path: Path, start: Any, node_count: int, cell_count: int) -> None:
     """Write the cubes, numbered after the nodes and elements of the grid."""
     half = 0.5 * np.cbrt(start.volume)
     nodes = (start.position[:, None] + half[:, None, None] * (2 * CORNERS - 1)).reshape(-1, 3)
@@ -89,7 +90,7 @@ def _write_body(path, start, node_count, cell_count):
         _write_part(sink, b"Parts_Body", first + np.arange(len(nodes)), element + np.arange(len(cubes)))
 
 
-def _write_mesh(sink, kind, first, nodes, element, cells):
+def _write_mesh(sink: BinaryIO, kind: bytes, first: int, nodes: np.ndarray, element: int, cells: np.ndarray) -> None:
     sink.write(b"Begin Nodes\n")
     write_rows(sink, first + np.arange(len(nodes)), nodes)
     sink.write(b"End Nodes\n\nBegin Elements " + kind + b"\n")
@@ -97,7 +98,7 @@ def _write_mesh(sink, kind, first, nodes, element, cells):
     sink.write(b"End Elements\n\n")
 
 
-def _write_part(sink, name, nodes, elements=()):
+def _write_part(sink: BinaryIO, name: bytes, nodes: np.ndarray, elements: Sequence[int] | np.ndarray = ()) -> None:
     sink.write(b"Begin SubModelPart " + name + b"\n Begin SubModelPartNodes\n")
     write_rows(sink, nodes)
     sink.write(b" End SubModelPartNodes\n Begin SubModelPartElements\n")

@@ -169,7 +169,7 @@ def _normals(corners):
     return normal / np.sqrt((normal**2).sum(axis=1, keepdims=True))
 
 
-def _write_binary(path, corners, normals):
+def _write_binary(path: Path, corners: np.ndarray, normals: np.ndarray) -> None:
     triangles = np.zeros(len(corners), _TRIANGLE)
     triangles["normal"], triangles["corners"] = normals, corners
     with open(path, "wb") as sink:
@@ -178,7 +178,7 @@ def _write_binary(path, corners, normals):
         triangles.tofile(sink)
 
 
-def _write_text(path, corners, normals):
+def _write_text(path: Path, corners: np.ndarray, normals: np.ndarray) -> None:
     row = "facet normal %.6g %.6g %.6g\n outer loop\n" + "  vertex %.10g %.10g %.10g\n" * 3 + " endloop\nendfacet\n"
     with open(path, "w", encoding="ascii", newline="\n") as sink:
         sink.write("solid terrain\n")
