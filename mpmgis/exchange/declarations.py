@@ -8,8 +8,10 @@ has its keys.
 import json
 import math
 import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +26,7 @@ NAMES = (  # quantities of mpmgis for --columns
     *("x", "y", "z", "vx", "vy", "vz", "mass", "volume", "radius", "diameter", "id", "active", "time"),
 )
 VECTORS = {"position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz")}  # for columns of three components
+# smallest and largest value, unit; others are typing errors or other units
 POSSIBLE = {"density": (0.1, 1e5, "kg m-3"), "particle volume": (1e-18, 1e9, "m3")}
 COMPONENTS = ("x", "y", "z")
 FORMAT, FORMAT_VERSION = "mpmgis-georeference", 1
@@ -41,7 +44,7 @@ KEYS = {  # key of the sidecar -> field of Declarations
     "fps": "frames_per_second",
 }
 OF_TIME = ("times", "dt", "fps")
-LARGEST = 10_000_000  # [bytes]
+LARGEST = 10_000_000  # [bytes] of a sidecar
 _SERIES = re.compile(r"(.*?)[-_.]?f?\d+(\.\d+)?", re.DOTALL)
 
 
@@ -109,20 +112,30 @@ class Declarations:
     def _of_time(self):
         return {"--times": self.times, "--dt": self.time_step, "--fps": self.frames_per_second}
 
-    def column_pairs(self):
-        """(name of NAMES, column) of all declared columns; the components of a vector column `U` are U.x, U.y, U.z."""
+    def column_pairs(self) -> Iterator[tuple[str, str]]:
+        """Yield (name of NAMES, column) of all declared columns; the components of a vector `U` are U.x, U.y, U.z."""
         for name, column in self.columns:
             if name in VECTORS:
                 yield from zip(VECTORS[name], (f"{column}.{letter}" for letter in COMPONENTS), strict=True)
             else:
                 yield name, column
 
-    def column_for(self, name):
-        """The declared column for a name of NAMES; None where there is none."""
+    def column_for(self, name: str) -> str | None:
+        """Return the declared column for a name of NAMES.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        str or None
+            None where there is none.
+        """
         return dict(self.column_pairs()).get(name)
 
-    def only_for_third_party(self):
-        """Given options that do not apply to frames of mpmgis, which contain these values."""
+    def only_for_third_party(self) -> list[str]:
+        """Return the given options that do not apply to frames of mpmgis, which contain these values."""
         options = {
             "--origin": self.origin,
             "--axes": self.axes,
@@ -134,15 +147,33 @@ class Declarations:
         return [option for option, value in options.items() if value is not None]
 
     @classmethod
-    def named(cls, values, crs=None):
-        """The declarations in a mapping with further keys; `crs` is the text of a CRS, or None."""
+    def named(cls, values: Mapping[str, Any], crs: str | None = None) -> "Declarations":
+        """Make the declarations from a mapping with further keys.
+
+        Parameters
+        ----------
+        values : mapping of str to Any
+            Keys that are no fields of Declarations are ignored.
+        crs : str, optional
+            ``EPSG:n``, WKT, or ``local``.
+        """
         declared = {field.name: values[field.name] for field in fields(cls) if field.name in values}
         place = None if crs is None else parse_crs(crs)
         return cls(**declared | {"crs": place, "local": crs is not None and place is None})
 
 
-def axis_matrix(axes):
-    """float64[3, 3]: rows are the map vectors (E, N, up) of the file's x, y and z.
+def axis_matrix(axes: Sequence[str]) -> np.ndarray:
+    """Return the map vectors of the axes of a file.
+
+    Parameters
+    ----------
+    axes : sequence of 3 str
+        Directions of x, y and z, as in Declarations.
+
+    Returns
+    -------
+    float64[3, 3]
+        Rows are the vectors (E, N, up) of the file's x, y and z.
 
     Raises
     ------
@@ -166,16 +197,26 @@ def axis_matrix(axes):
     return matrix
 
 
-def sidecar_path(path):
-    """Path of the sidecar of the file at `path`: `<name>.georef.json` in the same folder."""
+def sidecar_path(path: str | Path) -> Path:
+    """Return the path of the sidecar of a file: `<name>.georef.json` in the same folder.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     path = Path(path)
     return path.with_name(f"{path.stem}.{SUFFIX}")
 
 
-def write_sidecar(path, terms):
-    """Write the values of Declarations `terms` to the sidecar at `path`, atomically; None is omitted.
+def write_sidecar(path: Path, terms: Declarations) -> None:
+    """Write declarations to a sidecar, atomically; None is omitted.
 
-    `dem` is a path relative to the folder of the sidecar.
+    Parameters
+    ----------
+    path : Path
+        Of the sidecar.
+    terms : Declarations
+        `dem` is a path relative to the folder of the sidecar.
     """
     content = {"format": FORMAT, "format_version": FORMAT_VERSION}
     for key, name in KEYS.items():
@@ -186,7 +227,7 @@ def write_sidecar(path, terms):
         part.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
 
 
-def _plain(key, value):
+def _plain(key: str, value: Any) -> Any:
     if key == "crs":
         code = value.to_epsg()
         return f"EPSG:{code}" if code else value.to_wkt()
@@ -195,8 +236,18 @@ def _plain(key, value):
     return [float(number) if key != "axes" else number for number in value] if isinstance(value, tuple) else value
 
 
-def read_sidecar(path):
-    """Declarations in the sidecar at `path`; `dem` is an absolute path.
+def read_sidecar(path: str | Path) -> Declarations:
+    """Read the declarations in a sidecar.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the sidecar.
+
+    Returns
+    -------
+    Declarations
+        `dem` is an absolute path.
 
     Raises
     ------
@@ -207,8 +258,14 @@ def read_sidecar(path):
     return terms_in(path, _content(path))
 
 
-def terms_in(path, content):
-    """Declarations of a dict with the keys of a sidecar, from the file at `path`.
+def terms_in(path: Path, content: dict[str, Any]) -> Declarations:
+    """Check a dict with the keys of a sidecar and return its declarations.
+
+    Parameters
+    ----------
+    path : Path
+        File that it is from.
+    content : dict of str to Any
 
     Raises
     ------
@@ -225,7 +282,7 @@ def terms_in(path, content):
         raise InputError(f"{path}: {error}") from error
 
 
-def _content(path):
+def _content(path: Path) -> dict[str, Any]:
     require_file(path)
     try:
         if path.stat().st_size > LARGEST:
@@ -244,36 +301,36 @@ def _content(path):
     return content
 
 
-def _is_number(value):
+def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _positive(path, key, value):
+def _positive(path: Path, key: str, value: Any) -> float:
     if not _is_number(value) or value <= 0:
         raise FormatError(f"{path}: {key} is {str(value)[:40]}, expected a number above 0")
     return float(value)
 
 
-def _numbers(path, key, value):
+def _numbers(path: Path, key: str, value: Any) -> tuple[float, ...]:
     if not isinstance(value, list) or not value or not all(map(_is_number, value)):
         raise FormatError(f"{path}: {key} is {str(value)[:40]}, expected a list of numbers")
     return tuple(map(float, value))
 
 
-def _origin(path, key, value):
+def _origin(path: Path, key: str, value: Any) -> tuple[float, ...]:
     numbers = _numbers(path, key, value)
     if len(numbers) != 3:
         raise FormatError(f"{path}: origin has {len(numbers)} numbers, expected three: E, N, H")
     return numbers
 
 
-def _axes(path, key, value):
+def _axes(path: Path, key: str, value: Any) -> tuple[str, ...]:
     if not isinstance(value, list) or len(value) != 3 or not all(isinstance(word, str) for word in value):
         raise FormatError(f'{path}: axes is {str(value)[:40]}, expected three words, for example ["e", "u", "-n"]')
     return tuple(value)
 
 
-def _columns(path, key, value):
+def _columns(path: Path, key: str, value: Any) -> tuple[tuple[str, str], ...]:
     if not isinstance(value, dict) or not all(isinstance(column, str) for column in value.values()):
         raise FormatError(
             f'{path}: columns is {str(value)[:40]}, expected names and columns, for example {{"mass": "m"}}'
@@ -281,13 +338,13 @@ def _columns(path, key, value):
     return tuple(value.items())
 
 
-def _text(path, key, value):
+def _text(path: Path, key: str, value: Any) -> str:
     if not isinstance(value, str) or not value or "\0" in value:
         raise FormatError(f"{path}: {key} is {str(value)[:40]}, expected text")
     return value
 
 
-def _crs(path, key, value):
+def _crs(path: Path, key: str, value: Any) -> Any:
     text = _text(path, key, value)
     try:
         return None if text.strip().lower() == LOCAL else crs_of_text(text)
@@ -295,7 +352,7 @@ def _crs(path, key, value):
         raise InputError(f"{path}: {error}") from error
 
 
-def _dem(path, key, value):
+def _dem(path: Path, key: str, value: Any) -> str:
     return str((path.parent / _text(path, key, value)).absolute())
 
 
@@ -313,8 +370,18 @@ _VALUES = {
 }
 
 
-def find_sidecar(path):
-    """The sidecar of the file at `path`; None where there is none."""
+def find_sidecar(path: str | Path) -> Path | None:
+    """Find the sidecar of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Path or None
+        None where there is none.
+    """
     path = Path(path)
     names = [path.stem]
     while (shorter := Path(names[-1]).stem) != names[-1]:
@@ -324,8 +391,14 @@ def find_sidecar(path):
     return next((place for place in places if place.is_file()), None)
 
 
-def with_sidecar(paths, terms):
-    """`terms`, completed by the sidecar of the files.
+def with_sidecar(paths: Iterable[str | Path], terms: Declarations) -> Declarations:
+    """Complete declarations by the sidecar of the files.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+    terms : Declarations
+        Of the user; they have priority.
 
     Raises
     ------
@@ -345,8 +418,14 @@ def with_sidecar(paths, terms):
     return terms if place is None else merged(terms, read_sidecar(place))
 
 
-def merged(terms, other):
-    """Declarations `terms`, completed by those of `other`."""
+def merged(terms: Declarations, other: Declarations) -> Declarations:
+    """Complete declarations by other ones.
+
+    Parameters
+    ----------
+    terms, other : Declarations
+        Values of `terms` have priority.
+    """
     open_names = [name for name in KEYS.values() if getattr(terms, name) in (None, ())]
     if terms.local:
         open_names.remove("crs")

@@ -3,29 +3,49 @@
 Nothing is guessed: values that neither files nor user give are reported in one line with their options.
 """
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 
 from ..frames.particles import Frame, Particles
 from ..system.errors import FormatError, InputError
-from .declarations import NAMES, axis_matrix
-from .readers.reader_interface import require_memory
+from .declarations import NAMES, Declarations, axis_matrix
+from .readers.reader_interface import ThirdPartyFrame, require_memory
 
 PLACE, VELOCITY = ("x", "y", "z"), ("vx", "vy", "vz")
-BYTES_PER_PARTICLE = 250  # while a frame is read and rotated
-MOST_COLUMNS_NAMED = 12
+BYTES_PER_PARTICLE = 250  # [bytes] while a frame is read and rotated
+MOST_COLUMNS_NAMED = 12  # in a message
 _ABOVE_ZERO = ("mass", "volume", "radius", "diameter")
 
 
-def require_complete(reader, frame, terms):
-    """Refuse a frame without required values, or one that does not fit into memory."""
+def require_complete(reader: str, frame: ThirdPartyFrame, terms: Declarations) -> None:
+    """Refuse a frame without required values, or one that does not fit into memory.
+
+    Parameters
+    ----------
+    reader : str
+        Name of the code.
+    frame : ThirdPartyFrame
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError, InputError
+    """
     missing = missing_declarations(frame, terms)
     if missing:
         raise InputError(f"{frame.path} ({reader}) lacks: {'; '.join(missing)}")
     require_memory(frame.path, frame.count, BYTES_PER_PARTICLE)
 
 
-def missing_declarations(frame, terms):
-    """Required values that neither files nor user give, each with its option."""
+def missing_declarations(frame: ThirdPartyFrame, terms: Declarations) -> list[str]:
+    """List the required values that neither files nor user give, each with its option.
+
+    Parameters
+    ----------
+    frame : ThirdPartyFrame
+    terms : Declarations
+    """
     named = named_columns(frame, terms)
     missing = _missing_columns(frame, named)
     if _volume_from(named) is None and _particle_volume(frame, terms) is None and "mass" not in named:
@@ -55,8 +75,17 @@ def _time_options(frame):
     return "--fps F, frames per second, --dt S, seconds from one number to the next, or --times T,.."
 
 
-def third_party_header(reader, frame, terms, time):
-    """The Frame without its particles; `header` has their `count`."""
+def third_party_header(reader: str, frame: ThirdPartyFrame, terms: Declarations, time: float) -> Frame:
+    """Return the Frame without its particles; `header` has their `count`.
+
+    Parameters
+    ----------
+    reader : str
+        Name of the code.
+    frame : ThirdPartyFrame
+    terms : Declarations
+    time : float [s]
+    """
     header = {"count": frame.count}
     density = _density(frame, terms)
     header |= {"density": density} if density is not None else {}
@@ -74,15 +103,22 @@ def third_party_header(reader, frame, terms, time):
     )
 
 
-def third_party_particles(frame, terms):
-    """Particles of a frame: position and velocity rotated to (E, N, up), mass and volume from files and user.
+def third_party_particles(frame: ThirdPartyFrame, terms: Declarations) -> Particles:
+    """Read the particles of a frame: position and velocity rotated to (E, N, up), mass and volume from files and user.
 
     Inactive particles are omitted. Velocity or volume without a column are NaN.
+
+    Parameters
+    ----------
+    frame : ThirdPartyFrame
+    terms : Declarations
 
     Raises
     ------
     FormatError
         Values that are not finite, masses or volumes that are not above 0, no active particle.
+    InputError
+        No columns of the position.
     """
     named = named_columns(frame, terms)
     lacking = [name for name in PLACE if name not in named]
@@ -105,8 +141,10 @@ def third_party_particles(frame, terms):
     return Particles(np.ascontiguousarray(place), np.ascontiguousarray(velocity), mass, volume, id=ids)
 
 
-def _active(frame, named, found):
-    """(Columns of the active particles, their rows in the file)."""
+def _active(
+    frame: ThirdPartyFrame, named: dict[str, str], found: dict[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return (columns of the active particles, their rows in the file)."""
     if "active" not in found:
         return found, np.arange(frame.count)
     rows = np.flatnonzero(found.pop("active") != 0)
@@ -117,7 +155,7 @@ def _active(frame, named, found):
     return found, rows
 
 
-def _require_sound(frame, name, column, value, rows):
+def _require_sound(frame: ThirdPartyFrame, name: str, column: str, value: np.ndarray, rows: np.ndarray) -> None:
     bad = np.flatnonzero(~np.isfinite(value))
     if bad.size:
         raise FormatError(
@@ -127,19 +165,21 @@ def _require_sound(frame, name, column, value, rows):
         raise FormatError(f"{frame.path}: {column} is {value.min():g} in row {rows[value.argmin()]}, expected above 0")
 
 
-def _ids(frame, values, column):
+def _ids(frame: ThirdPartyFrame, values: np.ndarray, column: str) -> np.ndarray:
     if values.min() < 0 or values.max() > 2**63:
         raise FormatError(f"{frame.path}: {column} is from {values.min():g} to {values.max():g}, expected ids from 0")
     return values.astype(np.uint64)
 
 
-def _volume_from(named):
-    """The quantity that gives volumes: volume, or radius or diameter of a sphere; None where there is none."""
+def _volume_from(named: Collection[str]) -> str | None:
+    """Return the quantity that gives volumes: volume, or radius or diameter of a sphere; None where there is none."""
     return next((name for name in ("volume", "radius", "diameter") if name in named), None)
 
 
-def _mass_and_volume(frame, found, terms):
-    """(float64[n] [kg], float64[n] [m3]); NaN where the density is unknown."""
+def _mass_and_volume(
+    frame: ThirdPartyFrame, found: dict[str, np.ndarray], terms: Declarations
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (float64[n] [kg], float64[n] [m3]); NaN where the density is unknown."""
     density, each, count = _density(frame, terms), _particle_volume(frame, terms), len(found["x"])
     density = np.nan if density is None else density
     source = _volume_from(found)
@@ -154,8 +194,19 @@ def _mass_and_volume(frame, found, terms):
     return mass, mass / density if volume is None else volume
 
 
-def named_columns(frame, terms):
-    """Dict of names (NAMES) and columns of the frame: those of the code, changed by --columns."""
+def named_columns(frame: ThirdPartyFrame, terms: Declarations) -> dict[str, str]:
+    """Return the columns of the frame by name (NAMES): those of the code, changed by --columns.
+
+    Parameters
+    ----------
+    frame : ThirdPartyFrame
+    terms : Declarations
+
+    Raises
+    ------
+    InputError
+        The frame has no column of this name.
+    """
     named = {name: column for name, column in frame.column_map.items() if column in frame.columns}
     for name, column in terms.column_pairs():
         if column not in frame.columns:
@@ -174,16 +225,37 @@ def _particle_volume(frame, terms):
     return frame.particle_volume if terms.particle_volume is None else terms.particle_volume
 
 
-def own_time(frame, terms):
-    """Time [s] of a frame: from its number and the user's time step, else from its files; None where unknown."""
+def own_time(frame: ThirdPartyFrame, terms: Declarations) -> float | None:
+    """Return the time of a frame: from its number and the user's time step, else from its files.
+
+    Parameters
+    ----------
+    frame : ThirdPartyFrame
+    terms : Declarations
+
+    Returns
+    -------
+    float or None [s]
+        None where unknown.
+    """
     step = terms.time_step if terms.frames_per_second is None else 1.0 / terms.frames_per_second
     if step is not None and frame.number is not None:
         return frame.number * step
     return frame.time
 
 
-def times_of(frames, terms):
-    """Time [s] of each frame; None where unknown.
+def times_of(frames: Sequence[ThirdPartyFrame], terms: Declarations) -> list[float | None]:
+    """Return the time of each frame.
+
+    Parameters
+    ----------
+    frames : sequence of ThirdPartyFrame
+    terms : Declarations
+
+    Returns
+    -------
+    list of float or None [s]
+        None where unknown.
 
     Raises
     ------
@@ -200,6 +272,11 @@ def times_of(frames, terms):
     return times.tolist()
 
 
-def series_position(frame):
-    """Position of a frame in its series: by number, else by time, else 0 (order of the given files)."""
+def series_position(frame: ThirdPartyFrame) -> float:
+    """Return the position of a frame in its series: by number, else by time, else 0 (order of the given files).
+
+    Parameters
+    ----------
+    frame : ThirdPartyFrame
+    """
     return next((float(value) for value in (frame.number, frame.time) if value is not None), 0.0)

@@ -5,10 +5,12 @@ Frames of mpmgis and of other codes (`exchange.readers`) become the same `Frame`
 
 import re
 import threading
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from glob import glob
 from itertools import islice, pairwise
 from pathlib import Path
+from typing import Any
 
 from ..frames.frame_files import PLACES, read_bed_change, read_frame, read_maxima
 from ..frames.particles import Frame
@@ -30,9 +32,19 @@ _NUMBERED = re.compile(r"(.*?)(\d{1,15})(\.\w+)")
 
 @dataclass(frozen=True)
 class FrameEntry:
-    """One frame on disk: `path`, `header` (a Frame without particles), name of the `reader`.
+    """One frame on disk.
 
-    For frames of other codes, `source` describes the file and `terms` are the user declarations.
+    Parameters
+    ----------
+    path : Path
+    header : Frame
+        Without particles.
+    reader : str
+        Name of the reader.
+    source : ThirdPartyFrame or None
+        Description of the file, for frames of other codes.
+    terms : Declarations or None
+        User declarations, for frames of other codes.
     """
 
     path: Path
@@ -42,51 +54,59 @@ class FrameEntry:
     terms: Declarations | None = None
 
     @property
-    def time(self):
+    def time(self) -> float:
         """Time [s]."""
         return self.header.time
 
     @property
-    def count(self):
+    def count(self) -> int:
         """Number of particles."""
         return self.header.header["count"]
 
-    def read(self, density=1000.0):
-        """The whole frame; `density` [kg m-3] converts volume to mass, or the reverse, where only one is stored.
+    def read(self, density: float = 1000.0) -> Frame:
+        """Read the whole frame; its arrays are valid until the same thread reads the next frame.
 
-        Its arrays are valid until the same thread reads the next frame.
+        Parameters
+        ----------
+        density : float [kg m-3]
+            Converts volume to mass, or the reverse, where only one is stored.
+
+        Raises
+        ------
+        FormatError
         """
         if self.reader == OWN:
             return read_frame(self.path, with_state=False, density=density, memory=vars(_memory))
         return replace(self.header, particles=third_party_particles(self.source, self.terms))
 
-    def read_positions(self):
-        """The frame with only the positions of its particles (and areas of columns), where this reads less."""
+    def read_positions(self) -> Frame:
+        """Read the frame with only the positions of its particles (and areas of columns), where this reads less."""
         if self.reader == OWN:
             return read_frame(self.path, with_state=False, memory=vars(_memory), names=PLACES)
         return self.read()
 
-    def read_maxima(self):
-        """Running peaks of the solver by name (`peaks.PEAK_NAMES`); empty where there are none."""
+    def read_maxima(self) -> dict[str, Any]:
+        """Read the running peaks of the solver by name (`peaks.PEAK_NAMES`); empty where there are none."""
         return read_maxima(self.path) if self.reader == OWN else {}
 
-    def read_bed_change(self):
-        """What the flow took from its bed (`frame_files.read_bed_change`); empty where there is no erosion."""
+    def read_bed_change(self) -> dict[str, Any]:
+        """Read what the flow took from its bed (`frame_files.read_bed_change`); empty where there is no erosion."""
         return read_bed_change(self.path) if self.reader == OWN else {}
 
 
-def list_frames(paths, terms=None):
-    """List the frames in `paths` (files, patterns, folders) by time.
+def list_frames(paths: Iterable[str | Path], terms: Declarations | None = None) -> tuple[FrameEntry, ...]:
+    """List the frames in files and folders by time.
 
-    `terms` (Declarations) are user declarations about files of other codes.
-
-    Returns
-    -------
-    tuple of FrameEntry
+    Parameters
+    ----------
+    paths : iterable of str or Path
+        Files, patterns, folders.
+    terms : Declarations, optional
+        User declarations about files of other codes.
 
     Raises
     ------
-    FormatError, InputError
+    FormatError, GeoreferenceError, InputError
         A file that is not a frame, no file, two frames of the same time, several folders, CRSs, codes or runs;
         missing declarations.
     """
@@ -116,7 +136,7 @@ def _log_kept(entries):
         )
 
 
-def _third_party_entries(paths, reader, terms):
+def _third_party_entries(paths: list[Path], reader: str, terms: Declarations) -> list[FrameEntry]:
     frames, terms = third_party_frames(paths, reader, terms)
     for frame in frames:
         require_complete(reader, frame, terms)
@@ -126,8 +146,23 @@ def _third_party_entries(paths, reader, terms):
     ]
 
 
-def third_party_frames(paths, reader, terms):
-    """(ThirdPartyFrames in files of another code, `terms` completed by sidecar and files).
+def third_party_frames(
+    paths: Sequence[Path], reader: str, terms: Declarations
+) -> tuple[list[ThirdPartyFrame], Declarations]:
+    """Describe the frames in files of another code.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    reader : str
+        Name of the code.
+    terms : Declarations
+
+    Returns
+    -------
+    frames : list of ThirdPartyFrame
+    terms : Declarations
+        Completed by sidecar and files.
 
     Raises
     ------
@@ -139,8 +174,8 @@ def third_party_frames(paths, reader, terms):
     return frames, _with_file_declarations(frames, terms)
 
 
-def _with_file_declarations(frames, terms):
-    """`terms`, completed by the declarations in the files themselves."""
+def _with_file_declarations(frames: list[ThirdPartyFrame], terms: Declarations) -> Declarations:
+    """Complete `terms` by the declarations in the files themselves."""
     for frame in frames:
         if frame.declared != frames[0].declared:
             raise InputError(
@@ -150,8 +185,8 @@ def _with_file_declarations(frames, terms):
     return terms if frames[0].declared is None else merged(terms, frames[0].declared)
 
 
-def _from_first_particles(frames):
-    """`frames` from the first one with particles: some codes write empty frames before grains are inserted."""
+def _from_first_particles(frames: list[ThirdPartyFrame]) -> list[ThirdPartyFrame]:
+    """Return `frames` from the first one with particles: some codes write empty frames before grains are inserted."""
     filled = [series_position(frame) for frame in frames if frame.count]
     if not filled:
         raise FormatError(f"{frames[0].path}: contains no particle")
@@ -163,8 +198,8 @@ def _from_first_particles(frames):
     return kept
 
 
-def _one_reader(files, asked):
-    """Name of the reader of all `files`."""
+def _one_reader(files: list[Path], asked: str | None) -> str:
+    """Return the name of the reader of all `files`."""
     found = [reader_of(path, asked, lenient=True) for path in files]
     for path, reader in zip(files, found, strict=True):
         if reader != found[0]:
@@ -193,10 +228,16 @@ def _refuse_terms(path, terms):
         )
 
 
-def missing_frames(entries, most=5):
-    """Names that are missing between the first and the last of a series of numbered files; at most `most`.
+def missing_frames(entries: Sequence[FrameEntry], most: int = 5) -> list[str]:
+    """List the names that are missing between the first and the last of a series of numbered files.
 
     The numbers of another code may be time steps: the smallest difference is the stride, if all others are multiples.
+
+    Parameters
+    ----------
+    entries : sequence of FrameEntry
+    most : int
+        More names become "...".
     """
     numbered = {int(match[2]): match for entry in entries if (match := _NUMBERED.fullmatch(entry.path.name))}
     numbers = sorted(numbered)
@@ -236,8 +277,8 @@ def _files(paths, reader):
     return list(files.values())
 
 
-def _in_folder(folder, reader):
-    """The frames in a folder: of `reader`, else of mpmgis, else of the first other code with matching files."""
+def _in_folder(folder: Path, reader: str | None) -> list[Path]:
+    """Return the frames in a folder: of `reader`, else of mpmgis, else of the first other code with matching files."""
     own = sorted(folder.glob(PATTERN))
     if reader == OWN:
         found = own
@@ -252,8 +293,21 @@ def _in_folder(folder, reader):
     return found
 
 
-def third_party_files(folder, reader=None):
-    """(Name of the first other code that recognises files in a folder, these files); (OWN, []) where none does."""
+def third_party_files(folder: Path, reader: str | None = None) -> tuple[str, list[Path]]:
+    """Find the files of another code in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    reader : str, optional
+        Name of the code; without it the first code that recognises files.
+
+    Returns
+    -------
+    name : str
+        Of the code; OWN where no code recognises files.
+    files : list of Path
+    """
     found = {}
     for path in _visible(folder):
         name = reader_of(path)
@@ -266,8 +320,8 @@ def _visible(folder):
     return sorted(path for path in folder.iterdir() if path.is_file() and path.name[0] != ".")
 
 
-def _is_of(path, name):
-    """Whether a file is of a code, or, for common formats, of the format."""
+def _is_of(path: Path, name: str) -> bool:
+    """Return whether a file is of a code, or, for common formats, of the format."""
     head = head_of(path)
     return FOREIGN[name].recognises(path, head) or bool(FOREIGN[name].fits and FOREIGN[name].fits(path, head))
 

@@ -8,7 +8,7 @@ from .declarations import Declarations
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredByUser:
-    """User declarations about another code's files."""
+    """User declarations about another code's files, as options give them."""
 
     reader: str | None = None
     origin: tuple | None = None  # (E, N, H) [m]
@@ -34,17 +34,6 @@ class FrameSource:
     declarations: DeclaredByUser = field(default_factory=DeclaredByUser)
 
     def terms(self) -> Declarations:
-        """The declarations as Declarations."""
+        """Return the declarations, checked."""
         declared = vars(self.declarations)
         return Declarations.named(declared | {"time_step": declared["frame_step"], "density": self.density}, self.crs)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CellAveraging:
-    """Averaging of the particles of a cell."""
-
-    percentile: float = 100.0
-    bed: str = "bilinear"
-    min_depth: float = 0.05  # [m]
-    standoff: float | str = 0.0  # [m]
-    paper: bool = False

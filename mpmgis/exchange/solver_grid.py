@@ -1,6 +1,7 @@
 """Cubes under and around the points of a start, for solvers that need the nodes of their grid."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +12,8 @@ CORNERS = np.array(
     [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], dtype=np.int64
 )
 UNDER_BED = 1  # layers of cells completely below the bed
-ON_BED = 1e-6  # [cells] above the bed, rounding of a node on it
-MOST_CELLS = 5_000_000
+ON_BED = 1e-6  # [cells] a node up to this far above the bed is on it: rounding
+MOST_CELLS = 5_000_000  # of a grid
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,17 @@ class SolverGrid:
     cell_of: np.ndarray
 
 
-def solver_grid(start):
-    """The SolverGrid of a SolverStart that has a cell: from under the bed up to its `headroom` over the bed.
+def solver_grid(start: Any) -> SolverGrid:
+    """Make the grid of a start: from under the bed up to its `headroom` over the bed.
+
+    Parameters
+    ----------
+    start : SolverStart
+        With a cell.
+
+    Returns
+    -------
+    SolverGrid
 
     Raises
     ------
@@ -69,14 +79,14 @@ def solver_grid(start):
     return _numbered(start, place, first, count, height)
 
 
-def _places(start):
-    """int64[3, n]: steps along x, y, z to the cube of each particle."""
+def _places(start: Any) -> np.ndarray:
+    """Return int64[3, n]: steps along x, y, z to the cube of each particle."""
     steps = (start.position / start.cell).astype(np.int64)
     return np.clip(steps, 0, np.array(start.cells) - 1).T
 
 
-def _numbered(start, place, first, count, height):
-    """The SolverGrid of columns that begin at cell `first` and have `count` of them."""
+def _numbered(start: Any, place: np.ndarray, first: np.ndarray, count: np.ndarray, height: np.ndarray) -> SolverGrid:
+    """Return the SolverGrid of columns that begin at cell `first` and have `count` of them."""
     _, ny, nz = start.cells
     before = np.cumsum(count).reshape(count.shape) - count
     column = np.repeat(np.arange(count.size), count.ravel())

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..exchange.frame_source import CellAveraging
+from ..maps.averaging.averaging_settings import CellAveraging
 from ..maps.averaging.exported_steps import is_export
 from ..maps.averaging.frame_values import cells_of
 from ..system.errors import InputError

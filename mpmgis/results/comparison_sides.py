@@ -8,9 +8,10 @@ import numpy as np
 import shapely
 
 from ..exchange.frame_list import third_party_files
-from ..exchange.frame_source import CellAveraging, DeclaredByUser, FrameSource
+from ..exchange.frame_source import DeclaredByUser, FrameSource
 from ..exchange.readers.reader_list import OWN, reader_of
 from ..laws.quantities import Quantity
+from ..maps.averaging.averaging_settings import CellAveraging
 from ..maps.averaging.exported_steps import is_export
 from ..maps.averaging.result_bands import UNNAMED, names_rasters, open_result
 from ..maps.export.export_request import Results

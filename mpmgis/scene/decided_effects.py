@@ -1,9 +1,7 @@
-"""Decisions on all effects of a scene, in the order of the report.
-
-The catalogue: every effect of a scene, its description, its parameters and their units.
-"""
+"""Decisions on all effects of a scene, in the order of the report."""
 
 from ..laws.slots import ColumnEffects, PointEffects
+from .decisions import Decision, TerrainFacts
 from .forest_effect import decide_forest
 from .point_effects import (
     decide_contact,
@@ -30,6 +28,7 @@ from .resistance_effects import (
     decide_point_drag,
     decide_viscosity,
 )
+from .scene import Scene
 from .terrain_effects import (
     decide_barrier,
     decide_curvature,
@@ -87,7 +86,7 @@ POINT_DECIDERS = (
 SOLVERS = {"columns": (ColumnEffects, DECIDERS), "points": (PointEffects, POINT_DECIDERS)}
 
 
-def resolve(scene, facts):
+def resolve(scene: Scene, facts: TerrainFacts) -> tuple[ColumnEffects | PointEffects, list[Decision]]:
     """Decide every effect of the scene's solver.
 
     Parameters
@@ -97,7 +96,9 @@ def resolve(scene, facts):
 
     Returns
     -------
-    (ColumnEffects or PointEffects, list of Decision)
+    effects : ColumnEffects or PointEffects
+    decisions : list of Decision
+        In the order of the report.
     """
     kind, deciders = SOLVERS[scene.solver]
     slots = {}

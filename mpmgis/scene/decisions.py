@@ -1,15 +1,25 @@
 """Decisions on effects: numbers of terrain and release, thresholds, and the record of each decision.
 
-A decider is a function `(scene, facts, slots) -> Decision`. It reads its table of the scene and its numbers of
-`TerrainFacts`, puts its law into `slots[name of the slot]` if the effect is on, and answers with `by_number` (auto
-compares an indicator with a threshold), `as_asked` (no number decides) or `not_called_for` (not used in the scene).
-To add one: write it beside its kind (`scene/resistance`, `scene/terrain_effects`), give `TerrainFacts` its number
-with None as default, fill that in `preparation`, and name the decider in `decided_effects.DECIDERS`.
+A decider is a function `(scene, facts, slots) -> Decision` with
+
+scene : Scene
+    It reads its own table.
+facts : TerrainFacts
+    Numbers about release and terrain.
+slots : dict of str to law
+    It puts its law into `slots[name of the slot]` if the effect is on; laws of earlier deciders are there already.
+
+It returns what `by_number` (auto compares an indicator with a threshold), `as_asked` (no number decides) or
+`not_called_for` (not used in the scene) returns. To add one: write it beside its kind (`scene/resistance_effects`,
+`scene/terrain_effects`, `scene/point_effects`), give `TerrainFacts` its number with None as default, compute it in
+`simulation/preparation`, and name the decider in `decided_effects.DECIDERS`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-THRESHOLD = 0.05  # an effect that changes a leading term by less than this is left out, unless stated
+THRESHOLD = 0.05  # [1] an effect that changes a leading term by less than this is left out, unless stated
+
+Slots = dict[str, Any]  # name of a slot -> the law in it
 
 
 class Decision(NamedTuple):
@@ -24,12 +34,18 @@ class Decision(NamedTuple):
     runout_change: float | None = None  # [1] estimated relative change in runout if it were the other way round
 
     @property
-    def called_for(self):
-        """Whether the scene has it or a number decides on it; otherwise it is not reported."""
+    def called_for(self) -> bool:
+        """Whether the effect is on or a number decides on it; otherwise it is not reported."""
         return self.state == "on" or self.decided_by != "scene"
 
-    def line(self, cost=""):
-        """One line for a table on the terminal; `cost` is a further cell before the reason."""
+    def line(self, cost: str = "") -> str:
+        """Return one line of a table on the terminal.
+
+        Parameters
+        ----------
+        cost : str
+            A further cell before the reason.
+        """
         threshold = "" if self.threshold is None else f"> {self.threshold:g}"
         number = "" if self.indicator is None else _distinct(self.indicator, self.threshold)
         change = "" if self.runout_change is None else f"{100 * self.runout_change:+.0f} %"
@@ -37,8 +53,8 @@ class Decision(NamedTuple):
         return f"{head} {change:>8}{cost}  {self.reason}"
 
 
-def _distinct(number, threshold):
-    """`number` as text, with as many digits as it takes to differ from the `threshold`."""
+def _distinct(number: float, threshold: float | None) -> str:
+    """Return `number` as text, with as many digits as it takes to differ from the `threshold`."""
     digits = 3
     while threshold is not None and number != threshold and digits < 9 and float(f"{number:.{digits}g}") == threshold:
         digits += 1
@@ -46,7 +62,7 @@ def _distinct(number, threshold):
 
 
 class TerrainFacts(NamedTuple):
-    """Numbers about release and reachable terrain that decide effects, computed in seconds (`terrain.reach`).
+    """Numbers about release and reachable terrain that decide effects, computed in seconds (`terrain.flow_reach`).
 
     Spatial features are None if the scene has none.
     """
@@ -76,25 +92,73 @@ class TerrainFacts(NamedTuple):
     lake_ratio: float | None = None  # water in lakes over released volume
 
 
-def use_of(table):
-    """`use` of a scene's table; `auto` where the table is absent."""
+def use_of(table: Any) -> str:
+    """Return `use` of a scene's table.
+
+    Parameters
+    ----------
+    table : table of a scene or None
+        None where the scene does not have it.
+
+    Returns
+    -------
+    {"auto", "on", "off"}
+        `auto` where the table is absent.
+    """
     return "auto" if table is None else table.use
 
 
-def by_number(effect, use, indicator, threshold, reason, runout_change=None):
-    """On where `indicator` is above `threshold`, unless `use` is on or off."""
+def by_number(
+    effect: str, use: str, indicator: float, threshold: float, reason: str, runout_change: float | None = None
+) -> Decision:
+    """Decide by a number: on where `indicator` is above `threshold`, unless `use` is on or off.
+
+    Parameters
+    ----------
+    effect : str
+        Name in the report.
+    use : str
+        As of `use_of`; anything but auto and on is off.
+    indicator, threshold : float [1]
+    reason : str
+        What the number is, for the report.
+    runout_change : float, optional [1]
+        Estimated relative change in runout if the effect were the other way round.
+    """
     on = use == "on" or (use == "auto" and indicator > threshold)
     decided_by = "auto" if use == "auto" else "forced"
     return Decision(effect, "on" if on else "off", decided_by, float(indicator), threshold, reason, runout_change)
 
 
-def as_asked(effect, use, reason, indicator=None, runout_change=None):
-    """On because the scene has it, unless `use` is off; no number decides."""
+def as_asked(
+    effect: str, use: str, reason: str, indicator: float | None = None, runout_change: float | None = None
+) -> Decision:
+    """Decide as the scene asks: on because the scene has the effect, unless `use` is off; no number decides.
+
+    Parameters
+    ----------
+    effect : str
+        Name in the report.
+    use : str
+        As of `use_of`; on is reported as forced.
+    reason : str
+        For the report, where the effect is on.
+    indicator : float, optional [1]
+        For the report only.
+    runout_change : float, optional [1]
+        Estimated relative change in runout if the effect were the other way round.
+    """
     if use == "off":
         return Decision(effect, "off", "forced", indicator, None, "use = 'off'", runout_change)
     return Decision(effect, "on", "forced" if use == "on" else "scene", indicator, None, reason, runout_change)
 
 
-def not_called_for(effect, reason):
-    """Off because the scene does not use it."""
+def not_called_for(effect: str, reason: str) -> Decision:
+    """Return that an effect is off because the scene does not use it.
+
+    Parameters
+    ----------
+    effect, reason : str
+        Name and reason in the report.
+    """
     return Decision(effect, "off", "scene", None, None, reason)

@@ -1,7 +1,8 @@
-"""The catalogue of all effects that a scene can name."""
+"""The catalogue: every effect of a scene, its description, its parameters and their units."""
 
 import re
 from dataclasses import fields
+from typing import Any
 
 from ..laws import entrainment, friction, ground_metric
 from ..terrain.inflow import COLUMNS
@@ -15,11 +16,15 @@ LAWS_BY_NAME = {"friction": friction.LAWS, "material": MATERIALS, "entrainment":
 BESIDES = {"zones": {"mu, xi, ...": "as the law has them"}, "hydrograph": {f"file: {k}": u for k, u in COLUMNS.items()}}
 
 
-def catalogue():
-    """All effects that a scene can name: list of {table, law, what, parameters (name -> unit)}.
+def catalogue() -> list[dict]:
+    """Return all effects that a scene can name, in the order of the tables.
 
-    In the order of the tables. Parameters are those of the law, then the keys of the table that are quantities.
-    `law` is the word by which a scene picks one of several laws, None where the table has one law only.
+    Returns
+    -------
+    list of dict
+        ``table``, ``law``, ``what`` (description), ``parameters`` (name -> unit). Parameters are those of the law, then
+        the keys of the table that are quantities. ``law`` is the word by which a scene picks one of several laws, None
+        where the table has one law only.
     """
     entries = [entry for name in TABLES if name not in NO_EFFECTS for entry in _entries(name)]
     return entries + [_entry("numerics", f"form = {form!r}", law, {}) for form, law in ground_metric.FORMS.items()]
@@ -36,14 +41,25 @@ def _entries(name):
     ]
 
 
-def quantities(table):
-    """Key -> unit of the keys of a scene's `table` that are numbers with one: its doc has it in brackets."""
+def quantities(table: type) -> dict[str, str]:
+    """Return the keys of a scene's table that are numbers with a unit.
+
+    Parameters
+    ----------
+    table : type
+        Class of the table; the description of a key has its unit in brackets.
+
+    Returns
+    -------
+    dict of str to str
+        Key -> unit.
+    """
     units = {f.name: re.search(r"\[([^]]+)\]", f.metadata["doc"]) for f in fields(table) if "doc" in f.metadata}
     kinds = {f.name: f.metadata["kind"] for f in fields(table) if "kind" in f.metadata}
     numbers = (name for name, kind in kinds.items() if float in (kind if isinstance(kind, tuple) else (kind,)))
     return {name: units[name][1] for name in numbers if units[name]}
 
 
-def _entry(table, law, described, parameters):
+def _entry(table: str, law: str | None, described: type, parameters: dict[str, str]) -> dict[str, Any]:
     what = described.__doc__.strip().splitlines()[0]
     return {"table": table, "law": law, "what": what, "parameters": parameters}

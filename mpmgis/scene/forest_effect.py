@@ -2,15 +2,24 @@
 
 from ..laws import forest
 from ..system.errors import SceneError
-from .decisions import as_asked, not_called_for
+from .decisions import Decision, Slots, TerrainFacts, as_asked, not_called_for
+from .scene import Scene
 from .table_values import is_number
 
 LIMITS = ("detrainment_speed", "detrainment_thickness")
 DOES = ("detrainment", "drag", "friction")  # keys of [[forest]] of which one at least acts
 
 
-def decide_forest(scene, facts, slots):
-    """Forest acts where the scene names it: it lowers the hazard, so that no number switches it on."""
+def decide_forest(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on forest: it acts where the scene names it.
+
+    It lowers the hazard, so that no number switches it on.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     used = [table for table in scene.forest if table.use != "off"]
     if not scene.forest:
         return not_called_for("forest", "no [[forest]] in the scene")
@@ -22,8 +31,14 @@ def decide_forest(scene, facts, slots):
     return as_asked("forest", "on" if forced else "auto", f"{area} of forest, {in_reach} of it in reach of the flow")
 
 
-def check_forest(scene, where):
+def check_forest(scene: Scene, where: str) -> None:
     """Refuse tables of forest that do nothing, apply everywhere, or would be lost in a stage of points.
+
+    Parameters
+    ----------
+    scene : Scene
+    where : str
+        Name of the scene in messages.
 
     Raises
     ------

@@ -1,18 +1,32 @@
-"""Checks of a scene that involve several keys or tables."""
+"""Checks on several keys or tables of a scene together."""
 
 from dataclasses import fields
 
 from ..laws import friction
 from ..system.errors import SceneError
 from .forest_effect import check_forest
+from .scene import Scene
 from .solver_checks import check_points
 from .stage_checks import check_stages
 from .table_values import checked_value, is_finite, is_number, listed, meant, range_of, refuse_both, shown
-from .tables import FASTEST
+from .tables import FASTEST, ReleaseTable
+
+MOST_FRAMES = 1e6  # of a run; more is a typing error
 
 
-def check_together(scene, where):
-    """Checks that involve several keys."""
+def check_together(scene: Scene, where: str) -> None:
+    """Refuse keys and tables that contradict each other.
+
+    Parameters
+    ----------
+    scene : Scene
+    where : str
+        Name of the scene in messages.
+
+    Raises
+    ------
+    SceneError
+    """
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
     _check_window(scene.terrain.window, where)
@@ -35,7 +49,7 @@ def check_together(scene, where):
             f"{where} [output]: frame_interval = {output.frame_interval:g} is longer than end_time = "
             f"{output.end_time:g}; take a shorter one"
         )
-    if output.end_time / output.frame_interval > 1e6:
+    if output.end_time / output.frame_interval > MOST_FRAMES:
         raise SceneError(
             f"{where} [output]: end_time = {output.end_time:g} and frame_interval = {output.frame_interval:g} give "
             "more than a million frames; take an earlier end_time or a longer frame_interval"
@@ -52,8 +66,8 @@ def check_together(scene, where):
         raise SceneError(f"{where} [still_water]: a lake at rest needs [numerics] form = 'swe'")
 
 
-def _check_sources(scene, where):
-    """What starts to move: from an area, from particles, through an inlet, or several of these with one density."""
+def _check_sources(scene: Scene, where: str) -> None:
+    """Check what starts to move: mass from an area, from particles or through an inlet."""
     release, inflow = scene.release, scene.hydrograph
     if release is None and (inflow is None or inflow.use == "off"):
         raise SceneError(
@@ -80,8 +94,8 @@ def _check_sources(scene, where):
         raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
 
 
-def _check_window(window, where):
-    """Four numbers in their order."""
+def _check_window(window: tuple | None, where: str) -> None:
+    """Refuse a window that is not four numbers in their order."""
     if window is None:
         return
     if len(window) != 4 or not all(is_finite(v) for v in window):
@@ -95,8 +109,8 @@ def _check_window(window, where):
         )
 
 
-def _check_material(scene, where):
-    """Values of resistance that contradict each other."""
+def _check_material(scene: Scene, where: str) -> None:
+    """Refuse values of resistance that contradict each other."""
     table = scene.earth_pressure
     if table is not None and table.use != "off" and scene.bed_friction_angle() > table.friction_angle:
         of_mu = "" if table.bed_friction_angle is not None else " (atan of the friction coefficient)"
@@ -109,8 +123,8 @@ def _check_material(scene, where):
         raise SceneError(f"{where} [viscosity]: viscosity and yield_stress are both 0; give one, or take the table out")
 
 
-def _check_zones(scene, where):
-    """Zones give parameters of the law that [friction] names: numbers in their range, columns or rasters."""
+def _check_zones(scene: Scene, where: str) -> None:
+    """Check that zones give parameters of the law that [friction] names: numbers in their range, columns or rasters."""
     if not scene.zones:
         return
     if scene.friction is None:
@@ -137,8 +151,8 @@ def _check_zones(scene, where):
             )
 
 
-def _check_places(scene, where):
-    """What barriers and lakes need together."""
+def _check_places(scene: Scene, where: str) -> None:
+    """Check the keys of barriers and lakes that depend on each other."""
     for number, barrier in enumerate(scene.barrier, 1):
         if (barrier.height is None) == (barrier.crest is None):
             got = "none" if barrier.height is None else "both"
@@ -151,8 +165,8 @@ def _check_places(scene, where):
         )
 
 
-def _refuse_unused(release, used, where):
-    """Particles from a file bring all else with them: a key that would not be used is an error."""
+def _refuse_unused(release: ReleaseTable, used: tuple[str, ...], where: str) -> None:
+    """Refuse keys of [release] that particles from a file replace."""
     for f in fields(release):
         if f.name not in used and getattr(release, f.name) != f.default:
             raise SceneError(f"{where}: particles have a {f.name}; remove {f.name}")

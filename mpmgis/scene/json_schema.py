@@ -1,9 +1,7 @@
-"""Scenes as TOML text, and the commented template.
+"""JSON Schema (draft 2020-12) of scene.toml, made from the tables of the scene and the laws, for editors and programs.
 
-JSON Schema (draft 2020-12) of scene.toml, made from the tables of the scene and the laws, for editors and programs.
-
-It holds what can be said of one key or one law: kinds, ranges, choices, unknown keys and parameters. What several
-tables decide together (`checks`) is left to the program.
+It contains the rules on one key or one law: kinds, ranges, choices, unknown keys and parameters. Rules on several
+tables together (`joint_checks`) are left to the program.
 """
 
 from dataclasses import MISSING, fields
@@ -23,7 +21,7 @@ Schema = dict[str, Any]
 
 
 def json_schema() -> Schema:
-    """The schema as a dictionary."""
+    """Return the schema as a dictionary."""
     laws = _friction_laws()
     properties: Schema = {"solver": {"enum": list(SOLVERS), "description": "columns: depth-averaged; points: 3D"}}
     for name, kind in TABLES.items():

@@ -1,20 +1,39 @@
-"""Runout of a mass point down the terrain, which shows what an effect changes."""
+"""Runout of a mass point down the terrain, which shows what an effect changes.
+
+An estimate to judge effects by, never a result: no pressure, no spreading, the thickness of the release all the way.
+"""
 
 import itertools
+from collections.abc import Iterator
 from math import exp, sqrt
+from typing import Any
 
 from ..laws.friction import Frictionless
 from ..laws.quantities import GRAVITY
+from .decisions import TerrainFacts
 
-MOST_SPANS = 4.0  # times the profile's length that a point is followed, on flat ground beyond its end
-PIECES = 400  # of the profile, at least
+MOST_SPANS = 4.0  # [lengths of the profile] that a point is followed on flat ground beyond its end
+PIECES = 400  # of the profile at the least
 
 
-def runout(facts, friction=None, cohesion=0.0):
-    """Horizontal distance [m] at which a point comes to rest; None if it never does or never starts.
+def runout(facts: TerrainFacts, friction: Any = None, cohesion: float = 0.0) -> float | None:
+    """Compute the horizontal distance at which a point comes to rest.
 
-    dU^2 / 2 ds = g sin - tau / (rho h_n) along `facts.profile`, with the stress of `friction` and of `cohesion` [Pa].
+    dU^2 / 2 ds = g sin - tau / (rho h_n) along `facts.profile`, with the stress of `friction` and of `cohesion`.
     For Coulomb friction this is D / mu (Heim 1932).
+
+    Parameters
+    ----------
+    facts : TerrainFacts
+    friction : law of basal resistance, optional
+        Without it the point slides freely.
+    cohesion : float [Pa]
+        Yield stress at the bed.
+
+    Returns
+    -------
+    float or None [m]
+        None if the point never comes to rest or never starts.
     """
     if len(facts.profile) < 2 or facts.release_thickness <= 0.0:
         return None
@@ -31,8 +50,8 @@ def runout(facts, friction=None, cohesion=0.0):
     return None
 
 
-def _pieces(profile):
-    """(horizontal length, fall) [m] of short pieces of the profile, then flat ground."""
+def _pieces(profile: tuple) -> Iterator[tuple[float, float]]:
+    """Yield (horizontal length, fall) [m] of short pieces of the profile, then of flat ground."""
     whole = profile[-1][0] - profile[0][0]
     longest = whole / PIECES
     for (start, high), (end, low) in itertools.pairwise(profile):
@@ -41,8 +60,10 @@ def _pieces(profile):
     yield from [(longest, 0.0)] * int(MOST_SPANS * PIECES)
 
 
-def _after(energy, length, sine, cosine, facts, friction, cohesion):
-    """U^2 after `length` [m] along the ground; exact where drag is quadratic. Negative: at rest before its end."""
+def _after(
+    energy: float, length: float, sine: float, cosine: float, facts: TerrainFacts, friction: Any, cohesion: float
+) -> float:
+    """Return U^2 after `length` [m] along the ground; exact for quadratic drag; negative: at rest before its end."""
     speed, depth = sqrt(energy), facts.release_thickness * cosine
     load = facts.density * depth * GRAVITY * cosine
     per_mass = 1.0 / (facts.density * depth)
@@ -55,6 +76,17 @@ def _after(energy, length, sine, cosine, facts, friction, cohesion):
     return drive / drag + (energy - drive / drag) * exp(-2.0 * drag * length)
 
 
-def change(reference, other):
-    """Relative change [1] from runout `reference` to `other`; None where one of them is not known."""
+def change(reference: float | None, other: float | None) -> float | None:
+    """Compute the relative change of the runout.
+
+    Parameters
+    ----------
+    reference, other : float or None [m]
+        Runout before and after the change; None where unknown.
+
+    Returns
+    -------
+    float or None [1]
+        None where one of them is not known or `reference` is 0.
+    """
     return None if not reference or other is None else other / reference - 1.0

@@ -1,9 +1,4 @@
-"""Scenes from TOML files and from plain dictionaries.
-
-Checks on several keys or tables of a scene together.
-
-Material parameters from a scene, or from a file with little more than a material.
-"""
+"""Material parameters from a scene, or from a file with little more than a material."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -24,8 +19,20 @@ EXAMPLE = 'law = "DruckerPrager", bulk_modulus, shear_modulus [Pa], friction_ang
 
 
 class GivenMaterial(NamedTuple):
-    """A MaterialTable; if present in the file, tan of the friction angle on the bed [1], the law that it is of, when
-    to end [s]; `lost`, tables of the file that other solvers do not get."""
+    """Material of a file, with the values for other solvers that the same file has.
+
+    Attributes
+    ----------
+    table : MaterialTable
+    bed_friction : float or None [1]
+        Coefficient mu of [friction], tan of the friction angle on the bed; None without it.
+    bed_law : str
+        Law of [friction]; empty without the table.
+    end_time : float or None [s]
+        End of the run, where the file has it.
+    lost : tuple of str
+        Tables of the file that other solvers do not get.
+    """
 
     table: MaterialTable
     bed_friction: float | None
@@ -34,8 +41,12 @@ class GivenMaterial(NamedTuple):
     lost: tuple
 
 
-def read_material(path):
-    """The GivenMaterial in a scene, or in a TOML file with [material] and maybe [friction] and [output].
+def read_material(path: str | Path) -> GivenMaterial:
+    """Read the material of a scene, or of a TOML file with [material] and maybe [softening], [friction] and [output].
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -62,8 +73,8 @@ def read_material(path):
     return GivenMaterial(scene.material, friction, law, end, lost)
 
 
-def _filled(tables):
-    """The tables of a material file with the required tables of a scene; some keys of [output] are allowed."""
+def _filled(tables: dict) -> dict:
+    """Return the tables of a material file with the required tables of a scene; some keys of [output] are allowed."""
     filled = {"solver": "points"} | _REST | tables
     own = filled["output"]
     if isinstance(own, dict):  # a frame at the end: whatever the one is, the other is possible with it

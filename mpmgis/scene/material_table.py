@@ -1,6 +1,7 @@
 """Materials of the 3D solver by name: parameters in a scene with units and ranges, and their laws."""
 
 from math import radians, tan
+from typing import TYPE_CHECKING, Any
 
 from ..laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
 from ..laws.fluid import Fluid
@@ -8,6 +9,9 @@ from ..laws.friction import LAWS as FRICTION_LAWS
 from ..laws.friction import Parameter
 from ..laws.material import CohesiveMuI, DruckerPrager, Elastic, MuI, cohesive_mu_i, drucker_prager
 from ..laws.softening import NoSoftening, softening
+
+if TYPE_CHECKING:
+    from .tables import MaterialTable, SofteningTable
 
 _BULK = Parameter("Pa", "bulk modulus K", 1.0, 1e12)
 _SHEAR = Parameter("Pa", "shear modulus G, at most 1.5 K", 1.0, 1e12)
@@ -63,8 +67,20 @@ CONTACTS = {
 }
 
 
-def contradiction(name, parameters):
-    """Message for parameters of material `name` that are valid separately but not together; '' for none."""
+def contradiction(name: str, parameters: dict[str, float]) -> str:
+    """Return a message on parameters that are valid separately but not together.
+
+    Parameters
+    ----------
+    name : str
+        Of the material in MATERIALS.
+    parameters : dict of str to float
+
+    Returns
+    -------
+    str
+        Empty where there is no contradiction.
+    """
     bulk, shear = parameters["bulk_modulus"], parameters.get("shear_modulus", 0.0)
     if shear > 1.5 * bulk:
         return (
@@ -76,8 +92,17 @@ def contradiction(name, parameters):
     return ""
 
 
-def made_material(table):
-    """The law of a MaterialTable."""
+def made_material(table: "MaterialTable") -> Any:
+    """Make the law of a material.
+
+    Parameters
+    ----------
+    table : MaterialTable
+
+    Returns
+    -------
+    DruckerPrager, CohesiveMuI, MuI, Fluid or Elastic
+    """
     values = table.parameters
     chosen = {
         key: default if getattr(table, key) is None else getattr(table, key)
@@ -95,8 +120,20 @@ def made_material(table):
     return Elastic(**values)
 
 
-def made_softening(table, material):
-    """The law of a SofteningTable for the cone of a MaterialTable; the null law without loss of strength."""
+def made_softening(table: "SofteningTable", material: "MaterialTable") -> Any:
+    """Make the law of softening for the cone of a material.
+
+    Parameters
+    ----------
+    table : SofteningTable
+    material : MaterialTable
+        Of one of the laws in CONES.
+
+    Returns
+    -------
+    law of softening
+        NoSoftening where no strength is lost.
+    """
     initial = material.parameters["friction_angle"], material.parameters["cohesion"]
     residual = table.residual_friction_angle, table.residual_cohesion
     if initial == residual:
@@ -104,16 +141,33 @@ def made_softening(table, material):
     return softening(initial, residual, table.coefficient, table.form, material.match or "triaxial", table.peak_strain)
 
 
-def stiffened(material, bulk_modulus):
-    """`material` with this bulk modulus [Pa], and its shear modulus, if it has one, in the same ratio to it."""
+def stiffened(material: Any, bulk_modulus: float) -> Any:
+    """Return a material with another bulk modulus, and its shear modulus, if it has one, in the same ratio to it.
+
+    Parameters
+    ----------
+    material : law of a material
+    bulk_modulus : float [Pa]
+    """
     changed = {"bulk_modulus": bulk_modulus}
     if hasattr(material, "shear_modulus"):
         changed["shear_modulus"] = material.shear_modulus * bulk_modulus / material.bulk_modulus
     return material._replace(**changed)
 
 
-def least_internal_friction(table, softening_table):
-    """tan of the smallest friction angle of a material [1], None for one that does not yield."""
+def least_internal_friction(table: "MaterialTable", softening_table: "SofteningTable | None") -> float | None:
+    """Return tan of the smallest friction angle of a material.
+
+    Parameters
+    ----------
+    table : MaterialTable
+    softening_table : SofteningTable or None
+
+    Returns
+    -------
+    float or None [1]
+        None for a material that does not yield.
+    """
     values = table.parameters
     if table.law in CONES:
         angles = [values["friction_angle"]]

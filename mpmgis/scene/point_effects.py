@@ -5,27 +5,38 @@ from math import atan, cos, radians, sqrt, tan
 from ..laws.barrier import Barrier
 from ..laws.quantities import GRAVITY
 from ..laws.softening import NoSoftening
-from .decisions import Decision, as_asked, by_number, not_called_for
+from .decisions import Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
 from .material_table import CONES, least_internal_friction, made_material, made_softening, stiffened
+from .scene import Scene
+from .tables import SofteningTable
 from .terrain_effects import use_of_several
 
-MACH_THRESHOLD = 0.3  # largest speed over the speed of pressure waves, above which the stiffness is felt
-FEWEST_CELLS = 3.0  # over the depth of a flow, and over the height of a wall, for a resolved 3D flow
-JUDGED_ALIKE = 1.5  # times by which the largest speed may differ from the expected one before it is reported
-SCALED_MACH = 0.1  # of a scaled stiffness: densities within 1 %
-COHESION_THRESHOLD = 0.02  # of the load of the release
+MACH_THRESHOLD = 0.3  # [1] largest speed over the speed of pressure waves, above which the stiffness is felt
+FEWEST_CELLS = 3.0  # [cells] over the depth of a flow, and over the height of a wall, for a resolved 3D flow
+JUDGED_ALIKE = 1.5  # [1] factor by which the largest speed may differ from the expected one without a report
+SCALED_MACH = 0.1  # [1] of a scaled stiffness: densities within 1 %
+COHESION_THRESHOLD = 0.02  # [1] of the load of the release; less has no visible effect
 # Columns as high as long on 8 and 16 cells: 99 % of the mass within 0.95 and 1.22 lengths, measured 1.2; on mu(I) 1.01
 # and 1.14 (tests/scenes/granular_column)
 COLLAPSE = (
     "runout of a free collapse depends on the cell size, by 30 % from 8 to 16 cells over the height (MuI with "
     "volume_correction = false: by 13 %)"
 )
-MU_I_THRESHOLD = 0.1  # I / I0, below which flow is so slow that friction is mu1
-VISCOUS_REYNOLDS = 1e4  # above which viscosity has no effect
+MU_I_THRESHOLD = 0.1  # [1] I / I0 below which the flow is so slow that friction is mu1
+VISCOUS_REYNOLDS = 1e4  # [1] Reynolds number above which viscosity has no effect
 
 
-def mu_least_of_points(scene):
-    """Smallest friction of a 3D flow [1]: on its bed or, if it yields, in its interior."""
+def mu_least_of_points(scene: Scene) -> float:
+    """Return the smallest friction of a 3D flow: on its bed or, if it yields, in its interior.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    float [1]
+    """
     inside = least_internal_friction(scene.material, scene.softening)
     table = scene.friction
     if table is None or table.use == "off":
@@ -34,16 +45,28 @@ def mu_least_of_points(scene):
     return min(found + ([] if inside is None else [inside]), default=0.0)
 
 
-def decide_material(scene, facts, slots):
-    """The law of the material; without it there is no 3D run."""
+def decide_material(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on the law of the material; without it there is no 3D run.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.material
     slots["material"] = made_material(table)
     values = ", ".join(f"{name} = {value:g}" for name, value in table.parameters.items())
     return as_asked("material", "auto", f"{table.law}: {values}")
 
 
-def decide_stiffness(scene, facts, slots):
-    """Moduli as given, or limited to those for a Mach number near 0.1."""
+def decide_stiffness(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on the moduli: as given, or limited to those for a Mach number near 0.1.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     material, speed = slots["material"], largest_speed(facts)
     waves = material.wave_speed(facts.density)
     mach, enough = speed / waves, facts.density * (speed / SCALED_MACH) ** 2
@@ -61,18 +84,39 @@ def decide_stiffness(scene, facts, slots):
     return Decision("stiffness", "off", "auto", mach, None, reason)
 
 
-def largest_speed(facts):
-    """U [m s-1]: speed of the energy line with the head 2 h0 of a front driven by the thickness of the release.
+def largest_speed(facts: TerrainFacts) -> float:
+    """Estimate the largest speed of the flow.
 
+    It is that of the energy line with the head 2 h0 of a front driven by the thickness of the release.
     At rest on level ground it is the front speed of a dam break, 2 sqrt(g h0) (Ritter, 1892).
+
+    Parameters
+    ----------
+    facts : TerrainFacts
+
+    Returns
+    -------
+    float [m s-1]
     """
     return sqrt(facts.speed**2 + 4.0 * GRAVITY * max(facts.release_thickness, 0.0))
 
 
-def stiffness_in_hindsight(facts, density, fastest, mach):
-    """Line that compares the speed assumed for the stiffness with that of the run; '' if they are similar.
+def stiffness_in_hindsight(facts: TerrainFacts, density: float, fastest: float, mach: float) -> str:
+    """Return a line that compares the speed assumed for the stiffness with that of the run.
 
-    `fastest` [m s-1] is the largest speed of the run, `mach` its share of the speed of pressure waves.
+    Parameters
+    ----------
+    facts : TerrainFacts
+    density : float [kg m-3]
+    fastest : float [m s-1]
+        Largest speed of the run.
+    mach : float [1]
+        Its ratio to the speed of pressure waves.
+
+    Returns
+    -------
+    str
+        Empty if the speeds are similar.
     """
     expected = largest_speed(facts)
     if fastest <= 0.0 or expected / JUDGED_ALIKE < fastest < expected * JUDGED_ALIKE:
@@ -83,14 +127,26 @@ def stiffness_in_hindsight(facts, density, fastest, mach):
     )
 
 
-def decide_elasticity(scene, facts, slots):
-    """Compression of the flow by its weight."""
+def decide_elasticity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report the compression of the flow by its weight; elasticity is always on.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     squeezed = facts.density * GRAVITY * facts.release_thickness / slots["material"].bulk_modulus
     return Decision("elasticity", "on", "scene", squeezed, None, "compression by its weight, rho g h0 / K")
 
 
-def decide_plasticity(scene, facts, slots):
-    """Plastic yielding of solids."""
+def decide_plasticity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report the plastic yielding of solids.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table, values = scene.material, scene.material.parameters
     if table.law not in (*CONES, "MuI"):
         return not_called_for("plasticity", f"{table.law} does not yield")
@@ -101,8 +157,14 @@ def decide_plasticity(scene, facts, slots):
     return as_asked("plasticity", "auto", reason, inside / max(facts.slope_median, 1e-6))
 
 
-def decide_point_cohesion(scene, facts, slots):
-    """Cohesion of the material relative to the load of the release; it has no cost and is always on."""
+def decide_point_cohesion(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report the cohesion of the material relative to the load of the release; it has no cost and is always on.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     cohesion = scene.material.parameters.get("cohesion", 0.0)
     if cohesion <= 0.0:
         return not_called_for("cohesion", "no cohesion in [material]")
@@ -111,8 +173,14 @@ def decide_point_cohesion(scene, facts, slots):
     return as_asked("cohesion", "auto", f"cohesion over rho g h0{felt}", ratio)
 
 
-def decide_softening(scene, facts, slots):
-    """Strength lost for good, if there is any to lose."""
+def decide_softening(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on the permanent loss of strength, if there is any to lose.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table, material = scene.softening, scene.material
     if table is None:
         return not_called_for("softening", "no [softening] in the scene")
@@ -127,8 +195,8 @@ def decide_softening(scene, facts, slots):
     return decision
 
 
-def _lost(values, table):
-    """The larger share [1] of tan(phi) and cohesion that softening takes away."""
+def _lost(values: dict[str, float], table: SofteningTable) -> float:
+    """Return the larger share [1] of tan(phi) and cohesion that softening takes away."""
     pairs = (
         (tan(radians(values["friction_angle"])), tan(radians(table.residual_friction_angle))),
         (values["cohesion"], table.residual_cohesion),
@@ -136,8 +204,14 @@ def _lost(values, table):
     return max((1.0 - residual / initial for initial, residual in pairs if initial > 0.0), default=0.0)
 
 
-def decide_mu_i(scene, facts, slots):
-    """Whether the flow is fast enough for friction to grow with its rate."""
+def decide_mu_i(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report whether the flow is fast enough for friction to grow with its rate.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.material
     if "grain_diameter" not in table.parameters or table.parameters.get("rate_friction") == 0.0:
         return not_called_for("mu_i", "the material's friction does not depend on its rate")
@@ -150,8 +224,14 @@ def decide_mu_i(scene, facts, slots):
     return as_asked("mu_i", "auto", reason, number / values["inertial_number"])
 
 
-def decide_fluid_viscosity(scene, facts, slots):
-    """Viscosity of a fluid, against its inertia."""
+def decide_fluid_viscosity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report the viscosity of a fluid relative to its inertia.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     viscosity = slots["material"].viscosity()
     if viscosity <= 0.0:
         return not_called_for("fluid_viscosity", "the material has none")
@@ -161,8 +241,14 @@ def decide_fluid_viscosity(scene, facts, slots):
     return as_asked("fluid_viscosity", "auto", reason, 1.0 / max(reynolds, 1e-300))
 
 
-def decide_volume_correction(scene, facts, slots):
-    """Whether material that was pulled apart remembers it."""
+def decide_volume_correction(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report whether separated material bears load only after compression.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.material
     if table.law not in (*CONES, "MuI"):
         return not_called_for("vol_correction", "the material remembers no gaps")
@@ -170,8 +256,14 @@ def decide_volume_correction(scene, facts, slots):
     return as_asked("vol_correction", use, "material that was pulled apart bears load only after compression")
 
 
-def decide_contact(scene, facts, slots):
-    """Friction on the bed."""
+def decide_contact(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on friction on the bed.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.friction
     if table is None:
         return not_called_for("friction", "no [friction] in the scene: the flow slides freely on its bed")
@@ -183,15 +275,27 @@ def decide_contact(scene, facts, slots):
     return decision
 
 
-def decide_depth_cells(scene, facts, slots):
-    """Whether the cells resolve the depth of the release; a stage that begins later reports that of the flow."""
+def decide_depth_cells(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report whether the cells resolve the depth of the release; a stage that begins later reports that of the flow.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     size = scene.numerics.cell_size
     reason = f"cells of {size:g} m over the release's mean thickness of {facts.release_thickness:.3g} m"
     return _resolved("cells_over_depth", facts.release_thickness / size, reason)
 
 
-def decide_wall_cells(scene, facts, slots):
-    """Whether the cells resolve the height of the lowest barrier in reach."""
+def decide_wall_cells(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report whether the cells resolve the height of the lowest barrier in reach.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     height, size = facts.barrier_height, scene.numerics.cell_size
     if height is None or "barrier" not in slots:
         return not_called_for("cells_over_wall", "no barrier in reach")
@@ -199,14 +303,20 @@ def decide_wall_cells(scene, facts, slots):
     return _resolved("cells_over_wall", height / size, reason)
 
 
-def _resolved(name, cells, reason):
-    """A Decision that is on where there are enough `cells`."""
+def _resolved(name: str, cells: float, reason: str) -> Decision:
+    """Return a Decision that is on where there are enough `cells`."""
     few = "" if cells > FEWEST_CELLS else "; too few for a 3D run: take a smaller cell_size, or solver = 'columns'"
     return by_number(name, "auto", cells, FEWEST_CELLS, reason + few)
 
 
-def decide_point_barrier(scene, facts, slots):
-    """Rigid barriers, if the flow can get to one of them."""
+def decide_point_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on rigid barriers: on if the flow can get to one of them.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     if not scene.barrier:
         return not_called_for("barrier", "no [[barrier]] in the scene")
     use, height = use_of_several(scene.barrier), facts.barrier_height_ratio

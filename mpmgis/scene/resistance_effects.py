@@ -1,34 +1,41 @@
-"""Effects of resistance, decided by the runout of a mass point with and without them.
-
-An estimate to judge effects by, never a result: no pressure, no spreading, the thickness of the release all the way.
-"""
+"""Effects of resistance, decided by numbers and by the runout of a mass point with and without them (`mass_point`)."""
 
 from math import sqrt
 
 from ..laws import friction, internal_stress
 from ..laws.bed_contact import CoulombContact, VoellmyContact
 from ..laws.quantities import GRAVITY
-from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for
+from .decisions import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
 from .mass_point import change, runout
 from .point_effects import mu_least_of_points
+from .scene import Scene
+from .tables import FrictionTable
 
 # An effect that is left out must change runout and footprint by less than 5 % (tests/laws/test_auto_long.py). On the
 # sample site cohesion of 1.8 % of the load changes the footprint by 9 %, earth pressure at 0.046 by 6 %, because a flow
 # thins (2026-11-21); turbulent drag changes it by 7.6 % at (U / U_t)^2 = 0.047 and by 4.4 % at 0.025 (2026-11-25).
-COHESION_THRESHOLD = 0.005
-EARTH_PRESSURE_THRESHOLD = 0.03
-DRAG_THRESHOLD = 0.025
-LATERAL_THRESHOLD = 0.01
+COHESION_THRESHOLD = 0.005  # [1] yield stress over rho g h0
+EARTH_PRESSURE_THRESHOLD = 0.03  # [1] h0 / L0 |K - 1| / |T - mu|
+DRAG_THRESHOLD = 0.025  # [1] (U / U_t)^2
+LATERAL_THRESHOLD = 0.01  # [1] h0 / (L0 |T - mu|)
 SPEEDS = (1e-6, 1.0, 5.0, 20.0, 80.0)  # [m s-1] at which a user-defined law is evaluated
 NO_DRAG = "the law of friction has none"
-LEAST_DRIVE = 0.01  # of gravity: remaining driving force where friction balances the slope
+LEAST_DRIVE = 0.01  # [1] of gravity: remaining driving force where friction balances the slope
 
 
-def mu_least(scene):
-    """The least that friction can be in the scene [1], by which the energy line falls; 0 without friction.
+def mu_least(scene: Scene) -> float:
+    """Return the least that friction can be in the scene, by which the energy line falls; 0 without friction.
 
     Hergarten's modified law is lightest just above its crossover speed v_c: v_c^2 / xi for a flow of 1 m; of a law of
     the user's own it is the least over speeds, for 1 m of water on level ground. A 3D flow shears inside, too.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    float [1]
     """
     if scene.solver == "points":
         return mu_least_of_points(scene)
@@ -42,8 +49,14 @@ def mu_least(scene):
     return min(friction.basal_stress(law, 1000.0, GRAVITY, load, 1.0, speed) for speed in SPEEDS) / load
 
 
-def decide_friction(scene, facts, slots):
-    """The law of basal resistance."""
+def decide_friction(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on the law of basal resistance.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.friction
     if table is None:
         return not_called_for("friction", "no [friction] in the scene: the flow has no resistance")
@@ -56,8 +69,14 @@ def decide_friction(scene, facts, slots):
     return decision
 
 
-def decide_drag(scene, facts, slots):
-    """Voellmy's turbulent part: left out where the flow cannot become fast enough for it to matter."""
+def decide_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on Voellmy's turbulent part: left out where the flow cannot become fast enough for it to matter.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     law, xi = slots.get("friction"), scene.friction_value(friction.DRAG)
     if law is None or xi is None:
         return not_called_for("turbulent_drag", NO_DRAG)
@@ -69,8 +88,14 @@ def decide_drag(scene, facts, slots):
     return decision
 
 
-def decide_point_drag(scene, facts, slots):
-    """The same of a 3D flow on its bed."""
+def decide_point_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on Voellmy's turbulent part for a 3D flow on its bed (`decide_drag`).
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     law = slots.get("contact")
     if not isinstance(law, VoellmyContact):
         return not_called_for("turbulent_drag", NO_DRAG)
@@ -80,31 +105,36 @@ def decide_point_drag(scene, facts, slots):
     return decision
 
 
-def _drag_by_number(scene, law, facts):
-    """The decision on the drag of Voellmy's `law`, with its effect on the runout of a point."""
+def _drag_by_number(scene: Scene, law: friction.Voellmy, facts: TerrainFacts) -> Decision:
+    """Decide on the drag of Voellmy's `law`, with its effect on the runout of a point."""
     reason, ratio = _drag_felt(law.mu, law.xi, facts)
     decision = by_number("turbulent_drag", _forced_on(scene.friction), ratio, DRAG_THRESHOLD, reason)
     return _with_change(decision, runout(facts, law), runout(facts, friction.Coulomb(law.mu)))
 
 
-def _drag_felt(mu, xi, facts):
-    """(reason, number) that decide on the drag of a law with coefficients `mu` [1] and `xi` [m s-2]."""
+def _drag_felt(mu: float, xi: float, facts: TerrainFacts) -> tuple[str, float]:
+    """Return (reason, number) that decide on the drag of a law with coefficients `mu` [1] and `xi` [m s-2]."""
     terminal = _terminal_speed(mu, xi, facts)
     reason = f"(U / U_t)^2, U = {facts.speed:.0f} m/s of the energy line, U_t = {terminal:.0f} m/s"
     return reason, (facts.speed / terminal) ** 2
 
 
-def _terminal_speed(mu, xi, facts):
-    """U_t [m s-1] at which drag balances the drive: U_t^2 = xi h_n (sin - mu cos) on the median slope."""
+def _terminal_speed(mu: float, xi: float, facts: TerrainFacts) -> float:
+    """Return U_t [m s-1] at which drag balances the drive: U_t^2 = xi h_n (sin - mu cos) on the median slope."""
     sine, cosine = _sine_cosine(facts)
     drive = max(sine - mu * cosine, LEAST_DRIVE)
     return sqrt(max(xi * facts.release_thickness * cosine * drive, 1e-6))
 
 
-def decide_bingham(scene, facts, slots):
-    """Yield stress and viscosity at the bed, relative to the driving stress.
+def decide_bingham(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report yield stress and viscosity at the bed, relative to the driving stress.
 
     However small, they are the only resistance in the scene: without them the flow would never come to rest.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
     """
     law = slots.get("friction")
     if not isinstance(law, friction.Bingham):
@@ -117,8 +147,14 @@ def decide_bingham(scene, facts, slots):
     return as_asked("bingham", scene.friction.use, reason, ratio)
 
 
-def decide_cohesion(scene, facts, slots):
-    """A yield stress at the bed, relative to the load of the release."""
+def decide_cohesion(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on a yield stress at the bed, relative to the load of the release.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.cohesion
     if table is None:
         return not_called_for("cohesion", "no [cohesion] in the scene")
@@ -132,8 +168,14 @@ def decide_cohesion(scene, facts, slots):
     return _with_change(decision, runout(facts, law, table.yield_stress), runout(facts, law))
 
 
-def decide_earth_pressure(scene, facts, slots):
-    """Active and passive earth pressure, relative to the driving stress."""
+def decide_earth_pressure(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on active and passive earth pressure, relative to the driving stress.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.earth_pressure
     if table is None:
         return not_called_for("earth_pressure", "no [earth_pressure] in the scene: K = 1")
@@ -147,8 +189,14 @@ def decide_earth_pressure(scene, facts, slots):
     return decision
 
 
-def decide_viscosity(scene, facts, slots):
-    """Viscous stress in the plane of the map, relative to the driving stress."""
+def decide_viscosity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on viscous stress in the plane of the map, relative to the driving stress.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.viscosity
     if table is None:
         return not_called_for("viscosity", "no [viscosity] in the scene")
@@ -165,32 +213,38 @@ def decide_viscosity(scene, facts, slots):
     return decision
 
 
-def decide_lateral_pressure(scene, facts, slots):
-    """The pressure of the weight of the flow is always computed; the number shows its importance."""
+def decide_lateral_pressure(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report the pressure of the weight of the flow: it is always computed, the number shows its importance.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     ratio = _aspect(scene, facts)
     matters = "spreads the flow" if ratio > LATERAL_THRESHOLD else "so little that the flow moves like single points"
     reason = f"h0 / (L0 |T - mu|): {matters}"
     return Decision("lateral_pressure", "on", "scene", ratio, LATERAL_THRESHOLD, reason)
 
 
-def _aspect(scene, facts):
-    """eps = h0 / (L0 |T - mu|) [1]: lateral push over drive."""
+def _aspect(scene: Scene, facts: TerrainFacts) -> float:
+    """Return eps = h0 / (L0 |T - mu|) [1]: lateral push over drive."""
     drive = max(abs(facts.slope_median - scene.dry_friction()), LEAST_DRIVE)
     return facts.release_thickness / (max(facts.release_length, 1e-6) * drive)
 
 
-def _sine_cosine(facts):
-    """Of the median slope in reach."""
+def _sine_cosine(facts: TerrainFacts) -> tuple[float, float]:
+    """Return sine and cosine of the median slope in reach."""
     cosine = 1.0 / sqrt(1.0 + facts.slope_median**2)
     return facts.slope_median * cosine, cosine
 
 
-def _forced_on(table):
-    """`use` of a part of a law: forced on if the law is on, else auto."""
+def _forced_on(table: FrictionTable) -> str:
+    """Return `use` of a part of a law: forced on if the law is on, else auto."""
     return "on" if table.use == "on" else "auto"
 
 
-def _with_change(decision, with_it, without):
-    """The decision with the estimated change in runout if it were the other way round."""
+def _with_change(decision: Decision, with_it: float | None, without: float | None) -> Decision:
+    """Return the decision with the estimated change in runout if it were the other way round."""
     now, otherwise = (with_it, without) if decision.state == "on" else (without, with_it)
     return decision._replace(runout_change=change(now, otherwise))

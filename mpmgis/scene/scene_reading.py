@@ -1,32 +1,57 @@
-"""A scene read from TOML or from a dictionary."""
+"""Scenes from TOML files and from plain dictionaries."""
 
 import codecs
 import re
 import tomllib
+from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 from ..laws import friction
-from ..laws.own_law import NO_OWN_LAWS
+from ..laws.own_law import NO_OWN_LAWS, OwnLaws
 from ..system.errors import SceneError, one_line
 from .joint_checks import check_together
 from .scene import Scene, friction_laws
 from .solver_checks import check_solver
 from .table_values import listed, made_table, meant, shown
-from .tables import LISTED, TABLES
+from .tables import LISTED, TABLES, StageTable
 
-MOST_DOTS = 100  # in a key
+MOST_DOTS = 100  # in a key; those of a scene have one
 REQUIRED = ("terrain", "output")
 SOLVERS = ("columns", "points")
+_MAY_BE_KEY = re.compile(r"[\w\s.\[\"'-]+")
 
 
-def read_scene(path, own_laws=NO_OWN_LAWS):
-    """Read and check `scene.toml` at `path`, with user-defined laws; raises SceneError in one line."""
+def read_scene(path: str | Path, own_laws: OwnLaws = NO_OWN_LAWS) -> Scene:
+    """Read and check a `scene.toml`.
+
+    Parameters
+    ----------
+    path : str or Path
+    own_laws : OwnLaws
+        User-defined laws that the scene may name.
+
+    Raises
+    ------
+    SceneError
+        In one line.
+    """
     path = Path(path)
     return scene_from_tables(read_toml(path), path.parent, path.name, own_laws)
 
 
-def read_toml(path):
-    """The dictionary in a TOML file as any editor saves it; raises SceneError in one line."""
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read the dictionary in a TOML file as any editor saves it.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    SceneError
+        In one line: no readable file, no TOML, keys of too many parts.
+    """
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise SceneError(f"{path} is a pipe or a device, expected a file; write the scene into one")
@@ -46,9 +71,6 @@ def read_toml(path):
     return tables
 
 
-_MAY_BE_KEY = re.compile(r"[\w\s.\[\"'-]+")
-
-
 def _require_short_keys(path, text):
     """Refuse dotted keys of many parts: the parser's memory and time grow with the square of their number."""
     for number, line in enumerate(text.splitlines(), 1):
@@ -60,15 +82,15 @@ def _require_short_keys(path, text):
             raise SceneError(f"{path}, line {number}: a key of {dots + 1} parts; a scene's keys have one or two")
 
 
-def _decoded(raw):
-    """Text of a file as editors on any system save it: UTF-8, with or without a byte order mark, or UTF-16 with one."""
+def _decoded(raw: bytes) -> str:
+    """Return the text of a file as any editor saves it: UTF-8, with or without byte order mark, or UTF-16 with one."""
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return raw.decode("utf-16")
     return raw.decode("utf-8-sig")
 
 
-def _hint(text, error):
-    """What a line that TOML cannot read most likely means."""
+def _hint(text: str, error: Exception) -> str:
+    """Return what a line that TOML cannot read most likely means; empty if unknown."""
     number = re.search(r"at line (\d+)", str(error))
     lines = text.splitlines()
     line = lines[int(number[1]) - 1] if number and int(number[1]) <= len(lines) else ""
@@ -81,8 +103,27 @@ def _hint(text, error):
     return ""
 
 
-def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
-    """Check a plain dictionary and make the Scene of it; raises SceneError with table, key, value and fix."""
+def scene_from_tables(
+    tables: dict[str, Any], folder: str | Path = ".", where: str = "scene", own_laws: OwnLaws = NO_OWN_LAWS
+) -> Scene:
+    """Check a plain dictionary and make the Scene of it.
+
+    Parameters
+    ----------
+    tables : dict of str to Any
+        As `read_toml` returns them.
+    folder : str or Path
+        Paths in the scene are relative to it.
+    where : str
+        Name of the scene in messages.
+    own_laws : OwnLaws
+        User-defined laws that the scene may name.
+
+    Raises
+    ------
+    SceneError
+        With table, key, value and fix.
+    """
     tables = dict(tables)
     solver = tables.pop("solver", None)
     if solver not in (None, *SOLVERS):
@@ -120,8 +161,8 @@ def scene_from_tables(tables, folder=".", where="scene", own_laws=NO_OWN_LAWS):
     return scene
 
 
-def _first_solver(solver, stages, where):
-    """The solver that a run begins with: that of the first stage, or `solver` of the scene (None: not given)."""
+def _first_solver(solver: str | None, stages: tuple[StageTable, ...], where: str) -> str:
+    """Return the solver that a run begins with: that of the first stage, or `solver` of the scene (None: not given)."""
     if not stages:
         return solver or "columns"
     if solver not in (None, stages[0].solver):
@@ -132,8 +173,10 @@ def _first_solver(solver, stages, where):
     return stages[0].solver
 
 
-def _made(name, values, where, own_laws, by_place, contacts):
-    """The table `name`, or the tuple of all tables of that name, from TOML."""
+def _made(
+    name: str, values: Any, where: str, own_laws: OwnLaws, by_place: Collection[str], contacts: dict | None
+) -> Any:
+    """Make the table `name`, or the tuple of all tables of that name, from TOML."""
     if name == "friction":
         return made_table(TABLES[name], values, f"{where} [{name}]", own_laws, by_place, contacts)
     if name not in LISTED:

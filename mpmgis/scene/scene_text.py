@@ -1,10 +1,13 @@
-"""A scene, and a template of scenes, as TOML text."""
+"""Scenes as TOML text, and the commented template."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import MISSING, fields
+from typing import Any
 
 from ..laws import friction
 from .material_table import CONTACTS
+from .scene import Scene
 from .solver_checks import ONLY
 from .tables import LISTED, TABLES
 
@@ -21,8 +24,13 @@ _EXAMPLES = {
 }
 
 
-def toml_value(value):
-    """`value` as TOML writes it."""
+def toml_value(value: Any) -> str:
+    """Return a value as TOML writes it.
+
+    Parameters
+    ----------
+    value : bool, str, dict, list, tuple or number
+    """
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -34,8 +42,15 @@ def toml_value(value):
     return repr(value)
 
 
-def scene_text(scene, note=""):
-    """The scene as TOML text that `read_scene` reads back to the same scene."""
+def scene_text(scene: Scene, note: str = "") -> str:
+    """Write the scene as TOML text that `read_scene` reads back to the same scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    note : str
+        Comment in the first line.
+    """
     lines = [f"# {note}"] if note else []
     for name, values in scene.as_tables().items():
         if name not in TABLES:
@@ -50,8 +65,8 @@ def _heading(name):
     return f"[[{name}]]" if name in LISTED else f"[{name}]"
 
 
-def template():
-    """A commented scene made from the tables; lines with a leading # are optional and show their default."""
+def template() -> str:
+    """Write a commented scene made from the tables; lines with a leading # are optional and show their default."""
     lines = [
         "# A scene for `mpmgis run`. Paths are relative to this file; SI units. Lines with # are optional.",
         "",
@@ -79,8 +94,8 @@ def _template_line(f, shown):
     return f"{optional + f.name + ' = ' + toml_value(value):<34} # {f.metadata['doc']}{choices}"
 
 
-def _template_parameters(laws, example, shown):
-    """The parameters of the `example` law, then a line for each law."""
+def _template_parameters(laws: dict[str, tuple], example: str, shown: bool) -> Iterator[str]:
+    """Yield the parameters of the `example` law, then a line for each law."""
     for name, (unit, doc, *_) in laws[example][1].items():
         yield f"{('' if shown else '# ') + name + ' = ' + toml_value(_EXAMPLES[name]):<34} # [{unit}] {doc}"
     for law, (_, parameters) in laws.items():

@@ -1,9 +1,14 @@
-"""What each solver needs of a scene, and what it refuses."""
+"""Tables and keys of only one solver, and the requirements of each solver on a scene."""
 
+from collections.abc import Collection
 from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 from ..system.errors import SceneError
 from .material_table import CONES, OPTIONS
+
+if TYPE_CHECKING:
+    from .scene import Scene
 
 NAMES = {"columns": "the depth-averaged solver", "points": "the 3D solver"}
 OTHER = {"columns": "points", "points": "columns"}
@@ -23,8 +28,19 @@ ONLY = {
 }
 
 
-def check_solver(tables, solvers, kinds, where):
-    """Refuse tables and keys, `tables` as TOML gave them, that none of `solvers` has; `kinds` are their classes.
+def check_solver(tables: dict[str, Any], solvers: Collection[str], kinds: dict[str, type], where: str) -> None:
+    """Refuse tables and keys that none of the solvers has.
+
+    Parameters
+    ----------
+    tables : dict of str to Any
+        As TOML gave them.
+    solvers : collection of str
+        Of the scene.
+    kinds : dict of str to type
+        Name -> class of the tables.
+    where : str
+        Name of the scene in messages.
 
     Raises
     ------
@@ -42,8 +58,14 @@ def check_solver(tables, solvers, kinds, where):
                 )
 
 
-def check_points(scene, where):
-    """Requirements of the 3D solver on a scene, and contradictions.
+def check_points(scene: "Scene", where: str) -> None:
+    """Refuse a scene that the 3D solver cannot run, or with contradictions in its tables.
+
+    Parameters
+    ----------
+    scene : Scene
+    where : str
+        Name of the scene in messages.
 
     Raises
     ------

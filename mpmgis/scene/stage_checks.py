@@ -1,20 +1,24 @@
-"""Checks on the stages of a scene: order, end conditions, and incompatible tables of two solvers.
-
-Tables and keys of only one solver, and the requirements of each solver on a scene.
-"""
+"""Checks on the stages of a scene: order, end conditions, and incompatible tables of two solvers."""
 
 from itertools import pairwise
 from pathlib import Path
 
 from ..system.errors import SceneError
+from .scene import Scene
 from .table_values import is_finite, shown
-from .tables import CLIFF, WALLS
+from .tables import CLIFF, WALLS, StageTable
 
 UNTIL = ("time", "reach", "calm")
 
 
-def check_stages(scene, where):
-    """Refuse stages that contradict each other or the scene's tables; `until` is left with floats.
+def check_stages(scene: Scene, where: str) -> None:
+    """Refuse stages that contradict each other or the scene's tables; numbers of `until` become floats in place.
+
+    Parameters
+    ----------
+    scene : Scene
+    where : str
+        Name of the scene in messages.
 
     Raises
     ------
@@ -42,8 +46,8 @@ def check_stages(scene, where):
         _check_tables(scene, where)
 
 
-def _check_until(stage, here, last):
-    """The keys of `until`, each by itself."""
+def _check_until(stage: StageTable, here: str, last: bool) -> None:
+    """Check the keys of `until`, each by itself."""
     if last:
         if stage.until is not None:
             raise SceneError(f"{here} is the last and lasts to [output] end_time; take until out, or add a [[stage]]")
@@ -71,8 +75,8 @@ def _check_reach(value, here):
         )
 
 
-def _check_times(scene, where):
-    """Times at which stages end increase and are within the run."""
+def _check_times(scene: Scene, where: str) -> None:
+    """Check that the times at which stages end increase and are within the run."""
     before = 0.0
     for number, stage in enumerate(scene.stage, 1):
         time = (stage.until or {}).get("time")
@@ -86,8 +90,8 @@ def _check_times(scene, where):
         before = time
 
 
-def _check_tables(scene, where):
-    """Tables of one solver that the other stages would leave half done."""
+def _check_tables(scene: Scene, where: str) -> None:
+    """Refuse tables of one solver that the other stages would lose or use in part only."""
     solvers = [stage.solver for stage in scene.stage]
     inflow, release = scene.hydrograph, scene.release
     events = [table for table in (inflow, *scene.secondary_release) if table is not None and table.use != "off"]

@@ -3,11 +3,13 @@
 import difflib
 import math
 import sys
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
+from typing import Any
 
 from ..laws import friction
-from ..laws.own_law import NO_OWN_LAWS
+from ..laws.own_law import NO_OWN_LAWS, OwnLaws
 from ..system.errors import SceneError, has_control_characters
 from .tables import FrictionTable
 
@@ -19,14 +21,41 @@ KIND_WORDS = {
     list: "a list of numbers",
     dict: "a table like {time = 30}",
 }
-LONGEST = 80  # characters of a wrong value in a message
-LEAST_SIMILAR = 0.67  # share of letters, from which a name is suggested
+LONGEST = 80  # [characters] of a wrong value in a message
+LEAST_SIMILAR = 0.67  # [1] share of equal letters from which a name is suggested
 
 
-def made_table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=None):
-    """One table from its dictionary; parameters of its law named in `by_place` may be missing.
+def made_table(
+    kind: type,
+    values: dict[str, Any],
+    where: str,
+    own_laws: OwnLaws = NO_OWN_LAWS,
+    by_place: Collection[str] = (),
+    instead: dict[str, tuple] | None = None,
+) -> Any:
+    """Make one table from its dictionary.
 
-    `instead` are the laws of a solver that replace those of the table.
+    Parameters
+    ----------
+    kind : type
+        Class of the table.
+    values : dict of str to Any
+    where : str
+        Name of the table in messages.
+    own_laws : OwnLaws
+    by_place : collection of str
+        Parameters of the law that may be missing, because zones give them.
+    instead : dict of str to (law, dict of str to Parameter), optional
+        Laws of a solver that replace those of the table.
+
+    Returns
+    -------
+    kind
+        A table of this class.
+
+    Raises
+    ------
+    SceneError
     """
     known = {f.name: f for f in fields(kind) if "kind" in f.metadata}
     free = any("by_place" in f.metadata for f in fields(kind))
@@ -58,8 +87,8 @@ def made_table(kind, values, where, own_laws=NO_OWN_LAWS, by_place=(), instead=N
     return kind(**made)
 
 
-def _in_place_of(law, values, where):
-    """(parameters of `law`, with alternatives converted; the alternatives as given)."""
+def _in_place_of(law: str, values: dict[str, Any], where: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return (parameters of `law`, with alternatives converted; the alternatives as given)."""
     made, written = dict(values), {}
     for name, (parameter, metadata) in friction.given_instead(law).items():
         if name not in made:
@@ -70,14 +99,34 @@ def _in_place_of(law, values, where):
     return made, written
 
 
-def refuse_both(name, parameter, values, where):
-    """Refuse `name` where `values` also has the `parameter` that it replaces; raises SceneError."""
+def refuse_both(name: str, parameter: str, values: Collection[str], where: str) -> None:
+    """Refuse a key where the parameter that it replaces is given too.
+
+    Parameters
+    ----------
+    name, parameter : str
+        The key, and the parameter that it replaces.
+    values : collection of str
+        Keys that are given.
+    where : str
+        Name of the table in messages.
+
+    Raises
+    ------
+    SceneError
+    """
     if parameter in values:
         raise SceneError(f"{where}: {name} = g / {parameter}, and both are given; take one of them out")
 
 
-def range_of(parameter, kind):
-    """The checks of a value of a law's Parameter."""
+def range_of(parameter: friction.Parameter, kind: type | tuple[type, ...]) -> dict[str, Any]:
+    """Return the checks of a value of a law's parameter, for `checked_value`.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    kind : type or tuple of type
+    """
     return {"kind": kind, "low": parameter.smallest, "high": parameter.largest, "choices": None, "above": False}
 
 
@@ -86,8 +135,8 @@ def _require_no_contradiction(words, where):
         raise SceneError(f"{where}: {words}")
 
 
-def _law_name(laws, law, own_laws, where):
-    """The name of `law` in its table of laws; user-defined laws only from the file of --law."""
+def _law_name(laws: dict[str, tuple], law: str, own_laws: OwnLaws, where: str) -> str:
+    """Return the name of `law` in its table of laws; user-defined laws only from the file of --law."""
     if law in laws:
         return law
     file, _, name = law.rpartition(":")
@@ -103,8 +152,13 @@ def _law_name(laws, law, own_laws, where):
     return own
 
 
-def _parameters(laws, law, values, where, by_place=()):
-    """The parameters of `law`, complete except those that vary in space, without unknown ones, each in its range."""
+def _parameters(
+    laws: dict[str, tuple], law: str, values: dict[str, Any], where: str, by_place: Collection[str] = ()
+) -> dict[str, Any]:
+    """Return the parameters of `law`, each in its range.
+
+    They are complete except those that vary in space; unknown ones are refused.
+    """
     wanted = laws[law][1]
     takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items())
     for name in values:
@@ -121,8 +175,27 @@ def _parameters(laws, law, values, where, by_place=()):
     return made
 
 
-def checked_value(checks, value, where):
-    """`value` after its checks."""
+def checked_value(checks: Mapping[str, Any], value: Any, where: str) -> Any:
+    """Return a value after its checks.
+
+    Parameters
+    ----------
+    checks : mapping of str to Any
+        ``kind``, ``low``, ``high``, ``above``, ``choices``, ``file``, as of a key in `tables`.
+    value : Any
+        As TOML gave it.
+    where : str
+        Table and key in messages.
+
+    Returns
+    -------
+    Any
+        A float for any number where floats are allowed, a tuple for a list.
+
+    Raises
+    ------
+    SceneError
+    """
     kinds = checks["kind"] if isinstance(checks["kind"], tuple) else (checks["kind"],)
     if isinstance(value, int) and abs(value) > sys.float_info.max:
         raise SceneError(f"{where} is a number of over 300 digits, expected one that can be computed with")
@@ -151,7 +224,12 @@ def checked_value(checks, value, where):
 
 
 def shown(value: object) -> str:
-    """A wrong `value` for a message, as Python writes it, shortened."""
+    """Return a wrong value for a message, as Python writes it, shortened.
+
+    Parameters
+    ----------
+    value : object
+    """
     try:
         text = repr(value)
     except ValueError:  # an integer of thousands of digits
@@ -160,24 +238,51 @@ def shown(value: object) -> str:
 
 
 def is_finite(value: object) -> bool:
-    """Whether `value` is a number that is finite as a float."""
+    """Return whether `value` is a number that is finite as a float.
+
+    Parameters
+    ----------
+    value : object
+    """
     return is_number(value) and abs(value) <= sys.float_info.max
 
 
-def is_number(value):
-    """Whether `value` is an int or a float, and not a bool."""
+def is_number(value: object) -> bool:
+    """Return whether `value` is an int or a float, and not a bool.
+
+    Parameters
+    ----------
+    value : object
+    """
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def listed(names):
-    """`names` as text, separated by commas."""
+def listed(names: Iterable[object]) -> str:
+    """Return names as text, separated by commas.
+
+    Parameters
+    ----------
+    names : iterable of object
+    """
     return ", ".join(map(str, names))
 
 
-def meant(name, known):
-    """End of a message that suggests the nearest of the names `known`; '' without a similar one.
+def meant(name: object, known: Iterable[object]) -> str:
+    """Return the end of a message that suggests the most similar known name.
 
     Short words differ by one letter and mean something else ("gpu" and "cpu"): two of three letters are not similar.
+
+    Parameters
+    ----------
+    name : object
+        The wrong name.
+    known : iterable of object
+        The valid names.
+
+    Returns
+    -------
+    str
+        Empty without a similar one.
     """
     close = difflib.get_close_matches(str(name), list(map(str, known)), 1, LEAST_SIMILAR)
     return f" (did you mean {close[0]!r}?)" if close else ""

@@ -3,13 +3,16 @@
 A table that is present is an effect in the scene; unknown tables and keys are errors.
 """
 
+from collections.abc import Collection
 from dataclasses import MISSING, dataclass, field
+from typing import Any
 
 from ..laws import curvature, entrainment, friction, ground_metric
 from . import material_table
 
 USE = ("auto", "on", "off")
-THICKEST, FASTEST = 1e4, 1e3  # [m], [m s-1] of a release; more is a slip of the pen
+THICKEST = 1e4  # [m] of a release; more is a typing error
+FASTEST = 1e3  # [m s-1] of a release; more is a typing error
 HIGHEST_WALL = 1000.0  # [m] of a barrier above the ground, three times the highest dam; memory in 3D grows with it
 DENSITY = 1000.0  # [kg m-3], default
 CPU, CUDA, AUTO = DEVICES = ("cpu", "cuda", "auto")  # where steps are computed
@@ -18,18 +21,18 @@ LISTED = ("secondary_release", "zones", "forest", "barrier", "stage")  # tables 
 
 
 def _key(
-    doc,
-    default=MISSING,
-    kind=float,
-    low=None,
-    high=None,
-    choices=None,
-    above=False,
-    example=None,
-    file=False,
-    solver=None,
-):
-    """One key of a table: its words in the template and the checks on its value.
+    doc: str,
+    default: Any = MISSING,
+    kind: type | tuple[type, ...] = float,
+    low: float | None = None,
+    high: float | None = None,
+    choices: Collection | None = None,
+    above: bool = False,
+    example: Any = None,
+    file: bool = False,
+    solver: str | None = None,
+) -> Any:
+    """Return the field of one key of a table: its words in the template and the checks on its value.
 
     `low` is the smallest value (`above`: not reached), `high` the largest; `kind` a type or tuple of types; the text
     of a `file` is a path (where numbers or other text are allowed too: if it has a suffix or is there). `solver` is
@@ -504,7 +507,7 @@ class NumericsTable:
     )
 
     @property
-    def points_per_side(self):
+    def points_per_side(self) -> int:
         """Initial points along the side of a cell."""
         return round(self.points_per_cell ** (1.0 / 3.0))
 
@@ -569,12 +572,12 @@ class StageTable:
     cell_size: float | None = _key("in place of [numerics] cell_size [m]", None, low=0.0, above=True, example=1.0)
 
     @property
-    def reach(self):
+    def reach(self) -> str | None:
         """Feature that the flow has to reach; None without this condition."""
         return (self.until or {}).get("reach")
 
     @property
-    def reached_file(self):
+    def reached_file(self) -> str | None:
         """Name of the file of polygons that the flow has to reach; None if it is not a file."""
         return None if self.reach in (WALLS, CLIFF) else self.reach
 

@@ -1,22 +1,30 @@
-"""Effects that depend on the ground, the inflow and spatial features.
+"""Effects that depend on the ground, the inflow and spatial features."""
 
-Decision on forest and checks of its tables.
-"""
-
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 from ..laws import barrier, curvature, entrainment, friction, ground_metric
 from ..laws.still_water import StillWater
-from .decisions import THRESHOLD, Decision, as_asked, by_number, not_called_for, use_of
+from .decisions import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, use_of
+from .scene import Scene
 
-METRIC_THRESHOLD = 0.02  # 1 / c^2 - 1: slopes above 8 degrees
-FLIGHT_THRESHOLD = 1.0  # U^2 curvature / (g cos): the bed falls away faster than the flow falls
-ZONE_THRESHOLD = 0.02  # (largest - smallest) / mean of a parameter in reach
+METRIC_THRESHOLD = 0.02  # [1] 1 / c^2 - 1: slopes above 8 degrees
+FLIGHT_THRESHOLD = 1.0  # [1] U^2 curvature / (g cos): the bed falls away faster than the flow falls
+ZONE_THRESHOLD = 0.02  # [1] (largest - smallest) / mean of a parameter in reach
 TABLE_OF = {"zones": "zones", "entrainment": "entrainment", "barrier": "barrier"}  # effects that a run may turn on
 
 
-def decide_metric(scene, facts, slots):
-    """Lengths along the ground or on the map: as given in the scene, with the number that decides for slope lengths."""
+def decide_metric(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on lengths along the ground or on the map: as given in the scene.
+
+    The number would decide for slope lengths.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     form = scene.numerics.form
     slots["metric"] = ground_metric.FORMS[form]()
     steep = facts.slope_steep**2  # 1 / c^2 - 1
@@ -28,8 +36,14 @@ def decide_metric(scene, facts, slots):
     return Decision("slope_metric", "on" if form == "slope" else "off", "scene", steep, METRIC_THRESHOLD, words[form])
 
 
-def decide_curvature(scene, facts, slots):
-    """Curvature of the bed, by the centrifugal acceleration that the energy line's speed would have."""
+def decide_curvature(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on curvature of the bed, by the centrifugal acceleration that the energy line's speed would have.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     if scene.numerics.form == "swe":
         return not_called_for("curvature", "form swe has no curvature")
     reason = f"centrifugal over gravity where the flow can reach, at {facts.speed:.0f} m/s of the energy line"
@@ -43,8 +57,14 @@ def decide_curvature(scene, facts, slots):
     return decision
 
 
-def decide_outflow(scene, facts, slots):
-    """Outflow is always accounted for; the distance shows whether any is likely."""
+def decide_outflow(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report whether outflow is likely, by the distance to the edge; it is always accounted for.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     if facts.edge_distance is None:
         reason = "outflow is reported"
     elif facts.edge_distance > 0:
@@ -65,8 +85,14 @@ def decide_outflow(scene, facts, slots):
     return Decision("outflow", "on", "scene", None, None, reason)
 
 
-def decide_flight(scene, facts, slots):
-    """Whether a 3D phase should be thought of; never switched on by itself, it costs 100 to 1000 times more."""
+def decide_flight(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report whether a 3D run is advisable; never switched on by itself, it costs 100 to 1000 times more.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     ratio = facts.detachment_ratio
     over = ratio > FLIGHT_THRESHOLD
     word = "the flow takes off, which columns cannot follow; a 3D run is recommended" if over else "the flow stays on"
@@ -74,8 +100,14 @@ def decide_flight(scene, facts, slots):
     return Decision("flight_3d", "off", "auto", ratio, FLIGHT_THRESHOLD, reason)
 
 
-def decide_hydrograph(scene, facts, slots):
-    """Inflow wherever the scene has some; the number is its volume [m3]."""
+def decide_hydrograph(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report inflow wherever the scene has some; the number is its volume [m3].
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.hydrograph
     if table is None:
         return not_called_for("hydrograph", "no [hydrograph] in the scene")
@@ -86,8 +118,14 @@ def decide_hydrograph(scene, facts, slots):
     return as_asked("hydrograph", table.use, reason, volume)
 
 
-def decide_secondary_release(scene, facts, slots):
-    """Secondary areas wherever the scene has some; the number is their mass over that which moves by itself."""
+def decide_secondary_release(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Report secondary areas wherever the scene has some; the number is their mass over that which moves by itself.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     if not scene.secondary_release:
         return not_called_for("secondary", "no [[secondary_release]] in the scene")
     if facts.secondary is None:
@@ -99,8 +137,15 @@ def decide_secondary_release(scene, facts, slots):
     return as_asked("secondary", "on" if uses == {"on"} else "auto", reason, ratio)
 
 
-def with_effects_on(scene, effects):
-    """`scene` with those `effects` of TABLE_OF on that its tables have and do not turn off."""
+def with_effects_on(scene: Scene, effects: Iterable[str]) -> Scene:
+    """Return the scene with some effects on, where its tables have them and do not turn them off.
+
+    Parameters
+    ----------
+    scene : Scene
+    effects : iterable of str
+        Of TABLE_OF.
+    """
     on = {}
     for name in (TABLE_OF[effect] for effect in effects):
         tables = getattr(scene, name)
@@ -111,8 +156,14 @@ def with_effects_on(scene, effects):
     return replace(scene, **on)
 
 
-def decide_zones(scene, facts, slots):
-    """Friction zones, if a parameter differs on ground in reach; decided after friction and drag."""
+def decide_zones(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on friction zones: on if a parameter differs on ground in reach; decided after friction and drag.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     if not scene.zones:
         return not_called_for("zones", "no [[zones]] in the scene")
     if facts.zone_spread is None or not {"friction", "contact"} & set(slots):
@@ -129,8 +180,14 @@ def decide_zones(scene, facts, slots):
     return decision
 
 
-def decide_entrainment(scene, facts, slots):
-    """Erosion, by the erodible mass in reach relative to the released mass."""
+def decide_entrainment(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on erosion, by the erodible mass in reach relative to the released mass.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.entrainment
     if table is None:
         return not_called_for("entrainment", "no [entrainment] in the scene")
@@ -145,8 +202,14 @@ def decide_entrainment(scene, facts, slots):
     return decision
 
 
-def decide_barrier(scene, facts, slots):
-    """Barriers, if the flow can get to one of them."""
+def decide_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on barriers: on if the flow can get to one of them.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     if not scene.barrier:
         return not_called_for("barrier", "no [[barrier]] in the scene")
     if facts.barrier_distance is None:
@@ -170,8 +233,16 @@ def decide_barrier(scene, facts, slots):
     )
 
 
-def decide_still_water(scene, facts, slots):
-    """Lakes at rest are a reference state wherever the scene has them; the number is their water over the release's."""
+def decide_still_water(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
+    """Decide on lakes at rest: a reference state wherever the scene has them.
+
+    The number is the volume of their water over that of the release.
+
+    Parameters
+    ----------
+    scene, facts, slots : Scene, TerrainFacts, dict
+        As of every decider (`decisions`).
+    """
     table = scene.still_water
     if table is None:
         return not_called_for("still_water", "no [still_water] in the scene")
@@ -182,7 +253,16 @@ def decide_still_water(scene, facts, slots):
     return decision
 
 
-def use_of_several(tables):
-    """`use` of all tables of a name together: on if one is forced on, auto if one is not off."""
+def use_of_several(tables: Iterable[Any]) -> str:
+    """Return `use` of all tables of a name together: on if one is forced on, auto if one is not off.
+
+    Parameters
+    ----------
+    tables : iterable of tables of a scene
+
+    Returns
+    -------
+    {"auto", "on", "off"}
+    """
     uses = {table.use for table in tables}
     return "on" if "on" in uses else "auto" if "auto" in uses else "off"

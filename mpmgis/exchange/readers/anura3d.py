@@ -9,6 +9,7 @@ a liquid, which has `velocity_liquid`. `integration_weight` is the current volum
 """
 
 import re
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,8 +18,9 @@ import numpy as np
 
 from ...system.errors import FormatError
 from ...system.trusted_files import require_file
-from .reader_interface import Reader, beside
-from .record_parsing import column_names
+from ..declarations import Declarations
+from .array_columns import column_names
+from .reader_interface import Reader, ThirdPartyFrame, beside
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
 
 VIRTUAL, REAL = "virtual_material_point", "real_material_point"  # the second is derived: 1 for REAL_KINDS
@@ -37,8 +39,15 @@ SIGNATURE = {"velocity_solid", VIRTUAL, "displacement_solid"}
 _NAME = re.compile(r"(.+)_(MPScalar|MPVector|MPTensor)_(\d{3}(?=\d{6}$|$))?(\d{6})?")
 
 
-def recognises(path, head):
-    """True for legacy VTK with the scalars or vectors of material points."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is legacy VTK with the scalars or vectors of material points.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not head.startswith(MAGIC):
         return False
     try:
@@ -47,8 +56,18 @@ def recognises(path, head):
         return False
 
 
-def frames(paths, terms):
-    """The ThirdPartyFrames in files; each frame is given by its vectors, its scalars, or both."""
+def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
+    """Describe the frames in files; each frame is given by its vectors, its scalars, or both.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError
+    """
     groups = {}
     for path in map(Path, paths):
         match = _NAME.fullmatch(path.stem)
@@ -63,13 +82,21 @@ def frames(paths, terms):
     ]
 
 
-def _label(match):
-    """The digits at the end of a name."""
+def _label(match: re.Match[str]) -> str:
+    """Return the digits at the end of a name."""
     return (match[3] or "") + (match[4] or "")
 
 
-def open_step(folder, match, alone=True):
-    """The ThirdPartyFrame of a step from all its files; `alone` where it is the only one of its load step.
+def open_step(folder: Path, match: re.Match[str], alone: bool = True) -> ThirdPartyFrame:
+    """Describe the frame of a step from all its files.
+
+    Parameters
+    ----------
+    folder : Path
+    match : re.Match
+        Of the name of one of the files.
+    alone : bool
+        The step is the only one of its load step.
 
     Raises
     ------
@@ -89,15 +116,15 @@ def open_step(folder, match, alone=True):
     return replace(frame, columns=(*frame.columns, *derived), read=partial(_read, frame.read), density_hint=hint)
 
 
-def _read(read, names):
-    """Columns by name, with the DERIVED ones."""
+def _read(read: Callable, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Return columns by name, with the DERIVED ones."""
     found = read(tuple(dict.fromkeys(DERIVED.get(name, name) for name in names)))
     derive = {REAL: lambda kind: np.isin(kind, REAL_KINDS).astype(np.float64), MASS: lambda tonnes: 1000.0 * tonnes}
     return {name: derive[name](found[DERIVED[name]]) if name in DERIVED else found[name] for name in names}
 
 
-def _time_of(folder, match):
-    """Start time of the first load step for step 000, else end time of the load step of the file."""
+def _time_of(folder: Path, match: re.Match[str]) -> float | None:
+    """Return the start time of the first load step for step 000, else the end time of the load step of the file."""
     load_step = int(match[3])
     times = _read_cps(folder / f"{match[1]}.CPS_{max(load_step, 1):03d}")
     if "TOTAL_TIME" not in times or (load_step > 0 and "TIME_PER_LOADSTEP" not in times):
@@ -105,8 +132,8 @@ def _time_of(folder, match):
     return times["TOTAL_TIME"] + (times["TIME_PER_LOADSTEP"] if load_step > 0 else 0.0)
 
 
-def _read_cps(path):
-    """Values of the time keys of a CPS file; {} where it does not exist."""
+def _read_cps(path: Path) -> dict[str, float]:
+    """Return the values of the time keys of a CPS file; {} where it does not exist."""
     require_file(path)
     try:
         lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]

@@ -6,15 +6,18 @@ step * analysis.dt of `mpm.json`, which also has the density.
 """
 
 import re
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
 from ...system.errors import FormatError, one_line
 from ...system.hdf5_reading import opened, reason_elsewhere, require_memory
+from ..declarations import Declarations
 from .reader_interface import (
     Reader,
     ThirdPartyFrame,
@@ -34,14 +37,21 @@ COLUMN_MAP = {
     "id": "id",
 }
 NEEDED = (*(f"coord_{axis}" for axis in "xyz"), *(f"velocity_{axis}" for axis in "xyz"), "mass")
-ROWS_AT_ONCE = 100_000  # of 416 bytes and more
+ROWS_AT_ONCE = 100_000  # read at once, of 416 bytes and more each
 SETTINGS_FOLDERS = 3  # searched upwards from the files: results/<uuid>/ is next to mpm.json
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _PIECE = re.compile(r"(.*)-(\d{1,9})_(\d{1,9})-(\d{1,15})")
 
 
-def recognises(path, head):
-    """True for HDF5 with a table that has coord_x."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is HDF5 with a table that has coord_x.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not head.startswith(MAGIC):
         return False
     try:
@@ -52,8 +62,8 @@ def recognises(path, head):
 
 
 @contextmanager
-def _table(path):
-    """The open dataset `table` of the file at `path`, with values in the file itself."""
+def _table(path: Path) -> Iterator[h5py.Dataset]:
+    """Open the dataset `table` of the file at `path`, with values in the file itself."""
     require_readable(path)
     try:
         with opened(path) as file:
@@ -70,13 +80,23 @@ def _table(path):
         raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:100]}); it is damaged") from error
 
 
-def frames(paths, terms):
-    """The ThirdPartyFrames in files; the other pieces of a parallel run are included."""
+def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
+    """Describe the frames in files; the other pieces of a parallel run are included.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError
+    """
     return frames_of_pieces(paths, _pieces, open_file)
 
 
-def _pieces(path):
-    """All files of a step, in the order of their ranks."""
+def _pieces(path: Path) -> list[Path]:
+    """Return all files of a step, in the order of their ranks."""
     match = _PIECE.fullmatch(path.stem)
     if match is None:
         return [path]
@@ -95,8 +115,12 @@ def _pieces(path):
     return [found[rank] for rank in sorted(found)]
 
 
-def open_file(path):
-    """The ThirdPartyFrame at `path`.
+def open_file(path: str | Path) -> ThirdPartyFrame:
+    """Describe the frame, or the piece of a frame, in a file.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -128,8 +152,8 @@ def open_file(path):
     )
 
 
-def _settings(path):
-    """`mpm.json` in the folder of the file, or in a parent folder if its uuid fits; {} where there is none."""
+def _settings(path: Path) -> dict[str, Any]:
+    """Return `mpm.json` in the folder of the file, or in a parent folder if its uuid fits; {} where there is none."""
     folder = path.resolve().parent
     for up, place in enumerate((folder, *folder.parents[:SETTINGS_FOLDERS])):
         settings = read_settings(place / "mpm.json")
@@ -143,7 +167,7 @@ def _density(settings):
     return same_density(setting_above_zero(m, "density") for m in materials) if isinstance(materials, list) else None
 
 
-def _read(path, count, names):
+def _read(path: Path, count: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     with _table(path) as table:
         if len(table) != count or not set(names) <= set(table.dtype.names):
             raise FormatError(f"{path} has changed since it was opened; repeat when its code has finished writing")

@@ -5,36 +5,32 @@ A column of times (`time`, or --columns time=COLUMN) separates several times in 
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...system.errors import FormatError
-from .reader_interface import Reader
-from .record_parsing import (
-    BLANK,
-    Form,
-    frame_of_rows,
-    frames_of_tables,
-    mapped,
-    plainly_named,
-    read_rows,
-    require_few_times,
-    require_rows,
-    rows_of_time,
-    time_column_of,
-)
+from .array_columns import plainly_named
+from .mapped_files import mapped
+from .reader_interface import Reader, ThirdPartyFrame
+from .record_parsing import BLANK, Form, read_rows
+from .time_tables import frame_of_rows, frames_of_tables, require_few_times, require_rows, rows_of_time, time_column_of
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 DELIMITERS = (",", ";", "\t")
 LONGEST_HEADER = 1 << 16  # [bytes]
-AT_ONCE = 1 << 24  # [bytes]
+AT_ONCE = 1 << 24  # [bytes] of a table searched at once
 OWN_COLUMNS = {"z_bed", "z_surface"}  # of a seed that mpmgis wrote
 
 
-def header_of(head):
-    """The Form of a table whose first bytes are `head`.
+def header_of(head: bytes) -> Form:
+    """Return the format of a table by its first bytes.
 
     Lines before the header begin with #; the header may begin with # too.
+
+    Parameters
+    ----------
+    head : bytes
 
     Raises
     ------
@@ -83,8 +79,15 @@ def _is_number(word):
     return True
 
 
-def fits(path, head):
-    """True for a text table with a header, by its suffix and its first lines."""
+def fits(path: str | Path, head: bytes) -> bool:
+    """Return whether a file is a text table with a header, by its suffix and its first lines.
+
+    Parameters
+    ----------
+    path : str or Path
+    head : bytes
+        First bytes of the file.
+    """
     if Path(path).suffix.lower() not in SUFFIXES or b"\0" in head:
         return False
     try:
@@ -93,16 +96,29 @@ def fits(path, head):
         return False
 
 
-def recognises(path, head):
-    """True for a table with columns of position and velocity."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is a table with columns of position and velocity.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not fits(path, head):
         return False
     names = header_of(head).columns
     return {"x", "y", "z", "vx", "vy", "vz"} <= set(plainly_named(dict.fromkeys(names, 1)))
 
 
-def open_file(path, time_column=None):
-    """The ThirdPartyFrames in one table, separated by `time_column`, or else by a column named time.
+def open_file(path: Path, time_column: str | None = None) -> list[ThirdPartyFrame]:
+    """Describe the frames in one table, one for each time.
+
+    Parameters
+    ----------
+    path : Path
+    time_column : str, optional
+        Column of times; without it a column named time, if there is one.
 
     Raises
     ------
@@ -129,8 +145,8 @@ def open_file(path, time_column=None):
     ]
 
 
-def _whole(path, form):
-    """All rows as one part."""
+def _whole(path: Path, form: Form) -> list[tuple]:
+    """Return all rows as one part, as `_parts`."""
     count, last = 0, b"\n"
     with mapped(path) as content:
         for at in range(form.start, len(content), AT_ONCE):
@@ -140,8 +156,8 @@ def _whole(path, form):
         return [(None, count, form.start, len(content))]
 
 
-def _parts(path, form, time_column):
-    """(Time [s], rows, first byte, last byte) of every time; rows in between may belong to other times."""
+def _parts(path: Path, form: Form, time_column: str) -> list[tuple]:
+    """Return (time [s], rows, first byte, last byte) of every time; rows in between may belong to other times."""
     times = read_rows(path, form.start, None, form, (time_column,))[time_column]
     if not np.isfinite(times).all():
         raise FormatError(f"{path}: a time in row {int(np.flatnonzero(~np.isfinite(times))[0])} is missing or infinite")
@@ -155,8 +171,8 @@ def _parts(path, form, time_column):
     return [(float(found[k]), int(counts[k]), int(bounds[k]), int(bounds[n + k])) for k in range(n)]
 
 
-def _bytes_of_rows(content, start, count, rows):
-    """First byte of some rows; the whole table where blank lines prevent counting rows by lines."""
+def _bytes_of_rows(content: Any, start: int, count: int, rows: np.ndarray) -> np.ndarray:
+    """Return the first byte of some rows; the whole table where blank lines prevent counting rows by lines."""
     wanted, found, lines = np.sort(np.unique(rows)), {}, 0
     for at in range(start, len(content), AT_ONCE):
         ends = np.flatnonzero(np.frombuffer(content[at : at + AT_ONCE], np.uint8) == 10)

@@ -10,32 +10,41 @@ virtual datasets. Declared shapes and chunks are compared with the free memory b
 """
 
 import re
+from collections.abc import Iterable
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
 from ...system.errors import FormatError, InputError, one_line
 from ...system.hdf5_reading import MOST_OBJECTS, opened, reason_elsewhere, reason_not_followed, require_memory
-from ..declarations import POSSIBLE, VECTORS, terms_in
+from ..declarations import POSSIBLE, VECTORS, Declarations, terms_in
+from .array_columns import candidates_named, columns_of, picked
 from .reader_interface import Reader, ThirdPartyFrame, number_of, require_readable
-from .record_parsing import candidates_named, columns_of, picked
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 OFFSETS = (0, 512, 1024, 2048)  # start of HDF5: after a user block, for example of MATLAB
 OWN_FORMATS = "mpmgis-"
-MOST_COMPONENTS = 100
-MOST_NAMED = 12
+MOST_COMPONENTS = 100  # of an array with a row per particle
+MOST_NAMED = 12  # in a message
 STEP_WORDS = ("step", "steps", "timestep", "time_step", "time", "t", "frame", "iteration", "iter", "output", "snapshot")
 DECLARED = ("crs", "origin", "axes")  # attributes of the root, as in a sidecar
 _NUMBERED = re.compile(r"(.*?)[-_.#]?(\d{1,15})", re.DOTALL)
 
 
 class Source(NamedTuple):
-    """A column or vector in the file: its dataset, the field of a record ("" for none), rows, components."""
+    """A column or vector in the file.
+
+    Attributes
+    ----------
+    dataset : str
+    field : str
+        Of a record; "" for none.
+    rows, components : int
+    """
 
     dataset: str
     field: str
@@ -44,7 +53,15 @@ class Source(NamedTuple):
 
 
 class Group(NamedTuple):
-    """The root ("") or a group in it: its arrays by name, its time [s] or None."""
+    """The root or a group in it.
+
+    Attributes
+    ----------
+    name : str
+        "" for the root.
+    arrays : dict of str to Source
+    time : float or None [s]
+    """
 
     name: str
     arrays: dict
@@ -52,7 +69,18 @@ class Group(NamedTuple):
 
 
 class Content(NamedTuple):
-    """Content of a file: groups, names of values in other files, density and georeference in the root."""
+    """Content of a file.
+
+    Attributes
+    ----------
+    groups : dict of str to Group
+    elsewhere : tuple of str
+        Names of values in other files.
+    density : float or None [kg m-3]
+        Of the root.
+    declared : Declarations or None
+        Georeference in the root.
+    """
 
     groups: dict
     elsewhere: tuple
@@ -60,8 +88,15 @@ class Content(NamedTuple):
     declared: object
 
 
-def fits(path, head):
-    """True for any readable HDF5 that is not of mpmgis."""
+def fits(path: Path, head: bytes) -> bool:
+    """Return whether a file is readable HDF5 that is not of mpmgis.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not any(head[offset:].startswith(MAGIC) for offset in OFFSETS):
         return False
     try:
@@ -71,8 +106,15 @@ def fits(path, head):
         return False
 
 
-def recognises(path, head):
-    """True where one group has a position and a velocity by name."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether one group of a file has a position and a velocity by name.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not fits(path, head):
         return False
     try:
@@ -95,8 +137,8 @@ def _opened(path):
         raise FormatError(f"{path} is not a readable HDF5 file ({one_line(error)[:100]}); it is damaged") from error
 
 
-def _text(value):
-    """Text of an attribute or a dataset; "" for other types."""
+def _text(value: Any) -> str:
+    """Return the text of an attribute or a dataset; "" for other types."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
     if isinstance(value, bytes):
@@ -104,16 +146,16 @@ def _text(value):
     return str(value) if isinstance(value, str) else ""
 
 
-def _number(value):
-    """A finite number; None for other values."""
+def _number(value: Any) -> float | None:
+    """Return a finite number; None for other values."""
     value = np.asarray(value)
     if value.size != 1 or value.dtype.kind not in "fiu":
         return None
     return float(value.item()) if np.isfinite(value.item()) else None
 
 
-def _content(path, terms):
-    """Content of the file; declarations in `terms` have priority."""
+def _content(path: Path, terms: Declarations) -> Content:
+    """Return the content of the file; declarations in `terms` have priority."""
     with _opened(path) as file:
         if _text(file.attrs.get("format")).startswith(OWN_FORMATS):
             raise FormatError(f"{path} is a file of mpmgis; omit --reader hdf5")
@@ -124,8 +166,8 @@ def _content(path, terms):
         return Content(groups, apart, density, _declared_attributes(path, file.attrs, terms))
 
 
-def _declared_attributes(path, attrs, terms):
-    """Georeference in the root, as Declarations; coordinates in a CRS are east, north and up."""
+def _declared_attributes(path: Path, attrs: Any, terms: Declarations) -> Declarations | None:
+    """Return the georeference in the root; coordinates in a CRS are east, north and up."""
     content = {}
     for key in DECLARED:
         if key in attrs and getattr(terms, key) is None and not (key == "crs" and terms.local):
@@ -141,8 +183,8 @@ def _declared_attributes(path, attrs, terms):
     return terms_in(path, content) if content else None
 
 
-def _groups(path, file):
-    """(name -> Group of the root and of every group in it, names of values in other files)."""
+def _groups(path: Path, file: h5py.File) -> tuple[dict[str, Group], tuple[str, ...]]:
+    """Return (name -> Group of the root and of every group in it, names of values in other files)."""
     groups, apart, left = {}, [], [MOST_OBJECTS]
     inner = []
     of_file = _time(file.attrs)
@@ -156,8 +198,8 @@ def _groups(path, file):
     return groups, tuple(apart)
 
 
-def _group(path, name, group, apart, inner, left):
-    """The Group of an HDF5 group; names of groups in it are added to `inner`."""
+def _group(path: Path, name: str, group: h5py.Group, apart: list[str], inner: list[str], left: list[int]) -> Group:
+    """Return the Group of an HDF5 group; names of groups in it are added to `inner`."""
     arrays, time = {}, _time(group.attrs)
     for key in group:
         left[0] -= 1
@@ -189,8 +231,8 @@ def _time(attrs):
     return None
 
 
-def _sources(key, full, dataset):
-    """name -> Source of the columns and vectors of numbers in a dataset."""
+def _sources(key: str, full: str, dataset: h5py.Dataset) -> dict[str, Source]:
+    """Return name -> Source of the columns and vectors of numbers in a dataset."""
     if dataset.shape is None or dataset.ndim not in (1, 2) or dataset.shape[0] == 0:
         return {}
     rows, width = dataset.shape[0], dataset.shape[1] if dataset.ndim == 2 else 1
@@ -205,13 +247,24 @@ def _sources(key, full, dataset):
     return found
 
 
-def _candidates(group):
-    """Quantities of mpmgis and the candidate columns of the group, by name."""
+def _candidates(group: Group) -> dict[str, list[dict[str, str]]]:
+    """Return the quantities of mpmgis and the candidate columns of the group, by name."""
     return candidates_named({name: source.components for name, source in group.arrays.items()})
 
 
-def frames(paths, terms):
-    """The ThirdPartyFrames in some files."""
+def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
+    """Describe the frames in some files.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError, InputError
+        Damaged, no particles, or ambiguous names.
+    """
     return [frame for path in paths for frame in _frames(Path(path), terms)]
 
 
@@ -229,8 +282,8 @@ def _frames(path, terms):
     return [_frame(path, content, home, terms, None, number) for number, home in sorted(series.items())]
 
 
-def _listed(names):
-    """Names for a message; the root is /."""
+def _listed(names: list[str]) -> str:
+    """Return names for a message; the root is /."""
     more = ", .." if len(names) > MOST_NAMED else ""
     return ", ".join(one_line(name or "/")[:60] for name in names[:MOST_NAMED]) + more
 
@@ -243,8 +296,8 @@ def _example(group):
     return f"position={group.name}/{first[:-2]}" if first.endswith(".x") else f"x={group.name}/{first},.."
 
 
-def _particle_groups(path, content, terms):
-    """Names of the groups with positions: as declared by the user, else by their array names."""
+def _particle_groups(path: Path, content: Content, terms: Declarations) -> list[str]:
+    """Return the names of the groups with positions: as declared by the user, else by their array names."""
     asked = {column.lstrip("/") for name, column in terms.column_pairs() if name in VECTORS["position"]}
     paths = {full for group in content.groups.values() for full in _columns(group, True)}
     in_paths = sorted(column for column in asked if "/" in column and column in paths)
@@ -270,19 +323,19 @@ def _shape(source):
     return f"({source.rows})" if source.components == 1 else f"({source.rows}, {source.components})"
 
 
-def _by_path(group):
-    """Full path -> Source."""
+def _by_path(group: Group) -> dict[str, Source]:
+    """Return full path -> Source."""
     return {f"{group.name}/{name}" if group.name else name: source for name, source in group.arrays.items()}
 
 
-def _columns(group, with_paths=False):
-    """Column -> (array, component) of a group, by names, or by full paths."""
+def _columns(group: Group, with_paths: bool = False) -> dict[str, tuple[str, int]]:
+    """Return column -> (array, component) of a group, by names, or by full paths."""
     arrays = _by_path(group) if with_paths else group.arrays
     return columns_of({name: source.components for name, source in arrays.items()})
 
 
-def _series(homes, content):
-    """number -> group where several groups are the frames of a series; None where they are not."""
+def _series(homes: list[str], content: Content) -> dict[int, str] | None:
+    """Return number -> group where several groups are the frames of a series; None where they are not."""
     parts = {name: _NUMBERED.fullmatch(name) for name in homes}
     if len(homes) == 1:
         part, group = parts[homes[0]], content.groups[homes[0]]
@@ -296,8 +349,10 @@ def _series(homes, content):
     return series if len(series) == len(homes) else None
 
 
-def _frame(path, content, home, terms, time, number):
-    """The ThirdPartyFrame of the particles in the group `home`."""
+def _frame(
+    path: Path, content: Content, home: str, terms: Declarations, time: float | None, number: int | None
+) -> ThirdPartyFrame:
+    """Describe the frame of the particles in the group `home`."""
     group = content.groups[home]
     asked = dict(terms.column_pairs())
     if "time" in asked:
@@ -324,9 +379,13 @@ def _frame(path, content, home, terms, time, number):
     )
 
 
-def _row_sources(path, content, group, asked, column_map):
-    """name -> Source of all arrays with a row per particle: of the group by name, of all groups by path, of other
-    groups by unique names."""
+def _row_sources(
+    path: Path, content: Content, group: Group, asked: dict[str, str], column_map: dict[str, str]
+) -> dict[str, Source]:
+    """Return name -> Source of all arrays with a row per particle.
+
+    They are those of the group by name, of all groups by path, of other groups by unique names.
+    """
     first = asked.get("x") or column_map["x"]
     everything, times_seen = {}, {}
     for other in content.groups.values():
@@ -350,14 +409,14 @@ def _row_sources(path, content, group, asked, column_map):
     return of_rows
 
 
-def _read(path, sources, names):
+def _read(path: Path, sources: dict[str, Source], names: tuple[str, ...]) -> dict[str, np.ndarray]:
     with _opened(path) as file:
         components = {name: source.components for name, source in sources.items()}
         return picked(lambda name: _array(path, file, sources[name]), components, names)
 
 
-def _array(path, file, source):
-    """float64[rows, components] of a Source."""
+def _array(path: Path, file: h5py.File, source: Source) -> np.ndarray:
+    """Return float64[rows, components] of a Source."""
     dataset = file[source.dataset]
     where = f"{path}: {source.dataset}"
     if not isinstance(dataset, h5py.Dataset) or reason_elsewhere(dataset.id, path):

@@ -6,11 +6,12 @@ left the domain of the code.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 from ...system.errors import FormatError
+from .array_columns import column_names
 from .npz import fits, open_file, read_members
-from .reader_interface import Reader, frame_of_each
-from .record_parsing import column_names
+from .reader_interface import Reader, ThirdPartyFrame, frame_of_each
 
 COLUMN_MAP = {
     **dict(zip("xyz", column_names("position", 3), strict=True)),
@@ -22,16 +23,27 @@ COLUMN_MAP = {
 SIGNATURE = {"t_current", "body_num", "position", "velocity"}
 
 
-def recognises(path, head):
-    """True for an archive with the arrays of GeoTaichi's particles."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is an archive with the arrays of GeoTaichi's particles.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     try:
         return fits(path, head) and set(read_members(path)) >= SIGNATURE
     except FormatError:
         return False
 
 
-def frame_of(path):
-    """The ThirdPartyFrame at `path`.
+def frame_of(path: Path) -> ThirdPartyFrame:
+    """Describe the frame in a file.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------

@@ -6,11 +6,22 @@ the settings (`ParticleMaterials.json`) has the density. MP_VOLUME and MP_DENSIT
 """
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from ...system.errors import FormatError
-from .reader_interface import Reader, frames_of_pieces, read_settings, same_density, setting, setting_above_zero
-from .record_parsing import column_names
+from ..declarations import Declarations
+from .array_columns import column_names
+from .reader_interface import (
+    Reader,
+    ThirdPartyFrame,
+    frames_of_pieces,
+    read_settings,
+    same_density,
+    setting,
+    setting_above_zero,
+)
 from .vtk_legacy import MAGIC, POINTS, legacy_frame, read_layout
 
 COLUMN_MAP = {
@@ -23,8 +34,15 @@ DENSITY_HINT = ", or the materials' json in its folder; its volumes and densitie
 _NAME = re.compile(r"(.+)_(\d{1,9})_(\d{1,15})(\.\d{1,15})?")
 
 
-def recognises(path, head):
-    """True for legacy VTK with fields of material points."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is legacy VTK with fields of material points.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not head.startswith(MAGIC):
         return False
     try:
@@ -33,13 +51,23 @@ def recognises(path, head):
         return False
 
 
-def frames(paths, terms):
-    """The ThirdPartyFrames in files; the files of all ranks form one frame."""
+def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
+    """Describe the frames in files; the files of all ranks form one frame.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError
+    """
     return frames_of_pieces(paths, _pieces, open_file)
 
 
-def _pieces(path):
-    """The files of all ranks with the label of this one."""
+def _pieces(path: Path) -> list[Path]:
+    """Return the files of all ranks with the label of this one."""
     match = _NAME.fullmatch(path.stem)
     if match is None:
         return [path]
@@ -57,8 +85,12 @@ def _pieces(path):
     return [found[rank] for rank in sorted(found)]
 
 
-def open_file(path):
-    """The ThirdPartyFrame of one rank.
+def open_file(path: str | Path) -> ThirdPartyFrame:
+    """Describe the frame of one rank.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -84,8 +116,8 @@ def open_file(path):
     )
 
 
-def _time_of(settings, label):
-    """Time [s] of an integer label, which is a step unless the settings declare labels as times."""
+def _time_of(settings: dict[str, Any], label: int | None) -> float | None:
+    """Return the time [s] of an integer label, which is a step unless the settings declare labels as times."""
     if label is None:
         return None
     outputs = setting(settings, "output_processes")
@@ -101,8 +133,23 @@ def _time_of(settings, label):
     return label * step if kinds == {"step"} and step is not None else None
 
 
-def project_settings(path):
-    """(`ProjectParameters.json`, its folder) in the folder of `path` or its parent; ({}, None) where there is none."""
+def project_settings(path: str | Path) -> tuple[dict[str, Any], Path | None]:
+    """Read `ProjectParameters.json` in the folder of a file or its parent.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    settings : dict of str to Any
+    folder : Path or None
+        That of the settings; {} and None where there are none.
+
+    Raises
+    ------
+    FormatError
+    """
     folder = Path(path).resolve().parent
     for place in (folder, folder.parent):
         settings = read_settings(place / "ProjectParameters.json")
@@ -111,8 +158,23 @@ def project_settings(path):
     return {}, None
 
 
-def materials_density(settings, folder):
-    """DENSITY [kg m-3] of all materials in the settings of a run; None where it is missing or not unique."""
+def materials_density(settings: dict[str, Any], folder: Path | None) -> float | None:
+    """Return the DENSITY of all materials in the settings of a run.
+
+    Parameters
+    ----------
+    settings, folder : dict of str to Any, Path or None
+        As `project_settings` returns them.
+
+    Returns
+    -------
+    float or None [kg m-3]
+        None where it is missing or not unique.
+
+    Raises
+    ------
+    FormatError
+    """
     name = setting(settings, "solver_settings", "material_import_settings", "materials_filename")
     if folder is None or not isinstance(name, str):
         return None

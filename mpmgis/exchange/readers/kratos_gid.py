@@ -6,6 +6,7 @@ the displacement. Points that are missing in later blocks were lost by the code.
 """
 
 import re
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -13,9 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...system.errors import FormatError
+from ..declarations import Declarations
+from .array_columns import column_names, columns_of
 from .kratos import DENSITY_HINT, materials_density, project_settings
+from .mapped_files import mapped
 from .reader_interface import Reader, ThirdPartyFrame
-from .record_parsing import column_names, columns_of, mapped, text_numbers
+from .record_parsing import text_numbers
 
 DISPLACEMENT = "MP_DISPLACEMENT"
 COLUMN_MAP = {
@@ -24,7 +28,7 @@ COLUMN_MAP = {
     "mass": "MP_MASS",
     "id": "id",
 }
-MOST_BLOCKS = 1_000_000
+MOST_BLOCKS = 1_000_000  # of results in a file
 _RESULT = re.compile(
     rb'^[ \t]*Result[ \t]+"([^"\n]{1,80})"[ \t]+"[^"\n]{0,80}"[ \t]+(\S{1,40})[ \t]+(\w+)[ \t]+OnNodes[^\n]{0,80}\n',
     re.MULTILINE | re.IGNORECASE,
@@ -44,8 +48,15 @@ class _Block(NamedTuple):
     components: int
 
 
-def recognises(path, head):
-    """True for a mesh of points and for results with such a mesh."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is a mesh of points, or results with such a mesh.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     path = Path(path)
     if path.name.endswith(".post.res"):
         return head.lstrip().lower().startswith(b"gid post results file") and _mesh_path(path).is_file()
@@ -60,14 +71,28 @@ def _mesh_path(path):
     return path.with_name(f"{_stem(path)}.post.msh")
 
 
-def frames(paths, terms):
-    """The ThirdPartyFrames in pairs of files; a pair is given by one of its files or both."""
+def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
+    """Describe the frames in pairs of files; a pair is given by one of its files or both.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError
+    """
     pairs = dict.fromkeys((path.parent, _stem(path)) for path in map(Path, paths))
     return [frame for folder, stem in pairs for frame in open_pair(folder / f"{stem}.post.res")]
 
 
-def open_pair(path):
-    """The ThirdPartyFrames in one file of results.
+def open_pair(path: Path) -> list[ThirdPartyFrame]:
+    """Describe the frames in one file of results.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -116,8 +141,8 @@ def _mesh_block(path):
         return _Block(begin.end(), end.start(), rows, 3)
 
 
-def _result_blocks(path):
-    """Dict of time [s] and dict of name and _Block."""
+def _result_blocks(path: Path) -> dict[float, dict[str, _Block]]:
+    """Return a dict of time [s] and dict of name and _Block."""
     times, at = {}, 0
     with mapped(path) as content:
         if not content[:200].lstrip().lower().startswith(b"gid post results file"):
@@ -154,8 +179,8 @@ def _time(path, word):
     return time
 
 
-def _rows(path, block, what):
-    """(int64[rows] of ids, float64[rows, components])."""
+def _rows(path: Path, block: _Block, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return (int64[rows] of ids, float64[rows, components])."""
     with mapped(path) as content:
         text = content[block.start : block.stop]
     width = 1 + block.components
@@ -186,8 +211,10 @@ def _read(path, mesh, blocks, time, names):
     return found
 
 
-def _ordered(path, ids, values, wanted, what="its coordinates"):
-    """The rows of `values` for the point ids `wanted`."""
+def _ordered(
+    path: Path, ids: np.ndarray, values: np.ndarray, wanted: np.ndarray, what: str = "its coordinates"
+) -> np.ndarray:
+    """Return the rows of `values` for the point ids `wanted`."""
     order = np.argsort(ids, kind="stable")
     place = np.minimum(np.searchsorted(ids[order], wanted), len(ids) - 1)
     rows = order[place]

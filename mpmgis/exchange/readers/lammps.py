@@ -5,28 +5,23 @@ step is a number; `ITEM: TIME` gives a time. Karamelo writes 0 there and has the
 `proc-<rank>.` in a parallel run; `lammps_series` describes the pieces and repeated steps of the others. Positions are
 `x`, unwrapped `xu`, or fractions of the box `xs`, `xsu`, which are scaled to metres. `radius` gives the volume of a
 grain.
-
-Series of LAMMPS dumps: pieces of a parallel run and steps that are written twice.
-
-A `%` in the name of a dump becomes the rank, which is not stored in the file: files of the same step are pieces if no
-grain occurs in two of them. A restarted run repeats its first step, at the end of the same file (`append yes`) or in
-another file. Karamelo names its pieces `proc-<rank>.` and always writes step 0.
 """
 
 import re
-from dataclasses import replace
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...system.errors import FormatError
+from ..declarations import Declarations
+from .lammps_series import numbered_by_name, one_per_step, pieces_by_name, with_all_pieces
+from .mapped_files import mapped
 from .reader_interface import MOST_DIGITS, Reader, ThirdPartyFrame, joined
-from .record_parsing import BLANK, Form, mapped, read_rows
+from .record_parsing import BLANK, Form, read_rows
 
-_PIECE = re.compile(r"(.*)proc-(\d{1,9})\.(\d{1,15})(.*)")
-_LAST_NUMBER = re.compile(r".*?(\d{1,15})\D*")
-_NUMBER = re.compile(r"\d{1,15}")
 BEGIN = b"ITEM: TIMESTEP"
 BINARY = re.compile(rb".{7}[\x00\xff]DUMP(CUSTOM|ATOM)", re.DOTALL)  # behind the length of the word, negative
 COLUMNS = {  # name of mpmgis -> possible columns
@@ -40,162 +35,39 @@ COLUMNS = {  # name of mpmgis -> possible columns
 SHARES = ("xs", "ys", "zs"), ("xsu", "ysu", "zsu")  # fractions of the box edges
 OTHER_ROWS = ("ENTRIES", "CELLS", "FACETS")  # of `dump local`, of grids and meshes
 METRES = ("si",)
-LONGEST_LINE = 10_000
-MOST_ITEMS = 20
+LONGEST_LINE = 10_000  # [bytes] of the header of a time step
+MOST_ITEMS = 20  # of the header of a time step
 _WHOLE = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
-
-
-def pieces_by_name(path):
-    """The files of all ranks with the step of `path`, named `proc-<rank>.` as by Karamelo."""
-    match = _PIECE.fullmatch(path.name)
-    if match is None:
-        return [path]
-    found = {
-        int(piece[2]): other
-        for other in path.parent.iterdir()
-        if (piece := _PIECE.fullmatch(other.name)) and (piece[1], piece[3], piece[4]) == (match[1], match[3], match[4])
-    }
-    lacking = [rank for rank in range(len(found)) if rank not in found]
-    if lacking:
-        raise FormatError(f"{path}: the piece of rank {lacking[0]} is missing; put them into one folder")
-    return [found[rank] for rank in sorted(found)]
-
-
-def numbered_by_name(frames):
-    """Frames that all have step 0, as Karamelo writes them, with the steps of their file names."""
-    names = [_PIECE.fullmatch(frame.path.name) or _LAST_NUMBER.fullmatch(frame.path.name) for frame in frames]
-    numbers = [None if match is None else int(match[3] if match.re is _PIECE else match[1]) for match in names]
-    if len(frames) == 1 and numbers[0] is not None and numbers[0] != 0:
-        numbers = [None]  # for a single file it is unknown whether the number is a step
-    elif None in numbers or len(set(numbers)) < len(numbers):
-        return frames
-    return [
-        replace(frame, number=number, time=None if number else frame.time)
-        for frame, number in zip(frames, numbers, strict=True)
-    ]
-
-
-def with_all_pieces(paths, first_step, open_file):
-    """`paths`, and further pieces of the same parallel run in their folders.
-
-    Names of pieces differ in one number; the first step is the same and the grains are different. `first_step(path)`
-    is None for other files, `open_file(path)` returns the ThirdPartyFrames.
-    """
-    named = {path.resolve() for path in paths}
-    likes = {(path.parent, _likeness(path)) for path in paths}
-    beside = [
-        other
-        for folder in dict.fromkeys(path.parent for path in paths)
-        for other in sorted(folder.iterdir() if folder.is_dir() else ())
-        if (folder, _likeness(other)) in likes and other.resolve() not in named and other.is_file()
-    ]
-    if not beside:
-        return paths
-    begun = {}
-    for path in paths:
-        begun.setdefault((path.parent, _likeness(path), first_step(path)), path)
-    found = list(paths)
-    for other in beside:
-        like = begun.get((other.parent, _likeness(other), first_step(other)))
-        if like is not None and len(_varying([like, other])) == 1 and _are_pieces(open_file(like), other, open_file):
-            found.append(other)
-    return found
-
-
-def _likeness(path):
-    return _NUMBER.sub("#", Path(path).name)
-
-
-def _are_pieces(series, path, open_file):
-    """Whether the dump at `path` has other grains than a series, in the first step where both have grains."""
-    try:
-        other = open_file(path)
-    except FormatError:  # of another run, incomplete
-        return False
-    if [frame.number for frame in series] != [frame.number for frame in other]:
-        return False
-    both = next((pair for pair in zip(series, other, strict=True) if pair[0].count and pair[1].count), None)
-    return both is None or _disjoint(both)
-
-
-def _disjoint(frames):
-    """Whether no grain (id) is in two of the frames; False without ids."""
-    if not all("id" in frame.columns for frame in frames):
-        return False
-    ids = np.concatenate([frame.read(("id",))["id"] for frame in frames])
-    return len(np.unique(ids)) == len(ids)
-
-
-def one_per_step(frames):
-    """One frame per step: pieces are joined, steps repeated by a restart are omitted; others are unchanged.
-
-    Raises
-    ------
-    FormatError
-        The piece of a rank is missing.
-    """
-    steps = {}
-    for frame in frames:
-        steps.setdefault(frame.number, []).append(frame)
-    return [one for same in steps.values() for one in _of_one_step(same)]
-
-
-def _of_one_step(frames):
-    if len(frames) == 1:
-        return frames
-    filled = [frame for frame in frames if frame.count]
-    in_own_files = len({frame.path for frame in frames}) == len(frames)
-    if in_own_files and (not filled or _disjoint(filled)):
-        _require_all_ranks([frame.path for frame in frames])
-        return [joined([*filled, *(frame for frame in frames if not frame.count)])]
-    if len(filled) in (0, len(frames)) and all(_are_same(frames[0], frame) for frame in frames[1:]):
-        return frames[:1]
-    return frames
-
-
-def _are_same(frame, other):
-    """Whether two frames have the same grains with the same values, in any order."""
-    names = tuple(dict.fromkeys(frame.column_map.values()))
-    if frame.column_map != other.column_map or frame.count != other.count or "id" not in frame.column_map:
-        return False
-    tables = []
-    for values in (frame.read(names), other.read(names)):
-        order = np.argsort(values[frame.column_map["id"]], kind="stable")
-        tables.append(np.stack([values[name][order] for name in names]))
-    return np.array_equal(*tables)
-
-
-def _varying(paths):
-    """Sets of the numbers that differ between the names; [] for names that differ in other parts."""
-    if len({_likeness(path) for path in paths}) > 1:
-        return []
-    columns = zip(*(_NUMBER.findall(path.name) for path in paths), strict=True)
-    return [{int(word) for word in words} for words in columns if len(set(words)) > 1]
-
-
-def _require_all_ranks(paths):
-    """Refuse pieces with a missing rank between 0 and the last."""
-    varying = _varying(paths)
-    if len(varying) == 1:
-        lacking = sorted(set(range(max(varying[0]))) - varying[0])
-        if lacking:
-            raise FormatError(
-                f"{paths[0]} is one of {len(paths)} pieces of a step, the piece of rank {lacking[0]} is missing; put "
-                "them into one folder"
-            )
 
 
 class _TruncatedError(FormatError):
     """The file ends within a time step."""
 
 
-def recognises(path, head):
-    """True for a dump that begins with a time step."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is a dump that begins with a time step.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     return head.startswith((BEGIN, b"ITEM: UNITS", b"ITEM: TIME\n")) or BINARY.match(head) is not None
 
 
-def frames(paths, terms):
-    """The ThirdPartyFrames in files; pieces of a parallel run and repeated steps form one frame."""
+def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
+    """Describe the frames in files; pieces of a parallel run and repeated steps form one frame.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError
+    """
     groups = {}
     for path in with_all_pieces(list(map(Path, paths)), first_step, open_file):
         pieces = pieces_by_name(path)
@@ -211,8 +83,18 @@ def frames(paths, terms):
     return one_per_step(found)
 
 
-def first_step(path):
-    """Number of the first time step of a dump; None for other and unreadable files."""
+def first_step(path: Path) -> int | None:
+    """Return the number of the first time step of a dump.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    int or None
+        None for other and unreadable files.
+    """
     try:
         with mapped(path) as content:
             begin = content.find(BEGIN, 0, LONGEST_LINE)
@@ -222,8 +104,12 @@ def first_step(path):
     return int(words[2]) if len(words) > 2 and _WHOLE.fullmatch(words[2].decode("ascii", "replace")) else None
 
 
-def open_file(path):
-    """The ThirdPartyFrames in one file.
+def open_file(path: str | Path) -> list[ThirdPartyFrame]:
+    """Describe the frames in one file.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -250,16 +136,16 @@ def open_file(path):
     return found
 
 
-def _salvage_command(path, count, size):
-    """Command that extracts the `count` complete time steps, `size` bytes, before a truncated one."""
+def _salvage_command(path: Path, count: int, size: int) -> str:
+    """Return the command that extracts the `count` complete time steps, `size` bytes, before a truncated one."""
     if count == 0:
         return ""
     unpacked = "gzip -dc {0} | head -c {1}" if path.suffix == ".gz" else "head -c {1} {0}"
     return f"; the {count} before are complete: {unpacked.format(path.name, size)} > whole.dump"
 
 
-def _step(path, content, at):
-    """(The ThirdPartyFrame that begins at byte `at`, where the next one begins)."""
+def _step(path: Path, content: Any, at: int) -> tuple[ThirdPartyFrame, int]:
+    """Return (the frame that begins at byte `at`, where the next one begins)."""
     header, columns = {}, None
     for _ in range(MOST_ITEMS):
         words, at = _line(path, content, at)
@@ -296,8 +182,8 @@ def _step(path, content, at):
     return _in_box(frame, header.get("BOX BOUNDS")), stop
 
 
-def _end(path, content, at, count, width, number):
-    """End of the rows from byte `at`; the last time step of a file must be complete."""
+def _end(path: Path, content: Any, at: int, count: int, width: int, number: int) -> int:
+    """Return the end of the rows from byte `at`; the last time step of a file must be complete."""
     stop = content.find(b"ITEM:", at)
     last = stop < 0
     stop = len(content) if last else stop
@@ -307,8 +193,8 @@ def _end(path, content, at, count, width, number):
     return stop
 
 
-def _line(path, content, at):
-    """(Words of the line at byte `at`, where the next line begins)."""
+def _line(path: Path, content: Any, at: int) -> tuple[list[str], int]:
+    """Return (words of the line at byte `at`, where the next line begins)."""
     stop = content.find(b"\n", at, at + LONGEST_LINE)
     if stop < 0:
         if len(content) - at < LONGEST_LINE:
@@ -317,12 +203,12 @@ def _line(path, content, at):
     return content[at:stop].decode("ascii", "replace").split(), stop + 1
 
 
-def _words(header, key):
-    """The words of the first line of an ITEM; [] where it is missing."""
+def _words(header: dict[str, list[list[str]]], key: str) -> list[str]:
+    """Return the words of the first line of an ITEM; [] where it is missing."""
     return header[key][0] if key in header else []
 
 
-def _whole(path, header, key):
+def _whole(path: Path, header: dict[str, list[list[str]]], key: str) -> int:
     word = (_words(header, key) or [""])[0]
     if not _WHOLE.fullmatch(word):
         raise FormatError(f"{path}: ITEM: {key} is {word[:20]!r}, expected an integer")
@@ -339,8 +225,8 @@ def _time(path, header):
     return time if abs(time) < float("inf") else None
 
 
-def _in_box(frame, bounds):
-    """`frame` with columns x, y, z from fractions of the box, where it has no other position."""
+def _in_box(frame: ThirdPartyFrame, bounds: list[list[str]] | None) -> ThirdPartyFrame:
+    """Return `frame` with columns x, y, z from fractions of the box, where it has no other position."""
     if all(axis in frame.column_map for axis in "xyz"):
         return frame
     shares = next((names for names in SHARES if set(names) <= set(frame.columns)), None)
@@ -357,8 +243,8 @@ def _in_box(frame, bounds):
     )
 
 
-def _box(path, bounds):
-    """(float64[3] corner, float64[3, 3] edges, one per row) [m] of three lines of BOX BOUNDS.
+def _box(path: Path, bounds: list[list[str]] | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return (float64[3] corner, float64[3, 3] edges, one per row) [m] of three lines of BOX BOUNDS.
 
     Orthogonal: `lo hi`. Sheared: `lo hi` of the bounding box, and the shears xy, xz, yz. General: `x y z origin`.
     """

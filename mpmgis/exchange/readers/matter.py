@@ -19,16 +19,27 @@ COLUMN_MAP = {name: name for name in ("x", "y", "z", "vx", "vy", "vz")}
 _INFO = ("end_frame", "frames_per_second", "cell_size", "particles", "particle_volume")
 
 
-def recognises(path, head):
-    """True for a PLY that has the columns of Matter's particles."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is a PLY with the columns of Matter's particles.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     try:
         return fits(path, head) and set(read_ply_header(path).columns) >= SIGNATURE
     except FormatError:
         return False
 
 
-def open_file(path):
-    """The ThirdPartyFrame at `path`.
+def open_file(path: str | Path) -> ThirdPartyFrame:
+    """Describe the frame in a file.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -58,8 +69,8 @@ def open_file(path):
     )
 
 
-def _read_info(path, count):
-    """Values of `info.txt`; {} where it does not exist."""
+def _read_info(path: Path, count: int) -> dict[str, float]:
+    """Return the values of `info.txt`; {} where it does not exist."""
     if not path.exists():
         return {}
     require_file(path)

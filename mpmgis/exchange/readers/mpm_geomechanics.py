@@ -5,10 +5,11 @@ left the domain.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 from ...system.errors import FormatError
+from .array_columns import column_names
 from .reader_interface import Reader
-from .record_parsing import column_names
 from .vtk import PLACES, frames, kind_of, read_list
 from .vtk_xml import read_layout
 
@@ -20,8 +21,15 @@ COLUMN_MAP = PLACES | {
 }
 
 
-def recognises(path, head):
-    """True for .vtu with "Particle Id", and for a .pvd that lists such files."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is .vtu with "Particle Id", or a .pvd that lists such files.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     kind = kind_of(head)
     try:
         if kind == "Collection":

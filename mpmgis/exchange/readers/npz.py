@@ -1,23 +1,36 @@
 """NumPy archives (.npz): arrays one by one, never unpickled; and the reader of general ones."""
 
+from collections.abc import Iterable
 from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
 from ...system.errors import FormatError, one_line
 from ...system.zip_archives import MAGIC, opened_zip, require_unpacked_fits
+from .array_columns import columns_of, picked, plainly_named
 from .reader_interface import Reader, ThirdPartyFrame, frame_of_each, number_of, require_readable
-from .record_parsing import columns_of, picked, plainly_named
 
-MOST_COMPONENTS = 100
+MOST_COMPONENTS = 100  # of an array with a row per particle
 LONGEST_HEADER = 10_000  # [bytes] as the limit of NumPy; a header can declare 4 GB
 
 
 class Member(NamedTuple):
-    """An array of numbers in the archive: start of its values [bytes], shape, dtype and order."""
+    """An array of numbers in the archive.
+
+    Attributes
+    ----------
+    name : str
+    start : int [bytes]
+        Of its values.
+    shape : tuple of int
+    dtype : str
+    fortran : bool
+        Values are in the order of Fortran.
+    """
 
     name: str
     start: int
@@ -26,8 +39,12 @@ class Member(NamedTuple):
     fortran: bool
 
 
-def read_members(path):
-    """Dict of name and Member of all arrays of numbers; arrays of (pickled) objects are omitted.
+def read_members(path: str | Path) -> dict[str, Member]:
+    """Read name -> Member of all arrays of numbers; arrays of (pickled) objects are omitted.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -47,8 +64,8 @@ def read_members(path):
     return found
 
 
-def _member(path, archive, info):
-    """The Member of an entry; None where it has other types than numbers."""
+def _member(path: str | Path, archive: ZipFile, info: ZipInfo) -> Member | None:
+    """Return the Member of an entry; None where it has other types than numbers."""
     with archive.open(info) as file:
         stream = BytesIO(file.read(LONGEST_HEADER + 12))
         try:
@@ -72,8 +89,18 @@ def _size(shape):
     return size
 
 
-def read_array(path, member):
-    """float64[n, components] of one Member; components are all axes after the first.
+def read_array(path: str | Path, member: Member) -> np.ndarray:
+    """Read one array.
+
+    Parameters
+    ----------
+    path : str or Path
+    member : Member
+
+    Returns
+    -------
+    float64[n, components]
+        Components are all axes after the first.
 
     Raises
     ------
@@ -92,25 +119,69 @@ def read_array(path, member):
     return values.astype(np.float64).reshape(member.shape[0] if member.shape else 1, -1)
 
 
-def read_columns(path, members, names):
-    """Name -> float64[n] of some columns of `members` (name -> Member)."""
+def read_columns(path: str | Path, members: dict[str, Member], names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Read some columns of the arrays.
+
+    Parameters
+    ----------
+    path : str or Path
+    members : dict of str to Member
+    names : iterable of str
+
+    Returns
+    -------
+    dict of str to float64[n]
+
+    Raises
+    ------
+    FormatError
+    """
     return picked(lambda name: read_array(path, members[name]), component_counts(members), names)
 
 
-def component_counts(members):
-    """Dict of name and components of each Member."""
+def component_counts(members: dict[str, Member]) -> dict[str, int]:
+    """Return the number of components of each array.
+
+    Parameters
+    ----------
+    members : dict of str to Member
+    """
     return {name: _size(member.shape[1:]) for name, member in members.items()}
 
 
-def rowed(members, count):
-    """The `members` with a row for each of `count` particles."""
+def rowed(members: dict[str, Member], count: int) -> dict[str, Member]:
+    """Return the arrays with a row for each particle.
+
+    Parameters
+    ----------
+    members : dict of str to Member
+    count : int
+        Number of particles.
+    """
     rows = {name: member for name, member in members.items() if member.shape[:1] == (count,)}
     counts = component_counts(rows)
     return {name: member for name, member in rows.items() if 0 < counts[name] <= MOST_COMPONENTS}
 
 
-def single(path, members, *names):
-    """The number in the first of the arrays `names` that exists with one value; None without a finite one."""
+def single(path: str | Path, members: dict[str, Member], *names: str) -> float | None:
+    """Read the number in the first array that exists with one value.
+
+    Parameters
+    ----------
+    path : str or Path
+    members : dict of str to Member
+    *names : str
+        Of the arrays, in order.
+
+    Returns
+    -------
+    float or None
+        None without a finite one.
+
+    Raises
+    ------
+    FormatError
+    """
     for name in names:
         if name in members and _size(members[name].shape) == 1:
             value = float(read_array(path, members[name])[0, 0])
@@ -118,13 +189,27 @@ def single(path, members, *names):
     return None
 
 
-def fits(path, head):
-    """True for any archive of arrays."""
+def fits(path: Path, head: bytes) -> bool:
+    """Return whether a file is an archive of arrays.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     return head.startswith(MAGIC) and head[30:200].split(b".npy")[0] != head[30:200]
 
 
-def recognises(path, head):
-    """True for an archive with position and velocity."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is an archive with position and velocity.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not fits(path, head):
         return False
     try:
@@ -134,8 +219,16 @@ def recognises(path, head):
     return {"x", "vx"} <= set(frame.column_map)
 
 
-def open_file(path, column_map=None, count=None):
-    """The ThirdPartyFrame in an archive; `column_map` of the code, `count` particles.
+def open_file(path: str | Path, column_map: dict[str, str] | None = None, count: int | None = None) -> ThirdPartyFrame:
+    """Describe the frame in an archive.
+
+    Parameters
+    ----------
+    path : str or Path
+    column_map : dict of str to str, optional
+        Columns of the code; without it by their names.
+    count : int, optional
+        Number of particles; without it the longest first axis.
 
     Raises
     ------

@@ -1,34 +1,44 @@
 """Parquet tables with one row per particle; a column of times separates several times in one file."""
 
+from collections.abc import Iterable
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...system.errors import FormatError, one_line
 from ...system.optional_libraries import needed_for
-from .reader_interface import Reader, require_memory, require_readable
-from .record_parsing import (
-    frame_of_rows,
-    frames_of_tables,
-    plainly_named,
-    require_few_times,
-    require_rows,
-    rows_of_time,
-    time_column_of,
-)
+from .array_columns import plainly_named
+from .reader_interface import Reader, ThirdPartyFrame, require_memory, require_readable
+from .time_tables import frame_of_rows, frames_of_tables, require_few_times, require_rows, rows_of_time, time_column_of
 
 MAGIC = b"PAR1"
 OWN_NOTE = b"mpmgis"  # metadata key of seeds of mpmgis
 
 
-def fits(path, head):
-    """True for any Parquet."""
+def fits(path: Path, head: bytes) -> bool:
+    """Return whether a file is Parquet.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     return head.startswith(MAGIC)
 
 
-def recognises(path, head):
-    """True for a table with columns of position and velocity."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is a table with columns of position and velocity.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not fits(path, head):
         return False
     try:
@@ -51,8 +61,8 @@ def _opened(path):
         raise FormatError(f"{path} is not a readable Parquet file ({one_line(error)[:100]}); it is damaged") from error
 
 
-def _columns(file):
-    """Names of the columns of plain numbers."""
+def _columns(file: Any) -> tuple[str, ...]:
+    """Return the names of the columns of plain numbers."""
     import pyarrow
 
     kinds = pyarrow.types
@@ -60,8 +70,14 @@ def _columns(file):
     return tuple(field.name for field in file.schema_arrow if any(is_kind(field.type) for is_kind in numbers))
 
 
-def open_file(path, time_column=None):
-    """The ThirdPartyFrames in one table, by the times in `time_column`, or else in one that is called so.
+def open_file(path: Path, time_column: str | None = None) -> list[ThirdPartyFrame]:
+    """Describe the frames in one table, one for each time.
+
+    Parameters
+    ----------
+    path : Path
+    time_column : str, optional
+        Column of times; without it a column named time, if there is one.
 
     Raises
     ------
@@ -83,15 +99,15 @@ def open_file(path, time_column=None):
     ]
 
 
-def _values(path, names, groups=None):
+def _values(path: Path, names: Iterable[str], groups: Iterable[int] | None = None) -> dict[str, np.ndarray]:
     with _opened(path) as file:
         groups = range(file.num_row_groups) if groups is None else groups
         table = file.read_row_groups(list(groups), columns=list(names))
         return {name: table[name].cast("float64").to_numpy() for name in names}
 
 
-def _parts(path, time_column, count):
-    """(Time [s], rows) of every time."""
+def _parts(path: Path, time_column: str, count: int) -> list[tuple[float, int]]:
+    """Return (time [s], rows) of every time."""
     require_memory(path, count, 32)
     times = _values(path, [time_column])[time_column]
     if len(times) != count or not np.isfinite(times).all():
@@ -101,8 +117,8 @@ def _parts(path, time_column, count):
     return list(zip(found.tolist(), counts.tolist(), strict=True))
 
 
-def _groups_of(path, time_column, time):
-    """The row groups that may contain a time, by their statistics."""
+def _groups_of(path: Path, time_column: str, time: float) -> list[int]:
+    """Return the row groups that may contain a time, by their statistics."""
     with _opened(path) as file:
         paths = [file.metadata.schema.column(k).path for k in range(file.metadata.num_columns)]
         wanted = []
@@ -114,7 +130,9 @@ def _groups_of(path, time_column, time):
         return wanted
 
 
-def _read(path, time_column, time, count, names):
+def _read(
+    path: Path, time_column: str | None, time: float | None, count: int, names: tuple[str, ...]
+) -> dict[str, np.ndarray]:
     if time is None:
         found = _values(path, names)
     else:

@@ -1,6 +1,7 @@
 """PLY files of vertices, binary or text: columns by name; and the reader of general ones."""
 
 import re
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -8,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...system.errors import FormatError
+from .array_columns import plainly_named
 from .reader_interface import MOST_DIGITS, Reader, ThirdPartyFrame, frame_of_each, number_of, require_readable
-from .record_parsing import plainly_named, text_numbers
+from .record_parsing import text_numbers
 
-LONGEST_HEADER = 65536  # bytes
+LONGEST_HEADER = 65536  # [bytes]
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 TEXT = "ascii"
 TYPES = {
@@ -28,7 +30,17 @@ _END = re.compile(rb"\nend_header[ \t]*\r?\n")
 
 
 class PlyHeader(NamedTuple):
-    """Layout of the vertices: `count`, names of `columns`, `dtype` of a row (None: text), `start` [bytes]."""
+    """Layout of the vertices.
+
+    Attributes
+    ----------
+    count : int
+    columns : tuple of str
+    dtype : np.dtype or None
+        Of a row; None for text.
+    start : int [bytes]
+        Of the rows.
+    """
 
     count: int
     columns: tuple
@@ -36,8 +48,12 @@ class PlyHeader(NamedTuple):
     start: int
 
 
-def read_ply_header(path):
-    """The PlyHeader of a file whose first element is `vertex`.
+def read_ply_header(path: str | Path) -> PlyHeader:
+    """Read the header of a file whose first element is `vertex`.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -65,8 +81,8 @@ def read_ply_header(path):
     return header
 
 
-def _rows_of(path, lines):
-    """(Number of vertices, format, list of (name, NumPy type)) of the lines of a header."""
+def _rows_of(path: str | Path, lines: list[str]) -> tuple[int, str, list[tuple[str, str]]]:
+    """Return (number of vertices, format, list of (name, NumPy type)) of the lines of a header."""
     count, order, row, element = None, None, [], None
     for words in map(str.split, lines):
         if words[:1] == ["format"]:
@@ -89,8 +105,24 @@ def _rows_of(path, lines):
     return count, order, row
 
 
-def read_ply_columns(path, header, names):
-    """Name -> float64[n] of some columns."""
+def read_ply_columns(path: str | Path, header: PlyHeader, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Read some columns.
+
+    Parameters
+    ----------
+    path : str or Path
+    header : PlyHeader
+    names : iterable of str
+
+    Returns
+    -------
+    dict of str to float64[n]
+
+    Raises
+    ------
+    FormatError
+        Truncated, or other content than numbers.
+    """
     with open(path, "rb") as file:
         file.seek(header.start)
         if header.dtype is None:
@@ -101,15 +133,22 @@ def read_ply_columns(path, header, names):
     return {name: rows[name].astype(np.float64) for name in names}
 
 
-def _text_columns(path, header, text, names):
-    """Columns of a text file; other elements may follow the vertices."""
+def _text_columns(path: str | Path, header: PlyHeader, text: bytes, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Return columns of a text file; other elements may follow the vertices."""
     count = header.count * len(header.columns)
     rows = text_numbers(text, count, path, "its list of vertices", more=True).reshape(header.count, -1)
     return {name: rows[:, header.columns.index(name)].copy() for name in names}
 
 
-def recognises(path, head):
-    """True for a PLY with columns of position and velocity."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is a PLY with columns of position and velocity.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not fits(path, head):
         return False
     try:
@@ -118,13 +157,24 @@ def recognises(path, head):
         return False
 
 
-def fits(path, head):
-    """True for any PLY."""
+def fits(path: Path, head: bytes) -> bool:
+    """Return whether a file is a PLY.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     return head.startswith((b"ply\n", b"ply\r"))
 
 
-def open_file(path):
-    """The ThirdPartyFrame in a PLY.
+def open_file(path: str | Path) -> ThirdPartyFrame:
+    """Describe the frame in a file.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------

@@ -1,18 +1,18 @@
 """Interface of the readers of other codes: ThirdPartyFrame, Reader, and functions for several of them.
 
-A reader is one module with `READER`, a Reader, and an entry in `readers/registry`. It parses files and returns their
-own data; `interop/georeferencing` puts them on the map in the same way for all codes. Reading has two passes: first
-the layout, then the numbers, frame by frame and possibly in another process. Therefore `ThirdPartyFrame.read` is a
+A reader is one module with `READER`, a Reader, and an entry in `reader_list`. It parses files and returns their own
+data; `frame_georeferencing` puts them on the map in the same way for all codes. Reading has two passes: first the
+layout, then the numbers, frame by frame and possibly in another process. Therefore `ThirdPartyFrame.read` is a
 `functools.partial` of a module's function, which can be pickled.
 """
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -71,9 +71,16 @@ class ThirdPartyFrame:
 class Reader(NamedTuple):
     """The reader of a code.
 
-    `recognises(path, head)`: whether the file with the first bytes `head` is of this code. `frames(paths, terms)`: the
-    ThirdPartyFrames in files. `fits(path, head)`: whether a file has the format, for common formats; None where this
-    is the same as `recognises`.
+    Attributes
+    ----------
+    name : str
+    recognises : callable
+        `recognises(path, head)`: whether the file with the first bytes `head` is of this code.
+    frames : callable
+        `frames(paths, terms)`: list of the ThirdPartyFrames in files.
+    fits : callable or None
+        `fits(path, head)`: whether a file has the format, for common formats; None where this is the same as
+        `recognises`.
     """
 
     name: str
@@ -82,17 +89,34 @@ class Reader(NamedTuple):
     fits: Callable | None = None
 
 
-def frame_of_each(open_file):
-    """`frames` of a Reader with one frame per file, returned by `open_file(path)`."""
+def frame_of_each(open_file: Callable[[Path], ThirdPartyFrame]) -> Callable:
+    """Make `frames` of a Reader with one frame per file.
+
+    Parameters
+    ----------
+    open_file : callable
+        `open_file(path)` returns the ThirdPartyFrame.
+    """
     return partial(_each_opened, open_file)
 
 
-def _each_opened(open_file, paths, terms):
+def _each_opened(open_file: Callable, paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
     return [open_file(path) for path in paths]
 
 
-def frames_of_pieces(paths, pieces_of, open_file):
-    """The ThirdPartyFrames in files of parallel runs: `pieces_of(path)` are all files of one frame."""
+def frames_of_pieces(
+    paths: Iterable[str | Path], pieces_of: Callable[[Path], list[Path]], open_file: Callable[[Path], ThirdPartyFrame]
+) -> list[ThirdPartyFrame]:
+    """Describe the frames in files of parallel runs.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+    pieces_of : callable
+        `pieces_of(path)` returns all files of one frame.
+    open_file : callable
+        `open_file(path)` returns the ThirdPartyFrame of one piece.
+    """
     groups = {}
     for path in map(Path, paths):
         pieces = pieces_of(path)
@@ -100,8 +124,13 @@ def frames_of_pieces(paths, pieces_of, open_file):
     return [joined([open_file(piece) for piece in pieces]) for pieces in groups.values()]
 
 
-def joined(frames):
-    """One ThirdPartyFrame of the pieces of a parallel run: all rows, common columns."""
+def joined(frames: list[ThirdPartyFrame]) -> ThirdPartyFrame:
+    """Join the pieces of a parallel run to one frame: all rows, common columns.
+
+    Parameters
+    ----------
+    frames : list of ThirdPartyFrame
+    """
     if len(frames) == 1:
         return frames[0]
     first = frames[0]
@@ -120,8 +149,12 @@ def _read_joined(reads, names):
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-def beside(frames):
-    """One ThirdPartyFrame of files with different columns of the same particles.
+def beside(frames: list[ThirdPartyFrame]) -> ThirdPartyFrame:
+    """Combine files with different columns of the same particles to one frame.
+
+    Parameters
+    ----------
+    frames : list of ThirdPartyFrame
 
     Raises
     ------
@@ -138,7 +171,7 @@ def beside(frames):
     return replace(first, columns=tuple(owner), read=partial(_read_merged, [frame.read for frame in frames], owner))
 
 
-def _read_merged(reads, owner, names):
+def _read_merged(reads: list[Callable], owner: dict[str, int], names: tuple[str, ...]) -> dict[str, np.ndarray]:
     found = {}
     for k, read in enumerate(reads):
         wanted = tuple(name for name in names if owner[name] == k)
@@ -147,14 +180,28 @@ def _read_merged(reads, owner, names):
     return found
 
 
-def number_of(path):
-    """The number at the end of a file name before its suffix; None where there is none."""
+def number_of(path: str | Path) -> int | None:
+    """Return the number at the end of a file name before its suffix.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    int or None
+        None where there is none.
+    """
     found = _NUMBERED.fullmatch(Path(path).stem)
     return int(found[1]) if found else None
 
 
-def require_readable(path):
-    """Size of the file at `path` [bytes].
+def require_readable(path: str | Path) -> int:
+    """Return the size of a file [bytes]; refuse one that cannot be read.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -174,8 +221,15 @@ def require_readable(path):
     return size
 
 
-def require_memory(path, count, bytes_each):
-    """Refuse `count` particles that do not fit into memory, before they are read.
+def require_memory(path: str | Path, count: int, bytes_each: int) -> None:
+    """Refuse particles that do not fit into memory, before they are read.
+
+    Parameters
+    ----------
+    path : str or Path
+    count : int
+    bytes_each : int [bytes]
+        Memory of one particle.
 
     Raises
     ------
@@ -185,8 +239,12 @@ def require_memory(path, count, bytes_each):
         raise FormatError(f"{path}: {count:.6g} particles need {lack}; it is damaged, or needs a larger machine")
 
 
-def read_settings(path):
-    """Settings of a code (JSON) next to its files; {} where they do not exist.
+def read_settings(path: str | Path) -> dict[str, Any]:
+    """Read the settings of a code (JSON) next to its files; {} where they do not exist.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -205,21 +263,53 @@ def read_settings(path):
     return settings
 
 
-def setting(settings, *keys):
-    """The value under nested keys; None where a key is missing."""
+def setting(settings: Any, *keys: str) -> Any:
+    """Return the value under nested keys.
+
+    Parameters
+    ----------
+    settings : dict of str to Any
+    *keys : str
+
+    Returns
+    -------
+    Any
+        None where a key is missing.
+    """
     for key in keys:
         settings = settings.get(key) if isinstance(settings, dict) else None
     return settings
 
 
-def setting_above_zero(settings, *keys):
-    """A number above 0 under nested keys; None where there is none."""
+def setting_above_zero(settings: Any, *keys: str) -> float | None:
+    """Return a number above 0 under nested keys.
+
+    Parameters
+    ----------
+    settings : dict of str to Any
+    *keys : str
+
+    Returns
+    -------
+    float or None
+        None where there is none.
+    """
     value = setting(settings, *keys)
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return float(value) if is_number and 0 < value < float("inf") else None
 
 
-def same_density(values):
-    """The common density of all materials of a code's settings; None where they differ or one has none."""
+def same_density(values: Iterable[float | None]) -> float | None:
+    """Return the common density of all materials of a code's settings.
+
+    Parameters
+    ----------
+    values : iterable of float or None [kg m-3]
+
+    Returns
+    -------
+    float or None [kg m-3]
+        None where they differ or one has none.
+    """
     values = list(values)
     return values[0] if values and all(value is not None and value == values[0] for value in values) else None

@@ -22,7 +22,7 @@ from . import (
     ply,
     vtk,
 )
-from .record_parsing import unpacked_head
+from .mapped_files import unpacked_head
 
 OWN = "mpmgis"
 HEAD = 4096  # [bytes] of a file for the detection of its format
@@ -31,10 +31,15 @@ FORMATS = (vtk, ply, npz, general_hdf5, delimited, parquet)
 FOREIGN = {module.READER.name: module.READER for module in (*CODES, *FORMATS)}
 
 
-def reader_of(path, asked=None, lenient=False):
-    """Name of the reader for a file: `asked`, else detected from its content, else OWN.
+def reader_of(path: str | Path, asked: str | None = None, lenient: bool = False) -> str:
+    """Return the name of the reader for a file: `asked`, else detected from its content, else OWN.
 
-    `lenient` accepts a general format without particle columns, for files that must contain particles.
+    Parameters
+    ----------
+    path : str or Path
+    asked : str, optional
+    lenient : bool
+        Accept a general format without particle columns, for files that must contain particles.
 
     Raises
     ------
@@ -53,8 +58,13 @@ def reader_of(path, asked=None, lenient=False):
     return found or OWN
 
 
-def head_of(path):
-    """The first bytes of a file (.gz decompressed); b"" for other objects and unreadable files."""
+def head_of(path: str | Path) -> bytes:
+    """Read the first bytes of a file (.gz decompressed); b"" for other objects and unreadable files.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
     try:
         if not Path(path).is_file():
             return b""

@@ -1,30 +1,16 @@
-"""Functions for readers: vector components, numbers in text, memory-mapped files, rows, tables with times."""
+"""Numbers in text, and rows of numbers with a delimiter."""
 
 import csv
-import mmap
 import warnings
-import zlib
-from contextlib import contextmanager
-from functools import lru_cache, partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ...system.errors import FormatError, one_line
-from ..declarations import COMPONENTS, VECTORS
-from .reader_interface import ThirdPartyFrame, number_of, require_memory, require_readable
+from .mapped_files import mapped
 
-SYNONYMS = {  # column names in lower case, for general formats
-    "position": ("position", "positions", "pos", "coordinates", "coords", "points", "x"),
-    "velocity": ("velocity", "velocities", "vel", "v", "u"),
-    "id": ("id", "ids", "particle_id", "particleid", "particleids"),
-    "mass": ("mass", "masses"),
-    "volume": ("volume", "volumes"),
-    **{name: (name,) for name in ("radius", "diameter", "active", "time")},
-}
-GZIP = b"\x1f\x8b\x08"
-AT_ONCE = 4_000_000  # [bytes] of a .gz decompressed at a time
 # [bytes] block size of Arrow: more threads gain nothing for smaller texts, and a process that ends just after their
 # start may abort (apache/arrow#34314)
 ONE_BLOCK = 1 << 20
@@ -34,73 +20,42 @@ NO_NUMBER = frozenset(
     | {"NaN", "n/a", "nan", "null"}
 )
 BLANK = " "  # delimiter for any number of blanks and tabs
-MOST_TIMES = 100_000
 
 
-def column_names(name, components):
-    """Columns of an array: its own name, or with .x, .y, .z of three components, .0, .1, .. of another number."""
-    if components == 1:
-        return (name,)
-    return tuple(f"{name}.{word}" for word in (COMPONENTS if components == 3 else range(components)))
+def require_whole(path: str | Path, what: str, got: int | str, wanted: int) -> None:
+    """Refuse an array with another number of values than expected.
 
+    Parameters
+    ----------
+    path : str or Path
+    what : str
+        Name of the array in the message.
+    got : int or str
+    wanted : int
 
-def columns_of(arrays):
-    """Dict of column and (array, component), of a dict of array and number of components."""
-    return {
-        column: (name, k)
-        for name, components in arrays.items()
-        for k, column in enumerate(column_names(name, components))
-    }
-
-
-def picked(read_array, arrays, names):
-    """float64[n] of some columns by name, each array read once by `read_array(name)`: float64[n, components]."""
-    places, whole, found = columns_of(arrays), {}, {}
-    for column in names:
-        name, component = places[column]
-        if name not in whole:
-            whole[name] = read_array(name)
-        found[column] = whole[name][:, component]
-    return found
-
-
-def plainly_named(arrays):
-    """Names of mpmgis and columns for arrays (name -> components) with names of SYNONYMS, in any case."""
-    found = candidates_named(arrays)
-    return {name: column for places in found.values() for name, column in places[0].items()}
-
-
-def candidates_named(arrays):
-    """Quantities of mpmgis and their candidates, each as names and columns, the most likely first.
-
-    `arrays` (name -> components) are matched with SYNONYMS, in any case. A position or a velocity is a vector, or its
-    components by name.
+    Raises
+    ------
+    FormatError
     """
-    small = {}
-    for name, components in arrays.items():
-        small.setdefault((name.lower(), components), []).append(name)
-    found = {}
-    for ours, words in SYNONYMS.items():
-        letters = VECTORS.get(ours, (ours,))
-        width = len(letters)
-        named = [name for word in words for name in small.get((word, width), ())]
-        places = [dict(zip(letters, column_names(name, width), strict=True)) for name in named]
-        if width > 1:
-            single = {letter: small[letter, 1][0] for letter in letters if (letter, 1) in small}
-            places += [single] if single else []
-        if places:
-            found[ours] = places
-    return found
-
-
-def require_whole(path, what, got, wanted):
-    """Refuse an array with another number of values than expected."""
     if got != wanted:
         raise FormatError(f"{path}: {what} has {got} numbers, expected {wanted}; it is truncated or damaged")
 
 
-def text_numbers(text, count, path, what, more=False):
-    """float64[count] of `text` (bytes); with `more` further numbers may follow.
+def text_numbers(text: bytes, count: int, path: str | Path, what: str, more: bool = False) -> np.ndarray:
+    """Read the numbers in a text.
+
+    Parameters
+    ----------
+    text : bytes
+    count : int
+    path, what : str or Path, str
+        File and name of the array in messages.
+    more : bool
+        Further numbers may follow.
+
+    Returns
+    -------
+    float64[count]
 
     Raises
     ------
@@ -120,77 +75,18 @@ def text_numbers(text, count, path, what, more=False):
     return values
 
 
-@contextmanager
-def mapped(path):
-    """The bytes of the file at `path`: a read-only mmap, from which data must be copied; bytes of a .gz.
-
-    Raises
-    ------
-    FormatError
-        Missing, empty or not readable; a .gz that is damaged, or too large when decompressed.
-    """
-    require_readable(path)
-    with open(path, "rb") as file:
-        if file.read(len(GZIP)) == GZIP:
-            about = Path(path).stat()
-            yield _unpacked(str(path), about.st_size, about.st_mtime_ns)
-            return
-        try:
-            content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        except (OSError, ValueError) as error:
-            raise FormatError(f"{path}: {one_line(error)}") from error
-        with content:
-            yield content
-
-
-@lru_cache(maxsize=1)  # the frames of a file are read one after the other
-def _unpacked(path, size, changed):
-    """All bytes in a .gz; `size` and `changed` identify the version of the file."""
-    parts, total = [], 0
-    for part in _parts(path):
-        total += len(part)
-        require_memory(path, 2 * total, 1)
-        parts.append(part)
-    if total == 0:
-        raise FormatError(f"{path} is empty when decompressed")
-    return b"".join(parts)
-
-
-def _parts(path):
-    """The bytes in a .gz, in parts; it may contain several streams, as by programs that append."""
-    stream = zlib.decompressobj(wbits=31)
-    with open(path, "rb") as file:
-        packed = file.read(AT_ONCE)
-        while packed:
-            try:
-                yield stream.decompress(packed, AT_ONCE)
-            except zlib.error as error:
-                raise FormatError(f"{path} cannot be decompressed ({one_line(error)[:60]}); it is damaged") from error
-            packed = stream.unused_data if stream.eof else stream.unconsumed_tail
-            packed = packed or file.read(AT_ONCE)
-            if stream.eof and packed:
-                stream = zlib.decompressobj(wbits=31)
-    if not stream.eof:
-        raise FormatError(f"{path} ends within its compressed data; it is truncated")
-
-
-def unpacked_head(head, size):
-    """The first `size` bytes of a file that begins with `head`; a .gz is decompressed as far as possible."""
-    if not head.startswith(GZIP):
-        return head
-    stream, found = zlib.decompressobj(wbits=31), b""
-    for at in range(0, len(head), 16):
-        try:
-            found += stream.decompress(head[at : at + 16])
-        except zlib.error:
-            break
-        if len(found) >= size:
-            break
-    return found[:size]
-
-
 class Form(NamedTuple):
-    """Format of a table: names of the `columns`, `delimiter`, `decimal` sign, first byte of the rows (`start`)."""
+    """Format of a table.
+
+    Attributes
+    ----------
+    columns : tuple of str
+    delimiter : str
+    decimal : str
+        Decimal sign.
+    start : int [bytes]
+        Of the rows.
+    """
 
     columns: tuple
     delimiter: str
@@ -198,8 +94,22 @@ class Form(NamedTuple):
     start: int = 0
 
 
-def read_rows(path, start, stop, form, names):
-    """Name -> float64[n] of some columns of the rows from byte `start` to `stop` (None: the end) of a file.
+def read_rows(
+    path: str | Path, start: int, stop: int | None, form: Form, names: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """Read some columns of the rows of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+    start, stop : int, int or None [bytes]
+        Of the rows; None is the end of the file.
+    form : Form
+    names : sequence of str
+
+    Returns
+    -------
+    dict of str to float64[n]
 
     Raises
     ------
@@ -231,8 +141,21 @@ def read_rows(path, start, stop, form, names):
     return {name: table[name].to_numpy().astype(np.float64, copy=False) for name in names}
 
 
-def read_by_python(path, raw, form, names):
-    """As `read_rows` for the bytes `raw` of the file at `path`, without Arrow: 2 s per million rows.
+def read_by_python(path: str | Path, raw: bytes, form: Form, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Read some columns of rows, without Arrow: 2 s per million rows.
+
+    Parameters
+    ----------
+    path : str or Path
+        File of the rows.
+    raw : bytes
+        The rows.
+    form : Form
+    names : sequence of str
+
+    Returns
+    -------
+    dict of str to float64[n]
 
     Raises
     ------
@@ -255,8 +178,8 @@ def read_by_python(path, raw, form, names):
     return {name: np.ascontiguousarray(column) for name, column in zip(names, columns, strict=True)}
 
 
-def _number(text, decimal):
-    """The number in `text`, NaN where it is missing."""
+def _number(text: str, decimal: str) -> float:
+    """Return the number in `text`, NaN where it is missing."""
     text = text.strip()
     if text in NO_NUMBER:
         return np.nan
@@ -265,79 +188,9 @@ def _number(text, decimal):
     return float(text if decimal == "." else text.replace(decimal, "."))
 
 
-def _single_spaced(raw):
-    """Rows with one blank between numbers and none at the ends of lines."""
+def _single_spaced(raw: bytes) -> bytes:
+    """Return rows with one blank between numbers and none at the ends of lines."""
     raw = raw.replace(b"\t", b" ").replace(b"\r\n", b"\n")
     while b"  " in raw:
         raw = raw.replace(b"  ", b" ")
     return raw.replace(b" \n", b"\n").replace(b"\n ", b"\n").strip(b" ")
-
-
-def frames_of_tables(open_file):
-    """`frames` of a Reader of tables; `open_file(path, time_column)` returns the frames of one table."""
-    return partial(_frames, open_file)
-
-
-def _frames(open_file, paths, terms):
-    return [frame for path in paths for frame in open_file(Path(path), terms.column_for("time"))]
-
-
-def time_column_of(path, columns, column_map, asked=None):
-    """The column of times of a table: `asked`, else the column named time, else None.
-
-    Raises
-    ------
-    FormatError
-        The table has no such column.
-    """
-    found = asked or column_map.get("time")
-    if found is not None and found not in columns:
-        raise FormatError(f"{path}: no column {found!r} of times, only {', '.join(columns)[:300]}")
-    return found
-
-
-def require_few_times(path, times):
-    """Refuse more than MOST_TIMES `times`: the column is of another quantity.
-
-    Raises
-    ------
-    FormatError
-    """
-    if len(times) > MOST_TIMES:
-        raise FormatError(
-            f"{path} contains {len(times)} times, expected at most {MOST_TIMES}; check the column of times"
-        )
-
-
-def frame_of_rows(path, columns, column_map, time, count, read):
-    """The ThirdPartyFrame of the `count` rows of a `time` [s], or of all rows of a table without times (None)."""
-    return ThirdPartyFrame(
-        path=path,
-        count=count,
-        columns=columns,
-        read=read,
-        column_map=column_map,
-        number=number_of(path) if time is None else None,
-        time=time,
-    )
-
-
-def rows_of_time(found, time_column, time):
-    """The rows in `found` (column -> float64[n]) of a `time` [s]; all where it is None."""
-    if time is None:
-        return found
-    of_time = found[time_column] == time
-    return found if np.all(of_time) else {name: values[of_time] for name, values in found.items()}
-
-
-def require_rows(path, found, names, count):
-    """Name -> float64[count] of the columns `names`.
-
-    Raises
-    ------
-    FormatError
-        The number of rows has changed since the file was opened.
-    """
-    if names and len(found[names[0]]) != count:
-        raise FormatError(f"{path} has {len(found[names[0]])} rows, expected {count}; it is damaged or has changed")
-    return {name: found[name] for name in names}

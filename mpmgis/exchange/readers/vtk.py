@@ -5,6 +5,7 @@ file, or in the field TimeValue. Pieces, in one file or in several, form one fra
 """
 
 import re
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,15 +14,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ...system.errors import FormatError
+from ..declarations import Declarations
+from .array_columns import column_names, columns_of, picked, plainly_named
+from .mapped_files import mapped
 from .reader_interface import Reader, ThirdPartyFrame, joined, number_of
-from .record_parsing import column_names, columns_of, mapped, picked, plainly_named
 from .vtk_legacy import MAGIC, legacy_frame
 from .vtk_legacy import read_layout as read_legacy_layout
-from .vtk_xml import FILES, POINTS, parse_outline, read_array, read_layout
+from .vtk_xml import FILES, POINTS, Layout, parse_outline, read_array, read_layout
 
 PLACES = dict(zip("xyz", column_names(POINTS, 3), strict=True))
 LISTS = (".pvtu", ".pvtp")
-MOST_LISTED = 1_000_000
+MOST_LISTED = 1_000_000  # files in a list
 _ROOT = re.compile(rb"<VTKFile\b[^>]{0,400}\btype\s*=\s*[\"'](\w{1,40})[\"']")
 
 
@@ -32,14 +35,30 @@ class Listed(NamedTuple):
     time: float | None
 
 
-def kind_of(head):
-    """Type of a VTK XML file by its first bytes: PolyData, UnstructuredGrid, Collection, ..; '' for other files."""
+def kind_of(head: bytes) -> str:
+    """Return the type of a VTK XML file by its first bytes.
+
+    Parameters
+    ----------
+    head : bytes
+
+    Returns
+    -------
+    str
+        PolyData, UnstructuredGrid, Collection, ..; '' for other files.
+    """
     found = _ROOT.search(head)
     return found[1].decode() if found else ""
 
 
-def read_list(path, all_there=False):
-    """The Listed of a .pvd, .pvtu or .pvtp, names relative to its folder; `all_there` requires all files.
+def read_list(path: str | Path, all_there: bool = False) -> list[Listed]:
+    """Read the files that a .pvd, .pvtu or .pvtp lists, with names relative to its folder.
+
+    Parameters
+    ----------
+    path : str or Path
+    all_there : bool
+        Refuse a list with missing files.
 
     Raises
     ------
@@ -65,8 +84,8 @@ class _List:
     def __init__(self, path):
         self.path, self.found, self.missing = path, [], []
 
-    def start(self, tag, attributes, at):
-        """An element begins."""
+    def start(self, tag: str, attributes: dict[str, str], at: int) -> None:
+        """Receive the start of an element."""
         name = {"DataSet": attributes.get("file"), "Piece": attributes.get("Source")}.get(tag)
         if name is None:
             return
@@ -84,12 +103,26 @@ class _List:
             self.missing.append(name)
         self.found.append(Listed(file, time))
 
-    def end(self, tag, at):
-        """An element ends."""
+    def end(self, tag: str, at: int) -> None:
+        """Receive the end of an element."""
 
 
-def listed_times(paths):
-    """Dict of resolved path and time [s] of files in the .pvd lists in the folders of `paths` or their parents."""
+def listed_times(paths: Iterable[str | Path]) -> dict[Path, float]:
+    """Return the times of files in the .pvd lists in the folders of `paths` or their parents.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+
+    Returns
+    -------
+    dict of Path to float [s]
+        Resolved path -> time.
+
+    Raises
+    ------
+    FormatError
+    """
     folders = dict.fromkeys(
         place for path in paths for place in (Path(path).parent, Path(path).resolve().parent.parent)
     )
@@ -100,10 +133,25 @@ def listed_times(paths):
     return times
 
 
-def frames(paths, terms, convert=None):
-    """The ThirdPartyFrames in files and lists of files; `convert(frame)` adapts a frame to a code.
+def frames(
+    paths: Iterable[str | Path],
+    terms: Declarations,
+    convert: Callable[[ThirdPartyFrame], ThirdPartyFrame] | None = None,
+) -> list[ThirdPartyFrame]:
+    """Describe the frames in files and lists of files.
 
     A .pvd together with files only gives their times; alone it represents the files that it lists.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+    terms : Declarations
+    convert : callable, optional
+        `convert(frame)` adapts a frame to a code.
+
+    Raises
+    ------
+    FormatError
     """
     found = []
     for pieces, time in _groups([Path(path) for path in paths]):
@@ -113,8 +161,8 @@ def frames(paths, terms, convert=None):
     return found
 
 
-def _groups(paths):
-    """([files of a frame], time [s] in a .pvd or None) of every frame."""
+def _groups(paths: list[Path]) -> list[tuple[list[Path], float | None]]:
+    """Return ([files of a frame], time [s] in a .pvd or None) of every frame."""
     files = [path for path in paths if path.suffix.lower() != ".pvd"]
     if not files:
         groups = {}
@@ -128,8 +176,12 @@ def _groups(paths):
     return [([path], times.get(path.resolve())) for path in files if path.resolve() not in pieces]
 
 
-def open_file(path):
-    """The ThirdPartyFrame of one file, or of the pieces that a .pvtu lists.
+def open_file(path: str | Path) -> ThirdPartyFrame:
+    """Describe the frame of one file, or of the pieces that a .pvtu lists.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -175,7 +227,7 @@ def _meant(arrays):
     return plainly_named({name: components for name, components in arrays.items() if name != POINTS}) | PLACES
 
 
-def _read(path, layout, arrays, names):
+def _read(path: Path, layout: Layout, arrays: dict[str, int], names: tuple[str, ...]) -> dict[str, np.ndarray]:
     pieces = [piece for piece in layout.pieces if POINTS in piece and piece[POINTS].count]
 
     def read(name):
@@ -192,14 +244,28 @@ def _time(path, layout):
     return time if np.isfinite(time) else None
 
 
-def fits(path, head):
-    """True for VTK of points, or a list of such files."""
+def fits(path: Path, head: bytes) -> bool:
+    """Return whether a file is VTK of points, or a list of such files.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     kinds = (*FILES, *(f"P{name}" for name in FILES), "Collection")
     return not _is_own(head) and (head.startswith(MAGIC) or kind_of(head) in kinds)
 
 
-def recognises(path, head):
-    """True for VTK points with a velocity, and for lists of files."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether a file is VTK of points with a velocity, or a list of files.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
     if not fits(path, head):
         return False
     if kind_of(head) == "Collection":
@@ -212,8 +278,8 @@ def recognises(path, head):
         return False
 
 
-def _is_own(head):
-    """True for a seed of columns (not points) that mpmgis wrote as .vtp."""
+def _is_own(head: bytes) -> bool:
+    """Return whether a file is a seed of columns (not points) that mpmgis wrote as .vtp."""
     return b'<!-- {"format": "mpmgis-columns"' in head
 
 

@@ -5,15 +5,18 @@ where the k-th cell is the k-th point, as particle codes write them.
 """
 
 import re
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...system.errors import FormatError
+from .array_columns import columns_of, picked
+from .mapped_files import mapped
 from .reader_interface import MOST_DIGITS, ThirdPartyFrame, number_of
-from .record_parsing import columns_of, mapped, picked, text_numbers
+from .record_parsing import text_numbers
 
 MAGIC = b"# vtk DataFile Version"
 POINTS = "points"
@@ -35,14 +38,24 @@ TYPES = {
 }
 COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
 CELLS = ("CELLS", "VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS")
-LONGEST_LINE = 1000
-MOST_ARRAYS = 1000
+LONGEST_LINE = 1000  # [bytes] with a keyword
+MOST_ARRAYS = 1000  # of a FIELD
 _KEYWORD = re.compile(rb"\n[ \t]*(?!(?i:nan|inf|infinity)\b)[A-Za-z_]")
 _NUMBER = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
 
 
 class Block(NamedTuple):
-    """An array: `count` numbers of `dtype` (None: text) in `components` from `start` to `stop` [bytes]."""
+    """An array in the file.
+
+    Attributes
+    ----------
+    start, stop : int [bytes]
+    dtype : str or None
+        None for text.
+    components : int
+    count : int
+        Number of rows.
+    """
 
     start: int
     stop: int
@@ -52,7 +65,17 @@ class Block(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Number of `points`, `arrays` (name -> Block) of the points (positions: POINTS), `fields` of the file."""
+    """Layout of a file.
+
+    Attributes
+    ----------
+    points : int
+        Number of points.
+    arrays : dict of str to Block
+        Of the points; positions are POINTS.
+    fields : dict of str to Block
+        Of the file.
+    """
 
     points: int
     arrays: dict
@@ -65,8 +88,8 @@ class _Reader:
     def __init__(self, path, content):
         self.path, self.content, self.at, self.binary = path, content, 0, False
 
-    def line(self):
-        """The words of the next line that is not blank; None at the end."""
+    def line(self) -> list[str] | None:
+        """Return the words of the next line that is not blank; None at the end."""
         while self.at < len(self.content):
             stop = self.content.find(b"\n", self.at, self.at + LONGEST_LINE)
             if stop < 0:
@@ -81,21 +104,21 @@ class _Reader:
                 return words
         return None
 
-    def words(self, count, what):
-        """The next line, of at least `count` words."""
+    def words(self, count: int, what: str) -> list[str]:
+        """Return the words of the next line, which has at least `count` words."""
         words = self.line()
         if words is None or len(words) < count:
             raise FormatError(f"{self.path}: {what}: got {' '.join(words or ['the end'])[:60]!r}; it is damaged")
         return words
 
-    def number(self, words, k):
-        """The k-th word as a whole number."""
+    def number(self, words: list[str], k: int) -> int:
+        """Return the k-th word as a whole number."""
         if k >= len(words) or not _NUMBER.fullmatch(words[k]):
             raise FormatError(f"{self.path}: {' '.join(words)[:60]!r}: expected an integer as word {k + 1}")
         return int(words[k])
 
-    def block(self, name, count, components, kind):
-        """The Block at the present position, which moves behind it."""
+    def block(self, name: str, count: int, components: int, kind: str) -> Block:
+        """Return the Block at the present position, which moves behind it."""
         dtype = TYPES.get(kind.lower())
         if dtype is None:
             raise FormatError(f"{self.path}: {name} has type {kind[:20]!r}, expected {', '.join(TYPES)}")
@@ -111,8 +134,12 @@ class _Reader:
         return Block(start, stop, ">" + dtype if self.binary else None, components, count)
 
 
-def read_layout(path):
-    """The Layout of the file at `path`.
+def read_layout(path: str | Path) -> Layout:
+    """Read the layout of a file.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -137,8 +164,8 @@ def read_layout(path):
         return _sections(reader)
 
 
-def _sections(reader):
-    """The Layout of all that follows the header."""
+def _sections(reader: _Reader) -> Layout:
+    """Return the layout of all that follows the header."""
     points, cells, at, arrays, fields = None, 0, None, {"points": {}, "cells": {}}, {}
     while (words := reader.line()) is not None:
         key = words[0].upper()
@@ -170,8 +197,8 @@ def _sections(reader):
     return Layout(points, _of_points(reader.path, points, cells, arrays), fields)
 
 
-def _of_points(path, points, cells, arrays):
-    """The arrays with one row per point, including those of cells where each cell is a point."""
+def _of_points(path: str | Path, points: int, cells: int, arrays: dict[str, dict[str, Block]]) -> dict[str, Block]:
+    """Return the arrays with one row per point, including those of cells where each cell is a point."""
     found = dict(arrays["points"])
     if cells == points:
         found |= {name: block for name, block in arrays["cells"].items() if name not in found}
@@ -181,8 +208,8 @@ def _of_points(path, points, cells, arrays):
     return found
 
 
-def _skip_cells(reader, words):
-    """Skip the cells; returns their number."""
+def _skip_cells(reader: _Reader, words: list[str]) -> int:
+    """Skip the cells and return their number."""
     count, size = reader.number(words, 1), reader.number(words, 2)
     before = reader.at
     following = reader.line()
@@ -196,14 +223,14 @@ def _skip_cells(reader, words):
     return count
 
 
-def _skip_metadata(reader):
-    """METADATA ends with a blank line."""
+def _skip_metadata(reader: _Reader) -> None:
+    """Skip METADATA, which ends with a blank line."""
     stop = reader.content.find(b"\n\n", max(reader.at - 1, 0))
     reader.at = len(reader.content) if stop < 0 else stop + 2
 
 
-def _field(reader, words):
-    """The arrays of a FIELD: lines `name components rows type`."""
+def _field(reader: _Reader, words: list[str]) -> dict[str, Block]:
+    """Return the arrays of a FIELD: lines `name components rows type`."""
     count, found = reader.number(words, 2), {}
     if count > MOST_ARRAYS:
         raise FormatError(f"{reader.path}: a FIELD of {count} arrays, expected at most {MOST_ARRAYS}; it is damaged")
@@ -220,8 +247,8 @@ def _field(reader, words):
     return {name: block for name, block in found.items() if block.components > 0}
 
 
-def _attribute(reader, words, count):
-    """{name: Block} of SCALARS, VECTORS etc.; {} for attributes of display only."""
+def _attribute(reader: _Reader, words: list[str], count: int) -> dict[str, Block]:
+    """Return {name: Block} of SCALARS, VECTORS etc.; {} for attributes of display only."""
     key = words[0].upper()
     name = words[1] if len(words) > 1 else ""
     if key == "SCALARS":
@@ -245,8 +272,19 @@ def _attribute(reader, words, count):
     raise FormatError(f"{reader.path}: {key[:40]!r} is not an attribute of legacy VTK; it is damaged")
 
 
-def read_block(path, block, name):
-    """float64[count, components] of one array.
+def read_block(path: str | Path, block: Block, name: str) -> np.ndarray:
+    """Read one array.
+
+    Parameters
+    ----------
+    path : str or Path
+    block : Block
+    name : str
+        For messages.
+
+    Returns
+    -------
+    float64[count, components]
 
     Raises
     ------
@@ -265,14 +303,37 @@ def read_block(path, block, name):
     return values.reshape(block.count, block.components)
 
 
-def read_columns(path, arrays, names):
-    """Name -> float64[n] of some columns of `arrays` (name -> Block)."""
+def read_columns(path: str | Path, arrays: dict[str, Block], names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Read some columns of the arrays.
+
+    Parameters
+    ----------
+    path : str or Path
+    arrays : dict of str to Block
+    names : iterable of str
+
+    Returns
+    -------
+    dict of str to float64[n]
+
+    Raises
+    ------
+    FormatError
+    """
     components = {name: block.components for name, block in arrays.items()}
     return picked(lambda name: read_block(path, arrays[name], name), components, names)
 
 
-def legacy_frame(path, layout=None, **attributes):
-    """The ThirdPartyFrame of a legacy VTK file; `attributes` are further fields of it.
+def legacy_frame(path: str | Path, layout: Layout | None = None, **attributes: Any) -> ThirdPartyFrame:
+    """Describe the frame in a legacy VTK file.
+
+    Parameters
+    ----------
+    path : str or Path
+    layout : Layout, optional
+        Without it, it is read.
+    **attributes
+        Further fields of the ThirdPartyFrame.
 
     Raises
     ------
@@ -291,8 +352,8 @@ def legacy_frame(path, layout=None, **attributes):
     )
 
 
-def _time(path, layout):
-    """Value of the field TIME or TimeValue; None where there is none."""
+def _time(path: Path, layout: Layout) -> float | None:
+    """Return the value of the field TIME or TimeValue; None where there is none."""
     for name, block in layout.fields.items():
         if name.lower() in ("time", "timevalue") and block.count * block.components == 1:
             time = float(read_block(path, block, name)[0, 0])

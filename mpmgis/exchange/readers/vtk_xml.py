@@ -6,17 +6,20 @@ its text; document types are refused, so that no entity can be defined. Arrays a
 
 import base64
 import binascii
+import mmap
 import re
 import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.parsers import expat
 
 import numpy as np
 
 from ...system.errors import FormatError, one_line
+from .mapped_files import mapped
 from .reader_interface import MOST_DIGITS
-from .record_parsing import mapped, text_numbers
+from .record_parsing import text_numbers
 
 TYPES = {
     "Float64": "f8",
@@ -34,15 +37,23 @@ HEADERS = {"UInt32": "u4", "UInt64": "u8"}
 PACKERS = ("", "vtkZLibDataCompressor")
 FILES = ("PolyData", "UnstructuredGrid")
 POINTS = "points"
-XML_AT_ONCE = 1 << 20  # [bytes]
-MOST_DEPTH = 50
+XML_AT_ONCE = 1 << 20  # [bytes] parsed at once
+MOST_DEPTH = 50  # elements within each other
 _APPENDED = re.compile(rb"<AppendedData([^>]{0,200})>\s*_")
 _DIGITS = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
 
 
 class Array(NamedTuple):
-    """An array of a piece: `count` x `components` numbers of `dtype`, as `form` (ascii, binary, appended) at `start`
-    to `stop` [bytes]."""
+    """An array of a piece.
+
+    Attributes
+    ----------
+    name : str
+    form : {"ascii", "binary", "appended"}
+    dtype : str
+    count, components : int
+    start, stop : int [bytes]
+    """
 
     name: str
     form: str
@@ -54,8 +65,23 @@ class Array(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Type of the file (`kind`), `pieces` (list of dict of name and Array of points), Arrays of its `fields`, dtype of
-    lengths (`header`), `packed` where data are compressed, `base64` where appended data are text."""
+    """Layout of a file.
+
+    Attributes
+    ----------
+    kind : str
+        Type of the file.
+    pieces : list of dict of str to Array
+        Of points, by name.
+    fields : dict of str to Array
+        Of the file.
+    header : str
+        dtype of lengths.
+    packed : bool
+        Data are compressed.
+    base64 : bool
+        Appended data are text.
+    """
 
     kind: str
     pieces: list
@@ -65,8 +91,12 @@ class Layout(NamedTuple):
     base64: bool
 
 
-def read_layout(path):
-    """The Layout of the file at `path`.
+def read_layout(path: str | Path) -> Layout:
+    """Read the layout of a file.
+
+    Parameters
+    ----------
+    path : str or Path
 
     Raises
     ------
@@ -97,9 +127,17 @@ def read_layout(path):
     return Layout(outline.kind, pieces, fields, order + HEADERS[header], bool(packed), b"base64" in encoding)
 
 
-def parse_outline(path, content, stop, outline):
-    """Pass the elements of an XML file up to byte `stop` to `outline`: `start(tag, attributes, at)` and
-    `end(tag, at)`, where `at` is the position of the tag [bytes].
+def parse_outline(path: str | Path, content: mmap.mmap | bytes, stop: int, outline: Any) -> None:
+    """Pass the elements of an XML file to a receiver.
+
+    Parameters
+    ----------
+    path : str or Path
+    content : mmap or bytes
+    stop : int [bytes]
+        End of the XML in `content`.
+    outline : receiver
+        With methods `start(tag, attributes, at)` and `end(tag, at)`, where `at` is the position of the tag [bytes].
 
     Raises
     ------
@@ -144,8 +182,8 @@ class _Outline:
         self.path, self.file, self.kind = path, {}, ""
         self.pieces, self.counts, self.open, self.inside, self.found = 0, [], None, [], []
 
-    def start(self, tag, attributes, at):
-        """An element begins."""
+    def start(self, tag: str, attributes: dict[str, str], at: int) -> None:
+        """Receive the start of an element."""
         attributes = {key.lower(): value for key, value in attributes.items()}
         if tag == "VTKFile":
             self.file, self.kind = attributes, attributes.get("type", "")
@@ -158,8 +196,8 @@ class _Outline:
             self.open[2] = at  # VTK writes information elements after the numbers
         self.inside.append(tag)
 
-    def end(self, tag, at):
-        """An element ends."""
+    def end(self, tag: str, at: int) -> None:
+        """Receive the end of an element."""
         self.inside.pop()
         section = self.inside[-1] if self.inside else ""
         if tag == "DataArray" and self.open is not None and section in ("Points", "PointData", "FieldData"):
@@ -168,14 +206,14 @@ class _Outline:
             self.found.append((piece, section, attributes, begin, at if stop is None else stop))
         self.open = None if tag == "DataArray" else self.open
 
-    def number(self, word, what):
-        """`word` as an integer."""
+    def number(self, word: str, what: str) -> int:
+        """Return `word` as an integer."""
         if not _DIGITS.fullmatch(word.strip()):
             raise FormatError(f"{self.path}: {what} is {word[:20]!r}, expected an integer")
         return int(word)
 
-    def arrays(self, piece, appended, size):
-        """The Arrays of a piece, or of the fields (None); appended data begin at byte `appended`."""
+    def arrays(self, piece: int | None, appended: int, size: int) -> Iterator[Array]:
+        """Yield the Arrays of a piece, or of the fields (None); appended data begin at byte `appended`."""
         for owner, section, attributes, begin, end in self.found:
             if owner != piece:
                 continue
@@ -191,8 +229,18 @@ class _Outline:
             yield Array(name, form, TYPES[attributes["type"]], count, components, start, stop)
 
 
-def read_array(path, layout, array):
-    """float64[count, components] of one Array.
+def read_array(path: str | Path, layout: Layout, array: Array) -> np.ndarray:
+    """Read one array.
+
+    Parameters
+    ----------
+    path : str or Path
+    layout : Layout
+    array : Array
+
+    Returns
+    -------
+    float64[count, components]
 
     Raises
     ------
@@ -221,8 +269,8 @@ def read_array(path, layout, array):
     return values.astype(np.float64).reshape(array.count, array.components)
 
 
-def _unwrapped(path, layout, array, take):
-    """The bytes of an array; `take(start, stop)` returns bytes relative to its start in the file."""
+def _unwrapped(path: str | Path, layout: Layout, array: Array, take: Callable[[int, int], bytes]) -> bytes:
+    """Return the bytes of an array; `take(start, stop)` returns bytes relative to its start in the file."""
     text = array.form == "binary" or layout.base64
     wanted = array.count * array.components * np.dtype(array.dtype).itemsize
     size = np.dtype(layout.header).itemsize
@@ -240,8 +288,10 @@ def _unwrapped(path, layout, array, take):
     return _unpacked(path, array, header[1:], data, wanted)
 
 
-def _headed(path, layout, array, take, text, items, length_of):
-    """(Lengths before the data, the data): `items` lengths, followed by `length_of(lengths)` bytes."""
+def _headed(
+    path: str | Path, layout: Layout, array: Array, take: Callable, text: bool, items: int, length_of: Callable
+) -> tuple[np.ndarray, bytes]:
+    """Return (lengths before the data, the data): `items` lengths, followed by `length_of(lengths)` bytes."""
     size = np.dtype(layout.header).itemsize * items
     try:
         if not text:
@@ -258,7 +308,7 @@ def _headed(path, layout, array, take, text, items, length_of):
         raise FormatError(f"{path}: {array.name} is not base64 ({one_line(error)[:60]}); it is damaged") from error
 
 
-def _lengths(path, layout, array, raw, size):
+def _lengths(path: str | Path, layout: Layout, array: Array, raw: bytes, size: int) -> np.ndarray:
     if len(raw) < size:
         raise FormatError(f"{path} ends before {array.name}; it is truncated")
     header = np.frombuffer(raw[:size], layout.header)
@@ -267,7 +317,7 @@ def _lengths(path, layout, array, raw, size):
     return header.astype(np.int64)
 
 
-def _unpacked(path, array, header, data, wanted):
+def _unpacked(path: str | Path, array: Array, header: np.ndarray, data: bytes, wanted: int) -> bytes:
     """Decompress blocks of `header[0]` bytes, the last of `header[1]` (0: full), from `header[2:]` bytes each."""
     block, last, packed = int(header[0]), int(header[1]), header[2:].tolist()
     lengths = [block] * len(packed)

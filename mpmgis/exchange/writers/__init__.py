@@ -1,1 +1,1 @@
-"""Start files of other 3D solvers: one module per solver, one entry each in `registry`."""
+"""Start files of other 3D solvers: one module per solver, one entry each in `writer_list`."""

@@ -5,6 +5,8 @@ it cannot resume, and starts from the text files, at rest.
 """
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from .start_files import SolverFiles, read_rows, write_json, write_rows
 
 UUID = "start"
 PARTICLES, VOLUMES, MESH, SETS = "particles.txt", "particles-volumes.txt", "mesh.txt", "entity_sets.json"
-STATE_VARIABLES = 20
+STATE_VARIABLES = 20  # of a record
 _NUMBERS = (
     *("mass", "volume", "pressure", "coord_x", "coord_y", "coord_z"),
     *("displacement_x", "displacement_y", "displacement_z", "nsize_x", "nsize_y", "nsize_z"),
@@ -40,11 +42,24 @@ ROW = np.dtype(
         "itemsize": 416,
     }
 )
-ROWS_AT_ONCE = 10_000  # a chunk of the file
+ROWS_AT_ONCE = 10_000  # chunk of the file
 
 
-def write(start, folder, number):
-    """Write the case of a SolverStart to `folder`."""
+def write(start: Any, folder: Path, number: int) -> None:
+    """Write the case of a start.
+
+    Parameters
+    ----------
+    start : SolverStart
+    folder : Path
+    number : int
+        Of the frame.
+
+    Raises
+    ------
+    InputError
+        The grid has too many cells, or the DTM has holes under points.
+    """
     grid = solver_grid(start)
     with open(folder / MESH, "wb") as sink:
         sink.write(f"{len(grid.nodes)} {len(grid.cells)}\n".encode())
@@ -71,12 +86,18 @@ def write(start, folder, number):
     _write_state(state / state_name(steps), start, grid.cell_of)
 
 
-def state_name(steps):
-    """Name of the file of step 0 in a run of `steps` steps: as many zeros as digits."""
+def state_name(steps: int) -> str:
+    """Return the name of the file of step 0 in a run: it has as many zeros as `steps` has digits.
+
+    Parameters
+    ----------
+    steps : int
+        Number of steps of the run.
+    """
     return f"particles{'0' * (int(math.log10(steps)) + 1)}.h5"
 
 
-def _write_state(path, start, cell_of):
+def _write_state(path: Path, start: Any, cell_of: np.ndarray) -> None:
     count, stress, variables = len(start.mass), start.stress, state_variables(start.material)
     with written(path) as file:
         table = file.create_dataset("table", (count,), ROW, maxshape=(None,), chunks=(ROWS_AT_ONCE,))
@@ -97,9 +118,19 @@ def _write_state(path, start, cell_of):
             table[part] = rows
 
 
-def state_variables(material):
-    """Initial state variables of a material in CB-Geo: for MohrCoulomb3D friction, dilation [rad], cohesion [Pa],
-    three stress invariants, plastic strain; for Newtonian3D the pressure."""
+def state_variables(material: Any) -> tuple[float, ...]:
+    """Return the initial state variables of a material in CB-Geo.
+
+    Parameters
+    ----------
+    material : MaterialTable
+
+    Returns
+    -------
+    tuple of float
+        For MohrCoulomb3D friction, dilation [rad], cohesion [Pa], three stress invariants, plastic strain; for
+        Newtonian3D the pressure.
+    """
     if material.law == "DruckerPrager":
         angle = math.radians(material.parameters["friction_angle"])
         return (angle, 0.0, material.parameters["cohesion"], 0.0, 0.0, 0.0, 0.0)
@@ -176,10 +207,22 @@ def _material(start):
     }
 
 
-def read_back(folder, number):
-    """(position, volume) of the text files; NaN where positions in the HDF5 differ.
+def read_back(folder: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read positions and volumes from the text files.
 
     The volume is mass over density; the HDF5 has the current volume.
+
+    Parameters
+    ----------
+    folder : Path
+    number : int
+        Of the frame.
+
+    Returns
+    -------
+    position : float64[n, 3] [m]
+        NaN where positions in the HDF5 differ.
+    volume : float64[n] [m3]
     """
     _, _, text = (folder / PARTICLES).read_bytes().partition(b"\n")
     place = read_rows(text, 3)

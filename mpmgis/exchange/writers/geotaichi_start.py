@@ -3,6 +3,9 @@
 Its Newtonian fluid uses the bulk modulus; early versions used Cole's law with an exponent of 7 and the same stiffness.
 """
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from .start_files import SolverFiles, read_rows, write_rows
@@ -51,8 +54,16 @@ mpm.run()
 '''
 
 
-def write(start, folder, number):
-    """Write the particles of a SolverStart (x y z volume and half sizes) and the script to `folder`."""
+def write(start: Any, folder: Path, number: int) -> None:
+    """Write the particles of a start (x y z volume and half sizes) and the script.
+
+    Parameters
+    ----------
+    start : SolverStart
+    folder : Path
+    number : int
+        Of the frame.
+    """
     half = 0.5 * np.cbrt(start.volume)
     with open(folder / PARTICLES, "wb") as sink:
         write_rows(sink, start.position, start.volume, half, half, half)
@@ -78,8 +89,17 @@ def write(start, folder, number):
     (folder / SCRIPT).write_text(text, encoding="utf-8", newline="\n")
 
 
-def mean_velocity(start):
-    """[vx, vy, vz] [m s-1] of the whole body: GeoTaichi uses one velocity per file."""
+def mean_velocity(start: Any) -> list[float]:
+    """Return the mean velocity of the whole body: GeoTaichi uses one velocity per file.
+
+    Parameters
+    ----------
+    start : SolverStart
+
+    Returns
+    -------
+    list of 3 floats [m s-1]
+    """
     return [float(value) for value in start.mass @ start.velocity / start.mass.sum()]
 
 
@@ -99,8 +119,20 @@ def _material(start):
     }
 
 
-def read_back(folder, number):
-    """(position, volume) of the rows."""
+def read_back(folder: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read positions and volumes from the rows.
+
+    Parameters
+    ----------
+    folder : Path
+    number : int
+        Of the frame.
+
+    Returns
+    -------
+    position : float64[n, 3] [m]
+    volume : float64[n] [m3]
+    """
     rows = read_rows((folder / PARTICLES).read_bytes(), 7)
     return rows[:, :3], rows[:, 3]
 

@@ -1,5 +1,9 @@
 """Houdini: one .ply per frame, y up, for its File node."""
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from ..readers.ply import read_ply_columns, read_ply_header
@@ -11,13 +15,27 @@ ROW = np.dtype(
 TYPES = {"f4": "float", "i4": "int"}
 
 
-def name_of(number):
-    """The file of a frame."""
+def name_of(number: int) -> str:
+    """Return the file name of a frame.
+
+    Parameters
+    ----------
+    number : int
+        Of the frame.
+    """
     return f"points_{number:04d}.ply"
 
 
-def write(start, folder, number):
-    """Write the points of a SolverStart to `folder`: x east, y up, z south, float32 as in Houdini."""
+def write(start: Any, folder: Path, number: int) -> None:
+    """Write the points of a start: x east, y up, z south, float32 as in Houdini.
+
+    Parameters
+    ----------
+    start : SolverStart
+    folder : Path
+    number : int
+        Of the frame.
+    """
     rows = np.zeros(len(start.mass), ROW)
     for letter, prefix in (("position", ""), ("velocity", "v")):
         east, north, up = getattr(start, letter).T
@@ -31,15 +49,33 @@ def write(start, folder, number):
         rows.tofile(sink)
 
 
-def read_back(folder, number):
-    """(position, volume) of the vertices."""
+def read_back(folder: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read positions and volumes from the vertices.
+
+    Parameters
+    ----------
+    folder : Path
+    number : int
+        Of the frame.
+
+    Returns
+    -------
+    position : float64[n, 3] [m]
+    volume : float64[n] [m3]
+    """
     path = folder / name_of(number)
     found = read_ply_columns(path, read_ply_header(path), ("x", "y", "z", "volume"))
     return np.column_stack([found["x"], -found["z"], found["y"]]), found["volume"]
 
 
-def finish(folder, times):
-    """No further file: Houdini finds the sequence by its numbers."""
+def finish(folder: Path, times: Sequence[float]) -> None:
+    """Do nothing: Houdini finds the sequence by its numbers.
+
+    Parameters
+    ----------
+    folder : Path
+    times : sequence of float [s]
+    """
 
 
 FILES = SolverFiles(

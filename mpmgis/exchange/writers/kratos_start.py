@@ -5,6 +5,9 @@ volume of the point and one material point.
 """
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -41,8 +44,21 @@ if __name__ == "__main__":
 '''
 
 
-def write(start, folder, number):
-    """Write the case of a SolverStart to `folder`."""
+def write(start: Any, folder: Path, number: int) -> None:
+    """Write the case of a start.
+
+    Parameters
+    ----------
+    start : SolverStart
+    folder : Path
+    number : int
+        Of the frame.
+
+    Raises
+    ------
+    InputError
+        The grid has too many cells, or the DTM has holes under points.
+    """
     grid = solver_grid(start)
     _write_grid(folder / GRID, grid)
     _write_body(folder / BODY, start, len(grid.nodes), len(grid.cells))
@@ -62,7 +78,7 @@ def _write_grid(path, grid):
             _write_part(sink, name.encode(), getattr(grid, name) + 1)
 
 
-def _write_body(path, start, node_count, cell_count):
+def _write_body(path: Path, start: Any, node_count: int, cell_count: int) -> None:
     """Write the cubes, numbered after the nodes and elements of the grid."""
     half = 0.5 * np.cbrt(start.volume)
     nodes = (start.position[:, None] + half[:, None, None] * (2 * CORNERS - 1)).reshape(-1, 3)
@@ -74,7 +90,7 @@ def _write_body(path, start, node_count, cell_count):
         _write_part(sink, b"Parts_Body", first + np.arange(len(nodes)), element + np.arange(len(cubes)))
 
 
-def _write_mesh(sink, kind, first, nodes, element, cells):
+def _write_mesh(sink: BinaryIO, kind: bytes, first: int, nodes: np.ndarray, element: int, cells: np.ndarray) -> None:
     sink.write(b"Begin Nodes\n")
     write_rows(sink, first + np.arange(len(nodes)), nodes)
     sink.write(b"End Nodes\n\nBegin Elements " + kind + b"\n")
@@ -82,7 +98,7 @@ def _write_mesh(sink, kind, first, nodes, element, cells):
     sink.write(b"End Elements\n\n")
 
 
-def _write_part(sink, name, nodes, elements=()):
+def _write_part(sink: BinaryIO, name: bytes, nodes: np.ndarray, elements: Sequence[int] | np.ndarray = ()) -> None:
     sink.write(b"Begin SubModelPart " + name + b"\n Begin SubModelPartNodes\n")
     write_rows(sink, nodes)
     sink.write(b" End SubModelPartNodes\n Begin SubModelPartElements\n")
@@ -198,8 +214,20 @@ def _output(start):
     }
 
 
-def read_back(folder, number):
-    """(position, volume) of the cubes in the body mesh."""
+def read_back(folder: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read positions and volumes from the cubes in the body mesh.
+
+    Parameters
+    ----------
+    folder : Path
+    number : int
+        Of the frame.
+
+    Returns
+    -------
+    position : float64[n, 3] [m]
+    volume : float64[n] [m3]
+    """
     text = (folder / BODY).read_bytes()
     nodes = read_rows(text.partition(b"Begin Nodes\n")[2].partition(b"End Nodes")[0], 4)
     cells = text.partition(b"Begin Elements MPMUpdatedLagrangian3D8N\n")[2].partition(b"End Elements")[0]

@@ -1,6 +1,8 @@
 """MPM-Geomechanics: case and particles as JSON, terrain as STL text."""
 
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +13,16 @@ CONTACT = 2.0  # [cells] distance to the ground within which contact is searched
 PLANES = tuple(f"plane_{axis}{end}" for axis in "XYZ" for end in "0n")
 
 
-def write(start, folder, number):
-    """Write the case of a SolverStart to `folder`."""
+def write(start: Any, folder: Path, number: int) -> None:
+    """Write the case of a start.
+
+    Parameters
+    ----------
+    start : SolverStart
+    folder : Path
+    number : int
+        Of the frame.
+    """
     rows = (
         json.dumps({"id": number, "position": place, "volume": volume, "material_id": 1})
         for number, (place, volume) in enumerate(zip(start.position.tolist(), start.volume.tolist(), strict=True), 1)
@@ -70,8 +80,20 @@ def _material(start):
     }
 
 
-def read_back(folder, number):
-    """(position, volume) of the list."""
+def read_back(folder: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read positions and volumes from the list of particles.
+
+    Parameters
+    ----------
+    folder : Path
+    number : int
+        Of the frame.
+
+    Returns
+    -------
+    position : float64[n, 3] [m]
+    volume : float64[n] [m3]
+    """
     rows = json.loads((folder / PARTICLES).read_text(encoding="utf-8"))
     return np.array([row["position"] for row in rows]), np.array([row["volume"] for row in rows])
 

@@ -1,5 +1,8 @@
 """ParaView: one .vtp per frame and a .pvd with their times."""
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -11,13 +14,27 @@ from .start_files import SolverFiles
 SERIES = "points.pvd"
 
 
-def name_of(number):
-    """The file of a frame."""
+def name_of(number: int) -> str:
+    """Return the file name of a frame.
+
+    Parameters
+    ----------
+    number : int
+        Of the frame.
+    """
     return f"points_{number:04d}.vtp"
 
 
-def write(start, folder, number):
-    """Write the points of a SolverStart to `folder`."""
+def write(start: Any, folder: Path, number: int) -> None:
+    """Write the points of a start.
+
+    Parameters
+    ----------
+    start : SolverStart
+    folder : Path
+    number : int
+        Of the frame.
+    """
     data = {
         "id": start.ids,
         "mass": start.mass,
@@ -31,8 +48,14 @@ def write(start, folder, number):
     write_vtp(folder / name_of(number), start.position, data, fields, "written by mpmgis")
 
 
-def finish(folder, times):
-    """Write the .pvd with the files and their `times` [s]."""
+def finish(folder: Path, times: Sequence[float]) -> None:
+    """Write the .pvd with the files and their times.
+
+    Parameters
+    ----------
+    folder : Path
+    times : sequence of float [s]
+    """
     rows = "".join(
         f'<DataSet timestep={quoteattr(repr(float(time)))} part="0" file={quoteattr(name_of(number))}/>\n'
         for number, time in enumerate(times)
@@ -41,8 +64,20 @@ def finish(folder, times):
     (folder / SERIES).write_text(f"{head}{rows}</Collection>\n</VTKFile>\n", encoding="utf-8", newline="\n")
 
 
-def read_back(folder, number):
-    """(position, volume) of the points."""
+def read_back(folder: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Read positions and volumes from the points.
+
+    Parameters
+    ----------
+    folder : Path
+    number : int
+        Of the frame.
+
+    Returns
+    -------
+    position : float64[n, 3] [m]
+    volume : float64[n] [m3]
+    """
     path = folder / name_of(number)
     layout = read_layout(path)
     (piece,) = layout.pieces

@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Callable
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from affine import Affine
@@ -18,16 +19,33 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more",
 _TRIANGLES_AT_ONCE = 100_000
 
 
-def write_rows(sink, *columns):
-    """Append rows of numbers with blanks between them to a binary file: `columns` are arrays [n] or [n, k]."""
+def write_rows(sink: BinaryIO, *columns: np.ndarray) -> None:
+    """Append rows of numbers with blanks between them to a file.
+
+    Parameters
+    ----------
+    sink : binary file
+    *columns : number[n] or number[n, k]
+    """
     flat = []
     for values in columns:
         flat += [values] if values.ndim == 1 else list(values.T)
     append_rows(sink, flat, " ")
 
 
-def read_rows(text, width):
-    """float64[n, width] of such text (bytes)."""
+def read_rows(text: bytes, width: int) -> np.ndarray:
+    """Read rows of numbers with blanks between them.
+
+    Parameters
+    ----------
+    text : bytes
+    width : int
+        Numbers of a row.
+
+    Returns
+    -------
+    float64[n, width]
+    """
     return np.fromstring(text, dtype=float, sep=" ").reshape(-1, width)
 
 
@@ -88,17 +106,22 @@ class SolverFiles(NamedTuple):
     results: str = ""
 
 
-def write_json(path, content):
-    """Write JSON data to `path`."""
+def write_json(path: Path, content: Any) -> None:
+    """Write JSON data.
+
+    Parameters
+    ----------
+    path : Path
+    content : Any
+    """
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 
-def write_terrain(folder, box, axes, on_grid=False):
-    """Write the ground of a Box to `folder`: two triangles between four neighbouring pixels, and elevations where the
-    pixels are square and north-up.
+def write_terrain(folder: Path, box: Any, axes: np.ndarray, on_grid: bool = False) -> list[str]:
+    """Write the ground of a box: triangles, and elevations where the pixels are square and north-up.
 
-    Solvers often search contact at triangle centres, and only inside the grid: `on_grid` uses the nodes of the grid for
-    the triangles, as text, which all readers support.
+    There are two triangles between four neighbouring pixels. Solvers often search contact at triangle centres, and only
+    inside the grid: `on_grid` uses the nodes of the grid for the triangles, as text, which all readers support.
 
     Parameters
     ----------
@@ -121,16 +144,18 @@ def write_terrain(folder, box, axes, on_grid=False):
     return [STL, HEIGHTS]
 
 
-def _pixels(box):
-    """float64[rows, columns, 3] [m]: positions of the pixels in the Box."""
+def _pixels(box: Any) -> np.ndarray:
+    """Return float64[rows, columns, 3] [m]: positions of the pixels in the Box."""
     terrain = box.terrain
     x, y = terrain.grid.xy(*np.indices(terrain.grid.shape))
     return np.stack([x, y, terrain.elevation], axis=-1) - np.asarray(box.origin)
 
 
-def _triangles(place):
-    """float64[k, 3, 3] [m]: corners of the triangles between neighbours of `place` [a, b, 3], counterclockwise seen
-    from above; triangles with NaN are omitted."""
+def _triangles(place: np.ndarray) -> np.ndarray:
+    """Return the corners of the triangles between neighbours of `place` [a, b, 3], counterclockwise seen from above.
+
+    Triangles with NaN are omitted; the shape is float64[k, 3, 3] [m].
+    """
     a, b, c, d = place[:-1, :-1], place[:-1, 1:], place[1:, :-1], place[1:, 1:]
     corners = np.stack([np.stack([a, c, b], axis=-2), np.stack([b, c, d], axis=-2)], axis=-3).reshape(-1, 3, 3)
     corners = corners[np.isfinite(corners).all(axis=(1, 2))]
@@ -144,7 +169,7 @@ def _normals(corners):
     return normal / np.sqrt((normal**2).sum(axis=1, keepdims=True))
 
 
-def _write_binary(path, corners, normals):
+def _write_binary(path: Path, corners: np.ndarray, normals: np.ndarray) -> None:
     triangles = np.zeros(len(corners), _TRIANGLE)
     triangles["normal"], triangles["corners"] = normals, corners
     with open(path, "wb") as sink:
@@ -153,7 +178,7 @@ def _write_binary(path, corners, normals):
         triangles.tofile(sink)
 
 
-def _write_text(path, corners, normals):
+def _write_text(path: Path, corners: np.ndarray, normals: np.ndarray) -> None:
     row = "facet normal %.6g %.6g %.6g\n outer loop\n" + "  vertex %.10g %.10g %.10g\n" * 3 + " endloop\nendfacet\n"
     with open(path, "w", encoding="ascii", newline="\n") as sink:
         sink.write("solid terrain\n")
@@ -164,7 +189,7 @@ def _write_text(path, corners, normals):
         sink.write("endsolid terrain\n")
 
 
-def _local_heights(box):
-    """(Grid in local coordinates, float64[rows, columns] [m] elevation above the origin of the Box)."""
+def _local_heights(box: Any) -> tuple[Grid, np.ndarray]:
+    """Return (Grid in local coordinates, float64[rows, columns] [m] elevation above the origin of the Box)."""
     grid, (east, north, up) = box.terrain.grid, box.origin
     return Grid(None, Affine.translation(-east, -north) @ grid.transform, grid.shape), box.terrain.elevation - up

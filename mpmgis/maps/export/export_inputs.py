@@ -16,8 +16,9 @@ from ..averaging.maxima import SolverPeaks
 
 if TYPE_CHECKING:
     from ...exchange.frame_list import FrameEntry
-    from ...exchange.frame_source import CellAveraging, FrameSource
+    from ...exchange.frame_source import FrameSource
     from ...terrain.elevation import Terrain
+    from ..averaging.averaging_settings import CellAveraging
     from .export_request import ExportRequest
 
 

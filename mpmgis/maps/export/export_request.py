@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from ...exchange.frame_source import CellAveraging, FrameSource
+from ...exchange.frame_source import FrameSource
+from ..averaging.averaging_settings import CellAveraging
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...exchange.frame_list import list_frames
-from ...exchange.frame_source import CellAveraging
 from ...frames.run_terrain import run_terrain
 from ...laws.quantities import BAND
 from ...system.errors import InputError, OutputError
@@ -17,6 +16,7 @@ from ...system.optional_libraries import pyogrio
 from ...system.parallel import frame_pool
 from ...system.whole_files import refuse_existing, whole_folder
 from ...terrain.raster_output import require_square
+from ..averaging.averaging_settings import CellAveraging
 from ..averaging.band_products import choose_products
 from ..averaging.result_bands import DEPOSIT, BandInMemory, Result
 from ..qgis import qgis_files as qgis_folder
