@@ -1,4 +1,4 @@
-"""`mpmgis profile`: a flow along a line."""
+"""Sample a flow along a line: `mpmgis profile`."""
 
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
 
@@ -90,7 +90,7 @@ interpolation. The table has a row for each time and sample point.
 def profile(
     results: Results, line: PathLike, output: PathLike | None = None, **options: Unpack[ProfileOptions]
 ) -> "xarray.Dataset":
-    """Flow along a line at chosen times, as `mpmgis profile`.
+    """Sample a flow along a line at chosen times, as `mpmgis profile`.
 
     Parameters
     ----------

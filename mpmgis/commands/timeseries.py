@@ -1,4 +1,4 @@
-"""`mpmgis timeseries`: a flow at points over time."""
+"""Sample a flow at points over time: `mpmgis timeseries`."""
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
@@ -58,7 +58,7 @@ in the cells of points, for every frame. Points have the names of a column `name
 def timeseries(
     results: Results, output: PathLike | None = None, **options: Unpack[TimeseriesOptions]
 ) -> "xarray.Dataset":
-    """Flow at points over time, as `mpmgis timeseries`.
+    """Sample a flow at points over time, as `mpmgis timeseries`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Results of verbs as xarray datasets."""
+"""Convert results of verbs to xarray datasets."""
 
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,16 @@ def _attributes(found: Any, **more: Any) -> dict[str, Any]:
 
 
 def of_profile(found: ProfileFound) -> xarray.Dataset:
-    """Products over (time, along)."""
+    """Return products over (time, along).
+
+    Parameters
+    ----------
+    found : ProfileFound
+
+    Returns
+    -------
+    xarray.Dataset
+    """
     places = {"elevation": found.terrain, "x": found.x, "y": found.y}
     variables = _bands(found.values, ("time", "along"))
     variables["surface"] = ("time", "along"), found.surface, {"units": "m"}
@@ -40,14 +49,32 @@ def of_profile(found: ProfileFound) -> xarray.Dataset:
 
 
 def of_series(found: SeriesFound) -> xarray.Dataset:
-    """Products over (time, point)."""
+    """Return products over (time, point).
+
+    Parameters
+    ----------
+    found : SeriesFound
+
+    Returns
+    -------
+    xarray.Dataset
+    """
     coordinates = {"point": list(found.names), "x": _metres("point", found.x), "y": _metres("point", found.y)}
     variables = _bands(found.values, ("time", "point"))
     return xarray.Dataset(variables, {"time": _time(found.times), **coordinates}, _attributes(found))
 
 
 def of_hydrograph(found: HydrographFound) -> xarray.Dataset:
-    """Volume and mass of each interval, at the time of its end."""
+    """Return volume and mass of each interval, at the time of its end.
+
+    Parameters
+    ----------
+    found : HydrographFound
+
+    Returns
+    -------
+    xarray.Dataset
+    """
     variables = {
         "volume": ("time", found.volume, {"units": "m3"}),
         "mass": ("time", found.mass, {"units": "kg"}),
@@ -58,7 +85,16 @@ def of_hydrograph(found: HydrographFound) -> xarray.Dataset:
 
 
 def of_vertical(found: VerticalFound) -> xarray.Dataset:
-    """The table of layers, a row for each layer of a profile."""
+    """Return the table of layers, a row for each layer of a profile.
+
+    Parameters
+    ----------
+    found : VerticalFound
+
+    Returns
+    -------
+    xarray.Dataset
+    """
     columns = list(zip(*found.rows(), strict=True)) or [()] * len(PROFILE_COLUMNS)
     variables = {
         name: ("row", np.array(values), {"units": unit})

@@ -1,6 +1,7 @@
-"""`mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
+"""Answer `mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,11 +39,17 @@ class CompareRequest:
     overwrite: bool = False
 
 
-def compare(request: CompareRequest, progress=lambda done, total: None) -> Comparison:
+def compare(request: CompareRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> Comparison:
     """Compare two results, or a result and an observed outline; write map and table to `request.output`, if any.
 
     Area, runout and peaks of each side are computed on its own cells. Overlap and differences are computed on the cells
     of the finer side, extended over both footprints, with the other side's value at the cell centre.
+
+    Parameters
+    ----------
+    request : CompareRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Table, GeoTIFF and map of a comparison."""
+"""Write table, GeoTIFF and map of a comparison."""
 
 import math
 import textwrap
@@ -40,7 +40,13 @@ LEGEND_LETTERS = 30  # per line
 
 
 def write_table(path: Path, found: Comparison) -> None:
-    """Write the numbers of a Comparison as CSV in SI units; missing numbers are empty."""
+    """Write the numbers of a Comparison as CSV in SI units; missing numbers are empty.
+
+    Parameters
+    ----------
+    path : Path
+    found : Comparison
+    """
     names = ("name", "", *(side.name for side in found.sides), "", "")
     rows = [(quantity, unit, *numbers, "") for quantity, unit, *numbers in found.rows()]
     common = [(quantity, unit, "", "", "", value) for quantity, unit, value in found.common_rows()]
@@ -48,7 +54,16 @@ def write_table(path: Path, found: Comparison) -> None:
 
 
 def class_numbers(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """uint8[rows, columns]: 1 first mask only, 2 second only, 3 both, 0 none."""
+    """Return the class of each cell: 1 first mask only, 2 second only, 3 both, 0 none.
+
+    Parameters
+    ----------
+    first, second : bool[rows, columns]
+
+    Returns
+    -------
+    uint8[rows, columns]
+    """
     return first.astype(np.uint8) + 2 * second.astype(np.uint8)
 
 
@@ -79,8 +94,13 @@ def write_classes(path: Path, grid: Grid, first: np.ndarray, second: np.ndarray,
     write_geotiff(path, flat, on_flat, {"class": meaning})
 
 
-def write_classes_style(path):
-    """Write the .qml with which QGIS shows the GeoTIFF of `write_classes`: its classes in the colours of the map."""
+def write_classes_style(path: Path) -> None:
+    """Write the .qml with which QGIS shows the GeoTIFF of `write_classes`: its classes in the colours of the map.
+
+    Parameters
+    ----------
+    path : Path
+    """
     colours = dict(zip(CLASSES, (ONLY_FIRST, ONLY_SECOND, BOTH), strict=True))
     entries = [
         node("paletteEntry", {"value": number, "color": colours[number], "alpha": 255, "label": word})
@@ -115,7 +135,7 @@ def write_comparison_map(
     line: np.ndarray | None = None,
     title: str = "",
 ) -> None:
-    """Write the PNG (atomically).
+    """Write the map of a comparison as PNG (atomically).
 
     Parameters
     ----------

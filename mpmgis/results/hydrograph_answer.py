@@ -1,5 +1,6 @@
-"""`mpmgis hydrograph`: volume and mass through a section over time."""
+"""Answer `mpmgis hydrograph`: volume and mass through a section over time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -43,8 +44,16 @@ class HydrographRequest(AnswerRequest):
     method: str = "auto"
 
 
-def hydrograph(request: HydrographRequest, progress=lambda done, total: None) -> HydrographFound:
-    """Volume and mass through a section over time, counted by particles where these have ids.
+def hydrograph(
+    request: HydrographRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> HydrographFound:
+    """Compute volume and mass through a section over time, counted by particles where these have ids.
+
+    Parameters
+    ----------
+    request : HydrographRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------

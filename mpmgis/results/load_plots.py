@@ -1,4 +1,4 @@
-"""Plots of the loads on a barrier, over time and in a section."""
+"""Plot the loads on a barrier over time, and a section through it with the flow."""
 
 from pathlib import Path
 
@@ -9,7 +9,13 @@ from .figure_style import COLOURS, GROUND_LINE, draw_ground, dress, legend, plot
 
 
 def write_history_plot(path: Path, history: BarrierHistory) -> None:
-    """Plot mean force, mean moment (3D only) and overtopped mass of a barrier over time."""
+    """Plot mean force, mean moment (3D only) and overtopped mass of a barrier over time.
+
+    Parameters
+    ----------
+    path : Path
+    history : BarrierHistory
+    """
     moment, times = history.moment, history.times
     rows = 2 if moment is None else 3
     with plot_file(path, (9.0, 2.4 * rows), rows=rows) as axes:

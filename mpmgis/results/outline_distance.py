@@ -1,4 +1,4 @@
-"""Distances between the outlines of two footprints."""
+"""Measure distances between the outlines of two footprints."""
 
 import math
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class OutlineDistances(NamedTuple):
 
 
 def outline_distances(first: shapely.Geometry, second: shapely.Geometry, spacing: float) -> OutlineDistances | None:
-    """The OutlineDistances of two polygonal geometries; None if one is empty.
+    """Return the OutlineDistances of two polygonal geometries; None if one is empty.
 
     Parameters
     ----------
@@ -33,6 +33,10 @@ def outline_distances(first: shapely.Geometry, second: shapely.Geometry, spacing
         Polygons; holes have outlines too.
     spacing : float [m]
         Largest distance between sample points on an outline.
+
+    Returns
+    -------
+    OutlineDistances or None
     """
     outlines = [shapely.boundary(shape) for shape in (first, second)]
     if any(outline.is_empty for outline in outlines):

@@ -1,5 +1,6 @@
-"""`mpmgis profile`: the flow along a line."""
+"""Answer `mpmgis profile`: the flow along a line."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,8 +34,16 @@ class ProfileRequest(AnswerRequest):
     spacing: float | None = None  # [m]
 
 
-def profile(request: ProfileRequest, progress=lambda done, total: None) -> ProfileFound:
-    """Depth, thickness and velocities along a line, in the cells that it crosses, with terrain and free surface.
+def profile(request: ProfileRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> ProfileFound:
+    """Sample depth, thickness and velocities along a line, with terrain and free surface.
+
+    Values are those of the cells that the line crosses.
+
+    Parameters
+    ----------
+    request : ProfileRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -76,8 +85,17 @@ def profile(request: ProfileRequest, progress=lambda done, total: None) -> Profi
     return replace(found, files=write_answer(request, output, writers))
 
 
-def chosen_steps(times, requested):
-    """Numbers of the steps nearest to the `requested` times [s]; evenly spread ones for None.
+def chosen_steps(times: np.ndarray, requested: Sequence[float] | None) -> np.ndarray:
+    """Return the numbers of the steps nearest to the requested times; evenly spread ones for None.
+
+    Parameters
+    ----------
+    times : float64[steps] [s]
+    requested : sequence of float or None [s]
+
+    Returns
+    -------
+    int64[n]
 
     Raises
     ------

@@ -1,9 +1,4 @@
-"""Tables and plots of runout, profiles, time series, hydrographs and vertical profiles.
-
-Common style of all figures except maps.
-
-Plots of a barrier: force, moment and overtopping over time; a section through it with the flow.
-"""
+"""Write tables and the plot of a runout."""
 
 from pathlib import Path
 
@@ -17,22 +12,46 @@ FLOW_COLOUR, DEPOSIT_COLOUR, LINE_COLOUR, MASS_COLOUR = COLOURS[4], COLOURS[1], 
 
 
 def write_figures(path: Path, found: RunoutFound) -> None:
-    """Write the results of a RunoutFound as CSV."""
+    """Write the results of a RunoutFound as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : RunoutFound
+    """
     write_records(path, ("quantity", "unit", "value"), found.rows())
 
 
 def write_over_time(path: Path, found: RunoutFound) -> None:
-    """Write the position of the mass as CSV, one row per frame."""
+    """Write the position of the mass as CSV, one row per frame.
+
+    Parameters
+    ----------
+    path : Path
+    found : RunoutFound
+    """
     write_records(path, [column_name(*column) for column in TIME_COLUMNS], found.time_rows())
 
 
 def write_profile(path: Path, found: RunoutFound) -> None:
-    """Write the profile along the line as CSV, one row per point."""
+    """Write the profile along the line as CSV, one row per point.
+
+    Parameters
+    ----------
+    path : Path
+    found : RunoutFound
+    """
     write_records(path, [column_name(*column) for column in ENERGY_LINE_COLUMNS], zip(*found.profile, strict=True))
 
 
 def write_runout_plot(path: Path, found: RunoutFound) -> None:
-    """Plot the longitudinal profile: terrain, flow and deposit, energy line, path of the centre of mass."""
+    """Plot the longitudinal profile: terrain, flow and deposit, energy line, path of the centre of mass.
+
+    Parameters
+    ----------
+    path : Path
+    found : RunoutFound
+    """
     along, _, _, _, elevation, _, depth, deposit = found.profile
     with plot_file(path, (9.0, 6.0), rows=2, heights=(3, 1)) as axes:
         upper, lower = axes[:, 0]

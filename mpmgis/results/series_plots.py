@@ -1,4 +1,4 @@
-"""Plots and tables of hydrographs, profiles and time series."""
+"""Write plots and tables of hydrographs, profiles and time series."""
 
 from pathlib import Path
 
@@ -15,12 +15,24 @@ LATE = 0.85  # used part of the colour ramp; its end is too pale for lines
 
 
 def write_hydrograph_table(path: Path, found: HydrographFound) -> None:
-    """Write the rows of a HydrographFound as CSV."""
+    """Write the rows of a HydrographFound as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : HydrographFound
+    """
     write_records(path, [column_name(*column) for column in COLUMNS], found.rows())
 
 
 def write_hydrograph_plot(path: Path, found: HydrographFound) -> None:
-    """Plot mean discharge between frames, flux of the cells at frames, and cumulative volume."""
+    """Plot mean discharge between frames, flux of the cells at frames, and cumulative volume.
+
+    Parameters
+    ----------
+    path : Path
+    found : HydrographFound
+    """
     with plot_file(path, (9.0, 6.0), rows=2, heights=(1.4, 1)) as axes:
         rate, total = axes[:, 0]
         steps = found.volume / np.diff(found.times)
@@ -45,12 +57,24 @@ def write_hydrograph_plot(path: Path, found: HydrographFound) -> None:
 
 
 def write_rows(path: Path, found: ProfileFound | SeriesFound) -> None:
-    """Write the rows of a ProfileFound or SeriesFound as CSV."""
+    """Write the rows of a ProfileFound or SeriesFound as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : ProfileFound or SeriesFound
+    """
     write_records(path, [column_name(*column) for column in found.columns()], found.rows())
 
 
 def write_profile_plot(path: Path, found: ProfileFound) -> None:
-    """Plot terrain and free surface, depth and thickness, velocities; one colour per time."""
+    """Plot terrain and free surface, depth and thickness, velocities; one colour per time.
+
+    Parameters
+    ----------
+    path : Path
+    found : ProfileFound
+    """
     with plot_file(path, (9.0, 8.0), rows=3, heights=(1.3, 1, 1)) as axes:
         ground, depths, speeds = axes[:, 0]
         draw_ground(ground, found.along, found.terrain)
@@ -77,7 +101,13 @@ def _draw_pair(axes, found, k, names, colour):
 
 
 def write_series_plot(path: Path, found: SeriesFound) -> None:
-    """Plot one panel per product and one curve per point, for the first MOST_CURVES points."""
+    """Plot one panel per product and one curve per point, for the first MOST_CURVES points.
+
+    Parameters
+    ----------
+    path : Path
+    found : SeriesFound
+    """
     names = found.names[:MOST_CURVES]
     of_all = f", {MOST_CURVES} of {len(found.names)} points" * (len(found.names) > MOST_CURVES)
     with plot_file(path, (9.0, 2.1 * len(found.values) + 0.5), rows=len(found.values)) as axes:

@@ -1,5 +1,6 @@
-"""`mpmgis vertical`: profiles of 3D frames over the height above the bed, at points."""
+"""Answer `mpmgis vertical`: profiles of 3D frames over the height above the bed, at points."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,8 +32,16 @@ class VerticalRequest(AnswerRequest):
     layer: float | None = None  # [m]
 
 
-def vertical(request: VerticalRequest, progress=lambda done, total: None) -> VerticalFound:
-    """Density, velocities and pressure over the height above the bed, in cells around points.
+def vertical(
+    request: VerticalRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> VerticalFound:
+    """Compute density, velocities and pressure over the height above the bed, in cells around points.
+
+    Parameters
+    ----------
+    request : VerticalRequest
+    progress : callable
+        Called with (frames done, frames in all).
 
     Returns
     -------

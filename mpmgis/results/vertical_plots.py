@@ -1,4 +1,4 @@
-"""Plots and tables of vertical profiles."""
+"""Write plots and tables of vertical profiles."""
 
 from pathlib import Path
 
@@ -18,17 +18,37 @@ PANELS = (
 
 
 def write_profiles(path: Path, found: VerticalFound) -> None:
-    """Write the layers of a VerticalFound as CSV."""
+    """Write the layers of a VerticalFound as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : VerticalFound
+    """
     write_records(path, [column_name(*column) for column in PROFILE_COLUMNS], found.rows())
 
 
 def write_loads(path: Path, found: VerticalFound) -> None:
-    """Write the loads of a VerticalFound as CSV."""
+    """Write the loads of a VerticalFound as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : VerticalFound
+    """
     write_records(path, [column_name(*column) for column in LOAD_COLUMNS], found.load_rows())
 
 
 def write_vertical_plot(path: Path, found: VerticalFound) -> None:
-    """Plot density, velocities and pressure over height: one row per point (first MOST_ROWS), one colour per time."""
+    """Plot density, velocities and pressure over height.
+
+    There is one row of panels per point (the first MOST_ROWS), and one colour per time.
+
+    Parameters
+    ----------
+    path : Path
+    found : VerticalFound
+    """
     names = found.names[:MOST_ROWS]
     rows, of_all = len(names), f", {MOST_ROWS} of {len(found.names)} points" * (len(found.names) > MOST_ROWS)
     with plot_file(path, (11.0, 3.1 * rows + 0.4), rows=rows, columns=len(PANELS), share="row") as axes:

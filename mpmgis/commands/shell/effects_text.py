@@ -1,13 +1,29 @@
-"""`mpmgis effects`: the catalogue of effects; with a scene: the effects that are on, and the deciding numbers."""
+"""Print the catalogue of effects; with a scene the effects that are on, and the deciding numbers."""
 
+import argparse
 import json
 
 from ...system.errors import InputError
 from . import answers, terminal
 
 
-def run(arguments):
-    """Print the catalogue, or the decisions for a scene."""
+def run(arguments: argparse.Namespace) -> int:
+    """Print the catalogue, or the decisions for a scene.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    Raises
+    ------
+    InputError
+        An option that requires a scene, without one.
+    """
     answers.require_writable(arguments, [path for path in (arguments.scene, arguments.law) if path])
     if arguments.scene is None:
         if arguments.law is not None:

@@ -1,7 +1,9 @@
-"""`mpmgis info`: one screen about any file that mpmgis reads or writes."""
+"""Print one screen about any file that mpmgis reads or writes."""
 
+import argparse
 import json
 import sys
+from typing import Any
 
 from ...laws.quantities import BAND
 from ..info import VERB
@@ -66,10 +68,20 @@ WIDEST_VALUE = 110
 MOST_ITEMS = 12  # of a list or table that are shown; the rest is counted
 
 
-def run(arguments):
-    """Describe each file; a file that cannot be read gives an error line and exit code 2, and the others are described.
+def run(arguments: argparse.Namespace) -> int:
+    """Describe each file.
 
-    With -o nothing is written after an error.
+    A file that cannot be read gives an error line and exit code 2, and the others are described. With -o nothing is
+    written after an error.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
     """
     from ...results.reports.file_facts import inspect
     from ...system.errors import MpmgisError, one_line
@@ -98,8 +110,17 @@ def _as_json(facts, output):
     return json.dumps(facts, ensure_ascii=not whole, allow_nan=False)
 
 
-def screen(facts):
-    """Lines of text with the facts about one file, keys and values in two columns."""
+def screen(facts: dict[str, Any]) -> list[str]:
+    """Return lines of text with the facts about one file, keys and values in two columns.
+
+    Parameters
+    ----------
+    facts : dict
+
+    Returns
+    -------
+    list of str
+    """
     facts = dict(facts)
     size = f" ({_bytes(facts.pop('bytes'))})" if "bytes" in facts else ""
     rows = list(_rows(facts.items(), _units(facts)))

@@ -1,4 +1,4 @@
-"""Intensity classes of a guideline, from the largest values of a cell."""
+"""Classify the largest values of a cell by the intensity classes of a guideline."""
 
 import math
 import re
@@ -37,7 +37,7 @@ class IntensityClass:
     read_in: str = ""
 
     def words(self) -> str:
-        """The conditions as text."""
+        """Return the conditions as text."""
         if any(not condition for condition in self.when):
             return "all cells with flow"
         parts = (
@@ -47,7 +47,7 @@ class IntensityClass:
         return " or ".join(parts)
 
     def origin(self) -> str:
-        """The source of its numbers, as text."""
+        """Return the source of the numbers of the class, as text."""
         if self.read_in == UNREAD:
             return "number as commonly cited, not verified in the document; check it there"
         return f"number read in {self.read_in}"
@@ -72,7 +72,18 @@ class Guideline:
 
 
 def parse_guidelines(tables: dict, where: object) -> dict[str, Guideline]:
-    """Guidelines by name from the tables of a TOML file; `where` is its name in error messages.
+    """Return guidelines by name from the tables of a TOML file.
+
+    Parameters
+    ----------
+    tables : dict
+        Name -> table.
+    where : str or Path
+        Name of the file in error messages.
+
+    Returns
+    -------
+    dict of str to Guideline
 
     Raises
     ------
@@ -128,7 +139,7 @@ def _text(value, where, key):
 
 
 def classify(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarray:
-    """Class number of each cell.
+    """Return the class number of each cell.
 
     Parameters
     ----------
@@ -153,7 +164,20 @@ def classify(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarr
 
 
 def without_value(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarray:
-    """bool[rows, columns]: cells with flow without a value of a band of the guideline."""
+    """Return which cells with flow have no value of a band of the guideline.
+
+    Parameters
+    ----------
+    guideline : Guideline
+    bands : dict of str to float[rows, columns]
+        NaN without a value.
+    reached : bool[rows, columns]
+        Cells with flow.
+
+    Returns
+    -------
+    bool[rows, columns]
+    """
     gaps = [np.isnan(bands[name]) for name in guideline.bands]
     return reached & np.logical_or.reduce(gaps) if gaps else np.zeros(reached.shape, bool)
 
@@ -169,5 +193,17 @@ def _at_least(bands, name, least):
 
 
 def class_areas(guideline: Guideline, numbers: np.ndarray, cell_area: float) -> np.ndarray:
-    """float64[classes] [m2]: plan area of each class."""
+    """Return the plan area of each class.
+
+    Parameters
+    ----------
+    guideline : Guideline
+    numbers : uint8[rows, columns]
+        From `classify`.
+    cell_area : float [m2]
+
+    Returns
+    -------
+    float64[classes] [m2]
+    """
     return np.bincount(numbers.ravel(), minlength=len(guideline.classes) + 1)[1:] * cell_area

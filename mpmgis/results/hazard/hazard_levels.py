@@ -1,4 +1,4 @@
-"""Hazard levels of a guideline: a matrix of return period and intensity class, over several scenarios."""
+"""Find hazard levels of a guideline: a matrix of return period and intensity class, over several scenarios."""
 
 import math
 import re
@@ -43,11 +43,11 @@ class Period:
 
     @cached_property
     def levels(self) -> np.ndarray:
-        """uint8[classes + 1]: level of each intensity class; 0 for class 0. Of a divided cell the higher one."""
+        """Level of each intensity class, uint8[classes + 1]; 0 for class 0. Of a divided cell the higher one."""
         return np.array([0, *(max(cell) for cell in self.cells)], np.uint8)
 
     def words(self) -> str:
-        """Its return periods as text."""
+        """Return its return periods as text."""
         return "longer" if math.isinf(self.up_to) else f"up to {self.up_to:g} years"
 
 
@@ -69,7 +69,15 @@ class HazardMatrix:
         return tuple(band for _, band, _ in QUANTITIES.values() if band in named)
 
     def period(self, years: float) -> Period:
-        """The Period of a scenario with a return period [years].
+        """Return the Period of a scenario with this return period.
+
+        Parameters
+        ----------
+        years : float [years]
+
+        Returns
+        -------
+        Period
 
         Raises
         ------
@@ -85,7 +93,12 @@ class HazardMatrix:
         )
 
     def missing(self, years: list) -> list[Period]:
-        """Periods without a scenario of these return periods."""
+        """Return the periods without a scenario of these return periods.
+
+        Parameters
+        ----------
+        years : list of float [years]
+        """
         given = {self.period(value).name for value in years}
         return [period for period in self.periods if period.name not in given]
 
@@ -97,7 +110,20 @@ class HazardMatrix:
 
 
 def parse_matrices(tables: dict, guidelines: dict, where: object) -> dict[str, HazardMatrix]:
-    """Matrices by name from the tables of a TOML file; `guidelines` has the Guidelines by name that they can use.
+    """Return matrices by name from the tables of a TOML file.
+
+    Parameters
+    ----------
+    tables : dict
+        Name -> table.
+    guidelines : dict of str to Guideline
+        Guidelines that the matrices can use.
+    where : str or Path
+        Name of the file in error messages.
+
+    Returns
+    -------
+    dict of str to HazardMatrix
 
     Raises
     ------
@@ -200,7 +226,7 @@ def _require(table, where, kinds, needed):
 
 
 def levels_of(period: Period, bands: dict, reached: np.ndarray) -> tuple[np.ndarray, int]:
-    """Hazard level of each cell of one scenario.
+    """Return the hazard level of each cell of one scenario.
 
     Parameters
     ----------
@@ -240,12 +266,17 @@ class Hazard:
     partly: np.ndarray
 
     def coded(self) -> np.ndarray:
-        """uint8[rows, columns]: levels, NOT_ASSESSED where unknown."""
+        """Return the levels, with NOT_ASSESSED where they are unknown.
+
+        Returns
+        -------
+        uint8[rows, columns]
+        """
         return np.where(self.unknown, np.uint8(NOT_ASSESSED), self.level)
 
 
 def combined(levels: list, known: list, terrain_known: np.ndarray, highest: int) -> Hazard:
-    """The largest level of each cell over all scenarios.
+    """Return the largest level of each cell over all scenarios.
 
     Parameters
     ----------
@@ -255,6 +286,10 @@ def combined(levels: list, known: list, terrain_known: np.ndarray, highest: int)
     terrain_known : bool[rows, columns]
     highest : int
         Number of levels.
+
+    Returns
+    -------
+    Hazard
     """
     level = np.maximum.reduce(levels)
     complete = np.logical_and.reduce([*known, terrain_known])

@@ -1,8 +1,10 @@
-"""`mpmgis report --map`: scenarios to hazard levels of a guideline, as raster, zones and printed map."""
+"""Answer `mpmgis report --map`: scenarios to hazard levels of a guideline, as raster, zones and printed map."""
 
 import datetime
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -53,7 +55,7 @@ class HazardOptions:
     guidelines: Path | None = None
 
     def given(self) -> list[str]:
-        """Names of the given options."""
+        """Return the names of the given options."""
         return [one.name for one in fields(self) if getattr(self, one.name) != one.default]
 
 
@@ -67,8 +69,19 @@ class HazardFound:
     files: tuple
 
 
-def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
-    """Hazard levels of several scenarios.
+def hazard_map(request: Any, progress: Callable[[int, int], None] = lambda done, total: None) -> HazardFound:
+    """Combine several scenarios to a map of hazard levels; write its files.
+
+    Parameters
+    ----------
+    request : ReportRequest
+        With options of a hazard map.
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    HazardFound
 
     Raises
     ------
@@ -103,9 +116,20 @@ def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
 
 
 def shares_of(scenarios: list, highest: int) -> np.ndarray | None:
-    """float32[levels, rows, columns]: share of runs with at least each level; None without an ensemble.
+    """Return the share of runs with at least each level; None without an ensemble.
 
-    The largest of all scenarios; a scenario of one run counts as certain.
+    It is the largest of all scenarios; a scenario of one run counts as certain.
+
+    Parameters
+    ----------
+    scenarios : list of Scenario
+        On one grid.
+    highest : int
+        Number of levels.
+
+    Returns
+    -------
+    float32[levels, rows, columns] or None
     """
     if all(scenario.shares is None for scenario in scenarios):
         return None
@@ -119,11 +143,20 @@ def shares_of(scenarios: list, highest: int) -> np.ndarray | None:
 
 
 def scale_of(text: str | None) -> float | None:
-    """Denominator of a scale "1:5000"; None without one.
+    """Return the denominator of a scale "1:5000"; None without one.
+
+    Parameters
+    ----------
+    text : str or None
+
+    Returns
+    -------
+    float or None
 
     Raises
     ------
     InputError
+        Not a scale.
     """
     if text is None:
         return None

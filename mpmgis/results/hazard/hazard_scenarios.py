@@ -1,11 +1,10 @@
-"""Scenarios of a hazard map: hazard levels of each, from frames, exports, rasters of other codes or ensembles.
-
-Facts about the results of a scenario for the block of sources of a printed map.
-"""
+"""Compute hazard levels of each scenario, from frames, exports, rasters of other codes or ensembles."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from affine import Affine
@@ -64,12 +63,22 @@ class Scenario:
     whole: bool = False
 
     def words(self) -> str:
-        """Return period and name."""
+        """Return return period and name as text."""
         more = f", largest of {self.members} runs" if self.shares is not None else ""
         return f"{self.years:g} years: {self.path.name}{more}"
 
     def on(self, grid: Grid) -> "Scenario":
-        """The scenario on another grid with cells that are not larger, each with the highest level it meets."""
+        """Return the scenario on another grid, each cell with the highest level that it meets.
+
+        Parameters
+        ----------
+        grid : Grid
+            With cells that are not larger.
+
+        Returns
+        -------
+        Scenario
+        """
         if same_cells(grid, self.grid):
             return self
         known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, self.whole)))
@@ -81,7 +90,12 @@ class Scenario:
 
 
 def same_cells(first: Grid, second: Grid) -> bool:
-    """Whether two grids have the same cells."""
+    """Return whether two grids have the same cells.
+
+    Parameters
+    ----------
+    first, second : Grid
+    """
     return first.shape == second.shape and first.transform == second.transform
 
 
@@ -101,11 +115,22 @@ def _around(values, grid, onto, outside):
 
 
 def scenario_of(text: str, option: str = "scenario") -> tuple[float, Path]:
-    """(return period [years], path) of "T=RESULTS".
+    """Return return period and path of "T=RESULTS".
+
+    Parameters
+    ----------
+    text : str
+    option : str
+        Name of the option, for the error.
+
+    Returns
+    -------
+    (float [years], Path)
 
     Raises
     ------
     InputError
+        Not of this form.
     """
     years, equals, path = str(text).partition("=")
     try:
@@ -117,8 +142,21 @@ def scenario_of(text: str, option: str = "scenario") -> tuple[float, Path]:
     return number, Path(path.strip())
 
 
-def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: None) -> list[Scenario]:
-    """The scenarios of a request, all on one grid.
+def read_scenarios(
+    request: Any, matrix: HazardMatrix, progress: Callable[[int, int], None] = lambda done, total: None
+) -> list[Scenario]:
+    """Read the scenarios of a request, all on one grid.
+
+    Parameters
+    ----------
+    request : ReportRequest
+    matrix : HazardMatrix
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    list of Scenario
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Printed sheet of a hazard map at an exact scale: map at the left, all explanations in a column at its right.
+"""Print a hazard map at an exact scale: map at the left, all explanations in a column at its right.
 
 Scale bar, north arrow and legend stand in the column, where they never cover the flow.
 """
@@ -64,12 +64,25 @@ def _frame(width, height, column):
 
 
 def sheet_for(bounds: tuple, paper: str, scale: float | None) -> Sheet:
-    """The sheet whose orientation shows (west, south, east, north) [m] at the largest scale, or at the given one.
+    """Return the sheet whose orientation shows an area at the largest scale, or at the given one.
+
+    Parameters
+    ----------
+    bounds : (float, float, float, float) [m]
+        West, south, east, north.
+    paper : str
+        A key of PAPERS.
+    scale : float or None
+        Denominator; None: the largest of SCALES that fits.
+
+    Returns
+    -------
+    Sheet
 
     Raises
     ------
     InputError
-        They do not fit on the paper at this scale.
+        The area does not fit on the paper at this scale.
     """
     needed, width, height, frame = _largest_scale(bounds, paper)
     chosen = scale or next((value for value in SCALES if value >= needed), round_up(needed))
@@ -103,11 +116,18 @@ class Print:
 
     @cached_property
     def figure(self) -> "Figure":
-        """The figure, of the size of the paper."""
+        """Figure of the size of the paper."""
         return _drawn(*self._contents)
 
     def save(self, path: Path, kind: str) -> None:
-        """Write it as a `kind` of file: "pdf" or "png"."""
+        """Write the sheet to a file.
+
+        Parameters
+        ----------
+        path : Path
+        kind : str
+            "pdf" or "png".
+        """
         from matplotlib import rc_context
 
         with rc_context({"hatch.linewidth": 0.5, "pdf.fonttype": 42}), whole_file(path) as part:

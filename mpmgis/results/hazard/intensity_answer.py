@@ -1,8 +1,6 @@
-"""`mpmgis intensity`: classes of a named guideline on a map.
+"""Answer `mpmgis intensity`: classes of a named guideline on a map."""
 
-Loads of a flow on the buildings of a polygon layer: frames or an export in, loads of each building out.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,8 +50,16 @@ class IntensityFound:
     files: tuple
 
 
-def intensity(request: IntensityRequest, progress=lambda done, total: None) -> IntensityFound:
-    """Classes of the largest values of each cell, as raster, polygons and areas.
+def intensity(
+    request: IntensityRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> IntensityFound:
+    """Classify the largest values of each cell; write raster, polygons and areas.
+
+    Parameters
+    ----------
+    request : IntensityRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -123,7 +129,18 @@ def _terrain(request, result, grid, output):
 
 
 def bands_of(result: Result, guideline: Guideline, density: float | None) -> tuple[dict, Grid]:
-    """(band -> float[rows, columns], their Grid) of depth and of all bands of the guideline.
+    """Return the bands of depth and of the guideline.
+
+    Parameters
+    ----------
+    result : Result
+    guideline : Guideline
+    density : float or None [kg m-3]
+        For a pressure computed from the speed.
+
+    Returns
+    -------
+    (dict of str to float[rows, columns], Grid)
 
     Raises
     ------

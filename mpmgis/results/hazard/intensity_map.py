@@ -1,7 +1,4 @@
-"""Guideline files, and the map, polygons and table of intensity classes.
-
-PNG map of the classes of a guideline over a hillshade.
-"""
+"""Draw the classes of a guideline over a hillshade, as PNG."""
 
 import textwrap
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""Outlines of hazard zones for a map scale: smoothed, simplified, minimum mapping area, no gaps or overlaps.
+"""Outline hazard zones for a map scale: smoothed, simplified, minimum mapping area, no gaps or overlaps.
 
-Where generalization must choose, the higher level wins: gaps that are too small to be mapped take the level around
+ Where generalization must choose, the higher level wins: gaps that are too small to be mapped take the level around
 them, and parts that are too small are enlarged, not removed.
 """
 
@@ -32,12 +32,18 @@ class Generalized:
 
 
 def default_area(scale: float) -> float:
-    """Minimum mapping area [m2] of a map at 1:`scale`."""
+    """Return the minimum mapping area [m2] of a map at 1:`scale`.
+
+    Parameters
+    ----------
+    scale : float
+        Denominator of the map scale.
+    """
     return (SMALLEST * scale) ** 2
 
 
 def generalized_zones(level: np.ndarray, highest: int, transform: Affine, scale: float, least: float) -> Generalized:
-    """Zones of a raster of levels.
+    """Return the zones of a raster of levels, generalized for a map scale.
 
     Parameters
     ----------
@@ -140,6 +146,11 @@ def _given(part, zones, first):
 
 
 def polygons(shape: shapely.Geometry) -> shapely.MultiPolygon:
-    """The polygons of any geometry as a MultiPolygon; lines and points are left out."""
+    """Return the polygons of any geometry as a MultiPolygon; lines and points are left out.
+
+    Parameters
+    ----------
+    shape : shapely geometry
+    """
     pieces = shapely.get_parts(shapely.get_parts(shape if shapely.is_valid(shape) else shapely.make_valid(shape)))
     return shapely.MultiPolygon([piece for piece in pieces if piece.geom_type == "Polygon" and piece.area > 0])

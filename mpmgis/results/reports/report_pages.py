@@ -1,4 +1,8 @@
-"""Pages of a report: barriers (loads over time, run-up, overtopping, section), and the places of the largest values."""
+"""Compose pages of a report: barriers (loads over time, run-up, overtopping, section), places of the largest values."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -14,10 +18,13 @@ from ...solvers.features.walls import half_thickness
 from ...system.disguised_files import require_local
 from ...system.errors import MpmgisError
 from ...system.messages import log, muted
+from ...terrain.grid import Grid
 from ..barrier_loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from ..load_plots import write_history_plot, write_section_plot
+from ..opened_results import ExportFlow, FrameFlow, RasterFlow
 from ..profiles import free_surface
-from .html_page import Lines, Picture, Table, figure_rows, section
+from ..runout_figures import RunoutFound
+from .html_page import Lines, Picture, Section, Table, figure_rows, section
 
 NEAR_CELLS = 3.0  # [cells] of solver or map around a wall in which its run-up is looked for
 SECTION_CELLS, SECTION_HEIGHTS = 8.0, 6.0  # cells of the map, heights of the crest: before a wall; half behind it
@@ -34,14 +41,48 @@ STEPS = (("thickness", "largest vertical thickness of any step", "m"), ("speed",
 LEFT = {"hole": "into a hole of the DTM", "collar": "into the nodata around the DTM", "elsewhere": "at smaller places"}
 
 
-def barrier_sections(gathered, folder):
-    """Sections of the barriers of the run beside the frames; nothing where it has none.
+@dataclass(frozen=True)
+class Gathered:
+    """What a report is made from.
 
     Parameters
     ----------
-    gathered : what a report is made from: flow, peaks, grid, record
+    flow : FrameFlow, ExportFlow or RasterFlow
+    peaks : dict of str to float[rows, columns]
+        Largest values of the cells by band.
+    grid : Grid
+        Of the peaks.
+    record : dict
+        run.json of the run; {} for results of other codes.
+    scene : str
+        Text of the scene; "" if unknown.
+    runout : RunoutFound or None
+    notes : tuple of str
+        Messages while the results were read.
+    """
+
+    flow: FrameFlow | ExportFlow | RasterFlow
+    peaks: dict
+    grid: Grid
+    record: dict
+    scene: str
+    runout: RunoutFound | None
+    notes: tuple
+
+
+def barrier_sections(gathered: Gathered, folder: Path) -> Iterator[Section]:
+    """Yield sections of the barriers of the run beside the frames; none where it has no barriers.
+
+    Parameters
+    ----------
+    gathered : Gathered
+        What the report is made from.
     folder : Path
         For pictures.
+
+    Yields
+    ------
+    Section
     """
     flow = gathered.flow
     if not flow.entries:
@@ -219,8 +260,20 @@ def _section(gathered, wall, history, run_up, path):
     return Picture(path.read_bytes(), "Section through the place of the largest depth at the wall")
 
 
-def places_section(gathered, folder):
-    """A section with a numbered table and map of places; None where none is known."""
+def places_section(gathered: Gathered, folder: Path) -> Section | None:
+    """Return a section with a numbered table and map of places; None where none is known.
+
+    Parameters
+    ----------
+    gathered : Gathered
+        What the report is made from.
+    folder : Path
+        For pictures.
+
+    Returns
+    -------
+    Section or None
+    """
     rows = [*_of_maps(gathered), *_of_record(gathered.record)]
     if not rows:
         return None

@@ -1,6 +1,7 @@
-"""`mpmgis report`: one HTML file about a run."""
+"""Answer `mpmgis report`: one HTML file about a run."""
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from ..opened_results import ExportFlow, open_flow, peaks_of, read_peaks
 from ..runout_answer import RunoutRequest, found_runout
 from ..runout_plots import write_runout_plot
 from .html_page import Lines, Picture, Source, Table, figure_rows, section, write_report
-from .report_pages import barrier_sections, places_section
+from .report_pages import Gathered, barrier_sections, places_section
 
 REPORT_FILE = "report.html"
 WORD = "report"
@@ -47,23 +48,18 @@ class ReportRequest(AnswerRequest):
     hazard: HazardOptions
 
 
-@dataclass(frozen=True)
-class _Gathered:
-    """Contents of a report: the `flow`, the `peaks` of its cells by band on `grid`, the run's `record`."""
-
-    flow: object
-    peaks: dict
-    grid: object
-    record: dict
-    scene: str
-    runout: object
-    notes: tuple
-
-
-def report(request: ReportRequest, progress=lambda done, total: None) -> tuple[Path, ...] | HazardFound:
+def report(
+    request: ReportRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> tuple[Path, ...] | HazardFound:
     """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
 
     With `hazard.map` a hazard map of several scenarios instead.
+
+    Parameters
+    ----------
+    request : ReportRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -125,7 +121,7 @@ def _gather(request, output, progress):
                 raise
             log.info(f"no runout: {error}")
             runout = None
-    return _Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
+    return Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
 
 
 def _of_the_run(flow):
