@@ -23,7 +23,7 @@ from ..system.whole_files import refuse_existing, whole_folder
 from ..terrain.dtm import read_terrain
 from ..terrain.raster_input import read_raster
 
-SITE = "lava_falls"
+SITE = "lava_falls"  # folder of the shipped data
 _PACKAGE = Path(__file__).resolve().parents[1]
 # A wheel has the data inside the package (see pyproject.toml), a checkout beside it.
 _PLACES = (_PACKAGE / "sample_data", _PACKAGE.parent / "sample_data")

@@ -26,6 +26,7 @@ _INFRASTRUCTURE = (  # modules that are not verbs
         "verb_calls",
     ),
 )
+# of verbs; the tens digit of Verb.place
 GROUPS = ("from a terrain to a map", "answers from results", "many runs", "information")
 
 

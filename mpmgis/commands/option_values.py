@@ -14,7 +14,9 @@ from ..system.errors import InputError
 from .option import Option, PathLike, Verb, options_of, verb_of
 
 Request = TypeVar("Request")
-_COUNTS = {1: "one", 2: "two", 3: "three", 4: "four"}
+_COUNTS = {1: "one", 2: "two", 3: "three", 4: "four"}  # numbers in words
+_NAME = re.compile(r"`(\w+)(?:[= ]([^`]*))?`")  # an option of Python in a message, with or without a value
+_FLAG = re.compile(r"(?<!FILE )(?<![\w-])(--[a-z][a-z-]*|-o)(?![\w-])")  # an option of the command in a message
 
 
 def value_of_text(text: str, option: Option) -> Any:
@@ -303,10 +305,6 @@ def made(kind: type[Request], values: Mapping[str, Any]) -> Request:
 @cache
 def _hints(kind: type) -> dict[str, Any]:
     return {name: hint for name, hint in get_type_hints(kind).items() if name in kind.__dataclass_fields__}
-
-
-_NAME = re.compile(r"`(\w+)(?:[= ]([^`]*))?`")
-_FLAG = re.compile(r"(?<!FILE )(?<![\w-])(--[a-z][a-z-]*|-o)(?![\w-])")
 
 
 def with_flags(text: str, verb: Verb) -> str:

@@ -16,12 +16,13 @@ from shapely.geometry.polygon import orient
 from ..laws.quantities import GRAVITY
 from ..scene.point_effects import FEWEST_CELLS
 
+# headings of the columns of a barrier's table
 FORCE, PEAK = "mean normal force [N]", "largest normal force of a step so far [N]"
 IMPULSE, OVERTOPPED = "normal impulse [N s]", "overtopped mass [kg]"
-MOMENTS = ("mean moment east [N m]", "mean moment north [N m]", "mean moment up [N m]")
-LEVEL_SHARE = 0.5  # of the height of a wall that the ground of its run-up may be above or below the wall's
 EAST, NORTH = "impulse east [N s]", "impulse north [N s]"
-BANDS = ("h", "Ut_E", "Ut_N", "Ut")
+MOMENTS = ("mean moment east [N m]", "mean moment north [N m]", "mean moment up [N m]")
+LEVEL_SHARE = 0.5  # [heights of the wall] by which the ground at a run-up may be above or below that at the wall
+BANDS = ("h", "Ut_E", "Ut_N", "Ut")  # of the flow at a building
 FIELDS = {  # attribute: unit, meaning; each has its time in <attribute>_t, but the height
     "flow_depth": ("m", "largest flow depth at the outline"),
     "flow_speed": ("m s-1", "largest speed along the slope at the outline"),
@@ -32,8 +33,8 @@ FIELDS = {  # attribute: unit, meaning; each has its time in <attribute>_t, but 
     "flow_height": ("m", "height of the resultant over the foot at the time of the largest force"),
 }
 TIMED = tuple(name for name in FIELDS if name != "flow_height")
-DIRECTIONS = 72  # tried for a flow at rest, which presses on all sides
-STILL = 1e-9  # of the speed of the pieces: a smaller mean velocity has no direction
+DIRECTIONS = 72  # every 5 degrees, tried for a flow at rest, which presses on all sides
+STILL = 1e-9  # [m s-1] a smaller mean velocity of the flow at the outline has no direction
 
 
 @dataclass(frozen=True)

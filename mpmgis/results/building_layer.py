@@ -12,7 +12,7 @@ from ..system.whole_files import whole_file
 from ..terrain.elevation import Terrain
 from ..terrain.spatial_inputs import Feature, read_polygons
 
-LAYER = "buildings"
+LAYER = "buildings"  # of the GeoPackage
 
 
 def read_buildings(path: Path, terrain: Terrain) -> list[Feature]:

@@ -13,14 +13,14 @@ from ..terrain.grid import Grid
 
 FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "h_deposit")  # in order of preference
 SMALLEST_COUNTS = ("Un_min",)  # bands whose peak is their smallest value
-PERCENTILE = 99.0
-MOST_CELLS = 100_000_000  # of the grid on which two footprints are compared
+PERCENTILE = 99.0  # [%] high value that does not depend on a single cell
+MOST_CELLS = 100_000_000  # of the grid on which two footprints are compared, to limit the memory
 THICKNESS, DIFFERENCE, MASK, ELEVATION = "thickness", "difference of DEMs", "mask", "elevations"  # kinds of raster
 _ONES = (1.0, 255.0)  # mask values inside the footprint
 _NO_THICKNESS = 10.0  # [m] no flow exceeds this thickness in every cell of a raster
-_NEGATIVE_SHARE = 1e-3  # share of non-zero cells; more negative values than this are not noise
+_NEGATIVE_SHARE = 1e-3  # [1] of the non-zero cells; more negative values than this are not noise
 _ON_THE_CELL = 1e-6  # [cells] tolerance for cell centres on a cell border of the other grid
-_ROWS_AT_ONCE = 256
+_ROWS_AT_ONCE = 256  # resampled together, to limit the memory
 
 
 class Overlap(NamedTuple):

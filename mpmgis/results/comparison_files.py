@@ -31,12 +31,12 @@ from .comparison_figures import Comparison
 from .flow_line import Runout, up_to
 
 HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
-CLASSES = {1: "only A", 2: "only B", 3: "both"}
+CLASSES = {1: "only A", 2: "only B", 3: "both"}  # number in classes.tif: words
 ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # distinct for colour-blind readers and in grey
-OPACITY = 0.8
+OPACITY = 0.8  # [1] of the classes over the hillshade
 LINE_COLOUR = "#101010"
 SQUARE_METRES_PER_HECTARE = 1e4
-LEGEND_LETTERS = 30  # per line
+LEGEND_LETTERS = 30  # in a line of the legend
 
 
 def write_table(path: Path, found: Comparison) -> None:

@@ -32,9 +32,9 @@ from .runout_figures import ends_along, heights_under
 if TYPE_CHECKING:
     from .comparison_answer import CompareRequest
 
-OUTLINE = "outline"
+OUTLINE = "outline"  # kind of a side that is no result
 HEIGHT_DIFFERENCE = "dz"  # the band of a difference of DEMs
-DEPOSITED = ("h_deposit", "t_vol_deposit")
+DEPOSITED = ("h_deposit", "t_vol_deposit")  # bands that are compared with a difference of DEMs
 PEAK_THICKNESS = ("pft", "h_max")  # bands whose highest cell is the start of a flow
 
 

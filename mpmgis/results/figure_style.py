@@ -14,10 +14,11 @@ from ..system.whole_files import whole_file
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DOTS_PER_INCH = 110
-TITLE = 11  # [points]
+DOTS_PER_INCH = 110  # small files that are sharp on a screen
+TITLE = 11  # [points] of letters
 COLOURS = ("#144d62", "#d29343", "#94384d", "#3c6d56", "#5fa2c4", "#818232", "#8e44ad", "#111111")  # of curves
-GROUND, GROUND_LINE = "#d8cfc2", "#5a4632"
+GROUND = "#d8cfc2"  # below the terrain
+GROUND_LINE = "#5a4632"  # of the terrain
 
 
 @contextmanager

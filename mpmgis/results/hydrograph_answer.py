@@ -32,7 +32,7 @@ from .series_plots import write_hydrograph_plot, write_hydrograph_table
 
 PLOT_FILE, TABLE_FILE = "hydrograph.png", "hydrograph.csv"
 WORD = "hydrograph"
-BEYOND = 2.0  # diagonals of the raster by which a section is extended at both ends
+BEYOND = 2.0  # [diagonals of the raster] by which a section is extended at both ends
 METHODS = ("auto", "particles", "cells")
 
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-HIGH_SHARE = 95.0  # percentile that does not depend on a single spur
-MOST_PLACES = 200_000  # sample points on an outline
+HIGH_SHARE = 95.0  # [%] percentile that does not depend on a single spur
+MOST_PLACES = 200_000  # sample points on an outline, to limit time and memory
 
 
 class OutlineDistances(NamedTuple):

@@ -21,8 +21,8 @@ from .series_plots import write_profile_plot, write_rows
 
 PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
 WORD = "profile"
-USUAL_TIMES = 5
-MOST_PLACES = 200_000
+USUAL_TIMES = 5  # evenly spread over the results, if none are asked for
+MOST_PLACES = 200_000  # sample points on a line; more are a wrong `spacing`
 
 
 @dataclass(frozen=True, kw_only=True)

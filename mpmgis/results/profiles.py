@@ -60,8 +60,9 @@ LOAD_COLUMNS = (
     ("overburden_force_per_width", "N m-1"),
     ("height_of_overburden_force", "m"),
 )
-MOST_LAYERS = 2_000
-WIDTH_IN_CELLS, LAYER_IN_CELLS = 4.0, 0.5  # of the solver's grid: 64 points per layer with 8 points per cell
+MOST_LAYERS = 2_000  # of a vertical profile; more are a wrong `layer`
+WIDTH_IN_CELLS = 4.0  # [cells of the solver's grid] of the square cell around a point
+LAYER_IN_CELLS = 0.5  # [cells of the solver's grid] 64 points per layer with 8 points per cell
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,8 @@ PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "
 FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
 WORD = "runout"
 CENTRE_LINE = "centre line of the flow"
-STRAIGHT_OVER_ALONG = 1.5  # a toe as far from the line as along it gives 1.41
-_MARGIN = 0.08  # of the profile beyond both ends, over the runout
+STRAIGHT_OVER_ALONG = 1.5  # [1] straight distance over runout; a toe as far from the line as along it gives 1.41
+_MARGIN = 0.08  # [runouts] by which the profile goes beyond both ends
 
 
 def given_line(path: Path, flowed: np.ndarray, grid: Grid, terrain: Terrain | None) -> np.ndarray:

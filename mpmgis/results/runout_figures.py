@@ -18,7 +18,7 @@ from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .flow_line import places_along, positions_along, vertex_distances
 
-QUANTILES = (0.01, 0.5, 0.99)  # of the mass along the line
+QUANTILES = (0.01, 0.5, 0.99)  # [1] shares of the mass along the line; 99 % is the runout of the mass
 TIME_COLUMNS = (
     ("time", "s"),
     ("mass", "kg"),

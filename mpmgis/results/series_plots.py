@@ -11,7 +11,7 @@ from .profiles import ProfileFound, SeriesFound
 from .section_flux import COLUMNS, HydrographFound
 
 MOST_CURVES = 24  # points in the plot; the table has all
-LATE = 0.85  # used part of the colour ramp; its end is too pale for lines
+LATE = 0.85  # [1] used part of the colour ramp; its end is too pale for lines
 
 
 def write_hydrograph_table(path: Path, found: HydrographFound) -> None:

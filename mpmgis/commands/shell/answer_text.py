@@ -14,8 +14,8 @@ LOAD_HEADINGS = (
     "overburden [kN/m]",
     "at height [m]",
 )
-COLUMN_WIDTH = 19
-HEAD_WIDTH = 46  # of the name of a quantity
+COLUMN_WIDTH = 19  # [characters] of a column of loads
+HEAD_WIDTH = 46  # [characters] of the name of a quantity
 
 
 def lines_of(verb: str, found: Any, values: dict[str, Any]) -> list[str]:

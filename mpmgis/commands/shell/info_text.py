@@ -11,7 +11,7 @@ from ..info import terms as terms_of
 from . import answers, terminal
 from .parser import values_of
 
-_TAKERS = (  # of energy
+_TAKERS = (  # what energy is lost to, as in the names of the facts
     "ground",
     "eroded_mass",
     "barriers",
@@ -64,7 +64,7 @@ LABELS = {
     "contents": "its arrays are",
 }
 BAND_UNITS = {name: band.unit for name, band in BAND.items() if band.unit != "1"}
-WIDEST_VALUE = 110
+WIDEST_VALUE = 110  # [characters] a longer text is cut
 MOST_ITEMS = 12  # of a list or table that are shown; the rest is counted
 
 

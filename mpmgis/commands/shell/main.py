@@ -20,14 +20,14 @@ from .parser import OneLineParser, add_arguments
 from .progress import ended_by_signals
 
 DESCRIPTION = "Landslides, debris flows, snow and ice avalanches on real terrain with the Material Point Method."
-MODULES = {  # of verbs that are more than an option table and a workflow
+MODULES = {  # of verbs that are more than an option table and a function
     **dict.fromkeys(("run", "demo", "ensemble", "region", "study", "calibrate"), "simulation_verbs"),
     **dict.fromkeys(("seed", "convert", "qgis-plugin"), "file_verbs"),
     "completion": "completion_script",
     "effects": "effects_text",
     "info": "info_text",
 }
-LONGEST_NAME = 80  # characters of a file's name in a message of the system
+LONGEST_NAME = 80  # [characters] of a file's name in a message of the system
 
 
 def command() -> int:

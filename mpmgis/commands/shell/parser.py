@@ -11,7 +11,7 @@ from ..option import Option, Verb, options_of
 from ..option_values import value_of_text
 from . import terminal
 
-_NUMBERS = {"one": None, "many": "+", "maybe": "?", "any": "*"}
+_NUMBERS = {"one": None, "many": "+", "maybe": "?", "any": "*"}  # Option.positional: nargs of argparse
 
 
 class OneLineParser(argparse.ArgumentParser):

@@ -12,13 +12,19 @@ from . import terminal
 
 STOPPING = "stopping at the end of this step, or of the preparation; a second Ctrl+C stops immediately"
 SIGNALS = operating_system.stop_signals()
-REPEAT_SECONDS = 1.0  # `timeout` and shells send one signal to a process and to its group: it arrives twice
-LINE_SECONDS = 10.0  # between progress lines without a terminal
+REPEAT_SECONDS = 1.0  # [s] `timeout` and shells send one signal to a process and to its group: it arrives twice
+LINE_SECONDS = 10.0  # [s] between progress lines without a terminal
 COMPILING = "before the first step: kernels of a new kind of run are compiled once, half a minute or more"
 
 
 class Interrupted(KeyboardInterrupt):
-    """Stopped by the signal `number`; `exit_code` follows the convention of shells."""
+    """Stopped by a signal; `exit_code` follows the convention of shells.
+
+    Parameters
+    ----------
+    number : int
+        Of the signal.
+    """
 
     def __init__(self, number):
         super().__init__()

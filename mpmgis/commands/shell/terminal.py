@@ -14,10 +14,10 @@ from ...system.messages import log, logged_after_success
 from ..option import Verb
 from ..option_values import with_flags
 
-volume = 0
+volume = 0  # -1 with -q, 1 with -v
 _flags = str  # a message with flags of the command for names of options
 _LEVELS = {-1: logging.ERROR, 0: logging.INFO, 1: logging.DEBUG}
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # control characters without tab and newline
 
 
 def name_flags_of(verb: Verb) -> None:

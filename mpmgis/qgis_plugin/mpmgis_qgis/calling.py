@@ -13,9 +13,9 @@ from qgis.PyQt.QtCore import QProcess, QProcessEnvironment
 
 from .command import Lines, environment, error_line, is_error_line, progress
 
-LOOK_MILLISECONDS = 100
+LOOK_MILLISECONDS = 100  # [ms] between looks at messages and at the cancel button
 BAD_INPUT = 2  # exit code of the command for refused input; no file was changed
-STOP_MILLISECONDS = (10_000, 20_000)  # to stop after the current step; after a second signal, immediately
+STOP_MILLISECONDS = (10_000, 20_000)  # [ms] to stop after the current step; after a second signal, immediately
 
 
 def call(

@@ -7,7 +7,7 @@ import re
 import shutil
 
 COMMAND = "mpmgis"
-SETTING = "MPMGIS_COMMAND"
+SETTING = "MPMGIS_COMMAND"  # name in the settings of QGIS
 SETTING_PLACE = "Settings > Options > Processing > Providers > mpmgis"
 # QGIS sets these for its own Python and libraries; they break another Python with other versions of PROJ and GDAL.
 OF_QGIS = (

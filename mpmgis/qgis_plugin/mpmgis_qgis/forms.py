@@ -6,9 +6,9 @@ import json
 import os
 from dataclasses import dataclass
 
-OUTPUT = "OUTPUT"
+OUTPUT = "OUTPUT"  # name of the field of the output
 QGIS_MIN = "QGIS_MIN"  # its default is the running QGIS
-LOAD = "LOAD"
+LOAD = "LOAD"  # name of the field that only the plugin uses: whether results are opened
 FORMS_FILE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "forms.json")
 
 # Kinds of fields: widget in QGIS, and type of the value.

@@ -32,7 +32,7 @@ from qgis.core import (
 
 from . import forms, versions
 
-BANDS_HAVE_TIME = 33800  # from this QGIS on
+BANDS_HAVE_TIME = 33800  # version of QGIS from which on bands of a raster can have times
 VECTOR_FORMATS = ["gpkg", "shp", "geojson", "fgb"]  # read directly; other layers are saved as the first of these
 VECTOR_TYPES = {forms.POLYGONS: versions.POLYGONS, forms.LINES: versions.LINES, forms.POINTS: versions.POINTS}
 COLUMNS_OF = "RELEASE"  # field with the layer whose columns are offered

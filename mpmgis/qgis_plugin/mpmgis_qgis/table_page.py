@@ -8,7 +8,7 @@ STYLE = (
     "body{font-family:sans-serif;font-size:10pt}table{border-collapse:collapse}"
     "th,td{border:1px solid #bbb;padding:2px 6px;text-align:left;vertical-align:top}th{background:#e8e8e8}"
 )
-DIGITS = 4  # of a number
+DIGITS = 4  # significant ones of a number
 
 
 def page_of(title: str, records: list[dict]) -> str:

@@ -17,10 +17,10 @@ QUANTITIES = {
     "vvh": ("m3/s2", None, 1.0),  # h times the square of v
     "deposit": ("m", "h_deposit", 1.0),
 }
-UNREAD = "not read"
-PRODUCTS = {"vh": 1, "vvh": 2}  # of h and v: the power of v
-ROUNDING = 1e-6  # relative, of values near a limit: rasters have single precision, so 0.7 m may be 0.69999999 m
-_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+UNREAD = "not read"  # source of a number that was not verified in the document
+PRODUCTS = {"vh": 1, "vvh": 2}  # product of h and v: the power of v
+ROUNDING = 1e-6  # [1] of values near a limit: rasters have single precision, so 0.7 m may be 0.69999999 m
+COLOUR = re.compile(r"#[0-9a-fA-F]{6}")  # #rrggbb
 MOST_CLASSES = 250  # class numbers fit into a byte
 
 
@@ -106,7 +106,7 @@ def _guideline(name, table, where):
 def _class(table, where):
     _require_table(table, where, ("name", "colour", "when", "read_in"), ("name", "colour", "when"))
     colour = _text(table["colour"], where, "colour")
-    if not _COLOUR.fullmatch(colour):
+    if not COLOUR.fullmatch(colour):
         raise InputError(f"{where}: colour is {colour!r}, expected #rrggbb, for example #c1272d")
     conditions = table["when"]
     if not (isinstance(conditions, list) and conditions and all(isinstance(entry, dict) for entry in conditions)):

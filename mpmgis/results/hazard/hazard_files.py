@@ -29,9 +29,9 @@ from .zone_outlines import Generalized, polygons
 
 SHIPPED = Path(__file__).with_name("hazard_matrices.toml")
 NOT_ASSESSED_COLOUR, NOT_ASSESSED_WORDS = "#8c8c8c", "not assessed: no data"
-LEAST, MOST = 0.1, 0.9  # shares of runs between which an outline is uncertain
+LEAST, MOST = 0.1, 0.9  # [1] shares of runs between which an outline is uncertain
 HEADINGS = ("level", "name", "meaning", "area_m2", "zone_area_m2", "scenarios", "matrix", "source")
-BAND_PEN = ("40,40,40,255", 0.3, "dash")
+BAND_PEN = ("40,40,40,255", 0.3, "dash")  # of uncertain outlines in QGIS: colour, width [mm], style
 
 
 @dataclass(frozen=True)

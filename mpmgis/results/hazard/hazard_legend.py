@@ -11,21 +11,34 @@ from .hazard_levels import HazardMatrix
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MM = 1.0 / 25.4  # [inch]
-POINT = 25.4 / 72.0  # [mm]
-SMALL, HEADING = 4.6, 7.2  # [points]
+MM = 1.0 / 25.4  # [inch] a millimetre
+POINT = 25.4 / 72.0  # [mm] a point
+SMALL = 4.6  # [points] letters in the matrix
+HEADING = 7.2  # [points] letters of a heading
 SIZES = (6.0, 5.5, 5.0, 4.6)  # [points] of text: the largest with which all of it fits
-LETTER = 0.54  # mean width of a letter, of its size
-SPACING = 1.3  # of lines, of the size of letters
-OPACITY = 0.68
-ROW, HEAD, FOOT = 8.0, 5.5, 3.5  # [mm] height of a cell, of the headings and of the foot of the matrix
+LETTER = 0.54  # [1] mean width of a letter over its size
+SPACING = 1.3  # [1] of lines over the size of letters
+OPACITY = 0.68  # [1] of the zones on the map; the legend has the same colours
+ROW = 8.0  # [mm] height of a cell of the matrix
+HEAD = 5.5  # [mm] height of the headings of the matrix
+FOOT = 3.5  # [mm] height of the foot of the matrix
 
 
 class Column:
-    """Writes from the top of a column down; lengths in mm from the upper left corner of the sheet."""
+    """Writes from the top of a column down; lengths in mm from the upper left corner of the sheet.
 
-    def __init__(self, figure: "Figure", left: float, top: float, width: float, sheet: float, height: float):
-        self.figure, self.left, self.y, self.width, self.sheet, self.height = figure, left, top, width, sheet, height
+    Parameters
+    ----------
+    figure : Figure
+        Of the size of the sheet.
+    left, top, width : float [mm]
+        Of the column on the sheet.
+    height : float [mm]
+        Of the sheet.
+    """
+
+    def __init__(self, figure: "Figure", left: float, top: float, width: float, height: float) -> None:
+        self.figure, self.left, self.y, self.width, self.height = figure, left, top, width, height
         self.size = SIZES[0]
 
     def place(self, x: float, y: float) -> tuple[float, float]:
@@ -33,8 +46,14 @@ class Column:
 
         Parameters
         ----------
-        x, y : float [mm]
-            From the upper left corner of the column, down.
+        x : float [mm]
+            From the left edge of the column.
+        y : float [mm]
+            From the upper edge of the sheet, down.
+
+        Returns
+        -------
+        (float, float) [inch]
         """
         return (self.left + x) * MM, (self.height - y) * MM
 
@@ -137,8 +156,10 @@ class Column:
 
         Parameters
         ----------
-        x, y : float [mm]
-            Of its upper left corner.
+        x : float [mm]
+            Left edge, from that of the column.
+        y : float [mm]
+            Upper edge, from that of the sheet, down.
         width, height : float [mm]
         **look : properties of the Rectangle
         """
@@ -155,7 +176,7 @@ class Column:
         Parameters
         ----------
         x, y : float [mm]
-            Of the upper left corner of the box.
+            Of the upper left corner of the box, as for `box`.
         width, height : float [mm]
         colour : colour of matplotlib
         """
@@ -172,7 +193,7 @@ class Column:
         Parameters
         ----------
         x, y : float [mm]
-            Middle of the box.
+            Middle of the box, as for `place`.
         width : float [mm]
         words : str
         **look : properties of the Text

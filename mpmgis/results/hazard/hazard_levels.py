@@ -1,7 +1,6 @@
 """Find hazard levels of a guideline: a matrix of return period and intensity class, over several scenarios."""
 
 import math
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -9,13 +8,12 @@ from itertools import pairwise
 import numpy as np
 
 from ...system.errors import InputError
-from .guideline_classes import PRODUCTS, QUANTITIES, UNREAD, Guideline, classify
+from .guideline_classes import COLOUR, PRODUCTS, QUANTITIES, UNREAD, Guideline, classify
 
 NO_ZONE = "none"  # cell of a matrix without a level
 SPLIT = "|"  # between the levels of a cell that the guideline divides; the higher one counts
-NOT_ASSESSED = 255  # in rasters of levels
-MOST_LEVELS = 250
-_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+NOT_ASSESSED = 255  # in rasters of levels: a cell without data
+MOST_LEVELS = 250  # level numbers fit into a byte, beside NOT_ASSESSED
 
 
 @dataclass(frozen=True)
@@ -167,7 +165,7 @@ def _require_names(names, where):
 
 def _level(table, where):
     _require(table, where, {"name": str, "colour": str, "meaning": str}, ("name", "colour"))
-    if not _COLOUR.fullmatch(table["colour"]):
+    if not COLOUR.fullmatch(table["colour"]):
         raise InputError(f"{where}: colour is {table['colour']!r}, expected #rrggbb, for example #c1272d")
     return Level(table["name"], table["colour"], table.get("meaning", ""))
 

@@ -38,8 +38,8 @@ from .zone_outlines import default_area, generalized_zones
 RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE = "hazard.tif", "hazard.qml", "hazard.gpkg", "hazard.csv"
 PRINT_FILE, PICTURE_FILE, SHARES_FILE = "hazard.pdf", "hazard.png", "hazard_probability.tif"
 FILES = (RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE, PRINT_FILE, PICTURE_FILE)
-FOLDER = "hazard_map"
-ROWS = 512  # of the terrain at a time
+FOLDER = "hazard_map"  # of the output, if none is given
+ROWS = 512  # of the terrain that are read at a time, to limit the memory
 
 
 @dataclass(frozen=True, kw_only=True)

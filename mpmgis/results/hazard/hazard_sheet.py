@@ -20,26 +20,28 @@ from ...system.messages import log
 from ...system.whole_files import whole_file
 from ...terrain.elevation import Terrain
 from .hazard_files import LEAST, MOST, NOT_ASSESSED_COLOUR, NOT_ASSESSED_WORDS, HazardMap
-from .hazard_legend import Column, draw_matrix
+from .hazard_legend import MM, OPACITY, Column, draw_matrix
 from .zone_outlines import polygons
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PAPERS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}  # [mm] landscape
+PAPERS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}  # [mm] width and height, landscape
+# usual denominators of map scales
 SCALES = (500, 1000, 2000, 2500, 5000, 10000, 15000, 20000, 25000, 50000, 100000, 200000, 250000, 500000)
-EDGE, TITLE, TICKS, GAP = 8.0, 11.0, 7.0, 4.0  # [mm] margin, title line, labels of coordinates, map to column
+EDGE = 8.0  # [mm] margin of the paper
+TITLE = 11.0  # [mm] height of the title line
+TICKS = 7.0  # [mm] width of the labels of coordinates
+GAP = 4.0  # [mm] between map and column
 COLUMN = {"A4": 72.0, "A3": 84.0}  # [mm] width of the column of explanations
 AIR = 8.0  # [mm] on paper around the zones
-HEADINGS = 5.0  # [mm] of a heading of the column
+HEADINGS = 5.0  # [mm] height of a heading of the column
 FOOT = EDGE + 24.0  # [mm] under the explanations, for scale and north
-TITLES = (13.0, 11.0, 9.0, 7.5)  # [points]
-DOTS_PER_INCH = 200
-MM = 1.0 / 25.4  # [inch]
-ZONE_OPACITY = 0.68
-BAND_COLOUR = "#202020"
-METRES_PER_MM = 1e-3  # of the map at scale 1
+TITLES = (13.0, 11.0, 9.0, 7.5)  # [points] of the title: the largest with which it fits
+DOTS_PER_INCH = 200  # of the picture, and of the hillshade in the PDF
+BAND_COLOUR = "#202020"  # of the bands in which an outline is uncertain
+METRES_PER_MM = 1e-3  # on the map at scale 1
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,15 @@ def _largest_scale(bounds, paper):
 
 
 class Print:
-    """A sheet as a figure, drawn once and saved in several formats."""
+    """A sheet as a figure, drawn once and saved in several formats.
+
+    Parameters
+    ----------
+    made : HazardMap
+    terrain : Terrain or None
+        For the hillshade.
+    sheet : Sheet
+    """
 
     def __init__(self, made: HazardMap, terrain: Terrain | None, sheet: Sheet):
         self._contents = made, terrain, sheet
@@ -180,7 +190,7 @@ def _hide_beyond(axes, view, terrain):
 
 def _draw_zones(axes: "Axes", made: HazardMap) -> None:
     for level, zone in zip(made.matrix.levels, made.zones.zones, strict=True):
-        _draw_polygon(axes, zone, facecolor=(level.colour, ZONE_OPACITY), edgecolor=INK, linewidth=0.5, zorder=4)
+        _draw_polygon(axes, zone, facecolor=(level.colour, OPACITY), edgecolor=INK, linewidth=0.5, zorder=4)
     _draw_polygon(
         axes,
         made.not_assessed(),
@@ -224,7 +234,7 @@ def _draw_coordinates(axes):
 
 def _draw_column(figure, made, sheet, interval, without_terrain):
     """Legend, matrix, scenarios and sources from the top; scale and north at the foot."""
-    column = Column(figure, sheet.width - EDGE - sheet.column, EDGE + TITLE, sheet.column, sheet.width, sheet.height)
+    column = Column(figure, sheet.width - EDGE - sheet.column, EDGE + TITLE, sheet.column, sheet.height)
     _draw_legend(column, made, interval)
     draw_matrix(column, made.matrix, {scenario.period.name for scenario in made.scenarios})
     facts = made.facts + (
@@ -250,7 +260,7 @@ def _draw_column(figure, made, sheet, interval, without_terrain):
 def _draw_legend(column, made, interval):
     column.heading(made.matrix.title)
     for level, area in reversed(list(zip(made.matrix.levels, made.areas(), strict=True))):
-        column.patch(f"{level.meaning or level.name}, {area / 1e4:.3g} ha", facecolor=(level.colour, ZONE_OPACITY))
+        column.patch(f"{level.meaning or level.name}, {area / 1e4:.3g} ha", facecolor=(level.colour, OPACITY))
     if made.hazard.unknown.any():
         column.patch(NOT_ASSESSED_WORDS, facecolor="none", edgecolor=NOT_ASSESSED_COLOUR, hatch="xxxx")
     if made.shares is not None:

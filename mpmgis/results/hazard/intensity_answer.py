@@ -28,6 +28,12 @@ POLYGON_FILE, TABLE_FILE = "intensity.gpkg", "intensity.csv"
 MAP_FILE, BUILDING_FILE = "intensity.png", "buildings.gpkg"
 FILES = (RASTER_FILE, STYLE_FILE, POLYGON_FILE, TABLE_FILE, MAP_FILE)
 WORD = "intensity"
+_FIXES = {  # by missing band
+    "h_max": "expected an export, or rasters named <name>_pft",
+    "Ut_max": "expected an export, or rasters named <name>_pft and <name>_pfv, given by the beginning of their names",
+    "p_max": "expected an export, rasters named <name>_ppr [kPa], or `density` and <name>_pfv",
+    "h_deposit": "expected an export with its last step",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,11 +161,3 @@ def bands_of(result: Result, guideline: Guideline, density: float | None) -> tup
             f"{result.name} has no {', '.join(missing)}, which {guideline.name} requires; {_FIXES[missing[0]]}"
         )
     return bands, grid
-
-
-_FIXES = {  # by missing band
-    "h_max": "expected an export, or rasters named <name>_pft",
-    "Ut_max": "expected an export, or rasters named <name>_pft and <name>_pfv, given by the beginning of their names",
-    "p_max": "expected an export, rasters named <name>_ppr [kPa], or `density` and <name>_pfv",
-    "h_deposit": "expected an export with its last step",
-}

@@ -13,8 +13,9 @@ from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import NAMESPACE
 
 TAGS = (("release", "release {}"), ("density", "density {} kg/m3"), ("digest", "digest {:.8}"))  # of an export
-MOVING_ENERGY, MOVING_SPEED = 0.01, 0.1  # of the peak; [m s-1]: more at the end of a run is reported
-FRICTION_SKIPPED = ("law", "use")
+MOVING_ENERGY = 0.01  # [1] of the peak of kinetic energy; more at the end of a run is reported
+MOVING_SPEED = 0.1  # [m s-1] mean speed; more at the end of a run is reported
+FRICTION_SKIPPED = ("law", "use")  # keys of [friction] that are no parameters
 
 
 def facts_of(path: Path, result: Result | None = None) -> str:

@@ -14,12 +14,12 @@ from ...maps.qgis.outlines import mask_outline
 
 LINE = 0.3e-3  # [m] on paper: lines closer than this cannot be told apart in print
 SMALLEST = 2e-3  # [m] on paper: side of the smallest area that is mapped
-KEPT_AREA = 0.001  # largest change of an area by simplification; with 0.4 % of smoothing: 0.5 %
-HALVINGS = 8  # of the tolerance of simplification
+KEPT_AREA = 0.001  # [1] largest change of an area by simplification; with 0.4 % of smoothing: 0.5 %
+HALVINGS = 8  # of the tolerance of simplification, until the area is kept
 SLIVER = 0.5  # [cells] smaller parts of a zone are slivers at any minimum mapping area
-GRID = 1e-3  # [m] to which borders of zones are rounded, so that zones with a common border share its points
+GRID = 1e-3  # [m] lattice to which borders of zones are rounded, so that zones with a common border share its points
 OFFSETS = 3  # iterations of the distance that restores the area
-BISECTIONS = 24  # of the distance by which a small part is enlarged
+BISECTIONS = 24  # iterations of the distance by which a small part is enlarged
 
 
 @dataclass(frozen=True)

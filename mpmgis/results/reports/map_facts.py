@@ -24,10 +24,10 @@ from ...terrain.raster_input import open_raster
 from .particle_facts import is_particle_layer, no_side_files, particle_table_facts
 
 LARGEST_PROJECT = 100_000_000  # [bytes] of XML; projects with hundreds of layers have ten
-MOST_LAYERS = 10_000
-_AT_ONCE = 1_000_000
-_CRS = ["qgis", "projectCrs", "spatialrefsys", "authid"]
-LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger rasters are not tested as a DTM
+MOST_LAYERS = 10_000  # of a project; more are a damaged or hostile file
+_AT_ONCE = 1_000_000  # [bytes] of XML that are parsed together, to limit the memory
+_CRS = ["qgis", "projectCrs", "spatialrefsys", "authid"]  # path of elements to the CRS of a project
+LARGEST_TRIED_TERRAIN = 50_000_000  # [cells] larger rasters are not tested as a DTM
 TAG_NAMESPACE = "mpmgis"
 
 

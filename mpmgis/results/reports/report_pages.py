@@ -27,10 +27,11 @@ from ..runout_figures import RunoutFound
 from .html_page import Lines, Picture, Section, Table, figure_rows, section
 
 NEAR_CELLS = 3.0  # [cells] of solver or map around a wall in which its run-up is looked for
-SECTION_CELLS, SECTION_HEIGHTS = 8.0, 6.0  # cells of the map, heights of the crest: before a wall; half behind it
-MOST_PLACES = 2000  # of a section
-JOINED_SHARE = 0.04  # of the longer side of the map: places nearer to each other have one label
-LEAST_SHARE = 1e-5  # of the mass, from which on a place where mass left is listed
+SECTION_CELLS = 8.0  # [cells] of the map, at least, before a wall in its section; half as many behind it
+SECTION_HEIGHTS = 6.0  # [heights of the wall] at least before a wall in its section; half as many behind it
+MOST_PLACES = 2000  # sample points of a section
+JOINED_SHARE = 0.04  # [1] of the longer side of the map: places nearer to each other have one label
+LEAST_SHARE = 1e-5  # [1] of the mass; a place where less of it left is not listed
 HEADINGS = ("number", "what", "value", "E [m]", "N [m]", "time [s]")
 PEAKS = (  # band, words, unit, factor
     ("h_max", "largest depth in the maps", "m", 1.0),

@@ -36,6 +36,15 @@ MAPS = (  # band of the result, style of the map, title
 USED_OF_RASTERS = ("density", "min_depth")  # options of frames, for the pressure and the maps
 PASCAL_PER_KILOPASCAL = 1000.0
 SQUARE_METRES_PER_HECTARE = 1e4
+_EFFECT_COLUMNS = {  # key of a decision: heading
+    "effect": "effect",
+    "state": "state",
+    "decided_by": "decided by",
+    "indicator": "number",
+    "threshold": "threshold",
+    "reason": "reason",
+}
+_CHECKS = {"resolution": resolution_words, "volume": volume_words}  # key of a stage's record: its words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,9 +261,6 @@ def _check(name, numbers):
         return f"run.json is of another version of mpmgis, its {name} has no {one_line(error)}"
 
 
-_CHECKS = {"resolution": resolution_words, "volume": volume_words}
-
-
 def _warnings(gathered):
     """Problems and assumptions of the run and of reading its frames."""
     record = gathered.record
@@ -293,16 +299,6 @@ def _effects(record):
         rows = tuple(tuple(_word(decision.get(key)) for key in _EFFECT_COLUMNS) for decision in decisions)
         if rows:
             yield Table(tuple(_EFFECT_COLUMNS.values()), rows)
-
-
-_EFFECT_COLUMNS = {
-    "effect": "effect",
-    "state": "state",
-    "decided_by": "decided by",
-    "indicator": "number",
-    "threshold": "threshold",
-    "reason": "reason",
-}
 
 
 def _word(value):
