@@ -116,6 +116,6 @@ def hydrograph(
     --------
     >>> mpmgis.hydrograph("results", "section.gpkg").volume.cumsum().plot()  # doctest: +SKIP
     """
-    from ..results.answer_datasets import of_hydrograph
+    from ..results.answer_datasets import hydrograph_dataset
 
-    return of_hydrograph(answer(VERB, results, output, {**options, "section": section}))
+    return hydrograph_dataset(answer(VERB, results, output, {**options, "section": section}))

@@ -118,6 +118,6 @@ def profile(
     --------
     >>> mpmgis.profile("results", "line.gpkg", at_times=(20, 40)).h.plot(col="time")  # doctest: +SKIP
     """
-    from ..results.answer_datasets import of_profile
+    from ..results.answer_datasets import profile_dataset
 
-    return of_profile(answer(VERB, results, output, {**options, "line": line}))
+    return profile_dataset(answer(VERB, results, output, {**options, "line": line}))

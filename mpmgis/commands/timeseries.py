@@ -84,6 +84,6 @@ def timeseries(
     --------
     >>> mpmgis.timeseries("results", at=[(312900, 4008450)]).to_dataframe()  # doctest: +SKIP
     """
-    from ..results.answer_datasets import of_series
+    from ..results.answer_datasets import series_dataset
 
-    return of_series(answer(VERB, results, output, options))
+    return series_dataset(answer(VERB, results, output, options))

@@ -112,6 +112,6 @@ def vertical(results: Results, output: PathLike | None = None, **options: Unpack
     --------
     >>> mpmgis.vertical("results", at=[(312900, 4008450)], at_times=[6]).to_dataframe()  # doctest: +SKIP
     """
-    from ..results.answer_datasets import of_vertical
+    from ..results.answer_datasets import vertical_dataset
 
-    return of_vertical(answer(VERB, results, output, options))
+    return vertical_dataset(answer(VERB, results, output, options))

@@ -30,7 +30,7 @@ def _attributes(found: Any, **more: Any) -> dict[str, Any]:
     return {"title": found.name, "files": [str(Path(file)) for file in found.files], **more}
 
 
-def of_profile(found: ProfileFound) -> xarray.Dataset:
+def profile_dataset(found: ProfileFound) -> xarray.Dataset:
     """Return products over (time, along).
 
     Parameters
@@ -48,7 +48,7 @@ def of_profile(found: ProfileFound) -> xarray.Dataset:
     return xarray.Dataset(variables, {"time": _time(found.times), **coordinates}, _attributes(found))
 
 
-def of_series(found: SeriesFound) -> xarray.Dataset:
+def series_dataset(found: SeriesFound) -> xarray.Dataset:
     """Return products over (time, point).
 
     Parameters
@@ -64,7 +64,7 @@ def of_series(found: SeriesFound) -> xarray.Dataset:
     return xarray.Dataset(variables, {"time": _time(found.times), **coordinates}, _attributes(found))
 
 
-def of_hydrograph(found: HydrographFound) -> xarray.Dataset:
+def hydrograph_dataset(found: HydrographFound) -> xarray.Dataset:
     """Return volume and mass of each interval, at the time of its end.
 
     Parameters
@@ -84,7 +84,7 @@ def of_hydrograph(found: HydrographFound) -> xarray.Dataset:
     return xarray.Dataset(variables, {"time": _time(found.times[1:])}, _attributes(found, azimuth=found.azimuth))
 
 
-def of_vertical(found: VerticalFound) -> xarray.Dataset:
+def vertical_dataset(found: VerticalFound) -> xarray.Dataset:
     """Return the table of layers, a row for each layer of a profile.
 
     Parameters

@@ -23,6 +23,7 @@ def answer_output(request: "AnswerRequest", word: str, files: Sequence[str]) -> 
     ----------
     request : AnswerRequest
     word : str
+        End of the name of the default folder.
     files : sequence of str
         Names of the output files.
 
@@ -33,7 +34,7 @@ def answer_output(request: "AnswerRequest", word: str, files: Sequence[str]) -> 
     Raises
     ------
     InputError, OutputError
-        As `checked_output`.
+        None of the files has the suffix of the output; the output exists; it contains an input.
     """
     frames, output = request.results.frames, request.output
     if output is None:

@@ -326,7 +326,9 @@ def largest_loads(
     return found
 
 
-def _facing(outline, east, north, force, moment):
+def _facing(
+    outline: Outline, east: np.ndarray, north: np.ndarray, force: np.ndarray, moment: np.ndarray
+) -> tuple[float, float]:
     """(force [N], moment [N m]) on the pieces that face the flow; of one at rest from where they are largest."""
     mean = np.array([outline.length @ east, outline.length @ north])
     size = float(np.hypot(*mean))

@@ -345,7 +345,7 @@ def nearest(values: np.ndarray, grid: Grid, onto: Grid, outside: float = np.nan)
     return result
 
 
-def upright(grid: Grid) -> Grid:
+def north_up_grid(grid: Grid) -> Grid:
     """Return a north-up grid with square cells of the same size that covers `grid`; `grid` itself if it is north-up.
 
     Parameters

@@ -12,6 +12,7 @@ from ..laws.quantities import Quantity
 from ..system.errors import InputError
 from ..system.messages import log
 from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
 from . import comparison, flow_line
 from .answer_files import checked_output, write_answer
 from .comparison_figures import BandFacts, Comparison
@@ -169,7 +170,7 @@ def _write(output, request, found, footprints, joint, terrain):
     return write_answer(request, output, dict(zip(FILES, writers, strict=True)))
 
 
-def _write_map(path, found, footprints, joint, terrain):
+def _write_map(path: Path, found: Comparison, footprints: tuple, joint: Grid, terrain: Terrain | None) -> None:
     threshold = f"{found.threshold:g} {found.unit}".strip()
     sides = [
         MapSide(side.name, footprint.on_joint, area, side.farthest, side.runout)

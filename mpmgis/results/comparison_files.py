@@ -3,7 +3,7 @@
 import math
 import textwrap
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import shapely
@@ -26,9 +26,12 @@ from ..system.whole_files import whole_file
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from ..terrain.raster_output import write_geotiff
-from .comparison import nearest, upright
+from .comparison import nearest, north_up_grid
 from .comparison_figures import Comparison
-from .flow_line import Runout, up_to
+from .flow_line import Runout, line_up_to
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
 CLASSES = {1: "only A", 2: "only B", 3: "both"}  # number in classes.tif: words
@@ -81,7 +84,7 @@ def write_classes(path: Path, grid: Grid, first: np.ndarray, second: np.ndarray,
     band : Quantity
         Quantity of the values.
     """
-    flat = upright(grid)
+    flat = north_up_grid(grid)
     numbers = class_numbers(first, second).astype(float)
     numbers[numbers == 0] = np.nan
     meaning = ", ".join(f"{number} {word}" for number, word in CLASSES.items())
@@ -153,7 +156,7 @@ def write_comparison_map(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    flat = upright(grid)
+    flat = north_up_grid(grid)
     masks = [nearest(side.mask, grid, flat, outside=False) for side in sides]
     if terrain is None:
         terrain = Terrain(flat, np.zeros(flat.shape))
@@ -177,10 +180,10 @@ def write_comparison_map(
 def _as_far_as_reached(line, sides):
     """The line up to the larger runout of both sides, cut or extended straight; None without a runout."""
     reached = [side.farthest.distance for side in sides if side.farthest is not None]
-    return None if line is None or max(reached, default=0.0) <= 0 else up_to(line, max(reached))
+    return None if line is None or max(reached, default=0.0) <= 0 else line_up_to(line, max(reached))
 
 
-def _draw_classes(axes, grid, masks):
+def _draw_classes(axes: "Axes", grid: Grid, masks: tuple) -> None:
     from matplotlib.colors import to_rgba
 
     first, second = masks
@@ -190,7 +193,7 @@ def _draw_classes(axes, grid, masks):
     draw_image(axes, grid, image)
 
 
-def _draw_line(axes, line, sides):
+def _draw_line(axes: "Axes", line: np.ndarray, sides: tuple) -> None:
     """The line, and the farthest cell of each side in its colour."""
     if line is None:
         return
@@ -206,7 +209,7 @@ def _draw_line(axes, line, sides):
             axes.plot(*place, marker, color=colour, markersize=8, markeredgecolor="white", zorder=8, **still)
 
 
-def _draw_legend(axes, sides, both_area, has_line, interval):
+def _draw_legend(axes: "Axes", sides: tuple, both_area: float, has_line: bool, interval: float | None) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -362,7 +362,7 @@ def _flowed(name, source, band, unit, values, grid, joint, request):
     return Footprint(name, source.kind, band, unit, area, mask, grid, on_joint, weight)
 
 
-def _outlined(name, shape, joint):
+def _outlined(name: str, shape: shapely.Geometry, joint: Grid) -> Footprint:
     mask = cells_within(shape, joint)
     if not mask.any():
         raise InputError(
@@ -431,7 +431,7 @@ def sides_of(
     return tuple(found)
 
 
-def _ends(mask, grid, line, terrain):
+def _ends(mask: np.ndarray, grid: Grid, line: np.ndarray, terrain: Terrain) -> tuple:
     return ends_along(mask, heights_under(mask, grid, terrain), grid, line)
 
 

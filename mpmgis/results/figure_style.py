@@ -55,7 +55,7 @@ def plot_file(
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
 
 
-def dress(axes: "Axes", up: str, across: str = "", title: str = "") -> None:
+def style_axes(axes: "Axes", up: str, across: str = "", title: str = "") -> None:
     """Set labels, title (in lines as long as the axes), grid and frame.
 
     Parameters

@@ -1,7 +1,7 @@
 """Measure distances along a line: runout, and the common centre line of two flows."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +78,7 @@ def runout(mask: np.ndarray, grid: Grid, line: np.ndarray) -> Runout | None:
     return Runout(float(along[farthest]), float(x[farthest]), float(y[farthest]))
 
 
-def up_to(line: np.ndarray, distance: float) -> np.ndarray:
+def line_up_to(line: np.ndarray, distance: float) -> np.ndarray:
     """Return a line from its start to a distance, cut there or extended straight.
 
     Parameters
@@ -192,7 +192,7 @@ def _share(mask, weight):
     return weight * (np.count_nonzero(mask) / total) if total > 0 else weight
 
 
-def _blocks(values, cut, of):
+def _blocks(values: np.ndarray, cut: int, of: Callable) -> np.ndarray:
     """Blocks of `cut` x `cut` values reduced with `of` (over the last axis); incomplete blocks are filled with NaN."""
     if cut == 1:
         return values
@@ -239,7 +239,7 @@ def _bridges(parts, places):
     return tuple(np.array(column) for column in zip(*found, strict=True)) if found else ()
 
 
-def _highest(mask, weight, elevation, grid):
+def _highest(mask: np.ndarray, weight: np.ndarray, elevation: np.ndarray, grid: Grid) -> np.ndarray | None:
     """(x, y) [m] of the cell nearest to the middle of the highest cells; None without elevations."""
     known = mask & np.isfinite(elevation)
     if not known.any():
@@ -251,7 +251,7 @@ def _highest(mask, weight, elevation, grid):
     return np.array(grid.xy(row[at], column[at]))
 
 
-def _distance_within(mask, grid, start, bridges=()):
+def _distance_within(mask: np.ndarray, grid: Grid, start: np.ndarray, bridges: tuple = ()) -> np.ndarray:
     """float[k]: length [m] of the shortest path from `start` to each True cell, from cell to cell in 16 directions.
 
     `bridges` are additional links between cells (`_bridges`).
@@ -283,7 +283,9 @@ def _shifted(number, step):
     return before, after
 
 
-def _through_bands(start, places, distance, weight, cell_size):
+def _through_bands(
+    start: np.ndarray, places: np.ndarray, distance: np.ndarray, weight: np.ndarray, cell_size: float
+) -> np.ndarray | None:
     """The line from `start` through the weighted centres of bands of equal distance, smoothed once."""
     reach = distance[np.isfinite(distance)].max(initial=0.0)
     pieces = int(np.clip(reach / (_PIECE_CELLS * cell_size), 1, _LINE_PIECES))

@@ -286,7 +286,7 @@ def _open_export(request):
     )
 
 
-def _open_rasters(request, peaks_do, used):
+def _open_rasters(request: Results, peaks_do: bool, used: Sequence[str]) -> RasterFlow:
     """The RasterFlow of rasters with standard names."""
     path = request.frames[0]
     if not peaks_do:
@@ -389,7 +389,7 @@ def read_peaks(
     return bands, grid
 
 
-def _require_same_cells(result, name, grid, first, first_name):
+def _require_same_cells(result: Result, name: str, grid: Grid, first: Grid, first_name: str) -> None:
     """Refuse a raster whose corners are off those of the first one by more than SAME_CELLS."""
     if grid.shape == first.shape and np.abs(grid.corners() - first.corners()).max() <= SAME_CELLS * first.cell_size:
         return

@@ -14,13 +14,13 @@ from ..system.messages import log
 from ..terrain.observations import read_line
 from .answer_files import answer_output, write_answer
 from .flow_line import vertex_distances
-from .opened_results import open_flow
+from .opened_results import ExportFlow, FrameFlow, open_flow
 from .profiles import PROFILE_PRODUCTS, ProfileFound, free_surface
 from .runout_figures import line_profile
 from .series_plots import write_profile_plot, write_rows
 
 PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
-WORD = "profile"
+WORD = "profile"  # end of the name of the default output folder
 USUAL_TIMES = 5  # evenly spread over the results, if none are asked for
 MOST_PLACES = 200_000  # sample points on a line; more are a wrong `spacing`
 
@@ -119,7 +119,7 @@ def chosen_steps(times: np.ndarray, requested: Sequence[float] | None) -> np.nda
     return nearest_times(times, requested)
 
 
-def _log_outside(path, flow, cells, line):
+def _log_outside(path: Path, flow: FrameFlow | ExportFlow, cells: np.ndarray, line: np.ndarray) -> None:
     off = cells == NOWHERE
     if off.all():
         west, south, east, north = flow.grid.bounds

@@ -308,7 +308,16 @@ def vertical_profiles(
     return found
 
 
-def _profile(frame, placed, there, bed, density, grid, layer, percentile):
+def _profile(
+    frame: Frame,
+    placed: Placed,
+    there: np.ndarray,
+    bed: Bed,
+    density: float,
+    grid: Grid,
+    layer: float,
+    percentile: float,
+) -> VerticalProfile:
     """The VerticalProfile of the particles `there` (their numbers) in the one cell of `grid`."""
     part = replace(frame, particles=frame.particles.take(there))
     placed = Placed(placed.pixel[there], placed.distance[there])
@@ -330,7 +339,7 @@ def _profile(frame, placed, there, bed, density, grid, layer, percentile):
     return VerticalProfile(frame.time, depth, edges, count, *values, overburden)
 
 
-def _overburden(density, layer, part, placed, bed):
+def _overburden(density: np.ndarray, layer: float, part: Frame, placed: Placed, bed: Bed) -> np.ndarray:
     """float64[k] [Pa]: normal stress of the weight above the middle of each layer, g cos(slope) of the particles."""
     if not len(placed.pixel):
         return np.zeros(len(density))

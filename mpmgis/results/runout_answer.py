@@ -32,7 +32,7 @@ from .runout_plots import write_figures, write_over_time, write_profile, write_r
 
 PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
 FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
-WORD = "runout"
+WORD = "runout"  # end of the name of the default output folder
 CENTRE_LINE = "centre line of the flow"
 STRAIGHT_OVER_ALONG = 1.5  # [1] straight distance over runout; a toe as far from the line as along it gives 1.41
 _MARGIN = 0.08  # [runouts] by which the profile goes beyond both ends
@@ -111,7 +111,7 @@ def found_runout(
 
     Parameters
     ----------
-    request : any request with `line` and `threshold`
+    request : RunoutRequest
     flow : FrameFlow, ExportFlow or RasterFlow
     bands : dict of str to float[rows, columns] [m]
         `h_max` and, if known, `h_deposit`.
@@ -168,7 +168,14 @@ def found_runout(
     )
 
 
-def _line(request, flow, mask, depth, elevation, grid):
+def _line(
+    request: RunoutRequest,
+    flow: FrameFlow | ExportFlow | RasterFlow,
+    mask: np.ndarray,
+    depth: np.ndarray,
+    elevation: np.ndarray,
+    grid: Grid,
+) -> tuple[np.ndarray, str]:
     """(vertices, description) of the line along which runout is measured."""
     if request.line is not None:
         return given_line(request.line, mask, grid, flow.terrain), str(request.line)
@@ -192,7 +199,7 @@ def _entry_state(entry, averaging, line):
     return mass_state(entry.read(averaging.density), averaging, line)
 
 
-def _farthest_mass(states, line, terrain):
+def _farthest_mass(states: tuple, line: np.ndarray, terrain: Terrain) -> Place | None:
     """Point on the line up to which 99 % of the last frame's mass lie; None without frames."""
     if not states:
         return None
@@ -213,7 +220,7 @@ def _profile(reached, line, terrain, spacing, depth, deposit, grid):
     return (along, ground, x, y, elevation, falling, *values)
 
 
-def _write(request, output, found):
+def _write(request: RunoutRequest, output: Path, found: RunoutFound) -> tuple[Path, ...]:
     writers = {
         PLOT_FILE: lambda path: write_runout_plot(path, found),
         FIGURES_FILE: lambda path: write_figures(path, found),

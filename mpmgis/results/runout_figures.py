@@ -142,7 +142,7 @@ def farthest_place(mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np
     return _place(along, elevation, grid, line)
 
 
-def _place(score, elevation, grid, line):
+def _place(score: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
     at = np.unravel_index(np.argmax(score), score.shape)
     if score[at] == -np.inf:
         return None

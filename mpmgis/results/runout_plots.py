@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..system.csv_rows import column_name, write_records
-from .figure_style import COLOURS, draw_ground, dress, legend, plot_file
+from .figure_style import COLOURS, draw_ground, legend, plot_file, style_axes
 from .runout_figures import ENERGY_LINE_COLUMNS, TIME_COLUMNS, RunoutFound
 
 FLOW_COLOUR, DEPOSIT_COLOUR, LINE_COLOUR, MASS_COLOUR = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[0]
@@ -58,7 +58,7 @@ def write_runout_plot(path: Path, found: RunoutFound) -> None:
         draw_ground(upper, along, elevation)
         _draw_energy_line(upper, found)
         _draw_centre(upper, found)
-        dress(
+        style_axes(
             upper,
             "elevation [m]",
             title=f"{found.name}: runout {found.flow.length:.0f} m, drop {found.flow.drop:.0f} m",
@@ -66,7 +66,7 @@ def write_runout_plot(path: Path, found: RunoutFound) -> None:
         legend(upper, loc="upper right")
         _draw_depth(lower, along, depth, FLOW_COLOUR, "largest h, normal")
         _draw_depth(lower, along, deposit, DEPOSIT_COLOUR, "h of the last frame, normal")
-        dress(lower, "h [m]", f"distance along the {_source(found)} [m]")
+        style_axes(lower, "h [m]", f"distance along the {_source(found)} [m]")
         highest = float(np.nan_to_num(depth).max(initial=1e-3))
         lower.set(xlim=(along[0], along[-1]), ylim=(0, 1.35 * highest))
         legend(lower, loc="upper right", ncols=2)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..maps.qgis.colours import BATLOW, LOOKS, ramp_colours
 from ..system.csv_rows import column_name, write_records
-from .figure_style import COLOURS, draw_ground, dress, legend, plot_file
+from .figure_style import COLOURS, draw_ground, legend, plot_file, style_axes
 from .profiles import ProfileFound, SeriesFound
 from .section_flux import COLUMNS, HydrographFound
 
@@ -44,7 +44,7 @@ def write_hydrograph_plot(path: Path, found: HydrographFound) -> None:
         rate.plot(found.times, found.cells[:, 0], ".", color=COLOURS[1], markersize=4, label="flux of the cells")
         rate.axhline(0, color="#999999", linewidth=0.6)
         title = f"{found.name}: discharge towards {found.azimuth:.0f}° from north"
-        dress(rate, "discharge [m³/s]", title=title)
+        style_axes(rate, "discharge [m³/s]", title=title)
         legend(rate, loc="best")
         total.plot(
             found.times, np.r_[0.0, np.cumsum(found.volume)], color=COLOURS[0], linewidth=1.5, label=f"by {word}"
@@ -52,7 +52,7 @@ def write_hydrograph_plot(path: Path, found: HydrographFound) -> None:
         total.plot(
             found.times, found.cells_totals()[:, 0], "--", color=COLOURS[1], linewidth=1.2, label="flux of the cells"
         )
-        dress(total, "cumulative volume [m³]", "time [s]")
+        style_axes(total, "cumulative volume [m³]", "time [s]")
         legend(total, loc="best")
 
 
@@ -86,10 +86,10 @@ def write_profile_plot(path: Path, found: ProfileFound) -> None:
             ground.plot(found.along, surface, color=colour, linewidth=1.3, zorder=4, label=f"surface, {time:.4g} s")
             _draw_pair(depths, found, k, ("h", "t"), colour)
             _draw_pair(speeds, found, k, ("Ut", "Un"), colour)
-        dress(ground, "elevation [m]", title=f"{found.name}: profile")
+        style_axes(ground, "elevation [m]", title=f"{found.name}: profile")
         legend(ground, loc="best")
-        dress(depths, "h (solid), t (dashed), normal [m]")
-        dress(speeds, "Ut (solid), Un (dashed) [m/s]", "distance along the line [m]")
+        style_axes(depths, "h (solid), t (dashed), normal [m]")
+        style_axes(speeds, "Ut (solid), Un (dashed) [m/s]", "distance along the line [m]")
         speeds.axhline(0, color="#999999", linewidth=0.6)
         speeds.set_xlim(found.along[0], found.along[-1])
 
@@ -121,5 +121,5 @@ def write_series_plot(path: Path, found: SeriesFound) -> None:
             unit = look.unit.partition(";")[0]
             last = row == len(found.values) - 1
             title = f"{found.name}: series{of_all}" if row == 0 else ""
-            dress(axes[row, 0], f"{name} [{unit}]", "time [s]" if last else "", title)
+            style_axes(axes[row, 0], f"{name} [{unit}]", "time [s]" if last else "", title)
         legend(axes[0, 0], loc="best", ncols=2)

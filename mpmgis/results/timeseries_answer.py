@@ -16,7 +16,7 @@ from .profiles import SERIES_PRODUCTS, SeriesFound
 from .series_plots import write_rows, write_series_plot
 
 PLOT_FILE, TABLE_FILE = "timeseries.png", "timeseries.csv"
-WORD = "timeseries"
+WORD = "timeseries"  # end of the name of the default output folder
 
 
 @dataclass(frozen=True, kw_only=True)

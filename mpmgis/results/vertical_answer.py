@@ -18,7 +18,7 @@ from .timeseries_answer import given_points
 from .vertical_plots import write_loads, write_profiles, write_vertical_plot
 
 PLOT_FILE, PROFILE_FILE, LOAD_FILE = "vertical.png", "vertical.csv", "loads.csv"
-WORD = "vertical"
+WORD = "vertical"  # end of the name of the default output folder
 
 
 @dataclass(frozen=True, kw_only=True)

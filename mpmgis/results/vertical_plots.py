@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..maps.qgis.colours import BATLOW, ramp_colours
 from ..system.csv_rows import column_name, write_records
-from .figure_style import GROUND_LINE, dress, legend, plot_file
+from .figure_style import GROUND_LINE, legend, plot_file, style_axes
 from .profiles import LOAD_COLUMNS, PROFILE_COLUMNS, VerticalFound
 
 MOST_ROWS = 10  # points in the plot; the tables have all
@@ -60,7 +60,7 @@ def write_vertical_plot(path: Path, found: VerticalFound) -> None:
             for panel, (_, label, _, from_zero) in enumerate(PANELS):
                 height = f"{name}\nheight above the bed [m]" if panel == 0 else ""
                 title = f"{found.name}: cells of {found.width:.3g} m{of_all}" if (k, panel) == (0, 0) else ""
-                dress(axes[k, panel], height, label if k == rows - 1 else "", title)
+                style_axes(axes[k, panel], height, label if k == rows - 1 else "", title)
                 axes[k, panel].axhline(0.0, color=GROUND_LINE, linewidth=1.2)
                 if from_zero:
                     axes[k, panel].set_xlim(left=0)

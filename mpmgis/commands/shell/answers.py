@@ -14,7 +14,7 @@ from pathlib import Path
 from ...system.errors import InputError, OutputError
 from ...system.links import input_at
 from ...system.whole_files import refuse_existing, whole_file
-from ..option import verb_of
+from ..option import Verb, verb_of
 from ..option_values import request
 from ..verb_calls import workflow_of
 from . import terminal
@@ -87,7 +87,7 @@ def _value(text):
     return (int(text) if text.lstrip("-").isdigit() else number) if math.isfinite(number) else None
 
 
-def _call_and_print(verb, values, arguments):
+def _call_and_print(verb: Verb, values: dict, arguments: argparse.Namespace) -> None:
     workflow, kind = workflow_of(verb)
     with terminal.notes_after_success():
         found = workflow(request(verb, kind, values), frame_progress)
@@ -102,7 +102,6 @@ def _call_and_print(verb, values, arguments):
         print("\n".join(lines_of(verb.name, found, values)))
     if verb.name == "export-raster" and values["qgis"]:
         terminal.note(f"open {found[0]} in QGIS (double-click), then press play in the Temporal Controller")
-    return 0
 
 
 def require_writable(arguments: argparse.Namespace, inputs: Iterable[str | Path]) -> None:
@@ -125,7 +124,7 @@ def require_writable(arguments: argparse.Namespace, inputs: Iterable[str | Path]
         raise OutputError(f"{arguments.output} is also an input; give another -o")
 
 
-def give(text: str, arguments: argparse.Namespace) -> None:
+def print_or_write(text: str, arguments: argparse.Namespace) -> None:
     """Print a text, or write it to the file of -o and print the path of that file.
 
     Parameters

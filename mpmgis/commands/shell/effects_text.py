@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         entries = catalogue()
         words = json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries)
-        answers.give(words, arguments)
+        answers.print_or_write(words, arguments)
         return 0
     from ...simulation.scene_run import decided, measured
 
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         stages, costs = decided(arguments.scene, arguments.law), None
     words = json.dumps(_facts(stages, costs), indent=1) if arguments.json else _tables(stages, costs)
-    answers.give(words, arguments)
+    answers.print_or_write(words, arguments)
     return 0
 
 

@@ -96,11 +96,11 @@ def run(arguments: argparse.Namespace) -> int:
             terminal.print_error(f"mpmgis info: {one_line(error)}")
             code = error.exit_code
             continue
-        described.append(_as_json(facts, arguments.output) if arguments.json else "\n".join(screen(facts)))
+        described.append(_as_json(facts, arguments.output) if arguments.json else "\n".join(screen_lines(facts)))
         if arguments.output in (None, answers.STDOUT):  # as soon as it is known
             print(*[""] * (len(described) > 1 and not arguments.json), described[-1], sep="\n")
     if arguments.output not in (None, answers.STDOUT) and code == 0:
-        answers.give(("\n" if arguments.json else "\n\n").join(described), arguments)
+        answers.print_or_write(("\n" if arguments.json else "\n\n").join(described), arguments)
     return code
 
 
@@ -110,7 +110,7 @@ def _as_json(facts, output):
     return json.dumps(facts, ensure_ascii=not whole, allow_nan=False)
 
 
-def screen(facts: dict[str, Any]) -> list[str]:
+def screen_lines(facts: dict[str, Any]) -> list[str]:
     """Return lines of text with the facts about one file, keys and values in two columns.
 
     Parameters
@@ -203,7 +203,7 @@ def _on_one_line(table, units):
     return ", ".join(value if key == "name" else f"{key} {_with_unit(key, value, units)}" for key, value in filled)
 
 
-def _with_unit(key, value, units):
+def _with_unit(key: str, value: Any, units: dict) -> str:
     numbers = value if isinstance(value, list) and value else [value]
     is_number = all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in numbers)
     return f"{_value(value)} {units[key]}" if is_number and key in units else _value(value)

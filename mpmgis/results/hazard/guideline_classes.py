@@ -93,7 +93,7 @@ def parse_guidelines(tables: dict, where: object) -> dict[str, Guideline]:
     return {name: _guideline(name, table, f"{where} [{name}]") for name, table in tables.items()}
 
 
-def _guideline(name, table, where):
+def _guideline(name: str, table: dict, where: str) -> Guideline:
     _require_table(table, where, ("title", "source", "note", "class"), ("source", "class"))
     entries = table["class"]
     if not (isinstance(entries, list) and 0 < len(entries) <= MOST_CLASSES):
@@ -182,7 +182,7 @@ def without_value(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.
     return reached & np.logical_or.reduce(gaps) if gaps else np.zeros(reached.shape, bool)
 
 
-def _at_least(bands, name, least):
+def _at_least(bands: dict, name: str, least: float) -> np.ndarray:
     if name in PRODUCTS:
         values = bands["h_max"] * bands["Ut_max"] ** PRODUCTS[name]
     else:

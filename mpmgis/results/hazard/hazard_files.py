@@ -4,6 +4,7 @@ import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import geopandas
 import numpy as np
@@ -306,7 +307,7 @@ def _deciding(made, number, parts):
     return [", ".join(f"{years:g}" for years in sorted(years)) for years in found[1:]]
 
 
-def _gives(made, scenario, number):
+def _gives(made: HazardMap, scenario: Any, number: int) -> np.ndarray:
     """bool[rows, columns]: cells of a level that a scenario has too, and no scenario a higher one."""
     return (made.hazard.level == number) & (scenario.level == number)
 

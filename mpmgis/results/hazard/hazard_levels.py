@@ -132,7 +132,7 @@ def parse_matrices(tables: dict, guidelines: dict, where: object) -> dict[str, H
     return {name: _matrix(name, table, guidelines, f"{where} [{name}]") for name, table in tables.items()}
 
 
-def _matrix(name, table, guidelines, where):
+def _matrix(name: str, table: dict, guidelines: dict, where: str) -> HazardMatrix:
     _require(
         table,
         where,
@@ -170,7 +170,7 @@ def _level(table, where):
     return Level(table["name"], table["colour"], table.get("meaning", ""))
 
 
-def _period(table, numbers, guidelines, where):
+def _period(table: dict, numbers: dict, guidelines: dict, where: str) -> Period:
     kinds = {"name": str, "up_to": (int, float), "intensity": str, "levels": list, "read_in": str}
     _require(table, where, kinds, ("name", "intensity", "levels"))
     guideline = guidelines.get(table["intensity"])
@@ -273,7 +273,7 @@ class Hazard:
         return np.where(self.unknown, np.uint8(NOT_ASSESSED), self.level)
 
 
-def combined(levels: list, known: list, terrain_known: np.ndarray, highest: int) -> Hazard:
+def combined_hazard(levels: list, known: list, terrain_known: np.ndarray, highest: int) -> Hazard:
     """Return the largest level of each cell over all scenarios.
 
     Parameters

@@ -30,7 +30,7 @@ from .hazard_files import (
     write_shares,
     write_zones,
 )
-from .hazard_levels import HazardMatrix, combined
+from .hazard_levels import HazardMatrix, combined_hazard
 from .hazard_scenarios import read_scenarios, scenario_of
 from .hazard_sheet import Print, Sheet, sheet_for
 from .zone_outlines import default_area, generalized_zones
@@ -95,7 +95,7 @@ def hazard_map(request: Any, progress: Callable[[int, int], None] = lambda done,
     scenarios = read_scenarios(request, matrix, progress)
     terrain = _terrain(request, scenarios)
     grid = scenarios[0].grid
-    hazard = combined(
+    hazard = combined_hazard(
         [scenario.level for scenario in scenarios],
         [scenario.known for scenario in scenarios],
         _terrain_known(terrain, grid),
@@ -272,7 +272,7 @@ def _log(made: HazardMap, sheet: Sheet) -> None:
         log.info("the sheet cuts off enlarged parts of zones; give a smaller `min_area`, or a smaller scale")
 
 
-def _writers(made: HazardMap, terrain, sheet) -> dict:
+def _writers(made: HazardMap, terrain: Terrain | None, sheet: Sheet) -> dict:
     printed = Print(made, terrain, sheet)
     tags = {
         "version": __version__,

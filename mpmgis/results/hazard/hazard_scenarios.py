@@ -1,7 +1,7 @@
 """Compute hazard levels of each scenario, from frames, exports, rasters of other codes or ensembles."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from ..comparison import joint_grid, nearest
 from ..opened_results import peaks_of
 from .hazard_levels import HazardMatrix, Period, levels_of
 from .intensity_answer import bands_of
-from .scenario_facts import end_of, facts_of
+from .scenario_facts import end_of_run, facts_of
 
 INSET = 0.49  # [cells] from the centre of a cell to the outermost places where other rasters are read
 WHOLE = ("export", "run")  # kinds of results in which nodata is a cell without flow
@@ -106,7 +106,7 @@ def _in_cells_of(part: Grid, whole: Grid) -> bool:
     return bool(same_sides and np.allclose(place, np.rint(place), atol=1e-3, rtol=0))
 
 
-def _around(values, grid, onto, outside):
+def _around(values: np.ndarray, grid: Grid, onto: Grid, outside: float) -> Iterator[np.ndarray]:
     """`values` of `grid` at the centres, sides and corners of the cells of `onto`."""
     for right in (-INSET, 0.0, INSET):
         for down in (-INSET, 0.0, INSET):
@@ -198,13 +198,13 @@ def _in_one_crs(found):
     return [replace(entry, grid=replace(entry.grid, crs=first.grid.crs)) for entry in found]
 
 
-def _scenario(request, years, path, period, highest, progress):
+def _scenario(request: Any, years: float, path: Path, period: Period, highest: int, progress: Callable) -> Scenario:
     if path.is_dir() and read_ensemble_record(path) is not None:
         return _of_ensemble(request, years, path, period, highest, progress)
     results = replace(request.results, source=replace(request.results.source, frames=(path,)))
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
     result = peaks_of(results, progress, ("min_depth",), of_rasters)
-    end = end_of(path)
+    end = end_of_run(path)
     if end:
         log.info(f"{path} {end}: levels that its flow would give later are not in the map")
     level, known, grid, whole = _levels(result, period, request.results)
@@ -246,7 +246,7 @@ def _known(result, depth):
     return np.ones(depth.shape, bool)
 
 
-def _of_ensemble(request, years, path, period, highest, progress):
+def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest: int, progress: Callable) -> Scenario:
     """The largest level of all members of an ensemble, and the share of members with each level."""
     record = read_ensemble_record(path)
     _refuse_options_of_frames(request.results, path)
@@ -277,7 +277,7 @@ def _refuse_options_of_frames(results, path):
         raise InputError(f"{path} is an ensemble, whose rasters are already averaged; {words} requires frames")
 
 
-def _require_finished(path, record, count):
+def _require_finished(path: Path, record: dict, count: int) -> None:
     if not count:
         raise FormatError(f"{path} is an ensemble without members ({MEMBERS}/*_max.tif); run it again")
     if record.get("state") != "finished":

@@ -60,7 +60,7 @@ class Sheet:
         return _frame(self.width, self.height, self.column)
 
 
-def _frame(width, height, column):
+def _frame(width: float, height: float, column: float) -> tuple[float, float, float, float]:
     left, bottom = EDGE + TICKS, EDGE + TICKS
     return left, bottom, width - left - GAP - column - EDGE, height - bottom - TITLE - EDGE
 
@@ -144,7 +144,7 @@ class Print:
             self.figure.savefig(part, dpi=DOTS_PER_INCH, format=kind)
 
 
-def _drawn(made, terrain, sheet) -> "Figure":
+def _drawn(made: HazardMap, terrain: Terrain | None, sheet: Sheet) -> "Figure":
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -168,7 +168,7 @@ def _drawn(made, terrain, sheet) -> "Figure":
     return figure
 
 
-def _draw_title(figure, words, sheet):
+def _draw_title(figure: "Figure", words: str, sheet: Sheet) -> None:
     """The title in one line, in the largest of TITLES that fits; what is too long even so is shortened."""
     left, room = sheet.frame[0], sheet.width - EDGE - sheet.frame[0]
     title = figure.text(left / sheet.width, 1 - (EDGE + 5) / sheet.height, words, fontweight="bold", va="center")
@@ -180,7 +180,7 @@ def _draw_title(figure, words, sheet):
     title.set_text(textwrap.shorten(words, int(0.95 * len(words) * room / width), placeholder=" ..."))
 
 
-def _hide_beyond(axes, view, terrain):
+def _hide_beyond(axes: "Axes", view: tuple, terrain: shapely.Geometry) -> None:
     """Cover the part of the view outside the `terrain` polygon, where draw_terrain repeats the outermost heights."""
     beyond = shapely.difference(shapely.box(*view), terrain)
     _draw_polygon(axes, polygons(beyond), facecolor="white", edgecolor="none", zorder=3.5)
@@ -232,7 +232,9 @@ def _draw_coordinates(axes):
         spine.set(color=INK, linewidth=0.8)
 
 
-def _draw_column(figure, made, sheet, interval, without_terrain):
+def _draw_column(
+    figure: "Figure", made: HazardMap, sheet: Sheet, interval: float | None, without_terrain: bool
+) -> None:
     """Legend, matrix, scenarios and sources from the top; scale and north at the foot."""
     column = Column(figure, sheet.width - EDGE - sheet.column, EDGE + TITLE, sheet.column, sheet.height)
     _draw_legend(column, made, interval)
@@ -257,7 +259,7 @@ def _draw_column(figure, made, sheet, interval, without_terrain):
     _draw_scale(figure, sheet, column.left)
 
 
-def _draw_legend(column, made, interval):
+def _draw_legend(column: Column, made: HazardMap, interval: float | None) -> None:
     column.heading(made.matrix.title)
     for level, area in reversed(list(zip(made.matrix.levels, made.areas(), strict=True))):
         column.patch(f"{level.meaning or level.name}, {area / 1e4:.3g} ha", facecolor=(level.colour, OPACITY))
@@ -270,7 +272,7 @@ def _draw_legend(column, made, interval):
         column.text(f"contours every {interval:g} m")
 
 
-def _draw_scale(figure, sheet, left):
+def _draw_scale(figure: "Figure", sheet: Sheet, left: float) -> None:
     """Scale bar, scale in numbers and north arrow at the foot of the column."""
     from matplotlib.patches import FancyArrowPatch, Rectangle
 

@@ -27,7 +27,7 @@ RASTER_FILE, STYLE_FILE = "intensity.tif", "intensity.qml"
 POLYGON_FILE, TABLE_FILE = "intensity.gpkg", "intensity.csv"
 MAP_FILE, BUILDING_FILE = "intensity.png", "buildings.gpkg"
 FILES = (RASTER_FILE, STYLE_FILE, POLYGON_FILE, TABLE_FILE, MAP_FILE)
-WORD = "intensity"
+WORD = "intensity"  # end of the name of the default output folder
 _FIXES = {  # by missing band
     "h_max": "expected an export, or rasters named <name>_pft",
     "Ut_max": "expected an export, or rasters named <name>_pft and <name>_pfv, given by the beginning of their names",
@@ -106,7 +106,7 @@ def intensity(
     return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
 
 
-def _log_gaps(result, guideline, cells):
+def _log_gaps(result: Result, guideline: Guideline, cells: int) -> None:
     """Report cells whose class can be too low, because a value is missing."""
     if cells:
         log.info(
@@ -121,7 +121,7 @@ def _require_folder(request, output):
         raise InputError(f"`output={output}` is one file, and `buildings` adds {BUILDING_FILE}; give a folder")
 
 
-def _terrain(request, result, grid, output):
+def _terrain(request: IntensityRequest, result: Result, grid: Grid, output: Path) -> Terrain | None:
     """The Terrain of the map; None where no DTM is known, which leaves the map out."""
     if isinstance(result.terrain, Terrain):
         return result.terrain

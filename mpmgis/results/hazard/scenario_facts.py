@@ -48,7 +48,7 @@ def _record_at(path):
         return {}
 
 
-def end_of(path: Path) -> str:
+def end_of_run(path: Path) -> str:
     """Return how a run ended that had not come to rest; "" for others, and where nothing is known of it.
 
     It moves if its kinetic energy is above MOVING_ENERGY of its peak, and its mass faster than MOVING_SPEED in the

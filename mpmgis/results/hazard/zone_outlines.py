@@ -73,7 +73,7 @@ def generalized_zones(level: np.ndarray, highest: int, transform: Affine, scale:
     return Generalized(tuple(_nested(regions, sliver)), filled, enlarged)
 
 
-def _mapped(outline, tolerance, least):
+def _mapped(outline: shapely.Geometry, tolerance: float, least: float) -> tuple[shapely.MultiPolygon, int, int]:
     """(the outline with large enough gaps and parts, simplified; number of filled gaps, number of enlarged parts)."""
     parts, gaps, small = [], 0, 0
     for part in shapely.get_parts(outline):
@@ -136,7 +136,7 @@ def _nested(regions, sliver):
     return zones
 
 
-def _given(part, zones, first):
+def _given(part: shapely.Geometry, zones: list, first: int) -> bool:
     """Whether a higher zone, from number `first` upwards, touches `part`, which is added to it."""
     for number in range(first, len(zones)):
         if zones[number] is not None and shapely.dwithin(zones[number], part, 2 * GRID):

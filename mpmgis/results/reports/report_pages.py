@@ -14,7 +14,7 @@ from ...maps.export.band_map import write_band_map
 from ...scene.scene_reading import read_scene
 from ...simulation.run_summary import extremes
 from ...simulation.scene_files import scene_walls
-from ...solvers.features.walls import half_thickness
+from ...solvers.features.walls import Wall, half_thickness
 from ...system.disguised_files import require_local
 from ...system.errors import MpmgisError
 from ...system.messages import log, muted
@@ -143,7 +143,7 @@ def _walls(flow):
         return {}
 
 
-def _run_up(flow, wall, history):
+def _run_up(flow: FrameFlow, wall: Wall, history: BarrierHistory) -> RunUp | None:
     """The RunUp in the cells near a Wall, on the side that the flow comes from; None where it never loaded the wall."""
     if history.direction is None:
         return None
@@ -177,14 +177,14 @@ def _run_up(flow, wall, history):
     )
 
 
-def _towards(footprint, x, y):
+def _towards(footprint: shapely.Geometry, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """float64[n, 2] [m]: from map points to the nearest points of a footprint."""
     lines = shapely.shortest_line(shapely.points(x, y), footprint)
     ends = shapely.get_coordinates(lines).reshape(-1, 2, 2)
     return ends[:, 1] - ends[:, 0]
 
 
-def _near(grid, footprint, reach):
+def _near(grid: Grid, footprint: shapely.Geometry, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(flat cells, x, y) of the cells of `grid` within `reach` [m] of a footprint, but not in it."""
     low, high = np.reshape(footprint.buffer(reach).bounds, (2, 2))
     count = np.maximum(np.ceil((high - low) / (0.5 * grid.cell_size)).astype(int) + 1, 2)
@@ -197,7 +197,7 @@ def _near(grid, footprint, reach):
     return cells[near], np.asarray(x)[near], np.asarray(y)[near]
 
 
-def _nearest(wall, x, y):
+def _nearest(wall: Wall, x: float, y: float) -> np.ndarray:
     """float64[2]: point of the footprint nearest to a place."""
     line = shapely.shortest_line(wall.footprint, shapely.Point(x, y))
     return np.asarray(line.coords)[0]
@@ -210,7 +210,7 @@ def _crest(terrain, wall, place):
     return float(terrain.sample(place[:1], place[1:])[0]) + float(wall.height)
 
 
-def _plan(gathered, wall, run_up, path):
+def _plan(gathered: Gathered, wall: Wall, run_up: RunUp, path: Path) -> Picture:
     """The map of the largest depth around the barrier."""
     west, south, east, north = shapely.union(wall.footprint, shapely.Point(run_up.x, run_up.y)).bounds
     margin = max(0.5 * max(east - west, north - south), 10 * gathered.grid.cell_size)
@@ -236,7 +236,7 @@ def _plan(gathered, wall, run_up, path):
     return Picture(path.read_bytes(), "Plan: largest flow depth, normal to the slope")
 
 
-def _section(gathered, wall, history, run_up, path):
+def _section(gathered: Gathered, wall: Wall, history: BarrierHistory, run_up: RunUp, path: Path) -> Picture:
     """The section through the barrier nearest to the largest depth, in the direction of the force."""
     flow, foot = gathered.flow, _nearest(wall, run_up.x, run_up.y)
     direction = history.direction

@@ -26,7 +26,7 @@ from .html_page import Lines, Picture, Source, Table, figure_rows, section, writ
 from .report_pages import Gathered, barrier_sections, places_section
 
 REPORT_FILE = "report.html"
-WORD = "report"
+WORD = "report"  # end of the name of the default output folder
 MAPS = (  # band of the result, style of the map, title
     ("h_max", "h_max", "Largest flow depth"),
     ("Ut_max", "Ut_max", "Largest speed along the slope"),
@@ -117,7 +117,7 @@ def _require_one_kind(request):
             raise InputError(f"`{name}` is for the report of one run; a hazard map takes `min_depth`")
 
 
-def _gather(request, output, progress):
+def _gather(request: ReportRequest, output: Path, progress: Callable) -> Gathered:
     with collected() as notes:
         flow = open_flow(request.results, output, peaks_do=True, used=USED_OF_RASTERS)
         result = peaks_of(request.results, progress, used_of_rasters=USED_OF_RASTERS)
