@@ -1,4 +1,4 @@
-"""`mpmgis calibrate`: parameters of a scene from a mapped event."""
+"""Find parameters of a scene from a mapped event: `mpmgis calibrate`."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
@@ -277,7 +277,7 @@ def calibrate(
     confirm: Callable[[str], bool] = lambda question: True,
     **options: Unpack[CalibrateOptions],
 ) -> "CalibrateFound":
-    """Parameters of a scene from a mapped event, as `mpmgis calibrate`.
+    """Find parameters of a scene from a mapped event, as `mpmgis calibrate`.
 
     Parameters
     ----------

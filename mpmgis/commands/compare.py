@@ -1,4 +1,4 @@
-"""`mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
+"""Compare two results, or a result and an observed outline, in numbers and on a map: `mpmgis compare`."""
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
@@ -163,7 +163,7 @@ highest part.
 def compare(
     first: PathLike, second: PathLike, output: PathLike | None = None, **options: Unpack[CompareOptions]
 ) -> "Comparison":
-    """Two results, or a result and an observed outline, in numbers and on a map, as `mpmgis compare`.
+    """Compare two results, or a result and an observed outline, in numbers and on a map, as `mpmgis compare`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`mpmgis completion`: what a shell needs to complete verbs, options and file names."""
+"""Declare `mpmgis completion`: what a shell needs to complete verbs, options and file names."""
 
 from typing import Annotated, Literal, TypedDict
 

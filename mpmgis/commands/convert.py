@@ -1,4 +1,4 @@
-"""`mpmgis convert`: columns to 3D points, and back; start files of other 3D solvers."""
+"""Convert columns to 3D points, and back; write start files of other 3D solvers: `mpmgis convert`."""
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 
@@ -230,7 +230,9 @@ mpmgis convert particles_f30.ply --to columns --dem dtm.tif --axes e,u,-n --orig
 
 
 def convert(source: PathLike, output: PathLike | None = None, **options: Unpack[ConversionOptions]) -> "Written":
-    """A frame of columns to points, or of points to columns (MOX report 15/2025, Algorithm 2), as `mpmgis convert`.
+    """Convert a frame of columns to points, or of points to columns, as `mpmgis convert`.
+
+    The conversion is Algorithm 2 of MOX report 15/2025.
 
     Parameters
     ----------
@@ -262,7 +264,7 @@ def convert(source: PathLike, output: PathLike | None = None, **options: Unpack[
 def solver_start(
     source: Results, solver: str, output: PathLike | None = None, **options: Unpack[SolverStartOptions]
 ) -> "StartWritten":
-    """Start files of another 3D solver from frames, as `mpmgis convert --for`.
+    """Write start files of another 3D solver from frames, as `mpmgis convert --for`.
 
     Parameters
     ----------
@@ -294,7 +296,22 @@ def solver_start(
 
 
 def converted(values: dict[str, Any]) -> "Written":
-    """Convert with options by name."""
+    """Convert with options by name.
+
+    Parameters
+    ----------
+    values : dict
+        All options of the verb, from `complete`.
+
+    Returns
+    -------
+    Written
+
+    Raises
+    ------
+    InputError
+        Options that exclude each other.
+    """
     from ..conversion import frame_conversion as workflow
     from ..frames.point_cloud import is_point_cloud
     from .option_values import made
@@ -319,7 +336,22 @@ def converted(values: dict[str, Any]) -> "Written":
 
 
 def started(values: dict[str, Any]) -> "StartWritten":
-    """Write start files with options by name."""
+    """Write start files with options by name.
+
+    Parameters
+    ----------
+    values : dict
+        All options of the verb, from `complete`.
+
+    Returns
+    -------
+    StartWritten
+
+    Raises
+    ------
+    InputError
+        Options that exclude each other.
+    """
     from ..conversion.frame_conversion import ConvertRequest
     from ..conversion.start_folder import StartRequest, convert_for_solver
     from .option_values import made

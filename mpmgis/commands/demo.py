@@ -1,4 +1,4 @@
-"""`mpmgis demo`: the whole workflow on the shipped site."""
+"""Run the whole workflow on the shipped site: `mpmgis demo`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -60,7 +60,7 @@ mpmgis demo -o demo
 def demo(
     output: PathLike = "mpmgis_demo", *, overwrite: bool = False, threads: int | None = None
 ) -> tuple["RunSummary", Path, Path]:
-    """The whole workflow on the shipped sample site, as `mpmgis demo`.
+    """Run the whole workflow on the shipped sample site, as `mpmgis demo`.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def demo(
 
 
 def sample_site() -> Path:
-    """Folder of the shipped sample site, with scene.toml, a DTM and release areas.
+    """Return the folder of the shipped sample site, with scene.toml, a DTM and release areas.
 
     Examples
     --------

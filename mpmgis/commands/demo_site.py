@@ -1,7 +1,9 @@
-"""`mpmgis demo`: the whole workflow on the shipped sample site."""
+"""Simulate and map the shipped sample site, for `mpmgis demo`."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from ..maps.export.run_picture import write_picture
 from ..maps.export.step_rasters import DEPOSIT_BANDS
 from ..scene import read_scene
 from ..seeding.release_areas import read_release
-from ..simulation.scene_run import run
+from ..simulation.scene_run import RunSummary, run
 from ..system.errors import InputError
 from ..system.links import refuse_link
 from ..system.messages import details, muted
@@ -21,7 +23,7 @@ from ..system.whole_files import refuse_existing, whole_folder
 from ..terrain.dtm import read_terrain
 from ..terrain.raster_input import read_raster
 
-SITE = "lava_falls"
+SITE = "lava_falls"  # folder of the shipped data
 _PACKAGE = Path(__file__).resolve().parents[1]
 # A wheel has the data inside the package (see pyproject.toml), a checkout beside it.
 _PLACES = (_PACKAGE / "sample_data", _PACKAGE.parent / "sample_data")
@@ -29,8 +31,16 @@ TITLE = "Lava Falls, Grand Canyon: a hypothetical rock avalanche"
 CREDIT = "United States 3DEP (formerly NED) terrain data courtesy of the U.S. Geological Survey. Simulated by mpmgis."
 
 
-def sample_folder(site=SITE):
-    """The folder of the sample site: DTM, releases, `scene.toml` and the README with the credit.
+def sample_folder(site: str = SITE) -> Path:
+    """Return the folder of the sample site: DTM, releases, `scene.toml` and the README with the credit.
+
+    Parameters
+    ----------
+    site : str
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -44,11 +54,27 @@ def sample_folder(site=SITE):
 
 
 def demo(
-    output, *, overwrite=False, threads=None, watch=lambda solver, end_time: None, progress=lambda done, total: None
-):
+    output: str | Path,
+    *,
+    overwrite: bool = False,
+    threads: int | None = None,
+    watch: Callable[[Any, float], None] = lambda solver, end_time: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[RunSummary, Path, Path]:
     """Copy the sample site to `output`/site, simulate it, export it for QGIS, and draw one picture.
 
-    With `overwrite` an earlier demo in `output` is replaced, but no other files.
+    Parameters
+    ----------
+    output : str or Path
+        Folder for site, frames, maps and picture.
+    overwrite : bool
+        Replace an earlier demo in `output`, but no other files.
+    threads : int, optional
+        Processor threads.
+    watch : callable
+        Called with (solver, end time [s]) at each step of the run.
+    progress : callable
+        Called with (frames done, frames in all) of the export.
 
     Returns
     -------
@@ -77,8 +103,24 @@ def demo(
 
 
 @muted()
-def draw(picture, scene_path, gis_folder, name, title=TITLE, credit=CREDIT):
-    """The picture of a run from its exported folder: hillshade, largest speed, outlines of release and deposit."""
+def draw(
+    picture: Path, scene_path: Path, gis_folder: Path, name: str, title: str = TITLE, credit: str = CREDIT
+) -> None:
+    """Draw the picture of a run from its exported folder.
+
+    It shows hillshade, largest speed, and outlines of release and deposit.
+
+    Parameters
+    ----------
+    picture : Path
+        The file.
+    scene_path : Path
+    gis_folder : Path
+        The exported folder.
+    name : str
+        With which the names of its rasters begin.
+    title, credit : str
+    """
     scene = read_scene(scene_path)
     terrain = read_terrain(scene.path(scene.terrain.dem), crs=scene.terrain.crs, band=scene.terrain.band)
     release = read_release(scene.path(scene.release.source), terrain, thickness=1.0).polygons  # only its outline

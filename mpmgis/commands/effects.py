@@ -1,4 +1,4 @@
-"""`mpmgis effects`: the catalogue of effects; with a scene: the effects that are on, and the deciding numbers."""
+"""List the catalogue of effects; with a scene the effects that are on, and the deciding numbers: `mpmgis effects`."""
 
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
@@ -82,7 +82,7 @@ mpmgis effects scene.toml --json -o effects.json
 
 
 def scene_effects(scene: PathLike, *, laws: PathLike | None = None) -> "list[tuple[str, list[Decision]]]":
-    """The effects of a scene and the numbers that decide them, as `mpmgis effects scene.toml`.
+    """Return the effects of a scene and the numbers that decide them, as `mpmgis effects scene.toml`.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def scene_effects(scene: PathLike, *, laws: PathLike | None = None) -> "list[tup
 
 
 def effect_catalogue() -> list[dict[str, Any]]:
-    """Every effect with its table, law, parameters and their units, as `mpmgis effects`.
+    """Return every effect with its table, law, parameters and their units, as `mpmgis effects`.
 
     Examples
     --------

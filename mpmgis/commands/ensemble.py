@@ -1,4 +1,4 @@
-"""`mpmgis ensemble`: many runs over parameter ranges."""
+"""Run a scene many times over parameter ranges: `mpmgis ensemble`."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
@@ -154,7 +154,7 @@ class MachineOptions(TypedDict, total=False):
 
 
 class MachineArguments(MachineOptions, total=False):
-    """The same with --yes of the command."""
+    """Processes of an ensemble, and --yes of the command."""
 
     yes: Annotated[bool, shared_options.start_unasked("over an hour, or most of the memory")]
 
@@ -237,7 +237,7 @@ def ensemble(
     confirm: Callable[[str], bool] = lambda question: True,
     **options: Unpack[EnsembleOptions],
 ) -> "EnsembleFound":
-    """Many runs of a scene over parameter ranges, with maps of all runs together, as `mpmgis ensemble`.
+    """Run a scene many times over parameter ranges, and map all runs together, as `mpmgis ensemble`.
 
     Parameters
     ----------

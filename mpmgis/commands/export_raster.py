@@ -1,4 +1,4 @@
-"""`mpmgis export-raster`: frames of particles to GeoTIFF bands and a QGIS project."""
+"""Average frames of particles to GeoTIFF bands and a QGIS project: `mpmgis export-raster`."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -304,7 +304,7 @@ mpmgis export-raster matter/particles_f*.ply --dem dtm.tif --axes e,u,-n --origi
 def export_raster(
     frames: Results, output: PathLike | None = None, *, trust: bool = False, **options: Unpack[ExportOptions]
 ) -> list[Path]:
-    """Frames to GeoTIFF bands and a QGIS project (NHESS 25:3897, Eqs 2 to 17), as `mpmgis export-raster`.
+    """Average frames to GeoTIFF bands and a QGIS project (NHESS 25:3897, Eqs 2 to 17), as `mpmgis export-raster`.
 
     Parameters
     ----------

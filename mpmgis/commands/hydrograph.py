@@ -1,4 +1,4 @@
-"""`mpmgis hydrograph`: volume and mass through a section over time."""
+"""Compute volume and mass through a section over time: `mpmgis hydrograph`."""
 
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
 
@@ -88,7 +88,7 @@ volume of the particles, for an export mass over density. Positive is the direct
 def hydrograph(
     results: Results, section: PathLike, output: PathLike | None = None, **options: Unpack[HydrographOptions]
 ) -> "xarray.Dataset":
-    """Volume and mass through a section over time, as `mpmgis hydrograph`.
+    """Compute volume and mass through a section over time, as `mpmgis hydrograph`.
 
     Parameters
     ----------
@@ -116,6 +116,6 @@ def hydrograph(
     --------
     >>> mpmgis.hydrograph("results", "section.gpkg").volume.cumsum().plot()  # doctest: +SKIP
     """
-    from ..results.answer_datasets import of_hydrograph
+    from ..results.answer_datasets import hydrograph_dataset
 
-    return of_hydrograph(answer(VERB, results, output, {**options, "section": section}))
+    return hydrograph_dataset(answer(VERB, results, output, {**options, "section": section}))

@@ -1,4 +1,4 @@
-"""`mpmgis info`: one screen about any file that mpmgis reads or writes."""
+"""Describe any file that mpmgis reads or writes on one screen: `mpmgis info`."""
 
 from typing import Annotated, Any, Unpack
 
@@ -74,7 +74,7 @@ mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1
 
 
 def info(file: PathLike, *, trust: bool = False, **options: Unpack[shared_options.ThirdPartyOptions]) -> dict[str, Any]:
-    """Facts about any file or folder of the workflow, as `mpmgis info --json`.
+    """Return facts about any file or folder of the workflow, as `mpmgis info --json`.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def info(file: PathLike, *, trust: bool = False, **options: Unpack[shared_option
     trust : bool
         Follow links of the file to the network and to other files.
     **options
-        `shared.ThirdPartyOptions`, for another code's particle files.
+        `ThirdPartyOptions`, for another code's particle files.
 
     Returns
     -------
@@ -106,7 +106,17 @@ def info(file: PathLike, *, trust: bool = False, **options: Unpack[shared_option
 
 
 def terms(values: dict[str, Any]) -> Any:
-    """Declarations of options by name."""
+    """Return declarations for files of another code from options by name.
+
+    Parameters
+    ----------
+    values : dict
+        All options of the verb, from `complete`.
+
+    Returns
+    -------
+    Declarations
+    """
     from ..exchange.declarations import Declarations
 
     return Declarations.named(values | {"time_step": values["frame_step"]}, values["crs"])

@@ -1,4 +1,4 @@
-"""`mpmgis intensity`: classes of a named guideline on a map."""
+"""Assign intensity classes of a named guideline to cells: `mpmgis intensity`."""
 
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
 
@@ -129,7 +129,7 @@ A hazard zone also depends on the scenario's return period and on the authority:
 def intensity(
     results: Results, guideline: str, output: PathLike | None = None, **options: Unpack[IntensityOptions]
 ) -> "IntensityFound":
-    """Intensity classes of a named guideline, as `mpmgis intensity`.
+    """Assign intensity classes of a named guideline to cells, as `mpmgis intensity`.
 
     Parameters
     ----------

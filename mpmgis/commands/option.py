@@ -1,6 +1,6 @@
-"""Options of a verb as data: the command line, the Python function, the QGIS form and the reference page read them.
+"""Declare options of a verb as data, for the command line, the Python function, the QGIS form and the reference page.
 
-A verb's options are the keys of a TypedDict. Each key has the type of its value and an `Option`, for example
+ A verb's options are the keys of a TypedDict. Each key has the type of its value and an `Option`, for example
 ``cell_size: Annotated[float, Option("cell size", "M", unit="m", flag="--cs-e", above=0)]``.
 """
 
@@ -26,6 +26,7 @@ _INFRASTRUCTURE = (  # modules that are not verbs
         "verb_calls",
     ),
 )
+# of verbs; the tens digit of Verb.place
 GROUPS = ("from a terrain to a map", "answers from results", "many runs", "information")
 
 
@@ -185,13 +186,22 @@ class Verb:
     workflow: str = ""
 
     def named(self) -> dict[str, Option]:
-        """Options of the command by name, each with its name and type."""
+        """Return the options of the command by name, each with its name and type."""
         return options_of(self.arguments)
 
 
 @cache
 def options_of(table: Any) -> dict[str, Option]:
-    """The Options of a TypedDict by name."""
+    """Return the Options of a TypedDict by name, each with its name and type.
+
+    Parameters
+    ----------
+    table : TypedDict
+
+    Returns
+    -------
+    dict of str to Option
+    """
     found = {}
     for name, hint in get_type_hints(table, include_extras=True).items():
         (option,) = hint.__metadata__
@@ -200,17 +210,22 @@ def options_of(table: Any) -> dict[str, Option]:
 
 
 def verb_names() -> list[str]:
-    """Names of all verbs, unordered."""
+    """Return the names of all verbs, unordered."""
     package = importlib.import_module(__package__)
     modules = (module.name for module in pkgutil.iter_modules(package.__path__))
     return [name.replace("_", "-") for name in modules if name not in _INFRASTRUCTURE]
 
 
 def verb_of(name: str) -> Verb:
-    """The Verb of a name."""
+    """Return the Verb of a name.
+
+    Parameters
+    ----------
+    name : str
+    """
     return importlib.import_module(f"{__package__}.{name.replace('-', '_')}").VERB
 
 
 def all_verbs() -> list[Verb]:
-    """All verbs in their order."""
+    """Return all verbs in their order."""
     return sorted(map(verb_of, verb_names()), key=lambda verb: verb.place)

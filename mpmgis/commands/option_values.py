@@ -1,4 +1,4 @@
-"""Values of options, from text of the command or from Python: checks, and requests made of them."""
+"""Check values of options, from text of the command or from Python, and make requests of them."""
 
 import dataclasses
 import math
@@ -14,11 +14,22 @@ from ..system.errors import InputError
 from .option import Option, PathLike, Verb, options_of, verb_of
 
 Request = TypeVar("Request")
-_COUNTS = {1: "one", 2: "two", 3: "three", 4: "four"}
+_COUNTS = {1: "one", 2: "two", 3: "three", 4: "four"}  # numbers in words
+_NAME = re.compile(r"`(\w+)(?:[= ]([^`]*))?`")  # an option of Python in a message, with or without a value
+_FLAG = re.compile(r"(?<!FILE )(?<![\w-])(--[a-z][a-z-]*|-o)(?![\w-])")  # an option of the command in a message
 
 
 def value_of_text(text: str, option: Option) -> Any:
-    """The value of `option` from `text` of the command.
+    """Return the value of an option from text of the command.
+
+    Parameters
+    ----------
+    text : str
+    option : Option
+
+    Returns
+    -------
+    object
 
     Raises
     ------
@@ -101,7 +112,12 @@ def _whole(value: float) -> int:
 
 
 def checked(value: Any, option: Option) -> Any:
-    """`value` as requests have it (paths as Path, numbers as float, lists as tuples).
+    """Return a value as requests have it: paths as Path, numbers as float, lists as tuples.
+
+    Parameters
+    ----------
+    value : object
+    option : Option
 
     Raises
     ------
@@ -164,7 +180,16 @@ def _in_range(value: Real, option: Option) -> bool:
 
 
 def expected(option: Option) -> str:
-    """Description of a valid value."""
+    """Return the description of a valid value.
+
+    Parameters
+    ----------
+    option : Option
+
+    Returns
+    -------
+    str
+    """
     kind = _item(option) if option.repeat else option.type
     return _words(kind, option)
 
@@ -202,9 +227,16 @@ def _range_words(option: Option) -> str:
 
 
 def request(verb: Verb, kind: type[Request], values: Mapping[str, Any]) -> Request:
-    """The request of class `kind` from options by name; missing ones have their defaults.
+    """Return the request of class `kind` from options by name; missing ones have their defaults.
 
     Fields of `kind` that are dataclasses are made of the same options.
+
+    Parameters
+    ----------
+    verb : Verb
+    kind : class
+        A dataclass.
+    values : mapping of str to object
 
     Raises
     ------
@@ -215,11 +247,21 @@ def request(verb: Verb, kind: type[Request], values: Mapping[str, Any]) -> Reque
 
 
 def complete(verb: Verb, values: Mapping[str, Any]) -> dict[str, Any]:
-    """All options of `verb` by name: `values`, checked, and the defaults of the others.
+    """Return all options of a verb by name: the given values, checked, and the defaults of the others.
+
+    Parameters
+    ----------
+    verb : Verb
+    values : mapping of str to object
+
+    Returns
+    -------
+    dict of str to object
 
     Raises
     ------
     InputError
+        An unknown name, or a value of a wrong type or range.
     """
     options, found = verb.named(), {}
     known = options if verb.options is None else {**options_of(verb.options), **_positional(options)}
@@ -243,7 +285,14 @@ def _positional(options: dict[str, Option]) -> dict[str, Option]:
 
 
 def made(kind: type[Request], values: Mapping[str, Any]) -> Request:
-    """A dataclass `kind` from values by field name; fields that are dataclasses are made of the same values."""
+    """Return a dataclass from values by field name; fields that are dataclasses are made of the same values.
+
+    Parameters
+    ----------
+    kind : class
+    values : mapping of str to object
+        Names that are no fields are ignored.
+    """
     given = {}
     for name, hint in _hints(kind).items():
         if dataclasses.is_dataclass(hint):
@@ -258,12 +307,18 @@ def _hints(kind: type) -> dict[str, Any]:
     return {name: hint for name, hint in get_type_hints(kind).items() if name in kind.__dataclass_fields__}
 
 
-_NAME = re.compile(r"`(\w+)(?:[= ]([^`]*))?`")
-_FLAG = re.compile(r"(?<!FILE )(?<![\w-])(--[a-z][a-z-]*|-o)(?![\w-])")
-
-
 def with_flags(text: str, verb: Verb) -> str:
-    """A message with names of options in backticks replaced by flags: `cell_size=2` by --cs-e 2."""
+    """Replace names of options in backticks in a message by flags: `cell_size=2` by --cs-e 2.
+
+    Parameters
+    ----------
+    text : str
+    verb : Verb
+
+    Returns
+    -------
+    str
+    """
     options = verb_of("export-raster").named() | verb.named()
 
     def flag(found: re.Match[str]) -> str:
@@ -279,6 +334,16 @@ def with_flags(text: str, verb: Verb) -> str:
 
 
 def with_names(text: str, verb: Verb) -> str:
-    """A message with flags of the command replaced by the names of options in Python."""
+    """Replace flags of the command in a message by the names of options in Python.
+
+    Parameters
+    ----------
+    text : str
+    verb : Verb
+
+    Returns
+    -------
+    str
+    """
     names = {flag: option.name for option in verb.named().values() for flag in option.flags}
     return _FLAG.sub(lambda found: f"`{names[found[1]]}`" if found[1] in names else found[0], text)

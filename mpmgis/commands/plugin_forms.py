@@ -1,4 +1,7 @@
-"""Forms of the verbs for the QGIS toolbox, as data."""
+"""Describe the forms of the verbs for the QGIS toolbox as plain data.
+
+The plugin, which cannot import mpmgis, reads them from its zip.
+"""
 
 from pathlib import Path
 from types import UnionType
@@ -11,9 +14,17 @@ _KINDS = {float: "number", int: "integer", str: "text", bool: "switch"}
 
 
 def plugin_forms(guidelines: tuple[str, ...] = (), matrices: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Forms of all verbs, and the verbs and options without one with the reasons.
+    """Return the forms of all verbs, and the verbs and options without one with the reasons.
 
-    `guidelines` and `matrices` are the shipped ones.
+    Parameters
+    ----------
+    guidelines, matrices : tuple of str
+        Names of the shipped ones.
+
+    Returns
+    -------
+    dict
+        For JSON.
     """
     verbs, choices = all_verbs(), {"guideline": list(guidelines), "map": list(matrices)}
     return {

@@ -1,4 +1,4 @@
-"""`mpmgis profile`: a flow along a line."""
+"""Sample a flow along a line: `mpmgis profile`."""
 
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
 
@@ -90,7 +90,7 @@ interpolation. The table has a row for each time and sample point.
 def profile(
     results: Results, line: PathLike, output: PathLike | None = None, **options: Unpack[ProfileOptions]
 ) -> "xarray.Dataset":
-    """Flow along a line at chosen times, as `mpmgis profile`.
+    """Sample a flow along a line at chosen times, as `mpmgis profile`.
 
     Parameters
     ----------
@@ -118,6 +118,6 @@ def profile(
     --------
     >>> mpmgis.profile("results", "line.gpkg", at_times=(20, 40)).h.plot(col="time")  # doctest: +SKIP
     """
-    from ..results.answer_datasets import of_profile
+    from ..results.answer_datasets import profile_dataset
 
-    return of_profile(answer(VERB, results, output, {**options, "line": line}))
+    return profile_dataset(answer(VERB, results, output, {**options, "line": line}))

@@ -1,7 +1,4 @@
-"""`mpmgis qgis-plugin`: the toolbox for QGIS as a zip.
-
-The forms of the QGIS toolbox as plain data, which the plugin (it cannot import mpmgis) reads from its zip.
-"""
+"""Write the toolbox for QGIS as a zip: `mpmgis qgis-plugin`."""
 
 from pathlib import Path
 from typing import Annotated, TypedDict
@@ -46,7 +43,7 @@ def qgis_plugin(
     homepage: str | None = None,
     email: str | None = None,
 ) -> Path:
-    """The toolbox for QGIS as a zip, as `mpmgis qgis-plugin`.
+    """Write the toolbox for QGIS as a zip, as `mpmgis qgis-plugin`.
 
     Parameters
     ----------

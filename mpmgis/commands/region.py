@@ -1,4 +1,4 @@
-"""`mpmgis region`: every release area of a region in its own window of one large DTM."""
+"""Simulate every release area of a region in its own window of one large DTM: `mpmgis region`."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
@@ -90,7 +90,7 @@ class MachineOptions(TypedDict, total=False):
 
 
 class MachineArguments(MachineOptions, total=False):
-    """The same with --yes of the command."""
+    """Processes of a region, and --yes of the command."""
 
     yes: Annotated[bool, shared_options.start_unasked("over an hour, or most of the memory")]
 
@@ -178,7 +178,7 @@ def region(
     confirm: Callable[[str], bool] = lambda question: True,
     **options: Unpack[RegionOptions],
 ) -> "RegionFound":
-    """Every release area of a region in its own window of one large DTM, as `mpmgis region`.
+    """Simulate every release area of a region in its own window of one large DTM, as `mpmgis region`.
 
     Parameters
     ----------

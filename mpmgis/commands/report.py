@@ -1,4 +1,4 @@
-"""`mpmgis report`: one HTML file about a run, or a hazard map of several scenarios."""
+"""Write one HTML file about a run, or a hazard map of several scenarios: `mpmgis report`."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -180,7 +180,7 @@ where a number was not read: check them in the guideline.
 
 
 def report(results: Results, output: PathLike | None = None, **options: Unpack[ReportOptions]) -> Path:
-    """One HTML file about a run, as `mpmgis report`.
+    """Write one HTML file about a run, as `mpmgis report`.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def hazard_map(
     output: PathLike | None = None,
     **options: Unpack[HazardMapOptions],
 ) -> "HazardFound":
-    """A hazard map of several scenarios, as `mpmgis report --map`.
+    """Write a hazard map of several scenarios, as `mpmgis report --map`.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Results in Python as xarray datasets, GeoPandas tables, and frames in memory. The verbs are in `mpmgis.commands`.
+"""Open results in Python as xarray datasets, GeoPandas tables, and frames in memory.
 
-Messages go to the logger `mpmgis` (`logging.basicConfig(level="INFO")` shows them); errors are `mpmgis.MpmgisError`,
-each with a message of one line.
+ The verbs are in `mpmgis.commands`. Messages go to the logger `mpmgis` (`logging.basicConfig(level="INFO")` shows
+them); errors are `mpmgis.MpmgisError`, each with a message of one line.
 """
 
 from pathlib import Path
@@ -28,7 +28,7 @@ def open_results(
     dem: "str | Path | Terrain | xarray.DataArray | None" = None,
     **options: Unpack[FrameAveragingOptions],
 ) -> "xarray.Dataset":
-    """A folder of results as a lazy xarray.Dataset (time, y, x) with its CRS.
+    """Open a folder of results as a lazy xarray.Dataset (time, y, x) with its CRS.
 
     An exported folder contains the bands of the steps, `h_max` and the other maxima, `h_deposit`, `elevation`. Frames,
     of mpmgis or of another code, are averaged step by step when values are needed. Their dataset also contains the
@@ -67,7 +67,7 @@ def depth_average(
     dem: "str | Path | Terrain | xarray.DataArray | None" = None,
     **options: Unpack[FrameAveragingOptions],
 ) -> "xarray.Dataset":
-    """One frame of particles depth-averaged onto cells with vertical projection (NHESS 25:3897, Eqs 2 to 14).
+    """Average the depth of one frame of particles onto cells, with vertical projection (NHESS 25:3897, Eqs 2 to 14).
 
     Parameters
     ----------
@@ -112,11 +112,19 @@ def _averaging(frames: str | Path, options: FrameAveragingOptions, where: str) -
 
 
 def read_frame(path: str | Path) -> Frame:
-    """The frame, with its particles, in a file of mpmgis.
+    """Read the frame, with its particles, in a file of mpmgis.
 
     Examples
     --------
     >>> mpmgis.read_frame("results/frame_000010.h5").particles.velocity  # doctest: +SKIP
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Frame
     """
     from ..frames.frame_files import read_frame as read
 
@@ -125,11 +133,26 @@ def read_frame(path: str | Path) -> Frame:
 
 
 def to_geodataframe(what: "Frame | xarray.Dataset", wet: str = "h") -> "geopandas.GeoDataFrame":
-    """Particles of a Frame as points, or cells of a Dataset of one time with `wet` above 0 as squares.
+    """Return particles of a Frame as points, or cells of a Dataset of one time as squares.
 
     Examples
     --------
     >>> mpmgis.to_geodataframe(results.isel(time=-1)).to_file("deposit.gpkg")  # doctest: +SKIP
+
+    Parameters
+    ----------
+    what : Frame or xarray.Dataset
+    wet : str
+        Variable of the Dataset; only cells with a value above 0 are returned.
+
+    Returns
+    -------
+    GeoDataFrame
+
+    Raises
+    ------
+    InputError
+        Neither a Frame nor a Dataset.
     """
     from ..maps.export.xarray_datasets import cell_table, particle_table
 

@@ -1,4 +1,4 @@
-"""`mpmgis run`: simulate a scene."""
+"""Simulate a scene: `mpmgis run`."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -176,6 +176,16 @@ def run(
 
 
 def require_one_start(values: dict[str, Any]) -> None:
-    """Raise InputError where a run is to be resumed and replaced."""
+    """Raise InputError if a run is to be both resumed and replaced.
+
+    Parameters
+    ----------
+    values : dict
+        All options of the verb.
+
+    Raises
+    ------
+    InputError
+    """
     if values["resume"] and values["overwrite"]:
         raise InputError("`resume` and `overwrite` contradict each other; give one of them")

@@ -1,4 +1,4 @@
-"""`mpmgis runout`: runout, drop height and angles of a flow."""
+"""Measure runout, drop height and angles of a flow: `mpmgis runout`."""
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
@@ -60,7 +60,7 @@ mass is not known for an export.
 
 
 def runout(results: Results, output: PathLike | None = None, **options: Unpack[RunoutOptions]) -> "RunoutFound":
-    """Runout, drop height, and angles of the energy line and of the centre of mass, as `mpmgis runout`.
+    """Measure runout, drop height, and angles of the energy line and of the centre of mass, as `mpmgis runout`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`mpmgis seed`: particles from a DTM and release areas."""
+"""Create particles from a DTM and release areas: `mpmgis seed`."""
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 
@@ -229,7 +229,7 @@ class ColumnOptions(TypedDict, total=False):
 
 
 class SeedSolverOptions(SolverOptions, total=False):
-    """The same, with the cell size of the solver."""
+    """Start files of another 3D solver, with the cell size of its grid."""
 
     cell: Annotated[
         float,
@@ -354,7 +354,7 @@ mpmgis seed --dem dtm.tif --release area.shp --for kratos --cell 1 --material sl
 def seed(
     dem: PathLike, release: PathLike, output: PathLike | None = None, **options: Unpack[SeedingOptions]
 ) -> "Seeded":
-    """Columns from a DTM and release areas (MOX report 15/2025, Algorithm 1), as `mpmgis seed`.
+    """Create columns from a DTM and release areas (MOX report 15/2025, Algorithm 1), as `mpmgis seed`.
 
     Parameters
     ----------
@@ -385,7 +385,16 @@ def seed(
 
 
 def seeding_values(values: dict[str, Any]) -> dict[str, Any]:
-    """Keywords of a seed, without those of its output file or of another solver.
+    """Return the keywords of a seeding, without those of its output file or of another solver.
+
+    Parameters
+    ----------
+    values : dict
+        All options of the verb, from `complete`.
+
+    Returns
+    -------
+    dict of str to object
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Options of several verbs: terrain, averaging of frames, files of other codes, results, machine."""
+"""Declare options of several verbs: terrain, averaging of frames, files of other codes, results, machine."""
 
 from typing import Annotated, Literal, TypedDict
 
@@ -241,7 +241,7 @@ class DeclarationOptions(TypedDict, total=False):
 
 
 class ThirdPartyOptions(DeclarationOptions, total=False):
-    """The same, with CRS and density."""
+    """Data that another code's particle files do not contain, with CRS and density."""
 
     crs: Annotated[str, Option("CRS of the files", "EPSG:n|local", kind="CRS", label="CRS, where the files carry none")]
     density: Annotated[
@@ -300,7 +300,7 @@ class CellOptions(AveragingOptions, total=False):
 
 
 class SizedCellOptions(CellOptions, total=False):
-    """The same, with the size of the cells."""
+    """Averaging and size of cells for questions about results."""
 
     cell_size: Annotated[
         float,
@@ -355,7 +355,21 @@ GROUPS = (("terrain", TerrainOptions), (AVERAGED, SizedCellOptions), (THIRD_PART
 
 
 def output(word: str, files: str, label: str) -> Option:
-    """The option -o of an answer that consists of `files`, in a folder `<name of the results>_<word>`."""
+    """Return the option -o of an answer that consists of several files.
+
+    Parameters
+    ----------
+    word : str
+        The default folder is `<name of the results>_<word>`.
+    files : str
+        Words for the files in the help of the command.
+    label : str
+        Words for the files in the form of QGIS.
+
+    Returns
+    -------
+    Option
+    """
     usual = f"<name>_{word} beside the results"
     return Option(
         f"folder for {files}, or one file by its suffix; - prints the table",
@@ -369,7 +383,17 @@ def output(word: str, files: str, label: str) -> Option:
 
 
 def start_unasked(long: str) -> Option:
-    """The option --yes of a verb that can take `long`."""
+    """Return the option --yes of a verb that can take long.
+
+    Parameters
+    ----------
+    long : str
+        Words for how long, in the form of QGIS.
+
+    Returns
+    -------
+    Option
+    """
     return Option(
         "do not ask about predicted time and memory",
         default=False,

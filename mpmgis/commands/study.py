@@ -1,4 +1,4 @@
-"""`mpmgis study`: accuracy against computing time."""
+"""Compare accuracy with computing time: `mpmgis study`."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal, Unpack
@@ -182,7 +182,7 @@ def study(
     confirm: Callable[[str], bool] = lambda question: True,
     **options: Unpack[StudyOptions],
 ) -> "StudyFound":
-    """Accuracy against computing time, as `mpmgis study`.
+    """Compare accuracy with computing time, as `mpmgis study`.
 
     Parameters
     ----------

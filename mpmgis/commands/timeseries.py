@@ -1,4 +1,4 @@
-"""`mpmgis timeseries`: a flow at points over time."""
+"""Sample a flow at points over time: `mpmgis timeseries`."""
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
@@ -58,7 +58,7 @@ in the cells of points, for every frame. Points have the names of a column `name
 def timeseries(
     results: Results, output: PathLike | None = None, **options: Unpack[TimeseriesOptions]
 ) -> "xarray.Dataset":
-    """Flow at points over time, as `mpmgis timeseries`.
+    """Sample a flow at points over time, as `mpmgis timeseries`.
 
     Parameters
     ----------
@@ -84,6 +84,6 @@ def timeseries(
     --------
     >>> mpmgis.timeseries("results", at=[(312900, 4008450)]).to_dataframe()  # doctest: +SKIP
     """
-    from ..results.answer_datasets import of_series
+    from ..results.answer_datasets import series_dataset
 
-    return of_series(answer(VERB, results, output, options))
+    return series_dataset(answer(VERB, results, output, options))

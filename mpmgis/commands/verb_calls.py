@@ -1,4 +1,4 @@
-"""Calls of the workflows from the Python functions of the verbs."""
+"""Call the functions that do the work of the verbs, from the verbs' Python functions."""
 
 import importlib
 import inspect
@@ -15,7 +15,12 @@ Results = PathLike | Sequence[PathLike]
 
 @contextmanager
 def python_words(verb: Verb) -> Iterator[None]:
-    """In errors of this block flags of the command are replaced by parameter names."""
+    """Replace flags of the command in errors of this block by parameter names.
+
+    Parameters
+    ----------
+    verb : Verb
+    """
     try:
         yield
     except MpmgisError as error:
@@ -24,14 +29,27 @@ def python_words(verb: Verb) -> Iterator[None]:
 
 
 def workflow_of(verb: Verb) -> tuple[Callable[..., Any], Any]:
-    """(function that does the work of a verb, class of its request)."""
+    """Return the function that does the work of a verb, and the class of its request.
+
+    Parameters
+    ----------
+    verb : Verb
+
+    Returns
+    -------
+    (callable, class)
+    """
     module, _, name = verb.workflow.partition(":")
     function = getattr(importlib.import_module(f"{__package__.rpartition('.')[0]}.{module}"), name)
     return function, inspect.signature(function).parameters["request"].annotation
 
 
 def several(results: Results) -> tuple[PathLike, ...]:
-    """One path or several as a tuple.
+    """Return one path or several as a tuple.
+
+    Parameters
+    ----------
+    results : path or sequence of path
 
     Raises
     ------
@@ -45,12 +63,37 @@ def several(results: Results) -> tuple[PathLike, ...]:
 
 
 def answer(verb: Verb, results: Results, output: PathLike | None, options: Mapping[str, Any]) -> Any:
-    """The result of the workflow of `verb` for `results`."""
+    """Return the answer of a verb about results.
+
+    Parameters
+    ----------
+    verb : Verb
+    results : path or sequence of path
+    output : path or None
+    options : mapping of str to object
+        The other options by name.
+
+    Returns
+    -------
+    object
+        What the function of the verb returns.
+    """
     return called(verb, {"frames": several(results), "output": output, **options})
 
 
 def called(verb: Verb, values: Mapping[str, Any], **callbacks: Any) -> Any:
-    """The result of the workflow of `verb` for options by name."""
+    """Return what the function of a verb returns for options by name.
+
+    Parameters
+    ----------
+    verb : Verb
+    values : mapping of str to object
+    **callbacks : keywords of the function
+
+    Returns
+    -------
+    object
+    """
     with python_words(verb):
         function, kind = workflow_of(verb)
         return function(request(verb, kind, values), **callbacks)

@@ -1,4 +1,4 @@
-"""`mpmgis vertical`: a 3D flow over the height above its bed."""
+"""Profile a 3D flow over the height above its bed: `mpmgis vertical`."""
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
@@ -86,7 +86,7 @@ wall would change them (a [[barrier]] in a run of points has forces in barriers.
 
 
 def vertical(results: Results, output: PathLike | None = None, **options: Unpack[VerticalOptions]) -> "xarray.Dataset":
-    """Profiles of a 3D flow over the height above its bed, as `mpmgis vertical`.
+    """Profile a 3D flow over the height above its bed, as `mpmgis vertical`.
 
     Parameters
     ----------
@@ -112,6 +112,6 @@ def vertical(results: Results, output: PathLike | None = None, **options: Unpack
     --------
     >>> mpmgis.vertical("results", at=[(312900, 4008450)], at_times=[6]).to_dataframe()  # doctest: +SKIP
     """
-    from ..results.answer_datasets import of_vertical
+    from ..results.answer_datasets import vertical_dataset
 
-    return of_vertical(answer(VERB, results, output, options))
+    return vertical_dataset(answer(VERB, results, output, options))

@@ -1,4 +1,4 @@
-"""Results of verbs as xarray datasets."""
+"""Convert results of verbs to xarray datasets."""
 
 from pathlib import Path
 from typing import Any
@@ -30,8 +30,17 @@ def _attributes(found: Any, **more: Any) -> dict[str, Any]:
     return {"title": found.name, "files": [str(Path(file)) for file in found.files], **more}
 
 
-def of_profile(found: ProfileFound) -> xarray.Dataset:
-    """Products over (time, along)."""
+def profile_dataset(found: ProfileFound) -> xarray.Dataset:
+    """Return products over (time, along).
+
+    Parameters
+    ----------
+    found : ProfileFound
+
+    Returns
+    -------
+    xarray.Dataset
+    """
     places = {"elevation": found.terrain, "x": found.x, "y": found.y}
     variables = _bands(found.values, ("time", "along"))
     variables["surface"] = ("time", "along"), found.surface, {"units": "m"}
@@ -39,15 +48,33 @@ def of_profile(found: ProfileFound) -> xarray.Dataset:
     return xarray.Dataset(variables, {"time": _time(found.times), **coordinates}, _attributes(found))
 
 
-def of_series(found: SeriesFound) -> xarray.Dataset:
-    """Products over (time, point)."""
+def series_dataset(found: SeriesFound) -> xarray.Dataset:
+    """Return products over (time, point).
+
+    Parameters
+    ----------
+    found : SeriesFound
+
+    Returns
+    -------
+    xarray.Dataset
+    """
     coordinates = {"point": list(found.names), "x": _metres("point", found.x), "y": _metres("point", found.y)}
     variables = _bands(found.values, ("time", "point"))
     return xarray.Dataset(variables, {"time": _time(found.times), **coordinates}, _attributes(found))
 
 
-def of_hydrograph(found: HydrographFound) -> xarray.Dataset:
-    """Volume and mass of each interval, at the time of its end."""
+def hydrograph_dataset(found: HydrographFound) -> xarray.Dataset:
+    """Return volume and mass of each interval, at the time of its end.
+
+    Parameters
+    ----------
+    found : HydrographFound
+
+    Returns
+    -------
+    xarray.Dataset
+    """
     variables = {
         "volume": ("time", found.volume, {"units": "m3"}),
         "mass": ("time", found.mass, {"units": "kg"}),
@@ -57,8 +84,17 @@ def of_hydrograph(found: HydrographFound) -> xarray.Dataset:
     return xarray.Dataset(variables, {"time": _time(found.times[1:])}, _attributes(found, azimuth=found.azimuth))
 
 
-def of_vertical(found: VerticalFound) -> xarray.Dataset:
-    """The table of layers, a row for each layer of a profile."""
+def vertical_dataset(found: VerticalFound) -> xarray.Dataset:
+    """Return the table of layers, a row for each layer of a profile.
+
+    Parameters
+    ----------
+    found : VerticalFound
+
+    Returns
+    -------
+    xarray.Dataset
+    """
     columns = list(zip(*found.rows(), strict=True)) or [()] * len(PROFILE_COLUMNS)
     variables = {
         name: ("row", np.array(values), {"units": unit})

@@ -1,30 +1,40 @@
-"""Output of verbs about results: a folder of files, or one file chosen by the suffix of -o."""
+"""Write the answer of a verb about results: a folder of files, or one file chosen by the suffix of -o."""
 
 import re
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..system.errors import InputError, OutputError
 from ..system.links import is_above
 from ..system.whole_files import refuse_existing, whole_folder
 from .opened_results import result_name
 
+if TYPE_CHECKING:
+    from ..maps.export.export_request import AnswerRequest
+
 FILE_SUFFIX = re.compile(r"\.[A-Za-z]{2,5}")  # of a file, not of a folder named run_1.5
 
 
-def answer_output(request, word, files):
-    """Output path: that of the request, else the folder `<name>_<word>` beside the results.
+def answer_output(request: "AnswerRequest", word: str, files: Sequence[str]) -> Path:
+    """Return the output path: that of the request, else the folder `<name>_<word>` beside the results.
 
     Parameters
     ----------
     request : AnswerRequest
     word : str
+        End of the name of the default folder.
     files : sequence of str
         Names of the output files.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
     InputError, OutputError
-        As `checked_output`.
+        None of the files has the suffix of the output; the output exists; it contains an input.
     """
     frames, output = request.results.frames, request.output
     if output is None:
@@ -35,8 +45,8 @@ def answer_output(request, word, files):
     return checked_output(output, files, request.overwrite, (*frames, *request.paths()))
 
 
-def checked_output(output, files, overwrite, read):
-    """`output` as a Path, checked before any work.
+def checked_output(output: str | Path, files: Sequence[str], overwrite: bool, read: Iterable[str | Path]) -> Path:
+    """Return `output` as a Path, checked before any work.
 
     Parameters
     ----------
@@ -47,6 +57,10 @@ def checked_output(output, files, overwrite, read):
     overwrite : bool
     read : iterable of path
         The inputs.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -64,7 +78,7 @@ def checked_output(output, files, overwrite, read):
     return output
 
 
-def write_answer(request, output, writers):
+def write_answer(request: Any, output: Path, writers: dict[str, Callable[[Path], Any]]) -> tuple[Path, ...]:
     """Write the output files, all or none.
 
     Parameters
@@ -78,6 +92,7 @@ def write_answer(request, output, writers):
     Returns
     -------
     tuple of Path
+        The files written.
     """
     suffix = output.suffix.lower()
     single = next((write for name, write in writers.items() if Path(name).suffix == suffix), None)

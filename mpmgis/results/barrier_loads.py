@@ -1,6 +1,6 @@
-"""Loads on barriers and buildings over a run: force, moment, overtopping, run-up, and whether they are usable.
+"""Compute loads on barriers and buildings: force, moment, overtopping, run-up, and whether they are usable.
 
-A piece of outline that faces the flow bears, per width, the drag C_d rho v^2 h / 2 of a pressure that is uniform over
+ A piece of outline that faces the flow bears, per width, the drag C_d rho v^2 h / 2 of a pressure that is uniform over
 the depth h, with its resultant at h / 2, and the hydrostatic force rho g h^2 / 2, with its resultant at h / 3. C_d = 2
 is the momentum flux rho h v^2 of a flow that the wall stops (balance of momentum).
 """
@@ -16,12 +16,13 @@ from shapely.geometry.polygon import orient
 from ..laws.quantities import GRAVITY
 from ..scene.point_effects import FEWEST_CELLS
 
+# headings of the columns of a barrier's table
 FORCE, PEAK = "mean normal force [N]", "largest normal force of a step so far [N]"
 IMPULSE, OVERTOPPED = "normal impulse [N s]", "overtopped mass [kg]"
-MOMENTS = ("mean moment east [N m]", "mean moment north [N m]", "mean moment up [N m]")
-LEVEL_SHARE = 0.5  # of the height of a wall that the ground of its run-up may be above or below the wall's
 EAST, NORTH = "impulse east [N s]", "impulse north [N s]"
-BANDS = ("h", "Ut_E", "Ut_N", "Ut")
+MOMENTS = ("mean moment east [N m]", "mean moment north [N m]", "mean moment up [N m]")
+LEVEL_SHARE = 0.5  # [heights of the wall] by which the ground at a run-up may be above or below that at the wall
+BANDS = ("h", "Ut_E", "Ut_N", "Ut")  # of the flow at a building
 FIELDS = {  # attribute: unit, meaning; each has its time in <attribute>_t, but the height
     "flow_depth": ("m", "largest flow depth at the outline"),
     "flow_speed": ("m s-1", "largest speed along the slope at the outline"),
@@ -32,8 +33,8 @@ FIELDS = {  # attribute: unit, meaning; each has its time in <attribute>_t, but 
     "flow_height": ("m", "height of the resultant over the foot at the time of the largest force"),
 }
 TIMED = tuple(name for name in FIELDS if name != "flow_height")
-DIRECTIONS = 72  # tried for a flow at rest, which presses on all sides
-STILL = 1e-9  # of the speed of the pieces: a smaller mean velocity has no direction
+DIRECTIONS = 72  # every 5 degrees, tried for a flow at rest, which presses on all sides
+STILL = 1e-9  # [m s-1] a smaller mean velocity of the flow at the outline has no direction
 
 
 @dataclass(frozen=True)
@@ -51,25 +52,31 @@ class BarrierHistory:
 
     @property
     def times(self) -> np.ndarray:
-        """float64[frames] [s]."""
+        """Times of the frames, float64[frames] [s]."""
         return self.columns["time [s]"]
 
     @property
     def moment(self) -> np.ndarray | None:
-        """float64[frames] [N m]: length of the mean moment about the foot since the frame before; None of columns."""
+        """Length of the mean moment about the foot since the frame before, float64[frames] [N m]; None of columns."""
         if not all(heading in self.columns for heading in MOMENTS):
             return None
         return np.sqrt(sum(self.columns[heading] ** 2 for heading in MOMENTS))
 
     @property
     def direction(self) -> np.ndarray | None:
-        """float64[2]: unit vector (east, north) of the total horizontal force; None without any."""
+        """Unit vector (east, north) of the total horizontal force, float64[2]; None without any."""
         impulse = np.array([self.columns[EAST][-1], self.columns[NORTH][-1]])
         length = float(np.hypot(*impulse))
         return impulse / length if length > 0 else None
 
     def overtopping(self) -> tuple[float, float]:
-        """(mass that passed over the barrier [kg], time of the first frame with some [s]; NaN without any)."""
+        """Return the mass that passed over the barrier [kg], and the time of the first frame with some [s].
+
+        Returns
+        -------
+        (float, float)
+            The time is NaN without overtopping.
+        """
         mass = self.columns[OVERTOPPED]
         over = mass > 0
         return float(mass[-1]), float(self.times[np.argmax(over)]) if over.any() else np.nan
@@ -103,7 +110,20 @@ class RunUp:
 
 
 def history_rows(history: BarrierHistory, run_up: RunUp | None, density: float | None) -> list[tuple]:
-    """(figure, value, unit) rows of one barrier."""
+    """Return the rows of one barrier for the table of a report.
+
+    Parameters
+    ----------
+    history : BarrierHistory
+    run_up : RunUp or None
+        None where no frame has flow at the barrier.
+    density : float or None [kg m-3]
+
+    Returns
+    -------
+    list of (str, float or str, str)
+        Figure, value, unit.
+    """
     force, moment = history.columns[FORCE], history.moment
     k = int(np.argmax(force))
     rows = [
@@ -144,7 +164,17 @@ def _freeboard(run_up):
 
 
 def load_verdict(history: BarrierHistory, run_up: RunUp | None) -> str:
-    """One sentence: cells over the flow depth at the barrier, and whether its loads are usable."""
+    """Return one sentence: cells over the flow depth at the barrier, and whether its loads are usable.
+
+    Parameters
+    ----------
+    history : BarrierHistory
+    run_up : RunUp or None
+
+    Returns
+    -------
+    str
+    """
     if run_up is None and not history.columns[IMPULSE][-1] > 0:
         return "the flow did not come to it: no load"
     if run_up is None:
@@ -167,7 +197,18 @@ def load_verdict(history: BarrierHistory, run_up: RunUp | None) -> str:
 
 
 def missed_crest(history: BarrierHistory, run_up: RunUp | None) -> str:
-    """One sentence where mass passed over a barrier, but in no frame the flow is as high as its crest; '' otherwise."""
+    """Return one sentence where mass passed over a barrier, but in no frame the flow is as high as its crest.
+
+    Parameters
+    ----------
+    history : BarrierHistory
+    run_up : RunUp or None
+
+    Returns
+    -------
+    str
+        '' otherwise.
+    """
     if run_up is None or not run_up.is_level or run_up.surface >= run_up.crest or not history.overtopping()[0] > 0:
         return ""
     return (
@@ -191,10 +232,19 @@ class Outline:
 
 
 def outline_of(shape: shapely.Geometry, cell_size: float) -> Outline:
-    """The Outline of a polygon or multipolygon, in pieces of at most half a cell.
+    """Return the Outline of a polygon or multipolygon, in pieces of at most half a cell.
 
     The flow of a piece is that half a cell in front of it, so that a building that stands in the terrain has the flow
     at its walls and not that on its roof. Courtyards are not loaded.
+
+    Parameters
+    ----------
+    shape : shapely geometry [m]
+    cell_size : float [m]
+
+    Returns
+    -------
+    Outline
     """
     places, normals, lengths = [], [], []
     for polygon in shapely.get_parts(shape):
@@ -214,8 +264,10 @@ def outline_of(shape: shapely.Geometry, cell_size: float) -> Outline:
     return Outline(x, y, np.concatenate(normals), np.concatenate(lengths))
 
 
-def line_loads(depth: np.ndarray, speed: np.ndarray, density: float, drag: float) -> tuple:
-    """(force [N m-1], moment about the foot [N], pressure at the foot [Pa]) per width of a flow against a wall.
+def line_loads(
+    depth: np.ndarray, speed: np.ndarray, density: float, drag: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the loads per width of a flow against a wall.
 
     Parameters
     ----------
@@ -224,6 +276,11 @@ def line_loads(depth: np.ndarray, speed: np.ndarray, density: float, drag: float
     density : float [kg m-3]
     drag : float [1]
         C_d.
+
+    Returns
+    -------
+    (float64[...] [N m-1], float64[...] [N], float64[...] [Pa])
+        Force, moment about the foot, pressure at the foot.
     """
     dynamic = 0.5 * drag * density * speed**2
     static = density * GRAVITY * depth
@@ -235,7 +292,7 @@ def line_loads(depth: np.ndarray, speed: np.ndarray, density: float, drag: float
 def largest_loads(
     outline: Outline, times: Sequence, values: dict, density: float, drag: float, min_depth: float
 ) -> dict[str, float]:
-    """Largest loads of a building over time.
+    """Find the largest loads of a building over time.
 
     Parameters
     ----------
@@ -269,7 +326,9 @@ def largest_loads(
     return found
 
 
-def _facing(outline, east, north, force, moment):
+def _facing(
+    outline: Outline, east: np.ndarray, north: np.ndarray, force: np.ndarray, moment: np.ndarray
+) -> tuple[float, float]:
     """(force [N], moment [N m]) on the pieces that face the flow; of one at rest from where they are largest."""
     mean = np.array([outline.length @ east, outline.length @ north])
     size = float(np.hypot(*mean))

@@ -1,4 +1,4 @@
-"""A layer of buildings, and its copy with the loads of a flow as attributes."""
+"""Read a layer of buildings, and write its copy with the loads of a flow as attributes."""
 
 import warnings
 from collections.abc import Sequence
@@ -12,11 +12,20 @@ from ..system.whole_files import whole_file
 from ..terrain.elevation import Terrain
 from ..terrain.spatial_inputs import Feature, read_polygons
 
-LAYER = "buildings"
+LAYER = "buildings"  # of the GeoPackage
 
 
 def read_buildings(path: Path, terrain: Terrain) -> list[Feature]:
-    """The buildings at `path` as Features in the terrain's CRS.
+    """Return the buildings at `path` as Features in the terrain's CRS.
+
+    Parameters
+    ----------
+    path : Path
+    terrain : Terrain
+
+    Returns
+    -------
+    list of Feature
 
     Raises
     ------
@@ -26,7 +35,17 @@ def read_buildings(path: Path, terrain: Terrain) -> list[Feature]:
 
 
 def write_buildings(path: Path, buildings: Sequence, loads: Sequence, terrain: Terrain) -> None:
-    """Write a GeoPackage of `buildings` (Feature) with their own attributes and `loads` (dict of each) added."""
+    """Write a GeoPackage of the buildings with their own attributes and the loads added.
+
+    Parameters
+    ----------
+    path : Path
+    buildings : sequence of Feature
+    loads : sequence of dict
+        Attribute -> value, one dict for each building.
+    terrain : Terrain
+        Its CRS is that of the buildings.
+    """
     own = list(buildings[0].columns)
     replaced = [name for name in own if name.lower() in loads[0]]
     if replaced:

@@ -1,22 +1,34 @@
-"""Estimates of the largest loads on buildings."""
+"""Estimate the largest loads on the buildings of a polygon layer, from frames or an export."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from ..maps.averaging.averaging_settings import CellAveraging
 from ..maps.averaging.exported_steps import is_export
 from ..maps.averaging.frame_values import cells_of
+from ..maps.export.export_request import Results
 from ..system.errors import InputError
 from ..system.messages import log
+from ..terrain.elevation import Terrain
+from ..terrain.spatial_inputs import Feature
 from .barrier_loads import BANDS, largest_loads, outline_of
 from .building_layer import read_buildings
 from .opened_results import open_flow
 
 
-def building_loads(results, path, drag, min_depth, output, progress=lambda done, total: None):
-    """Estimates of the largest loads on the buildings at `path`.
+def building_loads(
+    results: Results,
+    path: Path,
+    drag: float,
+    min_depth: float,
+    output: Path,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[list[Feature], list[dict], Terrain]:
+    """Estimate the largest loads on the buildings at `path`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Comparison of two results: matching bands, footprints, overlap, differences, distance between outlines."""
+"""Compare two results: matching bands, footprints, overlap and differences."""
 
 import math
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ from ..terrain.grid import Grid
 
 FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "h_deposit")  # in order of preference
 SMALLEST_COUNTS = ("Un_min",)  # bands whose peak is their smallest value
-PERCENTILE = 99.0
-MOST_CELLS = 100_000_000  # of the grid on which two footprints are compared
+PERCENTILE = 99.0  # [%] high value that does not depend on a single cell
+MOST_CELLS = 100_000_000  # of the grid on which two footprints are compared, to limit the memory
 THICKNESS, DIFFERENCE, MASK, ELEVATION = "thickness", "difference of DEMs", "mask", "elevations"  # kinds of raster
 _ONES = (1.0, 255.0)  # mask values inside the footprint
 _NO_THICKNESS = 10.0  # [m] no flow exceeds this thickness in every cell of a raster
-_NEGATIVE_SHARE = 1e-3  # share of non-zero cells; more negative values than this are not noise
+_NEGATIVE_SHARE = 1e-3  # [1] of the non-zero cells; more negative values than this are not noise
 _ON_THE_CELL = 1e-6  # [cells] tolerance for cell centres on a cell border of the other grid
-_ROWS_AT_ONCE = 256
+_ROWS_AT_ONCE = 256  # resampled together, to limit the memory
 
 
 class Overlap(NamedTuple):
@@ -49,9 +49,18 @@ class Difference(NamedTuple):
 
 
 def matched_bands(first: Sequence, second: Sequence) -> list[tuple]:
-    """Pairs of band names of the same quantity, in the order of `first`; None for a missing partner.
+    """Return pairs of band names of the same quantity, in the order of `first`; None for a missing partner.
 
     An identical name has priority over an equivalent one (`SAME_QUANTITY`).
+
+    Parameters
+    ----------
+    first, second : sequence of str
+        Band names of both results.
+
+    Returns
+    -------
+    list of (str or None, str or None)
     """
     pairs = [(name, name if name in second else None) for name in first]
     taken = {other for _, other in pairs}
@@ -69,10 +78,19 @@ def _twins(name):
 
 
 def kind_of_raster(values: np.ndarray) -> str:
-    """Most likely content of a raster without metadata: MASK, DIFFERENCE, ELEVATION or THICKNESS.
+    """Return the most likely content of a raster without metadata: MASK, DIFFERENCE, ELEVATION or THICKNESS.
 
     A mask has one value (1 or 255) and 0 or nodata; a difference of DEMs has both signs; elevations exceed
     _NO_THICKNESS [m] in every cell.
+
+    Parameters
+    ----------
+    values : float[rows, columns]
+        NaN without a value.
+
+    Returns
+    -------
+    str
     """
     known = values[np.isfinite(values)]
     nonzero = known[known != 0]
@@ -86,7 +104,11 @@ def kind_of_raster(values: np.ndarray) -> str:
 
 
 def require_present_name(asked: str | None) -> None:
-    """Reject a band name of earlier versions; the error gives the present name.
+    """Raise InputError if a band name is one of earlier versions; the error gives the present name.
+
+    Parameters
+    ----------
+    asked : str or None
 
     Raises
     ------
@@ -98,9 +120,21 @@ def require_present_name(asked: str | None) -> None:
 
 
 def footprint_bands(pairs: list, asked: str | None = None, complete: bool = True) -> tuple:
-    """The pair of bands whose footprints are compared: the one named `asked`, else peak thickness.
+    """Return the pair of bands whose footprints are compared: the one named `asked`, else peak thickness.
 
-    With `complete` both results must have it. The only band of a result is compared whatever its name.
+    The only band of a result is compared whatever its name.
+
+    Parameters
+    ----------
+    pairs : list of (str or None, str or None)
+        From `matched_bands`.
+    asked : str, optional
+    complete : bool
+        Whether both results must have the band.
+
+    Returns
+    -------
+    (str or None, str or None)
 
     Raises
     ------
@@ -154,7 +188,14 @@ def _choices(pairs, whole):
 
 
 def peak(values: np.ndarray, name: str = "") -> float:
-    """Largest finite value of a band (smallest for `SMALLEST_COUNTS`); NaN without finite values."""
+    """Return the largest finite value of a band (smallest for `SMALLEST_COUNTS`); NaN without finite values.
+
+    Parameters
+    ----------
+    values : float[rows, columns]
+    name : str
+        Of the band.
+    """
     finite = values[np.isfinite(values)]
     if finite.size == 0:
         return math.nan
@@ -162,7 +203,20 @@ def peak(values: np.ndarray, name: str = "") -> float:
 
 
 def high_percentile(values: np.ndarray, name: str = "") -> float:
-    """99th percentile of the cells with flow (finite and not 0): a peak that does not depend on a single cell."""
+    """Return the 99th percentile of the cells with flow: a peak that does not depend on a single cell.
+
+    Parameters
+    ----------
+    values : float[rows, columns]
+        Cells with flow are finite and not 0.
+    name : str
+        Of the band; for `SMALLEST_COUNTS` it is the 1st percentile.
+
+    Returns
+    -------
+    float
+        NaN without flow.
+    """
     flowing = values[np.isfinite(values) & (values != 0)]
     if flowing.size == 0:
         return math.nan
@@ -170,7 +224,18 @@ def high_percentile(values: np.ndarray, name: str = "") -> float:
 
 
 def difference(first: np.ndarray, second: np.ndarray, where: np.ndarray) -> Difference:
-    """Difference of two bands [their unit] on the same grid in the cells of bool[rows, columns] `where`."""
+    """Return the difference of two bands on the same grid.
+
+    Parameters
+    ----------
+    first, second : float[rows, columns] [unit of the bands]
+    where : bool[rows, columns]
+        The cells that are compared.
+
+    Returns
+    -------
+    Difference
+    """
     gap = (first - second)[where]
     gap = gap[np.isfinite(gap)]
     if gap.size == 0:
@@ -180,13 +245,34 @@ def difference(first: np.ndarray, second: np.ndarray, where: np.ndarray) -> Diff
 
 
 def footprint(values: np.ndarray, threshold: float) -> np.ndarray:
-    """bool[rows, columns]: cells above `threshold`; nodata (NaN) is no flow."""
+    """Return the cells above a threshold; nodata (NaN) is no flow.
+
+    Parameters
+    ----------
+    values : float[rows, columns]
+    threshold : float [unit of `values`]
+
+    Returns
+    -------
+    bool[rows, columns]
+    """
     with np.errstate(invalid="ignore"):
         return values > threshold
 
 
 def mask_corners(mask: np.ndarray, grid: Grid) -> np.ndarray:
-    """float64[4, 2] [m]: corners of the bounding window of the True cells; empty [0, 2] without True cells."""
+    """Return the corners of the bounding window of the True cells.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    grid : Grid
+
+    Returns
+    -------
+    float64[4, 2] [m]
+        Map coordinates; empty [0, 2] without True cells.
+    """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if rows.size == 0:
         return np.empty((0, 2))
@@ -196,7 +282,7 @@ def mask_corners(mask: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def joint_grid(grids: Sequence, points: np.ndarray) -> Grid:
-    """Common grid of a comparison: the finest of `grids`, cropped or extended to contain all `points`.
+    """Return the common grid of a comparison: the finest of `grids`, cropped or extended to contain all `points`.
 
     Parameters
     ----------
@@ -204,6 +290,10 @@ def joint_grid(grids: Sequence, points: np.ndarray) -> Grid:
         The first of those with the smallest cells is used.
     points : float[n, 2] [m]
         Map coordinates, n at least 1.
+
+    Returns
+    -------
+    Grid
 
     Raises
     ------
@@ -224,10 +314,24 @@ def joint_grid(grids: Sequence, points: np.ndarray) -> Grid:
 
 
 def nearest(values: np.ndarray, grid: Grid, onto: Grid, outside: float = np.nan) -> np.ndarray:
-    """`values` [rows, columns] of `grid` at the cell centres of the grid `onto`; `outside` beyond the raster.
+    """Resample a raster to the cell centres of another grid, by the nearest cell.
 
-    Nearest-neighbour resampling: with target cells that are not larger, peaks are kept and borders move by half a
-    cell at most. A centre on the border of two cells belongs to the larger row and column.
+    With target cells that are not larger, peaks are kept and borders move by half a cell at most. A centre on the
+    border of two cells belongs to the larger row and column.
+
+    Parameters
+    ----------
+    values : [rows, columns]
+    grid : Grid
+        Of `values`.
+    onto : Grid
+    outside : float
+        Value beyond the raster.
+
+    Returns
+    -------
+    [rows, columns]
+        On the grid `onto`, of the type of `values`.
     """
     rows, columns = values.shape
     result = np.full(onto.shape, outside, dtype=values.dtype)
@@ -241,8 +345,17 @@ def nearest(values: np.ndarray, grid: Grid, onto: Grid, outside: float = np.nan)
     return result
 
 
-def upright(grid: Grid) -> Grid:
-    """A north-up grid with square cells of the same size that covers `grid`; `grid` itself if it is north-up."""
+def north_up_grid(grid: Grid) -> Grid:
+    """Return a north-up grid with square cells of the same size that covers `grid`; `grid` itself if it is north-up.
+
+    Parameters
+    ----------
+    grid : Grid
+
+    Returns
+    -------
+    Grid
+    """
     if grid.is_north_up:
         return grid
     west, south, east, north = grid.bounds
@@ -252,6 +365,16 @@ def upright(grid: Grid) -> Grid:
 
 
 def overlap(first: np.ndarray, second: np.ndarray, cell_area: float) -> Overlap:
-    """Overlap of two footprints, bool[rows, columns] on the same grid with cells of `cell_area` [m2]."""
+    """Return the overlap of two footprints on the same grid.
+
+    Parameters
+    ----------
+    first, second : bool[rows, columns]
+    cell_area : float [m2]
+
+    Returns
+    -------
+    Overlap
+    """
     counts = (np.count_nonzero(first & second), np.count_nonzero(first & ~second), np.count_nonzero(second & ~first))
     return Overlap(*(count * cell_area for count in counts))

@@ -1,6 +1,7 @@
-"""`mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
+"""Answer `mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from ..laws.quantities import Quantity
 from ..system.errors import InputError
 from ..system.messages import log
 from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
 from . import comparison, flow_line
 from .answer_files import checked_output, write_answer
 from .comparison_figures import BandFacts, Comparison
@@ -38,11 +40,17 @@ class CompareRequest:
     overwrite: bool = False
 
 
-def compare(request: CompareRequest, progress=lambda done, total: None) -> Comparison:
+def compare(request: CompareRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> Comparison:
     """Compare two results, or a result and an observed outline; write map and table to `request.output`, if any.
 
     Area, runout and peaks of each side are computed on its own cells. Overlap and differences are computed on the cells
     of the finer side, extended over both footprints, with the other side's value at the cell centre.
+
+    Parameters
+    ----------
+    request : CompareRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -162,7 +170,7 @@ def _write(output, request, found, footprints, joint, terrain):
     return write_answer(request, output, dict(zip(FILES, writers, strict=True)))
 
 
-def _write_map(path, found, footprints, joint, terrain):
+def _write_map(path: Path, found: Comparison, footprints: tuple, joint: Grid, terrain: Terrain | None) -> None:
     threshold = f"{found.threshold:g} {found.unit}".strip()
     sides = [
         MapSide(side.name, footprint.on_joint, area, side.farthest, side.runout)

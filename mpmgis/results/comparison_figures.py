@@ -1,4 +1,4 @@
-"""The result of a comparison, as table rows and as plain values."""
+"""Hold the result of a comparison, as table rows and as plain values."""
 
 import math
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Side:
         return self.farthest_along - self.top
 
     def facts(self) -> dict:
-        """The same as plain numbers and strings."""
+        """Return the side as plain numbers and strings."""
         place = None if self.farthest is None else [self.farthest.x, self.farthest.y]
         return {
             "name": self.name,
@@ -65,7 +65,7 @@ class BandFacts:
         return " / ".join(dict.fromkeys(name for name in self.names if name))
 
     def facts(self) -> dict:
-        """The same as plain numbers and strings."""
+        """Return the band as plain numbers and strings."""
         return {
             "a": self.names[0],
             "b": self.names[1],
@@ -119,9 +119,13 @@ class Comparison:
         return next((k for k, side in enumerate(self.sides) if side.band is None), None)
 
     def area_words(self) -> tuple:
-        """(label, area [m2]) of the area covered by both, only the first, only the second.
+        """Return labels and plan areas of what both cover, only the first covers, and only the second covers.
 
         Against an observed outline: area of the result alone is overestimated, of the outline alone underestimated.
+
+        Returns
+        -------
+        tuple of (str, float [m2])
         """
         words = {None: ("only A", "only B"), 0: ("underestimated, only A", "overestimated, only B")}
         words[1] = ("overestimated, only A", "underestimated, only B")
@@ -139,14 +143,20 @@ class Comparison:
         return self.overlap.both / outline if outline > 0 else math.nan
 
     def distance_rows(self) -> tuple:
-        """(quantity, unit, value) of the distances between the outlines; () if one is empty."""
+        """Return the distances between the outlines as rows; () if one is empty.
+
+        Returns
+        -------
+        tuple of (str, str, float)
+            Quantity, unit, value.
+        """
         if self.distances is None:
             return ()
         words = ("A to B, mean", "B to A, mean", "both ways, mean", "both ways, 95 %", "both ways, largest (Hausdorff)")
         return tuple((f"outlines {word}", "m", value) for word, value in zip(words, self.distances, strict=True))
 
     def reported_bands(self) -> list[BandFacts]:
-        """The bands to report: common bands; if one side is an outline, the footprint band of the other.
+        """Return the bands to report: common bands; if one side is an outline, the footprint band of the other.
 
         A band with the same numbers as an earlier one is omitted: columns have t = h.
         """
@@ -158,7 +168,13 @@ class Comparison:
         return list(reported.values())
 
     def rows(self) -> list[tuple]:
-        """(quantity, unit, first, second, first minus second) of every number with a value for each side."""
+        """Return a row for every number with a value for each side.
+
+        Returns
+        -------
+        list of (str, str, float, float, float)
+            Quantity, unit, first, second, first minus second.
+        """
         first, second = self.sides
         rows = [("area", "m2", first.area, second.area)]
         if self.line is not None:
@@ -170,7 +186,13 @@ class Comparison:
         return [(*row, row[2] - row[3]) for row in rows]
 
     def common_rows(self) -> list[tuple]:
-        """(quantity, unit, value) of every number that describes both sides together."""
+        """Return a row for every number that describes both sides together.
+
+        Returns
+        -------
+        list of (str, str, float)
+            Quantity, unit, value.
+        """
         overlap = self.overlap
         rows = [(word, "m2", area) for word, area in self.area_words()]
         rows.append(("overlap (IoU)", "1", overlap.iou))
@@ -184,7 +206,7 @@ class Comparison:
         return rows
 
     def facts(self) -> dict:
-        """All results as plain numbers, lists and strings; None for missing numbers."""
+        """Return all results as plain numbers, lists and strings; None for missing numbers."""
         return {
             "a": self.sides[0].facts(),
             "b": self.sides[1].facts(),

@@ -1,9 +1,9 @@
-"""Table, GeoTIFF and map of a comparison."""
+"""Write table, GeoTIFF and map of a comparison."""
 
 import math
 import textwrap
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import shapely
@@ -26,21 +26,30 @@ from ..system.whole_files import whole_file
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from ..terrain.raster_output import write_geotiff
-from .comparison import nearest, upright
+from .comparison import nearest, north_up_grid
 from .comparison_figures import Comparison
-from .flow_line import Runout, up_to
+from .flow_line import Runout, line_up_to
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
-CLASSES = {1: "only A", 2: "only B", 3: "both"}
+CLASSES = {1: "only A", 2: "only B", 3: "both"}  # number in classes.tif: words
 ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # distinct for colour-blind readers and in grey
-OPACITY = 0.8
+OPACITY = 0.8  # [1] of the classes over the hillshade
 LINE_COLOUR = "#101010"
 SQUARE_METRES_PER_HECTARE = 1e4
-LEGEND_LETTERS = 30  # per line
+LEGEND_LETTERS = 30  # in a line of the legend
 
 
 def write_table(path: Path, found: Comparison) -> None:
-    """Write the numbers of a Comparison as CSV in SI units; missing numbers are empty."""
+    """Write the numbers of a Comparison as CSV in SI units; missing numbers are empty.
+
+    Parameters
+    ----------
+    path : Path
+    found : Comparison
+    """
     names = ("name", "", *(side.name for side in found.sides), "", "")
     rows = [(quantity, unit, *numbers, "") for quantity, unit, *numbers in found.rows()]
     common = [(quantity, unit, "", "", "", value) for quantity, unit, value in found.common_rows()]
@@ -48,7 +57,16 @@ def write_table(path: Path, found: Comparison) -> None:
 
 
 def class_numbers(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """uint8[rows, columns]: 1 first mask only, 2 second only, 3 both, 0 none."""
+    """Return the class of each cell: 1 first mask only, 2 second only, 3 both, 0 none.
+
+    Parameters
+    ----------
+    first, second : bool[rows, columns]
+
+    Returns
+    -------
+    uint8[rows, columns]
+    """
     return first.astype(np.uint8) + 2 * second.astype(np.uint8)
 
 
@@ -66,7 +84,7 @@ def write_classes(path: Path, grid: Grid, first: np.ndarray, second: np.ndarray,
     band : Quantity
         Quantity of the values.
     """
-    flat = upright(grid)
+    flat = north_up_grid(grid)
     numbers = class_numbers(first, second).astype(float)
     numbers[numbers == 0] = np.nan
     meaning = ", ".join(f"{number} {word}" for number, word in CLASSES.items())
@@ -79,8 +97,13 @@ def write_classes(path: Path, grid: Grid, first: np.ndarray, second: np.ndarray,
     write_geotiff(path, flat, on_flat, {"class": meaning})
 
 
-def write_classes_style(path):
-    """Write the .qml with which QGIS shows the GeoTIFF of `write_classes`: its classes in the colours of the map."""
+def write_classes_style(path: Path) -> None:
+    """Write the .qml with which QGIS shows the GeoTIFF of `write_classes`: its classes in the colours of the map.
+
+    Parameters
+    ----------
+    path : Path
+    """
     colours = dict(zip(CLASSES, (ONLY_FIRST, ONLY_SECOND, BOTH), strict=True))
     entries = [
         node("paletteEntry", {"value": number, "color": colours[number], "alpha": 255, "label": word})
@@ -115,7 +138,7 @@ def write_comparison_map(
     line: np.ndarray | None = None,
     title: str = "",
 ) -> None:
-    """Write the PNG (atomically).
+    """Write the map of a comparison as PNG (atomically).
 
     Parameters
     ----------
@@ -133,7 +156,7 @@ def write_comparison_map(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    flat = upright(grid)
+    flat = north_up_grid(grid)
     masks = [nearest(side.mask, grid, flat, outside=False) for side in sides]
     if terrain is None:
         terrain = Terrain(flat, np.zeros(flat.shape))
@@ -157,10 +180,10 @@ def write_comparison_map(
 def _as_far_as_reached(line, sides):
     """The line up to the larger runout of both sides, cut or extended straight; None without a runout."""
     reached = [side.farthest.distance for side in sides if side.farthest is not None]
-    return None if line is None or max(reached, default=0.0) <= 0 else up_to(line, max(reached))
+    return None if line is None or max(reached, default=0.0) <= 0 else line_up_to(line, max(reached))
 
 
-def _draw_classes(axes, grid, masks):
+def _draw_classes(axes: "Axes", grid: Grid, masks: tuple) -> None:
     from matplotlib.colors import to_rgba
 
     first, second = masks
@@ -170,7 +193,7 @@ def _draw_classes(axes, grid, masks):
     draw_image(axes, grid, image)
 
 
-def _draw_line(axes, line, sides):
+def _draw_line(axes: "Axes", line: np.ndarray, sides: tuple) -> None:
     """The line, and the farthest cell of each side in its colour."""
     if line is None:
         return
@@ -186,7 +209,7 @@ def _draw_line(axes, line, sides):
             axes.plot(*place, marker, color=colour, markersize=8, markeredgecolor="white", zorder=8, **still)
 
 
-def _draw_legend(axes, sides, both_area, has_line, interval):
+def _draw_legend(axes: "Axes", sides: tuple, both_area: float, has_line: bool, interval: float | None) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -1,8 +1,10 @@
-"""The two sides of a comparison: opened results or an outline, and their footprints on common cells."""
+"""Open the two sides of a comparison: results or an outline, and their footprints on common cells."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -13,11 +15,12 @@ from ..exchange.readers.reader_list import OWN, reader_of
 from ..laws.quantities import Quantity
 from ..maps.averaging.averaging_settings import CellAveraging
 from ..maps.averaging.exported_steps import is_export
-from ..maps.averaging.result_bands import UNNAMED, names_rasters, open_result
+from ..maps.averaging.result_bands import UNNAMED, Result, names_rasters, open_result
 from ..maps.export.export_request import Results
 from ..maps.qgis.outlines import mask_outline
 from ..system.errors import GeoreferenceError, InputError
 from ..system.messages import log
+from ..terrain.elevation import Terrain
 from ..terrain.georeference import name_of, same_place
 from ..terrain.grid import Grid
 from ..terrain.observations import cells_within, read_outline
@@ -27,9 +30,12 @@ from .comparison_figures import Side
 from .opened_results import peaks_of
 from .runout_figures import ends_along, heights_under
 
-OUTLINE = "outline"
+if TYPE_CHECKING:
+    from .comparison_answer import CompareRequest
+
+OUTLINE = "outline"  # kind of a side that is no result
 HEIGHT_DIFFERENCE = "dz"  # the band of a difference of DEMs
-DEPOSITED = ("h_deposit", "t_vol_deposit")
+DEPOSITED = ("h_deposit", "t_vol_deposit")  # bands that are compared with a difference of DEMs
 PEAK_THICKNESS = ("pft", "h_max")  # bands whose highest cell is the start of a flow
 
 
@@ -42,8 +48,18 @@ class Reading:
     standoff: float = 0.0  # [m]
     declarations: DeclaredByUser = field(default_factory=DeclaredByUser)
 
-    def results(self, path, dem):
-        """The Results at `path`, on the DTM at `dem`."""
+    def results(self, path: Path, dem: Path | None) -> Results:
+        """Return the Results at a path, on a DTM.
+
+        Parameters
+        ----------
+        path : Path
+        dem : Path or None
+
+        Returns
+        -------
+        Results
+        """
         source = FrameSource(
             frames=(path,), dem=dem, crs=self.crs, density=self.density, declarations=self.declarations
         )
@@ -64,8 +80,22 @@ class Outline:
     terrain: None = None
     mask: tuple | None = None
 
-    def read(self, grid):
-        """The polygons in the CRS of `grid`."""
+    def read(self, grid: Grid) -> shapely.Geometry:
+        """Return the polygons in the CRS of a grid.
+
+        Parameters
+        ----------
+        grid : Grid
+
+        Returns
+        -------
+        shapely geometry [m]
+
+        Raises
+        ------
+        GeoreferenceError
+            A mask in another CRS.
+        """
         if self.mask is None:
             return read_outline(self.path, grid)
         values, own = self.mask
@@ -90,8 +120,17 @@ def _reader(path, declared):
     return reader if files else None
 
 
-def require_useful_options(request):
-    """Refuse options for another code's frames if neither side has any."""
+def require_useful_options(request: "CompareRequest") -> None:
+    """Raise InputError if options for another code's frames are given and neither side has any.
+
+    Parameters
+    ----------
+    request : CompareRequest
+
+    Raises
+    ------
+    InputError
+    """
     reading = request.reading
     readers = [_reader(path, reading.declarations.reader) for path in (request.first, request.second)]
     if reading != PLAIN and not any(reader not in (None, OWN) for reader in readers):
@@ -101,8 +140,23 @@ def require_useful_options(request):
         )
 
 
-def open_side(path, request):
-    """The Result at `path` (frames are averaged on the DTM of the request), or the Outline."""
+def open_side(path: Path, request: "CompareRequest") -> Result | Outline:
+    """Return the Result at a path (frames are averaged on the DTM of the request), or the Outline.
+
+    Parameters
+    ----------
+    path : Path
+    request : CompareRequest
+
+    Returns
+    -------
+    Result or Outline
+
+    Raises
+    ------
+    InputError
+        One frame of several, or elevations.
+    """
     path, reader = Path(path), _reader(path, request.reading.declarations.reader)
     if reader is not None:
         log.info(f"{path}: its frames are averaged on the cells of their DTM for this comparison")
@@ -184,15 +238,38 @@ class Footprint:
     weight: np.ndarray
     shape: object = None
 
-    def outline(self):
-        """Shapely geometry: the polygons of the outline, else of the cells."""
+    def outline(self) -> shapely.Geometry:
+        """Return the polygons of the outline, else of the cells.
+
+        Returns
+        -------
+        shapely geometry [m]
+        """
         if self.shape is not None:
             return self.shape
         return mask_outline(self.mask, self.grid.transform) or shapely.MultiPolygon()
 
 
-def footprints_of(request, sources):
-    """(the two Footprints, pairs of bands to compare, the common Grid)."""
+def footprints_of(
+    request: "CompareRequest", sources: Sequence[Result | Outline]
+) -> tuple[Sequence[Footprint], list[tuple], Grid]:
+    """Return the footprints of both sides, pairs of bands to compare, and the common grid.
+
+    Parameters
+    ----------
+    request : CompareRequest
+    sources : sequence of Result or Outline
+        Both sides, from `open_side`.
+
+    Returns
+    -------
+    (list of Footprint, list of (str or None, str or None), Grid)
+
+    Raises
+    ------
+    InputError, GeoreferenceError
+        Two outlines, no band in common, or different CRSs.
+    """
     if all(isinstance(source, Outline) for source in sources):
         raise InputError(
             f"{request.first} and {request.second} are both outlines; expected at least one result, for its cells"
@@ -234,8 +311,15 @@ def _read_layers(request, sources, chosen):
     return layers
 
 
-def log_if_empty(source, band, values):
-    """Log that all cells of a band are nodata."""
+def log_if_empty(source: Result, band: str, values: np.ndarray) -> None:
+    """Log that all cells of a band are nodata.
+
+    Parameters
+    ----------
+    source : Result
+    band : str
+    values : float[rows, columns]
+    """
     if not np.isfinite(values).any():
         log.info(f"{source.name}: every cell of {band} is nodata; taken as empty")
 
@@ -279,7 +363,7 @@ def _flowed(name, source, band, unit, values, grid, joint, request):
     return Footprint(name, source.kind, band, unit, area, mask, grid, on_joint, weight)
 
 
-def _outlined(name, shape, joint):
+def _outlined(name: str, shape: shapely.Geometry, joint: Grid) -> Footprint:
     mask = cells_within(shape, joint)
     if not mask.any():
         raise InputError(
@@ -301,11 +385,31 @@ def _log_outside_area(footprints, joint):
             )
 
 
-def sides_of(footprints, sources, line, terrain, threshold):
-    """Both Sides. Runout starts at the highest point of each flow, as in `mpmgis runout`.
+def sides_of(
+    footprints: Sequence[Footprint],
+    sources: Sequence[Result | Outline],
+    line: np.ndarray | None,
+    terrain: Terrain | None,
+    threshold: float,
+) -> tuple[Side, ...]:
+    """Return both Sides, with the runout from the highest point of each flow, as in `mpmgis runout`.
 
     The highest point is found in the largest thickness. For a side without it (an outline, a deposit, a difference of
     DEMs), which can be anywhere along the flow, runout starts at the highest point of the other side.
+
+    Parameters
+    ----------
+    footprints : sequence of Footprint
+    sources : sequence of Result or Outline
+    line : float[n, 2] [m] or None
+        Line along which the runout is measured.
+    terrain : Terrain or None
+    threshold : float [m]
+        Thickness above which a cell belongs to a flow.
+
+    Returns
+    -------
+    tuple of Side
     """
     if line is None:
         return tuple(Side(one.name, one.kind, one.band, one.area) for one in footprints)
@@ -328,7 +432,7 @@ def sides_of(footprints, sources, line, terrain, threshold):
     return tuple(found)
 
 
-def _ends(mask, grid, line, terrain):
+def _ends(mask: np.ndarray, grid: Grid, line: np.ndarray, terrain: Terrain) -> tuple:
     return ends_along(mask, heights_under(mask, grid, terrain), grid, line)
 
 

@@ -1,10 +1,10 @@
-"""The style of the figures of answers."""
+"""Draw figures in one style: all figures of answers except maps."""
 
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,19 +14,34 @@ from ..system.whole_files import whole_file
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DOTS_PER_INCH = 110
-TITLE = 11  # [points]
+DOTS_PER_INCH = 110  # small files that are sharp on a screen
+TITLE = 11  # [points] of letters
 COLOURS = ("#144d62", "#d29343", "#94384d", "#3c6d56", "#5fa2c4", "#818232", "#8e44ad", "#111111")  # of curves
-GROUND, GROUND_LINE = "#d8cfc2", "#5a4632"
+GROUND = "#d8cfc2"  # below the terrain
+GROUND_LINE = "#5a4632"  # of the terrain
 
 
 @contextmanager
 def plot_file(
     path: Path, size: tuple, rows: int = 1, heights: tuple | None = None, columns: int = 1, share: str = "x"
 ) -> Iterator[np.ndarray]:
-    """Axes [rows, columns] of a figure of `size` [inch]; the PNG is written (atomically) on exit.
+    """Yield the axes of a figure, which is written as PNG (atomically) on exit.
 
-    `share` "x": common horizontal axis; "row": common vertical axis in each row.
+    Parameters
+    ----------
+    path : Path
+    size : (float, float) [inch]
+    rows, columns : int
+        Number of axes.
+    heights : tuple of float, optional
+        Relative heights of the rows.
+    share : str
+        "x": common horizontal axis; "row": common vertical axis in each row.
+
+    Yields
+    ------
+    ndarray of Axes
+        [rows, columns].
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -40,8 +55,16 @@ def plot_file(
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
 
 
-def dress(axes: "Axes", up: str, across: str = "", title: str = "") -> None:
-    """Set labels, title (in lines as long as the axes), grid and frame."""
+def style_axes(axes: "Axes", up: str, across: str = "", title: str = "") -> None:
+    """Set labels, title (in lines as long as the axes), grid and frame.
+
+    Parameters
+    ----------
+    axes : Axes
+    up, across : str
+        Labels of the vertical and of the horizontal axis.
+    title : str
+    """
     axes.set_ylabel(up, fontsize=9, color=INK)
     if across:
         axes.set_xlabel(across, fontsize=9, color=INK)
@@ -57,7 +80,13 @@ def dress(axes: "Axes", up: str, across: str = "", title: str = "") -> None:
 
 
 def draw_ground(axes: "Axes", along: np.ndarray, elevation: np.ndarray) -> None:
-    """Draw the terrain along a line, filled below."""
+    """Draw the terrain along a line, filled below.
+
+    Parameters
+    ----------
+    axes : Axes
+    along, elevation : float64[n] [m]
+    """
     known = np.asarray(elevation)[np.isfinite(elevation)]
     if known.size:
         margin = 0.04 * max(float(known.max() - known.min()), 1.0)
@@ -65,8 +94,14 @@ def draw_ground(axes: "Axes", along: np.ndarray, elevation: np.ndarray) -> None:
         axes.plot(along, elevation, color=GROUND_LINE, linewidth=1.0, zorder=3, label="terrain")
 
 
-def legend(axes: "Axes", **place) -> None:
-    """Draw a legend without a frame, if there are entries."""
+def legend(axes: "Axes", **place: Any) -> None:
+    """Draw a legend without a frame, if there are entries.
+
+    Parameters
+    ----------
+    axes : Axes
+    **place : keyword arguments of Axes.legend
+    """
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(fontsize=8, frameon=False, **place)

@@ -1,15 +1,7 @@
-"""Runout distances along a line, and the common centre line of two flows.
-
-Summaries of a footprint for its comparison with a mapped outline: areas along the flow path, and the runout.
-
-The path is divided into bands of equal length. The area covered in each band to the left and to the right of the path,
-and the farthest position along it, vary smoothly with the parameters of a flow, which missed and over-covered areas do
-not: these have a kink where the model agrees with the outline.
-"""
+"""Measure distances along a line: runout, and the common centre line of two flows."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,12 +13,10 @@ from scipy.sparse import csgraph
 from ..terrain.grid import Grid
 
 _LINE_CELLS = 40_000  # largest number of footprint cells for the centre line search
-_LINE_PIECES = 40
-_PIECE_CELLS = 8  # shortest piece of the centre line, in cells
-_SMALLEST_PART = 0.1  # of the largest part; smaller separate parts are ignored as splashes
-_HIGHEST_SHARE = 0.01  # of the drop height: cells within it are the highest
-BANDS = 6
-SIDES = ("left", "right")
+_LINE_PIECES = 40  # most pieces of the centre line: bands of equal distance
+_PIECE_CELLS = 8  # [cells] shortest piece of the centre line
+_SMALLEST_PART = 0.1  # [1] of the largest part; smaller separate parts are ignored as splashes
+_HIGHEST_SHARE = 0.01  # [1] of the drop height: cells within it are the highest
 
 
 class Runout(NamedTuple):
@@ -38,7 +28,7 @@ class Runout(NamedTuple):
 
 
 def positions_along(line: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """float64[k]: distance [m] from the start of `line` to the point on it nearest to each (x, y).
+    """Return the distance from the start of `line` to the point on it nearest to each (x, y).
 
     The line is extended straight at both ends: positions before the start are negative, positions beyond the end
     exceed its length.
@@ -48,6 +38,10 @@ def positions_along(line: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarra
     line : float[n, 2] [m]
         Vertices, n at least 2.
     x, y : float[k] [m]
+
+    Returns
+    -------
+    float64[k] [m]
     """
     line = np.asarray(line, float)
     points = np.column_stack([x, y])
@@ -62,7 +56,19 @@ def positions_along(line: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarra
 
 
 def runout(mask: np.ndarray, grid: Grid, line: np.ndarray) -> Runout | None:
-    """Runout of the True cells of `mask` on `grid` along `line`, to cell centres; None without True cells."""
+    """Return the runout of the True cells of a mask along a line, to cell centres; None without True cells.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    grid : Grid
+        Of the mask.
+    line : float[n, 2] [m]
+
+    Returns
+    -------
+    Runout or None
+    """
     row, column = np.nonzero(mask)
     if row.size == 0:
         return None
@@ -72,8 +78,19 @@ def runout(mask: np.ndarray, grid: Grid, line: np.ndarray) -> Runout | None:
     return Runout(float(along[farthest]), float(x[farthest]), float(y[farthest]))
 
 
-def up_to(line: np.ndarray, distance: float) -> np.ndarray:
-    """float64[n, 2]: `line` from its start to `distance` [m] (above 0), cut there or extended straight."""
+def line_up_to(line: np.ndarray, distance: float) -> np.ndarray:
+    """Return a line from its start to a distance, cut there or extended straight.
+
+    Parameters
+    ----------
+    line : float[n, 2] [m]
+    distance : float [m]
+        Above 0.
+
+    Returns
+    -------
+    float64[n, 2] [m]
+    """
     line = np.asarray(line, float)
     along = vertex_distances(line)
     last = min(int(np.searchsorted(along, distance)), len(line) - 1)
@@ -82,14 +99,34 @@ def up_to(line: np.ndarray, distance: float) -> np.ndarray:
 
 
 def vertex_distances(line: np.ndarray) -> np.ndarray:
-    """float64[n]: distance [m] of each vertex of `line` from its start, along it."""
+    """Return the distance of each vertex of a line from its start, along it.
+
+    Parameters
+    ----------
+    line : float[n, 2] [m]
+
+    Returns
+    -------
+    float64[n] [m]
+    """
     return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(np.asarray(line, float), axis=0), axis=1))]
 
 
 def places_along(line: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(x, y) float64[k] [m] of the points at the distances `along` [m] from the start of `line`.
+    """Return the coordinates of the points at distances from the start of a line.
 
     Inverse of `positions_along`; the line is extended straight at both ends.
+
+    Parameters
+    ----------
+    line : float[n, 2] [m]
+    along : float[k] [m]
+        Distances along the line.
+
+    Returns
+    -------
+    (float64[k], float64[k]) [m]
+        x and y.
     """
     line, along = np.asarray(line, float), np.asarray(along, float)
     vertices = vertex_distances(line)
@@ -99,7 +136,14 @@ def places_along(line: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def distance_to_line(line: np.ndarray, mask: np.ndarray, grid: Grid) -> float:
-    """Distance [m] from `line` to the nearest centre of a True cell; infinite without True cells."""
+    """Return the distance [m] from a line to the nearest centre of a True cell; infinite without True cells.
+
+    Parameters
+    ----------
+    line : float[n, 2] [m]
+    mask : bool[rows, columns]
+    grid : Grid
+    """
     row, column = np.nonzero(mask)
     if row.size == 0:
         return math.inf
@@ -107,7 +151,7 @@ def distance_to_line(line: np.ndarray, mask: np.ndarray, grid: Grid) -> float:
 
 
 def centre_line(masks: Sequence, weights: Sequence, elevation: np.ndarray, grid: Grid) -> np.ndarray | None:
-    """Common centre line of two flows: float64[n, 2] [m], from the highest part of their footprints downwards.
+    """Find the common centre line of two flows, from the highest part of their footprints downwards.
 
     Distances are path lengths within the union of the footprints, from its highest part (the middle of the cells
     within 1 % of the drop). Bands of equal distance are replaced by their centres, weighted by thickness, with equal
@@ -148,7 +192,7 @@ def _share(mask, weight):
     return weight * (np.count_nonzero(mask) / total) if total > 0 else weight
 
 
-def _blocks(values, cut, of):
+def _blocks(values: np.ndarray, cut: int, of: Callable) -> np.ndarray:
     """Blocks of `cut` x `cut` values reduced with `of` (over the last axis); incomplete blocks are filled with NaN."""
     if cut == 1:
         return values
@@ -195,7 +239,7 @@ def _bridges(parts, places):
     return tuple(np.array(column) for column in zip(*found, strict=True)) if found else ()
 
 
-def _highest(mask, weight, elevation, grid):
+def _highest(mask: np.ndarray, weight: np.ndarray, elevation: np.ndarray, grid: Grid) -> np.ndarray | None:
     """(x, y) [m] of the cell nearest to the middle of the highest cells; None without elevations."""
     known = mask & np.isfinite(elevation)
     if not known.any():
@@ -207,7 +251,7 @@ def _highest(mask, weight, elevation, grid):
     return np.array(grid.xy(row[at], column[at]))
 
 
-def _distance_within(mask, grid, start, bridges=()):
+def _distance_within(mask: np.ndarray, grid: Grid, start: np.ndarray, bridges: tuple = ()) -> np.ndarray:
     """float[k]: length [m] of the shortest path from `start` to each True cell, from cell to cell in 16 directions.
 
     `bridges` are additional links between cells (`_bridges`).
@@ -239,7 +283,9 @@ def _shifted(number, step):
     return before, after
 
 
-def _through_bands(start, places, distance, weight, cell_size):
+def _through_bands(
+    start: np.ndarray, places: np.ndarray, distance: np.ndarray, weight: np.ndarray, cell_size: float
+) -> np.ndarray | None:
     """The line from `start` through the weighted centres of bands of equal distance, smoothed once."""
     reach = distance[np.isfinite(distance)].max(initial=0.0)
     pieces = int(np.clip(reach / (_PIECE_CELLS * cell_size), 1, _LINE_PIECES))
@@ -255,71 +301,3 @@ def _through_bands(start, places, distance, weight, cell_size):
     line = np.vstack([start, centres])
     apart = np.r_[True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-9 * cell_size]
     return line[apart] if np.count_nonzero(apart) > 1 else None
-
-
-@dataclass(frozen=True)
-class PathBands:
-    """Cells of a grid by band along a path and side of it.
-
-    Parameters
-    ----------
-    place : int64[rows, columns]
-        Band times 2, plus 1 to the right of the path; -1 where no flow is compared.
-    along : float64[rows, columns] [m]
-        Position along the path; NaN where no flow is compared.
-    edges : float64[BANDS + 1] [m]
-        Along the path.
-    cell_area, cell_size : float [m2], [m]
-    """
-
-    place: np.ndarray
-    along: np.ndarray
-    edges: np.ndarray
-    cell_area: float
-    cell_size: float
-
-    @classmethod
-    def of(cls, line: np.ndarray, grid: Grid, compared: np.ndarray) -> "PathBands":
-        """For the cells that are True in `compared` (bool[rows, columns]); `line` is float64[n, 2] [m]."""
-        row, column = np.nonzero(compared)
-        x, y = grid.xy(row, column)
-        at = positions_along(line, x, y)
-        edges = np.linspace(at.min(), at.max() + 0.5 * grid.cell_size, BANDS + 1)
-        band = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, BANDS - 1)
-        step = 0.5 * grid.cell_size
-        (x0, y0), (x1, y1) = places_along(line, at - step), places_along(line, at + step)
-        right = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) < 0
-        place = np.full(grid.shape, -1)
-        place[row, column] = 2 * band + right
-        along = np.full(grid.shape, np.nan)
-        along[row, column] = at
-        return cls(place, along, edges, grid.cell_area, grid.cell_size)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the summaries of `of_mask`."""
-        areas = [f"area_{k + 1}_{side}" for k in range(BANDS) for side in SIDES]
-        return [*areas, "runout"]
-
-    def of_mask(self, mask: np.ndarray) -> np.ndarray:
-        """float64[2 BANDS + 1]: covered areas [m2] and runout [m] of a footprint bool[rows, columns]."""
-        inside = mask & (self.place >= 0)
-        areas = np.bincount(self.place[inside], minlength=2 * BANDS) * self.cell_area
-        runout = self.along[inside].max() if inside.any() else self.edges[0]
-        return np.r_[areas, runout]
-
-    def of_volume(self, thickness: np.ndarray) -> np.ndarray:
-        """float64[BANDS] [m3] of a vertical `thickness` float[rows, columns] [m], NaN counts as 0."""
-        inside = (self.place >= 0) & np.isfinite(thickness)
-        volumes = np.bincount(self.place[inside] // 2, thickness[inside], minlength=BANDS)
-        return volumes * self.cell_area
-
-    def deviations(self, smaller: np.ndarray, larger: np.ndarray, error: float) -> np.ndarray:
-        """float64[2 BANDS + 1]: standard deviations of the summaries of an outline with an error of position [m].
-
-        Half the difference of the summaries of the outline moved inwards (`smaller`) and outwards (`larger`) by the
-        error; at least an edge of the length of a band that is displaced by it.
-        """
-        half = 0.5 * np.abs(self.of_mask(larger) - self.of_mask(smaller))
-        least = np.r_[np.full(2 * BANDS, error * (self.edges[1] - self.edges[0])), np.hypot(error, self.cell_size / 2)]
-        return np.maximum(half, least)

@@ -1,5 +1,6 @@
-"""`mpmgis hydrograph`: volume and mass through a section over time."""
+"""Answer `mpmgis hydrograph`: volume and mass through a section over time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from ..system.messages import log
 from ..system.parallel import frame_pool
 from ..terrain.observations import read_line
 from .answer_files import answer_output, write_answer
-from .opened_results import open_flow
+from .opened_results import ExportFlow, FrameFlow, open_flow
 from .section_flux import (
     RASTER_BANDS,
     Balance,
@@ -30,8 +31,8 @@ from .section_flux import (
 from .series_plots import write_hydrograph_plot, write_hydrograph_table
 
 PLOT_FILE, TABLE_FILE = "hydrograph.png", "hydrograph.csv"
-WORD = "hydrograph"
-BEYOND = 2.0  # diagonals of the raster by which a section is extended at both ends
+WORD = "hydrograph"  # end of the name of the default output folder
+BEYOND = 2.0  # [diagonals of the raster] by which a section is extended at both ends
 METHODS = ("auto", "particles", "cells")
 
 
@@ -43,8 +44,16 @@ class HydrographRequest(AnswerRequest):
     method: str = "auto"
 
 
-def hydrograph(request: HydrographRequest, progress=lambda done, total: None) -> HydrographFound:
-    """Volume and mass through a section over time, counted by particles where these have ids.
+def hydrograph(
+    request: HydrographRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> HydrographFound:
+    """Compute volume and mass through a section over time, counted by particles where these have ids.
+
+    Parameters
+    ----------
+    request : HydrographRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -87,7 +96,7 @@ def _entry_state(entry, averaging, section):
     return section_state(entry.read(averaging.density), averaging, section)
 
 
-def _found(request, flow, section, progress):
+def _found(request: HydrographRequest, flow: FrameFlow, section: np.ndarray, progress: Callable) -> HydrographFound:
     west, south, east, north = flow.grid.bounds
     whole = continued(section, BEYOND * float(np.hypot(east - west, north - south)))
     cells, crossed, beyond, before = [], [], [], None
@@ -111,7 +120,9 @@ def _found(request, flow, section, progress):
     return _towards_more(flow, section, np.array(cells), crossed, balance)
 
 
-def _found_in_rasters(request, flow, section, progress):
+def _found_in_rasters(
+    request: HydrographRequest, flow: ExportFlow, section: np.ndarray, progress: Callable
+) -> HydrographFound:
     """The HydrographFound of an export, by the flux of its cells."""
     if request.method == "particles":
         raise InputError(f"`method=particles`: {flow.name} is an export without particles; give the frames")

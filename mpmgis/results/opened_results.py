@@ -1,5 +1,6 @@
-"""Opened results: frames of any code, an exported folder, or rasters; cells averaged as in an export."""
+"""Open results: frames of any code, an exported folder, or rasters; cells averaged as in an export."""
 
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from ..maps.averaging.band_products import PRODUCTS
 from ..maps.averaging.exported_steps import ExportedSteps, is_export, open_steps
 from ..maps.averaging.frame_values import Averaging, cells_of, frame_at_cells
 from ..maps.averaging.placement import Bed
-from ..maps.averaging.result_bands import names_rasters, open_result
+from ..maps.averaging.result_bands import Result, names_rasters, open_result
 from ..maps.averaging.sampling import export_grid, require_cells_within
 from ..maps.export.export_inputs import log_unused_options, release_density
+from ..maps.export.export_request import Results
 from ..maps.export.map_export import peaks_of_frames
 from ..system.errors import FormatError, InputError
 from ..system.messages import log
@@ -34,32 +36,49 @@ class FrameFlow:
     averaging: Averaging
 
     @property
-    def times(self):
-        """float64[frames] [s]."""
+    def times(self) -> np.ndarray:
+        """Times of the frames, float64[frames] [s]."""
         return np.array([entry.time for entry in self.entries])
 
     @property
-    def grid(self):
+    def grid(self) -> Grid:
         """Grid of the cells."""
         return self.averaging.grid
 
     @property
-    def density(self):
-        """Of the release [kg m-3]."""
+    def density(self) -> float:
+        """Density of the release [kg m-3]."""
         return self.averaging.density
 
     @property
-    def min_depth(self):
+    def min_depth(self) -> float:
         """Depth [m] from which there are velocities."""
         return self.averaging.min_depth
 
-    def at_cells(self, cells, names, steps, progress=lambda done, total: None):
-        """Values of the flat `cells` of the grid at the numbered `steps`.
+    def at_cells(
+        self,
+        cells: np.ndarray,
+        names: Collection[str],
+        steps: Iterable[int],
+        progress: Callable[[int, int], None] = lambda done, total: None,
+    ) -> dict[str, np.ndarray]:
+        """Return values of products in cells at steps.
+
+        Parameters
+        ----------
+        cells : int64[cells]
+            Flat numbers of cells of the grid.
+        names : collection of str
+            Products.
+        steps : iterable of int
+            Numbers of frames.
+        progress : callable
+            Called with (steps done, steps in all).
 
         Returns
         -------
         dict of str to float64[steps, cells]
-            Of the products `names`; NaN off the grid, and velocities where the flow is too shallow.
+            By product; NaN off the grid, and velocities where the flow is too shallow.
         """
         averaging = replace(self.averaging, names=tuple(name for name in PRODUCTS if name in names or name == "h"))
         found = []
@@ -85,22 +104,22 @@ class ExportFlow:
     entries = ()
 
     @property
-    def times(self):
-        """float64[steps] [s]."""
+    def times(self) -> np.ndarray:
+        """Times of the steps, float64[steps] [s]."""
         return np.array(self.steps.times)
 
     @property
-    def grid(self):
+    def grid(self) -> Grid:
         """Grid of the cells."""
         return self.steps.grid
 
     @property
-    def density(self):
-        """Of the release [kg m-3]; None if the export has no such tag."""
+    def density(self) -> float | None:
+        """Density of the release [kg m-3]; None if the export has no such tag."""
         return self._number("density")
 
     @property
-    def min_depth(self):
+    def min_depth(self) -> float:
         """Depth [m] from which there are velocities."""
         return self._number("min_depth") or 0.0
 
@@ -110,8 +129,36 @@ class ExportFlow:
         except (TypeError, ValueError):
             return None
 
-    def at_cells(self, cells, names, steps, progress=lambda done, total: None):
-        """As `FrameFlow.at_cells`, from the rasters."""
+    def at_cells(
+        self,
+        cells: np.ndarray,
+        names: Collection[str],
+        steps: Iterable[int],
+        progress: Callable[[int, int], None] = lambda done, total: None,
+    ) -> dict[str, np.ndarray]:
+        """Return values of products in cells at steps, read from the rasters.
+
+        Parameters
+        ----------
+        cells : int64[cells]
+            Flat numbers of cells of the grid.
+        names : collection of str
+            Products.
+        steps : iterable of int
+            Numbers of exported steps.
+        progress : callable
+            Called with (steps done, steps in all).
+
+        Returns
+        -------
+        dict of str to float64[steps, cells]
+            By product; NaN off the grid, and velocities where the flow is too shallow.
+
+        Raises
+        ------
+        InputError
+            The steps do not have all products.
+        """
         missing = [name for name in names if name not in self.steps.bands]
         if missing:
             raise InputError(
@@ -138,11 +185,20 @@ class RasterFlow:
     times = np.empty(0)
 
 
-def open_flow(request, output, peaks_do=False, used=()):
-    """The flow of `request` (Results): frames, one exported folder, or rasters of its largest values.
+def open_flow(
+    request: Results, output: Path | None, peaks_do: bool = False, used: Sequence[str] = ()
+) -> "FrameFlow | ExportFlow | RasterFlow":
+    """Open the flow of a request: frames, one exported folder, or rasters of its largest values.
 
-    `output` is the output path, which must not contain the DTM. `peaks_do`: largest values are sufficient.
-    `used`: options of frames that also apply to rasters of largest values.
+    Parameters
+    ----------
+    request : Results
+    output : Path
+        It must not contain the DTM.
+    peaks_do : bool
+        Whether largest values are sufficient.
+    used : sequence of str
+        Options of frames that also apply to rasters of largest values.
 
     Returns
     -------
@@ -159,8 +215,26 @@ def open_flow(request, output, peaks_do=False, used=()):
     return open_frames(request, output)
 
 
-def open_frames(request, output, why=""):
-    """As `open_flow`, for frames only; `why` is the reason in the error for rasters."""
+def open_frames(request: Results, output: Path | None, why: str = "") -> FrameFlow:
+    """Open the flow of a request whose results are frames.
+
+    Parameters
+    ----------
+    request : Results
+    output : Path
+        It must not contain the DTM.
+    why : str
+        Reason why rasters do not suffice, for the error.
+
+    Returns
+    -------
+    FrameFlow
+
+    Raises
+    ------
+    MpmgisError
+        Unreadable input, or rasters instead of frames.
+    """
     for path in request.frames:
         if is_export(path):
             raise InputError(f"{path} is an export: {why}; give the folder of its frames")
@@ -182,8 +256,19 @@ def open_frames(request, output, why=""):
     return FrameFlow(result_name(request), entries, terrain, averaging)
 
 
-def result_name(request):
-    """Name of a result: that of the folder of its frames or of the export, or the common beginning of its rasters."""
+def result_name(request: Results) -> str:
+    """Return the name of a result.
+
+    It is the name of the folder of its frames or of the export, or the common beginning of its rasters.
+
+    Parameters
+    ----------
+    request : Results
+
+    Returns
+    -------
+    str
+    """
     path = Path(str(request.frames[0])).absolute()
     if not path.is_dir() and names_rasters(path):
         return path.stem
@@ -201,7 +286,7 @@ def _open_export(request):
     )
 
 
-def _open_rasters(request, peaks_do, used):
+def _open_rasters(request: Results, peaks_do: bool, used: Sequence[str]) -> RasterFlow:
     """The RasterFlow of rasters with standard names."""
     path = request.frames[0]
     if not peaks_do:
@@ -234,10 +319,27 @@ def _refuse_options_of_frames(request, used=()):
         )
 
 
-def peaks_of(request, progress=lambda done, total: None, used=(), used_of_rasters=()):
-    """The Result (maxima, deposit, terrain) of an export or other rasters, or of frames, in memory.
+def peaks_of(
+    request: Results,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    used: Sequence[str] = (),
+    used_of_rasters: Sequence[str] = (),
+) -> Result:
+    """Return the Result (maxima, deposit, terrain) of an export or other rasters, or of frames, in memory.
 
-    `used` are names of options of frames that also apply to an export, `used_of_rasters` to other rasters.
+    Parameters
+    ----------
+    request : Results
+    progress : callable
+        Called with (frames done, frames in all).
+    used : sequence of str
+        Names of options of frames that also apply to an export.
+    used_of_rasters : sequence of str
+        Names of those that apply to other rasters, too.
+
+    Returns
+    -------
+    Result
     """
     exported = any(is_export(path) for path in request.frames)
     if exported or any(names_rasters(path) for path in request.frames):
@@ -247,10 +349,22 @@ def peaks_of(request, progress=lambda done, total: None, used=(), used_of_raster
     return replace(peaks_of_frames(request, progress), name=result_name(request))
 
 
-def read_peaks(result, names, density=None):
-    """(Band -> float[rows, columns] of the `names` that exist in a Result, their Grid).
+def read_peaks(
+    result: Result, names: Collection[str], density: float | None = None
+) -> tuple[dict[str, np.ndarray], Grid | None]:
+    """Read bands of a Result that exist.
 
-    A missing pressure is computed from the largest speed and the `density` [kg m-3].
+    Parameters
+    ----------
+    result : Result
+    names : collection of str
+        Bands.
+    density : float, optional [kg m-3]
+        With it a missing pressure is computed from the largest speed.
+
+    Returns
+    -------
+    (dict of str to float[rows, columns], Grid)
 
     Raises
     ------
@@ -275,7 +389,7 @@ def read_peaks(result, names, density=None):
     return bands, grid
 
 
-def _require_same_cells(result, name, grid, first, first_name):
+def _require_same_cells(result: Result, name: str, grid: Grid, first: Grid, first_name: str) -> None:
     """Refuse a raster whose corners are off those of the first one by more than SAME_CELLS."""
     if grid.shape == first.shape and np.abs(grid.corners() - first.corners()).max() <= SAME_CELLS * first.cell_size:
         return
@@ -287,8 +401,28 @@ def _require_same_cells(result, name, grid, first, first_name):
     raise FormatError(f"{result.name}: its rasters have different grids ({', '.join(words)}); export them on one grid")
 
 
-def require_on_grid(flow, x, y, names, what):
-    """Flat cells of map points [m]; InputError for the first outside the raster."""
+def require_on_grid(
+    flow: FrameFlow | ExportFlow, x: np.ndarray, y: np.ndarray, names: Sequence[str] | np.ndarray, what: str
+) -> np.ndarray:
+    """Return the flat cells of map points; raise InputError for the first one outside the raster.
+
+    Parameters
+    ----------
+    flow : FrameFlow or ExportFlow
+    x, y : float64[n] [m]
+    names : sequence of str
+        Of the points.
+    what : str
+        What a point is, for the error.
+
+    Returns
+    -------
+    int64[n]
+
+    Raises
+    ------
+    InputError
+    """
     cells = cells_of(flow.grid, x, y)
     off = np.flatnonzero(cells < 0)
     if off.size:

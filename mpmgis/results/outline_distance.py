@@ -1,4 +1,4 @@
-"""Distances between the outlines of two footprints."""
+"""Measure distances between the outlines of two footprints."""
 
 import math
 from typing import NamedTuple
@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-HIGH_SHARE = 95.0  # percentile that does not depend on a single spur
-MOST_PLACES = 200_000  # sample points on an outline
+HIGH_SHARE = 95.0  # [%] percentile that does not depend on a single spur
+MOST_PLACES = 200_000  # sample points on an outline, to limit time and memory
 
 
 class OutlineDistances(NamedTuple):
@@ -25,7 +25,7 @@ class OutlineDistances(NamedTuple):
 
 
 def outline_distances(first: shapely.Geometry, second: shapely.Geometry, spacing: float) -> OutlineDistances | None:
-    """The OutlineDistances of two polygonal geometries; None if one is empty.
+    """Return the OutlineDistances of two polygonal geometries; None if one is empty.
 
     Parameters
     ----------
@@ -33,6 +33,10 @@ def outline_distances(first: shapely.Geometry, second: shapely.Geometry, spacing
         Polygons; holes have outlines too.
     spacing : float [m]
         Largest distance between sample points on an outline.
+
+    Returns
+    -------
+    OutlineDistances or None
     """
     outlines = [shapely.boundary(shape) for shape in (first, second)]
     if any(outline.is_empty for outline in outlines):

@@ -1,5 +1,6 @@
-"""`mpmgis profile`: the flow along a line."""
+"""Answer `mpmgis profile`: the flow along a line."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,15 +14,15 @@ from ..system.messages import log
 from ..terrain.observations import read_line
 from .answer_files import answer_output, write_answer
 from .flow_line import vertex_distances
-from .opened_results import open_flow
+from .opened_results import ExportFlow, FrameFlow, open_flow
 from .profiles import PROFILE_PRODUCTS, ProfileFound, free_surface
 from .runout_figures import line_profile
 from .series_plots import write_profile_plot, write_rows
 
 PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"
-WORD = "profile"
-USUAL_TIMES = 5
-MOST_PLACES = 200_000
+WORD = "profile"  # end of the name of the default output folder
+USUAL_TIMES = 5  # evenly spread over the results, if none are asked for
+MOST_PLACES = 200_000  # sample points on a line; more are a wrong `spacing`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +34,16 @@ class ProfileRequest(AnswerRequest):
     spacing: float | None = None  # [m]
 
 
-def profile(request: ProfileRequest, progress=lambda done, total: None) -> ProfileFound:
-    """Depth, thickness and velocities along a line, in the cells that it crosses, with terrain and free surface.
+def profile(request: ProfileRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> ProfileFound:
+    """Sample depth, thickness and velocities along a line, with terrain and free surface.
+
+    Values are those of the cells that the line crosses.
+
+    Parameters
+    ----------
+    request : ProfileRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -76,8 +85,17 @@ def profile(request: ProfileRequest, progress=lambda done, total: None) -> Profi
     return replace(found, files=write_answer(request, output, writers))
 
 
-def chosen_steps(times, requested):
-    """Numbers of the steps nearest to the `requested` times [s]; evenly spread ones for None.
+def chosen_steps(times: np.ndarray, requested: Sequence[float] | None) -> np.ndarray:
+    """Return the numbers of the steps nearest to the requested times; evenly spread ones for None.
+
+    Parameters
+    ----------
+    times : float64[steps] [s]
+    requested : sequence of float or None [s]
+
+    Returns
+    -------
+    int64[n]
 
     Raises
     ------
@@ -101,7 +119,7 @@ def chosen_steps(times, requested):
     return nearest_times(times, requested)
 
 
-def _log_outside(path, flow, cells, line):
+def _log_outside(path: Path, flow: FrameFlow | ExportFlow, cells: np.ndarray, line: np.ndarray) -> None:
     off = cells == NOWHERE
     if off.all():
         west, south, east, north = flow.grid.bounds

@@ -1,6 +1,6 @@
-"""Profiles of a flow along a line, at points over time, and over the height above the bed.
+"""Hold profiles of a flow along a line, at points over time, and over the height above the bed.
 
-A vertical profile is a square map cell divided into layers by distance normal to the bed; each layer is averaged like
+ A vertical profile is a square map cell divided into layers by distance normal to the bed; each layer is averaged like
 a cell of an export (outlook of Vicari et al. 2025, NHESS 25:3897). A point has the height of a cube of its volume and
 is shared among the layers that it overlaps, so a uniform lattice of points gives uniform layers.
 """
@@ -56,8 +56,9 @@ LOAD_COLUMNS = (
     ("overburden_force_per_width", "N m-1"),
     ("height_of_overburden_force", "m"),
 )
-MOST_LAYERS = 2_000
-WIDTH_IN_CELLS, LAYER_IN_CELLS = 4.0, 0.5  # of the solver's grid: 64 points per layer with 8 points per cell
+MOST_LAYERS = 2_000  # of a vertical profile; more are a wrong `layer`
+WIDTH_IN_CELLS = 4.0  # [cells of the solver's grid] of the square cell around a point
+LAYER_IN_CELLS = 0.5  # [cells of the solver's grid] 64 points per layer with 8 points per cell
 
 
 @dataclass(frozen=True)
@@ -88,11 +89,11 @@ class ProfileFound:
     files: tuple = ()
 
     def columns(self) -> tuple:
-        """(name, unit) of the columns of `rows`."""
+        """Return the (name, unit) of each column of `rows`."""
         return (*PLACE_COLUMNS, *((name, BAND[name].unit) for name in self.values))
 
     def rows(self) -> Iterator[tuple]:
-        """One row per time and point."""
+        """Yield one row per time and point."""
         for k, time in enumerate(self.times):
             numbers = (self.along, self.x, self.y, self.terrain, self.surface[k], *(v[k] for v in self.values.values()))
             yield from ((time, *row) for row in zip(*numbers, strict=True))
@@ -123,23 +124,41 @@ class SeriesFound:
     files: tuple = ()
 
     def columns(self) -> tuple:
-        """(name, unit) of the columns of `rows`."""
+        """Return the (name, unit) of each column of `rows`."""
         return (("point", ""), *POINT_COLUMNS, *((name, BAND[name].unit) for name in self.values))
 
     def rows(self) -> Iterator[tuple]:
-        """One row per point and time."""
+        """Yield one row per point and time."""
         for point, name in enumerate(self.names):
             for k, time in enumerate(self.times):
                 values = (values[k, point] for values in self.values.values())
                 yield (name, self.x[point], self.y[point], time, *values)
 
     def arrival(self, point: int, min_depth: float) -> float:
-        """First time [s] with at least `min_depth` [m] at the point of this number; NaN without flow."""
+        """Return the first time [s] with at least a depth at a point; NaN without flow.
+
+        Parameters
+        ----------
+        point : int
+            Number of the point.
+        min_depth : float [m]
+        """
         deep = self.values["h"][:, point] >= min_depth
         return float(self.times[np.argmax(deep)]) if deep.any() else np.nan
 
     def peak(self, product: str, point: int) -> tuple[float, float]:
-        """(largest value, its time [s]) of a product at the point of this number; NaN without values."""
+        """Return the largest value of a product at a point, and its time [s]; NaN without values.
+
+        Parameters
+        ----------
+        product : str
+        point : int
+            Number of the point.
+
+        Returns
+        -------
+        (float, float)
+        """
         values = self.values[product][:, point]
         if not np.isfinite(values).any():
             return np.nan, np.nan
@@ -148,13 +167,14 @@ class SeriesFound:
 
 
 def free_surface(terrain: Terrain, x: np.ndarray, y: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Elevation [m] of the free surface at map points, vertically above them, from `depth` [m] normal to the bed.
+    """Return the elevation of the free surface at map points, vertically above them.
 
     Parameters
     ----------
     terrain : Terrain
     x, y : float[n] [m]
     depth : float[k, n] [m]
+        Normal to the bed.
 
     Returns
     -------
@@ -220,14 +240,14 @@ class VerticalFound:
     files: tuple = ()
 
     def rows(self) -> Iterator[tuple]:
-        """Rows of PROFILE_COLUMNS."""
+        """Yield rows of PROFILE_COLUMNS."""
         for k, found in self._each():
             layers = (found.edges[:-1], found.edges[1:], found.count, found.density, found.parallel, found.normal)
             for layer in zip(*layers, found.pressure, found.overburden, strict=True):
                 yield (self.names[k], self.x[k], self.y[k], found.time, *layer)
 
     def load_rows(self) -> Iterator[tuple]:
-        """Rows of LOAD_COLUMNS."""
+        """Yield rows of LOAD_COLUMNS."""
         for k, found in self._each():
             largest = float(found.pressure.max(initial=0.0))
             numbers = found.depth, *found.momentum_flux, largest, *found.overburden_force
@@ -238,14 +258,21 @@ class VerticalFound:
 
 
 def cell_around(x: float, y: float, width: float, crs: "CRS | None") -> Grid:
-    """Grid of one square cell, `width` [m] wide, around a map point."""
+    """Return the grid of one square cell around a map point.
+
+    Parameters
+    ----------
+    x, y : float [m]
+    width : float [m]
+    crs : CRS or None
+    """
     return Grid.north_up(crs, x - 0.5 * width, y + 0.5 * width, width, (1, 1))
 
 
 def vertical_profiles(
     frame: Frame, bed: Bed, density: float, points: np.ndarray, width: float, layer: float, percentile: float = 100.0
 ) -> list[VerticalProfile]:
-    """The VerticalProfile of every point in a frame of points.
+    """Compute the VerticalProfile of every point in a frame of points.
 
     Parameters
     ----------
@@ -277,7 +304,16 @@ def vertical_profiles(
     return found
 
 
-def _profile(frame, placed, there, bed, density, grid, layer, percentile):
+def _profile(
+    frame: Frame,
+    placed: Placed,
+    there: np.ndarray,
+    bed: Bed,
+    density: float,
+    grid: Grid,
+    layer: float,
+    percentile: float,
+) -> VerticalProfile:
     """The VerticalProfile of the particles `there` (their numbers) in the one cell of `grid`."""
     part = replace(frame, particles=frame.particles.take(there))
     placed = Placed(placed.pixel[there], placed.distance[there])
@@ -299,7 +335,7 @@ def _profile(frame, placed, there, bed, density, grid, layer, percentile):
     return VerticalProfile(frame.time, depth, edges, count, *values, overburden)
 
 
-def _overburden(density, layer, part, placed, bed):
+def _overburden(density: np.ndarray, layer: float, part: Frame, placed: Placed, bed: Bed) -> np.ndarray:
     """float64[k] [Pa]: normal stress of the weight above the middle of each layer, g cos(slope) of the particles."""
     if not len(placed.pixel):
         return np.zeros(len(density))
@@ -321,12 +357,32 @@ def _layer_values(part, placed, share, bed, density, grid, layer):
 
 
 def usual_sizes(frame: Frame) -> tuple[float, float]:
-    """Default (width of the cell, height of a layer) [m], from the grid spacing of the solver of `frame`."""
+    """Return the default width of the cell and height of a layer, from the grid spacing of the solver.
+
+    Parameters
+    ----------
+    frame : Frame
+
+    Returns
+    -------
+    (float, float) [m]
+    """
     spacing = grid_spacing(frame)
     return WIDTH_IN_CELLS * spacing, LAYER_IN_CELLS * spacing
 
 
 def corners_of(x: np.ndarray, y: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """(x, y) float64[4 n] [m]: the corners of the cells around map points."""
+    """Return the corners of the square cells around map points.
+
+    Parameters
+    ----------
+    x, y : float64[n] [m]
+    width : float [m]
+
+    Returns
+    -------
+    (float64[4 n], float64[4 n]) [m]
+        x and y.
+    """
     offsets = np.array(list(product((-0.5, 0.5), repeat=2))) * width
     return tuple((np.stack([x, y], axis=1)[:, None] + offsets).reshape(-1, 2).T)

@@ -1,5 +1,6 @@
-"""`mpmgis runout`: runout, drop height and angles of a flow, along a given line or the centre line."""
+"""Answer `mpmgis runout`: runout, drop height and angles of a flow, along a given line or the centre line."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,11 +11,13 @@ from ..maps.export.export_request import AnswerRequest
 from ..system.errors import InputError
 from ..system.messages import log
 from ..system.parallel import frame_pool
+from ..terrain.elevation import Terrain
+from ..terrain.grid import Grid
 from ..terrain.observations import read_line
 from .answer_files import answer_output, write_answer
 from .comparison import footprint
 from .flow_line import centre_line, distance_to_line
-from .opened_results import open_flow, peaks_of, read_peaks
+from .opened_results import ExportFlow, FrameFlow, RasterFlow, open_flow, peaks_of, read_peaks
 from .runout_figures import (
     Place,
     RunoutFound,
@@ -29,14 +32,14 @@ from .runout_plots import write_figures, write_over_time, write_profile, write_r
 
 PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
 FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
-WORD = "runout"
+WORD = "runout"  # end of the name of the default output folder
 CENTRE_LINE = "centre line of the flow"
-STRAIGHT_OVER_ALONG = 1.5  # a toe as far from the line as along it gives 1.41
-_MARGIN = 0.08  # of the profile beyond both ends, over the runout
+STRAIGHT_OVER_ALONG = 1.5  # [1] straight distance over runout; a toe as far from the line as along it gives 1.41
+_MARGIN = 0.08  # [runouts] by which the profile goes beyond both ends
 
 
-def given_line(path, flowed, grid, terrain):
-    """float64[n, 2] [m]: the line in the file `path`, from its upper end.
+def given_line(path: Path, flowed: np.ndarray, grid: Grid, terrain: Terrain | None) -> np.ndarray:
+    """Return the line in the file `path`, from its upper end.
 
     Parameters
     ----------
@@ -46,6 +49,10 @@ def given_line(path, flowed, grid, terrain):
     grid : Grid
     terrain : Terrain or None
         Without it the direction is not changed.
+
+    Returns
+    -------
+    float64[n, 2] [m]
 
     Raises
     ------
@@ -71,8 +78,14 @@ class RunoutRequest(AnswerRequest):
     threshold: float = 0.1  # [m]
 
 
-def runout(request: RunoutRequest, progress=lambda done, total: None) -> RunoutFound:
+def runout(request: RunoutRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> RunoutFound:
     """Find runout, drop, angles of the energy line and of the centre of mass; write the figures.
+
+    Parameters
+    ----------
+    request : RunoutRequest
+    progress : callable
+        Called with (frames done, frames in all).
 
     Returns
     -------
@@ -91,8 +104,29 @@ def runout(request: RunoutRequest, progress=lambda done, total: None) -> RunoutF
     return replace(found, files=_write(request, output, found))
 
 
-def found_runout(request, flow, bands, grid):
-    """The RunoutFound, without files, of largest depth and, if known, last depth [m] in `bands` on `grid`."""
+def found_runout(
+    request: RunoutRequest, flow: FrameFlow | ExportFlow | RasterFlow, bands: dict[str, np.ndarray], grid: Grid
+) -> RunoutFound:
+    """Return the RunoutFound of largest and last depths, without files.
+
+    Parameters
+    ----------
+    request : RunoutRequest
+    flow : FrameFlow, ExportFlow or RasterFlow
+    bands : dict of str to float[rows, columns] [m]
+        `h_max` and, if known, `h_deposit`.
+    grid : Grid
+        Of the bands.
+
+    Returns
+    -------
+    RunoutFound
+
+    Raises
+    ------
+    InputError
+        No largest depth, no cell above the threshold, no elevations, or no movement along the line.
+    """
     if "h_max" not in bands:
         raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), which the runout requires")
     depth, deposit = bands["h_max"], bands.get("h_deposit", np.full(grid.shape, np.nan))
@@ -134,7 +168,14 @@ def found_runout(request, flow, bands, grid):
     )
 
 
-def _line(request, flow, mask, depth, elevation, grid):
+def _line(
+    request: RunoutRequest,
+    flow: FrameFlow | ExportFlow | RasterFlow,
+    mask: np.ndarray,
+    depth: np.ndarray,
+    elevation: np.ndarray,
+    grid: Grid,
+) -> tuple[np.ndarray, str]:
     """(vertices, description) of the line along which runout is measured."""
     if request.line is not None:
         return given_line(request.line, mask, grid, flow.terrain), str(request.line)
@@ -158,7 +199,7 @@ def _entry_state(entry, averaging, line):
     return mass_state(entry.read(averaging.density), averaging, line)
 
 
-def _farthest_mass(states, line, terrain):
+def _farthest_mass(states: tuple, line: np.ndarray, terrain: Terrain) -> Place | None:
     """Point on the line up to which 99 % of the last frame's mass lie; None without frames."""
     if not states:
         return None
@@ -179,7 +220,7 @@ def _profile(reached, line, terrain, spacing, depth, deposit, grid):
     return (along, ground, x, y, elevation, falling, *values)
 
 
-def _write(request, output, found):
+def _write(request: RunoutRequest, output: Path, found: RunoutFound) -> tuple[Path, ...]:
     writers = {
         PLOT_FILE: lambda path: write_runout_plot(path, found),
         FIGURES_FILE: lambda path: write_figures(path, found),

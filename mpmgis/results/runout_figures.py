@@ -1,6 +1,6 @@
-"""Runout, drop height, angles of the energy line, and centre of mass, as numbers and as report lines.
+"""Compute runout, drop height, angles of the energy line, and centre of mass, as numbers and as report lines.
 
-The energy line (Heim 1932: Fahrboeschung) joins the highest point of a flow to its farthest; the tangent of its angle
+ The energy line (Heim 1932: Fahrboeschung) joins the highest point of a flow to its farthest; the tangent of its angle
 is drop over length. For the centre of mass the tangent depends on friction only: mu for a block with Coulomb friction.
 """
 
@@ -19,7 +19,7 @@ from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .flow_line import places_along, positions_along, vertex_distances
 
-QUANTILES = (0.01, 0.5, 0.99)  # of the mass along the line
+QUANTILES = (0.01, 0.5, 0.99)  # [1] shares of the mass along the line; 99 % is the runout of the mass
 TIME_COLUMNS = (
     ("time", "s"),
     ("mass", "kg"),
@@ -98,24 +98,52 @@ class MassState:
 
 
 def slope_angle(drop: float, length: float) -> float:
-    """Angle [degrees] of a line with `drop` [m] over `length` [m]; NaN for `length` of 0 or less."""
+    """Return the angle [degrees] of a line with this drop over this length.
+
+    Parameters
+    ----------
+    drop, length : float [m]
+
+    Returns
+    -------
+    float
+        NaN for a `length` of 0 or less.
+    """
     return math.degrees(math.atan2(drop, length)) if length > 0 else math.nan
 
 
 def highest_place(mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
-    """Place of the highest True cell of `mask` with an `elevation` [m]; None without such a cell."""
+    """Return the Place of the highest True cell with an elevation; None without such a cell.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    elevation : float64[rows, columns] [m]
+        NaN if unknown.
+    grid : Grid
+    line : float[n, 2] [m]
+    """
     return _place(np.where(mask & np.isfinite(elevation), elevation, -np.inf), elevation, grid, line)
 
 
 def farthest_place(mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
-    """Place of the True cell of `mask` with an `elevation` [m] farthest along `line`; None without such a cell."""
+    """Return the Place of the True cell with an elevation farthest along a line; None without such a cell.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    elevation : float64[rows, columns] [m]
+        NaN if unknown.
+    grid : Grid
+    line : float[n, 2] [m]
+    """
     there = mask & np.isfinite(elevation)
     along = np.full(mask.shape, -np.inf)
     along[there] = positions_along(line, *grid.xy(*np.nonzero(there)))
     return _place(along, elevation, grid, line)
 
 
-def _place(score, elevation, grid, line):
+def _place(score: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
     at = np.unravel_index(np.argmax(score), score.shape)
     if score[at] == -np.inf:
         return None
@@ -124,7 +152,18 @@ def _place(score, elevation, grid, line):
 
 
 def heights_under(mask: np.ndarray, grid: Grid, terrain: Terrain) -> np.ndarray:
-    """float64[rows, columns] [m]: elevation of `terrain` under the True cells of `mask`; NaN elsewhere."""
+    """Return the elevation of the terrain under the True cells of a mask; NaN elsewhere.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    grid : Grid
+    terrain : Terrain
+
+    Returns
+    -------
+    float64[rows, columns] [m]
+    """
     elevation = np.full(grid.shape, np.nan)
     elevation[mask] = terrain.sample(*grid.xy(*np.nonzero(mask)))
     return elevation
@@ -133,7 +172,7 @@ def heights_under(mask: np.ndarray, grid: Grid, terrain: Terrain) -> np.ndarray:
 def ends_along(
     mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray
 ) -> tuple[Place | None, Place | None]:
-    """(highest Place, farthest Place along `line`) of the True cells of `mask`; each None if missing.
+    """Return the highest Place and the farthest Place along `line` of the True cells; each None if missing.
 
     `runout` and `compare` measure the runout between them: horizontally, along the line, between cell centres.
 
@@ -145,6 +184,10 @@ def ends_along(
         NaN if unknown; such cells are ignored.
     grid : Grid
     line : float[n, 2] [m]
+
+    Returns
+    -------
+    (Place or None, Place or None)
     """
     return highest_place(mask, elevation, grid, line), farthest_place(mask, elevation, grid, line)
 
@@ -152,7 +195,15 @@ def ends_along(
 def line_profile(
     line: np.ndarray, terrain: Terrain, begin: float, end: float, spacing: float
 ) -> tuple[np.ndarray, ...]:
-    """The terrain along `line` from `begin` to `end` [m], at its vertices and every `spacing` [m].
+    """Sample the terrain along a line, at its vertices and at equal distances between them.
+
+    Parameters
+    ----------
+    line : float[n, 2] [m]
+    terrain : Terrain
+    begin, end : float [m]
+        Distances along the line.
+    spacing : float [m]
 
     Returns
     -------
@@ -168,7 +219,16 @@ def line_profile(
 
 
 def ground_lengths(along: np.ndarray, elevation: np.ndarray) -> np.ndarray:
-    """float64[n] [m]: length along the terrain up to each position `along` a line [m]."""
+    """Return the length along the terrain up to each position on a line.
+
+    Parameters
+    ----------
+    along, elevation : float64[n] [m]
+
+    Returns
+    -------
+    float64[n] [m]
+    """
     known = np.isfinite(elevation)
     heights = np.interp(along, along[known], elevation[known]) if known.any() else np.zeros(len(along))
     return np.r_[0.0, np.cumsum(np.hypot(np.diff(along), np.diff(heights)))]
@@ -177,7 +237,16 @@ def ground_lengths(along: np.ndarray, elevation: np.ndarray) -> np.ndarray:
 def energy_line(
     top: Place | None, toe: Place | None, line: np.ndarray, terrain: Terrain, spacing: float
 ) -> EnergyLine | None:
-    """The EnergyLine between two Places; None if one is missing or the toe is not beyond the top."""
+    """Return the EnergyLine between two Places; None if one is missing or the toe is not beyond the top.
+
+    Parameters
+    ----------
+    top, toe : Place or None
+    line : float[n, 2] [m]
+    terrain : Terrain
+    spacing : float [m]
+        Of the points at which the terrain is sampled.
+    """
     if top is None or toe is None or toe.along <= top.along:
         return None
     *_, ground = line_profile(line, terrain, top.along, toe.along, spacing)
@@ -185,9 +254,16 @@ def energy_line(
 
 
 def mass_state(frame: Frame, averaging: Averaging, line: np.ndarray) -> MassState | None:
-    """Position of the mass of a frame: centre from the particles, distribution along `line` from the export cells.
+    """Return the position of the mass of a frame.
 
-    The centre of a column is half its thickness above the bed. Particles outside the terrain are ignored.
+    The centre is that of the particles, the distribution along `line` that of the export cells. The centre of a column
+    is half its thickness above the bed. Particles outside the terrain are ignored.
+
+    Parameters
+    ----------
+    frame : Frame
+    averaging : Averaging
+    line : float[n, 2] [m]
 
     Returns
     -------
@@ -214,7 +290,18 @@ def mass_state(frame: Frame, averaging: Averaging, line: np.ndarray) -> MassStat
 
 
 def quantiles(along: np.ndarray, weight: np.ndarray, shares: tuple = QUANTILES) -> np.ndarray:
-    """float64[k] [m]: the smallest positions `along` with each of the `shares` of the `weight` at or before them."""
+    """Return the smallest positions with each of the shares of the weight at or before them.
+
+    Parameters
+    ----------
+    along : float[n] [m]
+    weight : float[n]
+    shares : tuple of float [1]
+
+    Returns
+    -------
+    float64[k] [m]
+    """
     order = np.argsort(along, kind="stable")
     below = np.cumsum(weight[order])
     wanted = np.asarray(shares) * below[-1] * (1 - 1e-12)
@@ -264,7 +351,13 @@ class RunoutFound:
         return travelled, drop, slope_angle(drop, travelled)
 
     def rows(self) -> list[tuple]:
-        """(quantity, unit, value) of every result."""
+        """Return a row for every result.
+
+        Returns
+        -------
+        list of (str, str, float)
+            Quantity, unit, value.
+        """
         rows = [*_line_rows("", self.flow), ("farthest_along_line", "m", self.flow.toe.along)]
         if self.deposit is not None:
             rows += _line_rows("deposit_", self.deposit)
@@ -280,14 +373,14 @@ class RunoutFound:
         return rows
 
     def time_rows(self) -> list[tuple]:
-        """Rows of TIME_COLUMNS."""
+        """Return rows of TIME_COLUMNS."""
         return [
             (state.time, state.mass, state.x, state.y, state.z, state.along, *map(float, state.quantiles))
             for state in self.states
         ]
 
     def facts(self) -> dict:
-        """All results as plain numbers, lists and strings; None for missing numbers."""
+        """Return all results as plain numbers, lists and strings; None for missing numbers."""
         named = {
             quantity if unit == "1" else f"{quantity}_{'deg' if unit == 'degrees' else unit}": _number(value)
             for quantity, unit, value in self.rows()

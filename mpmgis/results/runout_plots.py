@@ -1,45 +1,64 @@
-"""Tables and plots of runout, profiles, time series, hydrographs and vertical profiles.
-
-Common style of all figures except maps.
-
-Plots of a barrier: force, moment and overtopping over time; a section through it with the flow.
-"""
+"""Write tables and the plot of a runout."""
 
 from pathlib import Path
 
 import numpy as np
 
 from ..system.csv_rows import column_name, write_records
-from .figure_style import COLOURS, draw_ground, dress, legend, plot_file
+from .figure_style import COLOURS, draw_ground, legend, plot_file, style_axes
 from .runout_figures import ENERGY_LINE_COLUMNS, TIME_COLUMNS, RunoutFound
 
 FLOW_COLOUR, DEPOSIT_COLOUR, LINE_COLOUR, MASS_COLOUR = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[0]
 
 
 def write_figures(path: Path, found: RunoutFound) -> None:
-    """Write the results of a RunoutFound as CSV."""
+    """Write the results of a RunoutFound as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : RunoutFound
+    """
     write_records(path, ("quantity", "unit", "value"), found.rows())
 
 
 def write_over_time(path: Path, found: RunoutFound) -> None:
-    """Write the position of the mass as CSV, one row per frame."""
+    """Write the position of the mass as CSV, one row per frame.
+
+    Parameters
+    ----------
+    path : Path
+    found : RunoutFound
+    """
     write_records(path, [column_name(*column) for column in TIME_COLUMNS], found.time_rows())
 
 
 def write_profile(path: Path, found: RunoutFound) -> None:
-    """Write the profile along the line as CSV, one row per point."""
+    """Write the profile along the line as CSV, one row per point.
+
+    Parameters
+    ----------
+    path : Path
+    found : RunoutFound
+    """
     write_records(path, [column_name(*column) for column in ENERGY_LINE_COLUMNS], zip(*found.profile, strict=True))
 
 
 def write_runout_plot(path: Path, found: RunoutFound) -> None:
-    """Plot the longitudinal profile: terrain, flow and deposit, energy line, path of the centre of mass."""
+    """Plot the longitudinal profile: terrain, flow and deposit, energy line, path of the centre of mass.
+
+    Parameters
+    ----------
+    path : Path
+    found : RunoutFound
+    """
     along, _, _, _, elevation, _, depth, deposit = found.profile
     with plot_file(path, (9.0, 6.0), rows=2, heights=(3, 1)) as axes:
         upper, lower = axes[:, 0]
         draw_ground(upper, along, elevation)
         _draw_energy_line(upper, found)
         _draw_centre(upper, found)
-        dress(
+        style_axes(
             upper,
             "elevation [m]",
             title=f"{found.name}: runout {found.flow.length:.0f} m, drop {found.flow.drop:.0f} m",
@@ -47,7 +66,7 @@ def write_runout_plot(path: Path, found: RunoutFound) -> None:
         legend(upper, loc="upper right")
         _draw_depth(lower, along, depth, FLOW_COLOUR, "largest h, normal")
         _draw_depth(lower, along, deposit, DEPOSIT_COLOUR, "h of the last frame, normal")
-        dress(lower, "h [m]", f"distance along the {_source(found)} [m]")
+        style_axes(lower, "h [m]", f"distance along the {_source(found)} [m]")
         highest = float(np.nan_to_num(depth).max(initial=1e-3))
         lower.set(xlim=(along[0], along[-1]), ylim=(0, 1.35 * highest))
         legend(lower, loc="upper right", ncols=2)

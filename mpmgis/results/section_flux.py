@@ -1,6 +1,6 @@
-"""Discharge through a section over time, from particles that cross it and from the momentum of its cells.
+"""Compute discharge through a section over time, from particles that cross it and from the momentum of its cells.
 
-The position of a particle with an id is known at two frames. The straight path between them crosses the section or
+ The position of a particle with an id is known at two frames. The straight path between them crosses the section or
 not, so the mass that crossed is a sum over particles. It is exact if the section spans the whole flow, because then
 only the sides matter. The momentum flux of the section's cells at frame times, integrated with the trapezoidal rule,
 needs no ids; its accuracy depends on the frame interval.
@@ -91,7 +91,7 @@ class Balance:
         return self.beyond - self.crossed - self.round_ends - self.began
 
     def turned(self) -> "Balance":
-        """The same for the opposite direction."""
+        """Return the balance for the opposite direction."""
         return Balance(*(-value for value in (self.beyond, self.crossed, self.round_ends, self.began)))
 
 
@@ -129,30 +129,45 @@ class HydrographFound:
     files: tuple = field(default=())
 
     def rows(self) -> list[tuple]:
-        """Rows of COLUMNS: rates are means since the previous time, volume and mass are cumulative."""
+        """Return rows of COLUMNS: rates are means since the previous time, volume and mass are cumulative."""
         lasting = np.diff(self.times)
         totals = np.cumsum(np.r_[0.0, self.volume]), np.cumsum(np.r_[0.0, self.mass])
         rates = np.r_[math.nan, self.volume / lasting], np.r_[math.nan, self.mass / lasting]
         return list(zip(self.times, *rates, *totals, *self.cells.T, *self.cells_totals().T, strict=True))
 
     def cells_totals(self) -> np.ndarray:
-        """float64[k, 2] [m3], [kg]: cumulative flux of the cells, by the trapezoidal rule."""
+        """Return the cumulative flux of the cells, by the trapezoidal rule.
+
+        Returns
+        -------
+        float64[k, 2] [m3], [kg]
+        """
         return np.vstack([np.zeros(2), np.cumsum(trapezoids(self.times, self.cells), axis=0)])
 
     def peak(self) -> tuple[float, float]:
-        """(largest mean discharge [m3 s-1], the time at which its interval ends [s])."""
+        """Return the largest mean discharge [m3 s-1] and the time [s] at which its interval ends."""
         rates = self.volume / np.diff(self.times)
         k = int(np.argmax(rates))
         return float(rates[k]), float(self.times[k + 1])
 
 
 def trapezoids(times: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """float64[k - 1, ...]: integral of `rates` [k, ...] from each of the `times` to the next."""
+    """Integrate rates from each time to the next by the trapezoidal rule.
+
+    Parameters
+    ----------
+    times : float64[k] [s]
+    rates : float64[k, n] [unit s-1]
+
+    Returns
+    -------
+    float64[k - 1, n] [unit]
+    """
     return 0.5 * (rates[1:] + rates[:-1]) * np.diff(times)[:, None]
 
 
 def crossings(section: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Net number of crossings of straight paths over a line, from its left to its right.
+    """Count the net crossings of straight paths over a line, from its left to its right.
 
     Consecutive paths add up; a path through a vertex crosses once.
 
@@ -182,7 +197,18 @@ def _cross(first, second):
 
 
 def continued(section: np.ndarray, length: float) -> np.ndarray:
-    """float64[m, 2]: the section with its first and last piece extended straight by `length` [m]."""
+    """Extend the first and the last piece of a section straight.
+
+    Parameters
+    ----------
+    section : float64[m, 2] [m]
+    length : float [m]
+        Of each extension.
+
+    Returns
+    -------
+    float64[m, 2] [m]
+    """
     ends = []
     for end, inner in ((section[0], section[1]), (section[-1], section[-2])):
         direction = (end - inner) / np.linalg.norm(end - inner)
@@ -191,15 +217,30 @@ def continued(section: np.ndarray, length: float) -> np.ndarray:
 
 
 def azimuth_to_the_right(section: np.ndarray) -> float:
-    """Direction [degrees from north] across the section, to its right."""
+    """Return the direction [degrees from north] across a section, to its right.
+
+    Parameters
+    ----------
+    section : float64[m, 2] [m]
+    """
     east, north = section[-1] - section[0]
     return math.degrees(math.atan2(north, -east)) % 360.0
 
 
 def section_pieces(section: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """(places float64[n, 2], normals float64[n, 2]) of pieces of at most `spacing` [m] of the section.
+    """Divide a section into pieces of at most a length.
 
     A normal points to the right and is as long as its piece [m].
+
+    Parameters
+    ----------
+    section : float64[m, 2] [m]
+    spacing : float [m]
+
+    Returns
+    -------
+    (float64[n, 2] [m], float64[n, 2] [m])
+        Middles of the pieces; normals.
     """
     places, normals = [], []
     for a, b in pairwise(section):
@@ -211,9 +252,19 @@ def section_pieces(section: np.ndarray, spacing: float) -> tuple[np.ndarray, np.
 
 
 def cells_flux(frame: Frame, averaging: Averaging, section: np.ndarray) -> tuple[float, float]:
-    """(volume [m3 s-1], mass [kg s-1]) through the cells of the section, to its right.
+    """Return volume and mass per second through the cells of a section, to its right.
 
     Mass flux: momentum per plan area of each cell. Volume flux: the same times volume over mass of the cell.
+
+    Parameters
+    ----------
+    frame : Frame
+    averaging : Averaging
+    section : float64[m, 2] [m]
+
+    Returns
+    -------
+    (float [m3 s-1], float [kg s-1])
     """
     places, normals = section_pieces(section, 0.25 * averaging.grid.cell_size)
     cells = bin_frame(frame, place(frame, averaging.bed), averaging.bed, averaging.grid, averaging.density)
@@ -229,7 +280,7 @@ def cells_flux(frame: Frame, averaging: Averaging, section: np.ndarray) -> tuple
 
 
 def raster_flux(values: dict, normals: np.ndarray, slopes: tuple, density: float) -> tuple[float, float]:
-    """(volume [m3 s-1], mass [kg s-1]) through a section's pieces, from the bands of an exported step.
+    """Return volume and mass per second through a section's pieces, from the bands of an exported step.
 
     The flow has the velocity Ut + Un n (n: bed normal). Equal to `cells_flux`, except for cells that are too shallow
     for a velocity.
@@ -243,6 +294,10 @@ def raster_flux(values: dict, normals: np.ndarray, slopes: tuple, density: float
     slopes : (float64[n], float64[n])
         Terrain gradient to the east and to the north.
     density : float [kg m-3]
+
+    Returns
+    -------
+    (float [m3 s-1], float [kg s-1])
     """
     steep = np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2)
     across = sum(
@@ -254,7 +309,18 @@ def raster_flux(values: dict, normals: np.ndarray, slopes: tuple, density: float
 
 
 def section_state(frame: Frame, averaging: Averaging, section: np.ndarray) -> SectionState:
-    """The SectionState of a frame."""
+    """Return the state of a frame relative to a section.
+
+    Parameters
+    ----------
+    frame : Frame
+    averaging : Averaging
+    section : float64[m, 2] [m]
+
+    Returns
+    -------
+    SectionState
+    """
     particles = frame.particles
     xy = np.stack([np.asarray(values, float) for values in frame.map_xy()], axis=1)
     mass, volume = (np.array(values, float) for values in (particles.mass, particles.volume))
@@ -270,9 +336,14 @@ def section_state(frame: Frame, averaging: Averaging, section: np.ndarray) -> Se
 def crossed_between(
     section: np.ndarray, whole: np.ndarray, before: SectionState, after: SectionState
 ) -> Crossed | None:
-    """Amounts that crossed between two SectionStates; None without usable ids.
+    """Return the amounts that crossed between two SectionStates; None without usable ids.
 
-    `whole` is the section extended beyond the flow at both ends.
+    Parameters
+    ----------
+    section : float64[m, 2] [m]
+    whole : float64[m, 2] [m]
+        The section extended beyond the flow at both ends.
+    before, after : SectionState
 
     Returns
     -------
@@ -299,17 +370,44 @@ def crossed_between(
 
 
 def is_beyond(whole: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """bool[n]: points on the right of an extended section; the path from far on its left crosses it once."""
+    """Return which points are on the right of an extended section.
+
+    The path from far on its left to such a point crosses it once.
+
+    Parameters
+    ----------
+    whole : float64[m, 2] [m]
+    xy : float64[n, 2] [m]
+
+    Returns
+    -------
+    bool[n]
+    """
     return crossings(whole, np.broadcast_to(far_left(whole), xy.shape), xy) > 0
 
 
 def mass_beyond(whole: np.ndarray, state: SectionState) -> float:
-    """Mass [kg] of a SectionState on the right of an extended section."""
+    """Return the mass [kg] of a SectionState on the right of an extended section.
+
+    Parameters
+    ----------
+    whole : float64[m, 2] [m]
+    state : SectionState
+    """
     return float(state.mass[is_beyond(whole, state.xy)].sum())
 
 
 def far_left(whole: np.ndarray) -> np.ndarray:
-    """float64[2] [m]: a point to the left of an extended section, outside the flow."""
+    """Return a point to the left of an extended section, outside the flow.
+
+    Parameters
+    ----------
+    whole : float64[m, 2] [m]
+
+    Returns
+    -------
+    float64[2] [m]
+    """
     along = whole[-1] - whole[0]
     middle = 0.5 * (whole[0] + whole[-1])
     return middle + 0.4 * np.array([-along[1], along[0]])

@@ -1,5 +1,6 @@
-"""`mpmgis timeseries`: the flow at points over time."""
+"""Answer `mpmgis timeseries`: the flow at points over time."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,12 +11,12 @@ from ..system.errors import InputError
 from ..system.messages import log
 from ..terrain.observations import read_points
 from .answer_files import answer_output, write_answer
-from .opened_results import FrameFlow, open_flow, require_on_grid
+from .opened_results import ExportFlow, FrameFlow, open_flow, require_on_grid
 from .profiles import SERIES_PRODUCTS, SeriesFound
 from .series_plots import write_rows, write_series_plot
 
 PLOT_FILE, TABLE_FILE = "timeseries.png", "timeseries.csv"
-WORD = "timeseries"
+WORD = "timeseries"  # end of the name of the default output folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +27,16 @@ class TimeseriesRequest(AnswerRequest):
     at: tuple = ()  # (E, N) [m]
 
 
-def timeseries(request: TimeseriesRequest, progress=lambda done, total: None) -> SeriesFound:
-    """Depth, thickness, velocities and impact pressure over time, in the cells of points.
+def timeseries(
+    request: TimeseriesRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> SeriesFound:
+    """Sample depth, thickness, velocities and impact pressure over time, in the cells of points.
+
+    Parameters
+    ----------
+    request : TimeseriesRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -61,8 +70,22 @@ def _products(flow):
     return there
 
 
-def given_points(path, places, flow):
-    """(names, x float64[n], y float64[n]) of the points in a file, and of those given as (E, N).
+def given_points(
+    path: Path | None, places: Sequence, flow: FrameFlow | ExportFlow
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Return the points in a file, and those given as (E, N).
+
+    Parameters
+    ----------
+    path : Path or None
+    places : sequence of (float, float) [m]
+    flow : FrameFlow or ExportFlow
+        Its terrain gives the CRS.
+
+    Returns
+    -------
+    (tuple of str, float64[n] [m], float64[n] [m])
+        Names, x, y.
 
     Raises
     ------

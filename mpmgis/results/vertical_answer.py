@@ -1,5 +1,6 @@
-"""`mpmgis vertical`: profiles of 3D frames over the height above the bed, at points."""
+"""Answer `mpmgis vertical`: profiles of 3D frames over the height above the bed, at points."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from .timeseries_answer import given_points
 from .vertical_plots import write_loads, write_profiles, write_vertical_plot
 
 PLOT_FILE, PROFILE_FILE, LOAD_FILE = "vertical.png", "vertical.csv", "loads.csv"
-WORD = "vertical"
+WORD = "vertical"  # end of the name of the default output folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +32,16 @@ class VerticalRequest(AnswerRequest):
     layer: float | None = None  # [m]
 
 
-def vertical(request: VerticalRequest, progress=lambda done, total: None) -> VerticalFound:
-    """Density, velocities and pressure over the height above the bed, in cells around points.
+def vertical(
+    request: VerticalRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> VerticalFound:
+    """Compute density, velocities and pressure over the height above the bed, in cells around points.
+
+    Parameters
+    ----------
+    request : VerticalRequest
+    progress : callable
+        Called with (frames done, frames in all).
 
     Returns
     -------

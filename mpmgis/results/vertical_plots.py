@@ -1,10 +1,10 @@
-"""Plots and tables of vertical profiles."""
+"""Write plots and tables of vertical profiles."""
 
 from pathlib import Path
 
 from ..maps.qgis.colours import BATLOW, ramp_colours
 from ..system.csv_rows import column_name, write_records
-from .figure_style import GROUND_LINE, dress, legend, plot_file
+from .figure_style import GROUND_LINE, legend, plot_file, style_axes
 from .profiles import LOAD_COLUMNS, PROFILE_COLUMNS, VerticalFound
 
 MOST_ROWS = 10  # points in the plot; the tables have all
@@ -18,17 +18,37 @@ PANELS = (
 
 
 def write_profiles(path: Path, found: VerticalFound) -> None:
-    """Write the layers of a VerticalFound as CSV."""
+    """Write the layers of a VerticalFound as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : VerticalFound
+    """
     write_records(path, [column_name(*column) for column in PROFILE_COLUMNS], found.rows())
 
 
 def write_loads(path: Path, found: VerticalFound) -> None:
-    """Write the loads of a VerticalFound as CSV."""
+    """Write the loads of a VerticalFound as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : VerticalFound
+    """
     write_records(path, [column_name(*column) for column in LOAD_COLUMNS], found.load_rows())
 
 
 def write_vertical_plot(path: Path, found: VerticalFound) -> None:
-    """Plot density, velocities and pressure over height: one row per point (first MOST_ROWS), one colour per time."""
+    """Plot density, velocities and pressure over height.
+
+    There is one row of panels per point (the first MOST_ROWS), and one colour per time.
+
+    Parameters
+    ----------
+    path : Path
+    found : VerticalFound
+    """
     names = found.names[:MOST_ROWS]
     rows, of_all = len(names), f", {MOST_ROWS} of {len(found.names)} points" * (len(found.names) > MOST_ROWS)
     with plot_file(path, (11.0, 3.1 * rows + 0.4), rows=rows, columns=len(PANELS), share="row") as axes:
@@ -40,7 +60,7 @@ def write_vertical_plot(path: Path, found: VerticalFound) -> None:
             for panel, (_, label, _, from_zero) in enumerate(PANELS):
                 height = f"{name}\nheight above the bed [m]" if panel == 0 else ""
                 title = f"{found.name}: cells of {found.width:.3g} m{of_all}" if (k, panel) == (0, 0) else ""
-                dress(axes[k, panel], height, label if k == rows - 1 else "", title)
+                style_axes(axes[k, panel], height, label if k == rows - 1 else "", title)
                 axes[k, panel].axhline(0.0, color=GROUND_LINE, linewidth=1.2)
                 if from_zero:
                     axes[k, panel].set_xlim(left=0)

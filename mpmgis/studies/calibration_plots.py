@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..results.figure_style import COLOURS, dress, plot_file
+from ..results.figure_style import COLOURS, plot_file, style_axes
 from .calibration_result import Calibration
 
 PANEL = 2.6  # [inch] side of a plot
@@ -61,7 +61,7 @@ def _draw_marginal(axes, result, draws, k):
     for value, label in ((lower, "90 % interval"), (upper, None)):
         axes.axvline(value, color=POSTERIOR, linestyle="--", linewidth=1.0, label=label)
     axes.axvline(result.values[result.best, k], color=BEST, linewidth=1.5, label="best run")
-    dress(axes, "density" if k == 0 else "")
+    style_axes(axes, "density" if k == 0 else "")
     axes.set_title(f"{middle:g} ({lower:g} to {upper:g})", fontsize=9)
     axes.set_yticks([])
 
@@ -71,7 +71,7 @@ def _draw_pair(axes, result, draws, across, up):
     axes.plot(result.values[:, across], result.values[:, up], ".", color=RUNS, markersize=3.5, label="runs")
     best = result.values[result.best]
     axes.plot(best[across], best[up], "*", color=BEST, markersize=11, markeredgecolor="white", label="best run")
-    dress(axes, [*result.priors][up] if across == 0 else "")
+    style_axes(axes, [*result.priors][up] if across == 0 else "")
 
 
 def _draw_legend(axes, count):

@@ -10,7 +10,8 @@ import shapely
 from ..frames.ensemble_members import Members, read_band
 from ..frames.particles import Frame
 from ..results.comparison import nearest
-from ..results.flow_line import BANDS, PathBands, centre_line
+from ..results.flow_line import centre_line
+from ..results.path_bands import BANDS, PathBands
 from ..system.errors import InputError
 from ..system.messages import log
 from ..terrain.elevation import Terrain

@@ -14,7 +14,7 @@ from slope_site import SCENE, write_raster, write_site
 import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.ensemble_members import read_band, read_members
-from mpmgis.results.flow_line import BANDS, PathBands
+from mpmgis.results.path_bands import BANDS, PathBands
 from mpmgis.scene.scene_reading import read_scene
 from mpmgis.simulation.preparation import prepare_scene
 from mpmgis.studies import ensemble_member

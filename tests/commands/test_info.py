@@ -11,7 +11,7 @@ import rasterio
 import shapely
 
 from mpmgis.commands.demo_site import sample_folder
-from mpmgis.commands.shell.info_text import screen
+from mpmgis.commands.shell.info_text import screen_lines
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.particles import Frame, Particles
@@ -82,14 +82,14 @@ def test_places_are_reported_in_the_maps_own_unit(tmp_path, capsys):
 
 def test_angles_of_a_scene_are_degrees_and_times_seconds():
     tables = {"earth_pressure": {"friction_angle": 35.0, "use": "on"}, "output": {"end_time": 9.0, "maxima": True}}
-    lines = screen({"file": "scene.toml", "kind": "scene", **tables})
+    lines = screen_lines({"file": "scene.toml", "kind": "scene", **tables})
     assert any(line.endswith("friction_angle 35 degrees, use on") for line in lines)
     assert any(line.endswith("end_time 9 s, maxima yes") for line in lines)
 
 
 def test_an_export_reports_its_extremes_with_units():
     facts = {"file": "a_gis", "kind": "export", "maxima": {"Ut_max": [1.5, 31.25], "t_arrival": [None, None]}}
-    assert [line.split(None, 1) for line in screen(facts)[2:]] == [
+    assert [line.split(None, 1) for line in screen_lines(facts)[2:]] == [
         ["Ut_max", "1.5 to 31.25 m s-1"],
         ["t_arrival", "no value"],
     ]
@@ -161,7 +161,7 @@ def test_long_lists_are_cut_and_counted():
         "tags": {f"key{k}": k for k in range(100)},
         "columns": [f"column{k}" for k in range(100)],
     }
-    lines = screen(facts)
+    lines = screen_lines(facts)
     assert len(lines) < 50
     assert any("... and 28 more" in line for line in lines)
     assert any("and 76 more" in line for line in lines)

@@ -16,11 +16,11 @@ from mpmgis.results.comparison import (
     mask_corners,
     matched_bands,
     nearest,
+    north_up_grid,
     overlap,
     peak,
-    upright,
 )
-from mpmgis.results.flow_line import centre_line, distance_to_line, positions_along, runout, up_to
+from mpmgis.results.flow_line import centre_line, distance_to_line, line_up_to, positions_along, runout
 from mpmgis.system.errors import InputError
 from mpmgis.terrain.grid import Grid
 
@@ -109,7 +109,7 @@ def test_any_orientation_gives_the_same_disc(transform):
     joint = joint_grid([grid], mask_corners(mask, grid))
     moved = nearest(mask, grid, joint, outside=False)
     assert np.count_nonzero(moved) == np.count_nonzero(mask)
-    flat = upright(joint)
+    flat = north_up_grid(joint)
     assert flat.is_north_up
     area = np.count_nonzero(nearest(moved, joint, flat, outside=False)) * flat.cell_area
     assert area == pytest.approx(math.pi * 1600, rel=0.02)
@@ -226,7 +226,7 @@ def test_distance_from_a_line():
 
 @pytest.mark.parametrize("distance, end", [(40, (40, 0)), (100, (100, 0)), (130, (100, -30)), (410, (166, -288))])
 def test_a_line_up_to_a_distance(distance, end):
-    short = up_to(BENT, distance)
+    short = line_up_to(BENT, distance)
     assert short[-1] == pytest.approx(end)
     assert shapely.LineString(short).length == pytest.approx(distance)
 

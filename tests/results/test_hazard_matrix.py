@@ -9,7 +9,7 @@ import pytest
 from mpmgis.results.hazard.guideline_classes import UNREAD
 from mpmgis.results.hazard.guideline_files import read_guidelines
 from mpmgis.results.hazard.hazard_files import choose_matrix, read_matrices
-from mpmgis.results.hazard.hazard_levels import combined, levels_of, parse_matrices
+from mpmgis.results.hazard.hazard_levels import combined_hazard, levels_of, parse_matrices
 from mpmgis.system.errors import InputError
 
 SHIPPED = read_matrices()
@@ -115,9 +115,9 @@ def test_flow_without_a_needed_value_has_the_highest_possible_level_and_is_count
 def test_together_the_highest_level_counts_and_gaps_are_not_none():
     levels = [np.array([[0, 1, 0, 3, 2]], np.uint8), np.array([[0, 2, 0, 0, 0]], np.uint8)]
     known = [np.ones((1, 5), bool), np.array([[True, True, False, False, False]])]
-    hazard = combined(levels, known, np.array([[True, True, True, True, True]]), 3)
+    hazard = combined_hazard(levels, known, np.array([[True, True, True, True, True]]), 3)
     assert hazard.coded().tolist() == [[0, 2, 255, 3, 2]] and hazard.partly.tolist() == [[False] * 4 + [True]]
-    hazard = combined(levels[:1], known[:1], np.array([[False, True, True, True, False]]), 3)
+    hazard = combined_hazard(levels[:1], known[:1], np.array([[False, True, True, True, False]]), 3)
     assert hazard.coded().tolist() == [[255, 1, 0, 3, 2]]
 
 

@@ -1,6 +1,7 @@
 """Print the results of questions as lines of text."""
 
 import math
+from typing import Any
 
 SQUARE_METRES_PER_HECTARE = 1e4
 SERIES_HEADINGS = ("point", "arrival [s]", "largest h [m]", "at [s]", "largest Ut [m/s]", "at [s]")
@@ -13,20 +14,24 @@ LOAD_HEADINGS = (
     "overburden [kN/m]",
     "at height [m]",
 )
-COLUMN_WIDTH = 19
-HEAD_WIDTH = 46  # of the name of a quantity
+COLUMN_WIDTH = 19  # [characters] of a column of loads
+HEAD_WIDTH = 46  # [characters] of the name of a quantity
 
 
-def lines_of(verb, found, values):
-    """Lines of text about the result of the workflow of `verb`, then the paths of its files.
+def lines_of(verb: str, found: Any, values: dict[str, Any]) -> list[str]:
+    """Return lines of text about the answer of a verb, then the paths of its files.
 
     Parameters
     ----------
     verb : str
     found : object
-        Result of the workflow: paths, or an object with `files`.
+        What the function of the verb returned: paths, or an object with `files`.
     values : dict
         Options of the command by name.
+
+    Returns
+    -------
+    list of str
     """
     if isinstance(found, (list, tuple)):
         return [str(path) for path in found]

@@ -1,20 +1,20 @@
-"""Answers on stdout, or in a file with -o; runs the verbs that consist of an option table and a workflow.
+"""Print answers on stdout, or write them to a file with -o; run the verbs that are an option table and a function.
 
 `-o -` prints the table alone, as CSV or with --json as JSON, and leaves no file.
-
-Lines of text that the verbs about results print.
 """
 
+import argparse
 import csv
 import json
 import math
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from ...system.errors import InputError, OutputError
 from ...system.links import input_at
 from ...system.whole_files import refuse_existing, whole_file
-from ..option import verb_of
+from ..option import Verb, verb_of
 from ..option_values import request
 from ..verb_calls import workflow_of
 from . import terminal
@@ -26,8 +26,23 @@ STDOUT = Path("-")  # value of -o
 OWN_FACTS = ("compare", "runout")  # verbs whose answers have more than a table
 
 
-def run(arguments):
-    """Call the workflow; its messages are printed after success, or at once with -v."""
+def run(arguments: argparse.Namespace) -> int:
+    """Call the function of the verb; its messages are printed after success, or at once with -v.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    Raises
+    ------
+    InputError
+        --json with an output that is no table.
+    """
     verb = verb_of(arguments.verb)
     values = values_of(arguments, verb)
     if values.get("output") == STDOUT:
@@ -72,7 +87,7 @@ def _value(text):
     return (int(text) if text.lstrip("-").isdigit() else number) if math.isfinite(number) else None
 
 
-def _call_and_print(verb, values, arguments):
+def _call_and_print(verb: Verb, values: dict, arguments: argparse.Namespace) -> None:
     workflow, kind = workflow_of(verb)
     with terminal.notes_after_success():
         found = workflow(request(verb, kind, values), frame_progress)
@@ -87,11 +102,21 @@ def _call_and_print(verb, values, arguments):
         print("\n".join(lines_of(verb.name, found, values)))
     if verb.name == "export-raster" and values["qgis"]:
         terminal.note(f"open {found[0]} in QGIS (double-click), then press play in the Temporal Controller")
-    return 0
 
 
-def require_writable(arguments, inputs):
-    """Refuse, before the work, an output file that exists without --overwrite, or that is one of `inputs`."""
+def require_writable(arguments: argparse.Namespace, inputs: Iterable[str | Path]) -> None:
+    """Raise an error, before the work, unless the output file can be written.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    inputs : iterable of path
+
+    Raises
+    ------
+    OutputError
+        The file exists and --overwrite is not given, or it is one of `inputs`.
+    """
     if arguments.output in (None, STDOUT):
         return
     refuse_existing(arguments.output, arguments.overwrite)
@@ -99,8 +124,14 @@ def require_writable(arguments, inputs):
         raise OutputError(f"{arguments.output} is also an input; give another -o")
 
 
-def give(text, arguments):
-    """Print `text`, or write it to the file of -o and print the path of that file."""
+def print_or_write(text: str, arguments: argparse.Namespace) -> None:
+    """Print a text, or write it to the file of -o and print the path of that file.
+
+    Parameters
+    ----------
+    text : str
+    arguments : argparse.Namespace
+    """
     if arguments.output in (None, STDOUT):
         print(text)
         return

@@ -1,5 +1,6 @@
-"""`mpmgis completion`: a completion script, made by shtab from the parsers; nothing is needed when it is used."""
+"""Print a completion script, made by shtab from the parsers; nothing is needed when it is used."""
 
+import argparse
 from typing import get_args
 
 import shtab
@@ -8,8 +9,18 @@ from ..option import PathLike, all_verbs
 from .main import whole_parser
 
 
-def run(arguments):
-    """Print the script."""
+def run(arguments: argparse.Namespace) -> int:
+    """Print the script of a shell.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     parser, parsers = whole_parser()
     for verb in all_verbs():
         options = verb.named()

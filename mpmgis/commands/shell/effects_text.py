@@ -1,13 +1,29 @@
-"""`mpmgis effects`: the catalogue of effects; with a scene: the effects that are on, and the deciding numbers."""
+"""Print the catalogue of effects; with a scene the effects that are on, and the deciding numbers."""
 
+import argparse
 import json
 
 from ...system.errors import InputError
 from . import answers, terminal
 
 
-def run(arguments):
-    """Print the catalogue, or the decisions for a scene."""
+def run(arguments: argparse.Namespace) -> int:
+    """Print the catalogue, or the decisions for a scene.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    Raises
+    ------
+    InputError
+        An option that requires a scene, without one.
+    """
     answers.require_writable(arguments, [path for path in (arguments.scene, arguments.law) if path])
     if arguments.scene is None:
         if arguments.law is not None:
@@ -18,7 +34,7 @@ def run(arguments):
 
         entries = catalogue()
         words = json.dumps(entries, indent=1) if arguments.json else "\n".join(_entry(e) for e in entries)
-        answers.give(words, arguments)
+        answers.print_or_write(words, arguments)
         return 0
     from ...simulation.scene_effects import scene_decisions, scene_effect_costs
 
@@ -32,7 +48,7 @@ def run(arguments):
     else:
         stages, costs = scene_decisions(arguments.scene, arguments.law), None
     words = json.dumps(_facts(stages, costs), indent=1) if arguments.json else _tables(stages, costs)
-    answers.give(words, arguments)
+    answers.print_or_write(words, arguments)
     return 0
 
 

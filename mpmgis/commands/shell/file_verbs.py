@@ -1,5 +1,6 @@
-"""Verbs that write files: seed, convert, qgis-plugin."""
+"""Run the verbs that write files: seed, convert, qgis-plugin."""
 
+import argparse
 import shutil
 import sys
 from pathlib import Path
@@ -13,8 +14,18 @@ from . import terminal
 from .parser import values_of
 
 
-def seed(arguments):
-    """Seed and write; prints the file's path."""
+def seed(arguments: argparse.Namespace) -> int:
+    """Seed, write the particles, and print the path of the file.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     verb = verb_of("seed")
     values = complete(verb, values_of(arguments, verb))
     with terminal.notes_after_success():
@@ -55,8 +66,18 @@ def _print_seed(count, record):
     )
 
 
-def convert(arguments):
-    """Convert and write; prints the paths of the files."""
+def convert(arguments: argparse.Namespace) -> int:
+    """Convert, write the files, and print their paths.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     verb = verb_of("convert")
     values = complete(verb, values_of(arguments, verb))
     with terminal.notes_after_success():
@@ -70,8 +91,18 @@ def convert(arguments):
     return 0
 
 
-def qgis_plugin(arguments):
-    """Write the zip; prints its path."""
+def qgis_plugin(arguments: argparse.Namespace) -> int:
+    """Write the zip, and print its path.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     from ..qgis_plugin import VERB, qgis_plugin
 
     qgis_plugin(**values_of(arguments, VERB))

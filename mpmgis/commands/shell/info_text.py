@@ -1,7 +1,9 @@
-"""`mpmgis info`: one screen about any file that mpmgis reads or writes."""
+"""Print one screen about any file that mpmgis reads or writes."""
 
+import argparse
 import json
 import sys
+from typing import Any
 
 from ...laws.quantities import BAND
 from ..info import VERB
@@ -9,7 +11,7 @@ from ..info import terms as terms_of
 from . import answers, terminal
 from .parser import values_of
 
-_TAKERS = (  # of energy
+_TAKERS = (  # what energy is lost to, as in the names of the facts
     "ground",
     "eroded_mass",
     "barriers",
@@ -62,14 +64,24 @@ LABELS = {
     "contents": "its arrays are",
 }
 BAND_UNITS = {name: band.unit for name, band in BAND.items() if band.unit != "1"}
-WIDEST_VALUE = 110
+WIDEST_VALUE = 110  # [characters] a longer text is cut
 MOST_ITEMS = 12  # of a list or table that are shown; the rest is counted
 
 
-def run(arguments):
-    """Describe each file; a file that cannot be read gives an error line and exit code 2, and the others are described.
+def run(arguments: argparse.Namespace) -> int:
+    """Describe each file.
 
-    With -o nothing is written after an error.
+    A file that cannot be read gives an error line and exit code 2, and the others are described. With -o nothing is
+    written after an error.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
     """
     from ...results.reports.file_facts import inspect
     from ...system.errors import MpmgisError, one_line
@@ -84,11 +96,11 @@ def run(arguments):
             terminal.print_error(f"mpmgis info: {one_line(error)}")
             code = error.exit_code
             continue
-        described.append(_as_json(facts, arguments.output) if arguments.json else "\n".join(screen(facts)))
+        described.append(_as_json(facts, arguments.output) if arguments.json else "\n".join(screen_lines(facts)))
         if arguments.output in (None, answers.STDOUT):  # as soon as it is known
             print(*[""] * (len(described) > 1 and not arguments.json), described[-1], sep="\n")
     if arguments.output not in (None, answers.STDOUT) and code == 0:
-        answers.give(("\n" if arguments.json else "\n\n").join(described), arguments)
+        answers.print_or_write(("\n" if arguments.json else "\n\n").join(described), arguments)
     return code
 
 
@@ -98,8 +110,17 @@ def _as_json(facts, output):
     return json.dumps(facts, ensure_ascii=not whole, allow_nan=False)
 
 
-def screen(facts):
-    """Lines of text with the facts about one file, keys and values in two columns."""
+def screen_lines(facts: dict[str, Any]) -> list[str]:
+    """Return lines of text with the facts about one file, keys and values in two columns.
+
+    Parameters
+    ----------
+    facts : dict
+
+    Returns
+    -------
+    list of str
+    """
     facts = dict(facts)
     size = f" ({_bytes(facts.pop('bytes'))})" if "bytes" in facts else ""
     rows = list(_rows(facts.items(), _units(facts)))
@@ -182,7 +203,7 @@ def _on_one_line(table, units):
     return ", ".join(value if key == "name" else f"{key} {_with_unit(key, value, units)}" for key, value in filled)
 
 
-def _with_unit(key, value, units):
+def _with_unit(key: str, value: Any, units: dict) -> str:
     numbers = value if isinstance(value, list) and value else [value]
     is_number = all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in numbers)
     return f"{_value(value)} {units[key]}" if is_number and key in units else _value(value)

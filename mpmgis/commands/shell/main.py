@@ -1,4 +1,4 @@
-"""The command `mpmgis`: a parser per verb from its option table; only the module of the verb in use is imported."""
+"""Run the command `mpmgis`: a parser per verb from its option table; only the module of the verb in use is imported."""
 
 import argparse
 import difflib
@@ -6,30 +6,32 @@ import gc
 import importlib
 import os
 import sys
+from collections.abc import Sequence
+from typing import Any
 
 from ... import __version__
 from ...system import operating_system
 from ...system.errors import MpmgisError, one_line
 from ...system.memory import address_space_lack
 from ...system.trusted_files import trusting
-from ..option import GROUPS, all_verbs, verb_names, verb_of
+from ..option import GROUPS, Verb, all_verbs, verb_names, verb_of
 from . import terminal
 from .parser import OneLineParser, add_arguments
 from .progress import ended_by_signals
 
 DESCRIPTION = "Landslides, debris flows, snow and ice avalanches on real terrain with the Material Point Method."
-MODULES = {  # of verbs that are more than an option table and a workflow
+MODULES = {  # of verbs that are more than an option table and a function
     **dict.fromkeys(("run", "demo", "ensemble", "region", "study", "calibrate"), "simulation_verbs"),
     **dict.fromkeys(("seed", "convert", "qgis-plugin"), "file_verbs"),
     "completion": "completion_script",
     "effects": "effects_text",
     "info": "info_text",
 }
-LONGEST_NAME = 80  # characters of a file's name in a message of the system
+LONGEST_NAME = 80  # [characters] of a file's name in a message of the system
 
 
-def command():
-    """Entry point of the console script: `main` with few garbage collections, which would take a third of a short run.
+def command() -> int:
+    """Run `main` with few garbage collections, which would take a third of a short run; entry point of the script.
 
     Imports create hundreds of thousands of objects that are never freed.
     """
@@ -39,8 +41,19 @@ def command():
     return code
 
 
-def main(argv=None):
-    """Run the command line; returns the exit code (0 done, 2 bad input, 3 unphysical, 130 or 143 interrupted)."""
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Default: the arguments of the process.
+
+    Returns
+    -------
+    int
+        Exit code: 0 done, 2 bad input, 3 unphysical, 130 or 143 interrupted.
+    """
     argv = list(sys.argv[1:] if argv is None else argv)
     terminal.escape_missing_characters()
     verbs = verb_names()
@@ -69,16 +82,33 @@ def main(argv=None):
     return _guarded(arguments)
 
 
-def whole_parser():
-    """(the parser with the options of all verbs, verb -> its parser)."""
+def whole_parser() -> tuple[OneLineParser, dict[str, OneLineParser]]:
+    """Return the parser with the options of all verbs.
+
+    Returns
+    -------
+    (OneLineParser, dict of str to OneLineParser)
+        The parser; the parser of each verb.
+    """
     parser = OneLineParser(prog="mpmgis", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"mpmgis {__version__}")
     parsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=OneLineParser)
     return parser, {verb.name: add_verb(parsers, verb) for verb in all_verbs()}
 
 
-def add_verb(parsers, verb):
-    """Add the parser of a Verb to `parsers`."""
+def add_verb(parsers: Any, verb: Verb) -> OneLineParser:
+    """Add the parser of a Verb.
+
+    Parameters
+    ----------
+    parsers : subparsers of argparse
+    verb : Verb
+
+    Returns
+    -------
+    OneLineParser
+        Of the verb.
+    """
     description = verb.line[0].upper() + verb.line[1:] + "."
     if verb.description:
         description = verb.description.strip()
@@ -112,8 +142,8 @@ def _matrices():
     return "\n".join(f"  {name:<30}{entry.title}" for name, entry in read_matrices().items())
 
 
-def verbs_by_group():
-    """Lines of text: every verb with its purpose, by GROUPS."""
+def verbs_by_group() -> str:
+    """Return text with a line for every verb and its purpose, by GROUPS."""
     lines, group = [], None
     for verb in all_verbs():
         if verb.place // 10 != group:

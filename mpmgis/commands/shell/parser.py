@@ -1,28 +1,47 @@
-"""The argument parser of a verb, from the table of its options."""
+"""Parse the arguments of a verb, from the table of its options."""
 
 import argparse
 import difflib
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, NoReturn, get_args, get_origin
 
 from ...system.errors import one_line
 from ..option import Option, Verb, options_of
 from ..option_values import value_of_text
 from . import terminal
 
-_NUMBERS = {"one": None, "many": "+", "maybe": "?", "any": "*"}
+_NUMBERS = {"one": None, "many": "+", "maybe": "?", "any": "*"}  # Option.positional: nargs of argparse
 
 
 class OneLineParser(argparse.ArgumentParser):
     """A parser whose errors are one line and exit code 2."""
 
-    def error(self, message):
-        """Print the error and exit."""
+    def error(self, message: str) -> NoReturn:
+        """Print the error and exit.
+
+        Parameters
+        ----------
+        message : str
+        """
         terminal.print_error(f"{self.prog}: {one_line(message)}; see {self.prog} --help")
         raise SystemExit(2)
 
-    def parse_known_args(self, args=None, namespace=None):
-        """As argparse's, but unknown arguments are an error of this parser, whose message names its help."""
+    def parse_known_args(
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse arguments; unlike argparse's, unknown ones are an error of this parser, whose message names its help.
+
+        Parameters
+        ----------
+        args : sequence of str, optional
+        namespace : argparse.Namespace, optional
+
+        Returns
+        -------
+        (argparse.Namespace, list of str)
+            The list is empty.
+        """
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._meant(unknown[0])}")
@@ -34,7 +53,13 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def add_arguments(parser: argparse.ArgumentParser, verb: Verb) -> None:
-    """Declare all options of `verb`."""
+    """Declare all options of a verb.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    verb : Verb
+    """
     options, grouped = verb.named(), {}
     for title, table in verb.groups:
         grouped.update(dict.fromkeys(options_of(table), title))
@@ -92,6 +117,12 @@ def _converter(option: Option):
 
 
 def values_of(arguments: argparse.Namespace, verb: Verb) -> dict[str, Any]:
-    """Options of `verb` by name, as given to the command."""
+    """Return the options of a verb by name, as given to the command.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    verb : Verb
+    """
     found = {name: value for name, value in vars(arguments).items() if name in verb.named()}
     return {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}

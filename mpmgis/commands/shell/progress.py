@@ -1,22 +1,30 @@
-"""Progress on stderr (simulated time, speed, remaining time), and stopping by signals."""
+"""Show progress on stderr (simulated time, speed, remaining time), and stop by signals."""
 
 import signal
 import sys
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from ...system import operating_system
 from . import terminal
 
 STOPPING = "stopping at the end of this step, or of the preparation; a second Ctrl+C stops immediately"
 SIGNALS = operating_system.stop_signals()
-REPEAT_SECONDS = 1.0  # `timeout` and shells send one signal to a process and to its group: it arrives twice
-LINE_SECONDS = 10.0  # between progress lines without a terminal
+REPEAT_SECONDS = 1.0  # [s] `timeout` and shells send one signal to a process and to its group: it arrives twice
+LINE_SECONDS = 10.0  # [s] between progress lines without a terminal
 COMPILING = "before the first step: kernels of a new kind of run are compiled once, half a minute or more"
 
 
 class Interrupted(KeyboardInterrupt):
-    """Stopped by the signal `number`; `exit_code` follows the convention of shells."""
+    """Stopped by a signal; `exit_code` follows the convention of shells.
+
+    Parameters
+    ----------
+    number : int
+        Of the signal.
+    """
 
     def __init__(self, number):
         super().__init__()
@@ -24,8 +32,8 @@ class Interrupted(KeyboardInterrupt):
 
 
 @contextmanager
-def ended_by_signals():
-    """Within this block Ctrl+C and SIGTERM raise Interrupted, so that incomplete files are removed.
+def ended_by_signals() -> Iterator[None]:
+    """Raise Interrupted at Ctrl+C and SIGTERM within this block, so that incomplete files are removed.
 
     A second signal within REPEAT_SECONDS is ignored: it is a repetition, and would interrupt the clean-up.
     """
@@ -53,11 +61,29 @@ def ended_by_signals():
 
 
 @contextmanager
-def interruptible(*watches, done=True):
-    """Gives `watches` that raise Interrupted after Ctrl+C or SIGTERM: the first signal at their next call, the second
-    immediately. A signal after the last call has no effect if the work is `done` then; else it stops at the end.
+def interruptible(*watches: Callable[..., Any], done: bool = True) -> Iterator[Any]:
+    """Yield watches that raise Interrupted after Ctrl+C or SIGTERM.
+
+    The first signal has effect at their next call, the second immediately. A signal after the last call has no effect
+    if the work is `done` then; else it stops at the end.
 
     A KeyboardInterrupt that Python raises inside a callback of a library would be lost.
+
+    Parameters
+    ----------
+    *watches : callable
+        Functions that the work calls from time to time.
+    done : bool
+        Whether the work is complete at the end of the block.
+
+    Yields
+    ------
+    callable, or list of callable
+        One for each watch.
+
+    Raises
+    ------
+    Interrupted
     """
     asked = []
 
@@ -95,8 +121,14 @@ def interruptible(*watches, done=True):
 
 
 @contextmanager
-def run_progress():
-    """Gives `watch(solver, end_time)` for a run."""
+def run_progress() -> Iterator[Callable[[Any, float], None]]:
+    """Yield a function that shows the progress of a run.
+
+    Yields
+    ------
+    callable
+        Called with (solver, end time [s]).
+    """
     if terminal.volume < 0:
         yield lambda solver, end_time: None
     elif sys.stderr.isatty():
@@ -144,8 +176,8 @@ def _drawn(bar):
 
 
 @contextmanager
-def without_bar():
-    """Within this block no bar is drawn, so that a question on the terminal is visible."""
+def without_bar() -> Iterator[None]:
+    """Draw no bar within this block, so that a question on the terminal is visible."""
     bars = tuple(_bars)
     for bar in bars:
         bar.stop()
@@ -189,8 +221,13 @@ def _lines():
     yield watch
 
 
-def frame_progress(done, total):
-    """Show the number of frames done: on a terminal in one line that is rewritten, in a log every LINE_SECONDS."""
+def frame_progress(done: int, total: int) -> None:
+    """Show the number of frames done: on a terminal in one line that is rewritten, in a log every LINE_SECONDS.
+
+    Parameters
+    ----------
+    done, total : int
+    """
     if done <= 1:
         _export_lines.start_again()
     if terminal.volume >= 0 and sys.stderr.isatty():
@@ -200,8 +237,14 @@ def frame_progress(done, total):
 
 
 @contextmanager
-def member_progress():
-    """Gives `look(done, total, left_out)` for many runs: as `frame_progress`."""
+def member_progress() -> Iterator[Callable[[int, int, int], None]]:
+    """Yield a function that shows the progress of many runs, as `frame_progress`.
+
+    Yields
+    ------
+    callable
+        Called with (runs done, runs in all, runs left out).
+    """
     on_terminal, lines, shown = sys.stderr.isatty(), _NowAndThen(), [None]
     lines.is_due()
 

@@ -1,6 +1,8 @@
-"""Verbs that simulate: run, demo, ensemble, region, study."""
+"""Run the verbs that simulate: run, demo, ensemble, calibrate, region, study."""
 
+import argparse
 import sys
+from typing import TYPE_CHECKING
 
 from ...system.errors import InputError
 from ...system.whole_files import refuse_existing
@@ -11,9 +13,28 @@ from . import terminal
 from .parser import values_of
 from .progress import frame_progress, interruptible, member_progress, run_progress, without_bar
 
+if TYPE_CHECKING:
+    from ...studies.calibration_result import Calibration
+    from ...studies.study_table import Choice
 
-def run(arguments):
-    """Run the scene, or print the template."""
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the scene, or print the template.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    Raises
+    ------
+    InputError
+        No scene.
+    """
     if arguments.template or arguments.schema:
         _print_help_of_scenes(arguments)
         return 0
@@ -40,8 +61,18 @@ def run(arguments):
     return 0
 
 
-def demo(arguments):
-    """Seed, run, export, draw; prints the QGIS project and the picture."""
+def demo(arguments: argparse.Namespace) -> int:
+    """Seed, run, export and draw the sample site; print the QGIS project and the picture.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     from ..demo_site import demo as run_demo
 
     refuse_existing(arguments.output, arguments.overwrite)
@@ -58,8 +89,18 @@ def demo(arguments):
     return 0
 
 
-def ensemble(arguments):
-    """Run the ensemble; prints the paths of the files."""
+def ensemble(arguments: argparse.Namespace) -> int:
+    """Run the ensemble, and print the paths of the files.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     from ...studies.ensemble_runs import EnsembleRequest
     from ...studies.ensemble_runs import ensemble as run_ensemble
 
@@ -72,8 +113,18 @@ def ensemble(arguments):
     return 0
 
 
-def calibrate(arguments):
-    """Calibrate; prints the parameters and the paths of the files."""
+def calibrate(arguments: argparse.Namespace) -> int:
+    """Calibrate, and print the parameters and the paths of the files.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     from ...studies.calibration import CalibrateRequest
     from ...studies.calibration import calibrate as run_calibration
 
@@ -87,8 +138,17 @@ def calibrate(arguments):
     return 0
 
 
-def calibration_lines(result):
-    """Lines of text: the parameters, how well they are known, and what limits the result."""
+def calibration_lines(result: "Calibration") -> list[str]:
+    """Return lines of text: the parameters, how well they are known, and what limits the result.
+
+    Parameters
+    ----------
+    result : Calibration
+
+    Returns
+    -------
+    list of str
+    """
     figures = result.parameters()
     width = max(map(len, (*figures, "parameter"))) + 2
     lines = [f"{'parameter':<{width}}{'best fit':>10}{'median':>10}{'90 % interval':>22}{'identified':>12}"]
@@ -98,8 +158,18 @@ def calibration_lines(result):
     return [*lines, *result.remarks()]
 
 
-def region(arguments):
-    """Run the region; prints the paths of the files."""
+def region(arguments: argparse.Namespace) -> int:
+    """Run the region, and print the paths of the files.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     from ...studies.region_runs import RegionRequest
     from ...studies.region_runs import region as run_region
 
@@ -112,8 +182,18 @@ def region(arguments):
     return 0
 
 
-def study(arguments):
-    """Run the study; prints the table."""
+def study(arguments: argparse.Namespace) -> int:
+    """Run the study, and print the table.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
     from ...studies.accuracy_study import StudyRequest
     from ...studies.accuracy_study import study as run_study
 
@@ -127,8 +207,13 @@ def study(arguments):
     return 0
 
 
-def confirmed(question):
-    """Ask on a terminal; False without one."""
+def confirmed(question: str) -> bool:
+    """Ask a question on a terminal, and return whether the answer is yes; False without a terminal.
+
+    Parameters
+    ----------
+    question : str
+    """
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     with without_bar():
@@ -224,8 +309,19 @@ def _table(study):
     return [head, *(line for _, line in sorted(lines))]
 
 
-def target_lines(error, choice):
-    """Lines of text: the settings for the target `error`."""
+def target_lines(error: float | None, choice: "Choice | None") -> list[str]:
+    """Return lines of text: the settings for a target.
+
+    Parameters
+    ----------
+    error : float or None
+        The target, relative or [m]; None: no lines.
+    choice : Choice or None
+
+    Returns
+    -------
+    list of str
+    """
     if error is None:
         return []
     if choice is None:

@@ -1,4 +1,4 @@
-"""The algorithms of the toolbox: one for each verb of the command, and a form for a usual simulation."""
+"""Define the algorithms of the toolbox: one for each verb of the command, and a form for a usual simulation."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from qgis.core import (
     QgsProcessingAlgorithm,
     QgsProcessingContext,
     QgsProcessingException,
+    QgsProcessingFeedback,
     QgsProcessingOutputHtml,
     QgsProcessingOutputString,
     QgsProcessingUtils,
@@ -19,7 +20,7 @@ from qgis.PyQt.QtGui import QIcon
 from . import scene_form
 from .calling import call, is_refusal
 from .command import SETTING, CommandMissing, find_command
-from .forms import LOAD, OUTPUT, arguments, read_forms
+from .forms import LOAD, OUTPUT, Verb, arguments, read_forms
 from .kept_files import copy_whole, kept_unless, write_whole
 from .parameters import oldest_qgis, parameter, plain_values
 from .result_layers import add_project, layer_of
@@ -42,8 +43,14 @@ ICONS = {  # of a group
 }
 
 
-def plugin_icon(group=None):
-    """A new QIcon with the picture of a group, or of the plugin."""
+def plugin_icon(group: str | None = None) -> QIcon:
+    """Return a new QIcon with the picture of a group, or of the plugin.
+
+    Parameters
+    ----------
+    group : str, optional
+        A key of ICONS.
+    """
     return QIcon(os.path.join(os.path.dirname(__file__), ICONS.get(group, "icon.svg")))
 
 
@@ -59,47 +66,95 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         self.values = {}
         self.project_file = None
 
-    def createInstance(self):
+    def createInstance(self) -> CommandAlgorithm:
+        """Return a new algorithm of this class; called by QGIS, like the following methods."""
         return type(self)()
 
-    def name(self):
+    def name(self) -> str:
+        """Return the identifier, unchanged between versions."""
         return self.identifier
 
-    def displayName(self):
+    def displayName(self) -> str:
+        """Return the name in the toolbox."""
         return self.title
 
-    def group(self):
+    def group(self) -> str:
+        """Return the name of the group in the toolbox."""
         return self.group_title
 
-    def groupId(self):
+    def groupId(self) -> str:
+        """Return the identifier of the group."""
         return self.group_title.replace(" ", "").lower()
 
-    def icon(self):
+    def icon(self) -> QIcon:
+        """Return the picture of the group."""
         return plugin_icon(self.group_title)
 
-    def tags(self):
+    def tags(self) -> list[str]:
+        """Return words for the search of the toolbox."""
         return [*self.verbs, *TAGS]
 
-    def shortHelpString(self):
+    def shortHelpString(self) -> str:
+        """Return the help beside the form."""
         commands = " and ".join(f"mpmgis {verb}" for verb in self.verbs)
         return f"{self.text}\n\nCommand: {commands}; the log shows it with its arguments."
 
-    def initAlgorithm(self, configuration=None):
+    def initAlgorithm(self, configuration: dict | None = None) -> None:
+        """Declare the fields of the form as parameters.
+
+        Parameters
+        ----------
+        configuration : dict, optional
+            Unused.
+        """
         for field in self.form:
             self.addParameter(parameter(field))
 
-    def canExecute(self):
+    def canExecute(self) -> tuple[bool, str]:
+        """Return whether the command was found, and the reason if not.
+
+        Returns
+        -------
+        (bool, str)
+        """
         try:
             command_path()
         except QgsProcessingException as missing:
             return False, str(missing)
         return True, ""
 
-    def prepareAlgorithm(self, parameters, context, feedback):
+    def prepareAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> bool:
+        """Keep the user's input as plain values, in the main thread.
+
+        Parameters
+        ----------
+        parameters : dict
+        context : QgsProcessingContext
+        feedback : QgsProcessingFeedback
+
+        Returns
+        -------
+        bool
+            Always True.
+        """
         self.values = plain_values(self, self.form, parameters, context, feedback)
         return True
 
-    def postProcessAlgorithm(self, context, feedback):
+    def postProcessAlgorithm(self, context: QgsProcessingContext, feedback: QgsProcessingFeedback) -> dict:
+        """Add the exported project to the open one, in the main thread.
+
+        Parameters
+        ----------
+        context : QgsProcessingContext
+        feedback : QgsProcessingFeedback
+
+        Returns
+        -------
+        dict
+            Empty: no more outputs.
+        """
         if self.project_file and context.project() is not None:
             trouble = add_project(self.project_file, context.project())
             if trouble:
@@ -107,8 +162,14 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         return {}
 
 
-def command_path():
-    """The command from the settings or on PATH; raises QgsProcessingException if it is missing."""
+def command_path() -> str:
+    """Return the command from the settings or on PATH.
+
+    Raises
+    ------
+    QgsProcessingException
+        It is missing.
+    """
     try:
         return find_command(ProcessingConfig.getSetting(SETTING))
     except CommandMissing as missing:
@@ -120,7 +181,14 @@ class VerbAlgorithm(CommandAlgorithm):
 
     row = None
 
-    def initAlgorithm(self, configuration=None):
+    def initAlgorithm(self, configuration: dict | None = None) -> None:
+        """Declare the fields of the form as parameters, and the outputs.
+
+        Parameters
+        ----------
+        configuration : dict, optional
+            Unused.
+        """
         super().initAlgorithm(configuration)
         self.addOutput(QgsProcessingOutputString(ANSWER, "Output of the command"))
         if self.row.project:
@@ -130,7 +198,26 @@ class VerbAlgorithm(CommandAlgorithm):
         if self.row.table:
             self.addOutput(QgsProcessingOutputHtml(TABLE, self.title))
 
-    def processAlgorithm(self, parameters, context, feedback):
+    def processAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> dict:
+        """Run the command, and return the outputs by name.
+
+        Parameters
+        ----------
+        parameters : dict
+        context : QgsProcessingContext
+        feedback : QgsProcessingFeedback
+
+        Returns
+        -------
+        dict
+
+        Raises
+        ------
+        QgsProcessingException
+            Not exactly one of alternative fields is given, or the command failed.
+        """
         row = self.row
         if row.one_of and sum(bool(self.values[name]) for name in row.one_of) != 1:
             labels = " / ".join(f"'{field.label}'" for field in row.fields if field.name in row.one_of)
@@ -189,8 +276,18 @@ class VerbAlgorithm(CommandAlgorithm):
         context.addLayerToLoadOnCompletion(layer.id(), details)
 
 
-def verb_algorithm(row):
-    """The class of algorithms for `row` of the table of verbs."""
+def verb_algorithm(row: Verb) -> type[VerbAlgorithm]:
+    """Return the class of algorithms for a row of the table of verbs.
+
+    Parameters
+    ----------
+    row : Verb
+
+    Returns
+    -------
+    class
+        Of VerbAlgorithm.
+    """
     return type(
         f"{row.identifier.capitalize()}Algorithm",
         (VerbAlgorithm,),
@@ -216,12 +313,38 @@ class SimulateAlgorithm(CommandAlgorithm):
     verbs = ("run", "export-raster")
     form = scene_form.FIELDS
 
-    def initAlgorithm(self, configuration=None):
+    def initAlgorithm(self, configuration: dict | None = None) -> None:
+        """Declare the fields of the form as parameters, and the outputs.
+
+        Parameters
+        ----------
+        configuration : dict, optional
+            Unused.
+        """
         super().initAlgorithm(configuration)
         for name, label in ((SCENE, "Scene file"), (FRAMES, "Folder of frames"), (MAPS, "Folder of maps")):
             self.addOutput(QgsProcessingOutputString(name, label))
 
-    def processAlgorithm(self, parameters, context, feedback):
+    def processAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> dict:
+        """Write the scene, simulate and export it, and return the outputs by name.
+
+        Parameters
+        ----------
+        parameters : dict
+        context : QgsProcessingContext
+        feedback : QgsProcessingFeedback
+
+        Returns
+        -------
+        dict
+
+        Raises
+        ------
+        QgsProcessingException
+            Contradicting fields, a scene that exists or cannot be written, or the command failed.
+        """
         command, values, folder = command_path(), self.values, self.values[OUTPUT]
         if values["THICKNESS"] and values["THICKNESS_COLUMN"]:
             raise QgsProcessingException("Release thickness: give metres or a column, not both")
@@ -259,14 +382,32 @@ class SimulateAlgorithm(CommandAlgorithm):
         write_whole(path, scene_form.scene_text(values).encode())
 
 
-def plot_among(paths):
-    """The picture among the `paths` that a verb printed, as the output PLOT; {} without one."""
+def plot_among(paths: list[str]) -> dict[str, str]:
+    """Return the picture among the paths that a verb printed, as the output PLOT; {} without one.
+
+    Parameters
+    ----------
+    paths : list of str
+
+    Returns
+    -------
+    dict of str to str
+    """
     found = [path for path in paths if path.endswith(".png") and os.path.exists(path)]
     return {PLOT: found[0]} if found else {}
 
 
-def exported_project(paths):
-    """The project file among the `paths` that an export printed."""
+def exported_project(paths: list[str]) -> str:
+    """Return the project file among the paths that an export printed.
+
+    Parameters
+    ----------
+    paths : list of str
+
+    Returns
+    -------
+    str
+    """
     return next(path for path in paths if path.endswith(".qgz"))
 
 
@@ -274,6 +415,6 @@ def _is_inside(path, folder):
     return os.path.realpath(path).startswith(os.path.realpath(folder) + os.sep)
 
 
-def algorithms():
-    """A new algorithm of each kind, in the order of the toolbox."""
+def algorithms() -> list[CommandAlgorithm]:
+    """Return a new algorithm of each kind, in the order of the toolbox."""
     return [SimulateAlgorithm(), *(verb_algorithm(row)() for row in read_forms())]

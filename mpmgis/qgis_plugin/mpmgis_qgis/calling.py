@@ -1,34 +1,47 @@
-"""Calls the command, prints its messages in the log of QGIS, and stops it when the user cancels.
+"""Call the command, print its messages in the log of QGIS, and stop it when the user cancels.
 
-It uses QProcess, not QgsBlockingProcess, because only QProcess accepts an environment in every QGIS from 3.22 on, and
+ It uses QProcess, not QgsBlockingProcess, because only QProcess accepts an environment in every QGIS from 3.22 on, and
 with the environment of QGIS (PYTHONHOME, PROJ_LIB) another Python does not start.
-
-Loads results of the command as layers of the open project.
 """
 
 from __future__ import annotations
 
 import os
 
-from qgis.core import QgsProcessingException
+from qgis.core import QgsProcessingException, QgsProcessingFeedback
 from qgis.PyQt.QtCore import QProcess, QProcessEnvironment
 
 from .command import Lines, environment, error_line, is_error_line, progress
 
-LOOK_MILLISECONDS = 100
+LOOK_MILLISECONDS = 100  # [ms] between looks at messages and at the cancel button
 BAD_INPUT = 2  # exit code of the command for refused input; no file was changed
-STOP_MILLISECONDS = (10_000, 20_000)  # to stop after the current step; after a second signal, immediately
+STOP_MILLISECONDS = (10_000, 20_000)  # [ms] to stop after the current step; after a second signal, immediately
 
 
-def call(command, verb, arguments, feedback, begin=0.0, end=100.0):
-    """Run `command verb arguments`; returns the lines on its stdout.
+def call(
+    command: str,
+    verb: str,
+    arguments: list[str],
+    feedback: QgsProcessingFeedback,
+    begin: float = 0.0,
+    end: float = 100.0,
+) -> list[str]:
+    """Run `command verb arguments`, and return the lines on its stdout.
 
     Parameters
     ----------
     command : str
         Absolute path.
+    verb : str
+    arguments : list of str
     feedback : QgsProcessingFeedback
-        Gets the messages, and progress from `begin` to `end` [%].
+        Gets the messages and the progress.
+    begin, end : float [%]
+        Part of the progress bar for this call.
+
+    Returns
+    -------
+    list of str
 
     Raises
     ------
@@ -77,8 +90,13 @@ def _followed(process, verb, feedback, begin, end):
             return printed + messages.end(), answers + results.end()
 
 
-def is_refusal(error):
-    """Whether `call` raised `error` because the command refused its input and changed no file."""
+def is_refusal(error: BaseException) -> bool:
+    """Return whether `call` raised an error because the command refused its input and changed no file.
+
+    Parameters
+    ----------
+    error : Exception
+    """
     return getattr(error, "exit_code", None) == BAD_INPUT
 
 

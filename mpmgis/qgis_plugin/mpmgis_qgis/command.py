@@ -1,7 +1,4 @@
-"""The command `mpmgis`: its path, its environment, and its messages: lines, progress, errors.
-
-Writes files of the toolbox atomically, and restores earlier ones if the command refuses the new ones.
-"""
+"""Find the command `mpmgis`, make its environment, and read its messages: lines, progress, errors."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ import re
 import shutil
 
 COMMAND = "mpmgis"
-SETTING = "MPMGIS_COMMAND"
+SETTING = "MPMGIS_COMMAND"  # name in the settings of QGIS
 SETTING_PLACE = "Settings > Options > Processing > Providers > mpmgis"
 # QGIS sets these for its own Python and libraries; they break another Python with other versions of PROJ and GDAL.
 OF_QGIS = (
@@ -36,8 +33,17 @@ class CommandMissing(Exception):
     """The command was not found; the message is one line with the fix."""
 
 
-def find_command(setting):
-    """Absolute path of the command: from `setting`, else on PATH, else in the folder of pipx.
+def find_command(setting: str) -> str:
+    """Return the absolute path of the command: from the setting, else on PATH, else in the folder of pipx.
+
+    Parameters
+    ----------
+    setting : str
+        Path in the settings of QGIS; "" if not set.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -60,8 +66,17 @@ def find_command(setting):
     return os.path.abspath(found)
 
 
-def environment(of_qgis):
-    """Dictionary: the environment of QGIS without the variables for its own Python and libraries."""
+def environment(of_qgis: dict[str, str]) -> dict[str, str]:
+    """Return the environment of QGIS without the variables for its own Python and libraries.
+
+    Parameters
+    ----------
+    of_qgis : mapping of str to str
+
+    Returns
+    -------
+    dict of str to str
+    """
     kept = {name: value for name, value in of_qgis.items() if name not in OF_QGIS}
     return {**kept, "PYTHONUTF8": "1", "PYTHONUNBUFFERED": "1"}
 
@@ -72,18 +87,37 @@ class Lines:
     def __init__(self):
         self._rest = b""
 
-    def add(self, data):
-        """List of the lines that `data` completes; a carriage return also ends a line."""
+    def add(self, data: bytes) -> list[str]:
+        """Return the lines that the next bytes complete; a carriage return also ends a line.
+
+        Parameters
+        ----------
+        data : bytes
+
+        Returns
+        -------
+        list of str
+        """
         *whole, self._rest = (self._rest + data).replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
         return [line.decode("utf-8", "replace") for line in whole if line.strip()]
 
-    def end(self):
-        """List of the remaining text without an end of line: at most one line."""
+    def end(self) -> list[str]:
+        """Return the remaining text without an end of line: at most one line."""
         return self.add(b"\n")
 
 
-def progress(line, verb):
-    """Share (0 to 1) of the work of `verb` that is done by the progress line `line`; None for another line."""
+def progress(line: str, verb: str) -> float | None:
+    """Return the share of the work of a verb that a progress line reports.
+
+    Parameters
+    ----------
+    line, verb : str
+
+    Returns
+    -------
+    float or None [1]
+        None for another line.
+    """
     for pattern, earlier, (begin, end) in _OF_VERB.get(verb, _USUAL):
         found = pattern.match(line)
         if found is not None and float(found[2]) > 0:
@@ -91,12 +125,29 @@ def progress(line, verb):
     return None
 
 
-def is_error_line(line, verb):
-    """Whether `line` is an error of the command `verb`."""
+def is_error_line(line: str, verb: str) -> bool:
+    """Return whether a line is an error of the command.
+
+    Parameters
+    ----------
+    line, verb : str
+    """
     return line.startswith(f"mpmgis {verb}: ")
 
 
-def error_line(lines, verb, code):
-    """The error of the command `verb`: its last error line, else its last line, else the exit code."""
+def error_line(lines: list[str], verb: str, code: int) -> str:
+    """Return the error of the command: its last error line, else its last line, else the exit code.
+
+    Parameters
+    ----------
+    lines : list of str
+    verb : str
+    code : int
+        Exit code.
+
+    Returns
+    -------
+    str
+    """
     own = [line for line in lines if is_error_line(line, verb)]
     return (own or lines or [f"mpmgis {verb}: ended with exit code {code} without a message"])[-1]

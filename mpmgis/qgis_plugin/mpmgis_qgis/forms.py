@@ -1,4 +1,4 @@
-"""Forms of the verbs as plain data: fields, arguments of the command; read from forms.json in the plugin's zip."""
+"""Read the forms of the verbs from forms.json in the plugin's zip: fields, and arguments of the command."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import json
 import os
 from dataclasses import dataclass
 
-OUTPUT = "OUTPUT"
+OUTPUT = "OUTPUT"  # name of the field of the output
 QGIS_MIN = "QGIS_MIN"  # its default is the running QGIS
-LOAD = "LOAD"
+LOAD = "LOAD"  # name of the field that only the plugin uses: whether results are opened
 FORMS_FILE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "forms.json")
 
 # Kinds of fields: widget in QGIS, and type of the value.
@@ -48,10 +48,20 @@ class Field:
     files: str = ""
 
 
-def arguments(fields, values):
-    """List of text: the command's arguments for `values` (name -> value; None or "" for an empty field).
+def arguments(fields: tuple[Field, ...], values: dict[str, object]) -> list[str]:
+    """Return the command's arguments for the values of the fields of a form.
 
     Options are written as ``--option=value``, so that a value may begin with a minus. Defaults are left out.
+
+    Parameters
+    ----------
+    fields : tuple of Field
+    values : dict
+        Name of a field -> value; None or "" for an empty field.
+
+    Returns
+    -------
+    list of str
     """
     named, bare = [], []
     for field in fields:
@@ -71,8 +81,17 @@ def arguments(fields, values):
     return bare + named
 
 
-def text(value):
-    """A value as an argument: shortest form of a number, whole numbers without exponent."""
+def text(value: object) -> str:
+    """Return a value as an argument: shortest form of a number, whole numbers without exponent.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    str
+    """
     if isinstance(value, float):
         return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
     return str(value)
@@ -103,19 +122,37 @@ class Verb:
     name: str = ""
 
     @property
-    def identifier(self):
-        """The algorithm's id: the verb without hyphens, or the name of the form."""
+    def identifier(self) -> str:
+        """Identifier of the algorithm: the verb without hyphens, or the name of the form."""
         return self.name or self.verb.replace("-", "")
 
 
-def read_forms(path=FORMS_FILE):
-    """Tuple of Verb: the forms in the JSON file at `path`."""
+def read_forms(path: str = FORMS_FILE) -> tuple[Verb, ...]:
+    """Read the forms in a JSON file.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    tuple of Verb
+    """
     with open(path, encoding="utf-8") as file:
         return tuple(map(verb_of, json.load(file)["forms"]))
 
 
-def verb_of(form):
-    """The Verb of a form in JSON."""
+def verb_of(form: dict[str, object]) -> Verb:
+    """Return the Verb of a form in JSON.
+
+    Parameters
+    ----------
+    form : dict
+
+    Returns
+    -------
+    Verb
+    """
     fields = tuple(Field(**{**field, "choices": tuple(field.get("choices", ()))}) for field in form["fields"])
     lists = {name: tuple(form[name]) for name in ("layers", "one_of")}
     palette = tuple(map(tuple, form["palette"]))

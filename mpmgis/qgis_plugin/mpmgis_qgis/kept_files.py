@@ -1,16 +1,26 @@
-"""Files written whole, or restored if the work fails."""
+"""Write files of the toolbox atomically, and restore earlier ones if the command refuses the new ones."""
+
+from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
 @contextmanager
-def kept_unless(paths, undoes):
-    """A block that writes files at `paths`, all in one folder.
+def kept_unless(paths: tuple[str, ...], undoes: Callable[[BaseException], bool]) -> Iterator[None]:
+    """Restore earlier files if the block that writes new ones fails.
 
-    If it raises an error for which `undoes(error)` is true, or cannot write, the earlier files are restored. A new
-    folder is removed if it is empty.
+    They are restored if the block raises an error for which `undoes(error)` is true, or cannot write. A new folder is
+    removed if it is empty.
+
+    Parameters
+    ----------
+    paths : tuple of str
+        Files that the block writes, all in one folder.
+    undoes : callable
+        Called with an error; returns whether the files are restored.
     """
     folder = os.path.dirname(paths[0])
     made = not os.path.isdir(folder)
@@ -31,14 +41,25 @@ def kept_unless(paths, undoes):
         raise
 
 
-def write_whole(path, data):
-    """Write the bytes `data` to `path` atomically, through a temporary file in the same folder."""
+def write_whole(path: str, data: bytes) -> None:
+    """Write a file atomically, through a temporary file in the same folder.
+
+    Parameters
+    ----------
+    path : str
+    data : bytes
+    """
     with _part_of(path) as part, open(part, "wb") as file:
         file.write(data)
 
 
-def copy_whole(source, path):
-    """Copy the file `source` to `path` in the same way."""
+def copy_whole(source: str, path: str) -> None:
+    """Copy a file atomically, through a temporary file in the same folder.
+
+    Parameters
+    ----------
+    source, path : str
+    """
     with _part_of(path) as part:
         shutil.copyfile(source, part)
 

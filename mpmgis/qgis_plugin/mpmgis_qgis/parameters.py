@@ -1,4 +1,4 @@
-"""Fields of a form as parameters of QGIS, and the user's input as plain values."""
+"""Make fields of a form parameters of QGIS, and the user's input plain values."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ import os
 from qgis.core import (
     Qgis,
     QgsCoordinateReferenceSystem,
+    QgsProcessingAlgorithm,
+    QgsProcessingContext,
     QgsProcessingException,
+    QgsProcessingFeedback,
     QgsProcessingParameterBoolean,
     QgsProcessingParameterCrs,
+    QgsProcessingParameterDefinition,
     QgsProcessingParameterEnum,
     QgsProcessingParameterExtent,
     QgsProcessingParameterField,
@@ -28,15 +32,24 @@ from qgis.core import (
 
 from . import forms, versions
 
-BANDS_HAVE_TIME = 33800  # from this QGIS on
+BANDS_HAVE_TIME = 33800  # version of QGIS from which on bands of a raster can have times
 VECTOR_FORMATS = ["gpkg", "shp", "geojson", "fgb"]  # read directly; other layers are saved as the first of these
 VECTOR_TYPES = {forms.POLYGONS: versions.POLYGONS, forms.LINES: versions.LINES, forms.POINTS: versions.POINTS}
 COLUMNS_OF = "RELEASE"  # field with the layer whose columns are offered
 DEGREES = "EPSG:4326"  # of a GeoJSON file
 
 
-def parameter(field):
-    """The QgsProcessingParameterDefinition of `field`."""
+def parameter(field: forms.Field) -> QgsProcessingParameterDefinition:
+    """Return the parameter of QGIS for a field.
+
+    Parameters
+    ----------
+    field : Field
+
+    Returns
+    -------
+    QgsProcessingParameterDefinition
+    """
     made = _MAKERS[field.kind](field)
     if field.advanced:
         made.setFlags(made.flags() | versions.ADVANCED)
@@ -44,8 +57,17 @@ def parameter(field):
     return made
 
 
-def help_of(field):
-    """Tooltip of a field: its help, and the command's option, which error messages name."""
+def help_of(field: forms.Field) -> str:
+    """Return the tooltip of a field: its help, and the command's option, which error messages name.
+
+    Parameters
+    ----------
+    field : Field
+
+    Returns
+    -------
+    str
+    """
     return f"{field.help} [{field.option}]" if field.option else field.help
 
 
@@ -105,8 +127,8 @@ def _choice(field):
     )
 
 
-def oldest_qgis():
-    """The oldest QGIS that must open an export: one that supports time by band, unless this QGIS is older."""
+def oldest_qgis() -> str:
+    """Return the oldest QGIS that must open an export: one that supports time by band, unless this QGIS is older."""
     return "3.38" if Qgis.QGIS_VERSION_INT >= BANDS_HAVE_TIME else "3.22"
 
 
@@ -151,8 +173,27 @@ _MAKERS = {
 }
 
 
-def plain_values(algorithm, form, parameters, context, feedback):
-    """Dictionary name -> text, number, bool, list or None: the user's input in the fields of `algorithm`.
+def plain_values(
+    algorithm: QgsProcessingAlgorithm,
+    form: tuple[forms.Field, ...],
+    parameters: dict,
+    context: QgsProcessingContext,
+    feedback: QgsProcessingFeedback,
+) -> dict[str, object]:
+    """Return the user's input in the fields of an algorithm.
+
+    Parameters
+    ----------
+    algorithm : QgsProcessingAlgorithm
+    form : tuple of Field
+    parameters : dict
+    context : QgsProcessingContext
+    feedback : QgsProcessingFeedback
+
+    Returns
+    -------
+    dict
+        Name of a field -> text, number, bool, list or None.
 
     Raises
     ------
@@ -221,8 +262,17 @@ def _vector_path(algorithm, field, parameters, context, feedback):
     return f"{path}|layername={layer}" if layer and path.endswith(".gpkg") else path
 
 
-def split(text):
-    """List of the texts in `text`, separated by line ends or semicolons."""
+def split(text: str) -> list[str]:
+    """Return the texts that are separated by line ends or semicolons.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    list of str
+    """
     return [part.strip() for part in text.replace(";", "\n").splitlines() if part.strip()]
 
 

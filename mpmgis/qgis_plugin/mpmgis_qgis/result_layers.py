@@ -1,4 +1,6 @@
-"""Layers of results in the open project of QGIS."""
+"""Load results of the command as layers of the open project."""
+
+from __future__ import annotations
 
 import os
 import zipfile
@@ -7,8 +9,11 @@ from qgis import utils
 from qgis.core import (
     QgsInterval,
     QgsLayerDefinition,
+    QgsMapLayer,
     QgsPalettedRasterRenderer,
     QgsPathResolver,
+    QgsProject,
+    QgsProjectTimeSettings,
     QgsRasterLayer,
     QgsReadWriteContext,
     QgsVectorLayer,
@@ -19,11 +24,22 @@ from qgis.PyQt.QtXml import QDomDocument
 from . import versions
 
 
-def add_project(path, project):
-    """Add the layers of the exported project file `path` (.qgz) with styles and times to `project`, as the first group.
+def add_project(path: str, project: QgsProject) -> str:
+    """Add the layers of an exported project to the open one, as the first group, with styles and times.
 
-    The time range of the animation is set where `project` has none yet.
-    Returns the error as text, "" without one.
+    The time range of the animation is set where the open project has none yet.
+
+    Parameters
+    ----------
+    path : str
+        Project file (.qgz).
+    project : QgsProject
+        The open one.
+
+    Returns
+    -------
+    str
+        The error; "" without one.
     """
     with zipfile.ZipFile(path) as archive:
         text = archive.read(archive.namelist()[0])
@@ -40,8 +56,13 @@ def add_project(path, project):
     return "" if loaded else trouble
 
 
-def start_clock(times):
-    """Show the map at the first time of `times`, if the Temporal Controller is off, which would show all times."""
+def start_clock(times: QgsProjectTimeSettings) -> None:
+    """Show the map at the first time, if the Temporal Controller is off, which would show all times.
+
+    Parameters
+    ----------
+    times : QgsProjectTimeSettings
+    """
     canvas = utils.iface.mapCanvas() if utils.iface is not None else None
     clock = canvas.temporalController() if canvas is not None else None
     if clock is None or clock.navigationMode() != versions.CLOCK_OFF or times.temporalRange().begin().isNull():
@@ -67,11 +88,21 @@ def _definition(root):
     return document
 
 
-def layer_of(path, palette=()):
-    """A layer of the file `path`, or None if QGIS cannot draw it.
+def layer_of(path: str, palette: tuple[tuple[int, str, str], ...] = ()) -> QgsMapLayer | None:
+    """Return a layer of a file, or None if QGIS cannot draw it.
 
-    It has the style file of the same name; a raster without one gets `palette` (value, colour, label) on its first
-    band, because QGIS would draw several bands as a colour image.
+    It has the style file of the same name. A raster without one gets the palette on its first band, because QGIS would
+    draw several bands as a colour image.
+
+    Parameters
+    ----------
+    path : str
+    palette : tuple of (int, str, str)
+        Value, colour, label.
+
+    Returns
+    -------
+    QgsMapLayer or None
     """
     base, suffix = os.path.splitext(path)
     name = os.path.basename(base)

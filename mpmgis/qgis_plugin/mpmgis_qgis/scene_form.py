@@ -1,4 +1,4 @@
-"""The form for a usual simulation, and the scene file made from it."""
+"""Define the form for a usual simulation, and make the scene file of it."""
 
 from __future__ import annotations
 
@@ -140,8 +140,18 @@ FIELDS = (
 )
 
 
-def scene_text(values):
-    """The scene file for `values` (name -> value, paths as text), in TOML."""
+def scene_text(values: dict[str, object]) -> str:
+    """Return the text of the scene file, in TOML.
+
+    Parameters
+    ----------
+    values : dict
+        Name of a field -> value; paths as text.
+
+    Returns
+    -------
+    str
+    """
     preset = values.get("PRESET")
     mu, xi = PRESETS.get(preset, (values["MU"], values.get("XI")))
     friction = {"law": "Coulomb", "mu": mu}

@@ -1,4 +1,4 @@
-"""A list of records as an HTML page with one table, for the Results Viewer of QGIS."""
+"""Write a list of records as an HTML page with one table, for the Results Viewer of QGIS."""
 
 from __future__ import annotations
 
@@ -8,11 +8,21 @@ STYLE = (
     "body{font-family:sans-serif;font-size:10pt}table{border-collapse:collapse}"
     "th,td{border:1px solid #bbb;padding:2px 6px;text-align:left;vertical-align:top}th{background:#e8e8e8}"
 )
-DIGITS = 4  # of a number
+DIGITS = 4  # significant ones of a number
 
 
-def page_of(title, records):
-    """Text of the page: a row for each of `records` (a list of dictionaries), a column for each key."""
+def page_of(title: str, records: list[dict]) -> str:
+    """Return the text of a page with a row for each record and a column for each key.
+
+    Parameters
+    ----------
+    title : str
+    records : list of dict
+
+    Returns
+    -------
+    str
+    """
     keys = list(dict.fromkeys(key for record in records for key in record))
     head = "".join(f"<th>{escape(key.replace('_', ' '))}</th>" for key in keys)
     rows = ("".join(f"<td>{escape(shown(record.get(key)))}</td>" for key in keys) for record in records)
@@ -23,8 +33,17 @@ def page_of(title, records):
     )
 
 
-def shown(value):
-    """A value as text: numbers with four digits, a dictionary as key [value], nothing for None."""
+def shown(value: object) -> str:
+    """Return a value as text: numbers with four digits, a dictionary as key [value], nothing for None.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    str
+    """
     if value is None:
         return ""
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""Constants of QGIS whose name depends on the version: in their class up to 3.34, in Qgis from 3.36 and in QGIS 4.
+"""Name constants of QGIS that depend on the version: in their class up to 3.34, in Qgis from 3.36 and in QGIS 4.
 
 All are written with their enumeration, as Qt 6 requires. No other module uses such constants.
 """

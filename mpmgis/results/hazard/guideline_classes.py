@@ -1,4 +1,4 @@
-"""Intensity classes of a guideline, from the largest values of a cell."""
+"""Classify the largest values of a cell by the intensity classes of a guideline."""
 
 import math
 import re
@@ -17,10 +17,10 @@ QUANTITIES = {
     "vvh": ("m3/s2", None, 1.0),  # h times the square of v
     "deposit": ("m", "h_deposit", 1.0),
 }
-UNREAD = "not read"
-PRODUCTS = {"vh": 1, "vvh": 2}  # of h and v: the power of v
-ROUNDING = 1e-6  # relative, of values near a limit: rasters have single precision, so 0.7 m may be 0.69999999 m
-_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+UNREAD = "not read"  # source of a number that was not verified in the document
+PRODUCTS = {"vh": 1, "vvh": 2}  # product of h and v: the power of v
+ROUNDING = 1e-6  # [1] of values near a limit: rasters have single precision, so 0.7 m may be 0.69999999 m
+COLOUR = re.compile(r"#[0-9a-fA-F]{6}")  # #rrggbb
 MOST_CLASSES = 250  # class numbers fit into a byte
 
 
@@ -37,7 +37,7 @@ class IntensityClass:
     read_in: str = ""
 
     def words(self) -> str:
-        """The conditions as text."""
+        """Return the conditions as text."""
         if any(not condition for condition in self.when):
             return "all cells with flow"
         parts = (
@@ -47,7 +47,7 @@ class IntensityClass:
         return " or ".join(parts)
 
     def origin(self) -> str:
-        """The source of its numbers, as text."""
+        """Return the source of the numbers of the class, as text."""
         if self.read_in == UNREAD:
             return "number as commonly cited, not verified in the document; check it there"
         return f"number read in {self.read_in}"
@@ -72,7 +72,18 @@ class Guideline:
 
 
 def parse_guidelines(tables: dict, where: object) -> dict[str, Guideline]:
-    """Guidelines by name from the tables of a TOML file; `where` is its name in error messages.
+    """Return guidelines by name from the tables of a TOML file.
+
+    Parameters
+    ----------
+    tables : dict
+        Name -> table.
+    where : str or Path
+        Name of the file in error messages.
+
+    Returns
+    -------
+    dict of str to Guideline
 
     Raises
     ------
@@ -82,7 +93,7 @@ def parse_guidelines(tables: dict, where: object) -> dict[str, Guideline]:
     return {name: _guideline(name, table, f"{where} [{name}]") for name, table in tables.items()}
 
 
-def _guideline(name, table, where):
+def _guideline(name: str, table: dict, where: str) -> Guideline:
     _require_table(table, where, ("title", "source", "note", "class"), ("source", "class"))
     entries = table["class"]
     if not (isinstance(entries, list) and 0 < len(entries) <= MOST_CLASSES):
@@ -95,7 +106,7 @@ def _guideline(name, table, where):
 def _class(table, where):
     _require_table(table, where, ("name", "colour", "when", "read_in"), ("name", "colour", "when"))
     colour = _text(table["colour"], where, "colour")
-    if not _COLOUR.fullmatch(colour):
+    if not COLOUR.fullmatch(colour):
         raise InputError(f"{where}: colour is {colour!r}, expected #rrggbb, for example #c1272d")
     conditions = table["when"]
     if not (isinstance(conditions, list) and conditions and all(isinstance(entry, dict) for entry in conditions)):
@@ -128,7 +139,7 @@ def _text(value, where, key):
 
 
 def classify(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarray:
-    """Class number of each cell.
+    """Return the class number of each cell.
 
     Parameters
     ----------
@@ -153,12 +164,25 @@ def classify(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarr
 
 
 def without_value(guideline: Guideline, bands: dict, reached: np.ndarray) -> np.ndarray:
-    """bool[rows, columns]: cells with flow without a value of a band of the guideline."""
+    """Return which cells with flow have no value of a band of the guideline.
+
+    Parameters
+    ----------
+    guideline : Guideline
+    bands : dict of str to float[rows, columns]
+        NaN without a value.
+    reached : bool[rows, columns]
+        Cells with flow.
+
+    Returns
+    -------
+    bool[rows, columns]
+    """
     gaps = [np.isnan(bands[name]) for name in guideline.bands]
     return reached & np.logical_or.reduce(gaps) if gaps else np.zeros(reached.shape, bool)
 
 
-def _at_least(bands, name, least):
+def _at_least(bands: dict, name: str, least: float) -> np.ndarray:
     if name in PRODUCTS:
         values = bands["h_max"] * bands["Ut_max"] ** PRODUCTS[name]
     else:
@@ -169,5 +193,17 @@ def _at_least(bands, name, least):
 
 
 def class_areas(guideline: Guideline, numbers: np.ndarray, cell_area: float) -> np.ndarray:
-    """float64[classes] [m2]: plan area of each class."""
+    """Return the plan area of each class.
+
+    Parameters
+    ----------
+    guideline : Guideline
+    numbers : uint8[rows, columns]
+        From `classify`.
+    cell_area : float [m2]
+
+    Returns
+    -------
+    float64[classes] [m2]
+    """
     return np.bincount(numbers.ravel(), minlength=len(guideline.classes) + 1)[1:] * cell_area

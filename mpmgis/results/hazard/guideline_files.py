@@ -1,4 +1,4 @@
-"""Intensity guidelines in TOML files: the shipped ones and those of the user."""
+"""Read intensity guidelines from TOML files: the shipped ones and those of the user."""
 
 import tomllib
 from pathlib import Path
@@ -10,7 +10,15 @@ SHIPPED = Path(__file__).with_name("guidelines.toml")
 
 
 def read_guidelines(own: Path | None = None) -> dict[str, Guideline]:
-    """Guidelines by name: of the shipped table, and of the file `own`, which have priority.
+    """Return guidelines by name: of the shipped table, and of the file `own`, which have priority.
+
+    Parameters
+    ----------
+    own : Path, optional
+
+    Returns
+    -------
+    dict of str to Guideline
 
     Raises
     ------
@@ -22,7 +30,11 @@ def read_guidelines(own: Path | None = None) -> dict[str, Guideline]:
 
 
 def read_tables(path: Path) -> dict:
-    """Tables of a TOML file.
+    """Read the tables of a TOML file.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -39,7 +51,13 @@ def read_tables(path: Path) -> dict:
 
 
 def choose_guideline(name: str, own: Path | None = None) -> Guideline:
-    """The Guideline called `name`.
+    """Return the Guideline called `name`.
+
+    Parameters
+    ----------
+    name : str
+    own : Path, optional
+        A file of the user.
 
     Raises
     ------

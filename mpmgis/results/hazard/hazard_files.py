@@ -1,9 +1,10 @@
-"""Matrices of hazard levels, and the raster, style, zones and table of a hazard map."""
+"""Read matrices of hazard levels, and write raster, style, zones and table of a hazard map."""
 
 import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import geopandas
 import numpy as np
@@ -29,9 +30,9 @@ from .zone_outlines import Generalized, polygons
 
 SHIPPED = Path(__file__).with_name("hazard_matrices.toml")
 NOT_ASSESSED_COLOUR, NOT_ASSESSED_WORDS = "#8c8c8c", "not assessed: no data"
-LEAST, MOST = 0.1, 0.9  # shares of runs between which an outline is uncertain
+LEAST, MOST = 0.1, 0.9  # [1] shares of runs between which an outline is uncertain
 HEADINGS = ("level", "name", "meaning", "area_m2", "zone_area_m2", "scenarios", "matrix", "source")
-BAND_PEN = ("40,40,40,255", 0.3, "dash")
+BAND_PEN = ("40,40,40,255", 0.3, "dash")  # of uncertain outlines in QGIS: colour, width [mm], style
 
 
 @dataclass(frozen=True)
@@ -66,14 +67,19 @@ class HazardMap:
     facts: tuple = ()
 
     def areas(self) -> np.ndarray:
-        """float64[levels] [m2]: plan area of the cells of each level."""
+        """Return the plan area of the cells of each level.
+
+        Returns
+        -------
+        float64[levels] [m2]
+        """
         counts = np.bincount(self.hazard.level.ravel(), minlength=len(self.matrix.levels) + 1)[1:]
         return counts * self.grid.cell_area
 
     def bands(self) -> list[shapely.MultiPolygon | None]:
-        """For each level the band between the outlines that LEAST and MOST of the runs reach with at least this level.
+        """Return for each level where its outline is uncertain; empty without an ensemble.
 
-        Empty without an ensemble.
+        It is the band between the outlines that LEAST and MOST of the runs reach with at least this level.
         """
         if self.shares is None:
             return []
@@ -89,12 +95,22 @@ class HazardMap:
         return None if band.is_empty else band
 
     def not_assessed(self) -> shapely.MultiPolygon | None:
-        """Outline of the cells without data."""
+        """Return the outline of the cells without data."""
         return mask_outline(self.hazard.unknown, self.grid.transform)
 
 
 def read_matrices(own: Path | None = None, guidelines: Path | None = None) -> dict[str, HazardMatrix]:
-    """Matrices by name: of the shipped table, and of the file `own`, which have priority.
+    """Return matrices by name: of the shipped table, and of the file `own`, which have priority.
+
+    Parameters
+    ----------
+    own : Path, optional
+    guidelines : Path, optional
+        A file with guidelines of the user.
+
+    Returns
+    -------
+    dict of str to HazardMatrix
 
     Raises
     ------
@@ -107,11 +123,20 @@ def read_matrices(own: Path | None = None, guidelines: Path | None = None) -> di
 
 
 def choose_matrix(name: str, own: Path | None = None, guidelines: Path | None = None) -> HazardMatrix:
-    """The HazardMatrix called `name`.
+    """Return the HazardMatrix called `name`.
+
+    Parameters
+    ----------
+    name : str
+    own : Path, optional
+        A file with matrices of the user.
+    guidelines : Path, optional
+        A file with guidelines of the user.
 
     Raises
     ------
     FormatError, InputError
+        An unreadable file, or an unknown name; the message lists the known ones.
     """
     matrices = read_matrices(own, guidelines)
     if name not in matrices:
@@ -126,7 +151,17 @@ def _entries(matrix):
 
 
 def write_hazard_raster(path: Path, made: HazardMap, tags: dict) -> None:
-    """Write uint8 levels as GeoTIFF with colours and names; NOT_ASSESSED without data, 0 is nodata (no hazard)."""
+    """Write the levels as GeoTIFF (uint8) with colours and names.
+
+    NOT_ASSESSED marks cells without data; 0 is nodata (no hazard).
+
+    Parameters
+    ----------
+    path : Path
+    made : HazardMap
+    tags : dict of str to str
+        Of the file.
+    """
     grid, matrix = made.grid, made.matrix
     crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
     rows, columns = grid.shape
@@ -157,7 +192,13 @@ def write_hazard_raster(path: Path, made: HazardMap, tags: dict) -> None:
 
 
 def write_hazard_style(path: Path, matrix: HazardMatrix) -> None:
-    """Write the .qml of the raster for QGIS."""
+    """Write the .qml of the raster for QGIS.
+
+    Parameters
+    ----------
+    path : Path
+    matrix : HazardMatrix
+    """
     entries = [
         node("paletteEntry", {"value": number, "color": colour, "alpha": 255, "label": label})
         for number, label, colour in _entries(matrix)
@@ -172,7 +213,16 @@ def write_hazard_style(path: Path, matrix: HazardMatrix) -> None:
 
 
 def write_shares(path: Path, made: HazardMap, tags: dict) -> None:
-    """Write the share of runs with at least each level, a band for each level."""
+    """Write the share of runs with at least each level, a band for each level.
+
+    Parameters
+    ----------
+    path : Path
+    made : HazardMap
+        With shares.
+    tags : dict of str to str
+        Of the file.
+    """
     bands = [
         (Quantity(f"P_{level.name}", "1", f"share of runs with at least level {level.name}", "float32"), share)
         for level, share in zip(made.matrix.levels, made.shares, strict=True)
@@ -181,7 +231,15 @@ def write_shares(path: Path, made: HazardMap, tags: dict) -> None:
 
 
 def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
-    """Write a GeoPackage: `zones` with the scenarios that decide, `uncertainty`, `not_assessed`."""
+    """Write a GeoPackage: `zones` with the scenarios that decide, `uncertainty`, `not_assessed`.
+
+    Parameters
+    ----------
+    path : Path
+    made : HazardMap
+    tags : dict of str to str
+        Of the source.
+    """
     layers = {"zones": _zone_rows(made), "uncertainty": _band_rows(made), "not_assessed": _gap_rows(made)}
     classes = [(k, label, colour) for k, label, colour in _entries(made.matrix)[:-1]]
     styles = {
@@ -249,7 +307,7 @@ def _deciding(made, number, parts):
     return [", ".join(f"{years:g}" for years in sorted(years)) for years in found[1:]]
 
 
-def _gives(made, scenario, number):
+def _gives(made: HazardMap, scenario: Any, number: int) -> np.ndarray:
     """bool[rows, columns]: cells of a level that a scenario has too, and no scenario a higher one."""
     return (made.hazard.level == number) & (scenario.level == number)
 
@@ -279,7 +337,13 @@ def _gap_rows(made):
 
 
 def write_hazard_table(path: Path, made: HazardMap) -> None:
-    """Write the areas of the levels, and of cells without data, as CSV."""
+    """Write the areas of the levels, and of cells without data, as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    made : HazardMap
+    """
     rows = []
     for number, (level, area) in enumerate(zip(made.matrix.levels, made.areas(), strict=True), 1):
         zone = made.zones.zones[number - 1]

@@ -1,4 +1,4 @@
-"""The column of explanations of a printed sheet: headings, patches, wrapped text, the matrix of hazard levels."""
+"""Draw the column of explanations of a printed sheet: headings, patches, wrapped text, the matrix of hazard levels."""
 
 import math
 import textwrap
@@ -11,40 +11,85 @@ from .hazard_levels import HazardMatrix
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MM = 1.0 / 25.4  # [inch]
-POINT = 25.4 / 72.0  # [mm]
-SMALL, HEADING = 4.6, 7.2  # [points]
+MM = 1.0 / 25.4  # [inch] a millimetre
+POINT = 25.4 / 72.0  # [mm] a point
+SMALL = 4.6  # [points] letters in the matrix
+HEADING = 7.2  # [points] letters of a heading
 SIZES = (6.0, 5.5, 5.0, 4.6)  # [points] of text: the largest with which all of it fits
-LETTER = 0.54  # mean width of a letter, of its size
-SPACING = 1.3  # of lines, of the size of letters
-OPACITY = 0.68
-ROW, HEAD, FOOT = 8.0, 5.5, 3.5  # [mm] height of a cell, of the headings and of the foot of the matrix
+LETTER = 0.54  # [1] mean width of a letter over its size
+SPACING = 1.3  # [1] of lines over the size of letters
+OPACITY = 0.68  # [1] of the zones on the map; the legend has the same colours
+ROW = 8.0  # [mm] height of a cell of the matrix
+HEAD = 5.5  # [mm] height of the headings of the matrix
+FOOT = 3.5  # [mm] height of the foot of the matrix
 
 
 class Column:
-    """Writes from the top of a column down; lengths in mm from the upper left corner of the sheet."""
+    """Writes from the top of a column down; lengths in mm from the upper left corner of the sheet.
 
-    def __init__(self, figure: "Figure", left: float, top: float, width: float, sheet: float, height: float):
-        self.figure, self.left, self.y, self.width, self.sheet, self.height = figure, left, top, width, sheet, height
+    Parameters
+    ----------
+    figure : Figure
+        Of the size of the sheet.
+    left, top, width : float [mm]
+        Of the column on the sheet.
+    height : float [mm]
+        Of the sheet.
+    """
+
+    def __init__(self, figure: "Figure", left: float, top: float, width: float, height: float) -> None:
+        self.figure, self.left, self.y, self.width, self.height = figure, left, top, width, height
         self.size = SIZES[0]
 
     def place(self, x: float, y: float) -> tuple[float, float]:
-        """Place of the figure [inch] of a place [mm]."""
+        """Return the place of the figure [inch] of a place on the sheet.
+
+        Parameters
+        ----------
+        x : float [mm]
+            From the left edge of the column.
+        y : float [mm]
+            From the upper edge of the sheet, down.
+
+        Returns
+        -------
+        (float, float) [inch]
+        """
         return (self.left + x) * MM, (self.height - y) * MM
 
     def letters(self, size: float, width: float) -> int:
-        """Number of letters of a `size` [points] in a `width` [mm]."""
+        """Return the number of letters of a size that fit in a width.
+
+        Parameters
+        ----------
+        size : float [points]
+        width : float [mm]
+        """
         return max(4, int(width / (LETTER * size * POINT)))
 
     def heading(self, words: str) -> None:
-        """A line in bold letters, wrapped."""
+        """Write a line in bold letters, wrapped.
+
+        Parameters
+        ----------
+        words : str
+        """
         self.y += 1.6
         self._lines(textwrap.wrap(words, self.letters(HEADING * 1.06, self.width)), HEADING, weight="bold")
 
     def text(self, words: str, least: float = 0.0) -> int:
-        """A wrapped text, of which what would come closer to the lower edge than `least` [mm] is left out.
+        """Write a wrapped text; leave out what would come too close to the lower edge.
 
-        Returns the number of lines that were left out.
+        Parameters
+        ----------
+        words : str
+        least : float [mm]
+            Least distance to the lower edge.
+
+        Returns
+        -------
+        int
+            Number of lines that were left out.
         """
         lines = self._wrapped(words)
         room = max(0, int((self.height - least - self.y) / self._line))
@@ -55,14 +100,26 @@ class Column:
         return len(lines) - len(shown)
 
     def fit(self, texts: Sequence[str], room: float) -> None:
-        """Choose the largest of SIZES with which all `texts` need at most `room` [mm], else the smallest."""
+        """Choose the largest of SIZES with which all texts fit, else the smallest.
+
+        Parameters
+        ----------
+        texts : sequence of str
+        room : float [mm]
+            Height.
+        """
         for size in SIZES:
             self.size = size
             if self.needed(texts) <= room:
                 return
 
     def needed(self, texts: Sequence[str]) -> float:
-        """Height of `texts` [mm]."""
+        """Return the height of texts [mm].
+
+        Parameters
+        ----------
+        texts : sequence of str
+        """
         return sum(len(self._wrapped(words)) for words in texts) * self._line
 
     @property
@@ -82,14 +139,30 @@ class Column:
             self.y += size * SPACING * POINT
 
     def patch(self, words: str, **look: Any) -> None:
-        """A coloured patch with words beside it."""
+        """Draw a coloured patch with words beside it.
+
+        Parameters
+        ----------
+        words : str
+        **look : properties of the Rectangle
+        """
         top = self.y
         self.box(0.0, top + 0.3, 6.0, 3.0, **look)
         self._lines(textwrap.wrap(words, self.letters(self.size, self.width - 8.0)), self.size, x=8.0)
         self.y = max(self.y, top + 3.9)
 
     def box(self, x: float, y: float, width: float, height: float, **look: Any) -> None:
-        """A rectangle; `x`, `y` [mm] of its upper left corner."""
+        """Draw a rectangle.
+
+        Parameters
+        ----------
+        x : float [mm]
+            Left edge, from that of the column.
+        y : float [mm]
+            Upper edge, from that of the sheet, down.
+        width, height : float [mm]
+        **look : properties of the Rectangle
+        """
         from matplotlib.patches import Rectangle
 
         look = {"edgecolor": INK, "linewidth": 0.4} | look
@@ -98,7 +171,15 @@ class Column:
         self.figure.add_artist(box)
 
     def corner(self, x: float, y: float, width: float, height: float, colour: Any) -> None:
-        """The lower left half of a box, of another colour."""
+        """Draw the lower left half of a box in another colour.
+
+        Parameters
+        ----------
+        x, y : float [mm]
+            Of the upper left corner of the box, as for `box`.
+        width, height : float [mm]
+        colour : colour of matplotlib
+        """
         from matplotlib.patches import Polygon
 
         points = [self.place(x, y), self.place(x, y + height), self.place(x + width, y + height)]
@@ -107,7 +188,16 @@ class Column:
         )
 
     def words(self, x: float, y: float, width: float, words: str, **look: Any) -> None:
-        """Small centred words in a box whose middle is at `x`, `y` [mm]."""
+        """Write small centred words in a box.
+
+        Parameters
+        ----------
+        x, y : float [mm]
+            Middle of the box, as for `place`.
+        width : float [mm]
+        words : str
+        **look : properties of the Text
+        """
         lines = "\n".join(textwrap.wrap(words, self.letters(SMALL * 1.06, width - 1.0)))
         at = self.place(x, y)
         look = {"fontsize": SMALL, "color": INK, "ha": "center", "va": "center", "linespacing": 1.05} | look
@@ -118,6 +208,13 @@ def draw_matrix(column: Column, matrix: HazardMatrix, used: Set[str]) -> None:
     """Draw the matrix: return periods from the left, intensity classes from the lowest, with their limits.
 
     Columns without a scenario are marked. Divided cells have both colours; the higher one counts.
+
+    Parameters
+    ----------
+    column : Column
+    matrix : HazardMatrix
+    used : set of str
+        Names of the periods that have a scenario.
     """
     column.heading("Matrix: return period, intensity")
     width = column.width / len(matrix.periods)

@@ -1,7 +1,6 @@
-"""Hazard levels of a guideline: a matrix of return period and intensity class, over several scenarios."""
+"""Find hazard levels of a guideline: a matrix of return period and intensity class, over several scenarios."""
 
 import math
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -9,13 +8,12 @@ from itertools import pairwise
 import numpy as np
 
 from ...system.errors import InputError
-from .guideline_classes import PRODUCTS, QUANTITIES, UNREAD, Guideline, classify
+from .guideline_classes import COLOUR, PRODUCTS, QUANTITIES, UNREAD, Guideline, classify
 
 NO_ZONE = "none"  # cell of a matrix without a level
 SPLIT = "|"  # between the levels of a cell that the guideline divides; the higher one counts
-NOT_ASSESSED = 255  # in rasters of levels
-MOST_LEVELS = 250
-_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+NOT_ASSESSED = 255  # in rasters of levels: a cell without data
+MOST_LEVELS = 250  # level numbers fit into a byte, beside NOT_ASSESSED
 
 
 @dataclass(frozen=True)
@@ -43,11 +41,11 @@ class Period:
 
     @cached_property
     def levels(self) -> np.ndarray:
-        """uint8[classes + 1]: level of each intensity class; 0 for class 0. Of a divided cell the higher one."""
+        """Level of each intensity class, uint8[classes + 1]; 0 for class 0. Of a divided cell the higher one."""
         return np.array([0, *(max(cell) for cell in self.cells)], np.uint8)
 
     def words(self) -> str:
-        """Its return periods as text."""
+        """Return its return periods as text."""
         return "longer" if math.isinf(self.up_to) else f"up to {self.up_to:g} years"
 
 
@@ -69,7 +67,15 @@ class HazardMatrix:
         return tuple(band for _, band, _ in QUANTITIES.values() if band in named)
 
     def period(self, years: float) -> Period:
-        """The Period of a scenario with a return period [years].
+        """Return the Period of a scenario with this return period.
+
+        Parameters
+        ----------
+        years : float [years]
+
+        Returns
+        -------
+        Period
 
         Raises
         ------
@@ -85,7 +91,12 @@ class HazardMatrix:
         )
 
     def missing(self, years: list) -> list[Period]:
-        """Periods without a scenario of these return periods."""
+        """Return the periods without a scenario of these return periods.
+
+        Parameters
+        ----------
+        years : list of float [years]
+        """
         given = {self.period(value).name for value in years}
         return [period for period in self.periods if period.name not in given]
 
@@ -97,7 +108,20 @@ class HazardMatrix:
 
 
 def parse_matrices(tables: dict, guidelines: dict, where: object) -> dict[str, HazardMatrix]:
-    """Matrices by name from the tables of a TOML file; `guidelines` has the Guidelines by name that they can use.
+    """Return matrices by name from the tables of a TOML file.
+
+    Parameters
+    ----------
+    tables : dict
+        Name -> table.
+    guidelines : dict of str to Guideline
+        Guidelines that the matrices can use.
+    where : str or Path
+        Name of the file in error messages.
+
+    Returns
+    -------
+    dict of str to HazardMatrix
 
     Raises
     ------
@@ -108,7 +132,7 @@ def parse_matrices(tables: dict, guidelines: dict, where: object) -> dict[str, H
     return {name: _matrix(name, table, guidelines, f"{where} [{name}]") for name, table in tables.items()}
 
 
-def _matrix(name, table, guidelines, where):
+def _matrix(name: str, table: dict, guidelines: dict, where: str) -> HazardMatrix:
     _require(
         table,
         where,
@@ -141,12 +165,12 @@ def _require_names(names, where):
 
 def _level(table, where):
     _require(table, where, {"name": str, "colour": str, "meaning": str}, ("name", "colour"))
-    if not _COLOUR.fullmatch(table["colour"]):
+    if not COLOUR.fullmatch(table["colour"]):
         raise InputError(f"{where}: colour is {table['colour']!r}, expected #rrggbb, for example #c1272d")
     return Level(table["name"], table["colour"], table.get("meaning", ""))
 
 
-def _period(table, numbers, guidelines, where):
+def _period(table: dict, numbers: dict, guidelines: dict, where: str) -> Period:
     kinds = {"name": str, "up_to": (int, float), "intensity": str, "levels": list, "read_in": str}
     _require(table, where, kinds, ("name", "intensity", "levels"))
     guideline = guidelines.get(table["intensity"])
@@ -200,7 +224,7 @@ def _require(table, where, kinds, needed):
 
 
 def levels_of(period: Period, bands: dict, reached: np.ndarray) -> tuple[np.ndarray, int]:
-    """Hazard level of each cell of one scenario.
+    """Return the hazard level of each cell of one scenario.
 
     Parameters
     ----------
@@ -240,12 +264,17 @@ class Hazard:
     partly: np.ndarray
 
     def coded(self) -> np.ndarray:
-        """uint8[rows, columns]: levels, NOT_ASSESSED where unknown."""
+        """Return the levels, with NOT_ASSESSED where they are unknown.
+
+        Returns
+        -------
+        uint8[rows, columns]
+        """
         return np.where(self.unknown, np.uint8(NOT_ASSESSED), self.level)
 
 
-def combined(levels: list, known: list, terrain_known: np.ndarray, highest: int) -> Hazard:
-    """The largest level of each cell over all scenarios.
+def combined_hazard(levels: list, known: list, terrain_known: np.ndarray, highest: int) -> Hazard:
+    """Return the largest level of each cell over all scenarios.
 
     Parameters
     ----------
@@ -255,6 +284,10 @@ def combined(levels: list, known: list, terrain_known: np.ndarray, highest: int)
     terrain_known : bool[rows, columns]
     highest : int
         Number of levels.
+
+    Returns
+    -------
+    Hazard
     """
     level = np.maximum.reduce(levels)
     complete = np.logical_and.reduce([*known, terrain_known])

@@ -1,8 +1,10 @@
-"""`mpmgis report --map`: scenarios to hazard levels of a guideline, as raster, zones and printed map."""
+"""Answer `mpmgis report --map`: scenarios to hazard levels of a guideline, as raster, zones and printed map."""
 
 import datetime
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -28,7 +30,7 @@ from .hazard_files import (
     write_shares,
     write_zones,
 )
-from .hazard_levels import HazardMatrix, combined
+from .hazard_levels import HazardMatrix, combined_hazard
 from .hazard_scenarios import read_scenarios, scenario_of
 from .hazard_sheet import Print, Sheet, sheet_for
 from .zone_outlines import default_area, generalized_zones
@@ -36,8 +38,8 @@ from .zone_outlines import default_area, generalized_zones
 RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE = "hazard.tif", "hazard.qml", "hazard.gpkg", "hazard.csv"
 PRINT_FILE, PICTURE_FILE, SHARES_FILE = "hazard.pdf", "hazard.png", "hazard_probability.tif"
 FILES = (RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE, PRINT_FILE, PICTURE_FILE)
-FOLDER = "hazard_map"
-ROWS = 512  # of the terrain at a time
+FOLDER = "hazard_map"  # of the output, if none is given
+ROWS = 512  # of the terrain that are read at a time, to limit the memory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +55,7 @@ class HazardOptions:
     guidelines: Path | None = None
 
     def given(self) -> list[str]:
-        """Names of the given options."""
+        """Return the names of the given options."""
         return [one.name for one in fields(self) if getattr(self, one.name) != one.default]
 
 
@@ -67,8 +69,19 @@ class HazardFound:
     files: tuple
 
 
-def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
-    """Hazard levels of several scenarios.
+def hazard_map(request: Any, progress: Callable[[int, int], None] = lambda done, total: None) -> HazardFound:
+    """Combine several scenarios to a map of hazard levels; write its files.
+
+    Parameters
+    ----------
+    request : ReportRequest
+        With options of a hazard map.
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    HazardFound
 
     Raises
     ------
@@ -82,7 +95,7 @@ def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
     scenarios = read_scenarios(request, matrix, progress)
     terrain = _terrain(request, scenarios)
     grid = scenarios[0].grid
-    hazard = combined(
+    hazard = combined_hazard(
         [scenario.level for scenario in scenarios],
         [scenario.known for scenario in scenarios],
         _terrain_known(terrain, grid),
@@ -103,9 +116,20 @@ def hazard_map(request, progress=lambda done, total: None) -> HazardFound:
 
 
 def shares_of(scenarios: list, highest: int) -> np.ndarray | None:
-    """float32[levels, rows, columns]: share of runs with at least each level; None without an ensemble.
+    """Return the share of runs with at least each level; None without an ensemble.
 
-    The largest of all scenarios; a scenario of one run counts as certain.
+    It is the largest of all scenarios; a scenario of one run counts as certain.
+
+    Parameters
+    ----------
+    scenarios : list of Scenario
+        On one grid.
+    highest : int
+        Number of levels.
+
+    Returns
+    -------
+    float32[levels, rows, columns] or None
     """
     if all(scenario.shares is None for scenario in scenarios):
         return None
@@ -119,11 +143,20 @@ def shares_of(scenarios: list, highest: int) -> np.ndarray | None:
 
 
 def scale_of(text: str | None) -> float | None:
-    """Denominator of a scale "1:5000"; None without one.
+    """Return the denominator of a scale "1:5000"; None without one.
+
+    Parameters
+    ----------
+    text : str or None
+
+    Returns
+    -------
+    float or None
 
     Raises
     ------
     InputError
+        Not a scale.
     """
     if text is None:
         return None
@@ -239,7 +272,7 @@ def _log(made: HazardMap, sheet: Sheet) -> None:
         log.info("the sheet cuts off enlarged parts of zones; give a smaller `min_area`, or a smaller scale")
 
 
-def _writers(made: HazardMap, terrain, sheet) -> dict:
+def _writers(made: HazardMap, terrain: Terrain | None, sheet: Sheet) -> dict:
     printed = Print(made, terrain, sheet)
     tags = {
         "version": __version__,

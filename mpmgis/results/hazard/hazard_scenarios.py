@@ -1,11 +1,10 @@
-"""Scenarios of a hazard map: hazard levels of each, from frames, exports, rasters of other codes or ensembles.
-
-Facts about the results of a scenario for the block of sources of a printed map.
-"""
+"""Compute hazard levels of each scenario, from frames, exports, rasters of other codes or ensembles."""
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from affine import Affine
@@ -20,7 +19,7 @@ from ..comparison import joint_grid, nearest
 from ..opened_results import peaks_of
 from .hazard_levels import HazardMatrix, Period, levels_of
 from .intensity_answer import bands_of
-from .scenario_facts import end_of, facts_of
+from .scenario_facts import end_of_run, facts_of
 
 INSET = 0.49  # [cells] from the centre of a cell to the outermost places where other rasters are read
 WHOLE = ("export", "run")  # kinds of results in which nodata is a cell without flow
@@ -64,12 +63,22 @@ class Scenario:
     whole: bool = False
 
     def words(self) -> str:
-        """Return period and name."""
+        """Return return period and name as text."""
         more = f", largest of {self.members} runs" if self.shares is not None else ""
         return f"{self.years:g} years: {self.path.name}{more}"
 
     def on(self, grid: Grid) -> "Scenario":
-        """The scenario on another grid with cells that are not larger, each with the highest level it meets."""
+        """Return the scenario on another grid, each cell with the highest level that it meets.
+
+        Parameters
+        ----------
+        grid : Grid
+            With cells that are not larger.
+
+        Returns
+        -------
+        Scenario
+        """
         if same_cells(grid, self.grid):
             return self
         known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, self.whole)))
@@ -81,7 +90,12 @@ class Scenario:
 
 
 def same_cells(first: Grid, second: Grid) -> bool:
-    """Whether two grids have the same cells."""
+    """Return whether two grids have the same cells.
+
+    Parameters
+    ----------
+    first, second : Grid
+    """
     return first.shape == second.shape and first.transform == second.transform
 
 
@@ -92,7 +106,7 @@ def _in_cells_of(part: Grid, whole: Grid) -> bool:
     return bool(same_sides and np.allclose(place, np.rint(place), atol=1e-3, rtol=0))
 
 
-def _around(values, grid, onto, outside):
+def _around(values: np.ndarray, grid: Grid, onto: Grid, outside: float) -> Iterator[np.ndarray]:
     """`values` of `grid` at the centres, sides and corners of the cells of `onto`."""
     for right in (-INSET, 0.0, INSET):
         for down in (-INSET, 0.0, INSET):
@@ -101,11 +115,22 @@ def _around(values, grid, onto, outside):
 
 
 def scenario_of(text: str, option: str = "scenario") -> tuple[float, Path]:
-    """(return period [years], path) of "T=RESULTS".
+    """Return return period and path of "T=RESULTS".
+
+    Parameters
+    ----------
+    text : str
+    option : str
+        Name of the option, for the error.
+
+    Returns
+    -------
+    (float [years], Path)
 
     Raises
     ------
     InputError
+        Not of this form.
     """
     years, equals, path = str(text).partition("=")
     try:
@@ -117,8 +142,21 @@ def scenario_of(text: str, option: str = "scenario") -> tuple[float, Path]:
     return number, Path(path.strip())
 
 
-def read_scenarios(request, matrix: HazardMatrix, progress=lambda done, total: None) -> list[Scenario]:
-    """The scenarios of a request, all on one grid.
+def read_scenarios(
+    request: Any, matrix: HazardMatrix, progress: Callable[[int, int], None] = lambda done, total: None
+) -> list[Scenario]:
+    """Read the scenarios of a request, all on one grid.
+
+    Parameters
+    ----------
+    request : ReportRequest
+    matrix : HazardMatrix
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    list of Scenario
 
     Raises
     ------
@@ -160,13 +198,13 @@ def _in_one_crs(found):
     return [replace(entry, grid=replace(entry.grid, crs=first.grid.crs)) for entry in found]
 
 
-def _scenario(request, years, path, period, highest, progress):
+def _scenario(request: Any, years: float, path: Path, period: Period, highest: int, progress: Callable) -> Scenario:
     if path.is_dir() and read_ensemble_record(path) is not None:
         return _of_ensemble(request, years, path, period, highest, progress)
     results = replace(request.results, source=replace(request.results.source, frames=(path,)))
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
     result = peaks_of(results, progress, ("min_depth",), of_rasters)
-    end = end_of(path)
+    end = end_of_run(path)
     if end:
         log.info(f"{path} {end}: levels that its flow would give later are not in the map")
     level, known, grid, whole = _levels(result, period, request.results)
@@ -208,7 +246,7 @@ def _known(result, depth):
     return np.ones(depth.shape, bool)
 
 
-def _of_ensemble(request, years, path, period, highest, progress):
+def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest: int, progress: Callable) -> Scenario:
     """The largest level of all members of an ensemble, and the share of members with each level."""
     record = read_ensemble_record(path)
     _refuse_options_of_frames(request.results, path)
@@ -239,7 +277,7 @@ def _refuse_options_of_frames(results, path):
         raise InputError(f"{path} is an ensemble, whose rasters are already averaged; {words} requires frames")
 
 
-def _require_finished(path, record, count):
+def _require_finished(path: Path, record: dict, count: int) -> None:
     if not count:
         raise FormatError(f"{path} is an ensemble without members ({MEMBERS}/*_max.tif); run it again")
     if record.get("state") != "finished":

@@ -1,4 +1,4 @@
-"""Printed sheet of a hazard map at an exact scale: map at the left, all explanations in a column at its right.
+"""Print a hazard map at an exact scale: map at the left, all explanations in a column at its right.
 
 Scale bar, north arrow and legend stand in the column, where they never cover the flow.
 """
@@ -20,26 +20,28 @@ from ...system.messages import log
 from ...system.whole_files import whole_file
 from ...terrain.elevation import Terrain
 from .hazard_files import LEAST, MOST, NOT_ASSESSED_COLOUR, NOT_ASSESSED_WORDS, HazardMap
-from .hazard_legend import Column, draw_matrix
+from .hazard_legend import MM, OPACITY, Column, draw_matrix
 from .zone_outlines import polygons
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PAPERS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}  # [mm] landscape
+PAPERS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}  # [mm] width and height, landscape
+# usual denominators of map scales
 SCALES = (500, 1000, 2000, 2500, 5000, 10000, 15000, 20000, 25000, 50000, 100000, 200000, 250000, 500000)
-EDGE, TITLE, TICKS, GAP = 8.0, 11.0, 7.0, 4.0  # [mm] margin, title line, labels of coordinates, map to column
+EDGE = 8.0  # [mm] margin of the paper
+TITLE = 11.0  # [mm] height of the title line
+TICKS = 7.0  # [mm] width of the labels of coordinates
+GAP = 4.0  # [mm] between map and column
 COLUMN = {"A4": 72.0, "A3": 84.0}  # [mm] width of the column of explanations
 AIR = 8.0  # [mm] on paper around the zones
-HEADINGS = 5.0  # [mm] of a heading of the column
+HEADINGS = 5.0  # [mm] height of a heading of the column
 FOOT = EDGE + 24.0  # [mm] under the explanations, for scale and north
-TITLES = (13.0, 11.0, 9.0, 7.5)  # [points]
-DOTS_PER_INCH = 200
-MM = 1.0 / 25.4  # [inch]
-ZONE_OPACITY = 0.68
-BAND_COLOUR = "#202020"
-METRES_PER_MM = 1e-3  # of the map at scale 1
+TITLES = (13.0, 11.0, 9.0, 7.5)  # [points] of the title: the largest with which it fits
+DOTS_PER_INCH = 200  # of the picture, and of the hillshade in the PDF
+BAND_COLOUR = "#202020"  # of the bands in which an outline is uncertain
+METRES_PER_MM = 1e-3  # on the map at scale 1
 
 
 @dataclass(frozen=True)
@@ -58,18 +60,31 @@ class Sheet:
         return _frame(self.width, self.height, self.column)
 
 
-def _frame(width, height, column):
+def _frame(width: float, height: float, column: float) -> tuple[float, float, float, float]:
     left, bottom = EDGE + TICKS, EDGE + TICKS
     return left, bottom, width - left - GAP - column - EDGE, height - bottom - TITLE - EDGE
 
 
 def sheet_for(bounds: tuple, paper: str, scale: float | None) -> Sheet:
-    """The sheet whose orientation shows (west, south, east, north) [m] at the largest scale, or at the given one.
+    """Return the sheet whose orientation shows an area at the largest scale, or at the given one.
+
+    Parameters
+    ----------
+    bounds : (float, float, float, float) [m]
+        West, south, east, north.
+    paper : str
+        A key of PAPERS.
+    scale : float or None
+        Denominator; None: the largest of SCALES that fits.
+
+    Returns
+    -------
+    Sheet
 
     Raises
     ------
     InputError
-        They do not fit on the paper at this scale.
+        The area does not fit on the paper at this scale.
     """
     needed, width, height, frame = _largest_scale(bounds, paper)
     chosen = scale or next((value for value in SCALES if value >= needed), round_up(needed))
@@ -96,25 +111,40 @@ def _largest_scale(bounds, paper):
 
 
 class Print:
-    """A sheet as a figure, drawn once and saved in several formats."""
+    """A sheet as a figure, drawn once and saved in several formats.
+
+    Parameters
+    ----------
+    made : HazardMap
+    terrain : Terrain or None
+        For the hillshade.
+    sheet : Sheet
+    """
 
     def __init__(self, made: HazardMap, terrain: Terrain | None, sheet: Sheet):
         self._contents = made, terrain, sheet
 
     @cached_property
     def figure(self) -> "Figure":
-        """The figure, of the size of the paper."""
+        """Figure of the size of the paper."""
         return _drawn(*self._contents)
 
     def save(self, path: Path, kind: str) -> None:
-        """Write it as a `kind` of file: "pdf" or "png"."""
+        """Write the sheet to a file.
+
+        Parameters
+        ----------
+        path : Path
+        kind : str
+            "pdf" or "png".
+        """
         from matplotlib import rc_context
 
         with rc_context({"hatch.linewidth": 0.5, "pdf.fonttype": 42}), whole_file(path) as part:
             self.figure.savefig(part, dpi=DOTS_PER_INCH, format=kind)
 
 
-def _drawn(made, terrain, sheet) -> "Figure":
+def _drawn(made: HazardMap, terrain: Terrain | None, sheet: Sheet) -> "Figure":
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -138,7 +168,7 @@ def _drawn(made, terrain, sheet) -> "Figure":
     return figure
 
 
-def _draw_title(figure, words, sheet):
+def _draw_title(figure: "Figure", words: str, sheet: Sheet) -> None:
     """The title in one line, in the largest of TITLES that fits; what is too long even so is shortened."""
     left, room = sheet.frame[0], sheet.width - EDGE - sheet.frame[0]
     title = figure.text(left / sheet.width, 1 - (EDGE + 5) / sheet.height, words, fontweight="bold", va="center")
@@ -150,7 +180,7 @@ def _draw_title(figure, words, sheet):
     title.set_text(textwrap.shorten(words, int(0.95 * len(words) * room / width), placeholder=" ..."))
 
 
-def _hide_beyond(axes, view, terrain):
+def _hide_beyond(axes: "Axes", view: tuple, terrain: shapely.Geometry) -> None:
     """Cover the part of the view outside the `terrain` polygon, where draw_terrain repeats the outermost heights."""
     beyond = shapely.difference(shapely.box(*view), terrain)
     _draw_polygon(axes, polygons(beyond), facecolor="white", edgecolor="none", zorder=3.5)
@@ -160,7 +190,7 @@ def _hide_beyond(axes, view, terrain):
 
 def _draw_zones(axes: "Axes", made: HazardMap) -> None:
     for level, zone in zip(made.matrix.levels, made.zones.zones, strict=True):
-        _draw_polygon(axes, zone, facecolor=(level.colour, ZONE_OPACITY), edgecolor=INK, linewidth=0.5, zorder=4)
+        _draw_polygon(axes, zone, facecolor=(level.colour, OPACITY), edgecolor=INK, linewidth=0.5, zorder=4)
     _draw_polygon(
         axes,
         made.not_assessed(),
@@ -202,9 +232,11 @@ def _draw_coordinates(axes):
         spine.set(color=INK, linewidth=0.8)
 
 
-def _draw_column(figure, made, sheet, interval, without_terrain):
+def _draw_column(
+    figure: "Figure", made: HazardMap, sheet: Sheet, interval: float | None, without_terrain: bool
+) -> None:
     """Legend, matrix, scenarios and sources from the top; scale and north at the foot."""
-    column = Column(figure, sheet.width - EDGE - sheet.column, EDGE + TITLE, sheet.column, sheet.width, sheet.height)
+    column = Column(figure, sheet.width - EDGE - sheet.column, EDGE + TITLE, sheet.column, sheet.height)
     _draw_legend(column, made, interval)
     draw_matrix(column, made.matrix, {scenario.period.name for scenario in made.scenarios})
     facts = made.facts + (
@@ -227,10 +259,10 @@ def _draw_column(figure, made, sheet, interval, without_terrain):
     _draw_scale(figure, sheet, column.left)
 
 
-def _draw_legend(column, made, interval):
+def _draw_legend(column: Column, made: HazardMap, interval: float | None) -> None:
     column.heading(made.matrix.title)
     for level, area in reversed(list(zip(made.matrix.levels, made.areas(), strict=True))):
-        column.patch(f"{level.meaning or level.name}, {area / 1e4:.3g} ha", facecolor=(level.colour, ZONE_OPACITY))
+        column.patch(f"{level.meaning or level.name}, {area / 1e4:.3g} ha", facecolor=(level.colour, OPACITY))
     if made.hazard.unknown.any():
         column.patch(NOT_ASSESSED_WORDS, facecolor="none", edgecolor=NOT_ASSESSED_COLOUR, hatch="xxxx")
     if made.shares is not None:
@@ -240,7 +272,7 @@ def _draw_legend(column, made, interval):
         column.text(f"contours every {interval:g} m")
 
 
-def _draw_scale(figure, sheet, left):
+def _draw_scale(figure: "Figure", sheet: Sheet, left: float) -> None:
     """Scale bar, scale in numbers and north arrow at the foot of the column."""
     from matplotlib.patches import FancyArrowPatch, Rectangle
 

@@ -1,8 +1,6 @@
-"""`mpmgis intensity`: classes of a named guideline on a map.
+"""Answer `mpmgis intensity`: classes of a named guideline on a map."""
 
-Loads of a flow on the buildings of a polygon layer: frames or an export in, loads of each building out.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +27,13 @@ RASTER_FILE, STYLE_FILE = "intensity.tif", "intensity.qml"
 POLYGON_FILE, TABLE_FILE = "intensity.gpkg", "intensity.csv"
 MAP_FILE, BUILDING_FILE = "intensity.png", "buildings.gpkg"
 FILES = (RASTER_FILE, STYLE_FILE, POLYGON_FILE, TABLE_FILE, MAP_FILE)
-WORD = "intensity"
+WORD = "intensity"  # end of the name of the default output folder
+_FIXES = {  # by missing band
+    "h_max": "expected an export, or rasters named <name>_pft",
+    "Ut_max": "expected an export, or rasters named <name>_pft and <name>_pfv, given by the beginning of their names",
+    "p_max": "expected an export, rasters named <name>_ppr [kPa], or `density` and <name>_pfv",
+    "h_deposit": "expected an export with its last step",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +56,16 @@ class IntensityFound:
     files: tuple
 
 
-def intensity(request: IntensityRequest, progress=lambda done, total: None) -> IntensityFound:
-    """Classes of the largest values of each cell, as raster, polygons and areas.
+def intensity(
+    request: IntensityRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> IntensityFound:
+    """Classify the largest values of each cell; write raster, polygons and areas.
+
+    Parameters
+    ----------
+    request : IntensityRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -94,7 +106,7 @@ def intensity(request: IntensityRequest, progress=lambda done, total: None) -> I
     return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
 
 
-def _log_gaps(result, guideline, cells):
+def _log_gaps(result: Result, guideline: Guideline, cells: int) -> None:
     """Report cells whose class can be too low, because a value is missing."""
     if cells:
         log.info(
@@ -109,7 +121,7 @@ def _require_folder(request, output):
         raise InputError(f"`output={output}` is one file, and `buildings` adds {BUILDING_FILE}; give a folder")
 
 
-def _terrain(request, result, grid, output):
+def _terrain(request: IntensityRequest, result: Result, grid: Grid, output: Path) -> Terrain | None:
     """The Terrain of the map; None where no DTM is known, which leaves the map out."""
     if isinstance(result.terrain, Terrain):
         return result.terrain
@@ -123,7 +135,18 @@ def _terrain(request, result, grid, output):
 
 
 def bands_of(result: Result, guideline: Guideline, density: float | None) -> tuple[dict, Grid]:
-    """(band -> float[rows, columns], their Grid) of depth and of all bands of the guideline.
+    """Return the bands of depth and of the guideline.
+
+    Parameters
+    ----------
+    result : Result
+    guideline : Guideline
+    density : float or None [kg m-3]
+        For a pressure computed from the speed.
+
+    Returns
+    -------
+    (dict of str to float[rows, columns], Grid)
 
     Raises
     ------
@@ -138,11 +161,3 @@ def bands_of(result: Result, guideline: Guideline, density: float | None) -> tup
             f"{result.name} has no {', '.join(missing)}, which {guideline.name} requires; {_FIXES[missing[0]]}"
         )
     return bands, grid
-
-
-_FIXES = {  # by missing band
-    "h_max": "expected an export, or rasters named <name>_pft",
-    "Ut_max": "expected an export, or rasters named <name>_pft and <name>_pfv, given by the beginning of their names",
-    "p_max": "expected an export, rasters named <name>_ppr [kPa], or `density` and <name>_pfv",
-    "h_deposit": "expected an export with its last step",
-}

@@ -1,4 +1,4 @@
-"""Files of an intensity classification: raster, style, polygons and table."""
+"""Write the files of an intensity classification: raster, style, polygons and table."""
 
 import warnings
 from pathlib import Path
@@ -23,7 +23,17 @@ HEADINGS = ("class", "name", "when", "area_m2", "guideline", "source", "read_in"
 
 
 def write_class_raster(path: Path, grid: Grid, numbers: np.ndarray, guideline: Guideline, tags: dict) -> None:
-    """Write uint8[rows, columns] class numbers as GeoTIFF with the guideline's colours; 0 is nodata."""
+    """Write class numbers as GeoTIFF with the guideline's colours; 0 is nodata.
+
+    Parameters
+    ----------
+    path : Path
+    grid : Grid
+    numbers : uint8[rows, columns]
+    guideline : Guideline
+    tags : dict of str to str
+        Of the file.
+    """
     crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
     rows, columns = grid.shape
     profile = {
@@ -54,7 +64,13 @@ def write_class_raster(path: Path, grid: Grid, numbers: np.ndarray, guideline: G
 
 
 def write_class_style(path: Path, guideline: Guideline) -> None:
-    """Write the .qml of the raster for QGIS: colour and name of each class."""
+    """Write the .qml of the raster for QGIS: colour and name of each class.
+
+    Parameters
+    ----------
+    path : Path
+    guideline : Guideline
+    """
     entries = [
         node(
             "paletteEntry", {"value": k, "color": entry.colour, "alpha": 255, "label": f"{entry.name}: {entry.words()}"}
@@ -71,7 +87,17 @@ def write_class_style(path: Path, guideline: Guideline) -> None:
 
 
 def write_class_polygons(path: Path, grid: Grid, numbers: np.ndarray, guideline: Guideline, areas: np.ndarray) -> None:
-    """Write a GeoPackage with one multipolygon for each class that occurs, with its plan area [m2]."""
+    """Write a GeoPackage with one multipolygon for each class that occurs, with its plan area.
+
+    Parameters
+    ----------
+    path : Path
+    grid : Grid
+    numbers : uint8[rows, columns]
+    guideline : Guideline
+    areas : float64[classes] [m2]
+        In plan.
+    """
     rows = []
     for number, (entry, area) in enumerate(zip(guideline.classes, areas, strict=True), start=1):
         outline = mask_outline(numbers == number, grid.transform)
@@ -91,7 +117,15 @@ def write_class_polygons(path: Path, grid: Grid, numbers: np.ndarray, guideline:
 
 
 def write_class_table(path: Path, guideline: Guideline, areas: np.ndarray) -> None:
-    """Write the areas of all classes as CSV."""
+    """Write the areas of all classes as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    guideline : Guideline
+    areas : float64[classes] [m2]
+        In plan.
+    """
     rows = [
         _record(number, entry, area, guideline)
         for number, (entry, area) in enumerate(zip(guideline.classes, areas, strict=True), start=1)

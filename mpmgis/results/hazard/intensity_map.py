@@ -1,7 +1,4 @@
-"""Guideline files, and the map, polygons and table of intensity classes.
-
-PNG map of the classes of a guideline over a hillshade.
-"""
+"""Draw the classes of a guideline over a hillshade, as PNG."""
 
 import textwrap
 from pathlib import Path
@@ -23,10 +20,12 @@ from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
 from .guideline_classes import Guideline
 
-DOTS_PER_INCH = 120
+DOTS_PER_INCH = 120  # small files that are sharp on a screen
 SQUARE_METRES_PER_HECTARE = 1e4
-LEFT_OF_SOURCE, RIGHT_OF_SOURCE, LETTER = 0.85, 0.1, 0.052  # [inch]: margins and mean letter of the line below the map
-WIDTH_OF_WORDS = 36  # [characters] of the legend
+LEFT_OF_SOURCE = 0.85  # [inch] left margin of the line below the map
+RIGHT_OF_SOURCE = 0.1  # [inch] right margin of the line below the map
+LETTER = 0.052  # [inch] mean width of a letter of that line
+WIDTH_OF_WORDS = 36  # [characters] of a line of the legend
 
 
 def write_class_map(

@@ -1,4 +1,4 @@
-"""Facts about a run that a hazard map states: release, friction, and how the run ended."""
+"""State facts about the results of a scenario for a hazard map: release, friction, and how the run ended."""
 
 import math
 from pathlib import Path
@@ -6,18 +6,33 @@ from pathlib import Path
 from ...frames.ensemble_folder import read_ensemble_record
 from ...frames.run_folder import read_record
 from ...frames.run_maps import run_of_maps
+from ...maps.averaging.result_bands import Result
 from ...system.errors import MpmgisError
 from ...terrain.elevation import Terrain
 from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import NAMESPACE
 
 TAGS = (("release", "release {}"), ("density", "density {} kg/m3"), ("digest", "digest {:.8}"))  # of an export
-MOVING_ENERGY, MOVING_SPEED = 0.01, 0.1  # of the peak; [m s-1]: more at the end of a run is reported
-FRICTION_SKIPPED = ("law", "use")
+MOVING_ENERGY = 0.01  # [1] of the peak of kinetic energy; more at the end of a run is reported
+MOVING_SPEED = 0.1  # [m s-1] mean speed; more at the end of a run is reported
+FRICTION_SKIPPED = ("law", "use")  # keys of [friction] that are no parameters
 
 
-def facts_of(path: Path, result=None) -> str:
-    """Release, friction and end of a run or ensemble; what the tags of an export name; "" where nothing is known."""
+def facts_of(path: Path, result: Result | None = None) -> str:
+    """Return release, friction and end of a run or ensemble, as text.
+
+    For an export: what its tags name. "" where nothing is known.
+
+    Parameters
+    ----------
+    path : Path
+    result : Result, optional
+        The opened results at the path, for the tags of an export.
+
+    Returns
+    -------
+    str
+    """
     record = _record_at(path)
     if isinstance(record.get("scene"), dict):
         return "; ".join(filter(None, _of_record(record)))
@@ -33,11 +48,16 @@ def _record_at(path):
         return {}
 
 
-def end_of(path: Path) -> str:
-    """How a run ended that had not come to rest; "" for others, and where nothing is known of it.
+def end_of_run(path: Path) -> str:
+    """Return how a run ended that had not come to rest; "" for others, and where nothing is known of it.
 
     It moves if its kinetic energy is above MOVING_ENERGY of its peak, and its mass faster than MOVING_SPEED in the
     mean.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the run.
     """
     record = _record_at(path)
     if record.get("state") not in (None, "finished"):

@@ -1,6 +1,6 @@
-"""Outlines of hazard zones for a map scale: smoothed, simplified, minimum mapping area, no gaps or overlaps.
+"""Outline hazard zones for a map scale: smoothed, simplified, minimum mapping area, no gaps or overlaps.
 
-Where generalization must choose, the higher level wins: gaps that are too small to be mapped take the level around
+ Where generalization must choose, the higher level wins: gaps that are too small to be mapped take the level around
 them, and parts that are too small are enlarged, not removed.
 """
 
@@ -14,12 +14,12 @@ from ...maps.qgis.outlines import mask_outline
 
 LINE = 0.3e-3  # [m] on paper: lines closer than this cannot be told apart in print
 SMALLEST = 2e-3  # [m] on paper: side of the smallest area that is mapped
-KEPT_AREA = 0.001  # largest change of an area by simplification; with 0.4 % of smoothing: 0.5 %
-HALVINGS = 8  # of the tolerance of simplification
+KEPT_AREA = 0.001  # [1] largest change of an area by simplification; with 0.4 % of smoothing: 0.5 %
+HALVINGS = 8  # of the tolerance of simplification, until the area is kept
 SLIVER = 0.5  # [cells] smaller parts of a zone are slivers at any minimum mapping area
-GRID = 1e-3  # [m] to which borders of zones are rounded, so that zones with a common border share its points
+GRID = 1e-3  # [m] lattice to which borders of zones are rounded, so that zones with a common border share its points
 OFFSETS = 3  # iterations of the distance that restores the area
-BISECTIONS = 24  # of the distance by which a small part is enlarged
+BISECTIONS = 24  # iterations of the distance by which a small part is enlarged
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,18 @@ class Generalized:
 
 
 def default_area(scale: float) -> float:
-    """Minimum mapping area [m2] of a map at 1:`scale`."""
+    """Return the minimum mapping area [m2] of a map at 1:`scale`.
+
+    Parameters
+    ----------
+    scale : float
+        Denominator of the map scale.
+    """
     return (SMALLEST * scale) ** 2
 
 
 def generalized_zones(level: np.ndarray, highest: int, transform: Affine, scale: float, least: float) -> Generalized:
-    """Zones of a raster of levels.
+    """Return the zones of a raster of levels, generalized for a map scale.
 
     Parameters
     ----------
@@ -67,7 +73,7 @@ def generalized_zones(level: np.ndarray, highest: int, transform: Affine, scale:
     return Generalized(tuple(_nested(regions, sliver)), filled, enlarged)
 
 
-def _mapped(outline, tolerance, least):
+def _mapped(outline: shapely.Geometry, tolerance: float, least: float) -> tuple[shapely.MultiPolygon, int, int]:
     """(the outline with large enough gaps and parts, simplified; number of filled gaps, number of enlarged parts)."""
     parts, gaps, small = [], 0, 0
     for part in shapely.get_parts(outline):
@@ -130,7 +136,7 @@ def _nested(regions, sliver):
     return zones
 
 
-def _given(part, zones, first):
+def _given(part: shapely.Geometry, zones: list, first: int) -> bool:
     """Whether a higher zone, from number `first` upwards, touches `part`, which is added to it."""
     for number in range(first, len(zones)):
         if zones[number] is not None and shapely.dwithin(zones[number], part, 2 * GRID):
@@ -140,6 +146,11 @@ def _given(part, zones, first):
 
 
 def polygons(shape: shapely.Geometry) -> shapely.MultiPolygon:
-    """The polygons of any geometry as a MultiPolygon; lines and points are left out."""
+    """Return the polygons of any geometry as a MultiPolygon; lines and points are left out.
+
+    Parameters
+    ----------
+    shape : shapely geometry
+    """
     pieces = shapely.get_parts(shapely.get_parts(shape if shapely.is_valid(shape) else shapely.make_valid(shape)))
     return shapely.MultiPolygon([piece for piece in pieces if piece.geom_type == "Polygon" and piece.area > 0])

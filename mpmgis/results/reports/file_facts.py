@@ -1,6 +1,6 @@
-"""Facts about any file or folder of the processing chain, for `mpmgis info`.
+"""Collect facts about any file or folder of the processing chain, for `mpmgis info`.
 
-Facts are a dictionary of numbers, strings, lists and dictionaries, in SI units; `kind` names the type of file. The
+ Facts are a dictionary of numbers, strings, lists and dictionaries, in SI units; `kind` names the type of file. The
 type is detected from the contents; the suffix only decides which reader is tried first.
 """
 
@@ -33,13 +33,21 @@ from .map_facts import project_facts, raster_facts, vector_facts
 from .particle_facts import PEAKS, frame_facts, particle_table_facts, third_party_facts
 
 README = "README.txt"
-CLOSE = 1e-6  # relative tolerance of the mass in README.txt
+CLOSE = 1e-6  # [1] tolerance of the mass in README.txt
 _WRITTEN = re.compile(r"(\d+) points, (\S+) kg, .* from (.+), written for (.+) by mpmgis (\S+)\.")
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
 
 
 def start_facts(folder: str | Path) -> dict | None:
-    """Facts about the start files of a solver in `folder`; None if it is not such a folder.
+    """Return facts about the start files of a solver in `folder`; None if it is not such a folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    dict or None
 
     Raises
     ------
@@ -114,7 +122,13 @@ def _read_back(folder, solver, terms):
 
 
 def inspect(path: str | Path, terms: Declarations | None = None) -> dict:
-    """Facts about the file or folder at `path`; `terms` (Declarations): user declarations for files of other codes.
+    """Return facts about the file or folder at `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+    terms : Declarations, optional
+        Declarations of the user for files of other codes.
 
     Returns
     -------

@@ -1,10 +1,10 @@
-"""A report as one HTML file: sections of tables, pictures and lines."""
+"""Write a report as one HTML file: sections of tables, pictures and lines."""
 
 import base64
 from collections.abc import Iterable
 from html import escape
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...system.whole_files import whole_file
 
@@ -60,13 +60,31 @@ class Section(NamedTuple):
     page: bool = False
 
 
-def section(title: str, *blocks, page: bool = False) -> Section:
-    """A Section of the blocks that are not empty."""
+def section(title: str, *blocks: Any, page: bool = False) -> Section:
+    """Return a Section of the blocks that are not empty.
+
+    Parameters
+    ----------
+    title : str
+    *blocks : Table, Picture, Lines, Source or None
+    page : bool
+        Whether the section begins a page in print.
+    """
     return Section(title, tuple(block for block in blocks if block is not None and any(block)), page)
 
 
 def figure_rows(facts: Iterable[tuple]) -> tuple:
-    """Table rows of (name, value, unit) with numbers in five digits; rows without a value are omitted."""
+    """Return table rows with numbers in five digits; rows without a value are omitted.
+
+    Parameters
+    ----------
+    facts : iterable of (str, float or str, str)
+        Name, value, unit.
+
+    Returns
+    -------
+    tuple of (str, str, str)
+    """
     return tuple((what, _text(value), unit) for what, value, unit in facts if value == value and value is not None)
 
 

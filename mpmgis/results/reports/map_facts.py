@@ -1,4 +1,4 @@
-"""Facts about rasters, vector files and QGIS projects, for `mpmgis info`."""
+"""Collect facts about rasters, vector files and QGIS projects, for `mpmgis info`."""
 
 import warnings
 from pathlib import Path
@@ -24,15 +24,24 @@ from ...terrain.raster_input import open_raster
 from .particle_facts import is_particle_layer, no_side_files, particle_table_facts
 
 LARGEST_PROJECT = 100_000_000  # [bytes] of XML; projects with hundreds of layers have ten
-MOST_LAYERS = 10_000
-_AT_ONCE = 1_000_000
-_CRS = ["qgis", "projectCrs", "spatialrefsys", "authid"]
-LARGEST_TRIED_TERRAIN = 50_000_000  # cells; larger rasters are not tested as a DTM
+MOST_LAYERS = 10_000  # of a project; more are a damaged or hostile file
+_AT_ONCE = 1_000_000  # [bytes] of XML that are parsed together, to limit the memory
+_CRS = ["qgis", "projectCrs", "spatialrefsys", "authid"]  # path of elements to the CRS of a project
+LARGEST_TRIED_TERRAIN = 50_000_000  # [cells] larger rasters are not tested as a DTM
 TAG_NAMESPACE = "mpmgis"
 
 
 def project_facts(path: str | Path) -> dict:
-    """Version, CRS and layers of the QGIS project at `path` (.qgz, .qgs).
+    """Return version, CRS and layers of a QGIS project.
+
+    Parameters
+    ----------
+    path : str or Path
+        A .qgz or .qgs.
+
+    Returns
+    -------
+    dict
 
     Raises
     ------
@@ -109,11 +118,22 @@ class _Project:
 
 
 def raster_facts(path: Path, values: bool = True) -> dict:
-    """Facts about a raster; without `values` its cells are not read.
+    """Return facts about a raster.
+
+    Parameters
+    ----------
+    path : Path
+    values : bool
+        Whether its cells are read.
+
+    Returns
+    -------
+    dict
 
     Raises
     ------
     FormatError
+        Unreadable, or with an invalid georeference.
     """
     with open_raster(path) as source:
         grid = Grid(None, source.transform, source.shape)
@@ -197,11 +217,20 @@ def _as_terrain(path):
 
 
 def vector_facts(path: Path) -> dict:
-    """Facts about a vector file, or about particles if its points are particles.
+    """Return facts about a vector file, or about particles if its points are particles.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    dict
 
     Raises
     ------
     FormatError
+        Not a vector file that GDAL reads.
     """
     require_undisguised(path)
     require_zip_fits(path)

@@ -1,4 +1,4 @@
-"""Facts about particle files: number, time, bounds, mass, speed."""
+"""Collect facts about particle files: number, time, bounds, mass, speed."""
 
 import json
 import re
@@ -37,7 +37,16 @@ MOST_FRAMES_READ = 12  # of another code; of longer series only the first and th
 
 
 def frame_facts(path: Path) -> dict:
-    """Facts about a frame of mpmgis."""
+    """Return facts about a frame of mpmgis.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    dict
+    """
     frame = read_frame(path, with_state=False)
     particles, origin = frame.particles, np.asarray(frame.origin)
     facts = {
@@ -67,13 +76,26 @@ def frame_facts(path: Path) -> dict:
 
 
 def third_party_facts(paths: Sequence, reader: str, terms: Declarations) -> dict:
-    """Facts about files of another code, with the user declarations `terms` (Declarations); unknown facts are None.
+    """Return facts about files of another code; unknown facts are None.
 
     For several frames: facts of the last one, and number and mass of each.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    reader : str
+        Name of the code.
+    terms : Declarations
+        Of the user.
+
+    Returns
+    -------
+    dict
 
     Raises
     ------
     FormatError, InputError
+        Unreadable files, or a declaration that does not fit.
     """
     frames, terms = third_party_frames(paths, reader, terms)
     try:
@@ -123,7 +145,7 @@ def _third_party_frame_facts(frame, time, reader, terms):
 
 
 def particle_facts(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, volume: np.ndarray) -> dict:
-    """Number, mass, volume, density, bounds and largest speed of particles.
+    """Return number, mass, volume, density, bounds and largest speed of particles.
 
     Parameters
     ----------
@@ -132,6 +154,10 @@ def particle_facts(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray,
     velocity : float[n, 3] [m s-1]
     mass : float[n] [kg]
     volume : float[n] [m3]
+
+    Returns
+    -------
+    dict
     """
     low, high = position.min(axis=0).tolist(), position.max(axis=0).tolist()
     return {
@@ -146,12 +172,25 @@ def particle_facts(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray,
 
 
 def is_particle_layer(table: object) -> bool:
-    """True if a table of features has particles (position, velocity, mass)."""
+    """Return whether a table of features has particles (position, velocity, mass).
+
+    Parameters
+    ----------
+    table : GeoDataFrame
+    """
     return set(NEEDED) <= set(table.columns)
 
 
 def particle_table_facts(path: str | Path) -> dict:
-    """Facts about a seed file: .csv, .json, .gpkg, .parquet or .vtp.
+    """Return facts about a seed file: .csv, .json, .gpkg, .parquet or .vtp.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict
 
     Raises
     ------
@@ -250,7 +289,7 @@ def _parquet_table(path):
 
 @contextmanager
 def no_side_files() -> Iterator[None]:
-    """Prevents that GDAL writes `.aux.xml` next to a GeoPackage that is only read."""
+    """Prevent GDAL from writing `.aux.xml` next to a GeoPackage that is only read."""
     before = pyogrio.get_gdal_config_option("GDAL_PAM_ENABLED")
     pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": False})
     try:

@@ -1,4 +1,8 @@
-"""Pages of a report: barriers (loads over time, run-up, overtopping, section), and the places of the largest values."""
+"""Compose pages of a report: barriers (loads over time, run-up, overtopping, section), places of the largest values."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -10,20 +14,24 @@ from ...maps.export.band_map import write_band_map
 from ...scene.scene_reading import read_scene
 from ...simulation.run_summary import extremes
 from ...simulation.scene_files import scene_walls
-from ...solvers.features.walls import half_thickness
+from ...solvers.features.walls import Wall, half_thickness
 from ...system.disguised_files import require_local
 from ...system.errors import MpmgisError
 from ...system.messages import log, muted
+from ...terrain.grid import Grid
 from ..barrier_loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from ..load_plots import write_history_plot, write_section_plot
+from ..opened_results import ExportFlow, FrameFlow, RasterFlow
 from ..profiles import free_surface
-from .html_page import Lines, Picture, Table, figure_rows, section
+from ..runout_figures import RunoutFound
+from .html_page import Lines, Picture, Section, Table, figure_rows, section
 
 NEAR_CELLS = 3.0  # [cells] of solver or map around a wall in which its run-up is looked for
-SECTION_CELLS, SECTION_HEIGHTS = 8.0, 6.0  # cells of the map, heights of the crest: before a wall; half behind it
-MOST_PLACES = 2000  # of a section
-JOINED_SHARE = 0.04  # of the longer side of the map: places nearer to each other have one label
-LEAST_SHARE = 1e-5  # of the mass, from which on a place where mass left is listed
+SECTION_CELLS = 8.0  # [cells] of the map, at least, before a wall in its section; half as many behind it
+SECTION_HEIGHTS = 6.0  # [heights of the wall] at least before a wall in its section; half as many behind it
+MOST_PLACES = 2000  # sample points of a section
+JOINED_SHARE = 0.04  # [1] of the longer side of the map: places nearer to each other have one label
+LEAST_SHARE = 1e-5  # [1] of the mass; a place where less of it left is not listed
 HEADINGS = ("number", "what", "value", "E [m]", "N [m]", "time [s]")
 PEAKS = (  # band, words, unit, factor
     ("h_max", "largest depth in the maps", "m", 1.0),
@@ -34,14 +42,48 @@ STEPS = (("thickness", "largest vertical thickness of any step", "m"), ("speed",
 LEFT = {"hole": "into a hole of the DTM", "collar": "into the nodata around the DTM", "elsewhere": "at smaller places"}
 
 
-def barrier_sections(gathered, folder):
-    """Sections of the barriers of the run beside the frames; nothing where it has none.
+@dataclass(frozen=True)
+class Gathered:
+    """What a report is made from.
 
     Parameters
     ----------
-    gathered : what a report is made from: flow, peaks, grid, record
+    flow : FrameFlow, ExportFlow or RasterFlow
+    peaks : dict of str to float[rows, columns]
+        Largest values of the cells by band.
+    grid : Grid
+        Of the peaks.
+    record : dict
+        run.json of the run; {} for results of other codes.
+    scene : str
+        Text of the scene; "" if unknown.
+    runout : RunoutFound or None
+    notes : tuple of str
+        Messages while the results were read.
+    """
+
+    flow: FrameFlow | ExportFlow | RasterFlow
+    peaks: dict
+    grid: Grid
+    record: dict
+    scene: str
+    runout: RunoutFound | None
+    notes: tuple
+
+
+def barrier_sections(gathered: Gathered, folder: Path) -> Iterator[Section]:
+    """Yield sections of the barriers of the run beside the frames; none where it has no barriers.
+
+    Parameters
+    ----------
+    gathered : Gathered
+        What the report is made from.
     folder : Path
         For pictures.
+
+    Yields
+    ------
+    Section
     """
     flow = gathered.flow
     if not flow.entries:
@@ -101,7 +143,7 @@ def _walls(flow):
         return {}
 
 
-def _run_up(flow, wall, history):
+def _run_up(flow: FrameFlow, wall: Wall, history: BarrierHistory) -> RunUp | None:
     """The RunUp in the cells near a Wall, on the side that the flow comes from; None where it never loaded the wall."""
     if history.direction is None:
         return None
@@ -135,14 +177,14 @@ def _run_up(flow, wall, history):
     )
 
 
-def _towards(footprint, x, y):
+def _towards(footprint: shapely.Geometry, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """float64[n, 2] [m]: from map points to the nearest points of a footprint."""
     lines = shapely.shortest_line(shapely.points(x, y), footprint)
     ends = shapely.get_coordinates(lines).reshape(-1, 2, 2)
     return ends[:, 1] - ends[:, 0]
 
 
-def _near(grid, footprint, reach):
+def _near(grid: Grid, footprint: shapely.Geometry, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(flat cells, x, y) of the cells of `grid` within `reach` [m] of a footprint, but not in it."""
     low, high = np.reshape(footprint.buffer(reach).bounds, (2, 2))
     count = np.maximum(np.ceil((high - low) / (0.5 * grid.cell_size)).astype(int) + 1, 2)
@@ -155,7 +197,7 @@ def _near(grid, footprint, reach):
     return cells[near], np.asarray(x)[near], np.asarray(y)[near]
 
 
-def _nearest(wall, x, y):
+def _nearest(wall: Wall, x: float, y: float) -> np.ndarray:
     """float64[2]: point of the footprint nearest to a place."""
     line = shapely.shortest_line(wall.footprint, shapely.Point(x, y))
     return np.asarray(line.coords)[0]
@@ -168,7 +210,7 @@ def _crest(terrain, wall, place):
     return float(terrain.sample(place[:1], place[1:])[0]) + float(wall.height)
 
 
-def _plan(gathered, wall, run_up, path):
+def _plan(gathered: Gathered, wall: Wall, run_up: RunUp, path: Path) -> Picture:
     """The map of the largest depth around the barrier."""
     west, south, east, north = shapely.union(wall.footprint, shapely.Point(run_up.x, run_up.y)).bounds
     margin = max(0.5 * max(east - west, north - south), 10 * gathered.grid.cell_size)
@@ -194,7 +236,7 @@ def _plan(gathered, wall, run_up, path):
     return Picture(path.read_bytes(), "Plan: largest flow depth, normal to the slope")
 
 
-def _section(gathered, wall, history, run_up, path):
+def _section(gathered: Gathered, wall: Wall, history: BarrierHistory, run_up: RunUp, path: Path) -> Picture:
     """The section through the barrier nearest to the largest depth, in the direction of the force."""
     flow, foot = gathered.flow, _nearest(wall, run_up.x, run_up.y)
     direction = history.direction
@@ -219,8 +261,20 @@ def _section(gathered, wall, history, run_up, path):
     return Picture(path.read_bytes(), "Section through the place of the largest depth at the wall")
 
 
-def places_section(gathered, folder):
-    """A section with a numbered table and map of places; None where none is known."""
+def places_section(gathered: Gathered, folder: Path) -> Section | None:
+    """Return a section with a numbered table and map of places; None where none is known.
+
+    Parameters
+    ----------
+    gathered : Gathered
+        What the report is made from.
+    folder : Path
+        For pictures.
+
+    Returns
+    -------
+    Section or None
+    """
     rows = [*_of_maps(gathered), *_of_record(gathered.record)]
     if not rows:
         return None

@@ -1,6 +1,7 @@
-"""`mpmgis report`: one HTML file about a run."""
+"""Answer `mpmgis report`: one HTML file about a run."""
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,10 +23,10 @@ from ..opened_results import ExportFlow, open_flow, peaks_of, read_peaks
 from ..runout_answer import RunoutRequest, found_runout
 from ..runout_plots import write_runout_plot
 from .html_page import Lines, Picture, Source, Table, figure_rows, section, write_report
-from .report_pages import barrier_sections, places_section
+from .report_pages import Gathered, barrier_sections, places_section
 
 REPORT_FILE = "report.html"
-WORD = "report"
+WORD = "report"  # end of the name of the default output folder
 MAPS = (  # band of the result, style of the map, title
     ("h_max", "h_max", "Largest flow depth"),
     ("Ut_max", "Ut_max", "Largest speed along the slope"),
@@ -35,6 +36,15 @@ MAPS = (  # band of the result, style of the map, title
 USED_OF_RASTERS = ("density", "min_depth")  # options of frames, for the pressure and the maps
 PASCAL_PER_KILOPASCAL = 1000.0
 SQUARE_METRES_PER_HECTARE = 1e4
+_EFFECT_COLUMNS = {  # key of a decision: heading
+    "effect": "effect",
+    "state": "state",
+    "decided_by": "decided by",
+    "indicator": "number",
+    "threshold": "threshold",
+    "reason": "reason",
+}
+_CHECKS = {"resolution": resolution_words, "volume": volume_words}  # key of a stage's record: its words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,23 +57,18 @@ class ReportRequest(AnswerRequest):
     hazard: HazardOptions
 
 
-@dataclass(frozen=True)
-class _Gathered:
-    """Contents of a report: the `flow`, the `peaks` of its cells by band on `grid`, the run's `record`."""
-
-    flow: object
-    peaks: dict
-    grid: object
-    record: dict
-    scene: str
-    runout: object
-    notes: tuple
-
-
-def report(request: ReportRequest, progress=lambda done, total: None) -> tuple[Path, ...] | HazardFound:
+def report(
+    request: ReportRequest, progress: Callable[[int, int], None] = lambda done, total: None
+) -> tuple[Path, ...] | HazardFound:
     """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
 
     With `hazard.map` a hazard map of several scenarios instead.
+
+    Parameters
+    ----------
+    request : ReportRequest
+    progress : callable
+        Called with (steps done, steps in all).
 
     Returns
     -------
@@ -112,7 +117,7 @@ def _require_one_kind(request):
             raise InputError(f"`{name}` is for the report of one run; a hazard map takes `min_depth`")
 
 
-def _gather(request, output, progress):
+def _gather(request: ReportRequest, output: Path, progress: Callable) -> Gathered:
     with collected() as notes:
         flow = open_flow(request.results, output, peaks_do=True, used=USED_OF_RASTERS)
         result = peaks_of(request.results, progress, used_of_rasters=USED_OF_RASTERS)
@@ -125,7 +130,7 @@ def _gather(request, output, progress):
                 raise
             log.info(f"no runout: {error}")
             runout = None
-    return _Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
+    return Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
 
 
 def _of_the_run(flow):
@@ -256,9 +261,6 @@ def _check(name, numbers):
         return f"run.json is of another version of mpmgis, its {name} has no {one_line(error)}"
 
 
-_CHECKS = {"resolution": resolution_words, "volume": volume_words}
-
-
 def _warnings(gathered):
     """Problems and assumptions of the run and of reading its frames."""
     record = gathered.record
@@ -297,16 +299,6 @@ def _effects(record):
         rows = tuple(tuple(_word(decision.get(key)) for key in _EFFECT_COLUMNS) for decision in decisions)
         if rows:
             yield Table(tuple(_EFFECT_COLUMNS.values()), rows)
-
-
-_EFFECT_COLUMNS = {
-    "effect": "effect",
-    "state": "state",
-    "decided_by": "decided by",
-    "indicator": "number",
-    "threshold": "threshold",
-    "reason": "reason",
-}
 
 
 def _word(value):
