@@ -13,8 +13,10 @@ TRANSFORM = "transform"  # affine transform of the squares that nodes stand for 
 DENSITY = "bed_density"  # [kg m-3]
 
 
-def bed_change_of(eroded, forest, west, south, spacing):
-    """What a frame stores of the bed, cut to the nodes where anything changed.
+def bed_change_of(
+    eroded: np.ndarray, forest: tuple[np.ndarray, np.ndarray] | None, west: float, south: float, spacing: float
+) -> dict[str, np.ndarray]:
+    """Return what a frame stores of the bed, cut to the nodes where anything changed.
 
     Parameters
     ----------
@@ -41,5 +43,12 @@ def bed_change_of(eroded, forest, west, south, spacing):
 
 
 def with_density(eroded: dict[str, Any], density: float) -> dict[str, Any]:
-    """The same with the density [kg m-3] of the bed, which makes depths of masses; nothing stays nothing."""
+    """Add the density of the bed, with which masses become depths, to what a frame stores of the bed.
+
+    Parameters
+    ----------
+    eroded : dict
+        Result of `bed_change_of`; one that is empty stays so.
+    density : float [kg m-3]
+    """
     return eroded | {DENSITY: float(density)} if eroded else {}

@@ -8,8 +8,20 @@ from .spline_bed import weights
 
 
 @jit
-def grid_areas(rows, shape, dx):
-    """Area [m2] with which each column would have the thickness of the grid at its place: m / (rho h_g)."""
+def grid_areas(rows: np.ndarray, shape: tuple, dx: float) -> np.ndarray:
+    """Compute the area with which each column would have the thickness of the grid at its place: m / (rho h_g).
+
+    Parameters
+    ----------
+    rows : float64[columns, ROW]
+    shape : (int, int)
+        Of the nodes.
+    dx : float [m]
+
+    Returns
+    -------
+    float64[columns] [m2]
+    """
     mass = np.zeros(shape)
     share = np.zeros((2, 3))
     areas = np.empty(rows.shape[0])
@@ -30,22 +42,38 @@ def grid_areas(rows, shape, dx):
 
 
 @jit
-def settle_areas(rows, keys, gone, marked, first_row, first_column, mirrors, dx, density, least, tilted):
+def settle_areas(
+    rows: np.ndarray,
+    keys: np.ndarray,
+    gone: int,
+    marked: np.ndarray,
+    first_row: int,
+    first_column: int,
+    mirrors: np.ndarray,
+    dx: float,
+    density: float,
+    least: float,
+    tilted: bool,
+) -> tuple[float, float, float]:
     """Set the area of the columns in marked cells to m / (rho h_g): as thick as the grid sees all of them together.
 
     Overlapping columns are each too thin and push too little (the push is the sum of A h^2).
 
     Parameters
     ----------
-    rows, keys : float64[n, :], int32[n]
-        A column with the key `gone` has left.
+    rows : float64[columns, ROW]
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    gone : int
+        Key of a column that has left.
     marked : uint8[a, b]
         A window of cells from [first_row, first_column] on.
+    first_row, first_column : int
     mirrors : int64[4]
         Indices of the ghost nodes behind walls, west, south, east, north; far outside where the edge is open.
     dx : float [m]
     density : float [kg m-3]
-    least : float
+    least : float [1]
         Only columns that become at least so many times as thick; 0 for all.
     tilted : bool
         Thickness is normal to the bed: the middle of a column is c^2 h / 2 above the bed, not h / 2.

@@ -6,10 +6,13 @@ nodes of walls and reads nodes outside walls, which it does not change, so that 
 
 from math import floor, sqrt
 
+import numpy as np
+
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from .column_blocks import BLOCK, BlockWindow, first_node
+from .column_blocks import BLOCK, BlockWindow, TouchedBlocks, first_node
+from .column_records import NodeFields, Settings
 from .column_rows import NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
 
 # entries of a node in a wall
@@ -41,11 +44,36 @@ LEAST = 1e-300  # [m2 s-1] keeps a divisor off 0
 
 
 @jit_parallel
-def hold_at_barriers(nodes, fields, slot, touched, report, dt, settings, barrier, metric):
+def hold_at_barriers(
+    nodes: np.ndarray,
+    fields: NodeFields,
+    slot: np.ndarray,
+    touched: TouchedBlocks,
+    report: np.ndarray,
+    dt: float,
+    settings: Settings,
+    barrier: tuple,
+    metric: tuple,
+) -> None:
     """Hold the flow at the nodes in walls (`fields.barriers`) and book it in `report`.
 
     The higher of the two surfaces at the wall determines the discharge over the crest. The normal impulse acts
     away from that side; the overtopping is the mean flux through the middle of the wall.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    fields : NodeFields
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    touched : TouchedBlocks
+    report : float64[CHUNKS, barriers, BARRIER_LOSS + 1]
+        Sums of this step.
+    dt : float [s]
+        Time for which forces act in this step.
+    settings : Settings
+    barrier, metric : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
     window = BlockWindow(touched.west, touched.south, touched.width, touched.height)
@@ -63,10 +91,36 @@ def hold_at_barriers(nodes, fields, slot, touched, report, dt, settings, barrier
 
 
 @jit_inline
-def hold_node(nodes, fields, slot, window, j, i, sums, dt, settings, barrier, metric):
-    """`hold_at_barriers` at node [j, i], which is in a wall and has mass; adds to `sums` float64[BARRIER_LOSS + 1].
+def hold_node(
+    nodes: np.ndarray,
+    fields: NodeFields,
+    slot: np.ndarray,
+    window: BlockWindow,
+    j: int,
+    i: int,
+    sums: np.ndarray,
+    dt: float,
+    settings: Settings,
+    barrier: tuple,
+    metric: tuple,
+) -> None:
+    """Hold the flow at node [j, i], which is in a wall and has mass (see `hold_at_barriers`).
 
-    `window` is the BlockWindow of the blocks with columns in `slot`.
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    fields : NodeFields
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    window : BlockWindow
+        Of the blocks with columns in `slot`.
+    j, i : int
+    sums : float64[BARRIER_LOSS + 1]
+        Of the barrier; what happens here is added.
+    dt : float [s]
+    settings : Settings
+    barrier, metric : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
     """
     bed, walls, dx = fields.bed, fields.barriers, settings.dx
     per_metre = settings.density * dx * dx  # mass of a node for each metre of thickness
@@ -132,20 +186,34 @@ def _adjacent_flow(nodes, bed, walls, slot, window, j, i, side, per_metre):
 
 
 @jit_inline
-def node_near(place):
-    """Index of the node nearest to `place` [nodes] along an axis."""
+def node_near(place: float) -> int:
+    """Return the index of the node nearest to a place along an axis.
+
+    Parameters
+    ----------
+    place : float [cells]
+        In the array of nodes.
+    """
     return int(floor(place + 0.5))  # noqa: RUF046  (floor answers a float where it is compiled for a device)
 
 
 @jit_inline
-def _mass_now(nodes, slot, window, j, i):
+def _mass_now(nodes: np.ndarray, slot: np.ndarray, window: BlockWindow, j: int, i: int):
     """Mass of a node [kg]; 0 in blocks that no column touches, whose nodes are as an earlier step left them."""
     return nodes[j, i, NODE_MASS] if is_touched(slot, window, j, i) else 0.0
 
 
 @jit_inline
-def is_touched(slot, window, j, i):
-    """Whether node [j, i] is in a block that columns touch."""
+def is_touched(slot: np.ndarray, window: BlockWindow, j: int, i: int) -> bool:
+    """Return whether node [j, i] is in a block that columns touch.
+
+    Parameters
+    ----------
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    window : BlockWindow
+    j, i : int
+    """
     bi, bj = i // BLOCK - window.west, j // BLOCK - window.south
     touched = False
     for back_j in range(2):
@@ -175,8 +243,17 @@ def _loss_at_wall(node, u, v, u_held, v_held, slopes):
 
 
 @jit_inline
-def share_within(j, i, rows, columns, wall):
-    """Share of a node's mass that is no mirror image: walls around the domain double the mass on them."""
+def share_within(j: int, i: int, rows: int, columns: int, wall: bool) -> float:
+    """Return the share [1] of a node's mass that is no mirror image: walls around the domain double the mass on them.
+
+    Parameters
+    ----------
+    j, i : int
+    rows, columns : int
+        Size of the array of nodes.
+    wall : bool
+        The edges are walls.
+    """
     share = 1.0
     if wall:
         for index, size in ((j, rows), (i, columns)):
@@ -188,10 +265,20 @@ def share_within(j, i, rows, columns, wall):
 
 
 @jit
-def collect_barriers(barrier_report, sums, dt):
-    """Reduce the chunks' barrier reports in their order; `sums` float64[barriers, BARRIER_SUMS + 1].
+def collect_barriers(barrier_report: np.ndarray, sums: np.ndarray, dt: float) -> float:
+    """Add the reports of the chunks to the sums of all barriers, in their order.
 
-    Answers the kinetic energy that barriers took in this step [J].
+    Parameters
+    ----------
+    barrier_report : float64[CHUNKS, barriers, BARRIER_LOSS + 1]
+    sums : float64[barriers, BARRIER_SUMS + 1]
+    dt : float [s]
+        Time for which forces acted.
+
+    Returns
+    -------
+    float [J]
+        Energy lost to the barriers.
     """
     lost = 0.0
     for k in range(sums.shape[0]):
@@ -200,8 +287,23 @@ def collect_barriers(barrier_report, sums, dt):
 
 
 @jit_inline
-def collect_barrier(barrier_report, sums, k, dt, lost):
-    """`collect_barriers` for barrier `k`; answers the energy `lost` to barriers [J] with that of this one."""
+def collect_barrier(barrier_report: np.ndarray, sums: np.ndarray, k: int, dt: float, lost: float) -> float:
+    """Add the reports of the chunks to the sums of barrier `k` (see `collect_barriers`).
+
+    Parameters
+    ----------
+    barrier_report : float64[CHUNKS, barriers, BARRIER_LOSS + 1]
+    sums : float64[barriers, BARRIER_SUMS + 1]
+    k : int
+    dt : float [s]
+    lost : float [J]
+        Energy lost to the barriers before this one.
+
+    Returns
+    -------
+    float [J]
+        Energy lost with that of this one.
+    """
     before = sums[k, IMPULSE]
     for c in range(barrier_report.shape[0]):
         for entry in range(BARRIER_SUMS):

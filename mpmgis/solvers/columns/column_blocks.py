@@ -46,26 +46,50 @@ class TouchedBlocks(NamedTuple):
 
 
 @jit_inline
-def first_node(touched, k):
-    """Return the row and the column of the first node of touched block `k`."""
+def first_node(touched: TouchedBlocks, k: int) -> tuple[int, int]:
+    """Return the row and the column of the first node of touched block `k`.
+
+    Parameters
+    ----------
+    touched : TouchedBlocks
+    k : int
+    """
     row, column = touched.places[k] // (touched.width + 1), touched.places[k] % (touched.width + 1)
     return (row + touched.south) * BLOCK, (column + touched.west) * BLOCK
 
 
 @jit_inline
-def block_key(x, y, inverse_dx):
-    """Block of a particle, its row in the high and its column in the low 16 bits."""
+def block_key(x: float, y: float, inverse_dx: float) -> int:
+    """Return the block of a column, its row in the high and its column in the low 16 bits.
+
+    Parameters
+    ----------
+    x, y : float [m]
+    inverse_dx : float [m-1]
+    """
     return ((int(y * inverse_dx + 0.5) // BLOCK) << 16) | (int(x * inverse_dx + 0.5) // BLOCK)
 
 
-def rows_and_columns(keys):
-    """(int[n], int[n]): block row and block column of `keys`."""
+def rows_and_columns(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the block rows and the block columns of `keys`.
+
+    Parameters
+    ----------
+    keys : int32[n]
+    """
     return keys >> 16, keys & 0xFFFF
 
 
 @jit
-def initial_keys(rows, keys, dx):
-    """Fill `keys` for all `rows`; returns the window of blocks (west, south, east, north)."""
+def initial_keys(rows: np.ndarray, keys: np.ndarray, dx: float) -> tuple[int, int, int, int]:
+    """Fill `keys` for all `rows`; return the window of blocks (west, south, east, north).
+
+    Parameters
+    ----------
+    rows : float64[columns, ROW]
+    keys : int32[columns]
+    dx : float [m]
+    """
     west, south, east, north = 1 << 16, 1 << 16, -1, -1
     for p in range(rows.shape[0]):
         key = block_key(rows[p, X], rows[p, Y], 1.0 / dx)
@@ -98,11 +122,34 @@ def _scatter(keys, n, pieces, window, histogram, order):
 
 
 @jit
-def sort_by_block(keys, n, window, histogram, slot, sorted_columns):
-    """Stable counting sort of indices by block.
+def sort_by_block(
+    keys: np.ndarray,
+    n: int,
+    window: BlockWindow,
+    histogram: np.ndarray,
+    slot: np.ndarray,
+    sorted_columns: SortedColumns,
+) -> tuple[int, int]:
+    """Sort the indices of columns by block: a stable counting sort.
 
-    Fills `order`; `slot[b]` is the active block at place b of the window or -1, `block[a]` its place,
-    `start[a]`..`start[a + 1]` its particles. Answers (active blocks, particles alive).
+    Parameters
+    ----------
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    n : int
+        Number of columns in memory.
+    window : BlockWindow
+    histogram : int32[CHUNKS, places of the window]
+        Work array.
+    slot : int32[places of the window]
+        Becomes the number of the block with columns at each place of the window, -1 where there are none.
+    sorted_columns : SortedColumns
+        `order`, `block` and `start` are filled.
+
+    Returns
+    -------
+    (int, int)
+        Number of blocks with columns, and of columns in them.
     """
     size = window.width * window.height
     pieces = min(CHUNKS, n // SORT_ROWS + 1)
@@ -113,8 +160,14 @@ def sort_by_block(keys, n, window, histogram, slot, sorted_columns):
 
 
 @jit
-def comes_near(touched, watched):
-    """Is one of the touched blocks marked in `watched` uint8[block rows, block columns]?"""
+def comes_near(touched: TouchedBlocks, watched: np.ndarray) -> bool:
+    """Return whether one of the touched blocks is marked.
+
+    Parameters
+    ----------
+    touched : TouchedBlocks
+    watched : uint8[block rows, block columns]
+    """
     for k in range(touched.count):
         j, i = first_node(touched, k)
         row, column = j // BLOCK, i // BLOCK
@@ -124,8 +177,22 @@ def comes_near(touched, watched):
 
 
 @jit
-def touched_blocks(slot, window, places):
-    """List the node blocks that active tiles reach (themselves and their east, north, north-east neighbours)."""
+def touched_blocks(slot: np.ndarray, window: BlockWindow, places: np.ndarray) -> int:
+    """List the node blocks that active tiles reach: themselves and their east, north and north-east neighbours.
+
+    Parameters
+    ----------
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    window : BlockWindow
+    places : int32[n]
+        Becomes the places of these blocks in the window with one more row and column of blocks.
+
+    Returns
+    -------
+    int
+        Number of these blocks.
+    """
     width, height = window.width, window.height
     count = 0
     for bj in range(height + 1):

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit
-from .column_blocks import BLOCK, first_node
+from .column_blocks import BLOCK, SortedColumns, TouchedBlocks, first_node
 from .column_nodes import (
     AIRBORNE_MASS,
     DEEPEST,
@@ -144,8 +144,25 @@ FOOTPRINT_FLOWING = 0.05  # [1] share of the mass that may still flow then
 
 
 @jit
-def collect(report, node_report, ledger, clock, counts):
-    """Reduce the reports, of all chunks or of fewer parts of the work, in their order into clock, counts and ledger."""
+def collect(
+    report: np.ndarray, node_report: np.ndarray, ledger: np.ndarray, clock: np.ndarray, counts: np.ndarray
+) -> tuple[int, bool]:
+    """Add up the reports, of all chunks or of fewer parts of the work, in their order into clock, counts and ledger.
+
+    Parameters
+    ----------
+    report : float64[parts, REPORT]
+        Of columns.
+    node_report : float64[parts, NODE_REPORT]
+    ledger : float64[EDGES, OUT_ENTRIES]
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+
+    Returns
+    -------
+    (int, bool)
+        Number of columns that left, and whether the flow has released an area.
+    """
     clock[SIGNAL] = clock[SPEED] = clock[KINETIC_NOW] = clock[DEPTH_NOW] = clock[BOUND_NOW] = 0.0
     moving, flowing, airborne, limited, wild, alive_before = 0.0, 0.0, 0.0, 0.0, 0.0, counts[ALIVE]
     stiff, triggered, thin, greedy = 0.0, 0.0, 0.0, 0.0
@@ -211,8 +228,19 @@ def collect(report, node_report, ledger, clock, counts):
 
 
 @jit
-def note_deepest(node_report, clock, nodes, touched, dx):
-    """Record place and time of a new largest thickness at a node; it is searched in the chunk that reports it."""
+def note_deepest(
+    node_report: np.ndarray, clock: np.ndarray, nodes: np.ndarray, touched: TouchedBlocks, dx: float
+) -> None:
+    """Record place and time of a new largest thickness at a node; it is searched in the chunk that reports it.
+
+    Parameters
+    ----------
+    node_report : float64[CHUNKS, NODE_REPORT]
+    clock : float64[CLOCK]
+    nodes : float64[ny + 3, nx + 3, 4]
+    touched : TouchedBlocks
+    dx : float [m]
+    """
     most, chunk = clock[DEPTH_WORST], -1
     for c in range(CHUNKS):
         if node_report[c, DEEPEST] > most:
@@ -231,8 +259,27 @@ def note_deepest(node_report, clock, nodes, touched, dx):
 
 
 @jit
-def note_fastest(report, clock, rows, keys, sorted_columns, metric):
-    """Record a new largest speed, its place and time; the column is searched in the chunk that reports it."""
+def note_fastest(
+    report: np.ndarray,
+    clock: np.ndarray,
+    rows: np.ndarray,
+    keys: np.ndarray,
+    sorted_columns: SortedColumns,
+    metric: tuple,
+) -> None:
+    """Record a new largest speed, its place and time; the column is searched in the chunk that reports it.
+
+    Parameters
+    ----------
+    report : float64[CHUNKS, REPORT]
+    clock : float64[CLOCK]
+    rows : float64[columns, ROW]
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    sorted_columns : SortedColumns
+    metric : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
+    """
     most, chunk = clock[FASTEST] ** 2, -1
     for c in range(CHUNKS):
         if report[c, FASTEST2] > most:
@@ -255,8 +302,14 @@ def note_fastest(report, clock, rows, keys, sorted_columns, metric):
 
 
 @jit
-def stop_rule(clock, counts):
-    """Whether the flow has come to rest. Returns the reason or RUNNING."""
+def stop_rule(clock: np.ndarray, counts: np.ndarray) -> int:
+    """Return why the flow has come to rest, or RUNNING.
+
+    Parameters
+    ----------
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    """
     time = clock[TIME]
     if clock[MOVING_PEAK] > 0.0 and clock[MOVING_SHARE] < STILL_SHARE * clock[MOVING_PEAK]:
         return STOPPED_MOVING

@@ -1,11 +1,14 @@
 """Mass of columns that stops behind trees."""
 
+import numpy as np
+
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import GONE
 from ...compiled.jit import jit, jit_inline
 from ...laws.ground_metric import cosine_squared
 from .column_clock import ALIVE, WORK_TOTAL
 from .column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
+from .column_records import NodeFields, Settings
 from .column_rows import AREA, GX, GY, MASS, U, V, X, Y
 from .spline_bed import bed_at, weights
 
@@ -16,12 +19,41 @@ _cosine_squared = jit_inline(cosine_squared)
 
 
 @jit
-def detrain(rows, keys, order, alive, fields, clock, counts, ahead, settings, metric):
+def detrain(
+    rows: np.ndarray,
+    keys: np.ndarray,
+    order: np.ndarray,
+    alive: int,
+    fields: NodeFields,
+    clock: np.ndarray,
+    counts: np.ndarray,
+    ahead: float,
+    settings: Settings,
+    metric: tuple,
+) -> None:
     """Take from each column the share of its mass that stops, and give it to the nodes that stop it.
 
-    Velocities are those of `ahead` [s] before the end of the step: the weight's work on the mass that stops is
-    completed to its end. Shares of the nodes beyond a wall are those of their mirror images. The last column of all
-    keeps its mass: frames need one.
+    Shares of the nodes beyond a wall are those of their mirror images. The last column of all keeps its mass: frames
+    need one.
+
+    Parameters
+    ----------
+    rows : float64[columns, ROW]
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    alive : int
+        Number of columns in the order.
+    fields : NodeFields
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    ahead : float [s]
+        Velocities are those of this time before the end of the step: the weight's work on the mass that stops is
+        completed to its end.
+    settings : Settings
+    metric : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
     """
     share, state, sums = fields.forest_share, fields.forest_state, fields.forest_sums
     detrained, kinetic, potential = 0.0, 0.0, 0.0  # sums of this step first, which keeps their digits
@@ -58,8 +90,23 @@ def detrain(rows, keys, order, alive, fields, clock, counts, ahead, settings, me
 
 
 @jit_inline
-def nodes_around(x, y, shape, settings):
-    """(weights along x, along y, columns of nodes, rows of nodes), three of each, of a column at (x, y) [m]."""
+def nodes_around(x: float, y: float, shape: tuple, settings: Settings) -> tuple[tuple, tuple, tuple, tuple]:
+    """Return the nodes around a column and its weights on them, three along each axis.
+
+    Parameters
+    ----------
+    x, y : float [m]
+    shape : (int, int)
+        Of the nodes.
+    settings : Settings
+
+    Returns
+    -------
+    (float, float, float), (float, float, float)
+        Weights along x and along y.
+    (int, int, int), (int, int, int)
+        Columns and rows of the nodes; with walls those of their mirror images.
+    """
     i0, _, wx0, wx1, wx2 = weights(x, 1.0 / settings.dx)
     j0, _, wy0, wy1, wy2 = weights(y, 1.0 / settings.dx)
     places_x, places_y = (i0, i0 + 1, i0 + 2), (j0, j0 + 1, j0 + 2)
@@ -71,8 +118,16 @@ def nodes_around(x, y, shape, settings):
 
 
 @jit_inline
-def stopping_share(share, around):
-    """Share [1] of the mass of a column that stops, from the `share` of the nodes `around` it."""
+def stopping_share(share: np.ndarray, around: tuple) -> float:
+    """Compute the share [1] of the mass of a column that stops.
+
+    Parameters
+    ----------
+    share : float64[ny + 3, nx + 3] [1]
+        Of the mass at each node that stops.
+    around : tuple
+        Result of `nodes_around`.
+    """
     weight_x, weight_y, place_x, place_y = around
     stops = 0.0
     for j in range(3):
@@ -82,15 +137,48 @@ def stopping_share(share, around):
 
 
 @jit_inline
-def kept_mass(mass, area, stops, settings):
-    """What a column keeps of its `mass` [kg] if the share `stops` of it stops; 0 where all of it does."""
+def kept_mass(mass: float, area: float, stops: float, settings: Settings) -> float:
+    """Compute the mass [kg] that a column keeps if a share of it stops; 0 where all of it does.
+
+    Parameters
+    ----------
+    mass : float [kg]
+    area : float [m2]
+    stops : float [1]
+    settings : Settings
+    """
     kept, least = mass * (1.0 - stops), LEAST_THICKNESS * settings.thickness_floor
     return 0.0 if stops > MOST_SHARE or kept < least * settings.density * area else kept
 
 
 @jit_inline
-def taken_energy(row, mass, kept, bed, ahead, settings, metric):
-    """((kinetic, potential) energy [J] of the mass that stops, work of the weight on it in the time `ahead` [J])."""
+def taken_energy(
+    row: np.ndarray, mass: float, kept: float, bed: np.ndarray, ahead: float, settings: Settings, metric: tuple
+) -> tuple[tuple[float, float], float]:
+    """Compute the energy of the mass that stops, and the work of the weight on it.
+
+    Parameters
+    ----------
+    row : float64[ROW]
+        Of the column.
+    mass : float [kg]
+        Before.
+    kept : float [kg]
+        After.
+    bed : float64[ny + 3, nx + 3] [m]
+    ahead : float [s]
+        Time for which the work counts.
+    settings : Settings
+    metric : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
+
+    Returns
+    -------
+    (float, float) [J]
+        Kinetic and potential energy; potential energy is relative to elevation 0.
+    float [J]
+        Work.
+    """
     gravity, lost = settings.gravity, mass - kept
     u, v = row[U], row[V]
     mx, my = metric.metric_gradient(row[GX], row[GY])

@@ -6,12 +6,15 @@ mass at each node that stops. The columns give that share to the nodes at the en
 
 from math import sqrt
 
+import numpy as np
+
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...laws.forest import DETRAINMENT, DRAG, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
 from ...laws.ground_metric import cosine_squared
-from .column_blocks import BLOCK, first_node
+from .column_blocks import BLOCK, TouchedBlocks, first_node
+from .column_records import NodeFields, Settings
 from .column_rows import NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
 
 # state of a node
@@ -40,12 +43,31 @@ _cosine_squared = jit_inline(cosine_squared)
 
 
 @jit_parallel
-def break_forest(nodes, fields, touched, report, settings, forest, metric):
+def break_forest(
+    nodes: np.ndarray,
+    fields: NodeFields,
+    touched: TouchedBlocks,
+    report: np.ndarray,
+    settings: Settings,
+    forest: tuple,
+    metric: tuple,
+) -> None:
     """Mark trees that the flow reaches, and break those whose strength its pressure reaches.
 
-    Flow is what is thicker than `wet_thickness`: a film before the front neither breaks trees nor is slowed by them.
-    Its speed is that of the columns before the forces of this step, or with them where that is less. The nodes have
-    momentum; `report` float64[CHUNKS] becomes the number of nodes that broke.
+    Flow is what is thicker than `settings.wet_thickness`: a film before the front neither breaks trees nor is slowed by
+    them. Its speed is that of the columns before the forces of this step, or with them where that is less. The nodes
+    have momentum.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    fields : NodeFields
+    touched : TouchedBlocks
+    report : float64[CHUNKS]
+        Becomes the number of nodes that broke.
+    settings : Settings
+    forest, metric : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
     """
     values, state, node_gradient = fields.forest, fields.forest_state, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
@@ -59,8 +81,32 @@ def break_forest(nodes, fields, touched, report, settings, forest, metric):
 
 
 @jit_inline
-def break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric):
-    """`break_forest` at node [j, i]; answers 1 where trees broke, else 0."""
+def break_trees(
+    nodes: np.ndarray,
+    values: np.ndarray,
+    state: np.ndarray,
+    node_gradient: np.ndarray,
+    j: int,
+    i: int,
+    settings: Settings,
+    forest: tuple,
+    metric: tuple,
+) -> float:
+    """Mark and break the trees at node [j, i] (see `break_forest`); return 1 where they broke, else 0.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    values : float64[ny + 3, nx + 3, FOREST_ENTRIES]
+        Of the trees (`laws.forest`).
+    state : float64[ny + 3, nx + 3, FOREST_STATE]
+    node_gradient : float64[ny + 3, nx + 3, 2] [1]
+        Of the bed.
+    j, i : int
+    settings : Settings
+    forest, metric : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
+    """
     density = settings.density
     mass, least = nodes[j, i, NODE_MASS], density * settings.dx * settings.dx * settings.wet_thickness
     if mass <= least or values[j, i, STRENGTH] == 0.0 or state[j, i, TREES] == BROKEN:
@@ -83,25 +129,70 @@ def break_trees(nodes, values, state, node_gradient, j, i, settings, forest, met
 
 
 @jit_inline
-def added_resistance(values, state, j, i, normal_gravity):
-    """(deceleration of added friction [m s-2], added drag [m-1]) at node [j, i]; `normal_gravity` is g_n [m s-2]."""
+def added_resistance(
+    values: np.ndarray, state: np.ndarray, j: int, i: int, normal_gravity: float
+) -> tuple[float, float]:
+    """Return the deceleration by added friction [m s-2] and the added drag [m-1] at node [j, i].
+
+    Parameters
+    ----------
+    values : float64[ny + 3, nx + 3, FOREST_ENTRIES]
+    state : float64[ny + 3, nx + 3, FOREST_STATE]
+    j, i : int
+    normal_gravity : float [m s-2]
+        Gravity normal to the ground.
+    """
     if state[j, i, TREES] != STANDING and state[j, i, TREES] != BRAKING:
         return 0.0, 0.0
     return values[j, i, FRICTION] * normal_gravity, values[j, i, DRAG]
 
 
 @jit_inline
-def share_of_resistance(dry, drag, all_dry, viscous, all_drag, speed):
-    """Share [1] of friction `dry` [m s-2] and `drag` [m-1] in the deceleration by all resistance at `speed` [m s-1]."""
+def share_of_resistance(
+    dry: float, drag: float, all_dry: float, viscous: float, all_drag: float, speed: float
+) -> float:
+    """Compute the share [1] of a part of the resistance in the deceleration by all of it.
+
+    Parameters
+    ----------
+    dry : float [m s-2]
+        Friction of the part.
+    drag : float [m-1]
+        Drag of the part.
+    all_dry : float [m s-2]
+    viscous : float [s-1]
+        Linear coefficient of all resistance.
+    all_drag : float [m-1]
+    speed : float [m s-1]
+    """
     square = speed * speed
     return (dry + drag * square) / max(all_dry + viscous * speed + all_drag * square, LEAST)
 
 
 @jit_parallel
-def find_shares(nodes, fields, touched, dt, settings, forest, metric, entrainment):
-    """`fields.forest_share` [1] at the touched nodes: of their mass, what stops in the step `dt` [s]; 0 elsewhere.
+def find_shares(
+    nodes: np.ndarray,
+    fields: NodeFields,
+    touched: TouchedBlocks,
+    dt: float,
+    settings: Settings,
+    forest: tuple,
+    metric: tuple,
+    entrainment: tuple,
+) -> None:
+    """Compute `fields.forest_share` at the touched nodes: the share of their mass that stops in this step.
 
     The nodes have the velocity in the middle of the step.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    fields : NodeFields
+    touched : TouchedBlocks
+    dt : float [s]
+    settings : Settings
+    forest, metric, entrainment : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
     """
     values, state, share, node_gradient = fields.forest, fields.forest_state, fields.forest_share, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
@@ -113,8 +204,36 @@ def find_shares(nodes, fields, touched, dt, settings, forest, metric, entrainmen
 
 
 @jit_inline
-def find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment):
-    """`find_shares` at node [j, i]."""
+def find_share(
+    nodes: np.ndarray,
+    values: np.ndarray,
+    state: np.ndarray,
+    share: np.ndarray,
+    node_gradient: np.ndarray,
+    j: int,
+    i: int,
+    dt: float,
+    settings: Settings,
+    forest: tuple,
+    metric: tuple,
+    entrainment: tuple,
+) -> None:
+    """Compute the share of the mass at node [j, i] that stops (see `find_shares`); 0 without trees.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    values : float64[ny + 3, nx + 3, FOREST_ENTRIES]
+    state : float64[ny + 3, nx + 3, FOREST_STATE]
+    share : float64[ny + 3, nx + 3] [1]
+    node_gradient : float64[ny + 3, nx + 3, 2] [1]
+        Of the bed.
+    j, i : int
+    dt : float [s]
+    settings : Settings
+    forest, metric, entrainment : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
+    """
     mass = nodes[j, i, NODE_MASS]
     if mass <= 0.0 or (state[j, i, TREES] != STANDING and state[j, i, TREES] != TAKING):
         return
@@ -129,16 +248,31 @@ def find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, f
 
 
 @jit_parallel
-def clear_shares(share, touched):
-    """Zero the shares of the touched blocks, so that none of this step is left in a block that the next one misses."""
+def clear_shares(share: np.ndarray, touched: TouchedBlocks) -> None:
+    """Zero the shares of the touched blocks, so that none of this step is left in a block that the next one misses.
+
+    Parameters
+    ----------
+    share : float64[ny + 3, nx + 3] [1]
+    touched : TouchedBlocks
+    """
     for k in prange(touched.count):
         j_first, i_first = first_node(touched, k)
         share[j_first : j_first + BLOCK, i_first : i_first + BLOCK] = 0.0
 
 
 @jit
-def collect_forest(broken, node_report, loss, sums):
-    """Add the chunks' numbers of broken nodes, and the entry `loss` of the nodes' reports, in their order."""
+def collect_forest(broken: np.ndarray, node_report: np.ndarray, loss: int, sums: np.ndarray) -> None:
+    """Add the chunks' numbers of broken nodes, and the energy lost to trees, in their order.
+
+    Parameters
+    ----------
+    broken : float64[CHUNKS]
+    node_report : float64[CHUNKS, NODE_REPORT]
+    loss : int
+        Entry of the reports that has the energy lost to trees.
+    sums : float64[FOREST_SUMS]
+    """
     for c in range(CHUNKS):
         sums[RESISTED] += node_report[c, loss]
         sums[BROKEN_NODES] += broken[c]

@@ -24,6 +24,7 @@ from ...compiled.block_order import (
     split_evenly,
 )
 from ...compiled.jit import jit
+from ...laws.slots import ColumnEffects
 from .column_areas import grid_areas, settle_areas
 from .column_barriers import BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
 from .column_blocks import (
@@ -86,6 +87,7 @@ from .column_nodes import (
     regrade,
     update_nodes,
 )
+from .column_records import ColumnArrays, NodeFields, Settings
 from .column_report import REPORT
 from .column_rows import AREA, GX, GY, MASS, ROW, U, V, X, Y
 from .columns_to_grid import gather_tiles, particles_to_grid
@@ -124,8 +126,18 @@ ROUNDING = 1e-12  # [1] of the time left: a step that ends so little before the 
 
 
 @jit
-def next_time_step(clock, step, settings):
-    """C dx / max(|u| + sqrt(g h)), at most `move_limit` dx / |u|, growing by at most 1.5."""
+def next_time_step(clock: np.ndarray, step: int, settings: Settings) -> float:
+    """Compute the length [s] of the next step: C dx / max(|u| + sqrt(g h)), at most `move_limit` dx / |u|.
+
+    It grows by at most MOST_GROWTH.
+
+    Parameters
+    ----------
+    clock : float64[CLOCK]
+    step : int
+        Number of steps taken.
+    settings : Settings
+    """
     dt = min(
         settings.cfl * settings.dx / max(clock[SIGNAL], 1e-300),
         settings.move_limit * settings.dx / max(clock[SPEED], 1e-300),
@@ -135,12 +147,32 @@ def next_time_step(clock, step, settings):
 
 
 @jit
-def choose_step(clock, counts, until, settings):
-    """(length of the step, time of its kick, time of the last step before it not driven yet [s], whether it is the last
-    before the time `until`); the clock keeps what the next step needs.
+def choose_step(
+    clock: np.ndarray, counts: np.ndarray, until: float, settings: Settings
+) -> tuple[float, float, float, bool]:
+    """Choose the length of a step; the clock keeps what the next step needs.
 
     Leapfrog: velocities are driven from the middle of the last step to the middle of this one, and up to its end where
     a frame is due; second order in time, also where steps change.
+
+    Parameters
+    ----------
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    until : float [s]
+        Time of the next frame.
+    settings : Settings
+
+    Returns
+    -------
+    float [s]
+        Length of the step.
+    float [s]
+        Time for which forces act in it.
+    float [s]
+        Time at the end of the last step for which its velocities have not been driven.
+    bool
+        It is the last step before the time `until`.
     """
     dt = settings.fixed_dt if settings.fixed_dt > 0.0 else next_time_step(clock, counts[STEP], settings)
     clock[LAST_DT] = dt
@@ -157,8 +189,33 @@ def choose_step(clock, counts, until, settings):
 
 
 @jit
-def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
-    """Add the columns that left in this step of `dt` [s] to `left_cells` at their new places (see `book_left`)."""
+def book_columns_left(
+    rows: np.ndarray,
+    keys: np.ndarray,
+    order: np.ndarray,
+    alive: int,
+    dt: float,
+    dx: float,
+    shape: tuple,
+    left_cells: np.ndarray,
+) -> None:
+    """Add the columns that left in this step to `left_cells` at their new places (see `block_order.book_left`).
+
+    Parameters
+    ----------
+    rows : float64[columns, ROW]
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    alive : int
+        Number of columns in the order.
+    dt : float [s]
+    dx : float [m]
+    shape : (int, int)
+        Of the cells.
+    left_cells : float64[WAYS, blocks, blocks, LEFT_ENTRIES]
+    """
     for q in range(alive):
         p = order[q]
         if keys[p] == GONE:
@@ -167,14 +224,41 @@ def book_columns_left(rows, keys, order, alive, dt, dx, shape, left_cells):
 
 
 @jit
-def advance(state, order, nodes, until, max_steps, settings, fields, effects, watched):
-    """Advance to time `until` [s] or by `max_steps`; the whole loop is compiled, for any number of particles.
-
-    It stops before a step that would touch a block marked in `watched` uint8[block rows, block columns], which is
-    empty where nothing is watched.
+def advance(
+    state: ColumnArrays,
+    order: np.ndarray,
+    nodes: np.ndarray,
+    until: float,
+    max_steps: int,
+    settings: Settings,
+    fields: NodeFields,
+    effects: ColumnEffects,
+    watched: np.ndarray,
+) -> int:
+    """Advance to a time or by a number of steps; the whole loop is compiled, for any number of columns.
 
     Everything that changes is in the arrays (clock, counts, rows...): a call continues exactly where the last one
-    ended. Returns the reason to stop.
+    ended.
+
+    Parameters
+    ----------
+    state : ColumnArrays
+    order : int32[columns]
+        Work array.
+    nodes : float64[ny + 3, nx + 3, 4]
+        Work array.
+    until : float [s]
+    max_steps : int
+    settings : Settings
+    fields : NodeFields
+    effects : ColumnEffects
+    watched : uint8[block rows, block columns]
+        Blocks before which it stops: no step touches one. Empty where nothing is watched.
+
+    Returns
+    -------
+    int
+        Reason to stop (`column_clock`).
     """
     rows, ids, keys, clock, counts = state.rows, state.ids, state.keys, state.clock, state.counts
     wall, metric, entrainment = settings.wall, effects.metric, effects.entrainment

@@ -3,9 +3,12 @@
 from math import sqrt
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.jit import jit
 from ...compiled.lanes import get, get_of_four, put
+from .column_records import Settings
 from .column_report import (
     AREA_FACTOR_MAX,
     AREA_FACTOR_MIN,
@@ -106,12 +109,33 @@ class MotionLaws(NamedTuple):
 
 
 @jit
-def move(scratch, moved, quads, count, dx, dt, entrainment):
-    """New velocity, affine velocity, position and area of each column, into the lines of `moved`.
+def move(
+    scratch: np.ndarray, moved: np.ndarray, quads: np.ndarray, count: int, dx: float, dt: float, entrainment: tuple
+) -> tuple[int, int]:
+    """Compute the new velocity, affine velocity, position and area of each column, into the lines of `moved`.
 
     A_p *= det(I + dt grad u_p), and no column gets thinner than a thousandth of the grid's thickness. A column takes up
     m_p sum N_i gain_i at rest and keeps its momentum m_p sum N_i v_i, so that all of them together keep the nodes'.
-    Returns the number of limited factors of area, and of limited areas.
+
+    Parameters
+    ----------
+    scratch : float64[LINES]
+        Columns before the step.
+    moved : float64[LINES]
+        Columns after the step.
+    quads : float64[QUADS]
+        What they read from the nodes.
+    count : int
+        Number of columns.
+    dx : float [m]
+    dt : float [s]
+    entrainment : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
+
+    Returns
+    -------
+    (int, int)
+        Number of limited factors of area, and of limited areas.
     """
     factors, thin = 0, 0
     inverse_dx = 1.0 / dx
@@ -152,8 +176,20 @@ def move(scratch, moved, quads, count, dx, dt, entrainment):
 
 
 @jit
-def clamp_areas(moved, quads, count, dx, clamp):
-    """Keep the thickness within [1/clamp, clamp] times the grid's by resetting areas; returns their number."""
+def clamp_areas(moved: np.ndarray, quads: np.ndarray, count: int, dx: float, clamp: float) -> float:
+    """Keep the thickness within [1/clamp, clamp] times the grid's by resetting areas; return their number.
+
+    Parameters
+    ----------
+    moved : float64[LINES]
+        Columns after the step.
+    quads : float64[QUADS]
+        What they read from the nodes.
+    count : int
+        Number of columns.
+    dx : float [m]
+    clamp : float [1]
+    """
     clamped = 0.0
     for k in range(count):
         seen = get(moved, L_MASS, k) * dx * dx / get_of_four(quads, Q_MEAN, k, NODE_MASS)  # as thick as the grid
@@ -170,8 +206,19 @@ def clamp_areas(moved, quads, count, dx, clamp):
 
 
 @jit
-def keep_in(moved, count, dx, length_x, length_y):
-    """Stop columns at walls; returns the number of columns that were stopped."""
+def keep_in(moved: np.ndarray, count: int, dx: float, length_x: float, length_y: float) -> int:
+    """Stop columns at walls; return the number of columns that were stopped.
+
+    Parameters
+    ----------
+    moved : float64[LINES]
+        Columns after the step.
+    count : int
+        Number of columns.
+    dx : float [m]
+    length_x, length_y : float [m]
+        Of the domain.
+    """
     held = 0
     for k in range(count):
         x, y = get(moved, L_X, k), get(moved, L_Y, k)
@@ -183,8 +230,20 @@ def keep_in(moved, count, dx, length_x, length_y):
 
 
 @jit
-def all_stay(moved, stays, count, length_x, length_y):
-    """Set every `stays[k]` to 1; True if all columns are within the domain (a NaN is not)."""
+def all_stay(moved: np.ndarray, stays: np.ndarray, count: int, length_x: float, length_y: float) -> bool:
+    """Set every `stays[k]` to 1; return whether all columns are within the domain (a NaN is not).
+
+    Parameters
+    ----------
+    moved : float64[LINES]
+        Columns after the step.
+    stays : int64[BATCH]
+        0 for columns that leave.
+    count : int
+        Number of columns.
+    length_x, length_y : float [m]
+        Of the domain.
+    """
     within = 0
     for k in range(count):
         x, y, area = get(moved, L_X, k), get(moved, L_Y, k), get(moved, L_AREA, k)
@@ -194,11 +253,46 @@ def all_stay(moved, stays, count, length_x, length_y):
 
 
 @jit
-def book_out(scratch, moved, stays, count, bed, inside, part, outflow, driven, settings, metric):
+def book_out(
+    scratch: np.ndarray,
+    moved: np.ndarray,
+    stays: np.ndarray,
+    count: int,
+    bed: np.ndarray,
+    inside: np.ndarray,
+    part: np.ndarray,
+    outflow: np.ndarray,
+    driven: float,
+    settings: Settings,
+    metric: tuple,
+) -> None:
     """Find the columns that left through an edge or onto nodata and book them; they wait at their last place.
 
-    `stays[k]` becomes 0 for them; a column that is not finite is counted and does not stay either. Potential energy is
-    that of the place after the share `driven` of the step, for which the velocities hold, on the plane of the bed.
+    A column that is not finite is counted and does not stay either.
+
+    Parameters
+    ----------
+    scratch : float64[LINES]
+        Columns before the step.
+    moved : float64[LINES]
+        Columns after the step.
+    stays : int64[BATCH]
+        Becomes 0 for columns that leave.
+    count : int
+        Number of columns.
+    bed : float64[ny + 3, nx + 3] [m]
+    inside : uint8[ny, nx]
+        1 where there is terrain.
+    part : float64[REPORT]
+        Report of the chunk.
+    outflow : float64[REPORT]
+        Report with the ledger of the outflow.
+    driven : float [1]
+        Potential energy is that of the place after this share of the step, for which the velocities hold, on the plane
+        of the bed.
+    settings : Settings
+    metric : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
     """
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     inverse_dx = 1.0 / dx
@@ -244,8 +338,17 @@ def book_out(scratch, moved, stays, count, bed, inside, part, outflow, driven, s
 
 
 @jit
-def turn(scratch, moved, quads, count, times, bound, settings, laws):
-    """The bed at the new place, velocities turned with it, and quantities for the report of the step.
+def turn(
+    scratch: np.ndarray,
+    moved: np.ndarray,
+    quads: np.ndarray,
+    count: int,
+    times: StepTimes,
+    bound: SpeedBound,
+    settings: Settings,
+    laws: MotionLaws,
+) -> None:
+    """Read the bed at the new place, turn velocities with it, and compute quantities for the report of the step.
 
     The work of the weight is computed at the slope at the column's old place: for the last `times.behind` [s] before
     it, with the velocities before the step's forces, and for `times.dt` - `times.ahead` [s] after it, with those after
@@ -253,6 +356,21 @@ def turn(scratch, moved, quads, count, times, bound, settings, laws):
     the pressure is the fall of the column's middle, c^2 h / 2 above the bed, as it spreads.
     Changes of c are no work of a force: the model takes the flow as a thin layer. The forces of the next step act from
     `times.ahead` [s] before the end of this one, with velocities that are turned here, on mass that is taken up here.
+
+    Parameters
+    ----------
+    scratch : float64[LINES]
+        Columns before the step.
+    moved : float64[LINES]
+        Columns after the step.
+    quads : float64[QUADS]
+        What they read from the nodes.
+    count : int
+        Number of columns.
+    times : StepTimes
+    bound : SpeedBound
+    settings : Settings
+    laws : MotionLaws
     """
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     metric, curvature, entrainment = laws.metric, laws.curvature, laws.entrainment
@@ -307,11 +425,28 @@ def turn(scratch, moved, quads, count, times, bound, settings, laws):
 
 
 @jit
-def survey(moved, stays, count, part, dx, gravity, entrainment):
-    """Largest and total values over the columns that stay, into the chunk's report; too fast ones are slowed.
+def survey(
+    moved: np.ndarray, stays: np.ndarray, count: int, part: np.ndarray, dx: float, gravity: float, entrainment: tuple
+) -> None:
+    """Find largest and total values over the columns that stay, for the chunk's report; slow down too fast columns.
 
     Columns are counted as wild if they are also twice too fast for the drop across a cell: at the edge of a cliff the
     grid gives a column on top the speed of falling neighbours.
+
+    Parameters
+    ----------
+    moved : float64[LINES]
+        Columns after the step.
+    stays : int64[BATCH]
+        0 for columns that leave.
+    count : int
+        Number of columns.
+    part : float64[REPORT]
+        Report of the chunk.
+    dx : float [m]
+    gravity : float [m s-2]
+    entrainment : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
     """
     signal2_max, speed2_max, ratio = part[SIGNAL_MAX], part[SPEED_MAX], part[BOUND_RATIO]
     kinetic, moving, flowing, entrained = part[KINETIC], part[MOVING], part[FLOWING], part[ENTRAINED]

@@ -11,8 +11,9 @@ from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...laws.friction import slowed_speed
 from ...laws.ground_metric import cosine_squared
 from .column_barriers import share_within
-from .column_blocks import BLOCK, first_node
+from .column_blocks import BLOCK, TouchedBlocks, first_node
 from .column_forest import added_resistance, share_of_resistance
+from .column_records import NodeFields, Settings
 from .column_rows import NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
 from .spline_bed import bed_at, bending_at
 
@@ -62,8 +63,13 @@ class NodeLaws(NamedTuple):
 
 
 @jit
-def clear_ghosts(nodes):
-    """Zero the ghost ring, which untouched blocks leave as an earlier step had it."""
+def clear_ghosts(nodes: np.ndarray) -> None:
+    """Zero the ghost ring, which untouched blocks leave as an earlier step had it.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    """
     nodes[0, :, :] = 0.0
     nodes[-1, :, :] = 0.0
     nodes[:, 0, :] = 0.0
@@ -71,11 +77,15 @@ def clear_ghosts(nodes):
 
 
 @jit
-def fold_walls(nodes):
-    """Walls on all four edges: the ghost nodes are mirrored inwards.
+def fold_walls(nodes: np.ndarray) -> None:
+    """Mirror the ghost nodes inwards, for walls on all four edges.
 
     Mass and tangential momentum are added, normal momentum is subtracted; on the wall itself the mirror image doubles
     mass and tangential momentum and takes away the normal one.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
     """
     for i in range(nodes.shape[1]):
         fold_column(nodes, i)
@@ -84,8 +94,14 @@ def fold_walls(nodes):
 
 
 @jit_inline
-def fold_column(nodes, i):
-    """Southern and northern wall at column `i` of the nodes; all columns come before `fold_row`."""
+def fold_column(nodes: np.ndarray, i: int) -> None:
+    """Mirror the ghosts at the southern and northern wall inwards in column `i` of the nodes; `fold_row` comes later.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    i : int
+    """
     ny = nodes.shape[0]
     for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
         for e in range(4):
@@ -95,8 +111,14 @@ def fold_column(nodes, i):
 
 
 @jit_inline
-def fold_row(nodes, j):
-    """Western and eastern wall at row `j` of the nodes."""
+def fold_row(nodes: np.ndarray, j: int) -> None:
+    """Mirror the ghosts at the western and eastern wall inwards in row `j` of the nodes.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    j : int
+    """
     nx = nodes.shape[1]
     for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
         for e in range(4):
@@ -106,8 +128,13 @@ def fold_row(nodes, j):
 
 
 @jit
-def mirror_walls(nodes):
-    """Give the ghosts the mirrored state of the inner nodes, so that particles at a wall see no flow through it."""
+def mirror_walls(nodes: np.ndarray) -> None:
+    """Give the ghosts the mirrored state of the inner nodes, so that columns at a wall see no flow through it.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    """
     for j in range(nodes.shape[0]):
         mirror_row(nodes, j)
     for i in range(nodes.shape[1]):
@@ -115,8 +142,14 @@ def mirror_walls(nodes):
 
 
 @jit_inline
-def mirror_row(nodes, j):
-    """Ghosts beyond the western and eastern wall at row `j` of the nodes; all rows come before `mirror_column`."""
+def mirror_row(nodes: np.ndarray, j: int) -> None:
+    """Set the ghosts beyond the western and eastern wall in row `j` of the nodes; `mirror_column` comes later.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    j : int
+    """
     nx = nodes.shape[1]
     for ghost, wall, inner in ((0, 1, 2), (nx - 1, nx - 2, nx - 3)):
         nodes[j, wall, NODE_X] = 0.0
@@ -127,8 +160,14 @@ def mirror_row(nodes, j):
 
 
 @jit_inline
-def mirror_column(nodes, i):
-    """Ghosts beyond the southern and northern wall at column `i` of the nodes."""
+def mirror_column(nodes: np.ndarray, i: int) -> None:
+    """Set the ghosts beyond the southern and northern wall in column `i` of the nodes.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    i : int
+    """
     ny = nodes.shape[0]
     for ghost, wall, inner in ((0, 1, 2), (ny - 1, ny - 2, ny - 3)):
         nodes[wall, i, NODE_Y] = 0.0
@@ -140,9 +179,20 @@ def mirror_column(nodes, i):
 
 @jit_parallel
 def update_nodes(
-    arrays, fields, touched, dt, settings, friction, zones, cohesion, metric, curvature, entrainment, forest
-):
-    """Momentum to velocity; basal friction and resistance of trees, semi-implicit in the metric of the ground.
+    arrays: NodeArrays,
+    fields: NodeFields,
+    touched: TouchedBlocks,
+    dt: float,
+    settings: Settings,
+    friction: tuple,
+    zones: tuple,
+    cohesion: tuple,
+    metric: tuple,
+    curvature: tuple,
+    entrainment: tuple,
+    forest: tuple,
+) -> None:
+    """Turn momentum into velocity; basal friction and resistance of trees, semi-implicit in the metric of the ground.
 
     An impulse J of friction takes the energy J (U_before + U_after) / 2, with the speed of the columns before the
     step's forces and that of the node after the step: of second order in time, as the step is. Mass that is taken up
@@ -150,9 +200,18 @@ def update_nodes(
 
     Erosion books its share of a node's mass in NODE_GAIN, which the columns read with the velocity, so that together
     they gain what the bed loses. The mass taken up is at rest: velocities here are those of the mass before, whose
-    momentum the columns share out over both.
+    momentum the columns share out over both. `regrade` lowers the bed after all nodes have read it for its bending.
 
-    `arrays` are NodeArrays, `fields` NodeFields.
+    Parameters
+    ----------
+    arrays : NodeArrays
+    fields : NodeFields
+    touched : TouchedBlocks
+    dt : float [s]
+        Time for which forces act in this step.
+    settings : Settings
+    friction, zones, cohesion, metric, curvature, entrainment, forest : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
     """
     # arrays come out of the record before the loop: numba drops what a loop writes to arrays that it takes from a tuple
     nodes, wet, lowered, report = arrays.nodes, arrays.wet, arrays.lowered, arrays.report
@@ -171,8 +230,30 @@ def update_nodes(
 
 
 @jit_inline
-def update_node(nodes, fields, wet, j, i, report, dt, settings, laws):
-    """`update_nodes` at node [j, i], into `report` float64[NODE_REPORT]; answers the mass eroded [kg m-2]."""
+def update_node(
+    nodes: np.ndarray,
+    fields: NodeFields,
+    wet: np.ndarray,
+    j: int,
+    i: int,
+    report: np.ndarray,
+    dt: float,
+    settings: Settings,
+    laws: NodeLaws,
+) -> float:
+    """Turn the momentum of node [j, i] into velocity (see `update_nodes`); return the mass eroded there [kg m-2].
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    fields : NodeFields
+    wet : uint8[ny + 3, nx + 3]
+    j, i : int
+    report : float64[NODE_REPORT]
+    dt : float [s]
+    settings : Settings
+    laws : NodeLaws
+    """
     metric, curvature, entrainment, forest = laws.metric, laws.curvature, laws.entrainment, laws.forest
     node_gradient, erodible = fields.gradient, fields.erodible
     dx, density, gravity = settings.dx, settings.density, settings.gravity
@@ -262,8 +343,28 @@ def _reach(wet, j, i, thickness, trigger_thickness, report):
 
 
 @jit_parallel
-def regrade(bed, node_gradient, touched, dx, lowered, entrainment):
-    """Lower the bed by what was eroded (see `update_nodes`), and recompute the gradients at the touched nodes."""
+def regrade(
+    bed: np.ndarray,
+    node_gradient: np.ndarray,
+    touched: TouchedBlocks,
+    dx: float,
+    lowered: np.ndarray,
+    entrainment: tuple,
+) -> None:
+    """Lower the bed by what was eroded (see `update_nodes`), and recompute the gradients at the touched nodes.
+
+    Parameters
+    ----------
+    bed : float64[ny + 3, nx + 3] [m]
+    node_gradient : float64[ny + 3, nx + 3, 2] [1]
+        Of the bed.
+    touched : TouchedBlocks
+    dx : float [m]
+    lowered : float64[touched blocks, BLOCK * BLOCK] [kg m-2]
+        Mass eroded.
+    entrainment : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
+    """
     rows, columns = bed.shape[0], bed.shape[1]
     for k in prange(touched.count):
         j_first, i_first = first_node(touched, k)
@@ -278,11 +379,34 @@ def regrade(bed, node_gradient, touched, dx, lowered, entrainment):
 
 
 @jit_parallel
-def accumulate_peaks(peaks, nodes, node_gradient, touched, time, settings, metric, entrainment):
-    """Running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], and first arrival [s].
+def accumulate_peaks(
+    peaks: np.ndarray,
+    nodes: np.ndarray,
+    node_gradient: np.ndarray,
+    touched: TouchedBlocks,
+    time: float,
+    settings: Settings,
+    metric: tuple,
+    entrainment: tuple,
+) -> None:
+    """Update the running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], first arrival [s].
 
     Speed and pressure count where the flow is at least `settings.arrival_thickness` [m] deep, so that empty rims do
     not.
+
+    Parameters
+    ----------
+    peaks : float64[ny + 3, nx + 3, 4]
+        An arrival of -1 means never.
+    nodes : float64[ny + 3, nx + 3, 4]
+    node_gradient : float64[ny + 3, nx + 3, 2] [1]
+        Of the bed.
+    touched : TouchedBlocks
+    time : float [s]
+        At the end of the step.
+    settings : Settings
+    metric, entrainment : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
     for k in prange(touched.count):
@@ -293,8 +417,30 @@ def accumulate_peaks(peaks, nodes, node_gradient, touched, time, settings, metri
 
 
 @jit_inline
-def note_node(peaks, nodes, node_gradient, j, i, time, settings, metric, entrainment):
-    """`accumulate_peaks` at node [j, i]."""
+def note_node(
+    peaks: np.ndarray,
+    nodes: np.ndarray,
+    node_gradient: np.ndarray,
+    j: int,
+    i: int,
+    time: float,
+    settings: Settings,
+    metric: tuple,
+    entrainment: tuple,
+) -> None:
+    """Update the running peaks at node [j, i] (see `accumulate_peaks`).
+
+    Parameters
+    ----------
+    peaks, nodes : float64[ny + 3, nx + 3, 4]
+    node_gradient : float64[ny + 3, nx + 3, 2] [1]
+        Of the bed.
+    j, i : int
+    time : float [s]
+    settings : Settings
+    metric, entrainment : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
+    """
     density, dx = settings.density, settings.dx
     thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
     peaks[j, i, 0] = max(peaks[j, i, 0], thickness)

@@ -4,13 +4,26 @@ The digest of a file detects accidental changes. Compiled kernels do not check i
 anywhere in memory. All numbers of a state are therefore checked before use.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ...frames.state_check import StateCheck
 
+if TYPE_CHECKING:
+    from ...frames.particles import Frame
+    from .column_state import ColumnState
 
-def require_column_state(frame, solver, changing):
-    """Refuse a `frame` without a valid state of the ColumnSolver `solver`; `changing` are the arrays of that state.
+
+def require_column_state(frame: "Frame", solver: "ColumnState", changing: dict[str, np.ndarray]) -> None:
+    """Raise FormatError unless a frame has a valid state of a solver.
+
+    Parameters
+    ----------
+    frame : Frame
+    solver : ColumnSolver
+    changing : dict
+        Arrays of that state, by name.
 
     Raises
     ------

@@ -1,5 +1,7 @@
 """Columns in memory: rows of numbers, entries of a node, and lines of a batch of columns."""
 
+import numpy as np
+
 from ...compiled.jit import jit
 from ...compiled.lanes import load, prefetch, store, transposed
 from .spline_bed import INDEX_MASK
@@ -84,11 +86,27 @@ Q_BED_SLOPE = Q_ALONG_X  # [m] the same with the slopes of the weights
 
 
 @jit
-def take_rows(rows, order, first, count, end, scratch, moved):
+def take_rows(
+    rows: np.ndarray, order: np.ndarray, first: int, count: int, end: int, scratch: np.ndarray, moved: bool
+) -> None:
     """Copy the rows of columns order[first : first + count] into the lines of `scratch`, four columns at a time.
 
-    Without the affine velocity if `moved` is False. The rows of the next batch, up to place `end` in the order, are
-    prefetched while this one is computed.
+    The rows of the next batch are prefetched while this one is computed.
+
+    Parameters
+    ----------
+    rows : float64[columns, ROW]
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    first : int
+        Place of the first of them in the order.
+    count : int
+        Number of columns.
+    end : int
+        Place in the order up to which rows are prefetched.
+    scratch : float64[LINES]
+    moved : bool
+        With the affine velocity, which not every transfer needs.
     """
     for q in range(first + BATCH, min(first + 2 * BATCH, end)):
         p = (order[q] & INDEX_MASK) * ROW

@@ -1,6 +1,8 @@
 """The depth-averaged solver: initial state, time integration, frames."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +22,12 @@ from .column_state import INSERTED, INSERTED_COLUMNS, ColumnState
 from .feature_arrays import Places
 from .node_grid import ColumnGrid
 
+if TYPE_CHECKING:
+    from ...frames.particles import Frame
+    from ...laws.slots import ColumnEffects
+    from ...terrain.elevation import Terrain
+    from .node_grid import CellWindow
+
 NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks with columns if there are none
 LAID_OVER = 1.05  # [1] a column overlaps others where the grid is thicker than the column by this factor
 NO_WALLS = (-9, -9, -9, -9)  # indices of nodes behind walls at the four edges: far outside, there is no wall
@@ -37,9 +45,28 @@ SHORTENED = ("cfl", "move_limit", "fixed_dt", "fall_limit")  # settings that all
 class ColumnNumerics:
     """Numerical settings of the columns; the effects are in `ColumnEffects`.
 
-    `clamp` keeps a column's thickness within [1/clamp, clamp] times the grid's. `time_step`
-    fixes the step [s] (None: by CFL).
-    `reference_thickness` [m] is the reference for thin flow (None: the mean over the columns at the start).
+    Parameters
+    ----------
+    cell_size : float [m]
+    cfl : float [1]
+        Courant number.
+    move_limit : float [1]
+        Largest share of a cell that a column moves in a step.
+    edges : {"open", "wall"}
+    clamp : float [1]
+        Keeps a column's thickness within [1/clamp, clamp] times the grid's; 0: no limit.
+    gravity : float [m s-2]
+    density : float [kg m-3]
+    stop_at_rest : bool
+        Stop when the flow has come to rest.
+    time_step : float or None [s]
+        Length of all steps; None: by the Courant number.
+    maxima : bool
+        Record running peaks.
+    arrival_thickness : float [m]
+        Speed, pressure and arrival time are recorded where the flow is at least so thick.
+    reference_thickness : float or None [m]
+        Reference for thin flow; None: the mean over the columns at the start.
     """
 
     cell_size: float
@@ -57,7 +84,7 @@ class ColumnNumerics:
 
 
 class ColumnSolver(ColumnState):
-    """Advances the columns of `frame` over `terrain`.
+    """Solver that advances the columns of a frame over a terrain.
 
     Parameters
     ----------
@@ -72,11 +99,25 @@ class ColumnSolver(ColumnState):
         That of `terrain` and the cell size, where it is known already.
     gradient : float64[n, 2, 2], optional [s-1]
         Velocity gradient du_i/dx_j that the columns start with; default none.
+
+    Raises
+    ------
+    SceneError
+        The frame has points, effects do not go together, or a column starts where there is no whole cell of terrain.
     """
 
     kernel = kernel
 
-    def __init__(self, frame, terrain, effects, numerics, places=None, grid=None, gradient=None):
+    def __init__(
+        self,
+        frame: "Frame",
+        terrain: "Terrain",
+        effects: "ColumnEffects",
+        numerics: ColumnNumerics,
+        places: Places | None = None,
+        grid: ColumnGrid | None = None,
+        gradient: np.ndarray | None = None,
+    ) -> None:
         if frame.dimension != 2 or frame.particles.area is None:
             raise SceneError("the depth-averaged solver requires columns (dimension 2), got points")
         self.effects, self.numerics, self._start = effects, numerics, frame
@@ -88,7 +129,7 @@ class ColumnSolver(ColumnState):
         self._load(frame, gradient)
 
     def _load(self, frame, gradient):
-        """The state of a run that starts with the columns of `frame`; there may be none yet."""
+        """Set the state of a run that starts with the columns of `frame`; there may be none yet."""
         grid, numerics = self.grid, self.numerics
         self._rows = np.zeros((0, kernel.ROW))
         self._ids = np.zeros(0, np.uint64)
@@ -118,7 +159,7 @@ class ColumnSolver(ColumnState):
         self.energy_start = self.energy()
 
     def _made_settings(self, particles):
-        """Settings that are constant during the time integration."""
+        """Return the settings, which are constant during the time integration."""
         grid, numerics = self.grid, self.numerics
         reference = numerics.reference_thickness
         if reference is None:
@@ -148,7 +189,7 @@ class ColumnSolver(ColumnState):
         )
 
     def _from_corner(self, frame):
-        """x, y [m] from the domain's corner of columns that start; refused where there is no whole cell of terrain."""
+        """Return x, y [m] from the domain's corner of columns that start; all must be on whole cells of terrain."""
         grid = self.grid
         x, y = grid.from_corner(frame)
         off = ~grid.covers(x, y)
@@ -160,12 +201,25 @@ class ColumnSolver(ColumnState):
             )
         return x, y
 
-    def insert(self, frame, window, slab=True):
-        """Insert the columns of `frame` at the present time.
+    def insert(self, frame: "Frame", window: "CellWindow", slab: bool = True) -> None:
+        """Insert columns at the present time.
 
-        Columns that overlap others would each be too thin: in the cells of `window` (CellWindow) areas are set to those
-        that the grid gives for all of them together. Of a `slab` only those that overlap others, so that its own rim
-        stays as steep as it is. Ids go on after those that are there.
+        Columns that overlap others would each be too thin: their areas are set to those that the grid gives for all of
+        them together. Ids go on after those that are there.
+
+        Parameters
+        ----------
+        frame : Frame
+            Its columns are inserted.
+        window : CellWindow
+            Cells in which areas are set.
+        slab : bool
+            Only areas of columns that overlap others are set, so that the own rim of the slab stays as steep as it is.
+
+        Raises
+        ------
+        SceneError
+            A column starts where there is no whole cell of terrain.
         """
         first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
         bed = self._add(frame, np.arange(first, first + n))
@@ -175,7 +229,7 @@ class ColumnSolver(ColumnState):
         self._forget_computed()
 
     def _add(self, frame, ids):
-        """Append the columns of `frame` and update the clock; returns the bed under them [m]."""
+        """Append the columns of `frame` and update the clock; return the bed under them [m]."""
         particles, counts, clock = frame.particles, self._counts, self._clock
         x, y = self._from_corner(frame)
         bed, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)
@@ -217,11 +271,20 @@ class ColumnSolver(ColumnState):
                 clock[at : at + 3] = x[k], y[k], self.time
         clock[column_clock.FASTEST] = max(clock[column_clock.FASTEST], np.sqrt(speed2.max()))
 
-    def take_out(self, chosen):
-        """Take the columns that `chosen`, (x, y) [m] -> bool[n], picks out of the flow, now; a Frame of them, with
-        `velocity_gradient` in its state, or None where there are none.
+    def take_out(self, chosen: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> "Frame | None":
+        """Take columns out of the flow, now.
 
         Mass and energy at the start are reduced by those of the removed columns.
+
+        Parameters
+        ----------
+        chosen : callable
+            Picks columns by their place: (x, y) float64[n] [m] on the map -> bool[n].
+
+        Returns
+        -------
+        Frame or None
+            The columns, with `velocity_gradient` in its state; None where there are none.
         """
         rows, _, _ = self._seen()
         out = chosen(rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0)
@@ -246,7 +309,7 @@ class ColumnSolver(ColumnState):
         return taken
 
     def _expect(self, thickness, speed, speed2):
-        """Ready the clock for columns of `thickness` [m] with |u| = `speed` and at most |U|^2 = `speed2`."""
+        """Prepare the clock for columns of `thickness` [m] with |u| = `speed` and at most |U|^2 = `speed2`."""
         clock, gravity = self._clock, self.numerics.gravity
         wave = np.sqrt(self.effects.earth_pressure.largest_factor() * gravity * thickness)
         deepest = np.max(thickness)
@@ -270,8 +333,10 @@ class ColumnSolver(ColumnState):
         )
 
     def _settle(self, window, least):
-        """Areas in the cells of `window` as the grid sees them, of columns that become at least `least` times as thick;
-        returns the added potential energy [J]."""
+        """Set areas in the cells of `window` to those that the grid gives; return the added potential energy [J].
+
+        Only of columns that become at least `least` times as thick.
+        """
         n = self._counts[column_clock.ROWS]
         ny, nx = self.grid.inside.shape
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
@@ -300,36 +365,60 @@ class ColumnSolver(ColumnState):
         self._expect(thickest, fastest, 0.0)
         return 0.5 * self.numerics.gravity * lifted
 
-    def arm(self, number, nodes, thickness):
-        """Let `advance` stop with TRIGGER_REACHED when flow thicker than `thickness` [m] reaches one of `nodes`.
+    def arm(self, number: int, nodes: tuple[np.ndarray, np.ndarray], thickness: float | None) -> None:
+        """Let `advance` stop with TRIGGER_REACHED when the flow reaches one of some nodes.
 
-        `number`, from 1, identifies the area; `nodes` are (rows, columns) of the node arrays. A `thickness` of None, or
-        below what counts as flow, means any flow.
+        Parameters
+        ----------
+        number : int
+            Of the area that is released, from 1.
+        nodes : (int[n], int[n])
+            Rows and columns in the node arrays.
+        thickness : float or None [m]
+            Only thicker flow counts; None, or less than what counts as flow: any flow.
         """
         self._wet[nodes] |= np.uint8(kernel.ARMED * number)
         self.fields.trigger_thickness[number - 1] = max(thickness or 0.0, self._settings.wet_thickness)
 
-    def fired(self, number, nodes):
-        """Has the flow reached the area armed as `number`? If so it is armed no more."""
+    def fired(self, number: int, nodes: tuple[np.ndarray, np.ndarray]) -> bool:
+        """Return whether the flow has reached an armed area; if so, it is armed no more.
+
+        Parameters
+        ----------
+        number : int
+            Of the area.
+        nodes : (int[n], int[n])
+            As for `arm`.
+        """
         if (self._wet[nodes] // kernel.ARMED == number).all():
             return False
         self._wet[nodes] &= np.uint8(kernel.REACHED)
         return True
 
     @property
-    def columns(self):
+    def columns(self) -> int:
         """Number of columns on the terrain now."""
         return int(self._counts[column_clock.ALIVE])
 
     @property
-    def speed_max(self):
+    def speed_max(self) -> float:
         """Largest horizontal speed now [m s-1]."""
         return float(self._clock[column_clock.SPEED])
 
-    def advance(self, until, max_steps=1 << 62, may_stop=True):
-        """Advance to time `until` [s] or by `max_steps`; returns the kernel's reason to stop.
+    def advance(self, until: float, max_steps: int = 1 << 62, may_stop: bool = True) -> int:
+        """Advance to a time or by a number of steps.
 
-        Without `may_stop` the stop rules are off (more inflow follows).
+        Parameters
+        ----------
+        until : float [s]
+        max_steps : int
+        may_stop : bool
+            Without it the stop rules are off (more inflow follows).
+
+        Returns
+        -------
+        int
+            Reason to stop (`column_clock`).
         """
         if not self.columns:
             return column_clock.ALL_LEFT
@@ -379,15 +468,15 @@ class ColumnSolver(ColumnState):
 
     @staticmethod
     def _on_kernel_nodes(values):
-        """`values` [ny + 3, nx + 3] at the nodes of the blocks."""
+        """Return `values` [ny + 3, nx + 3] at the nodes of the blocks."""
         return values
 
     def _map_places(self, rows, keys):
-        """float64[n, 2] [m]: map E, N of columns."""
+        """Return map E, N [m] of columns, float64[n, 2]."""
         return rows[:, [kernel.X, kernel.Y]] + (self.grid.x0, self.grid.y0)
 
-    def frame(self):
-        """The present columns as a Frame: z is the bed, velocities are tangent to it.
+    def frame(self) -> "Frame":
+        """Return the present columns as a Frame: z is the bed, velocities are tangent to it.
 
         After the first step areas are limited to a factor of SHOWN_RANGE of those of the grid: a column that was
         stretched to a hundred cells is a thin line on the ground, not a square of that area. Masses are exact.

@@ -1,5 +1,7 @@
 """State of the depth-averaged solver: for a restart, and as sums, energies and balances."""
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ...compiled.particle_slices import in_slices
@@ -15,12 +17,20 @@ from . import column_loop as kernel
 from .bed_changes import bed_change_of
 from .column_restart import require_column_state
 
+if TYPE_CHECKING:
+    from ...frames.particles import Frame
+
 # outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
 # sums of a barrier [N s, N s, N s, kg, N]; the force is the largest of a single step
 BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
-# what came in after the start: columns, and their energy when they did [J]
-INSERTED_COLUMNS, INSERTED_KINETIC, INSERTED_POTENTIAL, INSERTED = range(4)
+# what came in after the start
+(
+    INSERTED_COLUMNS,  # number of columns
+    INSERTED_KINETIC,  # [J] their kinetic energy when they came in
+    INSERTED_POTENTIAL,  # [J] their potential energy
+    INSERTED,
+) = range(4)
 LOSSES = {  # energy losses of a flow, and their clock entries
     "ground": column_clock.FRICTION_TOTAL,
     "eroded_mass": column_clock.MERGING_TOTAL,
@@ -41,10 +51,10 @@ CLIPS = {  # limits on the state of columns, and the clock entries that count th
 
 
 class ColumnState(ParticleStore):
-    """State of columns for a restart, and its balances; see `column_solver.ColumnSolver`."""
+    """State of columns for a restart, and its balances; the base of `column_solver.ColumnSolver`."""
 
-    def state(self):
-        """State for a restart in addition to the frame's particles: the arrays that change, unmodified."""
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the state for a restart in addition to the frame's particles: the arrays that change, unmodified."""
         rows, _, _ = self._alive()
         arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
         if self.numerics.maxima:
@@ -54,7 +64,7 @@ class ColumnState(ParticleStore):
         return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
 
     def _changing(self):
-        """Name -> array of the state other than rows and reached nodes, as far as this scene has it."""
+        """Return the arrays of the state by name, without rows and reached nodes, as far as this scene has them."""
         arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
         if self.effects.barrier.barrier_active():
             arrays["barriers"] = self._barrier_sums
@@ -66,10 +76,14 @@ class ColumnState(ParticleStore):
             arrays |= {"forest": self.fields.forest_state, "forest_sums": self.fields.forest_sums}
         return arrays
 
-    def restore(self, frame, known=False):
-        """Go on from a `frame` of this run that carries its state: bitwise as if there had been no break.
+    def restore(self, frame: "Frame", known: bool = False) -> None:
+        """Go on from a frame of this run that carries its state: bitwise as if there had been no break.
 
-        The state is checked unless it is `known`: one that never left this process.
+        Parameters
+        ----------
+        frame : Frame
+        known : bool
+            The state never left this process and is not checked.
 
         Raises
         ------
@@ -105,36 +119,47 @@ class ColumnState(ParticleStore):
         self._counts[column_clock.ROWS] = len(rows)
         kernel.initial_keys(self._rows[: len(rows)], self._keys, self.grid.cell_size)
 
-    def started(self):
-        """Numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
+    def started(self) -> dict[str, Any]:
+        """Return the numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
         return {"mass": self.mass_start, "energy": list(self.energy_start), "first_new_id": self._first_new_id}
 
-    def start_from(self, started):
-        """Count from the start that `started()` returned: this solver was made of a later frame of the same run."""
+    def start_from(self, started: dict[str, Any]) -> None:
+        """Count from the start of another solver: this one was made of a later frame of the same run.
+
+        Parameters
+        ----------
+        started : dict
+            Result of its `started`.
+        """
         self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
         self._first_new_id = started["first_new_id"]
 
-    def flow(self):
-        """The Flow now."""
+    def flow(self) -> Flow:
+        """Return the flow now."""
         rows, _, _ = self._seen()
         u, v = rows[:, kernel.U].copy(), rows[:, kernel.V].copy()
         speed = np.sqrt(u * u + v * v + (u * rows[:, kernel.GX] + v * rows[:, kernel.GY]) ** 2)
         mass, x, y = rows[:, kernel.MASS].copy(), rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
         return Flow(x, y, u, v, speed, mass / (self.numerics.density * rows[:, kernel.AREA]), mass)
 
-    def maxima(self):
-        """Running peaks at the nodes that the flow reached, row 0 in the south, with the affine of their cells.
+    def maxima(self) -> dict[str, Any]:
+        """Return the running peaks at the nodes that the flow reached, with the affine of their cells.
 
-        thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m] that
-        all but the thickness are of; empty unless enabled.
+        Row 0 is in the south.
+
+        Returns
+        -------
+        dict
+            thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m]
+            that all but the thickness are of; empty unless enabled.
         """
         if not self.numerics.maxima:
             return {}
         grid, inner = self.grid, self._peaks[1:-1, 1:-1]
         return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, self.numerics.arrival_thickness)
 
-    def bed_change(self):
-        """What the flow made of its bed so far (`column_state`); empty without erosion and forest."""
+    def bed_change(self) -> dict[str, np.ndarray]:
+        """Return how the flow changed its bed so far (`bed_changes`); empty without erosion and forest."""
         erodes, forest = self.effects.entrainment.entrainment_active(), None
         if not (erodes or self.effects.forest.forest_active()):
             return {}
@@ -148,8 +173,10 @@ class ColumnState(ParticleStore):
             eroded = self.places.erodible[inner] - self.fields.erodible[inner]
         return bed_change_of(eroded, forest, grid.x0, grid.y0, grid.cell_size)
 
-    def energy(self):
-        """(kinetic, potential) energy [J] of the columns now; potential counts from the lowest bed of the grid.
+    def energy(self) -> tuple[float, float]:
+        """Compute the kinetic and the potential energy [J] of the columns now.
+
+        Potential energy counts from the lowest bed of the grid.
 
         The middle of a column lies h / 2 above the bed in the form `swe`, c^2 h / 2 in the form `slope`, where mass
         stands normal to the bed: that is the energy whose gradient the pressure force is.
@@ -163,7 +190,7 @@ class ColumnState(ParticleStore):
         return float(kinetic), float(potential)
 
     def _beds_under(self, rows):
-        """float64[n] [m]: elevation of the bed under the columns of `rows`."""
+        """Return the elevation of the bed under the columns of `rows`, float64[n] [m]."""
         x, y = rows[:, kernel.X].copy(), rows[:, kernel.Y].copy()
         return kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)[0]
 
@@ -176,8 +203,8 @@ class ColumnState(ParticleStore):
         potential = mass * gravity * (bed - self.grid.bed.min() + 0.5 * thickness)
         return float(0.5 * (mass * (u * u + v * v + w * w)).sum()), float(potential.sum())
 
-    def balances(self):
-        """Mass, energy and outflow so far as plain numbers [kg, J, kg m s-1], with relative errors."""
+    def balances(self) -> dict[str, Any]:
+        """Return mass, energy and outflow so far as plain numbers [kg, J, kg m s-1], with relative errors."""
         rows, _, _ = self._seen()
         mass_now = float(rows[:, kernel.MASS].sum())
         mass_out = float(self._ledger[:, 0].sum())
@@ -220,7 +247,7 @@ class ColumnState(ParticleStore):
         }
 
     def _forest_balance(self, mass_now):
-        """Mass that stopped in forest, that stands still and that flows [kg], broken area; empty without forest.
+        """Return mass that stopped in forest, that stands still and that flows [kg], broken area; empty without forest.
 
         `mass_at_rest` is that of columns slower than MOVING_SPEED.
         """
@@ -238,14 +265,14 @@ class ColumnState(ParticleStore):
         }
 
     def _losses(self):
-        """Energy taken from the flow so far [J], by what took it."""
+        """Return the energy taken from the flow so far [J], by what took it."""
         forest = {}
         if self.effects.forest.forest_active():
             forest = {"forest": float(self.fields.forest_sums[column_forest.RESISTED])}
         return {name: float(self._clock[entry]) for name, entry in LOSSES.items()} | forest
 
     def _energy_gone(self):
-        """(kinetic, potential) energy [J] of the mass that left the terrain or stopped in forest."""
+        """Return kinetic and potential energy [J] of the mass that left the terrain or stopped in forest."""
         ledger, sums, datum = self._ledger, self.fields.forest_sums, self.numerics.gravity * float(self.grid.bed.min())
         kinetic, potential = float(ledger[:, 3].sum()), float(ledger[:, 4].sum() - ledger[:, 0].sum() * datum)
         if self.effects.forest.forest_active():
@@ -253,9 +280,11 @@ class ColumnState(ParticleStore):
             potential += float(sums[column_forest.POTENTIAL] - sums[column_forest.DETRAINED] * datum)
         return kinetic, potential
 
-    def energy_look(self):
-        """The present EnergyLook, of kinetic energy and of the work of weight and pressure: heights need no guard, see
-        `_energy_balance`."""
+    def energy_look(self) -> EnergyLook:
+        """Return the present kinetic energy and the work of weight and pressure.
+
+        Heights need no guard, see `_energy_balance`.
+        """
         clock, kinetic = self._clock, self.energy()[0]
         work, taken = clock[column_clock.WORK_TOTAL], sum(self._losses().values())
         put_in = self.energy_start[0] + self._inserted[INSERTED_KINETIC]
@@ -266,7 +295,7 @@ class ColumnState(ParticleStore):
         return EnergyLook(float(made), kinetic, float(least), work, self.time)
 
     def _energy_balance(self):
-        """Energy that came in, that is there and that left [J], and what took the rest.
+        """Return the energy that came in, that is there and that left [J], and what took the rest.
 
         What the velocities lose to the transfers between columns and grid, to shocks and to internal friction is the
         kinetic energy that the work of weight and pressure leaves unexplained (`mixing`). Changes of c^2 h / 2, the
@@ -300,17 +329,29 @@ class ColumnState(ParticleStore):
         }
 
     def _place_of(self, entry):
-        """[E, N] [m] of the place that the clock keeps from `entry` on."""
+        """Return [E, N] [m] of the place that the clock keeps from `entry` on."""
         return [float(self._clock[entry]) + self.grid.x0, float(self._clock[entry + 1]) + self.grid.y0]
 
-    def fastest(self):
-        """Map E, N [m] and speed [m s-1] of the fastest column."""
+    def fastest(self) -> tuple[float, float, float]:
+        """Return map E, N [m] and speed [m s-1] of the fastest column."""
         flow = self.flow()
         k = int(np.argmax(flow.speed))
         return float(flow.x[k]), float(flow.y[k]), float(flow.speed[k])
 
-    def trouble(self):
-        """Where a run stopped: map E, N, columns not finite, largest speed over its bound, share of mass over twice."""
+    def trouble(self) -> tuple[float, float, int, float, float]:
+        """Return where and why a run stopped because of its state.
+
+        Returns
+        -------
+        float, float [m]
+            Map E, N.
+        int
+            Number of columns that are not finite.
+        float [1]
+            Largest speed over its bound.
+        float [1]
+            Share of the mass at more than twice the bound.
+        """
         clock = self._clock
         return (
             float(clock[column_clock.BOUND_NOW_X]) + self.grid.x0,

@@ -13,7 +13,8 @@ from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...compiled.lanes import get, load, multiply_add, put, put_four, store
 from ...laws.ground_metric import cosine_squared
-from .column_blocks import BLOCK, TILE, first_node
+from .column_blocks import BLOCK, TILE, BlockWindow, SortedColumns, TouchedBlocks, first_node
+from .column_records import NodeFields, Settings
 from .column_report import STIFF
 from .column_rows import (
     BATCH,
@@ -58,10 +59,48 @@ class StressLaws(NamedTuple):
 
 
 @jit
-def pressure_impulses(scratch, quads, place, count, i_block, j_block, bed, lake_level, dt, settings, laws):
-    """Contribution of columns to nodes, as weights and four-number groups; returns how many viscosities it capped.
+def pressure_impulses(
+    scratch: np.ndarray,
+    quads: np.ndarray,
+    place: np.ndarray,
+    count: int,
+    i_block: int,
+    j_block: int,
+    bed: np.ndarray,
+    lake_level: np.ndarray,
+    dt: float,
+    settings: Settings,
+    laws: StressLaws,
+) -> int:
+    """Compute what columns give to nodes, as weights and groups of four numbers.
 
     Node (i, j) gets wy_j * column_i + wx_i * line_j of (mass, momentum east, north, kinetic energy before the step).
+
+    Parameters
+    ----------
+    scratch : float64[LINES]
+        Columns; the weights are added.
+    quads : float64[QUADS]
+        Becomes the three column_i and the three line_j.
+    place : int64[BATCH]
+        Becomes the place of the first node of each column in the tile.
+    count : int
+        Number of columns.
+    i_block : int
+        Column of the first node of the block.
+    j_block : int
+        Row of that node.
+    bed : float64[ny + 3, nx + 3] [m]
+    lake_level : float64[ny, nx] [m]
+    dt : float [s]
+        Time for which forces act in this step.
+    settings : Settings
+    laws : StressLaws
+
+    Returns
+    -------
+    int
+        Number of columns whose apparent viscosity was limited.
     """
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     metric, lake, earth_pressure, viscosity = laws.metric, laws.still_water, laws.earth_pressure, laws.viscosity
@@ -185,14 +224,38 @@ def _spread_one(scratch, quads, place, k, tile):
 
 @jit_parallel
 def particles_to_grid(
-    rows, sorted_columns, window, tiles, fields, report, dt, settings, metric, still_water, earth_pressure, viscosity
-):
-    """Sum mass, momentum and impulse of each block's particles into its tile (weak form).
+    rows: np.ndarray,
+    sorted_columns: SortedColumns,
+    window: BlockWindow,
+    tiles: np.ndarray,
+    fields: NodeFields,
+    report: np.ndarray,
+    dt: float,
+    settings: Settings,
+    metric: tuple,
+    still_water: tuple,
+    earth_pressure: tuple,
+    viscosity: tuple,
+) -> None:
+    """Sum mass, momentum and impulse of each block's columns into its tile (weak form).
 
     f_i = sum_p A_p rho g c^2 K h_p^2 / 2 P grad N_i - A_p h_p sigma_p P grad N_i - m_p g c^2 grad b N_i, with
     P = I - c^2 grad b grad b^T and momentum sum_p N_i m_p (u_p + C_p (x_i - x_p)) (APIC, Jiang et al. 2015).
 
-    `sorted_columns` are SortedColumns, `window` is their BlockWindow, `fields` are NodeFields.
+    Parameters
+    ----------
+    rows : float64[columns, ROW]
+    sorted_columns : SortedColumns
+    window : BlockWindow
+    tiles : float64[blocks with columns, TILE * TILE * 4]
+    fields : NodeFields
+    report : float64[CHUNKS, REPORT]
+        Its entry STIFF is set.
+    dt : float [s]
+        Time for which forces act in this step.
+    settings : Settings
+    metric, still_water, earth_pressure, viscosity : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
     """
     order, start, block, bounds = sorted_columns
     bed, lake_level = fields.bed, fields.lake_level
@@ -226,8 +289,17 @@ def _stretching_rate(u, v, dxx, two_dxy, dyy):
 
 
 @jit_parallel
-def gather_tiles(nodes, tiles, slot, touched):
-    """Sum the up to four tiles that overlap each node of the touched blocks, always in the same order."""
+def gather_tiles(nodes: np.ndarray, tiles: np.ndarray, slot: np.ndarray, touched: TouchedBlocks) -> None:
+    """Sum the up to four tiles that overlap each node of the touched blocks, always in the same order.
+
+    Parameters
+    ----------
+    nodes : float64[ny + 3, nx + 3, 4]
+    tiles : float64[blocks with columns, TILE * TILE * 4]
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    touched : TouchedBlocks
+    """
     rows, columns = nodes.shape[0], nodes.shape[1]
     for k in prange(touched.count):
         j_first, i_first = first_node(touched, k)

@@ -1,6 +1,7 @@
 """Spatial features as node arrays: friction zones, erodible ground, barriers and lakes on the solver's grid."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from . import column_barriers as entries
 from .column_barriers import BARRIER_ENTRIES
 from .column_forest import FOREST_STATE, FOREST_SUMS
 from .column_records import NodeFields
-from .node_grid import spared
+from .node_grid import ColumnGrid, spared
 
 NO_LAKE = -1e30  # [m] a still level below all ground
 MAX_AREAS = 127  # that the flow can release, as many as a node's mark of 8 bits can number
@@ -42,8 +43,15 @@ class Places:
     lake_level: np.ndarray | None = None
     forest: np.ndarray | None = None
 
-    def fields(self, grid, lowers_bed):
-        """`NodeFields` on `grid` for one run: arrays that change are copied, absent ones have one entry."""
+    def fields(self, grid: ColumnGrid, lowers_bed: bool) -> NodeFields:
+        """Return the fields on `grid` for one run: arrays that change are copied, absent ones have one entry.
+
+        Parameters
+        ----------
+        grid : ColumnGrid
+        lowers_bed : bool
+            The flow lowers the bed.
+        """
 
         def present(array, *entries):
             return np.zeros((1, 1, *entries)) if array is None else np.ascontiguousarray(array, float)
@@ -66,10 +74,18 @@ class Places:
         )
 
 
-def barrier_entries(walls):
-    """The node array of the `walls` of a grid (`walls.WallNodes`), in the order of the kernel.
+def barrier_entries(walls: Any) -> np.ndarray:
+    """Return the array at the nodes of the walls of a grid, in the order of the kernel.
 
     At the edge of the domain a wall is a corner, so that no flow passes between edge and wall.
+
+    Parameters
+    ----------
+    walls : solvers.features.walls.WallNodes
+
+    Returns
+    -------
+    float64[ny + 3, nx + 3, BARRIER_ENTRIES]
     """
     nodes = np.zeros((*walls.number.shape, BARRIER_ENTRIES))
     at_edge = np.ones(walls.number.shape, bool)

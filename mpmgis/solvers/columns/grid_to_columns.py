@@ -9,8 +9,20 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...compiled.lanes import get, lanes, load, multiply_add, put, store, transposed
-from .column_blocks import block_key
-from .column_motion import MotionLaws, all_stay, book_out, clamp_areas, keep_in, move, survey, turn
+from .column_blocks import SortedColumns, block_key
+from .column_motion import (
+    MotionLaws,
+    SpeedBound,
+    StepTimes,
+    all_stay,
+    book_out,
+    clamp_areas,
+    keep_in,
+    move,
+    survey,
+    turn,
+)
+from .column_records import NodeFields, Settings
 from .column_report import (
     BLOCK_EAST,
     BLOCK_NORTH,
@@ -183,7 +195,7 @@ def _read_bed(moved, quads, place, count, bed, row_length):
 
 
 @jit
-def _give_rows(rows, order, first, count, moved):
+def _give_rows(rows: np.ndarray, order: np.ndarray, first: int, count: int, moved: np.ndarray):
     """Copy the lines of `moved` into the rows of columns order[first : first + count]."""
     for k in range(0, count, 4):
         for e in range(0, ROW, 4):
@@ -224,17 +236,41 @@ def _give_keys(keys, order, first, count, moved, place, stays, inverse_dx, part)
 
 @jit_parallel
 def grid_to_particles(
-    rows, keys, sorted_columns, nodes, fields, report, times, bound, settings, metric, curvature, entrainment
-):
+    rows: np.ndarray,
+    keys: np.ndarray,
+    sorted_columns: SortedColumns,
+    nodes: np.ndarray,
+    fields: NodeFields,
+    report: np.ndarray,
+    times: StepTimes,
+    bound: SpeedBound,
+    settings: Settings,
+    metric: tuple,
+    curvature: tuple,
+    entrainment: tuple,
+) -> None:
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
 
-    APIC: u_p = sum N_i v_i, C_p = 4/dx^2 sum N_i v_i (x_i - x_p)^T; A_p *= det(I + dt grad u_p). With `clamp` a column
-    stays below `clamp` times the grid's thickness where the flow spreads, and above 1/clamp of it where it converges.
-    No column is faster than its drop in height allows. Velocities are those of `ahead` [s] before the end of the step
-    (leapfrog). Columns that leave through an open edge or onto nodata (looked
-    for only if the terrain has `holes`) go to the ledger and get the key GONE.
+    APIC: u_p = sum N_i v_i, C_p = 4/dx^2 sum N_i v_i (x_i - x_p)^T; A_p *= det(I + dt grad u_p). With `settings.clamp`
+    a column stays below `clamp` times the grid's thickness where the flow spreads, and above 1/clamp of it where it
+    converges. No column is faster than its drop in height allows. Velocities are those of `times.ahead` [s] before the
+    end of the step (leapfrog). Columns that leave through an open edge or onto nodata (looked for only if the terrain
+    has `settings.holes`) go to the ledger and get the key GONE.
 
-    `sorted_columns` are SortedColumns, `fields` NodeFields, `times` StepTimes; `bound` is the SpeedBound.
+    Parameters
+    ----------
+    rows : float64[columns, ROW]
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    sorted_columns : SortedColumns
+    nodes : float64[ny + 3, nx + 3, 4]
+    fields : NodeFields
+    report : float64[CHUNKS, REPORT]
+    times : StepTimes
+    bound : SpeedBound
+    settings : Settings
+    metric, curvature, entrainment : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
     """
     order, start, bounds = sorted_columns.order, sorted_columns.start, sorted_columns.bounds
     grid = FlatGrid(nodes, fields.bed, fields.bed, fields.inside)
@@ -256,10 +292,14 @@ def grid_to_particles(
 
 
 @jit_inline
-def clear_report(part, outflow):
-    """Begin the report of a chunk, whose ledger of the outflow is in `outflow`; the transfer before has written STIFF.
+def clear_report(part: np.ndarray, outflow: np.ndarray) -> None:
+    """Begin the report of a chunk; the transfer before has written its entry STIFF.
 
-    The CPU has both in one array.
+    Parameters
+    ----------
+    part : float64[REPORT]
+    outflow : float64[REPORT]
+        Has the ledger of the outflow; the CPU has both in one array.
     """
     for entry in range(OUT):
         if entry != STIFF:
@@ -271,8 +311,13 @@ def clear_report(part, outflow):
 
 
 @jit_inline
-def finish_report(part):
-    """Roots of the squares in the report of a chunk; where a column is not finite, its place is reported."""
+def finish_report(part: np.ndarray) -> None:
+    """Take the roots of the squares in the report of a chunk; where a column is not finite, its place is reported.
+
+    Parameters
+    ----------
+    part : float64[REPORT]
+    """
     part[SIGNAL_MAX], part[SPEED_MAX] = sqrt(part[SIGNAL_MAX]), sqrt(part[SPEED_MAX])
     part[KINETIC] *= 0.5
     if part[NOT_FINITE] > 0.0:
@@ -280,10 +325,42 @@ def finish_report(part):
 
 
 @jit_inline
-def move_batch(keys, order, first, count, batch, grid, part, outflow, times, bound, settings, laws):
-    """`grid_to_particles` for the `count` columns from place `first` of the order, whose rows are in `batch.scratch`.
+def move_batch(
+    keys: np.ndarray,
+    order: np.ndarray,
+    first: int,
+    count: int,
+    batch: Batch,
+    grid: FlatGrid,
+    part: np.ndarray,
+    outflow: np.ndarray,
+    times: StepTimes,
+    bound: SpeedBound,
+    settings: Settings,
+    laws: MotionLaws,
+) -> None:
+    """Move the `count` columns from place `first` of the order (see `grid_to_particles`).
 
-    `part` and `outflow` as in `clear_report`.
+    Parameters
+    ----------
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    first : int
+        Place of the first of them in the order.
+    count : int
+        Number of columns.
+    batch : Batch
+        The rows of the columns are in its `scratch`.
+    grid : FlatGrid
+    part : float64[REPORT]
+        As for `clear_report`.
+    outflow : float64[REPORT]
+    times : StepTimes
+    bound : SpeedBound
+    settings : Settings
+    laws : MotionLaws
     """
     scratch, moved, quads, place, stays = batch.scratch, batch.moved, batch.quads, batch.place, batch.stays
     dx, gravity, clamp, entrainment = settings.dx, settings.gravity, settings.clamp, laws.entrainment

@@ -1,7 +1,8 @@
 """The depth-averaged solver's grid: square cells on the DTM's extent, with the bed at its nodes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from scipy import ndimage
@@ -9,6 +10,10 @@ from scipy import ndimage
 from ...system.errors import SceneError
 from ...terrain.elevation import Terrain, bilinear, continued
 from .spline_bed import beds_at, node_gradients
+
+if TYPE_CHECKING:
+    from ...frames.particles import Frame
+    from ...terrain.nodata_groups import NodataInReach
 
 FEWEST_CELLS = 3  # along a side of the domain
 MAX_NODES_PER_SIDE = 262_000  # block rows, of 8 nodes each, have 15 bits and a sign
@@ -55,10 +60,20 @@ class ColumnGrid:
     rest: float = 0.0
 
     @classmethod
-    def on(cls, terrain: Terrain, cell_size: float):
-        """The grid on `terrain`, anchored at the upper left corner of the raster's bounding box.
+    def on(cls, terrain: Terrain, cell_size: float) -> Self:
+        """Make the grid on a terrain, anchored at the upper left corner of the raster's bounding box.
 
         The bed is bilinear where cells are finer than pixels and the mean over the node's box where they are coarser.
+
+        Parameters
+        ----------
+        terrain : Terrain
+        cell_size : float [m]
+
+        Raises
+        ------
+        SceneError
+            The terrain has too few or too many cells of this size.
         """
         west, _, _, north = terrain.grid.bounds
         near = terrain.moved(-west, -north)  # the upper left corner is (0, 0) there, and small cells keep their digits
@@ -89,33 +104,79 @@ class ColumnGrid:
         rest = (north - y0) - ny * cell_size
         return cls(x0, y0, float(cell_size), spared(bed), gradient, inside.astype(np.uint8), rest)
 
-    def corner_from(self, origin):
-        """float64[2] [m]: the domain's south-west corner, from the place `origin` (E, N, ...) of the map."""
+    def corner_from(self, origin: Sequence[float]) -> np.ndarray:
+        """Return the vector from a place of the map to the domain's south-west corner.
+
+        Parameters
+        ----------
+        origin : sequence of float [m]
+            E, N, ... of the place.
+
+        Returns
+        -------
+        float64[2] [m]
+        """
         return np.array([self.x0 - origin[0], (self.y0 - origin[1]) + self.rest])
 
-    def from_corner(self, frame):
-        """(x, y) float64[n] each [m] of the particles of `frame`, from the domain's south-west corner."""
+    def from_corner(self, frame: "Frame") -> tuple[np.ndarray, np.ndarray]:
+        """Return the places of the particles of a frame, from the domain's south-west corner.
+
+        Parameters
+        ----------
+        frame : Frame
+
+        Returns
+        -------
+        float64[n], float64[n] [m]
+            East and north.
+        """
         x, y = frame.xy_from(self.x0, self.y0)
         return x, y - self.rest
 
-    def holds(self, frame):
-        """bool[n]: particles of `frame` on cells that the DTM covers; elsewhere is off the terrain."""
+    def holds(self, frame: "Frame") -> np.ndarray:
+        """Return which particles of a frame are on cells that the DTM covers; elsewhere is off the terrain.
+
+        Parameters
+        ----------
+        frame : Frame
+
+        Returns
+        -------
+        bool[n]
+        """
         return self.covers(*self.from_corner(frame))
 
-    def covers(self, x, y):
-        """bool[n]: places `x`, `y` [m] from the domain's south-west corner on cells that the DTM covers."""
+    def covers(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return which places are on cells that the DTM covers.
+
+        Parameters
+        ----------
+        x, y : float64[n] [m]
+            From the domain's south-west corner.
+
+        Returns
+        -------
+        bool[n]
+        """
         ny, nx = self.inside.shape
         there = (x >= 0) & (y >= 0) & (x < nx * self.cell_size) & (y < ny * self.cell_size)
         i, j = ((np.where(there, v, 0.0) / self.cell_size).astype(int) for v in (x, y))
         return there & (self.inside[np.minimum(j, ny - 1), np.minimum(i, nx - 1)] == 1)
 
-    def some_place(self):
-        """Map coordinates [m] of the middle of a cell that the DTM covers."""
+    def some_place(self) -> tuple[float, float]:
+        """Return the map coordinates [m] of the middle of a cell that the DTM covers."""
         row, column = np.argwhere(self.inside)[0]
         return self.x0 + (column + 0.5) * self.cell_size, self.y0 + (row + 0.5) * self.cell_size
 
-    def cells_of(self, frame, grown=0):
-        """CellWindow of the cells with columns of `frame`, and of those up to `grown` cells around them."""
+    def cells_of(self, frame: "Frame", grown: int = 0) -> CellWindow:
+        """Return the cells with columns of a frame, and those around them.
+
+        Parameters
+        ----------
+        frame : Frame
+        grown : int [cells]
+            Distance up to which cells around those with columns belong.
+        """
         x, y = self.from_corner(frame)
         ny, nx = self.inside.shape
         j, i = (y / self.cell_size).astype(int), (x / self.cell_size).astype(int)
@@ -126,8 +187,13 @@ class ColumnGrid:
             marked = ndimage.binary_dilation(marked, np.ones((3, 3)), grown).astype(np.uint8)
         return CellWindow(marked, int(row), int(column))
 
-    def corners_of(self, window):
-        """(rows, columns) in the node arrays of all corners of the window's cells."""
+    def corners_of(self, window: CellWindow) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows and columns, in the node arrays, of all corners of the cells of a window.
+
+        Parameters
+        ----------
+        window : CellWindow
+        """
         corners = np.zeros((window.marked.shape[0] + 1, window.marked.shape[1] + 1), bool)
         for j in (0, 1):
             for i in (0, 1):
@@ -135,31 +201,62 @@ class ColumnGrid:
         rows, columns = np.nonzero(corners)
         return rows + window.row + 1, columns + window.column + 1
 
-    def node_axes(self):
-        """Map coordinates [m] of the columns and of the rows of the nodes, ghosts included."""
+    def node_axes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the map coordinates [m] of the columns and of the rows of the nodes, ghosts included."""
         rows, columns = self.bed.shape
         return self.x0 + (np.arange(columns) - 1) * self.cell_size, self.y0 + (np.arange(rows) - 1) * self.cell_size
 
-    def node_points(self):
-        """Map coordinates [m] of all nodes, each float64[ny + 3, nx + 3]."""
+    def node_points(self) -> list[np.ndarray]:
+        """Return the map coordinates [m] of all nodes, each float64[ny + 3, nx + 3]."""
         return np.meshgrid(*self.node_axes())
 
-    def domain_nodes(self):
-        """bool[ny + 3, nx + 3]: nodes that are no ghosts."""
+    def domain_nodes(self) -> np.ndarray:
+        """Return which nodes are no ghosts.
+
+        Returns
+        -------
+        bool[ny + 3, nx + 3]
+        """
         inner = np.zeros(self.bed.shape, bool)
         inner[1:-1, 1:-1] = True
         return inner
 
-    def beds_at(self, frame):
-        """float64[n] [m]: the spline bed under the columns of `frame`."""
+    def beds_at(self, frame: "Frame") -> np.ndarray:
+        """Compute the elevation of the spline bed under the columns of a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+
+        Returns
+        -------
+        float64[n] [m]
+        """
         return beds_at(self.bed, *self.from_corner(frame), self.cell_size)[0]
 
-    def gradients_at(self, frame):
-        """float64[n, 2]: gradient of the bed under the columns of `frame`."""
+    def gradients_at(self, frame: "Frame") -> np.ndarray:
+        """Compute the gradient of the bed under the columns of a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+
+        Returns
+        -------
+        float64[n, 2] [1]
+        """
         return np.column_stack(beds_at(self.bed, *self.from_corner(frame), self.cell_size)[1:])
 
-    def downslope(self, frame):
-        """float64[n, 3]: unit vectors along the ground down the steepest descent under the columns of `frame`.
+    def downslope(self, frame: "Frame") -> np.ndarray:
+        """Compute unit vectors along the ground down the steepest descent under the columns of a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+
+        Returns
+        -------
+        float64[n, 3] [1]
 
         Raises
         ------
@@ -179,8 +276,8 @@ class ColumnGrid:
         return np.column_stack([along, (along * gradient).sum(axis=1)])
 
 
-def require_ground(solver, edges, in_reach):
-    """Refuse nodata that the flow can reach where `solver`, or its `edges`, needs ground.
+def require_ground(solver: str, edges: str, in_reach: "NodataInReach") -> None:
+    """Raise SceneError where the flow can reach nodata and the solver, or its edges, need ground.
 
     The 3D solver needs ground without holes, walls at the edges also ground up to the edge of the DTM.
 
@@ -211,16 +308,30 @@ def require_ground(solver, edges, in_reach):
         )
 
 
-def bed_at_nodes(grid):
-    """float64[ny + 3, nx + 3] [m]: elevation of the spline bed at the nodes; the outermost ones continue their line."""
+def bed_at_nodes(grid: ColumnGrid) -> np.ndarray:
+    """Compute the elevation of the spline bed at the nodes; the outermost ones continue their line.
+
+    Parameters
+    ----------
+    grid : ColumnGrid
+
+    Returns
+    -------
+    float64[ny + 3, nx + 3] [m]
+    """
     rows, columns = (np.arange(size - 2) * grid.cell_size for size in grid.bed.shape)
     inner_x, inner_y = np.meshgrid(columns, rows)
     bed = beds_at(grid.bed, inner_x.ravel(), inner_y.ravel(), grid.cell_size)[0].reshape(inner_x.shape)
     return np.pad(bed, 1, mode="reflect", reflect_type="odd")
 
 
-def spared(array):
-    """A copy of `array` with four numbers to spare behind it: kernels load three nodes of a row as four."""
+def spared(array: np.ndarray) -> np.ndarray:
+    """Copy an array, with SPARE numbers to spare behind it.
+
+    Parameters
+    ----------
+    array : float64[...]
+    """
     padded = np.zeros(array.size + SPARE)
     padded[: array.size] = array.ravel()
     return padded[: array.size].reshape(array.shape)

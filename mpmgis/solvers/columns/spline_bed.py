@@ -12,8 +12,25 @@ INDEX_MASK = 0x3FFFFFFF  # shows the compiler that an index is not negative, whi
 
 
 @jit_inline
-def weights(position, inverse_dx):
-    """Base index in the node array, offset in it, and the three quadratic B-spline weights of one axis."""
+def weights(position: float, inverse_dx: float) -> tuple[int, float, float, float, float]:
+    """Return the quadratic B-spline weights of a place along one axis.
+
+    Parameters
+    ----------
+    position : float [m]
+        From the domain's south-west corner.
+    inverse_dx : float [m-1]
+        1 / dx.
+
+    Returns
+    -------
+    int
+        Index of the first of the three nodes around the place.
+    float [cells]
+        Offset of the place from that node.
+    float, float, float
+        Weights of the three nodes.
+    """
     s = position * inverse_dx
     base = int(s + 0.5) & INDEX_MASK  # to the letter as in the block keys, so that both round alike
     f = s + 1.0 - base
@@ -21,8 +38,15 @@ def weights(position, inverse_dx):
 
 
 @jit_inline
-def bed_at(bed, x, y, inverse_dx):
-    """Bed elevation [m] and its gradient at (x, y) [m]: b = sum b_i N_i, grad b = sum b_i grad N_i."""
+def bed_at(bed: np.ndarray, x: float, y: float, inverse_dx: float) -> tuple[float, float, float]:
+    """Compute the bed's elevation [m] and its gradient [1] at (x, y): b = sum b_i N_i, grad b = sum b_i grad N_i.
+
+    Parameters
+    ----------
+    bed : float64[ny + 3, nx + 3] [m]
+    x, y : float [m]
+    inverse_dx : float [m-1]
+    """
     i0, fx, wx0, wx1, wx2 = weights(x, inverse_dx)
     j0, fy, wy0, wy1, wy2 = weights(y, inverse_dx)
     dx0, dx1, dx2 = fx - 1.5, 2.0 - 2.0 * fx, fx - 0.5
@@ -43,8 +67,15 @@ def bed_at(bed, x, y, inverse_dx):
 
 
 @jit
-def beds_at(bed, x, y, dx):
-    """`bed_at` for arrays of points: elevation, gradient east, gradient north."""
+def beds_at(bed: np.ndarray, x: np.ndarray, y: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute elevation [m], gradient east and gradient north [1] of the bed at many places (see `bed_at`).
+
+    Parameters
+    ----------
+    bed : float64[ny + 3, nx + 3] [m]
+    x, y : float64[n] [m]
+    dx : float [m]
+    """
     value, gradient_x, gradient_y = np.empty(x.size), np.empty(x.size), np.empty(x.size)
     for p in range(x.size):
         value[p], gradient_x[p], gradient_y[p] = bed_at(bed, x[p], y[p], 1.0 / dx)
@@ -52,8 +83,15 @@ def beds_at(bed, x, y, dx):
 
 
 @jit_inline
-def bending_at(bed, j, i, inverse_dx):
-    """Hessian (xx, xy, yy) [m-1] of the spline bed at node (j, i), as its nine coefficients give it."""
+def bending_at(bed: np.ndarray, j: int, i: int, inverse_dx: float) -> tuple[float, float, float]:
+    """Compute the Hessian (xx, xy, yy) [m-1] of the spline bed at node (j, i), as its nine coefficients give it.
+
+    Parameters
+    ----------
+    bed : float64[ny + 3, nx + 3] [m]
+    j, i : int
+    inverse_dx : float [m-1]
+    """
     south, north = max(j - 1, 0), min(j + 1, bed.shape[0] - 1)
     west, east = max(i - 1, 0), min(i + 1, bed.shape[1] - 1)
     square = inverse_dx * inverse_dx
@@ -70,8 +108,19 @@ def bending_at(bed, j, i, inverse_dx):
 
 
 @jit
-def node_gradients(bed, dx):
-    """float64[ny, nx, 2]: gradient of the spline bed at the nodes themselves (zero on the outermost ring)."""
+def node_gradients(bed: np.ndarray, dx: float) -> np.ndarray:
+    """Compute the gradient of the spline bed at the nodes themselves.
+
+    Parameters
+    ----------
+    bed : float64[ny + 3, nx + 3] [m]
+    dx : float [m]
+
+    Returns
+    -------
+    float64[ny, nx, 2] [1]
+        Zero on the outermost ring.
+    """
     gradient = np.zeros((bed.shape[0], bed.shape[1], 2))
     for j in range(1, bed.shape[0] - 1):
         for i in range(1, bed.shape[1] - 1):

@@ -6,6 +6,7 @@ are compiled with these in place of their own, from one source. Indices of nodes
 for counting from the end.
 """
 
+import numpy as np
 from numba import uint64
 
 from ..columns import column_motion, column_rows, columns_to_grid, grid_to_columns
@@ -17,52 +18,110 @@ WX, WY = column_rows.L_WX0 // column_rows.BATCH, column_rows.L_WY0 // column_row
 
 
 @Part
-def get(array, line, index):
-    """An entry of a line."""
+def get(array: np.ndarray, line: int, index: int) -> float:
+    """Return an entry of a line.
+
+    Parameters
+    ----------
+    array : float64[n]
+    line : int
+        Place of the line in the array.
+    index : int
+    """
     return array[line + index]
 
 
 @Part
-def put(array, line, index, value):
-    """Set an entry of a line."""
+def put(array: np.ndarray, line: int, index: int, value: float) -> None:
+    """Set an entry of a line.
+
+    Parameters
+    ----------
+    array : float64[n]
+    line, index : int
+    value : float
+    """
     array[line + index] = value
 
 
 @Part
-def get_of_four(array, line, index, entry):
-    """One of the four numbers of a group."""
+def get_of_four(array: np.ndarray, line: int, index: int, entry: int) -> float:
+    """Return one of the four numbers of a group.
+
+    Parameters
+    ----------
+    array : float64[n]
+    line : int
+        Place of the groups in the array.
+    index : int
+        Of the group.
+    entry : int
+    """
     return array[line + 4 * index + entry]
 
 
 @Part
-def put_four(array, line, index, a, b, c, d):
-    """Set the four numbers of a group."""
+def put_four(array: np.ndarray, line: int, index: int, a: float, b: float, c: float, d: float) -> None:
+    """Set the four numbers of a group.
+
+    Parameters
+    ----------
+    array : float64[n]
+    line, index : int
+    a, b, c, d : float
+    """
     at = line + 4 * index
     array[at], array[at + 1], array[at + 2], array[at + 3] = a, b, c, d
 
 
 @Part
-def lanes(a, b, c, d):
-    """Four numbers."""
+def lanes(a: float, b: float, c: float, d: float) -> tuple[float, float, float, float]:
+    """Return four numbers as a tuple.
+
+    Parameters
+    ----------
+    a, b, c, d : float
+    """
     return a, b, c, d
 
 
 @Part
-def load(array, index):
-    """Four numbers of an array with one dimension."""
+def load(array: np.ndarray, index: int) -> tuple[float, float, float, float]:
+    """Return four numbers of an array with one dimension.
+
+    Parameters
+    ----------
+    array : float64[n]
+    index : int
+        Of the first one.
+    """
     n = uint64(index)
     return array[n], array[n + uint64(1)], array[n + uint64(2)], array[n + uint64(3)]
 
 
 @Part
-def store(array, index, value):
-    """Set four numbers of an array with one dimension."""
+def store(array: np.ndarray, index: int, value: tuple) -> None:
+    """Set four numbers of an array with one dimension.
+
+    Parameters
+    ----------
+    array : float64[n]
+    index : int
+        Of the first one.
+    value : (float, float, float, float)
+    """
     array[index], array[index + 1], array[index + 2], array[index + 3] = value
 
 
 @Part
-def multiply_add(factor, value, total):
-    """factor * value + total, of four numbers."""
+def multiply_add(factor: float, value: tuple, total: tuple) -> tuple[float, float, float, float]:
+    """Compute factor * value + total of four numbers.
+
+    Parameters
+    ----------
+    factor : float
+    value, total : (float, float, float, float)
+    """
     return (
         factor * value[0] + total[0],
         factor * value[1] + total[1],

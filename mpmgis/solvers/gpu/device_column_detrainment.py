@@ -4,6 +4,7 @@ What a column loses is the code of the CPU's kernels. Nodes get it as they get t
 of the tile of a block.
 """
 
+import numpy as np
 from numba import cuda
 
 from ...compiled.block_order import GONE
@@ -11,6 +12,7 @@ from ..columns.column_blocks import BLOCK, TILE
 from ..columns.column_clock import ALIVE, KICK_BEFORE, WORK_TOTAL
 from ..columns.column_detrainment import kept_mass, nodes_around, stopping_share, taken_energy
 from ..columns.column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
+from ..columns.column_records import NodeFields, Settings
 from ..columns.column_rows import AREA, MASS, X, Y
 from ..columns.spline_bed import weights
 from .device_column_sort import STOPPING, node_at, nodes_of
@@ -18,15 +20,42 @@ from .device_column_transfer import TILE_NODES, tile_sum
 from .device_functions import Kernel, Part
 from .launch import ACTIVE, SORTED, SOUTH_NOW, STATUS, WEST_NOW, WIDTH
 
-STOPS, KEPT, LOST, LOSSES = range(4)  # of a column: share that stops [1], mass that it keeps, mass that it gives [kg]
-MASS_LOST, KINETIC_LOST, POTENTIAL_LOST, WORK_LOST, WHOLE, STOP_REPORT = range(6)  # sums of a thread
+# losses of a column
+(
+    STOPS,  # [1] share of its mass that stops
+    KEPT,  # [kg] mass that it keeps
+    LOST,  # [kg] mass that it gives to nodes
+    LOSSES,
+) = range(4)
+# sums of a thread
+(
+    MASS_LOST,  # [kg]
+    KINETIC_LOST,  # [J] kinetic energy of that mass
+    POTENTIAL_LOST,  # [J] its potential energy, from elevation 0
+    WORK_LOST,  # [J] work of the weight on it
+    WHOLE,  # number of columns that stop as a whole
+    STOP_REPORT,
+) = range(6)
 
 
 @Kernel
-def find_losses(again, rows, order, fields, losses, settings):
-    """Share of each column that stops and what it keeps, and the number of columns that stop as a whole.
+def find_losses(
+    again: np.ndarray, rows: np.ndarray, order: np.ndarray, fields: NodeFields, losses: np.ndarray, settings: Settings
+) -> None:
+    """Find the share of each column that stops and what it keeps, and the number of columns that stop as a whole.
 
     The last column of all does not count: it keeps its mass if all others stop, because frames need one.
+
+    Parameters
+    ----------
+    again : int64[RUN_ENTRIES]
+        Of the second sort.
+    rows : float64[columns, ROW]
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    fields : NodeFields
+    losses : float64[columns, LOSSES]
+    settings : Settings
     """
     if again[STATUS] != 0:
         return
@@ -43,8 +72,37 @@ def find_losses(again, rows, order, fields, losses, settings):
 
 
 @Kernel
-def take_losses(again, clock, rows, keys, order, fields, losses, reports, settings, metric):
-    """Take the losses from the columns; all reports begin here."""
+def take_losses(
+    again: np.ndarray,
+    clock: np.ndarray,
+    rows: np.ndarray,
+    keys: np.ndarray,
+    order: np.ndarray,
+    fields: NodeFields,
+    losses: np.ndarray,
+    reports: np.ndarray,
+    settings: Settings,
+    metric: tuple,
+) -> None:
+    """Take the losses from the columns; all reports begin here.
+
+    Parameters
+    ----------
+    again : int64[RUN_ENTRIES]
+        Of the second sort.
+    clock : float64[CLOCK]
+    rows : float64[columns, ROW]
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    fields : NodeFields
+    losses : float64[columns, LOSSES]
+    reports : float64[threads, STOP_REPORT]
+    settings : Settings
+    metric : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
+    """
     mine = reports[cuda.grid(1)]
     for k in range(STOP_REPORT):
         mine[k] = 0.0
@@ -70,8 +128,35 @@ def take_losses(again, clock, rows, keys, order, fields, losses, reports, settin
 
 
 @Kernel
-def losses_to_grid(again, rows, order, start, block, losses, tiles, fields, settings):
-    """Sum the losses of each block's columns into its tile, one number a node."""
+def losses_to_grid(
+    again: np.ndarray,
+    rows: np.ndarray,
+    order: np.ndarray,
+    start: np.ndarray,
+    block: np.ndarray,
+    losses: np.ndarray,
+    tiles: np.ndarray,
+    fields: NodeFields,
+    settings: Settings,
+) -> None:
+    """Sum the losses of each block's columns into its tile, one number a node.
+
+    Parameters
+    ----------
+    again : int64[RUN_ENTRIES]
+        Of the second sort.
+    rows : float64[columns, ROW]
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    start : int64[blocks with columns + 1]
+        Where the columns of each block begin in the order.
+    block : int32[blocks with columns]
+        Their places in the window.
+    losses : float64[columns, LOSSES]
+    tiles : float64[blocks with columns, TILE_NODES]
+    fields : NodeFields
+    settings : Settings
+    """
     if again[STATUS] != 0:
         return
     share = fields.forest_share
@@ -93,8 +178,23 @@ def losses_to_grid(again, rows, order, start, block, losses, tiles, fields, sett
 
 
 @Kernel
-def add_losses(again, tiles, slot, touched, fields, settings):
-    """Give the nodes what stopped there; ghosts beyond a wall give theirs to the nodes that they mirror."""
+def add_losses(
+    again: np.ndarray, tiles: np.ndarray, slot: np.ndarray, touched: np.ndarray, fields: NodeFields, settings: Settings
+) -> None:
+    """Give the nodes what stopped there; ghosts beyond a wall give theirs to the nodes that they mirror.
+
+    Parameters
+    ----------
+    again : int64[RUN_ENTRIES]
+        Of the second sort.
+    tiles : float64[blocks with columns, TILE_NODES]
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    touched : int32[touched blocks]
+        Their places in the window.
+    fields : NodeFields
+    settings : Settings
+    """
     if again[STATUS] != 0:
         return
     state = fields.forest_state
@@ -113,8 +213,17 @@ def add_losses(again, tiles, slot, touched, fields, settings):
 
 
 @Part
-def images(k, size, wall):
-    """The indices whose sums node `k` of `size` gets along an axis: its own, and those of ghosts; -1: none."""
+def images(k: int, size: int, wall: bool) -> tuple[int, int, int]:
+    """Return the indices whose sums node `k` gets along an axis: its own, and those of ghosts; -1: none.
+
+    Parameters
+    ----------
+    k : int
+    size : int
+        Number of nodes along the axis.
+    wall : bool
+        The edges are walls.
+    """
     if not wall:
         return k, -1, -1
     if k == 0 or k == size - 1:
@@ -123,8 +232,21 @@ def images(k, size, wall):
 
 
 @Kernel
-def collect_losses(run, again, clock, counts, sums, report):
-    """Add the losses of a step to clock, counts and sums; one thread. The report has one row."""
+def collect_losses(
+    run: np.ndarray, again: np.ndarray, clock: np.ndarray, counts: np.ndarray, sums: np.ndarray, report: np.ndarray
+) -> None:
+    """Add the losses of a step to clock, counts and sums; one thread.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    again : int64[RUN_ENTRIES]
+        Of the second sort.
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    sums : float64[FOREST_SUMS]
+    report : float64[1, STOP_REPORT]
+    """
     if run[STATUS] != 0 or again[STATUS] != 0:
         return
     sums[DETRAINED] += report[0, MASS_LOST]
@@ -137,8 +259,16 @@ def collect_losses(run, again, clock, counts, sums, report):
 
 
 @Kernel
-def clear_shares(run, touched, share):
-    """Zero the shares of the nodes that this step touched."""
+def clear_shares(run: np.ndarray, touched: np.ndarray, share: np.ndarray) -> None:
+    """Zero the shares of the nodes that this step touched.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    touched : int32[touched blocks]
+        Their places in the window.
+    share : float64[ny + 3, nx + 3] [1]
+    """
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):

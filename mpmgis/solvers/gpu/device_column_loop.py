@@ -20,10 +20,11 @@ import numpy as np
 from numba import cuda
 
 from ...compiled.block_order import CHUNKS
+from ...laws.slots import ColumnEffects
 from ..columns import column_clock as entry
 from ..columns.column_motion import MotionLaws
 from ..columns.column_nodes import NodeLaws
-from ..columns.column_records import ColumnArrays
+from ..columns.column_records import ColumnArrays, NodeFields, Settings
 from ..columns.column_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_WEST
 from ..columns.columns_to_grid import StressLaws
 from ..columns.grid_to_columns import FlatGrid
@@ -47,6 +48,7 @@ from .launch import (
     SIZE,
     STATUS,
     TOUCHED,
+    Launch,
     checked,
     default_launch,
 )
@@ -58,10 +60,18 @@ CHANGING_FIELDS = ("bed", "gradient", "erodible", "forest_state", "forest_sums")
 
 
 class Sorted:
-    """Columns in the order of blocks, and the blocks of nodes that they touch."""
+    """Columns in the order of blocks, and the blocks of nodes that they touch.
 
-    def __init__(self, launch, columns, tile_numbers):
-        """Arrays for a number of `columns`, with tiles of `tile_numbers` numbers."""
+    Parameters
+    ----------
+    launch : Launch
+    columns : int
+        Number of columns.
+    tile_numbers : int
+        Numbers of a node in the tile of a block.
+    """
+
+    def __init__(self, launch: Launch, columns: int, tile_numbers: int) -> None:
         self._launch, self._tile_numbers = launch, tile_numbers
         self.host = np.zeros(device_column_sort.RUN_ENTRIES, np.int64)
         self.run = cuda.to_device(self.host)
@@ -70,7 +80,7 @@ class Sorted:
         self._pieces = cuda.to_device(np.zeros((launch.scanners * launch.width, 2), np.int64))
         self.grow()
 
-    def grow(self):
+    def grow(self) -> None:
         """Make arrays in which the present step fits, with half as much in addition."""
         self.run.copy_to_host(self.host)
         run, old = self.host, self.host.copy()
@@ -89,8 +99,21 @@ class Sorted:
         run[STATUS] = 0
         self.run.copy_to_device(run)
 
-    def sort(self, counts, rows, keys, watched, settings):
-        """Sort by `keys` and cells; the window of blocks is known."""
+    def sort(
+        self, counts: np.ndarray, rows: np.ndarray, keys: np.ndarray, watched: np.ndarray, settings: Settings
+    ) -> None:
+        """Sort columns by their blocks and cells; the window of blocks is known.
+
+        Parameters
+        ----------
+        counts : int64[COUNTS]
+        rows : float64[columns, ROW]
+        keys : int32[columns]
+            Block of each column; GONE for one that has left.
+        watched : uint8[block rows, block columns]
+            Blocks at which the run stops.
+        settings : Settings
+        """
         run, launch = self.run, self._launch
         _all(launch, device_column_sort.clear_window, run, self._histogram, self.slot)
         _all(launch, device_column_sort.count_columns, run, counts, rows, keys, self._histogram, self._cells, settings)
@@ -126,7 +149,15 @@ class DeviceColumns:
         Sizes of launches; by default those for a GPU, in the simulator small ones.
     """
 
-    def __init__(self, state, settings, fields, effects, watched=None, launch=None):
+    def __init__(
+        self,
+        state: ColumnArrays,
+        settings: Settings,
+        fields: NodeFields,
+        effects: ColumnEffects,
+        watched: np.ndarray | None = None,
+        launch: Launch | None = None,
+    ) -> None:
         self.state, self.fields, self._effects = state, fields, effects
         self.settings, self._launch = settings, checked(launch or default_launch())
         self._nothing_watched = cuda.to_device(np.zeros((1, 1), np.uint8))
@@ -185,10 +216,20 @@ class DeviceColumns:
             for entries in (device_column_nodes.THREAD_REPORT, device_column_detrainment.STOP_REPORT)
         )
 
-    def advance(self, until, max_steps=1 << 62):
-        """Advance to time `until` [s] or by `max_steps`; returns the reason to stop, as `column_loop.advance`.
+    def advance(self, until: float, max_steps: int = 1 << 62) -> int:
+        """Advance to a time or by a number of steps, as `column_loop.advance`.
 
         `clock` and `counts` of the host state are current afterwards; the other arrays after `download`.
+
+        Parameters
+        ----------
+        until : float [s]
+        max_steps : int
+
+        Returns
+        -------
+        int
+            Reason to stop (`column_clock`).
         """
         state, first, now = self.state, int(self.state.counts[entry.STEP]), self._now
         if self.settings != self._settings_of_steps:
@@ -221,7 +262,7 @@ class DeviceColumns:
             return int(now.host[STATUS])
         return entry.REACHED_TIME if state.clock[entry.TIME] >= until else entry.RUNNING
 
-    def download(self):
+    def download(self) -> None:
         """Copy all that changes into the arrays of the host."""
         for name in ColumnArrays._fields:
             values = getattr(self.state, name)

@@ -13,6 +13,7 @@ from ..columns.column_forest import break_trees, find_share
 from ..columns.column_nodes import (
     DEEPEST,
     NODE_REPORT,
+    NodeLaws,
     fold_column,
     fold_row,
     mirror_column,
@@ -20,21 +21,31 @@ from ..columns.column_nodes import (
     note_node,
     update_node,
 )
+from ..columns.column_records import NodeFields, Settings
 from ..columns.column_rows import NODE_MASS
 from ..columns.spline_bed import bed_at
 from .device_column_sort import DT, KICK, node_at, nodes_of, window_of
 from .device_functions import REGISTERS, Kernel, capped
 from .launch import STATUS
 
-# entries of a thread's report after those of the CPU's: nodes where trees broke, and the node with the largest
-# thickness, in the order of touched blocks; -1: none
-BROKEN_NOW, DEEPEST_AT, THREAD_REPORT = range(NODE_REPORT, NODE_REPORT + 3)
+# entries of a thread's report after those of the CPU's
+(
+    BROKEN_NOW,  # number of nodes where trees broke
+    DEEPEST_AT,  # node with the largest thickness, in the order of touched blocks; -1: none
+    THREAD_REPORT,
+) = range(NODE_REPORT, NODE_REPORT + 3)
 HELD = BARRIER_LOSS + 1  # sums of a node in a barrier
 
 
 @Kernel
-def clear_ghosts(run, nodes):
-    """Zero the ghost ring (see `column_nodes.clear_ghosts`)."""
+def clear_ghosts(run: np.ndarray, nodes: np.ndarray) -> None:
+    """Zero the ghost ring (see `column_nodes.clear_ghosts`).
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    nodes : float64[ny + 3, nx + 3, 4]
+    """
     if run[STATUS] != 0:
         return
     rows, columns = nodes.shape[0], nodes.shape[1]
@@ -47,8 +58,16 @@ def clear_ghosts(run, nodes):
 
 
 @Kernel
-def fold_walls(run, nodes, along_columns):
-    """Mirror ghosts inwards: southern and northern walls (`along_columns`), and after them western and eastern ones."""
+def fold_walls(run: np.ndarray, nodes: np.ndarray, along_columns: bool) -> None:
+    """Mirror ghosts inwards, at southern and northern walls and after them at western and eastern ones.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    nodes : float64[ny + 3, nx + 3, 4]
+    along_columns : bool
+        Southern and northern walls.
+    """
     if run[STATUS] != 0:
         return
     for k in range(cuda.grid(1), nodes.shape[1] if along_columns else nodes.shape[0], cuda.gridsize(1)):
@@ -59,8 +78,16 @@ def fold_walls(run, nodes, along_columns):
 
 
 @Kernel
-def mirror_walls(run, nodes, along_columns):
-    """Give ghosts the mirrored state: beyond western and eastern walls, and after them (`along_columns`) the others."""
+def mirror_walls(run: np.ndarray, nodes: np.ndarray, along_columns: bool) -> None:
+    """Give ghosts the mirrored state, beyond western and eastern walls and after them beyond the others.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    nodes : float64[ny + 3, nx + 3, 4]
+    along_columns : bool
+        Southern and northern walls.
+    """
     if run[STATUS] != 0:
         return
     for k in range(cuda.grid(1), nodes.shape[1] if along_columns else nodes.shape[0], cuda.gridsize(1)):
@@ -71,8 +98,37 @@ def mirror_walls(run, nodes, along_columns):
 
 
 @Kernel
-def hold_at_barriers(run, stage, nodes, slot, fields, places, held, settings, barrier, metric):
-    """Hold the flow at the nodes in walls, `places` int32[n, 2] (row, column); their sums go to `held` [n, HELD]."""
+def hold_at_barriers(
+    run: np.ndarray,
+    stage: np.ndarray,
+    nodes: np.ndarray,
+    slot: np.ndarray,
+    fields: NodeFields,
+    places: np.ndarray,
+    held: np.ndarray,
+    settings: Settings,
+    barrier: tuple,
+    metric: tuple,
+) -> None:
+    """Hold the flow at the nodes in walls (see `column_barriers.hold_at_barriers`).
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    nodes : float64[ny + 3, nx + 3, 4]
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    fields : NodeFields
+    places : int32[n, 2]
+        Row and column of these nodes.
+    held : float64[n, HELD]
+        Becomes their sums.
+    settings : Settings
+    barrier, metric : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
+    """
     if run[STATUS] != 0:
         return
     window = window_of(run)
@@ -85,8 +141,17 @@ def hold_at_barriers(run, stage, nodes, slot, fields, places, held, settings, ba
 
 
 @Kernel
-def sum_held(run, held, first, report):
-    """Sum the nodes of each barrier, from `first[k]` to `first[k + 1]`, into CHUNKS parts of `report`."""
+def sum_held(run: np.ndarray, held: np.ndarray, first: np.ndarray, report: np.ndarray) -> None:
+    """Sum the nodes of each barrier into CHUNKS parts.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    held : float64[n, HELD]
+    first : int64[barriers + 1]
+        Where the nodes of each barrier begin.
+    report : float64[CHUNKS, barriers, HELD]
+    """
     if run[STATUS] != 0:
         return
     for k in range(cuda.grid(1), report.shape[0] * report.shape[1] * HELD, cuda.gridsize(1)):
@@ -98,8 +163,19 @@ def sum_held(run, held, first, report):
 
 
 @Kernel
-def collect_held(run, stage, report, sums, lost):
-    """Add the report to the sums of each barrier; the energy that it took [J] goes to `lost`."""
+def collect_held(run: np.ndarray, stage: np.ndarray, report: np.ndarray, sums: np.ndarray, lost: np.ndarray) -> None:
+    """Add the report to the sums of each barrier.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    report : float64[CHUNKS, barriers, HELD]
+    sums : float64[barriers, BARRIER_SUMS + 1]
+    lost : float64[barriers] [J]
+        Becomes the energy that each barrier took.
+    """
     if run[STATUS] != 0:
         return
     for b in range(cuda.grid(1), sums.shape[0], cuda.gridsize(1)):
@@ -107,10 +183,37 @@ def collect_held(run, stage, report, sums, lost):
 
 
 @capped(double=REGISTERS)
-def update_nodes(run, stage, nodes, touched, fields, wet, lowered, reports, settings, laws):
-    """Momentum to velocity, friction, erosion, resistance of trees; all reports begin here.
+def update_nodes(
+    run: np.ndarray,
+    stage: np.ndarray,
+    nodes: np.ndarray,
+    touched: np.ndarray,
+    fields: NodeFields,
+    wet: np.ndarray,
+    lowered: np.ndarray,
+    reports: np.ndarray,
+    settings: Settings,
+    laws: NodeLaws,
+) -> None:
+    """Turn momentum into velocity: friction, erosion, resistance of trees; all reports begin here.
 
-    The bed is lowered after all nodes have read it: `lowered` is the mass eroded [kg m-2].
+    The bed is lowered after all nodes have read it.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    nodes : float64[ny + 3, nx + 3, 4]
+    touched : int32[touched blocks]
+        Their places in the window.
+    fields : NodeFields
+    wet : uint8[ny + 3, nx + 3]
+    lowered : float64[ny + 3, nx + 3] [kg m-2]
+        Becomes the mass eroded.
+    reports : float64[threads, THREAD_REPORT]
+    settings : Settings
+    laws : NodeLaws
     """
     mine = reports[cuda.grid(1)]
     for k in range(THREAD_REPORT):
@@ -150,8 +253,19 @@ def update_nodes(run, stage, nodes, touched, fields, wet, lowered, reports, sett
 
 
 @Kernel
-def lower_bed(run, touched, bed, lowered, entrainment):
-    """Lower the bed by what was eroded."""
+def lower_bed(run: np.ndarray, touched: np.ndarray, bed: np.ndarray, lowered: np.ndarray, entrainment: tuple) -> None:
+    """Lower the bed by what was eroded.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    touched : int32[touched blocks]
+        Their places in the window.
+    bed : float64[ny + 3, nx + 3] [m]
+    lowered : float64[ny + 3, nx + 3] [kg m-2]
+    entrainment : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
+    """
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
@@ -161,8 +275,18 @@ def lower_bed(run, touched, bed, lowered, entrainment):
 
 
 @Kernel
-def regrade(run, touched, bed, gradient, settings):
-    """Recompute the gradients at the touched nodes after erosion has lowered the bed."""
+def regrade(run: np.ndarray, touched: np.ndarray, bed: np.ndarray, gradient: np.ndarray, settings: Settings) -> None:
+    """Recompute the gradients at the touched nodes after erosion has lowered the bed.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    touched : int32[touched blocks]
+        Their places in the window.
+    bed : float64[ny + 3, nx + 3] [m]
+    gradient : float64[ny + 3, nx + 3, 2]
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
     rows, columns, dx = bed.shape[0], bed.shape[1], settings.dx
@@ -174,8 +298,35 @@ def regrade(run, touched, bed, gradient, settings):
 
 
 @Kernel
-def note_peaks(run, stage, clock, nodes, touched, gradient, peaks, settings, metric, entrainment):
-    """Running peaks at the touched nodes."""
+def note_peaks(
+    run: np.ndarray,
+    stage: np.ndarray,
+    clock: np.ndarray,
+    nodes: np.ndarray,
+    touched: np.ndarray,
+    gradient: np.ndarray,
+    peaks: np.ndarray,
+    settings: Settings,
+    metric: tuple,
+    entrainment: tuple,
+) -> None:
+    """Update the running peaks at the touched nodes (see `column_nodes.accumulate_peaks`).
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    clock : float64[CLOCK]
+    nodes : float64[ny + 3, nx + 3, 4]
+    touched : int32[touched blocks]
+        Their places in the window.
+    gradient : float64[ny + 3, nx + 3, 2]
+    peaks : float64[ny + 3, nx + 3, 4]
+    settings : Settings
+    metric, entrainment : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
+    """
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
@@ -185,8 +336,22 @@ def note_peaks(run, stage, clock, nodes, touched, gradient, peaks, settings, met
             note_node(peaks, nodes, gradient, j, i, time, settings, metric, entrainment)
 
 
-def barrier_nodes(barriers, count):
-    """(int32[n, 2] rows and columns of the nodes in `count` barriers, int64[count + 1] where those of each begin)."""
+def barrier_nodes(barriers: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodes in barriers, those of a barrier after those of the one before.
+
+    Parameters
+    ----------
+    barriers : float64[ny + 3, nx + 3, BARRIER_ENTRIES]
+    count : int
+        Number of barriers.
+
+    Returns
+    -------
+    int32[n, 2]
+        Row and column of each node.
+    int64[count + 1]
+        Where the nodes of each barrier begin.
+    """
     numbers = barriers[..., BARRIER].astype(np.int64)
     j, i = numbers.nonzero()
     order = np.argsort(numbers[j, i], kind="stable")

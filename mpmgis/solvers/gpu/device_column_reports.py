@@ -32,6 +32,7 @@ from ..columns.column_clock import (
 )
 from ..columns.column_forest import BROKEN_NODES, RESISTED
 from ..columns.column_nodes import DEEPEST, FOREST_LOSS
+from ..columns.column_records import Settings
 from ..columns.column_rows import X, Y
 from .device_column_nodes import BROKEN_NOW, DEEPEST_AT
 from .device_column_sort import END, FIRED, STIFF, node_at
@@ -52,8 +53,20 @@ class RunSums(NamedTuple):
 
 
 @Part
-def place_of_most(reports, first, end, value, place):
-    """`place` of the row with the largest `value`, of several the smallest; -1 where no row has one."""
+def place_of_most(reports: np.ndarray, first: int, end: int, value: int, place: int) -> float:
+    """Return the place of the row with the largest value, of several the smallest; -1 where no row has one.
+
+    Parameters
+    ----------
+    reports : float64[rows, entries]
+    first : int
+        First of the rows.
+    end : int
+    value : int
+        Entry with the value.
+    place : int
+        Entry with the place.
+    """
     most, at = -1.0, -1.0
     for r in range(first, end):
         here = reports[r, place]
@@ -63,8 +76,16 @@ def place_of_most(reports, first, end, value, place):
 
 
 @Part
-def worst_of(reports, first, end, k):
-    """Entry `k` of the first row with a column that is not finite, else of the row with the largest BOUND_RATIO."""
+def worst_of(reports: np.ndarray, first: int, end: int, k: int) -> float:
+    """Return entry `k` of the first row with a column that is not finite, else of the row with the largest BOUND_RATIO.
+
+    Parameters
+    ----------
+    reports : float64[rows, COLUMN_REPORT]
+    first : int
+        First of the rows.
+    end, k : int
+    """
     worst = first
     for r in range(first, end):
         if reports[r, entry.NOT_FINITE] > 0.0:
@@ -75,8 +96,15 @@ def worst_of(reports, first, end, k):
 
 
 @Kernel
-def sum_node_reports(run, reports, sums):
-    """Sum the node reports of groups of threads; one thread block per row of `sums`, one thread per entry."""
+def sum_node_reports(run: np.ndarray, reports: np.ndarray, sums: np.ndarray) -> None:
+    """Sum the node reports of groups of threads; one thread block per row of `sums`, one thread per entry.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    reports : float64[many, THREAD_REPORT]
+    sums : float64[few, THREAD_REPORT]
+    """
     if run[STATUS] != 0:
         return
     c, k, n, count = cuda.blockIdx.x, cuda.threadIdx.x, reports.shape[0], sums.shape[0]
@@ -91,8 +119,15 @@ def sum_node_reports(run, reports, sums):
 
 
 @Kernel
-def sum_column_reports(run, reports, sums):
-    """As `sum_node_reports`, of columns."""
+def sum_column_reports(run: np.ndarray, reports: np.ndarray, sums: np.ndarray) -> None:
+    """Sum the column reports of groups of threads; threads as in `sum_node_reports`.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    reports : float64[many, COLUMN_REPORT]
+    sums : float64[few, COLUMN_REPORT]
+    """
     if run[STATUS] != 0:
         return
     c, k, n, count = cuda.blockIdx.x, cuda.threadIdx.x, reports.shape[0], sums.shape[0]
@@ -122,8 +157,15 @@ def sum_column_reports(run, reports, sums):
 
 
 @Kernel
-def sum_plain_reports(run, reports, sums):
-    """As `sum_node_reports`, of reports that are sums only."""
+def sum_plain_reports(run: np.ndarray, reports: np.ndarray, sums: np.ndarray) -> None:
+    """Sum reports that have sums only, of groups of threads; threads as in `sum_node_reports`.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    reports : float64[many, entries]
+    sums : float64[few, entries]
+    """
     if run[STATUS] != 0:
         return
     c, k, n, count = cuda.blockIdx.x, cuda.threadIdx.x, reports.shape[0], sums.shape[0]
@@ -134,8 +176,41 @@ def sum_plain_reports(run, reports, sums):
 
 
 @Kernel
-def collect_reports(run, stage, sums, report, node_report, rows, order, touched, lost, settings, barrier, forest):
-    """Clock, counts and ledger after the columns moved; one thread. The reports have one row."""
+def collect_reports(
+    run: np.ndarray,
+    stage: np.ndarray,
+    sums: RunSums,
+    report: np.ndarray,
+    node_report: np.ndarray,
+    rows: np.ndarray,
+    order: np.ndarray,
+    touched: np.ndarray,
+    lost: np.ndarray,
+    settings: Settings,
+    barrier: tuple,
+    forest: tuple,
+) -> None:
+    """Update clock, counts and ledger after the columns moved; one thread.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    sums : RunSums
+    report : float64[1, COLUMN_REPORT]
+    node_report : float64[1, THREAD_REPORT]
+    rows : float64[columns, ROW]
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    touched : int32[touched blocks]
+        Their places in the window.
+    lost : float64[barriers] [J]
+        Energy that each barrier took in this step.
+    settings : Settings
+    barrier, forest : NamedTuple
+        Laws in the slots of these names (`ColumnEffects`).
+    """
     if run[STATUS] != 0:
         return
     clock, counts, forest_sums = sums.clock, sums.counts, sums.forest_sums
@@ -157,16 +232,35 @@ def collect_reports(run, stage, sums, report, node_report, rows, order, touched,
 
 
 @Part
-def note_deepest(run, clock, node_report, touched, dx):
-    """Record place and time of a new largest thickness at a node."""
+def note_deepest(run: np.ndarray, clock: np.ndarray, node_report: np.ndarray, touched: np.ndarray, dx: float) -> None:
+    """Record place and time of a new largest thickness at a node.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    clock : float64[CLOCK]
+    node_report : float64[1, THREAD_REPORT]
+    touched : int32[touched blocks]
+        Their places in the window.
+    dx : float [m]
+    """
     if node_report[0, DEEPEST] > clock[DEPTH_WORST]:
         j, i = node_at(run, touched, int(node_report[0, DEEPEST_AT]))
         clock[DEEPEST_X], clock[DEEPEST_Y], clock[DEEPEST_TIME] = (i - 1) * dx, (j - 1) * dx, clock[TIME]
 
 
 @Part
-def note_fastest(clock, report, rows, order):
-    """Record a new largest speed, its place and time."""
+def note_fastest(clock: np.ndarray, report: np.ndarray, rows: np.ndarray, order: np.ndarray) -> None:
+    """Record a new largest speed, its place and time.
+
+    Parameters
+    ----------
+    clock : float64[CLOCK]
+    report : float64[1, COLUMN_REPORT]
+    rows : float64[columns, ROW]
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    """
     most = report[0, entry.FASTEST2]
     if most > clock[FASTEST] ** 2:
         p = order[int(report[0, FASTEST_AT])]
@@ -175,8 +269,16 @@ def note_fastest(clock, report, rows, order):
 
 
 @Kernel
-def end_step(run, clock, counts, settings):
-    """Reasons to stop after a step; one thread."""
+def end_step(run: np.ndarray, clock: np.ndarray, counts: np.ndarray, settings: Settings) -> None:
+    """Find reasons to stop after a step; one thread.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    clock : float64[CLOCK]
+    counts : int64[COUNTS]
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
     if clock[WILD_NOW] > settings.wild_stop:

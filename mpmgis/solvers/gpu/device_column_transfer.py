@@ -6,16 +6,18 @@ with the same remainders. It adds columns in a register as long as the next one 
 in the order of their cells, and then to a tile in shared memory, in which no other thread adds to that node.
 """
 
+import numpy as np
 from numba import cuda, float64, int32, int64, uint32
 
 from ...compiled.block_order import LEFT_MASS, LEFT_X, LEFT_Y, place_left
 from ..columns.column_blocks import BLOCK, TILE
 from ..columns.column_clock import BOUND_BED, BOUND_ENERGY, KICK_BEFORE, TOTAL_MASS
-from ..columns.column_motion import SpeedBound, StepTimes
+from ..columns.column_motion import MotionLaws, SpeedBound, StepTimes
+from ..columns.column_records import NodeFields, Settings
 from ..columns.column_report import FASTEST2, OUT, REPORT, STIFF
 from ..columns.column_rows import MASS, ROW, U, V, X, Y
-from ..columns.columns_to_grid import pressure_impulses
-from ..columns.grid_to_columns import Batch, clear_report, finish_report, move_batch
+from ..columns.columns_to_grid import StressLaws, pressure_impulses
+from ..columns.grid_to_columns import Batch, FlatGrid, clear_report, finish_report, move_batch
 from .device_column_batch import LINES, QUAD, QUADS, WX, WY
 from .device_column_sort import BEHIND, DT, KICK, LEFT, node_at, nodes_of
 from .device_column_sort import STIFF as STIFF_NOW
@@ -23,32 +25,65 @@ from .device_functions import Kernel, Part, capped
 from .launch import ACTIVE, HEIGHT, SORTED, SOUTH_NOW, STATUS, WEST_NOW, WIDEST, WIDTH
 
 TILE_NODES = TILE * TILE
-TILE_SIZE = 4 * TILE_NODES
+TILE_SIZE = 4 * TILE_NODES  # numbers of a tile
 PIECE = 128  # columns staged at a time
-# numbers of a staged column: of each of three columns of nodes weight, mass, energy, momentum east and north; of each
-# of three rows of nodes weight, momentum east and north
-WEIGHT, LIGHT, PUSHED, OF_COLUMN = 0, 1, 3, 5
-ALONG, OF_ROW, ROWS_FROM = 1, 3, 15
-SLOT = 25  # an odd number: threads write the same number of their columns at the same time, to different banks
+# a staged column has OF_COLUMN numbers for each of three columns of nodes, then OF_ROW for each of three rows of nodes
+WEIGHT = 0  # of both: weight
+LIGHT = 1  # of a column of nodes: mass and energy
+PUSHED = 3  # of a column of nodes: momentum east and north
+OF_COLUMN = 5
+ALONG = 1  # of a row of nodes: momentum east and north
+OF_ROW = 3
+ROWS_FROM = 3 * OF_COLUMN  # where the rows of nodes begin
+SLOT = 25  # numbers of a staged column; odd: threads write the same number of theirs at a time, to different banks
 STAGE = PIECE * SLOT
 NONE = TILE_NODES  # no node
-OWNERS, GROUPS = 9, 7  # threads that own the nodes of a tile, and groups of them that share the columns of a piece
+OWNERS = 9  # threads that own the nodes of a tile
+GROUPS = 7  # groups of OWNERS that share the columns of a piece
 HALF = 64  # place of a thread from which on it adds the momentum of its nodes, and before it mass and energy
-LANES = 2 * HALF
+LANES = 2 * HALF  # threads that add to nodes
 SUMS = GROUPS * TILE_SIZE
-ROOM = ROW + 1  # as SLOT
+ROOM = ROW + 1  # numbers for a row in shared memory; odd for the same reason as SLOT
 ROOMS = WIDEST * ROOM
-FASTEST_AT, COLUMN_REPORT = REPORT, REPORT + 1  # place in the order of the column with the largest speed; -1: none
-SOME_MASS = 1e-200  # [kg], of a run that has lost its mass
+FASTEST_AT = REPORT  # entry of a report: place in the order of the column with the largest speed; -1: none
+COLUMN_REPORT = REPORT + 1
+SOME_MASS = 1e-200  # [kg] of a run that has lost its mass
 MOST = 2.0**61  # whole numbers in which the mass of a run is counted where it leaves
 
 
 @Part
-def take_rows(staged, size, rows, order, first, count, thread, quarter):
-    """Copy the rows of columns order[first : first + count] to places of `size` numbers in `staged`.
+def take_rows(
+    staged: np.ndarray,
+    size: int,
+    rows: np.ndarray,
+    order: np.ndarray,
+    first: int,
+    count: int,
+    thread: int,
+    quarter: int,
+) -> None:
+    """Copy the rows of columns order[first : first + count] to shared memory.
 
-    Four threads read a row, 32 bytes of it at a time. A `thread` of four times `quarter` takes a part of four rows,
-    of which those from `count` on are the last one again.
+    Four threads read a row, 32 bytes of it at a time. A thread takes a part of four rows, of which those from `count`
+    on are the last one again.
+
+    Parameters
+    ----------
+    staged : float64[n]
+        In shared memory.
+    size : int
+        Numbers for each row in `staged`.
+    rows : float64[columns, ROW]
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    first : int
+        Place of the first of them in the order.
+    count : int
+        Number of columns.
+    thread : int
+        Below four times `quarter`.
+    quarter : int
+        A fourth of the threads that take part.
     """
     s, e, last = uint32(thread) // uint32(4), uint32(thread) % uint32(4), uint32(count - 1)
     s1, s2, s3 = s + uint32(quarter), s + uint32(2 * quarter), s + uint32(3 * quarter)
@@ -71,8 +106,32 @@ def take_rows(staged, size, rows, order, first, count, thread, quarter):
 
 
 @Part
-def give_rows(staged, size, rows, order, first, count, thread, quarter):
-    """Copy to the rows what `take_rows` copied from them; each thread the numbers that it took."""
+def give_rows(
+    staged: np.ndarray,
+    size: int,
+    rows: np.ndarray,
+    order: np.ndarray,
+    first: int,
+    count: int,
+    thread: int,
+    quarter: int,
+) -> None:
+    """Copy to the rows what `take_rows` copied from them; each thread the numbers that it took.
+
+    Parameters
+    ----------
+    staged : float64[n]
+        In shared memory.
+    size : int
+    rows : float64[columns, ROW]
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    first : int
+        Place of the first of them in the order.
+    count : int
+        Number of columns.
+    thread, quarter : int
+    """
     e = uint32(thread) % uint32(4)
     for part in range(4):
         s = uint32(thread) // uint32(4) + uint32(part * quarter)
@@ -84,8 +143,37 @@ def give_rows(staged, size, rows, order, first, count, thread, quarter):
 
 
 @Kernel
-def columns_to_grid(run, stage, rows, order, start, block, tiles, fields, settings, laws):
-    """Sum mass, momentum and impulse of each block's columns into its tile; see `columns_to_grid`."""
+def columns_to_grid(
+    run: np.ndarray,
+    stage: np.ndarray,
+    rows: np.ndarray,
+    order: np.ndarray,
+    start: np.ndarray,
+    block: np.ndarray,
+    tiles: np.ndarray,
+    fields: NodeFields,
+    settings: Settings,
+    laws: StressLaws,
+) -> None:
+    """Sum mass, momentum and impulse of each block's columns into its tile (see `columns_to_grid.particles_to_grid`).
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    rows : float64[columns, ROW]
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    start : int64[blocks with columns + 1]
+        Where the columns of each block begin in the order.
+    block : int32[blocks with columns]
+        Their places in the window.
+    tiles : float64[blocks with columns, TILE_SIZE]
+    fields : NodeFields
+    settings : Settings
+    laws : StressLaws
+    """
     if run[STATUS] != 0:
         return
     staged = cuda.shared.array(STAGE, float64)
@@ -147,8 +235,21 @@ def columns_to_grid(run, stage, rows, order, start, block, tiles, fields, settin
 
 
 @Part
-def add_share(sums, staged, bases, lane, count):
-    """Add the share of a group of the `count` staged columns to the nodes that `lane` owns, two numbers of each."""
+def add_share(sums: np.ndarray, staged: np.ndarray, bases: np.ndarray, lane: int, count: int) -> None:
+    """Add the share of a group of staged columns to the nodes that `lane` owns, two numbers of each.
+
+    Parameters
+    ----------
+    sums : float64[SUMS]
+        In shared memory.
+    staged : float64[STAGE]
+        In shared memory.
+    bases : uint32[PIECE]
+        First node of each column in the tile.
+    lane : int
+    count : int
+        Number of staged columns.
+    """
     pushes, member = lane >= uint32(HALF), uint32(lane % uint32(HALF))
     group, owner = uint32(member // uint32(OWNERS)), uint32(member % uint32(OWNERS))
     if group >= uint32(GROUPS):
@@ -191,8 +292,19 @@ def add_share(sums, staged, bases, lane, count):
 
 
 @Kernel
-def gather_nodes(run, tiles, slot, touched, nodes):
-    """Sum the up to four tiles that overlap a node, always in the same order."""
+def gather_nodes(run: np.ndarray, tiles: np.ndarray, slot: np.ndarray, touched: np.ndarray, nodes: np.ndarray) -> None:
+    """Sum the up to four tiles that overlap a node, always in the same order.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    tiles : float64[blocks with columns, TILE_SIZE]
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    touched : int32[touched blocks]
+        Their places in the window.
+    nodes : float64[ny + 3, nx + 3, 4]
+    """
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
@@ -203,8 +315,21 @@ def gather_nodes(run, tiles, slot, touched, nodes):
 
 
 @Part
-def tile_sum(run, tiles, slot, j, i, k, numbers):
-    """Sum of number `k` of the `numbers` of node [j, i] over the tiles that overlap it."""
+def tile_sum(run: np.ndarray, tiles: np.ndarray, slot: np.ndarray, j: int, i: int, k: int, numbers: int) -> float:
+    """Sum one number of node [j, i] over the tiles that overlap it.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    tiles : float64[blocks with columns, n]
+    slot : int32[places of the window]
+        Number of the block with columns at each place, -1 where there are none.
+    j, i : int
+    k : int
+        Which number.
+    numbers : int
+        Numbers of a node.
+    """
     row, column, width, height, total = (
         j // BLOCK - run[SOUTH_NOW],
         i // BLOCK - run[WEST_NOW],
@@ -224,11 +349,44 @@ def tile_sum(run, tiles, slot, j, i, k, numbers):
 
 
 @capped(double=128)
-def grid_to_columns(run, stage, clock, rows, keys, order, grid, left, reports, settings, laws, earth_pressure):
-    """Read the new velocity field back and move the columns; see `grid_to_columns`.
+def grid_to_columns(
+    run: np.ndarray,
+    stage: np.ndarray,
+    clock: np.ndarray,
+    rows: np.ndarray,
+    keys: np.ndarray,
+    order: np.ndarray,
+    grid: FlatGrid,
+    left: np.ndarray,
+    reports: np.ndarray,
+    settings: Settings,
+    laws: MotionLaws,
+    earth_pressure: tuple,
+) -> None:
+    """Read the new velocity field back and move the columns (see `grid_to_columns.grid_to_particles`).
 
-    `grid` is a FlatGrid whose arrays that are read by flat index have one dimension; `left` int32[n] takes the columns
-    that left, in any order. At most WIDEST threads in a block, a multiple of four.
+    At most WIDEST threads in a block, a multiple of four.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    clock : float64[CLOCK]
+    rows : float64[columns, ROW]
+    keys : int32[columns]
+        Block of each column; GONE for one that has left.
+    order : int32[columns]
+        Indices of columns in the order of blocks.
+    grid : FlatGrid
+        Arrays that are read by flat index have one dimension.
+    left : int32[columns]
+        Becomes the columns that left, in any order.
+    reports : float64[threads, COLUMN_REPORT]
+    settings : Settings
+    laws : MotionLaws
+    earth_pressure : NamedTuple
+        Law in the slot of this name (`ColumnEffects`).
     """
     rooms = cuda.shared.array(ROOMS, float64)
     marks = cuda.shared.array((WIDEST, OUT), float64)  # an odd number, as ROOM
@@ -267,10 +425,31 @@ def grid_to_columns(run, stage, clock, rows, keys, order, grid, left, reports, s
 
 
 @Kernel
-def book_left(run, stage, clock, rows, left, inside, leaving, settings):
-    """Add what left in this step to `leaving` int64[WAYS, blocks, blocks, LEFT_ENTRIES], in units of `left_unit`.
+def book_left(
+    run: np.ndarray,
+    stage: np.ndarray,
+    clock: np.ndarray,
+    rows: np.ndarray,
+    left: np.ndarray,
+    inside: np.ndarray,
+    leaving: np.ndarray,
+    settings: Settings,
+) -> None:
+    """Add what left in this step to `leaving`, in whole numbers of `left_unit`: their sum has no order.
 
-    They are whole numbers: their sum has no order.
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    clock : float64[CLOCK]
+    rows : float64[columns, ROW]
+    left : int32[columns]
+        Columns that left.
+    inside : uint8[ny, nx]
+        1 where there is terrain.
+    leaving : int64[WAYS, blocks, blocks, LEFT_ENTRIES]
+    settings : Settings
     """
     if run[STATUS] != 0:
         return
@@ -283,8 +462,34 @@ def book_left(run, stage, clock, rows, left, inside, leaving, settings):
 
 
 @Kernel
-def note_left(run, stage, clock, rows, left, inside, leaving, left_cells, settings):
-    """Add the sums of `book_left` to `left_cells` and clear them; one of the columns that left at a block gets them."""
+def note_left(
+    run: np.ndarray,
+    stage: np.ndarray,
+    clock: np.ndarray,
+    rows: np.ndarray,
+    left: np.ndarray,
+    inside: np.ndarray,
+    leaving: np.ndarray,
+    left_cells: np.ndarray,
+    settings: Settings,
+) -> None:
+    """Add the sums of `book_left` to `left_cells` and clear them; one of the columns that left at a block gets them.
+
+    Parameters
+    ----------
+    run : int64[RUN_ENTRIES]
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    clock : float64[CLOCK]
+    rows : float64[columns, ROW]
+    left : int32[columns]
+        Columns that left.
+    inside : uint8[ny, nx]
+        1 where there is terrain.
+    leaving : int64[WAYS, blocks, blocks, LEFT_ENTRIES]
+    left_cells : float64[WAYS, blocks, blocks, LEFT_ENTRIES]
+    settings : Settings
+    """
     if run[STATUS] != 0:
         return
     for k in range(cuda.grid(1), run[LEFT], cuda.gridsize(1)):
@@ -296,8 +501,18 @@ def note_left(run, stage, clock, rows, left, inside, leaving, left_cells, settin
 
 
 @Part
-def left_unit(entry, clock, shape, dx):
-    """Unit [kg or kg m] of number `entry` of what leaves: the mass of the run is MOST of them, at the far edge."""
+def left_unit(entry: int, clock: np.ndarray, shape: tuple, dx: float) -> float:
+    """Return the unit [kg or kg m] of what leaves: the mass of the run is MOST of them, at the far edge.
+
+    Parameters
+    ----------
+    entry : int
+        Number of `block_order` of what leaves.
+    clock : float64[CLOCK]
+    shape : (int, int)
+        Of the cells.
+    dx : float [m]
+    """
     unit = max(clock[TOTAL_MASS], SOME_MASS) / MOST
     if entry == LEFT_MASS:
         return unit
@@ -305,6 +520,20 @@ def left_unit(entry, clock, shape, dx):
 
 
 @Part
-def way_out(stage, rows, p, shape, dx):
-    """`place_left` of column `p`, whose row has its last place on the terrain."""
+def way_out(stage: np.ndarray, rows: np.ndarray, p: int, shape: tuple, dx: float) -> tuple[int, int, int, float, float]:
+    """Return by which way a column left and where (see `block_order.place_left`).
+
+    Its row has its last place on the terrain.
+
+    Parameters
+    ----------
+    stage : float64[STAGE_ENTRIES]
+        Times of the step.
+    rows : float64[columns, ROW]
+    p : int
+        Index of the column.
+    shape : (int, int)
+        Of the cells.
+    dx : float [m]
+    """
     return place_left(shape, rows[p, X] + stage[DT] * rows[p, U], rows[p, Y] + stage[DT] * rows[p, V], dx)
