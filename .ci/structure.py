@@ -225,7 +225,9 @@ def _lack(function):
         return "has no annotations"
     if given and "Parameters\n---" not in text:
         return "has no section Parameters"
-    if not any("property" in decorator for decorator in decorators) and (not first.isalpha() or first in NO_VERBS):
+    if not any("property" in decorator for decorator in decorators) and (
+        not first.strip(",").isalpha() or first in NO_VERBS
+    ):
         return "does not begin with a verb"
     return ""
 

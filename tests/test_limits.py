@@ -64,9 +64,9 @@ PAIRS = (
         "speed across the slope over that along it, in points that become columns",
         "conversion.points_to_columns.NORMAL_SHARE",
     ),
-    ("an invalid state: one of the above, or not finite", "simulation.step_guard.HALVINGS"),
+    ("an invalid state: one of the above, or not finite", "simulation.step_retry.HALVINGS"),
     ("predicted time", "simulation.scene_run.ASK_SECONDS"),
-    ("predicted memory over free memory", "simulation.run_cost.MEMORY_SHARE"),
+    ("predicted memory over free memory", "simulation.measured_cost.MEMORY_SHARE"),
     (
         "size of a DTM: a seed reads and checks only the part near its release; a run reports the memory "
         "that the DTM, or its `[terrain] window`, needs",

@@ -7,7 +7,7 @@ from .option import Form, Option, PathLike, Verb, options_of
 from .verb_calls import called
 
 if TYPE_CHECKING:
-    from ..results.comparison_figures import Comparison
+    from ..results.comparison_values import Comparison
 
 
 class ReadingOptions(shared_options.ThirdPartyOptions, total=False):

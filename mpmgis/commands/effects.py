@@ -7,7 +7,7 @@ from .option import Form, Option, PathLike, Verb
 from .verb_calls import python_words
 
 if TYPE_CHECKING:
-    from ..scene.decisions import Decision
+    from ..scene.decision_rules import Decision
 
 
 class AnswerArguments(TypedDict, total=False):

@@ -7,7 +7,7 @@ from .option import Form, PathLike, Verb
 from .verb_calls import Results, answer
 
 if TYPE_CHECKING:
-    from ..results.runout_figures import RunoutFound
+    from ..results.runout_measures import RunoutFound
 
 
 class RunoutOptions(shared_options.QuestionOptions, total=False):

@@ -30,7 +30,7 @@ from numba.extending import overload, overload_method, register_jitable  # noqa:
 
 from .blas_import import import_array_functions  # noqa: E402
 from .checked_cache import keep_checked  # noqa: E402
-from .single_constants import of_precision  # noqa: E402
+from .float32_constants import of_precision  # noqa: E402
 
 # numba may have been imported before this module.
 numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]

@@ -13,7 +13,7 @@ from ..frames.frame_files import read_frame, write_frame
 from ..frames.particle_files import require_format, write_columns
 from ..frames.point_cloud import is_point_cloud, require_point_cloud, write_las
 from ..frames.run_terrain import run_terrain
-from ..maps.averaging.sampling import require_cells_within
+from ..maps.averaging.export_resolution import require_cells_within
 from ..system import operating_system
 from ..system.errors import InputError, OutputError
 from ..system.memory import memory_lack

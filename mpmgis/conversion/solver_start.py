@@ -10,7 +10,7 @@ import numpy as np
 
 from ..system.errors import InputError
 from ..terrain.elevation import Terrain
-from .start_stress import kirchhoff_stress
+from .initial_stress import kirchhoff_stress
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame

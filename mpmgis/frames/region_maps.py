@@ -11,8 +11,8 @@ import rasterio
 
 from ..laws.quantities import BAND, MEMBER_BANDS, NODATA, Quantity
 from ..system.whole_files import whole_file
-from ..terrain.raster_metadata import band_metadata, dataset_metadata
 from ..terrain.raster_output import BLOCK, LAYOUT, NAMESPACE, tag_text
+from ..terrain.raster_tags import band_metadata, dataset_metadata
 
 if TYPE_CHECKING:
     from ..terrain.grid import Grid

@@ -15,9 +15,9 @@ from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from . import comparison, flow_line
 from .answer_files import checked_output, write_answer
-from .comparison_figures import BandFacts, Comparison
 from .comparison_files import MapSide, write_classes, write_classes_style, write_comparison_map, write_table
 from .comparison_sides import PLAIN, Reading, footprints_of, log_if_empty, open_side, require_useful_options, sides_of
+from .comparison_values import BandFacts, Comparison
 from .outline_distance import outline_distances
 from .runout_answer import given_line
 

@@ -27,7 +27,7 @@ from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from ..terrain.raster_output import write_geotiff
 from .comparison import nearest, north_up_grid
-from .comparison_figures import Comparison
+from .comparison_values import Comparison
 from .flow_line import Runout, line_up_to
 
 if TYPE_CHECKING:

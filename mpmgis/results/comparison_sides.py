@@ -26,9 +26,9 @@ from ..terrain.grid import Grid
 from ..terrain.observations import cells_within, read_outline
 from ..terrain.spatial_inputs import is_raster
 from . import comparison, flow_line
-from .comparison_figures import Side
+from .comparison_values import Side
 from .opened_results import peaks_of
-from .runout_figures import ends_along, heights_under
+from .runout_measures import ends_along, heights_under
 
 if TYPE_CHECKING:
     from .comparison_answer import CompareRequest

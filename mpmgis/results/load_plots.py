@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .barrier_loads import FORCE, OVERTOPPED, BarrierHistory
-from .figure_style import COLOURS, GROUND_LINE, draw_ground, legend, plot_file, style_axes
+from .plot_style import COLOURS, GROUND_LINE, draw_ground, legend, plot_file, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,11 +9,11 @@ import numpy as np
 from ..exchange.frame_list import list_frames
 from ..frames.run_terrain import run_terrain, terrain_of_rasters
 from ..maps.averaging.band_products import PRODUCTS
+from ..maps.averaging.export_resolution import export_grid, require_cells_within
 from ..maps.averaging.exported_steps import ExportedSteps, is_export, open_steps
 from ..maps.averaging.frame_values import Averaging, cells_of, frame_at_cells
 from ..maps.averaging.placement import Bed
 from ..maps.averaging.result_bands import Result, names_rasters, open_result
-from ..maps.averaging.sampling import export_grid, require_cells_within
 from ..maps.export.export_inputs import log_unused_options, release_density
 from ..maps.export.export_request import Results
 from ..maps.export.map_export import peaks_of_frames

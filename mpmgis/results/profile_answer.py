@@ -16,7 +16,7 @@ from .answer_files import answer_output, write_answer
 from .flow_line import vertex_distances
 from .opened_results import ExportFlow, FrameFlow, open_flow
 from .profiles import PROFILE_PRODUCTS, ProfileFound, free_surface
-from .runout_figures import line_profile
+from .runout_measures import line_profile
 from .series_plots import write_profile_plot, write_rows
 
 PLOT_FILE, TABLE_FILE = "profile.png", "profile.csv"

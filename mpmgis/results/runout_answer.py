@@ -18,7 +18,7 @@ from .answer_files import answer_output, write_answer
 from .comparison import footprint
 from .flow_line import centre_line, distance_to_line
 from .opened_results import ExportFlow, FrameFlow, RasterFlow, open_flow, peaks_of, read_peaks
-from .runout_figures import (
+from .runout_measures import (
     Place,
     RunoutFound,
     ends_along,

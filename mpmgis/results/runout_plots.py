@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from ..system.csv_rows import column_name, write_records
-from .figure_style import COLOURS, draw_ground, legend, plot_file, style_axes
-from .runout_figures import ENERGY_LINE_COLUMNS, TIME_COLUMNS, RunoutFound
+from .plot_style import COLOURS, draw_ground, legend, plot_file, style_axes
+from .runout_measures import ENERGY_LINE_COLUMNS, TIME_COLUMNS, RunoutFound
 
 FLOW_COLOUR, DEPOSIT_COLOUR, LINE_COLOUR, MASS_COLOUR = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[0]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..maps.qgis.colours import BATLOW, LOOKS, ramp_colours
 from ..system.csv_rows import column_name, write_records
-from .figure_style import COLOURS, draw_ground, legend, plot_file, style_axes
+from .plot_style import COLOURS, draw_ground, legend, plot_file, style_axes
 from .profiles import ProfileFound, SeriesFound
 from .section_flux import COLUMNS, HydrographFound
 

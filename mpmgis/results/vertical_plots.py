@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..maps.qgis.colours import BATLOW, ramp_colours
 from ..system.csv_rows import column_name, write_records
-from .figure_style import GROUND_LINE, legend, plot_file, style_axes
+from .plot_style import GROUND_LINE, legend, plot_file, style_axes
 from .profiles import LOAD_COLUMNS, PROFILE_COLUMNS, VerticalFound
 
 MOST_ROWS = 10  # points in the plot; the tables have all

@@ -1,8 +1,8 @@
 """The scene: tables, checks, text, and the effects that it requires."""
 
-from .decided_effects import resolve
-from .decisions import Decision, TerrainFacts
+from .decision_rules import Decision, TerrainFacts
 from .effect_catalogue import catalogue
+from .effect_decisions import resolve
 from .json_schema import json_schema
 from .resistance_effects import mu_least
 from .scene import Scene

@@ -2,7 +2,7 @@
 
 from ..laws import forest
 from ..system.errors import SceneError
-from .decisions import Decision, Slots, TerrainFacts, as_asked, not_called_for
+from .decision_rules import Decision, Slots, TerrainFacts, as_asked, not_called_for
 from .scene import Scene
 from .table_values import is_number
 
@@ -18,7 +18,7 @@ def decide_forest(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     used = [table for table in scene.forest if table.use != "off"]
     if not scene.forest:

@@ -3,7 +3,7 @@
 from math import radians, tan
 from typing import TYPE_CHECKING, Any
 
-from ..laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from ..laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
 from ..laws.fluid import Fluid
 from ..laws.friction import LAWS as FRICTION_LAWS
 from ..laws.friction import Parameter

@@ -5,7 +5,7 @@ from math import atan, cos, radians, sqrt, tan
 from ..laws.barrier import Barrier
 from ..laws.quantities import GRAVITY
 from ..laws.softening import NoSoftening
-from .decisions import Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
+from .decision_rules import Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
 from .material_table import CONES, least_internal_friction, made_material, made_softening, stiffened
 from .scene import Scene
 from .tables import SofteningTable
@@ -51,7 +51,7 @@ def decide_material(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.material
     slots["material"] = made_material(table)
@@ -65,7 +65,7 @@ def decide_stiffness(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     material, speed = slots["material"], largest_speed(facts)
     waves = material.wave_speed(facts.density)
@@ -133,7 +133,7 @@ def decide_elasticity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     squeezed = facts.density * GRAVITY * facts.release_thickness / slots["material"].bulk_modulus
     return Decision("elasticity", "on", "scene", squeezed, None, "compression by its weight, rho g h0 / K")
@@ -145,7 +145,7 @@ def decide_plasticity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table, values = scene.material, scene.material.parameters
     if table.law not in (*CONES, "MuI"):
@@ -163,7 +163,7 @@ def decide_point_cohesion(scene: Scene, facts: TerrainFacts, slots: Slots) -> De
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     cohesion = scene.material.parameters.get("cohesion", 0.0)
     if cohesion <= 0.0:
@@ -179,7 +179,7 @@ def decide_softening(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table, material = scene.softening, scene.material
     if table is None:
@@ -210,7 +210,7 @@ def decide_mu_i(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.material
     if "grain_diameter" not in table.parameters or table.parameters.get("rate_friction") == 0.0:
@@ -230,7 +230,7 @@ def decide_fluid_viscosity(scene: Scene, facts: TerrainFacts, slots: Slots) -> D
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     viscosity = slots["material"].viscosity()
     if viscosity <= 0.0:
@@ -247,7 +247,7 @@ def decide_volume_correction(scene: Scene, facts: TerrainFacts, slots: Slots) ->
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.material
     if table.law not in (*CONES, "MuI"):
@@ -262,7 +262,7 @@ def decide_contact(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.friction
     if table is None:
@@ -281,7 +281,7 @@ def decide_depth_cells(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decis
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     size = scene.numerics.cell_size
     reason = f"cells of {size:g} m over the release's mean thickness of {facts.release_thickness:.3g} m"
@@ -294,7 +294,7 @@ def decide_wall_cells(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     height, size = facts.barrier_height, scene.numerics.cell_size
     if height is None or "barrier" not in slots:
@@ -315,7 +315,7 @@ def decide_point_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Dec
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     if not scene.barrier:
         return not_called_for("barrier", "no [[barrier]] in the scene")

@@ -1,12 +1,12 @@
-"""Effects of resistance, decided by numbers and by the runout of a mass point with and without them (`mass_point`)."""
+"""Effects of resistance, decided by numbers and by the runout of a mass point with and without them."""
 
 from math import sqrt
 
 from ..laws import friction, internal_stress
-from ..laws.bed_contact import CoulombContact, VoellmyContact
+from ..laws.contact_friction import CoulombContact, VoellmyContact
 from ..laws.quantities import GRAVITY
-from .decisions import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
-from .mass_point import change, runout
+from .decision_rules import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
+from .mass_point_runout import change, runout
 from .point_effects import mu_least_of_points
 from .scene import Scene
 from .tables import FrictionTable
@@ -55,7 +55,7 @@ def decide_friction(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.friction
     if table is None:
@@ -75,7 +75,7 @@ def decide_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     law, xi = slots.get("friction"), scene.friction_value(friction.DRAG)
     if law is None or xi is None:
@@ -94,7 +94,7 @@ def decide_point_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     law = slots.get("contact")
     if not isinstance(law, VoellmyContact):
@@ -134,7 +134,7 @@ def decide_bingham(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     law = slots.get("friction")
     if not isinstance(law, friction.Bingham):
@@ -153,7 +153,7 @@ def decide_cohesion(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.cohesion
     if table is None:
@@ -174,7 +174,7 @@ def decide_earth_pressure(scene: Scene, facts: TerrainFacts, slots: Slots) -> De
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.earth_pressure
     if table is None:
@@ -195,7 +195,7 @@ def decide_viscosity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.viscosity
     if table is None:
@@ -219,7 +219,7 @@ def decide_lateral_pressure(scene: Scene, facts: TerrainFacts, slots: Slots) -> 
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     ratio = _aspect(scene, facts)
     matters = "spreads the flow" if ratio > LATERAL_THRESHOLD else "so little that the flow moves like single points"

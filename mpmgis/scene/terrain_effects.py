@@ -6,7 +6,7 @@ from typing import Any
 
 from ..laws import barrier, curvature, entrainment, friction, ground_metric
 from ..laws.still_water import StillWater
-from .decisions import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, use_of
+from .decision_rules import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, use_of
 from .scene import Scene
 
 METRIC_THRESHOLD = 0.02  # [1] 1 / c^2 - 1: slopes above 8 degrees
@@ -23,7 +23,7 @@ def decide_metric(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     form = scene.numerics.form
     slots["metric"] = ground_metric.FORMS[form]()
@@ -42,7 +42,7 @@ def decide_curvature(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     if scene.numerics.form == "swe":
         return not_called_for("curvature", "form swe has no curvature")
@@ -63,7 +63,7 @@ def decide_outflow(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     if facts.edge_distance is None:
         reason = "outflow is reported"
@@ -91,7 +91,7 @@ def decide_flight(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     ratio = facts.detachment_ratio
     over = ratio > FLIGHT_THRESHOLD
@@ -106,7 +106,7 @@ def decide_hydrograph(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.hydrograph
     if table is None:
@@ -124,7 +124,7 @@ def decide_secondary_release(scene: Scene, facts: TerrainFacts, slots: Slots) ->
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     if not scene.secondary_release:
         return not_called_for("secondary", "no [[secondary_release]] in the scene")
@@ -162,7 +162,7 @@ def decide_zones(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     if not scene.zones:
         return not_called_for("zones", "no [[zones]] in the scene")
@@ -186,7 +186,7 @@ def decide_entrainment(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decis
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.entrainment
     if table is None:
@@ -208,7 +208,7 @@ def decide_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     if not scene.barrier:
         return not_called_for("barrier", "no [[barrier]] in the scene")
@@ -241,7 +241,7 @@ def decide_still_water(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decis
     Parameters
     ----------
     scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decisions`).
+        As of every decider (`decision_rules`).
     """
     table = scene.still_water
     if table is None:

@@ -11,9 +11,9 @@ from ..solvers.columns.node_grid import ColumnGrid
 from ..system.errors import MpmgisError, SceneError
 from ..system.memory import available_memory, memory_lack
 from ..system.messages import log, muted
-from . import run_cost
+from . import measured_cost
 from .mass_sources import read_sources
-from .run_cost import BYTES_PER_COLUMN, BYTES_PER_GRID_NODE, MEMORY_SHARE, require_memory_for_points
+from .measured_cost import BYTES_PER_COLUMN, BYTES_PER_GRID_NODE, MEMORY_SHARE, require_memory_for_points
 from .stage_end import CHECK_SECONDS
 from .stepping import PACE_SECONDS, measured_pace
 from .warmup import sample_of, switched_sample, warm_up
@@ -151,7 +151,7 @@ def predicted(prepared: "Prepared", threads: int, trial_from: float | None = Non
     seconds, memory = predicted_cost(prepared, threads), predicted_memory(prepared)
     machine, longest = TYPICAL, predicted_cost(prepared, threads, longest=True)
     trial_from = TRIAL_FROM if trial_from is None else trial_from
-    trial = longest > trial_from and memory < run_cost.MEMORY_SHARE * available_memory()
+    trial = longest > trial_from and memory < measured_cost.MEMORY_SHARE * available_memory()
     if trial:
         warm_up(prepared)
         machine = tried_machine(prepared, threads, seconds)
@@ -172,7 +172,7 @@ def predicted_memory(prepared: "Prepared") -> float:
     float [bytes]
     """
     stages = range(len(prepared.stages))
-    switched = run_cost.BYTES_PER_SWITCHED if len(stages) > 1 else 0
+    switched = measured_cost.BYTES_PER_SWITCHED if len(stages) > 1 else 0
     points = [n for n in stages if prepared.stages[n].scene.solver == "points"]
     turned = max((prepared.particles_of(number) for number in points), default=0)
     return max(_steps(prepared, number, 1, 1.0)[1] for number in stages) + turned * switched
@@ -211,7 +211,7 @@ def predicted_cost(
     other = sum(_frames(prepared, number, lasting[number], interval) for number in stages)
     other += sum(_switch(prepared, number) for number in stages[1:])
     if interval is None:
-        other += run_cost.SECONDS_PER_RUN + prepared.terrain.elevation.size * run_cost.SECONDS_PER_PIXEL
+        other += measured_cost.SECONDS_PER_RUN + prepared.terrain.elevation.size * measured_cost.SECONDS_PER_PIXEL
     return steps + machine.other * other
 
 
@@ -259,10 +259,10 @@ def _steps(prepared: "Prepared", number: int, threads: int, seconds: float) -> t
     nodes = (east - west) * (north - south) / numerics.cell_size**2
     elevation_bytes = prepared.terrain.elevation.nbytes
     if stage.scene.solver == "points":
-        return run_cost.predicted_in_3d(
+        return measured_cost.predicted_in_3d(
             particles, stage.effects.material, numerics, nodes, elevation_bytes, seconds, facts.speed, threads
         )
-    return run_cost.predicted_in_2d(
+    return measured_cost.predicted_in_2d(
         particles,
         facts.release_thickness,
         nodes,
@@ -279,17 +279,17 @@ def _frames(prepared: "Prepared", number: int, seconds: float, interval: float |
     """Return the wall time [s] of frames of stage `number` over `seconds`, and of checks of its end conditions."""
     stage, particles = prepared.stages[number], prepared.particles_of(number)
     frames = seconds / (interval or prepared.scene.output.frame_interval) + 1
-    shown = run_cost.seconds_of_frames(stage.scene.solver, particles, frames, interval is None)
+    shown = measured_cost.seconds_of_frames(stage.scene.solver, particles, frames, interval is None)
     conditions = () if stage.table is None else stage.table.until or ()
-    return shown + run_cost.seconds_of_checks(particles, seconds / CHECK_SECONDS, conditions)
+    return shown + measured_cost.seconds_of_checks(particles, seconds / CHECK_SECONDS, conditions)
 
 
 def _switch(prepared, number):
     """Return the wall time [s] of the switch to stage `number`."""
     nodes = prepared.stages[number].grid.bed.size
     if prepared.stages[number].scene.solver == "points":
-        return run_cost.seconds_to_points(prepared.particles_of(number), nodes)
-    return run_cost.seconds_to_columns(prepared.particles_of(number - 1), nodes)
+        return measured_cost.seconds_to_points(prepared.particles_of(number), nodes)
+    return measured_cost.seconds_to_columns(prepared.particles_of(number - 1), nodes)
 
 
 def tried_machine(
@@ -322,7 +322,7 @@ def tried_machine(
         if made is not None:
             solver, points = made
             nodes = prepared.stages[later].grid.bed.size
-            other = (clock() - began) / run_cost.seconds_to_points(points, nodes)
+            other = (clock() - began) / measured_cost.seconds_to_points(points, nodes)
             _try(prepared.stages[later], solver, short, threads, steps, words)
     if other is None:
         other = next(iter(steps.values()), 1.0)
@@ -344,7 +344,7 @@ def _try(stage, solver, seconds, threads, steps, words):
     particles = solver.points if name == "points" else solver.columns
     pace = measured_pace(solver, seconds)
     if pace is not None:
-        steps[name] = run_cost.slower_than_nominal(name, pace, particles, threads, stage.scene.numerics.precision)
+        steps[name] = measured_cost.slower_than_nominal(name, pace, particles, threads, stage.scene.numerics.precision)
         words.append(_pace_words(name, pace))
 
 
@@ -394,7 +394,7 @@ class OwnPace:
             return
         pace, precision = seconds / max(particle_steps, 1), sequence.stage.scene.numerics.precision
         particles = particle_steps / steps
-        self._steps[name] = run_cost.slower_than_nominal(name, pace, particles, self._threads, precision)
+        self._steps[name] = measured_cost.slower_than_nominal(name, pace, particles, self._threads, precision)
         self._words.append(_pace_words(name, pace))
         machine = Machine(dict(self._steps), words=_measured(self._words))
         self.seconds = predicted_cost(self._prepared, self._threads, machine)

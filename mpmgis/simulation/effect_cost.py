@@ -10,14 +10,14 @@ from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..laws import friction
-from ..laws.slots import ColumnEffects
+from ..laws.effect_slots import ColumnEffects
 from ..system.errors import SceneError
 from ..system.messages import log
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame
     from ..solvers.columns.column_solver import ColumnSolver
-    from .events import Events
+    from .release_events import Events
 
 STEPS = 20  # in a measurement; the quickest of all rounds counts
 LEAST_ROUNDS, MOST_ROUNDS = 5, 60  # of measurements

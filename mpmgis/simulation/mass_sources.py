@@ -19,8 +19,8 @@ from ..system.messages import log
 from ..terrain.hydrograph_file import read_hydrograph
 from ..terrain.release_parts import VERTICAL, polygons_only
 from ..terrain.spatial_inputs import read_area
-from .events import Events, inlet_of, secondary_releases
-from .run_cost import require_memory_for_points
+from .measured_cost import require_memory_for_points
+from .release_events import Events, inlet_of, secondary_releases
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame

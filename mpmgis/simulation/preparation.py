@@ -31,10 +31,10 @@ from ..terrain.nodata_groups import nodata_in_reach
 from ..terrain.release_parts import report_cliffs
 from ..terrain.spatial_inputs import with_crs_hint
 from .cost_prediction import require_memory
-from .events import Events
 from .mass_sources import read_point_start, read_sources
+from .measured_cost import MEMORY_SHARE
 from .numerical_parameters import default_courant_number
-from .run_cost import MEMORY_SHARE
+from .release_events import Events
 from .run_device import with_device
 from .scene_files import read_spatial_features, trial_parameters
 from .stage import Stage, read_areas, require_inflow_over

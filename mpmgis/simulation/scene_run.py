@@ -23,10 +23,10 @@ from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
 from .cost_prediction import OwnPace, longest_words, need_words, predicted, prediction_line
-from .later_end import can_continue, continue_earlier, differences, earlier_run
+from .measured_cost import MEMORY_SHARE
 from .preparation import prepare
-from .run_cost import MEMORY_SHARE
 from .run_device import devices_record, require_devices
+from .run_extension import can_continue, continue_earlier, differences, earlier_run
 from .run_summary import extremes, unusable_lines
 from .scene_files import input_files
 from .stage_sequence import Sequence

@@ -10,9 +10,9 @@ import shapely
 
 from ..conversion.columns_to_points import columns_to_points
 from ..conversion.initial_points import point_options
+from ..conversion.initial_stress import stress_of_weight
 from ..conversion.points_to_columns import unsettled_share
 from ..conversion.solver_switch import switch_to_columns, switch_to_points
-from ..conversion.start_stress import stress_of_weight
 from ..frames.watched_features import Watch
 from ..scene import resolve
 from ..scene.tables import CLIFF, CPU, WALLS, StageTable
@@ -27,8 +27,8 @@ from ..system.errors import SceneError
 from ..terrain.nodata_groups import NodataInReach
 from ..terrain.spatial_inputs import read_area
 from .coupled_solver import CoupledSolver
+from .measured_cost import require_memory_for_points
 from .resolution import resolution_of
-from .run_cost import require_memory_for_points
 from .stage_end import CALM_NORMAL, Cliff, Near, StageEnd
 
 if TYPE_CHECKING:
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
     from ..conversion.solver_switch import Switched
     from ..frames.particles import Frame
     from ..frames.watched_features import Feature
-    from ..laws.slots import ColumnEffects, PointEffects
+    from ..laws.effect_slots import ColumnEffects, PointEffects
     from ..scene import Scene, TerrainFacts
     from ..solvers.columns.column_solver import ColumnNumerics
     from ..solvers.features.walls import Wall
     from ..solvers.points.point_numerics import PointNumerics
     from ..solvers.points.point_volume import PointVolume
     from ..terrain.elevation import Terrain
-    from .events import Events
+    from .release_events import Events
     from .resolution import Resolution
 
 WET_SHARE = 0.01  # of the release's thickness, below which there is no flow

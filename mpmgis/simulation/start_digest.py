@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ..frames.particles import Frame
     from ..solvers.columns.feature_arrays import Places
     from ..terrain.elevation import Terrain
-    from .events import Events
+    from .release_events import Events
 
 
 def start_digest(

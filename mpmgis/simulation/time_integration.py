@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from .events import Events
+from .release_events import Events
 from .stage_end import StageEnd
-from .step_guard import Guard
+from .step_retry import Guard
 from .stepping import end_reason, stepper_of
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class TimeIntegration:
     ------
     UnphysicalError
         A state that is not finite; columns with 5 % of the mass over twice the speed that energy allows; points that
-        leak through the ground or gain energy; if shorter steps from the last frame fail too (`step_guard`). Earlier
+        leak through the ground or gain energy; if shorter steps from the last frame fail too (`step_retry`). Earlier
         frames are complete.
     """
 

@@ -25,7 +25,7 @@ from ..system.whole_files import whole_folder
 from ..terrain.grid import Grid
 from ..terrain.spatial_inputs import read_placed_raster
 from .export_sweep import ExportSetting, ExportSweep
-from .other_results import read_other_results
+from .other_code_results import read_other_results
 from .run_measures import NAMES, Errors, State, StudyCells, centre_of, errors_against_exact, errors_of, outcomes
 from .study_plots import write_plot
 from .study_table import OtherResult, Row, Study

@@ -18,13 +18,13 @@ from ..system.messages import log, muted
 from ..system.whole_files import refuse_other
 from .calibration_events import events_of
 from .calibration_files import write_files
+from .calibration_posterior import posterior, self_test, shares_of_scores
 from .calibration_priors import priors
 from .calibration_result import Calibration
 from .emulator import FEWEST, Emulator
 from .ensemble_plan import PlannedRuns, read_plan
 from .ensemble_runs import EnsembleRequest, ensemble
 from .event_comparison import EventOnGrid
-from .posterior import posterior, self_test, shares_of_scores
 from .sampling_plan import JOINT
 
 TESTED = 40  # number of runs in the self-test

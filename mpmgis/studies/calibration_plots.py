@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..results.figure_style import COLOURS, plot_file, style_axes
+from ..results.plot_style import COLOURS, plot_file, style_axes
 from .calibration_result import Calibration
 
 PANEL = 2.6  # [inch] side of a plot

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .posterior import INTERVAL, Posterior, SelfTest, identified_directions, shares_of_scores
+from .calibration_posterior import INTERVAL, Posterior, SelfTest, identified_directions, shares_of_scores
 
 IDENTIFIED = 0.5  # [1] standard deviation of the posterior over that of the prior, up to which a key is identified
 BARELY = 0.9  # [1] the same, up to which it is partly identified

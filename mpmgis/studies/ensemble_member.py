@@ -13,10 +13,10 @@ from ..frames.ensemble_folder import deposit_file, member_files, read_member, wr
 from ..frames.run_folder import RunFolder
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import BAND, MEMBER_BANDS, Quantity
+from ..maps.averaging.export_resolution import export_grid
 from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
 from ..maps.averaging.placement import Bed
-from ..maps.averaging.sampling import export_grid
 from ..scene import scene_from_tables
 from ..simulation.preparation import prepare_scene
 from ..simulation.scene_run import integrate_into, use_threads

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from .. import __version__
 from ..compiled.cache_folder import source_digest
 from ..compiled.jit import set_threads
-from ..maps.averaging.sampling import require_cells_within
+from ..maps.averaging.export_resolution import require_cells_within
 from ..scene.scene_reading import read_toml
 from ..scene.table_values import meant
 from ..simulation.cost_prediction import predicted

@@ -14,7 +14,7 @@ from ..frames.ensemble_folder import EnsembleFolder, member_files, read_member
 from ..frames.member_stack import MemberStack
 from ..laws.quantities import MEMBER_BANDS
 from ..simulation.cost_prediction import duration_words
-from ..simulation.run_cost import MEMORY_SHARE
+from ..simulation.measured_cost import MEMORY_SHARE
 from ..simulation.scene_run import ASK_SECONDS
 from ..system import dask_workers, operating_system
 from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError

@@ -18,7 +18,7 @@ from ..system.errors import InputError, OutputError, one_line
 from ..system.whole_files import whole_file
 from .georeference import warp_command
 from .grid import Grid
-from .raster_metadata import band_metadata, dataset_metadata
+from .raster_tags import band_metadata, dataset_metadata
 
 NAMESPACE = "mpmgis"  # metadata domain of the exact values, for programs
 BLOCK = 256  # [pixels] side of a tile

@@ -13,8 +13,8 @@ from ..laws.quantities import NODATA, Quantity
 from ..system.errors import OutputError
 from ..system.whole_files import output_error
 from .grid import Grid
-from .raster_metadata import band_metadata, dataset_metadata
 from .raster_output import NAMESPACE, new_geotiff, strips, tag_text, write_rows, write_strip
+from .raster_tags import band_metadata, dataset_metadata
 
 
 class BandStack:

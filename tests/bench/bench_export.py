@@ -17,9 +17,9 @@ from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import BAND, Quantity
 from mpmgis.maps.averaging import binning, cell_places
 from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.frame_values import Averaging, average_frame
 from mpmgis.maps.averaging.placement import Bed, place
-from mpmgis.maps.averaging.sampling import export_grid
 from mpmgis.maps.qgis.flow_mesh import step_chunks
 from mpmgis.maps.qgis.outlines import BANDS, StepSpool, step_outline
 from mpmgis.terrain.dtm import read_terrain

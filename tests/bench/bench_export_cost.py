@@ -14,10 +14,10 @@ import numpy as np
 from avalanche_frames import DENSITY, END_TIME, Avalanche, terrain, write_frames
 from bench_export import POINTS, command
 
+from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.frame_values import Averaging, average_frame
 from mpmgis.maps.averaging.maxima import Peak, RunningMaxima
 from mpmgis.maps.averaging.placement import Bed
-from mpmgis.maps.averaging.sampling import export_grid
 
 CELL_SIZES = (0.5, 1.0, 2.0, 4.0)  # [m]
 TIME_STEPS = (0.2, 0.4, 0.8, 1.6)  # [s]

@@ -13,7 +13,7 @@ from point_scenes import block_of, points_on
 
 from mpmgis.compiled.block_order import STRIP
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.softening import NoSoftening, softening

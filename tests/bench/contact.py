@@ -16,7 +16,7 @@ import test_points_catalogue as catalogue  # noqa: E402
 from contact_scenes import slab  # noqa: E402
 from point_scenes import block_of, integrate_to, points_on, sorted_points  # noqa: E402
 
-from mpmgis.laws.bed_contact import CoulombContact  # noqa: E402
+from mpmgis.laws.contact_friction import CoulombContact  # noqa: E402
 
 SLABS = ((24.0, False, 6.0), (26.0, False, 6.0), (26.0, True, 6.0), (35.0, False, 3.0))  # degrees, weighted, time [s]
 ABOVE = (0.0, 0.05, 0.25, 0.45, 0.5, 0.55, 0.75, 0.95)  # [cells], height of the ground above a node

@@ -35,10 +35,10 @@ from written_run import write_run  # noqa: E402
 
 from mpmgis.frames.particles import Frame, Particles  # noqa: E402
 from mpmgis.laws.barrier import Barrier  # noqa: E402
-from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact  # noqa: E402
+from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact  # noqa: E402
+from mpmgis.laws.effect_slots import PointEffects  # noqa: E402
 from mpmgis.laws.fluid import Fluid  # noqa: E402
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager  # noqa: E402
-from mpmgis.laws.slots import PointEffects  # noqa: E402
 from mpmgis.laws.softening import NoSoftening, softening  # noqa: E402
 from mpmgis.solvers.gpu.available import found_device  # noqa: E402
 from mpmgis.solvers.gpu.device_point_solver import DevicePointSolver, device_memory  # noqa: E402

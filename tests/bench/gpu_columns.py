@@ -38,12 +38,12 @@ from gpu import (  # noqa: E402
 from mpmgis.frames.particles import Frame, Particles  # noqa: E402
 from mpmgis.laws.barrier import Barrier  # noqa: E402
 from mpmgis.laws.curvature import Curvature  # noqa: E402
+from mpmgis.laws.effect_slots import ColumnEffects  # noqa: E402
 from mpmgis.laws.entrainment import ErosionEnergy  # noqa: E402
 from mpmgis.laws.forest import FOREST_ENTRIES, Forest  # noqa: E402
 from mpmgis.laws.friction import Bingham, Cohesion, FrictionZones, Voellmy  # noqa: E402
 from mpmgis.laws.ground_metric import WaterMetric  # noqa: E402
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure  # noqa: E402
-from mpmgis.laws.slots import ColumnEffects  # noqa: E402
 from mpmgis.laws.still_water import StillWater  # noqa: E402
 from mpmgis.solvers.columns import column_barriers as wall  # noqa: E402
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver  # noqa: E402

@@ -14,10 +14,10 @@ from mpmgis.commands.shell.main import main
 from mpmgis.exchange.frame_list import list_frames
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.frames.run_folder import RunFolder
-from mpmgis.simulation.later_end import differences
 from mpmgis.simulation.preparation import prepare
+from mpmgis.simulation.run_extension import differences
 from mpmgis.simulation.start_digest import start_digest
-from mpmgis.simulation.step_guard import Guard
+from mpmgis.simulation.step_retry import Guard
 from mpmgis.system.errors import GeoreferenceError
 
 SHORT = SCENE.replace("end_time = 30", "end_time = 8").replace("frame_interval = 5", "frame_interval = 2")

@@ -11,8 +11,8 @@ from mpmgis.conversion.conserved_sums import conservation_error
 from mpmgis.conversion.conversion_options import PointOptions
 from mpmgis.conversion.points_to_columns import points_to_columns
 from mpmgis.frames.frame_files import read_frame, write_frame
+from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.friction import Coulomb
-from mpmgis.laws.slots import ColumnEffects
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 
 RATE = np.array([[0.1, 0.03], [-0.07, 0.02]])

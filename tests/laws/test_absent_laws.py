@@ -8,7 +8,7 @@ import pytest
 
 from mpmgis.compiled.jit import for_law
 from mpmgis.laws.barrier import Barrier, NoBarrier
-from mpmgis.laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
 from mpmgis.solvers.points import point_loop
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from compiled import compiled
 
-from mpmgis.laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
 
 LAWS = {"Coulomb": CoulombContact(0.4), "Voellmy": VoellmyContact(0.4, 500.0), "Sticking": StickingContact()}
 VALUES = np.array([[[0.1, 50.0], [0.2, 60.0]]])

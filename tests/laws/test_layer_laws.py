@@ -5,7 +5,7 @@ import pytest
 from compiled import compiled
 
 from mpmgis.laws import flow_layers
-from mpmgis.laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
 
 G = 9.81
 

@@ -1,7 +1,7 @@
 """Names that kernels call on laws: a numba method of that name hides a field of the same name in every NamedTuple."""
 
 from mpmgis.compiled import law_methods
-from mpmgis.laws.slots import ColumnEffects
+from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.solvers.columns.column_blocks import BlockWindow, SortedColumns, TouchedBlocks
 from mpmgis.solvers.columns.column_motion import MotionLaws, SpeedBound, StepTimes
 from mpmgis.solvers.columns.column_nodes import NodeArrays, NodeLaws

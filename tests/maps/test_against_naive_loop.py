@@ -6,8 +6,8 @@ from exporting import AFFINES, CRS, naive_cells, random_frame, terrain
 
 from mpmgis.maps.averaging.band_products import cell_values
 from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.placement import Bed, place
-from mpmgis.maps.averaging.sampling import export_grid
 from mpmgis.terrain.grid import Grid
 
 NAMES = ("h", "t", "Un", "Ut", "Ut_E", "Ut_N", "t_vol", "n", "mass", "p")

@@ -10,8 +10,8 @@ from mpmgis.frames.particles import Frame, Particles
 from mpmgis.maps.averaging import binning
 from mpmgis.maps.averaging.band_products import PRODUCTS, cell_values
 from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.placement import Bed, place
-from mpmgis.maps.averaging.sampling import export_grid
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

@@ -12,10 +12,10 @@ from scipy import ndimage
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.maps.averaging.band_products import cell_values
 from mpmgis.maps.averaging.cells import bin_frame, column_reach
+from mpmgis.maps.averaging.export_resolution import export_axes, export_grid
 from mpmgis.maps.averaging.frame_values import reached
 from mpmgis.maps.averaging.maxima import THINNEST
 from mpmgis.maps.averaging.placement import Bed, place
-from mpmgis.maps.averaging.sampling import export_axes, export_grid
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

@@ -18,10 +18,10 @@ import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.peaks import PEAK_NAMES as MAXIMA
+from mpmgis.maps.averaging.export_resolution import export_axes, export_grid
 from mpmgis.maps.averaging.frame_values import Averaging, average_frame, reached
 from mpmgis.maps.averaging.maxima import SolverPeaks
 from mpmgis.maps.averaging.placement import Bed
-from mpmgis.maps.averaging.sampling import export_axes, export_grid
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

@@ -8,9 +8,7 @@ from exporting import AFFINES, CRS, random_frame, terrain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpmgis.maps.averaging.frame_values import automatic_standoff, fastest_mean, resting_offset, survey_frame
-from mpmgis.maps.averaging.placement import Bed
-from mpmgis.maps.averaging.sampling import (
+from mpmgis.maps.averaging.export_resolution import (
     FrameFacts,
     automatic_cell_size,
     automatic_time_step,
@@ -18,6 +16,8 @@ from mpmgis.maps.averaging.sampling import (
     export_grid,
     require_cells_within,
 )
+from mpmgis.maps.averaging.frame_values import automatic_standoff, fastest_mean, resting_offset, survey_frame
+from mpmgis.maps.averaging.placement import Bed
 from mpmgis.system.errors import InputError
 from mpmgis.terrain.grid import Grid
 

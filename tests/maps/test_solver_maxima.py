@@ -17,10 +17,10 @@ from mpmgis.commands.export_raster import export_raster
 from mpmgis.commands.shell.main import main
 from mpmgis.exchange.frame_list import list_frames
 from mpmgis.maps.averaging import maxima as solver_maxima
+from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.frame_values import Averaging, average_frame
 from mpmgis.maps.averaging.maxima import MAXIMA_BANDS, PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
 from mpmgis.maps.averaging.placement import Bed
-from mpmgis.maps.averaging.sampling import export_grid
 from mpmgis.scene import read_scene
 from mpmgis.system.errors import SceneError
 from mpmgis.system.messages import collected

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpmgis.results.flow_line import places_along, positions_along, vertex_distances
-from mpmgis.results.runout_figures import (
+from mpmgis.results.runout_measures import (
     energy_line,
     farthest_place,
     ground_lengths,

@@ -4,11 +4,11 @@ import json
 
 import pytest
 
+from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.friction import LAWS, Bingham, Cohesion, Coulomb, Frictionless, ModifiedVoellmy, NoCohesion, Voellmy
 from mpmgis.laws.internal_stress import InPlaneViscosity, NoEarthPressure, earth_pressure
-from mpmgis.laws.slots import ColumnEffects
 from mpmgis.scene import TerrainFacts, read_scene, resolve, scene_from_tables, scene_text, template
-from mpmgis.scene.mass_point import runout
+from mpmgis.scene.mass_point_runout import runout
 from mpmgis.system.errors import SceneError
 
 TABLES = {"terrain": {"dem": "d.tif"}, "release": {"source": "r.shp"}, "output": {"end_time": 5, "frame_interval": 1}}

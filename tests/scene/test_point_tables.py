@@ -7,7 +7,7 @@ import pytest
 
 from mpmgis.commands.shell.main import main
 from mpmgis.laws.barrier import NoBarrier
-from mpmgis.laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.friction import NoZones
 from mpmgis.laws.material import CohesiveMuI, DruckerPrager, Elastic, MuI

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mpmgis.simulation.run_cost import seconds_of_checks, seconds_of_frames, seconds_to_columns, seconds_to_points
+from mpmgis.simulation.measured_cost import seconds_of_checks, seconds_of_frames, seconds_to_columns, seconds_to_points
 
 
 def test_frames_cost_a_floor_and_more_for_each_particle():

@@ -17,8 +17,8 @@ from mpmgis.simulation.cost_prediction import (
     predicted_memory,
     tried_machine,
 )
+from mpmgis.simulation.measured_cost import BYTES_PER_SWITCHED, NANOSECONDS_PER_STEP, SECONDS_PER_STEP
 from mpmgis.simulation.preparation import prepare
-from mpmgis.simulation.run_cost import BYTES_PER_SWITCHED, NANOSECONDS_PER_STEP, SECONDS_PER_STEP
 from mpmgis.system.messages import collected
 
 STAGE = '[[stage]]\nsolver = "{}"\n'

@@ -8,6 +8,7 @@ from column_scenes import columns_of, solver_on, terrain_of
 
 from mpmgis.laws.barrier import Barrier, NoBarrier
 from mpmgis.laws.curvature import CurvatureLoadOnly, NoCurvature
+from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.friction import (
     Bingham,
     Cohesion,
@@ -19,10 +20,9 @@ from mpmgis.laws.friction import (
     Voellmy,
 )
 from mpmgis.laws.ground_metric import WaterMetric
-from mpmgis.laws.slots import ColumnEffects
 from mpmgis.laws.still_water import NoStillWater, StillWater
 from mpmgis.simulation.effect_cost import STEPS, effect_costs, under_way, without_each
-from mpmgis.simulation.events import Events
+from mpmgis.simulation.release_events import Events
 from mpmgis.system.errors import SceneError
 from mpmgis.system.messages import collected
 

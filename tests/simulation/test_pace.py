@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from column_scenes import seeded, solver_on, terrain_of
 
-from mpmgis.simulation.run_cost import predicted_in_2d, slower_than_nominal
+from mpmgis.simulation.measured_cost import predicted_in_2d, slower_than_nominal
 from mpmgis.simulation.stepping import measured_pace
 
 

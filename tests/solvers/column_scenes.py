@@ -7,9 +7,9 @@ from affine import Affine
 from exact_solutions import G, mangeney, stoker  # noqa: F401  (G for the tests that import scenes)
 
 from mpmgis.frames.particles import Frame, Particles
+from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.friction import Coulomb, Frictionless
 from mpmgis.laws.ground_metric import SlopeMetric
-from mpmgis.laws.slots import ColumnEffects
 from mpmgis.solvers.columns.column_clock import CLOCK  # noqa: F401  (compiles nothing; fails early where kernels are broken)
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from mpmgis.terrain.elevation import Terrain

@@ -5,7 +5,7 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.material import Elastic
 
 FRICTION = 25.0  # [deg] of the bed

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from test_points_catalogue import cauchy_stress, elastic
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.solvers.features.walls import Wall
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
 from mpmgis.laws.friction import Voellmy
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.slots import ColumnEffects, PointEffects
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from mpmgis.solvers.points.point_numerics import PointNumerics

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent / "gpu"))
 from column_slots import SCENES, drawn
 from point_scenes import block_of, plane, points_on
 
-from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.solvers.features.walls import Wall

@@ -5,8 +5,8 @@ from column_scenes import terrain_of
 
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.barrier import Barrier
-from mpmgis.laws.bed_contact import CoulombContact
-from mpmgis.laws.slots import PointEffects
+from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver

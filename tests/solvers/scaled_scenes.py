@@ -7,11 +7,11 @@ import shapely
 from affine import Affine
 
 from mpmgis.conversion.initial_points import point_options, points_from
-from mpmgis.conversion.start_stress import kirchhoff_stress
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.conversion.initial_stress import kirchhoff_stress
+from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
 from mpmgis.laws.friction import Coulomb
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.slots import ColumnEffects, PointEffects
 from mpmgis.seeding.column_seeding import seed_columns
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from mpmgis.solvers.points.point_numerics import PointNumerics

@@ -10,7 +10,7 @@ from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.friction import Frictionless, Voellmy
 from mpmgis.laws.ground_metric import WaterMetric
-from mpmgis.simulation.events import Events, inlet_of, secondary_releases
+from mpmgis.simulation.release_events import Events, inlet_of, secondary_releases
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns import column_loop as kernel
 from mpmgis.system.errors import FormatError, SceneError

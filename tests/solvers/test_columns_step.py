@@ -427,7 +427,7 @@ def test_ground_next_to_a_rotated_raster_is_outside():
 def test_every_particle_is_in_the_tile_of_its_block():
     """Stencil base and block key are rounded in the same way, also if 1/dx is not a binary number."""
     from mpmgis.solvers.columns.column_blocks import block_key
-    from mpmgis.solvers.columns.spline_bed import weights
+    from mpmgis.solvers.columns.spline_weights import weights
 
     for dx in (0.3, 1 / 3, 0.6, 0.7, 3.3):
         for cell in (7, 15, 31, 63, 127, 255, 511, 1023):

@@ -11,7 +11,7 @@ from point_scenes import points_on
 from scipy.integrate import quad
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.solvers.points.contact_shares import (
     DEEP,

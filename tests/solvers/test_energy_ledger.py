@@ -13,7 +13,7 @@ from mpmgis.laws.curvature import Curvature, NoCurvature
 from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
 from mpmgis.laws.friction import FrictionZones, Voellmy
 from mpmgis.laws.ground_metric import SlopeMetric, WaterMetric
-from mpmgis.simulation.events import Events, inlet_of, secondary_releases
+from mpmgis.simulation.release_events import Events, inlet_of, secondary_releases
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns.column_barriers import BARRIER_ENTRIES
 from mpmgis.solvers.columns.feature_arrays import Places, barrier_entries

@@ -6,10 +6,10 @@ from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import block_of, integrate_to
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.friction import Coulomb
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.slots import PointEffects
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 from mpmgis.system.errors import SceneError

@@ -6,7 +6,7 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.material import Elastic
 from mpmgis.solvers.points import ground_folds
 from mpmgis.solvers.points.ground_folds import departure, folded_ground

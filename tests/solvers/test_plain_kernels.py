@@ -47,7 +47,7 @@ def test_plain_kernels_stop_at_the_end_of_an_array(tmp_path):
     """A read behind an array, which is no error in compiled code, is an error or NaN in plain Python."""
     script = """
 import numpy as np
-from mpmgis.compiled.lanes import get, lane, load, put
+from mpmgis.compiled.simd_lanes import get, lane, load, put
 for index in (0, 5):
     four = load(np.arange(8.0), index)
     print([float(four[k]) for k in range(4)])

@@ -6,9 +6,9 @@ from contact_scenes import FRICTION, SOIL, G, askew_slab, axes_of, slab
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 from test_points_catalogue import level
 
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.material import Elastic, drucker_prager
-from mpmgis.solvers.points.point_contact import MOST_YIELD
+from mpmgis.solvers.points.ground_contact import MOST_YIELD
 from mpmgis.system.errors import FormatError
 
 

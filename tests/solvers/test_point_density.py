@@ -18,8 +18,8 @@ from test_point_peaks import spline
 from mpmgis.laws.fluid import LARGEST_GAP, SMALLEST_VOLUME, Fluid
 from mpmgis.solvers.features.walls import Wall, filled_at, half_thickness, margin_in_3d, wall_nodes
 from mpmgis.solvers.points import point_density as kernel
+from mpmgis.solvers.points.ground_contact import YIELD_ENTRIES
 from mpmgis.solvers.points.point_barriers import FILLED, FILLED_TOP
-from mpmgis.solvers.points.point_contact import YIELD_ENTRIES
 from mpmgis.solvers.points.point_ground import GROUND_ENTRIES, GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, Ground
 from mpmgis.solvers.points.point_rows import GHOSTS
 

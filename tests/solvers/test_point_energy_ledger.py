@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from point_ledger import PlainRun
 from point_scenes import block_of, plane, points_on, sorted_points
 
-from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 

@@ -13,9 +13,9 @@ from mpmgis.compiled.block_order import CHUNKS
 from mpmgis.laws.barrier import Barrier
 from mpmgis.laws.fluid import Fluid
 from mpmgis.solvers.points import point_faces
+from mpmgis.solvers.points.ground_contact import MOST_YIELD, between_faces
 from mpmgis.solvers.points.point_barriers import POINT_BARRIER_ENTRIES, ROWED
 from mpmgis.solvers.points.point_blocks import packed
-from mpmgis.solvers.points.point_contact import MOST_YIELD, between_faces
 from mpmgis.solvers.points.point_faces import MOST_BACK, keep_before_faces
 from mpmgis.solvers.points.point_report import BLOCK_EAST, BLOCK_NORTH, HELD_WALL, REPORT
 from mpmgis.solvers.points.point_rows import GHOSTS, ROW_SHORT, X, Y, Z

@@ -9,11 +9,11 @@ from exact_solutions import G
 from point_scenes import block_of, integrate_to
 
 from mpmgis.laws import flow_layers
-from mpmgis.laws.bed_contact import VoellmyContact
+from mpmgis.laws.affine_transfer import TurningGradient, WholeGradient
+from mpmgis.laws.contact_friction import VoellmyContact
+from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.fluid import Fluid
-from mpmgis.laws.gradient_transfer import TurningGradient, WholeGradient
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.slots import PointEffects
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 

@@ -13,7 +13,7 @@ from point_scenes import block_of, plane, points_on
 from mpmgis.compiled import jit
 from mpmgis.frames import peaks as peak_names
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import Elastic, drucker_prager
 from mpmgis.laws.softening import NoSoftening

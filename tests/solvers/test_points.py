@@ -7,7 +7,7 @@ from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.frame_files import read_frame, write_frame
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.material import Elastic
 from mpmgis.simulation.stepping import stepper_of
 from mpmgis.solvers.points import point_loop as kernel

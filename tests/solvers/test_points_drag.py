@@ -6,10 +6,10 @@ from exact_solutions import G
 from point_scenes import block_of, integrate_to, plane, points_on
 
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.bed_contact import CoulombContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact
+from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.friction import FrictionZones
 from mpmgis.laws.material import Elastic
-from mpmgis.laws.slots import PointEffects
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_numerics import PointNumerics

@@ -8,11 +8,11 @@ from column_scenes import terrain_of
 from point_scenes import block_of, plane, points_on
 
 from mpmgis.conversion.initial_points import as_columns
-from mpmgis.conversion.start_stress import kirchhoff_stress
+from mpmgis.conversion.initial_stress import kirchhoff_stress
 from mpmgis.frames.frame_files import read_frame, write_frame
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.slots import PointEffects
 from mpmgis.simulation.stepping import NEARLY_AT_REST, end_reason
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.points import point_loop as kernel

@@ -10,7 +10,7 @@ from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.softening import NoSoftening
 from mpmgis.solvers.points import grid_to_points, point_batch, point_edges, point_rows

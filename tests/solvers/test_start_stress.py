@@ -8,8 +8,8 @@ from hypothesis import strategies as some
 from point_scenes import points_on
 
 from mpmgis.conversion.initial_points import point_options, points_from
-from mpmgis.conversion.start_stress import USED, kirchhoff_stress, lateral_ratio, stress_of_weight, surface_slopes
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.conversion.initial_stress import USED, kirchhoff_stress, lateral_ratio, stress_of_weight, surface_slopes
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import MuI, drucker_prager
 from mpmgis.laws.quantities import GRAVITY
@@ -129,7 +129,7 @@ def test_stress_does_not_depend_on_chunks(monkeypatch):
     sand = drucker_prager(2e6, 1.2e6, 35.0, 0.0)
     given = made, terrain, made.state["vertical_stress"], sand, CoulombContact(0.6), 1.0, GRAVITY
     whole = stress_of_weight(*given)
-    monkeypatch.setattr("mpmgis.conversion.start_stress.CHUNK", 1000)
+    monkeypatch.setattr("mpmgis.conversion.initial_stress.CHUNK", 1000)
     np.testing.assert_array_equal(stress_of_weight(*given), whole)
 
 

@@ -11,10 +11,10 @@ from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.slots import PointEffects
 from mpmgis.laws.softening import NoSoftening
 from mpmgis.solvers.points.point_balances import exceeded_by
 from mpmgis.solvers.points.point_numerics import PointNumerics

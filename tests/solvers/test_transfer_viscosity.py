@@ -5,10 +5,10 @@ import pytest
 from point_scenes import block_of, integrate_to, sorted_points
 from test_points_catalogue import level
 
-from mpmgis.laws.bed_contact import VoellmyContact
+from mpmgis.laws.affine_transfer import TurningGradient, WholeGradient
+from mpmgis.laws.contact_friction import VoellmyContact
+from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.fluid import Fluid
-from mpmgis.laws.gradient_transfer import TurningGradient, WholeGradient
-from mpmgis.laws.slots import PointEffects
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 

@@ -11,9 +11,9 @@ from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import points_on
 
 from mpmgis.conversion.initial_points import point_options, points_from
-from mpmgis.conversion.start_stress import stress_of_weight
+from mpmgis.conversion.initial_stress import stress_of_weight
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.friction import Voellmy
 from mpmgis.laws.ground_metric import SlopeMetric

@@ -6,7 +6,7 @@ from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import block_of, integrate_to, points_on
 from test_guard import SOIL
 
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.friction import Coulomb
 from mpmgis.simulation.run_summary import CLIP_SHARE, CLIPPED, account
 from mpmgis.solvers.columns import column_rows, column_state

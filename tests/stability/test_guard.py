@@ -10,10 +10,10 @@ from point_scenes import block_of, points_on
 from slope_site import SCENE, record, run, write_site
 
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.material import drucker_prager
 from mpmgis.simulation import time_integration as marching
-from mpmgis.simulation.step_guard import Guard
+from mpmgis.simulation.step_retry import Guard
 from mpmgis.simulation.stepping import IntegratedColumns
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.system.errors import UnphysicalError

@@ -10,8 +10,8 @@ from hard_scenes import Watch, along_the_bed, box_of_columns, columns_on, joined
 from scene_strategies import Box, ColumnScene, Ground
 
 from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.friction import Voellmy
-from mpmgis.laws.slots import ColumnEffects
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns import column_clock
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver

@@ -16,7 +16,7 @@ from hard_scenes import Watch, in_the_map, points_of_columns, stiff_for
 from point_scenes import block_of, points_on, sorted_points
 from scene_strategies import Box, Ground, PointScene
 
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.softening import softening

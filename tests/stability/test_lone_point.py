@@ -6,7 +6,7 @@ from hard_scenes import STEPPING, Watch, points_on, terrain_of
 from point_scenes import block_of
 from scene_strategies import Box, Ground, PointScene
 
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.solvers.points.point_numerics import LONE_SHARE, PointNumerics, courant_number

@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from mpmgis.studies.calibration_priors import priors
-from mpmgis.studies.calibration_result import Calibration, rounded
-from mpmgis.studies.emulator import Emulator, Process
-from mpmgis.studies.posterior import (
+from mpmgis.studies.calibration_posterior import (
     identified_directions,
     posterior,
     scores_of_shares,
@@ -14,6 +11,9 @@ from mpmgis.studies.posterior import (
     shares_of_scores,
     weighted_quantiles,
 )
+from mpmgis.studies.calibration_priors import priors
+from mpmgis.studies.calibration_result import Calibration, rounded
+from mpmgis.studies.emulator import Emulator, Process
 from mpmgis.studies.sampling_plan import Plan
 from mpmgis.studies.varied_keys import variation
 from mpmgis.system.errors import InputError

@@ -16,8 +16,8 @@ from ...terrain.grid import Grid
 from . import binning
 from . import lattice_fields as kernel
 from .cell_places import ROUNDING
+from .export_resolution import export_axes
 from .placement import Bed, Placed
-from .sampling import export_axes
 
 SPLINE_REACH = 2.5  # [node spacings] from a column to the end of its field: 1.5 of the spline, 1 of the hats
 _AT_NODES = (0.125, 0.75, 0.125)  # [1] quadratic B-spline at the three nodes around its middle

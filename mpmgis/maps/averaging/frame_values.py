@@ -10,10 +10,10 @@ from ...terrain.grid import Grid
 from . import cell_places
 from .band_products import PRODUCTS, cell_values, map_speed, volume_thickness
 from .cells import bin_frame, column_reach, column_side, column_spacing, grid_spacing
+from .export_resolution import FrameFacts, export_axes, export_grid
 from .height_layers import HeightLayers, height_layers
 from .maxima import least_depth
 from .placement import Bed, place
-from .sampling import FrameFacts, export_axes, export_grid
 
 _ROUNDING = 1e-3  # [solver cells] particles that are less than this below the bed are on it
 RESTING_BELOW = 0.01  # [1] share of the mass below the bed, above which an offset of the solver is assumed

@@ -12,7 +12,7 @@ from ..averaging.bed_change import eroded_depth, largest_rate, on_cells, share_b
 
 if TYPE_CHECKING:
     from ..averaging.frame_values import FrameValues
-    from .planned_export import Plan
+    from .export_plan import Plan
 
 BED_BANDS = ("eroded", "erosion_rate_max", "deposit")
 FOREST_BANDS = ("detrained", "broken_forest")  # only with forest

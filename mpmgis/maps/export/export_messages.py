@@ -7,13 +7,13 @@ import numpy as np
 
 from ...exchange.frame_list import OWN, missing_frames
 from ...system.messages import log
+from ..averaging.export_resolution import automatic_time_step, farthest_crossing
 from ..averaging.maxima import BANDS as SOLVER_BANDS
 from ..averaging.maxima import MAXIMA_BANDS, WITHOUT_THRESHOLD
-from ..averaging.sampling import automatic_time_step, farthest_crossing
 
 if TYPE_CHECKING:
+    from .export_plan import Plan
     from .export_request import ExportRequest
-    from .planned_export import Plan
     from .step_rasters import Tally
 
 MOST_FRAMES_LISTED = 12  # [frames] of another code that have a line each

@@ -1,170 +1,46 @@
-"""Choose the plan of an export from the request and the frames: cells, steps, bands and standoff."""
+"""Plan of an export: its frames, steps and bands, and how they are averaged."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
-import numpy as np
-
-from ...system.messages import log
-from ..averaging.band_products import PRODUCTS, RUNNING
-from ..averaging.bed_change import bounds_of
-from ..averaging.frame_values import Averaging, automatic_standoff, fastest_mean, reached, survey_frame
-from ..averaging.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
-from ..averaging.placement import Bed
-from ..averaging.sampling import (
-    automatic_cell_size,
-    automatic_time_step,
-    choose_steps,
-    export_axes,
-    export_grid,
-    require_cells_within,
-)
-from .export_inputs import log_unused_options, refuse_nowhere, release_density, solver_peaks
-from .planned_export import Plan
-from .step_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS
-
-if TYPE_CHECKING:
-    from ...system.parallel import FramePool
-    from ...terrain.elevation import Terrain
-    from .export_request import ExportRequest
-
-AUTO = "auto"
+from ...terrain.elevation import Terrain
+from ..averaging.frame_values import Averaging
+from ..averaging.maxima import SolverPeaks
 
 
-def make_plan(
-    request: "ExportRequest", entries: Sequence, terrain: "Terrain", products: tuple, pool: "FramePool"
-) -> Plan:
-    """Choose cells, steps and standoff; frames are read only if one of these needs it.
+@dataclass(frozen=True)
+class Plan:
+    """Plan of an export.
 
     Parameters
     ----------
-    request : ExportRequest
-    entries : sequence of FrameEntry
+    name : str
+        Of the run; prefix of its files.
+    entries : tuple of FrameEntry
+    steps : tuple of int
+        Numbers of the frames that are exported as steps.
+    averaging : Averaging
+    bands : tuple of str
+        Of the raster of a step.
     terrain : Terrain
-    products : tuple of str
-        Bands of a step.
-    pool : FramePool
-
-    Returns
-    -------
-    Plan
+    time_step : float or None [s]
+        None: every frame is a step.
+    peaks : SolverPeaks or None
+        The solver's maxima of all steps up to the last frame; None if it stored none.
+    bed_change : dict
+        Of the last frame.
     """
-    density = release_density(request.source, entries)
-    log_unused_options(request.averaging, entries)
-    standoff = 0.0 if request.averaging.standoff == AUTO else request.averaging.standoff
-    bed = Bed.of(terrain, request.averaging.bed, standoff, clamped=request.averaging.paper)
-    axes = export_axes(terrain.grid, request.sampling.north_up)
-    facts = _survey(request, entries, bed, density, axes, pool)
-    bounds = _bounds(request, entries, facts, bed, axes, terrain, pool)
-    if request.averaging.standoff == AUTO:
-        bed = replace(bed, standoff=automatic_standoff(facts))
-        log.info(f"`standoff=auto`: {bed.standoff:.3g} m")
-    peaks = solver_peaks(entries[-1])
-    if bounds is not None and peaks is not None:
-        bounds = _with_peaks(bounds, peaks.bounds(request.averaging.min_depth), axes)
-    bed_change = entries[-1].read_bed_change()
-    if bounds is not None and bed_change:
-        bounds = _with_peaks(bounds, bounds_of(bed_change), axes)
-    cell_size = _cell_size(request, facts, terrain)
-    require_cells_within(terrain.grid, cell_size, request.sampling.north_up)
-    otherwise = "--extent flow" if bounds is None else None
-    grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.sampling.north_up, otherwise=otherwise)
-    time_step = _time_step(request, entries, bed, grid, density, pool)
-    steps = choose_steps([entry.time for entry in entries], time_step)
-    more = (*(ARROW_BANDS if request.files.qgis else ()), *(("mass",) if bed_change else ()))
-    averaging = Averaging(
-        bed=bed,
-        grid=grid,
-        density=density,
-        names=needed_products((*products, *more)),
-        percentile=request.averaging.percentile,
-        min_depth=request.averaging.min_depth,
-        second_grid=export_grid(terrain.grid) if request.files.naming == "iseesnow" else None,
-        second_names=ISEESNOW_PRODUCTS,
-        layers=request.files.layers,
-    )
-    bands = (*products, *(RUNNING_BANDS if RUNNING in request.files.products else ()))
-    name = entries[0].path.resolve().parent.name or "frames"
-    return Plan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change)
 
+    name: str
+    entries: tuple
+    steps: tuple
+    averaging: Averaging
+    bands: tuple
+    terrain: Terrain
+    time_step: float | None
+    peaks: SolverPeaks | None = None
+    bed_change: dict = field(default_factory=dict)  # of the last frame
 
-def needed_products(products: tuple) -> tuple[str, ...]:
-    """Return products with those that maxima and deposit are made of, in the order of the table.
-
-    Parameters
-    ----------
-    products : tuple of str
-    """
-    return tuple(name for name in PRODUCTS if name in (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS))
-
-
-def _extent(request):
-    return request.sampling.extent or ("dtm" if request.sampling.cell_size is None else "flow")
-
-
-def _survey(request, entries, bed, density, axes, pool):
-    """FrameFacts of every frame if cell size or standoff is automatic; else []."""
-    if AUTO not in (request.sampling.cell_size, request.averaging.standoff):
-        return []
-    return list(pool.map(_survey_entry, entries, bed, density, axes))
-
-
-def _survey_entry(entry, bed, density, axes):
-    return survey_frame(entry.read(density), bed, density, axes)
-
-
-def _reached_by_entry(entry, bed, axes):
-    return reached(entry.read_positions(), bed, axes)
-
-
-def _fastest_entry(entry, bed, grid, density):
-    return fastest_mean(entry.read(density), bed, grid, density)
-
-
-def _bounds(request, entries, facts, bed, axes, terrain, pool):
-    """Bounds of the flow in all frames, along `axes` [m]; None for the whole DTM."""
-    whole = _extent(request) == "dtm"
-    if whole and not facts:
-        return None
-    found = [fact.bounds for fact in facts] or list(pool.map(_reached_by_entry, entries, bed, axes))
-    for entry, bounds in zip(entries, found, strict=True):
-        if bounds is None:
-            refuse_nowhere(entry, terrain)
-    return None if whole else _around(found)
-
-
-def _around(found):
-    """The union of several bounds."""
-    bounds = np.array(found)
-    return (*bounds[:, :2].min(axis=0).tolist(), *bounds[:, 2:].max(axis=0).tolist())
-
-
-def _with_peaks(bounds, reached, axes):
-    """The union of `bounds` and the area reached between frames, (west, south, east, north) [m] or None."""
-    if reached is None:
-        return bounds
-    west, south, east, north = reached
-    row, column = axes.rowcol(np.array([west, east]), np.array([north, south]))
-    return _around([bounds, (column[0] + 0.5, row[0] + 0.5, column[1] + 0.5, row[1] + 0.5)])
-
-
-def _cell_size(request, facts, terrain):
-    if request.sampling.cell_size != AUTO:
-        return request.sampling.cell_size
-    points = [fact for fact in facts if fact.column_side == 0]  # in a run of columns and points, points are finer
-    cell_size, why = automatic_cell_size(points or facts, terrain.grid.cell_size)
-    log.info(f"`cell_size=auto`: {cell_size:.4g} m; {why}")
-    return cell_size
-
-
-def _time_step(request, entries, bed, grid, density, pool):
-    if request.sampling.time_step != AUTO:
-        return request.sampling.time_step
-    fastest = max(pool.map(_fastest_entry, entries, bed, grid, density))
-    time_step = automatic_time_step(grid.cell_size, fastest)
-    log.info(
-        f"`time_step=auto`: {time_step:.4g} s (Eq 17: cells of {grid.cell_size:.4g} m, mean speed up to "
-        f"{fastest:.4g} m/s)"
-    )
-    return time_step
+    @property
+    def frames_text(self) -> str:
+        """Number and names of the frames."""
+        return f"{len(self.entries)}, {self.entries[0].path.name} to {self.entries[-1].path.name}"

@@ -25,7 +25,7 @@ from ..qgis.outlines import StepSpool
 from ..qgis.stac import require_stac, write_stac_item
 from .export_inputs import output_folder, release_outlines
 from .export_messages import log_export
-from .export_plan import make_plan
+from .export_planning import make_plan
 from .export_request import ExportFiles, ExportRequest
 from .step_rasters import frame_maxima, write_rasters
 

@@ -22,16 +22,16 @@ from ...system.whole_files import whole_file
 from ...terrain.raster_output import write_rows
 from ..averaging.band_products import PRODUCTS, RUNNING, choose_products
 from ..averaging.bed_change import eroded_depth
+from ..averaging.export_resolution import export_grid, require_cells_within
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, SolverPeaks
 from ..averaging.placement import Bed
-from ..averaging.sampling import export_grid, require_cells_within
 from ..qgis.raster_styles import raster_styles
 from .bed_rasters import write_bed_rasters
 from .export_messages import log_export
-from .export_plan import needed_products
+from .export_plan import Plan
+from .export_planning import needed_products
 from .export_request import CellSampling, ExportRequest
-from .planned_export import Plan
 from .step_rasters import (
     Tally,
     absorb_peaks,

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from ..averaging.frame_values import Averaging, FrameValues
     from ..averaging.maxima import SolverPeaks
     from ..qgis.outlines import StepSpool
+    from .export_plan import Plan
     from .export_request import ExportRequest
-    from .planned_export import Plan
 
 DEPOSIT_BANDS = ("h", "t", "t_vol")
 ARROW_BANDS = ("Ut_E", "Ut_N")  # components of the arrows of the mesh

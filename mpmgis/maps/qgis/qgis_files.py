@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from ...laws.quantities import NODATA
-from ...terrain.raster_metadata import band_metadata, dataset_metadata
+from ...terrain.raster_tags import band_metadata, dataset_metadata
 from .map_clock import Clock
 from .xml_markup import node, reference_text
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...compiled.jit import jit
 from .column_rows import AREA, GX, GY, MASS, U, V, X, Y
-from .spline_bed import weights
+from .spline_weights import weights
 
 
 @jit

@@ -10,7 +10,8 @@ from .column_clock import ALIVE, WORK_TOTAL
 from .column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
 from .column_records import NodeFields, Settings
 from .column_rows import AREA, GX, GY, MASS, U, V, X, Y
-from .spline_bed import bed_at, weights
+from .spline_bed import bed_at
+from .spline_weights import weights
 
 MOST_SHARE = 0.999  # [1] of a column's mass: where more would stop in a step, all of it does
 LEAST_THICKNESS = 1e-3  # [1] of the least thickness for friction: thinner columns in forest stop as a whole

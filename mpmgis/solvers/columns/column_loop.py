@@ -24,7 +24,7 @@ from ...compiled.block_order import (
     split_evenly,
 )
 from ...compiled.jit import jit
-from ...laws.slots import ColumnEffects
+from ...laws.effect_slots import ColumnEffects
 from .column_areas import grid_areas, settle_areas
 from .column_barriers import BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
 from .column_blocks import (

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.jit import jit
-from ...compiled.lanes import get, get_of_four, put
+from ...compiled.simd_lanes import get, get_of_four, put
 from .column_records import Settings
 from .column_report import (
     AREA_FACTOR_MAX,
@@ -77,7 +77,8 @@ from .column_rows import (
     Q_MOMENT_Y,
 )
 from .columns_to_grid import compiled_cosine_squared
-from .spline_bed import INDEX_MASK, bed_at
+from .spline_bed import bed_at
+from .spline_weights import INDEX_MASK
 
 BOUND_SLACK = 1.05  # [1] factor on the largest |U|^2 that energy allows: 5 % to spare
 WILD_FACTOR2 = 4.0  # [1] of that bound: more than twice the speed is an error of the state

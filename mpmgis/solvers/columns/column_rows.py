@@ -3,8 +3,8 @@
 import numpy as np
 
 from ...compiled.jit import jit
-from ...compiled.lanes import load, prefetch, store, transposed
-from .spline_bed import INDEX_MASK
+from ...compiled.simd_lanes import load, prefetch, store, transposed
+from .spline_weights import INDEX_MASK
 
 # numbers of a column's row
 (

@@ -24,7 +24,7 @@ from .node_grid import ColumnGrid
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
-    from ...laws.slots import ColumnEffects
+    from ...laws.effect_slots import ColumnEffects
     from ...terrain.elevation import Terrain
     from .node_grid import CellWindow
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from ...compiled.lanes import get, load, multiply_add, put, put_four, store
+from ...compiled.simd_lanes import get, load, multiply_add, put, put_four, store
 from ...laws.ground_metric import cosine_squared
 from .column_blocks import BLOCK, TILE, BlockWindow, SortedColumns, TouchedBlocks, first_node
 from .column_records import NodeFields, Settings
@@ -41,7 +41,8 @@ from .column_rows import (
     QUADS,
     take_rows,
 )
-from .spline_bed import bed_at, weights
+from .spline_bed import bed_at
+from .spline_weights import weights
 
 STABLE_SHARE = 0.125  # [1] largest apparent viscosity over rho dx^2 / dt: explicit diffusion is stable up to 0.5
 REST_SPEED2 = 1e-12  # [m2 s-2] below which a flow has no direction

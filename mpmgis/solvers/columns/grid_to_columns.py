@@ -8,7 +8,7 @@ import numpy as np
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from ...compiled.lanes import get, lanes, load, multiply_add, put, store, transposed
+from ...compiled.simd_lanes import get, lanes, load, multiply_add, put, store, transposed
 from .column_blocks import SortedColumns, block_key
 from .column_motion import (
     MotionLaws,
@@ -73,7 +73,7 @@ from .column_rows import (
     ROW,
     take_rows,
 )
-from .spline_bed import INDEX_MASK, weights
+from .spline_weights import INDEX_MASK, weights
 
 
 class Batch(NamedTuple):

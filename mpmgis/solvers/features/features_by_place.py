@@ -19,8 +19,8 @@ from .area_values import spread
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
-    from ...laws.slots import ColumnEffects, PointEffects
-    from ...scene.decisions import Decision
+    from ...laws.effect_slots import ColumnEffects, PointEffects
+    from ...scene.decision_rules import Decision
     from ...scene.scene import Scene
     from ...terrain.elevation import Terrain
     from ...terrain.flow_reach import Reach

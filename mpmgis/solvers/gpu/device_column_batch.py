@@ -1,6 +1,6 @@
 """A batch of one column: how a thread of the device runs the batch loops of the kernels of columns.
 
-On the processor a transfer works on lines of BATCH columns, which are vectorised (`lanes`). A thread moves one
+On the processor a transfer works on lines of BATCH columns, which are vectorised (`simd_lanes`). A thread moves one
 column at a time: here every line has one entry, and four numbers of a node are a tuple. The functions of the kernels
 are compiled with these in place of their own, from one source. Indices of nodes are unsigned: numba tests a signed one
 for counting from the end.

@@ -14,7 +14,7 @@ from ..columns.column_detrainment import kept_mass, nodes_around, stopping_share
 from ..columns.column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
 from ..columns.column_records import NodeFields, Settings
 from ..columns.column_rows import AREA, MASS, X, Y
-from ..columns.spline_bed import weights
+from ..columns.spline_weights import weights
 from .device_column_sort import STOPPING, node_at, nodes_of
 from .device_column_transfer import TILE_NODES, tile_sum
 from .device_functions import Kernel, Part

@@ -20,7 +20,7 @@ import numpy as np
 from numba import cuda
 
 from ...compiled.block_order import CHUNKS
-from ...laws.slots import ColumnEffects
+from ...laws.effect_slots import ColumnEffects
 from ..columns import column_clock as entry
 from ..columns.column_motion import MotionLaws
 from ..columns.column_nodes import NodeLaws

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...laws.slots import ColumnEffects
+from ...laws.effect_slots import ColumnEffects
 from ..columns.column_solver import ColumnNumerics, ColumnSolver
 from .available import require_device
 from .device_arrays import OnDevice

@@ -14,7 +14,7 @@ import numpy as np
 from numba import cuda, types
 from numba.core import config
 
-from ...compiled import single_constants
+from ...compiled import float32_constants
 
 SIMULATED = bool(config.ENABLE_CUDASIM)
 if SIMULATED:
@@ -171,10 +171,10 @@ def _of_precision(function, precision, double):
     names, known = {}, function.__globals__ | _stand_ins.get(function.__module__, {})
     if precision is np.float32 and not double:
         known = known | {"float": precision}
-    for name in single_constants.global_names(function.__code__):
+    for name in float32_constants.global_names(function.__code__):
         if name in known:
             names[name] = _on_device(known[name], precision, single, double)
-    code = single_constants.single_code(function.__code__, SMALL) if single else function.__code__
+    code = float32_constants.single_code(function.__code__, SMALL) if single else function.__code__
     return FunctionType(
         code, function.__globals__ | names, function.__name__, function.__defaults__, function.__closure__
     )
@@ -192,5 +192,5 @@ def _on_device(value, precision, single, double):
     if isinstance(plain, FunctionType) and (plain is not value or plain.__module__.startswith(KERNELS)):
         return _device_function(plain, precision, double)
     if single and not isinstance(value, (ModuleType, type)):
-        return single_constants.single(value, SMALL)
+        return float32_constants.single(value, SMALL)
     return value

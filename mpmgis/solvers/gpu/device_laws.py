@@ -9,7 +9,7 @@ from collections.abc import Callable
 from numba import config, types
 
 from ...compiled import law_methods
-from ...compiled.single_constants import of_precision
+from ...compiled.float32_constants import of_precision
 from ..points import point_rows
 
 FUNCTIONS = (*law_methods.INLINED_FUNCTIONS, *law_methods.FUNCTIONS, point_rows.stencil)

@@ -19,7 +19,7 @@ from numba import cuda
 
 from ...compiled.block_order import LEFT_MASS
 from ...laws.barrier import NoBarrier
-from ...laws.slots import PointEffects
+from ...laws.effect_slots import PointEffects
 from ...system.errors import SceneError
 from ..points import point_clock as entry
 from ..points.bed_drag import BLOCK_COLUMNS, COLUMN_MASSES

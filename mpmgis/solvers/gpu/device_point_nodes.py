@@ -10,9 +10,9 @@ import numpy as np
 from numba import cuda, int32
 
 from ..points.bed_drag import COLUMN_MASSES, TOUCHING, WHOLE, column_contact
+from ..points.ground_contact import press_column
 from ..points.point_barriers import BARRIER
 from ..points.point_clock import STEP
-from ..points.point_contact import press_column
 from ..points.point_ground import Ground
 from ..points.point_layers import couple_column
 from ..points.point_nodes import (
@@ -307,7 +307,7 @@ def press_on_ground(
     settings: Settings,
     laws: ContactLaws,
 ) -> None:
-    """Apply the contact with smooth ground, one multiplier for each node column (see `point_contact`).
+    """Apply the contact with smooth ground, one multiplier for each node column (see `ground_contact`).
 
     Parameters
     ----------

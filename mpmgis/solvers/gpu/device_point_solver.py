@@ -16,7 +16,7 @@ from .device_arrays import OnDevice
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
-    from ...laws.slots import PointEffects
+    from ...laws.effect_slots import PointEffects
     from ...terrain.elevation import Terrain
     from ..features.walls import Wall
     from ..points.point_numerics import PointNumerics

@@ -12,7 +12,7 @@ from math import sqrt
 import numpy as np
 
 from ...compiled.jit import kernel_part
-from ...compiled.lanes import get, lane, lanes, load, multiply_add, multiply_lanes
+from ...compiled.simd_lanes import get, lane, lanes, load, multiply_add, multiply_lanes
 from . import point_batch as line
 from . import point_report as entry
 from .point_batch import BATCH

@@ -11,7 +11,7 @@ import numpy as np
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_parallel, kernel_part, prange
-from ...compiled.lanes import get, lanes, load, multiply_add, put, store, transposed
+from ...compiled.simd_lanes import get, lanes, load, multiply_add, put, store, transposed
 from ...laws.material import FAR as FAR_CODE
 from ...laws.material import NO_TENSION as TIP_CODE
 from . import point_batch as line

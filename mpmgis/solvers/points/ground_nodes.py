@@ -8,9 +8,9 @@ from scipy import ndimage
 from ..columns.node_grid import bed_at_nodes
 from .barrier_faces import edge_height
 from .face_arrays import face_arrays
+from .ground_contact import LAYER, MOST_YIELD, YIELD, YIELD_STEP
 from .ground_folds import padded
 from .point_barriers import ROWED
-from .point_contact import LAYER, MOST_YIELD, YIELD, YIELD_STEP
 from .point_faces import (
     FACE_EAST,
     FACE_FIRST,

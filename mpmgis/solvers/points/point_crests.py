@@ -18,8 +18,7 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .contact_shares import foot_of, share_at
-from .point_barriers import ARM_X, BARRIER, DEPTH, EDGE, HELD, WALL_MU, WALL_X, WALL_Y, book_impulse
-from .point_contact import (
+from .ground_contact import (
     LEAST_SHARE,
     NO_MASS,
     at_foot,
@@ -30,6 +29,7 @@ from .point_contact import (
     node_of,
     push_node,
 )
+from .point_barriers import ARM_X, BARRIER, DEPTH, EDGE, HELD, WALL_MU, WALL_X, WALL_Y, book_impulse
 from .point_nodes import BARRIER_WORK
 from .point_records import NodeColumn, NodeReports
 from .point_rows import BLOCK, GHOSTS, NODE_X, NODE_Y, NODE_Z, BlockWindow, NodeBlocks, Settings

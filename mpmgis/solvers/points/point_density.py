@@ -21,8 +21,8 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .contact_shares import mass_share, mass_share_on_slope
+from .ground_contact import YIELD, YIELD_STEP
 from .point_barriers import FILLED, FILLED_TOP, SHARE
-from .point_contact import YIELD, YIELD_STEP
 from .point_ground import GROUND_HEIGHT, GROUND_SLOPE_X, GROUND_SLOPE_Y, Ground, fold_at
 from .point_nodes import CORRECTED, CORRECTED_ENERGY
 from .point_rows import (

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...compiled.block_order import GONE
 from ...compiled.jit import jit_borrowing, kernel_part
-from ...compiled.lanes import get, put
+from ...compiled.simd_lanes import get, put
 from . import point_batch as line
 from . import point_report as entry
 from .point_batch import BATCH

@@ -9,9 +9,7 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, row_shares, share_at, spline_at
-from .point_barriers import ROWED, ROWED_TOO, book_impulse
-from .point_blocks import key_column, key_level, key_row, packed
-from .point_contact import (
+from .ground_contact import (
     LAYER,
     LEAST_SHARE,
     MOST_YIELD,
@@ -24,6 +22,8 @@ from .point_contact import (
     weighed_yield,
     yielding_impulse,
 )
+from .point_barriers import ROWED, ROWED_TOO, book_impulse
+from .point_blocks import key_column, key_level, key_row, packed
 from .point_edges import INSIDE, widen_window
 from .point_ground import plane_at
 from .point_nodes import (

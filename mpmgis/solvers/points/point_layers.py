@@ -17,8 +17,8 @@ from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from ...laws.flow_layers import turbulent_link
 from .bed_drag import bed_under
 from .contact_shares import foot_of, spline_at
+from .ground_contact import LEAST_SHARE, is_column_of_block
 from .point_barriers import BARRIER, EDGE, HELD
-from .point_contact import LEAST_SHARE, is_column_of_block
 from .point_ground import fold_at, plane_at
 from .point_nodes import GROUND_WORK, GROUND_X, GROUND_Y, GROUND_Z, LAYER_WORK
 from .point_records import ContactLaws, Site

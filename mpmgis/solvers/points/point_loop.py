@@ -1,7 +1,7 @@
 """Time loop of the 3D MPM.
 
 Points are rows of numbers in blocks of 4 x 4 x 4 nodes (`point_blocks`). A step sums them to the nodes
-(`points_to_grid`), updates the nodes (`point_nodes`, `point_layers`, `point_contact`) and moves the points
+(`points_to_grid`), updates the nodes (`point_nodes`, `point_layers`, `ground_contact`) and moves the points
 (`grid_to_points`). A point carries its momentum and its contribution to the nodes of the next step: its affine momentum
 less the impulse of its stress. The time step is therefore chosen before the points move, from the velocities of the
 nodes, which no point exceeds.
@@ -22,9 +22,10 @@ from ...compiled.block_order import (
     split_evenly,
 )
 from ...compiled.jit import for_law, jit
-from ...laws.slots import PointEffects
+from ...laws.effect_slots import PointEffects
 from .bed_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .grid_to_points import grid_to_points
+from .ground_contact import press_on_ground
 from .point_barriers import BLOCK_FLOW, COLUMN_FLOW, POINT_BARRIER_SUMS, SHARE, collect_point_barriers, weigh_flow
 from .point_blocks import (
     EAST,
@@ -64,7 +65,6 @@ from .point_clock import (
     note_fastest,
     set_next_step,
 )
-from .point_contact import press_on_ground
 from .point_crests import press_on_crests
 from .point_density import EVERY, correct_density
 from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces

@@ -11,7 +11,7 @@ import numpy as np
 from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
-from ...compiled.lanes import load, multiply_add, store
+from ...compiled.simd_lanes import load, multiply_add, store
 from .bed_drag import bed_per_mass
 from .point_barriers import BARRIER, FILLED, ROWED, SHARE, at_barrier, passing_share
 from .point_ground import GROUND_HEIGHT, Ground, exact_at, fold_at, plane_at

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...frames.state_check import YIELD_STATE, StateCheck
-from .point_contact import MOST_YIELD
+from .ground_contact import MOST_YIELD
 from .point_rows import BLOCK, GHOSTS, MASS, X
 
 if TYPE_CHECKING:

@@ -19,13 +19,13 @@ from . import point_clock as entry
 from . import point_loop as kernel
 from . import point_rows as row
 from .face_arrays import NO_FACES
+from .ground_contact import YIELD, YIELD_ENTRIES, YIELD_STEP
 from .ground_folds import folded_ground, padded
 from .ground_nodes import barrier_nodes, ground_nodes, press_faces, press_ground
 from .point_balances import LEDGER, PointBalances
 from .point_barriers import POINT_BARRIER_SUMS
 from .point_blocks import EAST, lowest_blocks, set_places, window_of
 from .point_clock import set_next_step
-from .point_contact import YIELD, YIELD_ENTRIES, YIELD_STEP
 from .point_numerics import PRECISIONS, kernel_settings, mass_limits
 from .point_records import PointPlaces, PointState
 from .point_restart import require_point_state
@@ -34,7 +34,7 @@ from .point_sums import MOMENTUM_X, MOMENTUM_Z
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
-    from ...laws.slots import PointEffects
+    from ...laws.effect_slots import PointEffects
     from ...terrain.elevation import Terrain
     from ..features.walls import Wall
     from .point_numerics import PointNumerics

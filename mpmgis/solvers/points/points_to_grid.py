@@ -8,7 +8,7 @@ import numpy as np
 
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_parallel, kernel_part, law_function, prange
-from ...compiled.lanes import get, load, multiply_add, store, without_last
+from ...compiled.simd_lanes import get, load, multiply_add, store, without_last
 from . import point_batch as line
 from .point_batch import BATCH, INTEGERS, LINES
 from .point_rows import AXX, AXY, AXZ, INDEX_MASK, PX, TILE_LAYER, TILE_ROW, SortedPoints, take_places, weigh

@@ -7,11 +7,11 @@ from numba import types
 from mpmgis.laws import friction as laws
 from mpmgis.laws.barrier import Barrier
 from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.entrainment import ErosionEnergy
 from mpmgis.laws.forest import Forest
 from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
-from mpmgis.laws.slots import ColumnEffects
 from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_motion import MotionLaws
 from mpmgis.solvers.columns.column_nodes import NodeLaws

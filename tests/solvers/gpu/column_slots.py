@@ -12,11 +12,11 @@ from column_scenes import columns_of, terrain_of
 from mpmgis.laws import friction as laws
 from mpmgis.laws.barrier import Barrier
 from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
 from mpmgis.laws.forest import FOREST_ENTRIES, Forest
 from mpmgis.laws.ground_metric import WaterMetric
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
-from mpmgis.laws.slots import ColumnEffects
 from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_rows import CXX
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver

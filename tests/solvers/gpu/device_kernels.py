@@ -7,11 +7,11 @@ import numba
 import numpy as np
 from numba import types
 
+from mpmgis.laws.affine_transfer import WholeGradient
 from mpmgis.laws.barrier import Barrier, NoBarrier
-from mpmgis.laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.friction import FrictionZones, NoZones
-from mpmgis.laws.gradient_transfer import WholeGradient
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 from mpmgis.laws.softening import NoSoftening, softening
 from mpmgis.solvers.gpu import (

@@ -18,9 +18,9 @@ sys.path[:0] = [str(HERE.parents[2]), str(HERE.parents[1] / "bench")]
 from gpu import slab  # noqa: E402
 
 from mpmgis.laws.barrier import Barrier  # noqa: E402
-from mpmgis.laws.bed_contact import CoulombContact  # noqa: E402
+from mpmgis.laws.contact_friction import CoulombContact  # noqa: E402
+from mpmgis.laws.effect_slots import PointEffects  # noqa: E402
 from mpmgis.laws.material import drucker_prager  # noqa: E402
-from mpmgis.laws.slots import PointEffects  # noqa: E402
 from mpmgis.solvers.features.walls import Wall  # noqa: E402
 from mpmgis.solvers.gpu.device_point_solver import DevicePointSolver  # noqa: E402
 from mpmgis.solvers.points.point_numerics import PointNumerics  # noqa: E402

@@ -15,8 +15,8 @@ from numba import types
 
 from mpmgis import laws as package
 from mpmgis.compiled.law_methods import INLINED_METHODS, METHODS
-from mpmgis.laws.bed_contact import CoulombContact
-from mpmgis.laws.slots import ColumnEffects, PointEffects
+from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
 from mpmgis.laws.softening import NoSoftening
 
 PRECISIONS = {"float64": np.float64, "float32": np.float32}

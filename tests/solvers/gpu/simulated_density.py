@@ -29,14 +29,14 @@ from simulated_points import (
     terrain_of,
 )
 
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.solvers.features.walls import Wall
 from mpmgis.solvers.gpu import device_functions
 from mpmgis.solvers.points import point_clock as entry
 from mpmgis.solvers.points import point_rows as row
+from mpmgis.solvers.points.ground_contact import YIELD
 from mpmgis.solvers.points.point_barriers import FILLED, FILLED_TOP, SHARE
-from mpmgis.solvers.points.point_contact import YIELD
 from mpmgis.solvers.points.point_density import EVERY
 
 WATER, LINEAR = Fluid(6.7e6, 50.0, 1.0), Fluid(6.7e6, 50.0, 0.0)

@@ -16,7 +16,7 @@ from launch_order import shuffled
 from point_scenes import block_of, plane, points_on
 
 from mpmgis.compiled.block_order import GONE
-from mpmgis.laws.bed_contact import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.friction import FrictionZones
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
@@ -26,8 +26,8 @@ from mpmgis.solvers.gpu.launch import Launch
 from mpmgis.solvers.points import point_clock as entry
 from mpmgis.solvers.points import point_rows as row
 from mpmgis.solvers.points import point_solver
+from mpmgis.solvers.points.ground_contact import YIELD, YIELD_STEP
 from mpmgis.solvers.points.point_barriers import POINT_BARRIER_SUMS
-from mpmgis.solvers.points.point_contact import YIELD, YIELD_STEP
 from mpmgis.solvers.points.point_faces import FACE_BARRIER
 from mpmgis.system.errors import SceneError
 

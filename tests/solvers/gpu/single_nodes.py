@@ -9,14 +9,14 @@ from types import FunctionType
 import numba
 import numpy as np
 
+from mpmgis.compiled.float32_constants import global_names, single, single_code
 from mpmgis.compiled.jit import FASTMATH, for_law
-from mpmgis.compiled.single_constants import global_names, single, single_code
 from mpmgis.solvers.gpu.device_functions import SMALL
 from mpmgis.solvers.points import (
     bed_drag,
     contact_shares,
+    ground_contact,
     point_barriers,
-    point_contact,
     point_crests,
     point_density,
     point_faces,
@@ -33,7 +33,7 @@ PHASES = {  # of `point_loop.advance`, by their names there
     "move_nodes": point_nodes.move_nodes,
     "weigh_contact": bed_drag.weigh_contact,
     "_couple_layers": point_layers.couple_layers,
-    "press_on_ground": point_contact.press_on_ground,
+    "press_on_ground": ground_contact.press_on_ground,
     "_press_on_faces": point_faces.press_on_faces,
     "_press_on_crests": point_crests.press_on_crests,
     "hold_nodes": point_nodes.hold_nodes,

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from law_kernels import compiler_lack
 
-from mpmgis.compiled.single_constants import single_code
+from mpmgis.compiled.float32_constants import single_code
 
 pytestmark = pytest.mark.skipif(bool(compiler_lack()), reason=compiler_lack())
-NEEDLESS = "numba-cuda no longer needs this: compile for the device without mpmgis/compiled/single_constants.py"
+NEEDLESS = "numba-cuda no longer needs this: compile for the device without mpmgis/compiled/float32_constants.py"
 
 
 def halved(x):

@@ -12,7 +12,7 @@ import test_point_layers as layers
 from column_scenes import terrain_of
 from single_nodes import SingleNodes
 
-from mpmgis.laws.bed_contact import CoulombContact
+from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.fluid import Fluid
 from mpmgis.laws.material import Elastic
 from mpmgis.solvers.features.walls import Wall

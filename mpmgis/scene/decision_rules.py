@@ -12,7 +12,7 @@ slots : dict of str to law
 It returns what `by_number` (auto compares an indicator with a threshold), `as_asked` (no number decides) or
 `not_called_for` (not used in the scene) returns. To add one: write it beside its kind (`scene/resistance_effects`,
 `scene/terrain_effects`, `scene/point_effects`), give `TerrainFacts` its number with None as default, compute it in
-`simulation/preparation`, and name the decider in `decided_effects.DECIDERS`.
+`simulation/preparation`, and name the decider in `effect_decisions.DECIDERS`.
 """
 
 from typing import Any, NamedTuple

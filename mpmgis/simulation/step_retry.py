@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..solvers.columns.column_solver import ColumnSolver
     from ..solvers.points.point_solver import PointSolver
     from .coupled_solver import CoupledSolver
-    from .events import Events
+    from .release_events import Events
     from .stage_end import StageEnd
     from .stepping import IntegratedColumns, IntegratedCoupled, IntegratedPoints
 

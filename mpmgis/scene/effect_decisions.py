@@ -1,7 +1,7 @@
 """Decisions on all effects of a scene, in the order of the report."""
 
-from ..laws.slots import ColumnEffects, PointEffects
-from .decisions import Decision, TerrainFacts
+from ..laws.effect_slots import ColumnEffects, PointEffects
+from .decision_rules import Decision, TerrainFacts
 from .forest_effect import decide_forest
 from .point_effects import (
     decide_contact,

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..laws.friction import Frictionless
 from ..laws.quantities import GRAVITY
-from .decisions import TerrainFacts
+from .decision_rules import TerrainFacts
 
 MOST_SPANS = 4.0  # [lengths of the profile] that a point is followed on flat ground beyond its end
 PIECES = 400  # of the profile at the least

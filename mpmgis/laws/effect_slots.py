@@ -2,13 +2,13 @@
 
 from typing import Any, NamedTuple
 
+from .affine_transfer import WholeGradient
 from .barrier import NoBarrier
-from .bed_contact import CoulombContact
+from .contact_friction import CoulombContact
 from .curvature import NoCurvature
 from .entrainment import NoEntrainment
 from .forest import NoForest
 from .friction import Frictionless, NoCohesion, NoZones
-from .gradient_transfer import WholeGradient
 from .ground_metric import SlopeMetric
 from .internal_stress import NoEarthPressure, NoViscosity
 from .softening import NoSoftening

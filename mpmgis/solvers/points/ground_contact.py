@@ -484,7 +484,7 @@ def friction_impulse(
         Velocity that a unit impulse gives to the flow.
     nx, ny, nz : float
         Direction of the normal impulse.
-    law : contact law (`laws.bed_contact`)
+    law : contact law (`laws.contact_friction`)
     """
     if law.sticks():
         return -u / give - normal * nx, -v / give - normal * ny, -w / give - normal * nz
