@@ -17,6 +17,7 @@ from mpmgis.laws.entrainment import ErosionSpeed
 from mpmgis.laws.forest import FOREST_ENTRIES, Forest, NoForest
 from mpmgis.laws.friction import Voellmy
 from mpmgis.solvers.columns import column_clock, column_detrainment, column_forest
+from mpmgis.solvers.columns.column_blocks import TouchedBlocks
 from mpmgis.solvers.columns.feature_arrays import Places
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 
@@ -367,20 +368,11 @@ def _passes(solver, plain):
     fields, effects, settings_ = solver.fields, solver.effects, solver._settings
     nodes, counts = solver._nodes, solver._counts
     west, south, east, north = (int(counts[k]) for k in range(column_clock.WEST, column_clock.NORTH + 1))
-    width = east - west + 1
-    touched = np.arange((width + 1) * (north - south + 2), dtype=np.int32)
-    window = west, south, width
+    width, height = east - west + 1, north - south + 1
+    places = np.arange((width + 1) * (height + 1), dtype=np.int32)
+    touched = TouchedBlocks(places, len(places), west, south, width, height)
     function(column_forest.find_shares)(
-        nodes,
-        fields,
-        touched,
-        len(touched),
-        window,
-        0.1,
-        settings_,
-        effects.forest,
-        effects.metric,
-        effects.entrainment,
+        nodes, fields, touched, 0.1, settings_, effects.forest, effects.metric, effects.entrainment
     )
     shares = fields.forest_share.copy()
     n = int(counts[column_clock.ROWS])
@@ -392,9 +384,7 @@ def _passes(solver, plain):
     momentum[..., 1:3] *= momentum[..., :1]
     momentum[..., 3] = 0.5 * momentum[..., 0] * 25.0
     fields.forest_state[..., column_forest.TREES] = 0.0
-    function(column_forest.break_forest)(
-        momentum, fields, touched, len(touched), window, report, settings_, effects.forest, effects.metric
-    )
+    function(column_forest.break_forest)(momentum, fields, touched, report, settings_, effects.forest, effects.metric)
     resistance = [
         function(column_forest.added_resistance)(fields.forest, fields.forest_state, j, i, 9.0)
         for j, i in np.ndindex(fields.forest_share.shape)
