@@ -1,4 +1,4 @@
-"""The grid on the device between the two transfers: sums, gravity, ground, walls, layers, peaks.
+"""Grid on the device between the two transfers: sums, gravity, ground, walls, layers, peaks.
 
 What happens to a node, a node column or a block of nodes is the code of the CPU's kernels, compiled for the device;
 this module has the loops over them. Each thread has a report of its own, that of `point_nodes`.

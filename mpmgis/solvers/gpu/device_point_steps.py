@@ -1,4 +1,4 @@
-"""What the kernels of common and of rare points share: numbers of a step, the ground in short, nodes around a point.
+"""Numbers of a step, the ground in short, nodes around a point: for kernels of common and of rare points.
 
 Indices of shared arrays are unsigned: numba tests a signed one for counting from the end.
 """
@@ -17,10 +17,10 @@ from ..points.point_rows import AXX, AXY, AXZ, BLOCK, GHOSTS, LAST_BASE, S0, S1,
 from .device_functions import Part, real
 
 # numbers of a step, in the precision of the points
-SHIFT = 0  # [cells s m-1] motion per velocity
-GRADIENT = 1  # [1] gradient of the displacement per first moment of the velocity
-TURN2 = 2  # [s-2] squared gradient of the velocity per squared moment
-PUSH = 3  # [m2 s-1 kg-1 ...] affine momentum per stress and mass
+SHIFT = 0  # [s m-1] motion in cells per velocity, dt / dx
+GRADIENT = 1  # [s m-1] strain of the step per first moment of the velocity, 4 dt / dx
+TURN2 = 2  # [m-2] squared gradient of the velocity per squared first moment, 16 / dx^2
+PUSH = 3  # [s m2 kg-1] affine momentum of the next step per stress and mass, 4 dt / (dx rho)
 STEP = 4  # [s] its length
 DENSE = 5  # [kg] mass of the nodes around a point below which `point_edges.limit_thin` may act
 STILL2 = 6  # [m2 s-2] squared affine velocity above which it may act
@@ -62,7 +62,7 @@ THIRD = 1.0 / 3.0
 
 
 class Domain(NamedTuple):
-    """Numbers of cells, and whether there are walls on the edges."""
+    """Numbers of cells of the domain, and whether there are walls on its edges."""
 
     cells_x: int
     cells_y: int

@@ -36,7 +36,7 @@ from .point_rows import (
     weigh,
 )
 
-STRAINED = 14  # lines written by a strain out of range: state and stress
+STRAINED = 14  # lines of state and stress that `_strain_far` writes
 THIRD = 1.0 / 3.0
 NO_WINDOW = 1 << 40  # western and southern block of a window of no points
 

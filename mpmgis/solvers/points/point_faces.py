@@ -538,8 +538,8 @@ def _press_face(f, reach, grid, window, site, faces, dt, settings, laws):
     face, own = faces.values[f], faces.lines[f]
     base, span, change = int(face[FACE_FIRST]), own[own.shape[0] - 1], 0.0
     for k in range(int(span[SPAN_FIRST]), min(int(span[SPAN_LAST]), reach) + 1):
-        line = own[COLUMNS + k - base]
-        if line[LINE_ON] > 0.0:
+        if own[COLUMNS + k - base, LINE_ON] > 0.0:
+            line = own[COLUMNS + k - base]  # here: fewer registers on devices
             change = max(change, _press_row(grid, window, face, k, line, dt, settings, laws.barrier))
     for n in range(COLUMNS):
         if own[n, LINE_ON] > 0.0:
@@ -585,8 +585,9 @@ def settle_face(
         top = max(top, top_of(values[g], settings.dx))
         reach, g = top, int(values[g, FACE_NEXT]) - 1
     for sweep in range(SWEEPS):
-        change, g, up_to = 0.0, f, top if sweep == 0 else reach
+        change, g = 0.0, f
         while g >= 0:
+            up_to = top if sweep == 0 else reach  # here: fewer registers on devices
             change = max(change, _press_face(g, up_to, grid, window, site, faces, dt, settings, laws))
             g = int(values[g, FACE_NEXT]) - 1
         largest = max(largest, change)

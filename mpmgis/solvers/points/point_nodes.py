@@ -1,4 +1,4 @@
-"""The grid of the 3D MPM between the two transfers: momentum to velocity, gravity, ground, walls.
+"""Grid of the 3D MPM between the two transfers: momentum to velocity, gravity, ground, walls.
 
 Each chunk of a loop over touched blocks has a report of its own, NODE_REPORT numbers.
 """
