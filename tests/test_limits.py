@@ -92,7 +92,7 @@ PAIRS = (
         "studies.calibration_result.FITS",
     ),
     ("effective draws of the posterior", "studies.calibration_result.SMALL_SAMPLE"),
-    ("runs that finished in all events", "studies.emulator.FEWEST"),
+    ("runs that finished in all events", "studies.gaussian_process.FEWEST"),
     ("release of the scene outside a mapped outline", "studies.event_comparison.RELEASE_MISSED"),
     ("area of a mapped outline without ground in the DTM", "studies.event_comparison.OUTSIDE_DTM"),
 )

@@ -16,7 +16,7 @@ import numpy as np
 from ..frames.particles import Frame
 from ..laws.quantities import BAND, GRAVITY
 from ..maps.averaging.band_products import impact_pressure, normal_velocity, parallel_speed, volume_thickness
-from ..maps.averaging.cells import bin_frame, grid_spacing, lower_percentile
+from ..maps.averaging.cell_averages import bin_frame, grid_spacing, lower_percentile
 from ..maps.averaging.height_layers import point_extents
 from ..maps.averaging.placement import Bed, Placed, place
 from ..terrain.elevation import Terrain

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..frames.particles import Frame
 from ..maps.averaging.binning import MASS
-from ..maps.averaging.cells import bin_frame
+from ..maps.averaging.cell_averages import bin_frame
 from ..maps.averaging.frame_values import Averaging
 from ..maps.averaging.placement import place
 from ..terrain.elevation import Terrain

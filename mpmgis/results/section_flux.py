@@ -14,7 +14,7 @@ import numpy as np
 
 from ..frames.particles import Frame
 from ..maps.averaging.binning import MASS, MOMENTUM, VOLUME
-from ..maps.averaging.cells import bin_frame
+from ..maps.averaging.cell_averages import bin_frame
 from ..maps.averaging.frame_values import Averaging, cells_of, pick
 from ..maps.averaging.placement import place
 

@@ -3,8 +3,8 @@
 from ..laws import forest
 from ..system.errors import SceneError
 from .decision_rules import Decision, Slots, TerrainFacts, as_asked, not_called_for
+from .key_checks import is_number
 from .scene import Scene
-from .table_values import is_number
 
 LIMITS = ("detrainment_speed", "detrainment_thickness")
 DOES = ("detrainment", "drag", "friction")  # keys of [[forest]] of which one at least acts

@@ -5,10 +5,10 @@ from dataclasses import fields
 from ..laws import friction
 from ..system.errors import SceneError
 from .forest_effect import check_forest
+from .key_checks import checked_value, is_finite, is_number, listed, meant, range_of, refuse_both, shown
 from .scene import Scene
 from .solver_checks import check_points
 from .stage_checks import check_stages
-from .table_values import checked_value, is_finite, is_number, listed, meant, range_of, refuse_both, shown
 from .tables import FASTEST, ReleaseTable
 
 MOST_FRAMES = 1e6  # of a run; more is a typing error

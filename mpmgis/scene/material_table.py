@@ -4,7 +4,7 @@ from math import radians, tan
 from typing import TYPE_CHECKING, Any
 
 from ..laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from ..laws.fluid import Fluid
+from ..laws.fluid_material import Fluid
 from ..laws.friction import LAWS as FRICTION_LAWS
 from ..laws.friction import Parameter
 from ..laws.material import CohesiveMuI, DruckerPrager, Elastic, MuI, cohesive_mu_i, drucker_prager

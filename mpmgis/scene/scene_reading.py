@@ -11,9 +11,9 @@ from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, OwnLaws
 from ..system.errors import SceneError, one_line
 from .joint_checks import check_together
+from .key_checks import listed, made_table, meant, shown
 from .scene import Scene, friction_laws
 from .solver_checks import check_solver
-from .table_values import listed, made_table, meant, shown
 from .tables import LISTED, TABLES, StageTable
 
 MOST_DOTS = 100  # in a key; those of a scene have one

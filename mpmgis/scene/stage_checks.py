@@ -4,8 +4,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from ..system.errors import SceneError
+from .key_checks import is_finite, shown
 from .scene import Scene
-from .table_values import is_finite, shown
 from .tables import CLIFF, WALLS, StageTable
 
 UNTIL = ("time", "reach", "calm")

@@ -18,7 +18,7 @@ from . import raster_values
 from .column_sources import column_sources
 from .part_scene import PartScene
 from .release_bed import bed_under, extended_elevation, steepness
-from .release_thickness import PartVolume, part_volume
+from .release_volume import PartVolume, part_volume
 from .seeding_options import SeedOptions
 
 THINNEST = 1e-9  # [m] mean thickness of a release; no unit of length makes a flow of less

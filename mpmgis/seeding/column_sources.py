@@ -11,7 +11,7 @@ from .equal_mass_columns import EqualMassColumns
 from .halton_columns import HaltonColumns
 from .lattice_columns import LatticeColumns, Tiling, tiling_rows
 from .part_scene import PartScene
-from .release_thickness import PartVolume, integral
+from .release_volume import PartVolume, integral
 from .seeding_options import SeedOptions
 
 _BLOCK = 4  # sub-squares along a cell's side where spacing or count set the lattice: 4 x 4 to a cell

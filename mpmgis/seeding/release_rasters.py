@@ -20,7 +20,7 @@ from ..terrain.grid import Grid
 from ..terrain.raster_input import read_raster
 from ..terrain.release_parts import ReleasePart, ThicknessRaster, polygons_only
 from ..terrain.spatial_inputs import require_lies_on, transformer_to
-from ..terrain.terrain_warp import reprojected_raster
+from ..terrain.terrain_reprojection import reprojected_raster
 
 # values above the first and closer to the terrain than the second are elevations, given by mistake
 _ELEVATION = 10.0  # [m]

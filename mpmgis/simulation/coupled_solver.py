@@ -11,7 +11,7 @@ import numpy as np
 from ..frames.particle_store import Flow
 from ..frames.particles import Particles
 from ..frames.peaks import combined_peaks
-from ..solvers.columns import column_clock
+from ..solvers.columns import column_time_step
 from ..solvers.points import point_loop as point_kernel
 from ..system.errors import FormatError
 
@@ -196,10 +196,10 @@ class CoupledSolver:
     def _integrate_columns(self, target):
         solver = self.columns_solver
         code = solver.advance(target, may_stop=False)
-        if code == column_clock.ALL_LEFT:
+        if code == column_time_step.ALL_LEFT:
             solver.wait(target)
             return REACHED_TIME
-        return code if code == column_clock.REACHED_TIME else OF_COLUMNS + code
+        return code if code == column_time_step.REACHED_TIME else OF_COLUMNS + code
 
     def _exchange(self):
         """Convert columns that entered the window to points."""

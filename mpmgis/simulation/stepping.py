@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..frames.particle_store import GAIN_STOP
-from ..solvers.columns import column_clock
+from ..solvers.columns import column_time_step
 from ..solvers.points import point_loop as point_kernel
 from ..solvers.points.point_solver import PointSolver
 from .coupled_solver import OF_COLUMNS, CoupledSolver
@@ -26,13 +26,13 @@ FLOWING_SHARE = 0.05  # [1] of the mass that still flows, above which the reason
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
 NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
 COLUMN_REASONS = {
-    column_clock.REACHED_TIME: END_TIME,
-    column_clock.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
-    column_clock.STOPPED_ENERGY: NEARLY_AT_REST,
-    column_clock.STOPPED_FOOTPRINT: (
+    column_time_step.REACHED_TIME: END_TIME,
+    column_time_step.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
+    column_time_step.STOPPED_ENERGY: NEARLY_AT_REST,
+    column_time_step.STOPPED_FOOTPRINT: (
         "nearly at rest: the footprint grew by less than 0.1 % in 10 s, and under 5 % of the mass is faster than 1 m/s"
     ),
-    column_clock.ALL_LEFT: ALL_LEFT,
+    column_time_step.ALL_LEFT: ALL_LEFT,
 }
 POINT_REASONS = {point_kernel.REACHED_TIME: END_TIME, STOPPED_AT_REST: NEARLY_AT_REST, point_kernel.ALL_LEFT: ALL_LEFT}
 PACE_SECONDS = 2.0  # [s] wall time of a measurement of the pace
@@ -82,9 +82,9 @@ class IntegratedColumns:
     solver : ColumnSolver
     """
 
-    RUNNING, REACHED_TIME = column_clock.RUNNING, column_clock.REACHED_TIME
-    ALL_LEFT, TRIGGER_REACHED = column_clock.ALL_LEFT, column_clock.TRIGGER_REACHED
-    WATCHED_REACHED = column_clock.WATCHED_REACHED
+    RUNNING, REACHED_TIME = column_time_step.RUNNING, column_time_step.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = column_time_step.ALL_LEFT, column_time_step.TRIGGER_REACHED
+    WATCHED_REACHED = column_time_step.WATCHED_REACHED
     END_REASONS = COLUMN_REASONS
 
     def __init__(self, solver: "ColumnSolver") -> None:
@@ -141,10 +141,10 @@ class IntegratedColumns:
         code : int
             Reason of the kernel to stop.
         """
-        if code not in (column_clock.NOT_FINITE_STATE, column_clock.TOO_FAST):
+        if code not in (column_time_step.NOT_FINITE_STATE, column_time_step.TOO_FAST):
             return ""
         east, north, bad, ratio, share = self.solver.trouble()
-        if code == column_clock.NOT_FINITE_STATE:
+        if code == column_time_step.NOT_FINITE_STATE:
             what = f"{bad} columns have a position or area that is not finite; take a smaller cfl or larger cells"
         else:
             what = (
@@ -297,7 +297,7 @@ class IntegratedCoupled:
     """
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
-    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_clock.TRIGGER_REACHED
+    ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_time_step.TRIGGER_REACHED
     END_REASONS = POINT_REASONS
 
     def __init__(self, solver: CoupledSolver) -> None:

@@ -21,10 +21,10 @@ from .calibration_files import write_files
 from .calibration_posterior import posterior, self_test, shares_of_scores
 from .calibration_priors import priors
 from .calibration_result import Calibration
-from .emulator import FEWEST, Emulator
 from .ensemble_plan import PlannedRuns, read_plan
 from .ensemble_runs import EnsembleRequest, ensemble
 from .event_comparison import EventOnGrid
+from .gaussian_process import FEWEST, Emulator
 from .sampling_plan import JOINT
 
 TESTED = 40  # number of runs in the self-test

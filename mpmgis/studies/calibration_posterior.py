@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from .emulator import Emulator
+    from .gaussian_process import Emulator
 
 DRAWS = 4096  # in each round
 ROUNDS = 4  # after the first one, which draws from the prior

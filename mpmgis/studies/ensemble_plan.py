@@ -12,8 +12,8 @@ from .. import __version__
 from ..compiled.cache_folder import source_digest
 from ..compiled.jit import set_threads
 from ..maps.averaging.export_resolution import require_cells_within
+from ..scene.key_checks import meant
 from ..scene.scene_reading import read_toml
-from ..scene.table_values import meant
 from ..simulation.cost_prediction import predicted
 from ..simulation.numerical_parameters import COST_POWER
 from ..simulation.preparation import scene_to_prepare

@@ -14,7 +14,7 @@ from ..terrain.grid import Grid
 if TYPE_CHECKING:
     import pyproj
 
-    from ..maps.averaging.cells import Bed
+    from ..maps.averaging.cell_averages import Bed
 
 CELL_FACTORS = (1, 2, 4, 8)  # times the smallest cell size
 STEP_FACTORS = (1, 2, 4, 8)  # times the frame interval

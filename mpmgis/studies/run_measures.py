@@ -9,7 +9,7 @@ import numpy as np
 
 from ..frames.particles import Frame
 from ..maps.averaging import binning
-from ..maps.averaging.cells import bin_frame
+from ..maps.averaging.cell_averages import bin_frame
 from ..maps.averaging.placement import place
 
 if TYPE_CHECKING:

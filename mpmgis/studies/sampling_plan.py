@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..scene import scene_from_tables
-from ..scene.table_values import meant
+from ..scene.key_checks import meant
 from ..scene.tables import LISTED, TABLES
 from ..system.errors import InputError, SceneError
 from .varied_keys import Choice

@@ -16,7 +16,7 @@ from .georeference import LOCAL, horizontal, name_of, parse_crs, require_metric,
 from .grid import Grid
 from .nodata_fill import INTERPOLATE, filled
 from .raster_input import band_number, band_values, crs_of, file_sha256, open_raster, transform_of
-from .terrain_warp import METRES, UNIT_METRES, USUAL_NODATA, planned_reprojection, warped_values
+from .terrain_reprojection import METRES, UNIT_METRES, USUAL_NODATA, planned_reprojection, warped_values
 
 _BELOW_EARTH = -12000.0  # [m] no elevation on Earth is lower
 _ABOVE_EARTH = 9500.0  # [m] no elevation on Earth is higher
@@ -58,7 +58,7 @@ def read_terrain(
     fill_nodata : {"interpolate"}, optional
         Treatment of holes in the DTM (`nodata_fill`).
     to_crs : str, optional
-        ``auto`` or ``EPSG:n``: a DTM in another CRS is reprojected, heights in feet become metres (`terrain_warp`).
+        ``auto`` or ``EPSG:n``: a DTM in another CRS is reprojected, heights in feet become metres.
 
     Raises
     ------

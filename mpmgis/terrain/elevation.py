@@ -10,7 +10,7 @@ import scipy  # its parts are loaded when they are first used
 from .grid import Grid
 
 if TYPE_CHECKING:
-    from .reprojection import Reprojection
+    from .reprojection_record import Reprojection
 
 BREAK_TANGENT = 1.0  # [1] one-sided slopes that differ by more than this in tan mark a cliff edge
 

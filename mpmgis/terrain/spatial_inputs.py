@@ -20,7 +20,7 @@ from .georeference import horizontal, name_of, same_place, warp_command
 from .grid import Grid
 from .raster_input import open_raster, read_raster
 from .release_parts import polygons_only
-from .terrain_warp import reprojected_raster
+from .terrain_reprojection import reprojected_raster
 from .vector_table import LAYER, names_of, read_table, require_polygons
 
 RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}

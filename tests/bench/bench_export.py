@@ -16,7 +16,7 @@ from mpmgis.frames.frame_files import write_frame
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import BAND, Quantity
 from mpmgis.maps.averaging import binning, cell_places
-from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.cell_averages import bin_frame
 from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.frame_values import Averaging, average_frame
 from mpmgis.maps.averaging.placement import Bed, place

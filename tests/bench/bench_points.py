@@ -14,7 +14,7 @@ from point_scenes import block_of, points_on
 from mpmgis.compiled.block_order import STRIP
 from mpmgis.compiled.jit import set_threads
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.softening import NoSoftening, softening
 from mpmgis.solvers.points.point_rows import BLOCK_SIZE, TILE_SIZE

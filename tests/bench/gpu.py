@@ -37,7 +37,7 @@ from mpmgis.frames.particles import Frame, Particles  # noqa: E402
 from mpmgis.laws.barrier import Barrier  # noqa: E402
 from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact  # noqa: E402
 from mpmgis.laws.effect_slots import PointEffects  # noqa: E402
-from mpmgis.laws.fluid import Fluid  # noqa: E402
+from mpmgis.laws.fluid_material import Fluid  # noqa: E402
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager  # noqa: E402
 from mpmgis.laws.softening import NoSoftening, softening  # noqa: E402
 from mpmgis.solvers.gpu.available import found_device  # noqa: E402

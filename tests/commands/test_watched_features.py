@@ -15,8 +15,8 @@ from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.simulation import preparation as preparing
 from mpmgis.simulation.stage_sequence import Sequence
-from mpmgis.solvers.columns.column_clock import RUNNING
 from mpmgis.solvers.columns.column_solver import ColumnSolver
+from mpmgis.solvers.columns.column_time_step import RUNNING
 from mpmgis.solvers.points.point_solver import PointSolver
 
 BESIDE = "points beside columns"

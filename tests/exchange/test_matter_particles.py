@@ -9,7 +9,7 @@ import pytest
 
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.maps.averaging.band_products import cell_values
-from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.cell_averages import bin_frame
 from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.frame_values import automatic_standoff, survey_frame
 from mpmgis.maps.averaging.placement import Bed, place

@@ -11,7 +11,7 @@ from material_points import random_states
 
 from mpmgis.compiled.jit import FASTMATH
 from mpmgis.compiled.simd_lanes import get, put
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 from mpmgis.laws.softening import NoSoftening, softening
 

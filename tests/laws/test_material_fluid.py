@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from material_points import matrix, pressure, six, step
 
-from mpmgis.laws.fluid import SMALLEST_VOLUME, Fluid
+from mpmgis.laws.fluid_material import SMALLEST_VOLUME, Fluid
 from mpmgis.laws.material import FAR, NO_TENSION, ORDINARY
 
 WATER, TAIT, MUD = Fluid(7.1e6, 0.0, 0.0), Fluid(7.1e6, 0.0, 1.0), Fluid(7.1e6, 50.0, 0.0)

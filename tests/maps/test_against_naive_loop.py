@@ -5,7 +5,7 @@ import pytest
 from exporting import AFFINES, CRS, naive_cells, random_frame, terrain
 
 from mpmgis.maps.averaging.band_products import cell_values
-from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.cell_averages import bin_frame
 from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.placement import Bed, place
 from mpmgis.terrain.grid import Grid

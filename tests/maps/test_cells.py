@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.maps.averaging import binning
 from mpmgis.maps.averaging.band_products import PRODUCTS, cell_values
-from mpmgis.maps.averaging.cells import bin_frame
+from mpmgis.maps.averaging.cell_averages import bin_frame
 from mpmgis.maps.averaging.export_resolution import export_grid
 from mpmgis.maps.averaging.placement import Bed, place
 from mpmgis.terrain.elevation import Terrain

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.maps.averaging.band_products import cell_values
-from mpmgis.maps.averaging.cells import bin_frame, column_reach
+from mpmgis.maps.averaging.cell_averages import bin_frame, column_reach
 from mpmgis.maps.averaging.export_resolution import export_axes, export_grid
 from mpmgis.maps.averaging.frame_values import reached
 from mpmgis.maps.averaging.maxima import THINNEST

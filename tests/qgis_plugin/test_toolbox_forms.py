@@ -17,7 +17,7 @@ from mpmgis.commands.option import verb_names, verb_of
 from mpmgis.commands.plugin_forms import plugin_forms
 from mpmgis.commands.shell.main import main
 from mpmgis.commands.shell.parser import add_arguments
-from mpmgis.qgis_plugin.mpmgis_qgis import command, forms, kept_files, scene_form, table_page
+from mpmgis.qgis_plugin.mpmgis_qgis import command, forms, restored_files, scene_form, table_page
 from mpmgis.qgis_plugin.mpmgis_qgis import command as plugin_command
 from mpmgis.results.hazard.guideline_files import read_guidelines
 from mpmgis.results.hazard.hazard_files import read_matrices
@@ -305,7 +305,7 @@ def test_a_scene_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
     monkeypatch.setattr(command.os, "replace", broken)
     with pytest.raises(OSError, match="no more space"):
-        kept_files.write_whole(str(path), b"after")
+        restored_files.write_whole(str(path), b"after")
     assert path.read_bytes() == b"before" and list(tmp_path.iterdir()) == [path]
 
 
@@ -315,9 +315,12 @@ def test_a_refused_scene_leaves_everything_as_it_was(tmp_path):
     (elsewhere / "scene.toml").write_bytes(b"before")
     for place in (folder, elsewhere):
         files = [str(place / name) for name in ("scene.toml", "release.gpkg")]
-        with pytest.raises(LookupError), kept_files.kept_unless(files, lambda error: isinstance(error, LookupError)):
-            kept_files.write_whole(files[0], b"after")
-            kept_files.copy_whole(files[0], files[1])
+        with (
+            pytest.raises(LookupError),
+            restored_files.kept_unless(files, lambda error: isinstance(error, LookupError)),
+        ):
+            restored_files.write_whole(files[0], b"after")
+            restored_files.copy_whole(files[0], files[1])
             assert sorted(place.iterdir()) == sorted(map(Path, files))
             raise LookupError("refused")
     assert not folder.exists()
@@ -326,8 +329,8 @@ def test_a_refused_scene_leaves_everything_as_it_was(tmp_path):
 
 def test_a_scene_that_ran_stays(tmp_path):
     files = [str(tmp_path / "new" / "scene.toml")]
-    with pytest.raises(KeyError), kept_files.kept_unless(files, lambda error: isinstance(error, ValueError)):
-        kept_files.write_whole(files[0], b"after")
+    with pytest.raises(KeyError), restored_files.kept_unless(files, lambda error: isinstance(error, ValueError)):
+        restored_files.write_whole(files[0], b"after")
         raise KeyError("cancelled")
     assert Path(files[0]).read_bytes() == b"after"
 

@@ -4,13 +4,13 @@ import os
 
 import pytest
 
-from mpmgis.qgis_plugin.mpmgis_qgis import kept_files
+from mpmgis.qgis_plugin.mpmgis_qgis import restored_files
 
 
 def test_a_file_is_written_whole(tmp_path):
-    kept_files.write_whole(str(tmp_path / "scene.toml"), b"new")
+    restored_files.write_whole(str(tmp_path / "scene.toml"), b"new")
     (tmp_path / "source").write_bytes(b"copied")
-    kept_files.copy_whole(str(tmp_path / "source"), str(tmp_path / "copy"))
+    restored_files.copy_whole(str(tmp_path / "source"), str(tmp_path / "copy"))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["copy", "scene.toml", "source"]
     assert (tmp_path / "copy").read_bytes() == b"copied" and (tmp_path / "scene.toml").read_bytes() == b"new"
 
@@ -24,8 +24,8 @@ def test_no_link_is_followed(tmp_path):
         except OSError:
             pytest.skip("no links can be made here")
     with pytest.raises(OSError, match="is a link"):
-        kept_files.write_whole(str(tmp_path / "scene.toml"), b"new")
-    kept_files.write_whole(str(tmp_path / "free.toml"), b"new")
+        restored_files.write_whole(str(tmp_path / "scene.toml"), b"new")
+    restored_files.write_whole(str(tmp_path / "free.toml"), b"new")
     assert (tmp_path / "victim").read_text() == "years of work"
     assert all((tmp_path / name).is_symlink() for name in names)
     assert (tmp_path / "free.toml").read_bytes() == b"new"

@@ -8,13 +8,13 @@ import pytest
 from mpmgis.commands.shell.main import main
 from mpmgis.laws.barrier import NoBarrier
 from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.friction import NoZones
 from mpmgis.laws.material import CohesiveMuI, DruckerPrager, Elastic, MuI
 from mpmgis.laws.softening import LinearSoftening, NoSoftening, Softening
 from mpmgis.scene import TerrainFacts, catalogue, mu_least, resolve, scene_from_tables, scene_text
+from mpmgis.scene.key_checks import meant
 from mpmgis.scene.material_table import MATERIALS
-from mpmgis.scene.table_values import meant
 from mpmgis.system.errors import SceneError
 
 MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}

@@ -108,10 +108,10 @@ def test_a_part_has_the_bits_of_the_whole(tmp_path, longitude):
 def test_a_part_reads_only_the_pixels_under_it(tmp_path, monkeypatch):
     """Damage elsewhere in the file is not even seen."""
     path = in_degrees(tmp_path / "d.tif", 9.0, 46.0, 32632, site(9.0, 46.0, 32632), nodata=-1.0)
-    from mpmgis.terrain import terrain_warp
+    from mpmgis.terrain import terrain_reprojection
 
-    windows, plain = [], terrain_warp._pixels_under
-    monkeypatch.setattr(terrain_warp, "_pixels_under", lambda *a: windows.append(plain(*a)) or windows[-1])
+    windows, plain = [], terrain_reprojection._pixels_under
+    monkeypatch.setattr(terrain_reprojection, "_pixels_under", lambda *a: windows.append(plain(*a)) or windows[-1])
     TerrainFile(path, to_crs="auto").part(slice(40, 50), slice(40, 50))
     assert windows[0].width < 25 and windows[0].height < 25
 

@@ -10,8 +10,8 @@ from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.friction import Coulomb, Frictionless
 from mpmgis.laws.ground_metric import SlopeMetric
-from mpmgis.solvers.columns.column_clock import CLOCK  # noqa: F401  (compiles nothing; fails early where kernels are broken)
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
+from mpmgis.solvers.columns.column_time_step import CLOCK  # noqa: F401  (compiles nothing; fails early where kernels are broken)
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

@@ -10,7 +10,7 @@ from test_points_catalogue import cauchy_stress, elastic
 
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.features.walls import Wall
 
 DENSITY = 1000.0

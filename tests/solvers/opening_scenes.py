@@ -13,7 +13,7 @@ from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 from point_scenes import block_of, points_on
 
 from mpmgis.laws.barrier import Barrier
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.columns.feature_arrays import Places, barrier_entries
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 from mpmgis.solvers.features.walls import Wall, wall_nodes

@@ -15,7 +15,7 @@ from column_slots import SCENES, drawn
 from point_scenes import block_of, plane, points_on
 
 from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.solvers.features.walls import Wall
 

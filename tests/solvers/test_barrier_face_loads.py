@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import Elastic
 from mpmgis.solvers.features.walls import Wall
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on
 
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.features.walls import Wall, half_thickness, joined_footprints, margin_in_3d, margin_of, wall_nodes
 
 LENGTH, THICK = 24.0, 4.0  # of a dam [m]; cells are 1 m

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.points.contact_shares import (
     DEEP,
     FAR,

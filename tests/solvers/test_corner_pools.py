@@ -13,7 +13,7 @@ from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on
 from test_barrier_face_rows import CELLS, faces_on, place_of
 
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.features.walls import Wall, half_thickness, margin_in_3d
 from mpmgis.solvers.points.point_faces import COLUMNS, FACE_FOLLOWS, FACE_NEXT, FACE_TAKEN
 

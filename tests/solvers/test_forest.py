@@ -16,7 +16,7 @@ from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.entrainment import ErosionSpeed
 from mpmgis.laws.forest import FOREST_ENTRIES, Forest, NoForest
 from mpmgis.laws.friction import Voellmy
-from mpmgis.solvers.columns import column_clock, column_detrainment, column_forest
+from mpmgis.solvers.columns import column_detrainment, column_forest, column_time_step
 from mpmgis.solvers.columns.column_blocks import TouchedBlocks
 from mpmgis.solvers.columns.feature_arrays import Places
 from mpmgis.solvers.columns.node_grid import ColumnGrid
@@ -367,7 +367,7 @@ def _passes(solver, plain):
 
     fields, effects, settings_ = solver.fields, solver.effects, solver._settings
     nodes, counts = solver._nodes, solver._counts
-    west, south, east, north = (int(counts[k]) for k in range(column_clock.WEST, column_clock.NORTH + 1))
+    west, south, east, north = (int(counts[k]) for k in range(column_time_step.WEST, column_time_step.NORTH + 1))
     width, height = east - west + 1, north - south + 1
     places = np.arange((width + 1) * (height + 1), dtype=np.int32)
     touched = TouchedBlocks(places, len(places), west, south, width, height)
@@ -375,7 +375,7 @@ def _passes(solver, plain):
         nodes, fields, touched, 0.1, settings_, effects.forest, effects.metric, effects.entrainment
     )
     shares = fields.forest_share.copy()
-    n = int(counts[column_clock.ROWS])
+    n = int(counts[column_time_step.ROWS])
     order = np.arange(n, dtype=np.int32)
     function(column_detrainment.detrain)(
         solver._rows, solver._keys, order, n, fields, solver._clock, counts, 0.05, settings_, effects.metric

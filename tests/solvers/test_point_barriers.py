@@ -9,7 +9,7 @@ from column_scenes import terrain_of
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 from scipy.optimize import brentq
 
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import Elastic
 from mpmgis.solvers.features.walls import Wall
 from mpmgis.solvers.points import point_loop as kernel

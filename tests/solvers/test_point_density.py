@@ -15,7 +15,7 @@ from point_scenes import block_of, integrate_to, points_on
 from test_corner_pools import load, pool
 from test_point_peaks import spline
 
-from mpmgis.laws.fluid import LARGEST_GAP, SMALLEST_VOLUME, Fluid
+from mpmgis.laws.fluid_material import LARGEST_GAP, SMALLEST_VOLUME, Fluid
 from mpmgis.solvers.features.walls import Wall, filled_at, half_thickness, margin_in_3d, wall_nodes
 from mpmgis.solvers.points import point_density as kernel
 from mpmgis.solvers.points.ground_contact import YIELD_ENTRIES

@@ -8,7 +8,7 @@ from point_ledger import PlainRun
 from point_scenes import block_of, plane, points_on, sorted_points
 
 from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 
 # [s-1] share of the energy put in that no taker explains, over the step: of an elastic body, and of others

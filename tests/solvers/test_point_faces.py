@@ -11,7 +11,7 @@ from point_scenes import integrate_to
 
 from mpmgis.compiled.block_order import CHUNKS
 from mpmgis.laws.barrier import Barrier
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.points import point_faces
 from mpmgis.solvers.points.ground_contact import MOST_YIELD, between_faces
 from mpmgis.solvers.points.point_barriers import POINT_BARRIER_ENTRIES, ROWED

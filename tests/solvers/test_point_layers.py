@@ -12,7 +12,7 @@ from mpmgis.laws import flow_layers
 from mpmgis.laws.affine_transfer import TurningGradient, WholeGradient
 from mpmgis.laws.contact_friction import VoellmyContact
 from mpmgis.laws.effect_slots import PointEffects
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver

@@ -14,7 +14,7 @@ from mpmgis.compiled import jit
 from mpmgis.frames import peaks as peak_names
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import Elastic, drucker_prager
 from mpmgis.laws.softening import NoSoftening
 from mpmgis.simulation.time_integration import TimeIntegration

@@ -14,7 +14,7 @@ from point_scenes import block_of, integrate_to, points_on, sorted_points
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.effect_slots import PointEffects
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import Elastic, drucker_prager
 from mpmgis.solvers.points import point_rows as row
 from mpmgis.solvers.points.point_numerics import PointNumerics

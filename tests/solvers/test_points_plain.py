@@ -6,7 +6,7 @@ from plain_points import plain_step, yields_of
 from point_scenes import block_of, plane, points_on, sorted_points
 
 from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import Elastic, drucker_prager
 from mpmgis.laws.softening import NoSoftening
 

@@ -10,7 +10,7 @@ from point_scenes import points_on
 from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.initial_stress import USED, kirchhoff_stress, lateral_ratio, stress_of_weight, surface_slopes
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import MuI, drucker_prager
 from mpmgis.laws.quantities import GRAVITY
 

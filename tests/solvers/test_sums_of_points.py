@@ -14,8 +14,8 @@ from mpmgis.compiled import particle_slices
 from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.particles import Frame
 from mpmgis.laws.material import Elastic, drucker_prager
-from mpmgis.solvers.points import point_clock as clock
 from mpmgis.solvers.points import point_sums as sums
+from mpmgis.solvers.points import point_time_step as clock
 from mpmgis.solvers.points.point_balances import PointBalances
 from mpmgis.solvers.points.point_blocks import packed
 from mpmgis.solvers.points.point_rows import MASS, PX, PZ, ROW_LONG, ROW_SHORT, S2, S7, Y, Z

@@ -13,7 +13,7 @@ from point_scenes import block_of, integrate_to, points_on, sorted_points
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.effect_slots import PointEffects
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.softening import NoSoftening
 from mpmgis.solvers.points.point_balances import exceeded_by

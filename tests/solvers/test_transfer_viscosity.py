@@ -8,7 +8,7 @@ from test_points_catalogue import level
 from mpmgis.laws.affine_transfer import TurningGradient, WholeGradient
 from mpmgis.laws.contact_friction import VoellmyContact
 from mpmgis.laws.effect_slots import PointEffects
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 

@@ -6,7 +6,7 @@ import numpy as np
 from hard_scenes import NO_DRAG, box_of_columns, columns_on, joined, points_of_columns, stiff_for
 from hypothesis import strategies as st
 
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import drucker_prager
 
 KINDS = ("plane", "bowl", "cliff", "noise", "steps", "pit", "rough slope")

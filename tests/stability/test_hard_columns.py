@@ -13,7 +13,7 @@ from mpmgis.laws.curvature import Curvature
 from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.friction import Voellmy
 from mpmgis.simulation.time_integration import TimeIntegration
-from mpmgis.solvers.columns import column_clock
+from mpmgis.solvers.columns import column_time_step
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from mpmgis.terrain.elevation import Terrain
 
@@ -187,7 +187,9 @@ def test_a_deep_pit_fills_up():
     p = solver.frame().particles
     within = np.hypot(p.position[:, 0] - 100, p.position[:, 1] - 50) < 20
     assert p.mass[within].sum() > 0.5 * p.mass.sum()
-    assert float(solver._clock[column_clock.DEPTH_NOW]) < 2.0 * p.volume.sum() / 300.0  # over the area of the bottom
+    assert (
+        float(solver._clock[column_time_step.DEPTH_NOW]) < 2.0 * p.volume.sum() / 300.0
+    )  # over the area of the bottom
 
 
 def test_a_flow_that_flies_apart_keeps_positive_areas():

@@ -17,7 +17,7 @@ from point_scenes import block_of, points_on, sorted_points
 from scene_strategies import Box, Ground, PointScene
 
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.softening import softening
 from mpmgis.solvers.points import point_loop as kernel

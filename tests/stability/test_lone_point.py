@@ -7,7 +7,7 @@ from point_scenes import block_of
 from scene_strategies import Box, Ground, PointScene
 
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import drucker_prager
 from mpmgis.solvers.points.point_numerics import LONE_SHARE, PointNumerics, courant_number
 

@@ -13,7 +13,7 @@ from mpmgis.studies.calibration_posterior import (
 )
 from mpmgis.studies.calibration_priors import priors
 from mpmgis.studies.calibration_result import Calibration, rounded
-from mpmgis.studies.emulator import Emulator, Process
+from mpmgis.studies.gaussian_process import Emulator, Process
 from mpmgis.studies.sampling_plan import Plan
 from mpmgis.studies.varied_keys import variation
 from mpmgis.system.errors import InputError

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...system.errors import InputError
 from . import binning
-from .cells import Cells
+from .cell_averages import Cells
 
 ALWAYS = ("h", "t", "Un", "Ut")  # bands of every step
 RUNNING = "maxima"  # stands for the maxima up to each step

@@ -9,7 +9,7 @@ from ...frames.particles import Frame
 from ...terrain.grid import Grid
 from . import cell_places
 from .band_products import PRODUCTS, cell_values, map_speed, volume_thickness
-from .cells import bin_frame, column_reach, column_side, column_spacing, grid_spacing
+from .cell_averages import bin_frame, column_reach, column_side, column_spacing, grid_spacing
 from .export_resolution import FrameFacts, export_axes, export_grid
 from .height_layers import HeightLayers, height_layers
 from .maxima import least_depth

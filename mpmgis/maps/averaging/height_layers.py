@@ -13,7 +13,7 @@ import numpy as np
 from ...frames.particles import Frame
 from ...laws.quantities import Quantity
 from ...terrain.grid import Grid
-from .cells import flat_cells
+from .cell_averages import flat_cells
 from .placement import Bed, Placed, place
 
 OUTSIDE = Quantity("mass_outside", "kg m-2", "mass outside all height intervals, per plan area", "float32")

@@ -20,8 +20,8 @@ from ..averaging.band_products import PRODUCTS, choose_products
 from ..averaging.exported_steps import is_export
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import RunningMaxima, SolverPeaks
+from .export_decisions import make_plan
 from .export_inputs import refuse_nowhere
-from .export_planning import make_plan
 from .xarray_datasets import ELEVATION, averaged_step, averaged_steps, computed_bands, gridded, open_export, terrain_of
 
 if TYPE_CHECKING:

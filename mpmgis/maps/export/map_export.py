@@ -23,9 +23,9 @@ from ..qgis import qgis_files as qgis_folder
 from ..qgis.kml import require_kml, write_kml
 from ..qgis.outlines import StepSpool
 from ..qgis.stac import require_stac, write_stac_item
+from .export_decisions import make_plan
 from .export_inputs import output_folder, release_outlines
 from .export_messages import log_export
-from .export_planning import make_plan
 from .export_request import ExportFiles, ExportRequest
 from .step_rasters import frame_maxima, write_rasters
 

@@ -28,9 +28,9 @@ from ..averaging.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, Solve
 from ..averaging.placement import Bed
 from ..qgis.raster_styles import raster_styles
 from .bed_rasters import write_bed_rasters
+from .export_decisions import needed_products
 from .export_messages import log_export
 from .export_plan import Plan
-from .export_planning import needed_products
 from .export_request import CellSampling, ExportRequest
 from .step_rasters import (
     Tally,

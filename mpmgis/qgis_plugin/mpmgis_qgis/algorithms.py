@@ -21,8 +21,8 @@ from . import scene_form
 from .calling import call, is_refusal
 from .command import SETTING, CommandMissing, find_command
 from .forms import LOAD, OUTPUT, Verb, arguments, read_forms
-from .kept_files import copy_whole, kept_unless, write_whole
 from .parameters import oldest_qgis, parameter, plain_values
+from .restored_files import copy_whole, kept_unless, write_whole
 from .result_layers import add_project, layer_of
 from .table_page import page_of
 

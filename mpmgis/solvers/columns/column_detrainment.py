@@ -6,10 +6,10 @@ from ...compiled import law_methods as _laws  # noqa: F401  (registers the metho
 from ...compiled.block_order import GONE
 from ...compiled.jit import jit, jit_inline
 from ...laws.ground_metric import cosine_squared
-from .column_clock import ALIVE, WORK_TOTAL
 from .column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
 from .column_records import NodeFields, Settings
 from .column_rows import AREA, GX, GY, MASS, U, V, X, Y
+from .column_time_step import ALIVE, WORK_TOTAL
 from .spline_bed import bed_at
 from .spline_weights import weights
 

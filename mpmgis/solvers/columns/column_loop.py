@@ -39,7 +39,26 @@ from .column_blocks import (
     sort_by_block,
     touched_blocks,
 )
-from .column_clock import (
+from .column_detrainment import detrain
+from .column_forest import break_forest, clear_shares, collect_forest, find_shares
+from .column_motion import SpeedBound, StepTimes
+from .column_nodes import (
+    ARMED,
+    FOREST_LOSS,
+    NODE_REPORT,
+    REACHED,
+    NodeArrays,
+    accumulate_peaks,
+    clear_ghosts,
+    fold_walls,
+    mirror_walls,
+    regrade,
+    update_nodes,
+)
+from .column_records import ColumnArrays, NodeFields, Settings
+from .column_report import REPORT
+from .column_rows import AREA, GX, GY, MASS, ROW, U, V, X, Y
+from .column_time_step import (
     ALIVE,
     ALL_LEFT,
     BAD,
@@ -71,25 +90,6 @@ from .column_clock import (
     note_fastest,
     stop_rule,
 )
-from .column_detrainment import detrain
-from .column_forest import break_forest, clear_shares, collect_forest, find_shares
-from .column_motion import SpeedBound, StepTimes
-from .column_nodes import (
-    ARMED,
-    FOREST_LOSS,
-    NODE_REPORT,
-    REACHED,
-    NodeArrays,
-    accumulate_peaks,
-    clear_ghosts,
-    fold_walls,
-    mirror_walls,
-    regrade,
-    update_nodes,
-)
-from .column_records import ColumnArrays, NodeFields, Settings
-from .column_report import REPORT
-from .column_rows import AREA, GX, GY, MASS, ROW, U, V, X, Y
 from .columns_to_grid import gather_tiles, particles_to_grid
 from .grid_to_columns import grid_to_particles
 from .spline_bed import beds_at
@@ -258,7 +258,7 @@ def advance(
     Returns
     -------
     int
-        Reason to stop (`column_clock`).
+        Reason to stop (`column_time_step`).
     """
     rows, ids, keys, clock, counts = state.rows, state.ids, state.keys, state.clock, state.counts
     wall, metric, entrainment = settings.wall, effects.metric, effects.entrainment

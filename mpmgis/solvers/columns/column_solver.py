@@ -14,8 +14,8 @@ from ...frames.peaks import no_peaks
 from ...laws.ground_metric import SlopeMetric, WaterMetric
 from ...laws.quantities import GRAVITY
 from ...system.errors import SceneError
-from . import column_clock, column_report
 from . import column_loop as kernel
+from . import column_report, column_time_step
 from .column_records import ColumnArrays, Settings
 from .column_rows import CXX
 from .column_state import INSERTED, INSERTED_COLUMNS, ColumnState
@@ -142,18 +142,18 @@ class ColumnSolver(ColumnState):
         self._ledger = np.zeros((column_report.EDGES, column_report.OUT_ENTRIES))
         self._left = self._no_mass_left(grid)
         self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
-        self._clock = np.zeros(column_clock.CLOCK)
-        self._clock[column_clock.TIME] = frame.time
-        self._clock[column_clock.BOUND_BED] = grid.bed.min()
-        self._counts = np.zeros(column_clock.COUNTS, np.int64)
-        self._counts[column_clock.WEST : column_clock.NORTH + 1] = NO_WINDOW
+        self._clock = np.zeros(column_time_step.CLOCK)
+        self._clock[column_time_step.TIME] = frame.time
+        self._clock[column_time_step.BOUND_BED] = grid.bed.min()
+        self._counts = np.zeros(column_time_step.COUNTS, np.int64)
+        self._counts[column_time_step.WEST : column_time_step.NORTH + 1] = NO_WINDOW
         self._inserted = np.zeros(INSERTED)
         ids = frame.particles.id if frame.particles.id is not None else np.arange(len(frame.particles))
         self._first_new_id = int(ids.max()) + 1 if len(ids) else 0
         self.bed_start = self._add(frame, ids)
         if gradient is not None:
             self._rows[: len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
-        self.mass_start = float(self._clock[column_clock.TOTAL_MASS])
+        self.mass_start = float(self._clock[column_time_step.TOTAL_MASS])
         self._settings = self._made_settings(frame.particles)
         self._whole_step = {name: getattr(self._settings, name) for name in SHORTENED}
         self.energy_start = self.energy()
@@ -223,7 +223,7 @@ class ColumnSolver(ColumnState):
         """
         first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
         bed = self._add(frame, np.arange(first, first + n))
-        count = int(self._counts[column_clock.ROWS])
+        count = int(self._counts[column_time_step.ROWS])
         kinetic, potential = self._energy_of(self._rows[count - n : count], bed)
         self._inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
         self._forget_computed()
@@ -233,7 +233,7 @@ class ColumnSolver(ColumnState):
         particles, counts, clock = frame.particles, self._counts, self._clock
         x, y = self._from_corner(frame)
         bed, gradient_x, gradient_y = kernel.beds_at(self.fields.bed, x, y, self.grid.cell_size)
-        n, first = len(particles), int(counts[column_clock.ROWS])
+        n, first = len(particles), int(counts[column_time_step.ROWS])
         if n == 0:
             return bed
         self._require_room(first + n)
@@ -246,12 +246,12 @@ class ColumnSolver(ColumnState):
         rows[:, kernel.GX], rows[:, kernel.GY] = gradient_x, gradient_y
         self._ids[new] = ids
         west, south, east, north = kernel.initial_keys(rows, keys, self.grid.cell_size)
-        seen = counts[column_clock.WEST : column_clock.NORTH + 1]
+        seen = counts[column_time_step.WEST : column_time_step.NORTH + 1]
         seen[:] = min(seen[0], west), min(seen[1], south), max(seen[2], east), max(seen[3], north)
-        counts[column_clock.ROWS] += n
-        counts[column_clock.ALIVE] += n
-        clock[column_clock.TOTAL_MASS] += float(particles.mass.sum())
-        clock[column_clock.BOUND_BED] = max(clock[column_clock.BOUND_BED], bed.max())
+        counts[column_time_step.ROWS] += n
+        counts[column_time_step.ALIVE] += n
+        clock[column_time_step.TOTAL_MASS] += float(particles.mass.sum())
+        clock[column_time_step.BOUND_BED] = max(clock[column_time_step.BOUND_BED], bed.max())
         thickness = particles.mass / (self.numerics.density * particles.area)
         speed2 = (particles.velocity**2).sum(axis=1)
         self._note_start(x, y, thickness, speed2)
@@ -263,13 +263,13 @@ class ColumnSolver(ColumnState):
         """Record a new largest thickness or speed of columns that are inserted at `x`, `y` [m]."""
         clock = self._clock
         for values, at, largest in (
-            (thickness, column_clock.DEEPEST_X, clock[column_clock.DEPTH_WORST]),
-            (np.sqrt(speed2), column_clock.FASTEST_X, clock[column_clock.FASTEST]),
+            (thickness, column_time_step.DEEPEST_X, clock[column_time_step.DEPTH_WORST]),
+            (np.sqrt(speed2), column_time_step.FASTEST_X, clock[column_time_step.FASTEST]),
         ):
             k = int(np.argmax(values))
             if values[k] > largest or not self.step:
                 clock[at : at + 3] = x[k], y[k], self.time
-        clock[column_clock.FASTEST] = max(clock[column_clock.FASTEST], np.sqrt(speed2.max()))
+        clock[column_time_step.FASTEST] = max(clock[column_time_step.FASTEST], np.sqrt(speed2.max()))
 
     def take_out(self, chosen: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> "Frame | None":
         """Take columns out of the flow, now.
@@ -297,13 +297,13 @@ class ColumnSolver(ColumnState):
             self.fields.bed, rows[out, kernel.X].copy(), rows[out, kernel.Y].copy(), self.grid.cell_size
         )[0]
         lost = float(rows[out, kernel.MASS].sum()), self._energy_of(rows[out], bed)
-        n, counts = self._counts[column_clock.ROWS], self._counts
+        n, counts = self._counts[column_time_step.ROWS], self._counts
         gone = np.flatnonzero(self._keys[:n] != kernel.GONE)[out]
         self._keys[gone] = kernel.GONE
-        counts[column_clock.ALIVE] -= len(gone)
+        counts[column_time_step.ALIVE] -= len(gone)
         self._forget_computed()
-        counts[column_clock.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
-        self._clock[column_clock.TOTAL_MASS] -= lost[0]
+        counts[column_time_step.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
+        self._clock[column_time_step.TOTAL_MASS] -= lost[0]
         self.mass_start -= lost[0]
         self.energy_start = tuple(a - b for a, b in zip(self.energy_start, lost[1], strict=True))
         return taken
@@ -314,22 +314,22 @@ class ColumnSolver(ColumnState):
         wave = np.sqrt(self.effects.earth_pressure.largest_factor() * gravity * thickness)
         deepest = np.max(thickness)
         for entry, value in (
-            (column_clock.SPEED, np.max(speed)),
-            (column_clock.SIGNAL, np.max(speed + wave)),
-            (column_clock.BOUND_ENERGY, 4 * gravity * deepest + speed2),
-            (column_clock.DEPTH_NOW, deepest),
-            (column_clock.DEPTH_WORST, deepest),
+            (column_time_step.SPEED, np.max(speed)),
+            (column_time_step.SIGNAL, np.max(speed + wave)),
+            (column_time_step.BOUND_ENERGY, 4 * gravity * deepest + speed2),
+            (column_time_step.DEPTH_NOW, deepest),
+            (column_time_step.DEPTH_WORST, deepest),
         ):
             clock[entry] = max(clock[entry], value)
 
     def _forget_peaks(self):
         """Reset the stop rules, which compare with past peaks: inserted columns have none yet."""
         clock = self._clock
-        clock[column_clock.KINETIC_PEAK] = clock[column_clock.MOVING_PEAK] = 0.0
-        clock[column_clock.KINETIC_LOW_SINCE] = -1.0
-        clock[column_clock.FOOTPRINT_MARK_TIME], clock[column_clock.FOOTPRINT_MARK] = (
+        clock[column_time_step.KINETIC_PEAK] = clock[column_time_step.MOVING_PEAK] = 0.0
+        clock[column_time_step.KINETIC_LOW_SINCE] = -1.0
+        clock[column_time_step.FOOTPRINT_MARK_TIME], clock[column_time_step.FOOTPRINT_MARK] = (
             self.time,
-            float(self._counts[column_clock.WET]),
+            float(self._counts[column_time_step.WET]),
         )
 
     def _settle(self, window, least):
@@ -337,7 +337,7 @@ class ColumnSolver(ColumnState):
 
         Only of columns that become at least `least` times as thick.
         """
-        n = self._counts[column_clock.ROWS]
+        n = self._counts[column_time_step.ROWS]
         ny, nx = self.grid.inside.shape
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
         thickest, fastest, lifted = kernel.settle_areas(
@@ -353,11 +353,11 @@ class ColumnSolver(ColumnState):
             least,
             isinstance(self.effects.metric, SlopeMetric),
         )
-        if thickest > self._clock[column_clock.DEPTH_WORST]:
+        if thickest > self._clock[column_time_step.DEPTH_WORST]:
             rows, keys = self._rows[:n], self._keys[:n]
             thickness = np.where(keys != kernel.GONE, rows[:, kernel.MASS] / rows[:, kernel.AREA], 0.0)
             k = int(np.argmax(thickness))
-            self._clock[column_clock.DEEPEST_X : column_clock.DEEPEST_TIME + 1] = (
+            self._clock[column_time_step.DEEPEST_X : column_time_step.DEEPEST_TIME + 1] = (
                 rows[k, kernel.X],
                 rows[k, kernel.Y],
                 self.time,
@@ -398,12 +398,12 @@ class ColumnSolver(ColumnState):
     @property
     def columns(self) -> int:
         """Number of columns on the terrain now."""
-        return int(self._counts[column_clock.ALIVE])
+        return int(self._counts[column_time_step.ALIVE])
 
     @property
     def speed_max(self) -> float:
         """Largest horizontal speed now [m s-1]."""
-        return float(self._clock[column_clock.SPEED])
+        return float(self._clock[column_time_step.SPEED])
 
     def advance(self, until: float, max_steps: int = 1 << 62, may_stop: bool = True) -> int:
         """Advance to a time or by a number of steps.
@@ -418,10 +418,10 @@ class ColumnSolver(ColumnState):
         Returns
         -------
         int
-            Reason to stop (`column_clock`).
+            Reason to stop (`column_time_step`).
         """
         if not self.columns:
-            return column_clock.ALL_LEFT
+            return column_time_step.ALL_LEFT
         self._forget_computed()
         settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
         return self._take_steps(float(until), int(max_steps), settings)

@@ -12,7 +12,7 @@ from ...frames.state_check import LEFT_STATE
 from ...laws.forest import STRENGTH
 from ...laws.ground_metric import cosine_squared
 from ...system.errors import FormatError
-from . import column_clock, column_forest, column_report
+from . import column_forest, column_report, column_time_step
 from . import column_loop as kernel
 from .bed_changes import bed_change_of
 from .column_restart import require_column_state
@@ -32,21 +32,21 @@ BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_m
     INSERTED,
 ) = range(4)
 LOSSES = {  # energy losses of a flow, and their clock entries
-    "ground": column_clock.FRICTION_TOTAL,
-    "eroded_mass": column_clock.MERGING_TOTAL,
-    "barriers": column_clock.BARRIER_TOTAL,
-    "speed_limit": column_clock.LIMITED_TOTAL,
+    "ground": column_time_step.FRICTION_TOTAL,
+    "eroded_mass": column_time_step.MERGING_TOTAL,
+    "barriers": column_time_step.BARRIER_TOTAL,
+    "speed_limit": column_time_step.LIMITED_TOTAL,
 }
 CLIPS = {  # limits on the state of columns, and the clock entries that count the column-steps in which they acted
-    "area_factor": column_clock.STRETCH_TOTAL,
-    "thinnest_column": column_clock.THIN_AREA_TOTAL,
-    "thickness_clamp": column_clock.CLAMPED_TOTAL,
-    "speed_bound": column_clock.SPEED_TOTAL,
-    "held_at_walls": column_clock.WALL_TOTAL,
-    "viscosity_capped": column_clock.STIFF_TOTAL,
-    "thinner_than_friction": column_clock.THIN_TOTAL,
-    "erosion_of_a_step": column_clock.GREEDY_TOTAL,
-    "weightless": column_clock.AIRBORNE_TOTAL,
+    "area_factor": column_time_step.STRETCH_TOTAL,
+    "thinnest_column": column_time_step.THIN_AREA_TOTAL,
+    "thickness_clamp": column_time_step.CLAMPED_TOTAL,
+    "speed_bound": column_time_step.SPEED_TOTAL,
+    "held_at_walls": column_time_step.WALL_TOTAL,
+    "viscosity_capped": column_time_step.STIFF_TOTAL,
+    "thinner_than_friction": column_time_step.THIN_TOTAL,
+    "erosion_of_a_step": column_time_step.GREEDY_TOTAL,
+    "weightless": column_time_step.AIRBORNE_TOTAL,
 }
 
 
@@ -116,7 +116,7 @@ class ColumnState(ParticleStore):
         self._restore_left(state)
         if self.numerics.maxima:
             restore_peaks(self._peaks, state)
-        self._counts[column_clock.ROWS] = len(rows)
+        self._counts[column_time_step.ROWS] = len(rows)
         kernel.initial_keys(self._rows[: len(rows)], self._keys, self.grid.cell_size)
 
     def started(self) -> dict[str, Any]:
@@ -209,7 +209,7 @@ class ColumnState(ParticleStore):
         mass_now = float(rows[:, kernel.MASS].sum())
         mass_out = float(self._ledger[:, 0].sum())
         clock = self._clock
-        released = float(clock[column_clock.TOTAL_MASS] - clock[column_clock.ENTRAINED_TOTAL])
+        released = float(clock[column_time_step.TOTAL_MASS] - clock[column_time_step.ENTRAINED_TOTAL])
         over_edges = named_sums(EDGE_NAMES, self._ledger, LEDGER)
         forest = self._forest_balance(mass_now)
         return {
@@ -217,32 +217,32 @@ class ColumnState(ParticleStore):
             "mass_now": mass_now,
             "mass_out": mass_out,
             "mass_released": released,
-            "mass_entrained": float(clock[column_clock.ENTRAINED_TOTAL]),
+            "mass_entrained": float(clock[column_time_step.ENTRAINED_TOTAL]),
             "mass_error_relative": (
-                mass_now + mass_out + forest.get("mass_detrained", 0.0) - clock[column_clock.TOTAL_MASS]
+                mass_now + mass_out + forest.get("mass_detrained", 0.0) - clock[column_time_step.TOTAL_MASS]
             )
-            / (clock[column_clock.TOTAL_MASS] or 1.0),
+            / (clock[column_time_step.TOTAL_MASS] or 1.0),
             "outflow": {edge: sums for edge, sums in over_edges.items() if sums["particles"] > 0},
             "left_places": left_places(self.grid, self._left),
             **self._energy_balance(),
-            "speed_max_now": float(clock[column_clock.SPEED]),
-            "speed_bound_ratio": float(np.sqrt(clock[column_clock.BOUND_WORST])),
-            "thickness_max_now": float(clock[column_clock.DEPTH_NOW]),
-            "thickness_max": float(clock[column_clock.DEPTH_WORST]),
-            "thickness_max_at": self._place_of(column_clock.DEEPEST_X),
-            "thickness_max_time": float(clock[column_clock.DEEPEST_TIME]),
-            "speed_max": float(clock[column_clock.FASTEST]),
-            "speed_max_at": self._place_of(column_clock.FASTEST_X),
-            "speed_max_time": float(clock[column_clock.FASTEST_TIME]),
-            "moving_share": float(clock[column_clock.MOVING_SHARE]),
-            "speed_limited_share_max": float(clock[column_clock.LIMITED_WORST]),
-            "airborne_share_max": float(clock[column_clock.AIRBORNE_WORST]),
-            "particle_steps": int(clock[column_clock.COLUMN_STEPS]),
+            "speed_max_now": float(clock[column_time_step.SPEED]),
+            "speed_bound_ratio": float(np.sqrt(clock[column_time_step.BOUND_WORST])),
+            "thickness_max_now": float(clock[column_time_step.DEPTH_NOW]),
+            "thickness_max": float(clock[column_time_step.DEPTH_WORST]),
+            "thickness_max_at": self._place_of(column_time_step.DEEPEST_X),
+            "thickness_max_time": float(clock[column_time_step.DEEPEST_TIME]),
+            "speed_max": float(clock[column_time_step.FASTEST]),
+            "speed_max_at": self._place_of(column_time_step.FASTEST_X),
+            "speed_max_time": float(clock[column_time_step.FASTEST_TIME]),
+            "moving_share": float(clock[column_time_step.MOVING_SHARE]),
+            "speed_limited_share_max": float(clock[column_time_step.LIMITED_WORST]),
+            "airborne_share_max": float(clock[column_time_step.AIRBORNE_WORST]),
+            "particle_steps": int(clock[column_time_step.COLUMN_STEPS]),
             "clips": {name: float(clock[entry]) for name, entry in CLIPS.items()},
-            "thickness_clamps": int(clock[column_clock.CLAMPED_TOTAL]),
-            "viscosity_capped_share_max": float(clock[column_clock.STIFF_WORST]),
+            "thickness_clamps": int(clock[column_time_step.CLAMPED_TOTAL]),
+            "viscosity_capped_share_max": float(clock[column_time_step.STIFF_WORST]),
             "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),
-            "footprint_area": float(self._counts[column_clock.WET]) * self.grid.cell_size**2,
+            "footprint_area": float(self._counts[column_time_step.WET]) * self.grid.cell_size**2,
             **forest,
         }
 
@@ -286,11 +286,13 @@ class ColumnState(ParticleStore):
         Heights need no guard, see `_energy_balance`.
         """
         clock, kinetic = self._clock, self.energy()[0]
-        work, taken = clock[column_clock.WORK_TOTAL], sum(self._losses().values())
+        work, taken = clock[column_time_step.WORK_TOTAL], sum(self._losses().values())
         put_in = self.energy_start[0] + self._inserted[INSERTED_KINETIC]
         made = kinetic + self._energy_gone()[0] - work - put_in
         gravity, cell_size = self.numerics.gravity, self.numerics.cell_size
-        least = least_kinetic(clock[column_clock.KINETIC_PEAK], clock[column_clock.TOTAL_MASS], gravity, cell_size)
+        least = least_kinetic(
+            clock[column_time_step.KINETIC_PEAK], clock[column_time_step.TOTAL_MASS], gravity, cell_size
+        )
         work = float(work), float(taken), float(put_in)
         return EnergyLook(float(made), kinetic, float(least), work, self.time)
 
@@ -308,11 +310,13 @@ class ColumnState(ParticleStore):
         datum = gravity * float(self.grid.bed.min())
         kinetic_out, potential_out = self._energy_gone()
         kinetic_later, potential_later = (float(self._inserted[k]) for k in (INSERTED_KINETIC, INSERTED_POTENTIAL))
-        taken = float(clock[column_clock.ENTRAINED_POTENTIAL_TOTAL] - clock[column_clock.ENTRAINED_TOTAL] * datum)
+        taken = float(
+            clock[column_time_step.ENTRAINED_POTENTIAL_TOTAL] - clock[column_time_step.ENTRAINED_TOTAL] * datum
+        )
         lost_to = self._losses()
-        work = float(clock[column_clock.WORK_TOTAL])
+        work = float(clock[column_time_step.WORK_TOTAL])
         lost_to["mixing"] = work + kinetic_start + kinetic_later - kinetic - kinetic_out - sum(lost_to.values())
-        lost_to["bends"] = -float(clock[column_clock.BENT_TOTAL])
+        lost_to["bends"] = -float(clock[column_time_step.BENT_TOTAL])
         put_in = kinetic_start + potential_start + kinetic_later + potential_later + taken
         lost = put_in - kinetic - potential - kinetic_out - potential_out
         return {
@@ -321,7 +325,7 @@ class ColumnState(ParticleStore):
             "energy_entrained": taken,
             "energy_out": kinetic_out + potential_out,
             "kinetic_energy": kinetic,
-            "kinetic_energy_peak": max(kinetic, float(clock[column_clock.KINETIC_PEAK])),
+            "kinetic_energy_peak": max(kinetic, float(clock[column_time_step.KINETIC_PEAK])),
             "potential_energy": potential,
             "energy_lost": lost,
             **{f"energy_lost_to_{name}": joules for name, joules in lost_to.items()},
@@ -354,9 +358,9 @@ class ColumnState(ParticleStore):
         """
         clock = self._clock
         return (
-            float(clock[column_clock.BOUND_NOW_X]) + self.grid.x0,
-            float(clock[column_clock.BOUND_NOW_Y]) + self.grid.y0,
-            int(self._counts[column_clock.BAD]),
-            float(np.sqrt(clock[column_clock.BOUND_NOW])),
-            float(clock[column_clock.WILD_NOW]),
+            float(clock[column_time_step.BOUND_NOW_X]) + self.grid.x0,
+            float(clock[column_time_step.BOUND_NOW_Y]) + self.grid.y0,
+            int(self._counts[column_time_step.BAD]),
+            float(np.sqrt(clock[column_time_step.BOUND_NOW])),
+            float(clock[column_time_step.WILD_NOW]),
         )

@@ -23,7 +23,6 @@ from ..points.point_barriers import (
     collect_point_barrier,
     column_flow,
 )
-from ..points.point_clock import ROWS, STEP
 from ..points.point_crests import press_at_crest
 from ..points.point_faces import (
     COLUMNS,
@@ -42,6 +41,7 @@ from ..points.point_faces import (
 from ..points.point_nodes import hold_column
 from ..points.point_records import ColumnSums, ContactLaws, FaceArrays, Site
 from ..points.point_rows import BLOCK, Settings
+from ..points.point_time_step import ROWS, STEP
 from .device_functions import Kernel, capped, in_double
 from .device_point_nodes import nodes_now, window_now
 from .device_records import TouchedBlocks

@@ -9,11 +9,11 @@ from numba import cuda
 
 from ...compiled.block_order import GONE
 from ..columns.column_blocks import BLOCK, TILE
-from ..columns.column_clock import ALIVE, KICK_BEFORE, WORK_TOTAL
 from ..columns.column_detrainment import kept_mass, nodes_around, stopping_share, taken_energy
 from ..columns.column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
 from ..columns.column_records import NodeFields, Settings
 from ..columns.column_rows import AREA, MASS, X, Y
+from ..columns.column_time_step import ALIVE, KICK_BEFORE, WORK_TOTAL
 from ..columns.spline_weights import weights
 from .device_column_sort import STOPPING, node_at, nodes_of
 from .device_column_transfer import TILE_NODES, tile_sum

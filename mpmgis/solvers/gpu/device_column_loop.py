@@ -21,7 +21,7 @@ from numba import cuda
 
 from ...compiled.block_order import CHUNKS
 from ...laws.effect_slots import ColumnEffects
-from ..columns import column_clock as entry
+from ..columns import column_time_step as entry
 from ..columns.column_motion import MotionLaws
 from ..columns.column_nodes import NodeLaws
 from ..columns.column_records import ColumnArrays, NodeFields, Settings
@@ -229,7 +229,7 @@ class DeviceColumns:
         Returns
         -------
         int
-            Reason to stop (`column_clock`).
+            Reason to stop (`column_time_step`).
         """
         state, first, now = self.state, int(self.state.counts[entry.STEP]), self._now
         if self.settings != self._settings_of_steps:

@@ -8,7 +8,6 @@ from numba import cuda
 
 from ...compiled.block_order import CHUNKS
 from ..columns.column_barriers import BARRIER, BARRIER_LOSS, collect_barrier, hold_node, is_touched
-from ..columns.column_clock import TIME
 from ..columns.column_forest import break_trees, find_share
 from ..columns.column_nodes import (
     DEEPEST,
@@ -23,6 +22,7 @@ from ..columns.column_nodes import (
 )
 from ..columns.column_records import NodeFields, Settings
 from ..columns.column_rows import NODE_MASS
+from ..columns.column_time_step import TIME
 from ..columns.spline_bed import bed_at
 from .device_column_sort import DT, KICK, node_at, nodes_of, window_of
 from .device_functions import REGISTERS, Kernel, capped

@@ -7,7 +7,11 @@ import numpy as np
 from numba import cuda
 
 from ..columns import column_report as entry
-from ..columns.column_clock import (
+from ..columns.column_forest import BROKEN_NODES, RESISTED
+from ..columns.column_nodes import DEEPEST, FOREST_LOSS
+from ..columns.column_records import Settings
+from ..columns.column_rows import X, Y
+from ..columns.column_time_step import (
     ALIVE,
     ALL_LEFT,
     BAD,
@@ -30,10 +34,6 @@ from ..columns.column_clock import (
     collect,
     stop_rule,
 )
-from ..columns.column_forest import BROKEN_NODES, RESISTED
-from ..columns.column_nodes import DEEPEST, FOREST_LOSS
-from ..columns.column_records import Settings
-from ..columns.column_rows import X, Y
 from .device_column_nodes import BROKEN_NOW, DEEPEST_AT
 from .device_column_sort import END, FIRED, STIFF, node_at
 from .device_column_transfer import FASTEST_AT

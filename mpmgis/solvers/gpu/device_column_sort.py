@@ -9,10 +9,21 @@ from numba import cuda, int64
 
 from ...compiled.block_order import GONE
 from ..columns.column_blocks import BLOCK, BlockWindow
-from ..columns.column_clock import ALIVE, ALL_LEFT, EAST, NORTH, REACHED_TIME, ROWS, SOUTH, TIME, WATCHED_REACHED, WEST
 from ..columns.column_loop import choose_step as chosen_step
 from ..columns.column_records import Settings
 from ..columns.column_rows import X, Y
+from ..columns.column_time_step import (
+    ALIVE,
+    ALL_LEFT,
+    EAST,
+    NORTH,
+    REACHED_TIME,
+    ROWS,
+    SOUTH,
+    TIME,
+    WATCHED_REACHED,
+    WEST,
+)
 from . import launch
 from .device_functions import Kernel, Part
 from .launch import ACTIVE, HEIGHT, NEEDS_ROOM, ROOM_PLACES, SIZE, SORTED, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH

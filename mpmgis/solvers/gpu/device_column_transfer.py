@@ -11,11 +11,11 @@ from numba import cuda, float64, int32, int64, uint32
 
 from ...compiled.block_order import LEFT_MASS, LEFT_X, LEFT_Y, place_left
 from ..columns.column_blocks import BLOCK, TILE
-from ..columns.column_clock import BOUND_BED, BOUND_ENERGY, KICK_BEFORE, TOTAL_MASS
 from ..columns.column_motion import MotionLaws, SpeedBound, StepTimes
 from ..columns.column_records import NodeFields, Settings
 from ..columns.column_report import FASTEST2, OUT, REPORT, STIFF
 from ..columns.column_rows import MASS, ROW, U, V, X, Y
+from ..columns.column_time_step import BOUND_BED, BOUND_ENERGY, KICK_BEFORE, TOTAL_MASS
 from ..columns.columns_to_grid import StressLaws, pressure_impulses
 from ..columns.grid_to_columns import Batch, FlatGrid, clear_report, finish_report, move_batch
 from .device_column_batch import LINES, QUAD, QUADS, WX, WY

@@ -6,7 +6,6 @@ import numpy as np
 from numba import cuda, int32
 
 from ..points import point_density
-from ..points.point_clock import STEP
 from ..points.point_density import (
     EVERY,
     TILE_NODES,
@@ -19,6 +18,7 @@ from ..points.point_density import (
 )
 from ..points.point_ground import Ground
 from ..points.point_rows import BLOCK, NODE_MASS, TILE, Settings
+from ..points.point_time_step import STEP
 from .device_functions import Part, capped, real, stand_in
 from .device_point_steps import stencil
 from .device_records import PointsInBlocks

@@ -21,7 +21,7 @@ from ...compiled.block_order import LEFT_MASS
 from ...laws.barrier import NoBarrier
 from ...laws.effect_slots import PointEffects
 from ...system.errors import SceneError
-from ..points import point_clock as entry
+from ..points import point_time_step as entry
 from ..points.bed_drag import BLOCK_COLUMNS, COLUMN_MASSES
 from ..points.grid_to_points import NO_WINDOW
 from ..points.point_barriers import BLOCK_FLOW
@@ -244,7 +244,7 @@ class DevicePoints:
         Returns
         -------
         reason : int
-            Why it stopped: one of the reasons of `point_clock`.
+            Why it stopped: one of the reasons of `point_time_step`.
 
         Raises
         ------

@@ -12,7 +12,6 @@ from numba import cuda, int32
 from ..points.bed_drag import COLUMN_MASSES, TOUCHING, WHOLE, column_contact
 from ..points.ground_contact import press_column
 from ..points.point_barriers import BARRIER
-from ..points.point_clock import STEP
 from ..points.point_ground import Ground
 from ..points.point_layers import couple_column
 from ..points.point_nodes import (
@@ -41,6 +40,7 @@ from ..points.point_rows import (
     NodeBlocks,
     Settings,
 )
+from ..points.point_time_step import STEP
 from .device_functions import REGISTERS, Kernel, Part, capped, real
 from .device_records import TouchedBlocks
 from .launch import DEPTH, DT, END, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH

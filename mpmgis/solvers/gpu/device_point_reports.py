@@ -6,7 +6,9 @@ from numba import cuda, float64, int64
 from ..points import point_report as entry
 from ..points.affine_limit import STILL, THIN
 from ..points.point_blocks import key_column, key_level, key_row
-from ..points.point_clock import (
+from ..points.point_nodes import FASTEST2
+from ..points.point_rows import BLOCK, GHOSTS, Settings, X, Y, Z
+from ..points.point_time_step import (
     BAD,
     FASTEST_TIME,
     FASTEST_X,
@@ -25,9 +27,7 @@ from ..points.point_clock import (
     collect_nodes,
     set_next_step,
 )
-from ..points.point_clock import STEP as STEPS
-from ..points.point_nodes import FASTEST2
-from ..points.point_rows import BLOCK, GHOSTS, Settings, X, Y, Z
+from ..points.point_time_step import STEP as STEPS
 from .device_functions import in_double, real
 from .device_point_steps import DENSE, GRADIENT, PUSH, SHIFT, STAY_POINT, STEP, STILL2, TURN2
 from .device_point_steps import STAY2_OF_ALL as STAY2

@@ -11,7 +11,9 @@ from numba import cuda, int32, int64, uint32
 
 from ...compiled.block_order import GONE, REORDER_STEPS
 from ..points.point_blocks import EAST, NORTH, SOUTH, TALL, WEST, place_of
-from ..points.point_clock import (
+from ..points.point_loop import MOST_PLACES
+from ..points.point_rows import BLOCK, X, Y, Z
+from ..points.point_time_step import (
     ALIVE,
     ALL_LEFT,
     HITS,
@@ -24,8 +26,6 @@ from ..points.point_clock import (
     WATCHED_REACHED,
     WINDOW_FIRST,
 )
-from ..points.point_loop import MOST_PLACES
-from ..points.point_rows import BLOCK, X, Y, Z
 from .device_functions import Kernel, in_double
 from .device_point_steps import cell_of
 from .launch import (

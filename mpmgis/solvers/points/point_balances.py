@@ -8,9 +8,9 @@ from ...compiled.particle_slices import in_slices
 from ...frames.outflow_places import left_places
 from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
 from ...terrain.elevation import bilinear
-from . import point_clock as entry
 from . import point_rows as row
 from . import point_sums as sums
+from . import point_time_step as entry
 from .point_barriers import IMPULSE_X, IMPULSE_Z
 from .point_blocks import places_of
 

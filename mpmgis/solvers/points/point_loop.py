@@ -39,7 +39,27 @@ from .point_blocks import (
     rows_and_columns,
     sort_by_block,
 )
-from .point_clock import (
+from .point_crests import press_on_crests
+from .point_density import EVERY, correct_density
+from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces
+from .point_ground import Ground
+from .point_layers import couple_layers
+from .point_nodes import NODE_REPORT, gather_nodes, hold_nodes, move_nodes
+from .point_peaks import COLUMN_SUMS, accumulate_point_peaks
+from .point_records import ColumnSums, FaceArrays, NodeReports, PointPlaces, PointState, Site
+from .point_report import REPORT
+from .point_rows import (
+    BLOCK,
+    BLOCK_SIZE,
+    TILE_SIZE,
+    ActiveBlocks,
+    BlockWindow,
+    NodeBlocks,
+    Settings,
+    SortedPoints,
+    Surface,
+)
+from .point_time_step import (
     ALIVE,
     ALL_LEFT,
     BAD,
@@ -64,26 +84,6 @@ from .point_clock import (
     collect_nodes,
     note_fastest,
     set_next_step,
-)
-from .point_crests import press_on_crests
-from .point_density import EVERY, correct_density
-from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces
-from .point_ground import Ground
-from .point_layers import couple_layers
-from .point_nodes import NODE_REPORT, gather_nodes, hold_nodes, move_nodes
-from .point_peaks import COLUMN_SUMS, accumulate_point_peaks
-from .point_records import ColumnSums, FaceArrays, NodeReports, PointPlaces, PointState, Site
-from .point_report import REPORT
-from .point_rows import (
-    BLOCK,
-    BLOCK_SIZE,
-    TILE_SIZE,
-    ActiveBlocks,
-    BlockWindow,
-    NodeBlocks,
-    Settings,
-    SortedPoints,
-    Surface,
 )
 from .points_to_grid import points_to_grid
 
@@ -197,7 +197,7 @@ def advance(
     Returns
     -------
     reason : int
-        Why it stopped: one of the reasons of `point_clock`.
+        Why it stopped: one of the reasons of `point_time_step`.
     """
     rows, keys, clock, counts, yields = state.rows, state.keys, state.clock, state.counts, state.yields
     ground, lowest, inside, barriers = places.ground, places.lowest, places.inside, places.barriers

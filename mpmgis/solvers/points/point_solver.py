@@ -15,9 +15,9 @@ from ...frames.peaks import maxima_of, no_peaks, peaks_state, restore_peaks
 from ...frames.state_check import LEFT_STATE, YIELD_STATE
 from ...system.errors import FormatError, SceneError
 from ..columns.node_grid import ColumnGrid
-from . import point_clock as entry
 from . import point_loop as kernel
 from . import point_rows as row
+from . import point_time_step as entry
 from .face_arrays import NO_FACES
 from .ground_contact import YIELD, YIELD_ENTRIES, YIELD_STEP
 from .ground_folds import folded_ground, padded
@@ -25,12 +25,12 @@ from .ground_nodes import barrier_nodes, ground_nodes, press_faces, press_ground
 from .point_balances import LEDGER, PointBalances
 from .point_barriers import POINT_BARRIER_SUMS
 from .point_blocks import EAST, lowest_blocks, set_places, window_of
-from .point_clock import set_next_step
 from .point_numerics import PRECISIONS, kernel_settings, mass_limits
 from .point_records import PointPlaces, PointState
 from .point_restart import require_point_state
 from .point_rows import volume_ratios
 from .point_sums import MOMENTUM_X, MOMENTUM_Z
+from .point_time_step import set_next_step
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
@@ -209,7 +209,7 @@ class PointSolver(PointBalances):
         self._stress = self._affine = None
 
     def advance(self, until: float, after: float = np.inf, max_steps: int = 1 << 62) -> int:
-        """Advance to a time or by a number of steps, and return the reason of the kernel to stop (see `point_clock`).
+        """Advance to a time or by a number of steps; return the reason to stop (see `point_time_step`).
 
         Parameters
         ----------

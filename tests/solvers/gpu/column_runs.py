@@ -10,7 +10,7 @@ from column_slots import erodible, made, pile, zones
 
 from mpmgis.laws.entrainment import ErosionEnergy
 from mpmgis.laws.friction import FrictionZones
-from mpmgis.solvers.columns import column_clock
+from mpmgis.solvers.columns import column_time_step
 from mpmgis.solvers.columns.column_solver import ColumnSolver
 from mpmgis.solvers.columns.node_grid import CellWindow
 from mpmgis.solvers.gpu.device_column_solver import DeviceColumnSolver
@@ -106,8 +106,8 @@ def released(solver):
     """An area is armed, and asked for until it has fired; then the run goes on."""
     nodes = np.array([9, 10]), np.array([13, 13])
     solver.arm(1, nodes, 0.05)
-    code = column_clock.RUNNING
-    while code != column_clock.TRIGGER_REACHED and solver.time < 5.0:
+    code = column_time_step.RUNNING
+    while code != column_time_step.TRIGGER_REACHED and solver.time < 5.0:
         assert not solver.fired(1, nodes)
         code = solver.advance(5.0, max_steps=2)
     assert solver.fired(1, nodes) and not (solver._wet[nodes] // 2).any()
@@ -117,9 +117,9 @@ def released(solver):
 def allowed_to_stop(solver):
     """Rest ends a run only where it may."""
     solver._rows[:, 2:8] = 0.0
-    solver._clock[column_clock.MOVING_PEAK] = 1e9
-    assert solver.advance(1.0, 2, may_stop=False) == column_clock.RUNNING
-    assert solver.advance(1.0, 2, may_stop=True) == column_clock.STOPPED_MOVING
+    solver._clock[column_time_step.MOVING_PEAK] = 1e9
+    assert solver.advance(1.0, 2, may_stop=False) == column_time_step.RUNNING
+    assert solver.advance(1.0, 2, may_stop=True) == column_time_step.STOPPED_MOVING
     return solver
 
 

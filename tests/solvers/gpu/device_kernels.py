@@ -10,7 +10,7 @@ from numba import types
 from mpmgis.laws.affine_transfer import WholeGradient
 from mpmgis.laws.barrier import Barrier, NoBarrier
 from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.friction import FrictionZones, NoZones
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 from mpmgis.laws.softening import NoSoftening, softening

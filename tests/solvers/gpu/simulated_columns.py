@@ -12,8 +12,8 @@ from column_slots import SCENES, made
 from launch_order import shuffled
 
 from mpmgis.compiled.block_order import GONE
-from mpmgis.solvers.columns import column_clock as entry
 from mpmgis.solvers.columns import column_rows as row
+from mpmgis.solvers.columns import column_time_step as entry
 from mpmgis.solvers.columns.column_records import ColumnArrays
 from mpmgis.solvers.gpu import device_column_loop
 from mpmgis.solvers.gpu.device_column_loop import CHANGING_FIELDS, DeviceColumns

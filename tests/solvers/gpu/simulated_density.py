@@ -30,11 +30,11 @@ from simulated_points import (
 )
 
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.features.walls import Wall
 from mpmgis.solvers.gpu import device_functions
-from mpmgis.solvers.points import point_clock as entry
 from mpmgis.solvers.points import point_rows as row
+from mpmgis.solvers.points import point_time_step as entry
 from mpmgis.solvers.points.ground_contact import YIELD
 from mpmgis.solvers.points.point_barriers import FILLED, FILLED_TOP, SHARE
 from mpmgis.solvers.points.point_density import EVERY

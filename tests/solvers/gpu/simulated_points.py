@@ -17,15 +17,15 @@ from point_scenes import block_of, plane, points_on
 
 from mpmgis.compiled.block_order import GONE
 from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.friction import FrictionZones
 from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
 from mpmgis.laws.softening import NoSoftening, softening
 from mpmgis.solvers.gpu.device_point_loop import LAST_STEP, DevicePoints
 from mpmgis.solvers.gpu.launch import Launch
-from mpmgis.solvers.points import point_clock as entry
 from mpmgis.solvers.points import point_rows as row
 from mpmgis.solvers.points import point_solver
+from mpmgis.solvers.points import point_time_step as entry
 from mpmgis.solvers.points.ground_contact import YIELD, YIELD_STEP
 from mpmgis.solvers.points.point_barriers import POINT_BARRIER_SUMS
 from mpmgis.solvers.points.point_faces import FACE_BARRIER

@@ -22,8 +22,8 @@ from simulated_points import (
     slab,
 )
 
-from mpmgis.solvers.points import point_clock as entry
 from mpmgis.solvers.points import point_rows as row
+from mpmgis.solvers.points import point_time_step as entry
 
 LITTLE = NARROW._replace(room=1)  # arrays for a single block, which nearly every step outgrows
 ENDS = {

@@ -7,8 +7,8 @@ import pytest
 from column_slots import SCENES
 from device_cases import LACK, results_of
 
-from mpmgis.solvers.columns import column_clock, column_forest
-from mpmgis.solvers.points import point_clock
+from mpmgis.solvers.columns import column_forest, column_time_step
+from mpmgis.solvers.points import point_time_step
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 TOLERANCE = 1e-12  # of the largest value of each: sums of the same numbers in another order, over a few steps
@@ -59,8 +59,8 @@ def test_the_scenes_contain_what_they_are_for(found):
     ):
         assert facts[scene][total] > 0.0, (scene, total)
     assert all(max(map(abs, held)) > 0.0 for held in facts["barriers"]["held"])
-    assert found["too fast"]["reason"] == column_clock.TOO_FAST
-    assert found["triggers"]["reason"] == column_clock.TRIGGER_REACHED
+    assert found["too fast"]["reason"] == column_time_step.TOO_FAST
+    assert found["triggers"]["reason"] == column_time_step.TRIGGER_REACHED
     for scene in ("forest", "forest breaks", "forest takes all", "forest with limits", "forest, erosion and walls"):
         assert facts[scene]["forest"][column_forest.DETRAINED] > 0.0, scene
     assert facts["forest"]["forest"][column_forest.RESISTED] > 0.0
@@ -84,4 +84,4 @@ def test_reasons_to_stop(found):
 
 def test_counts_that_the_sort_shares_with_points_have_the_same_entries():
     names = "ROWS", "ALIVE", "STEP", "SINCE_REORDER"
-    assert [getattr(column_clock, name) for name in names] == [getattr(point_clock, name) for name in names]
+    assert [getattr(column_time_step, name) for name in names] == [getattr(point_time_step, name) for name in names]

@@ -13,11 +13,11 @@ from column_scenes import terrain_of
 from single_nodes import SingleNodes
 
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid import Fluid
+from mpmgis.laws.fluid_material import Fluid
 from mpmgis.laws.material import Elastic
 from mpmgis.solvers.features.walls import Wall
-from mpmgis.solvers.points.point_clock import CORRECTED_TOTAL
 from mpmgis.solvers.points.point_solver import PointSolver
+from mpmgis.solvers.points.point_time_step import CORRECTED_TOTAL
 
 pytestmark = pytest.mark.slow  # the step is compiled for it
 

@@ -36,7 +36,7 @@ from .georeference import (
 )
 from .grid import Grid
 from .raster_input import ONE_BAND, band_number, band_values, crs_of, open_raster, transform_of
-from .reprojection import Reprojection
+from .reprojection_record import Reprojection
 
 USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)  # values that mean nodata in many files without saying so
 UNIT_METRES = {  # unit type of a band -> metres
