@@ -18,7 +18,7 @@ _POINTS_ONLY = ("spacing", "vertical_velocity", "paper", "relevel")
 _COLUMNS_ONLY = ("by", "detached")
 
 
-class PointOptions(TypedDict, total=False):
+class ConvertPointOptions(TypedDict, total=False):
     """How columns become points."""
 
     spacing: Annotated[
@@ -60,7 +60,7 @@ class PointOptions(TypedDict, total=False):
     ]
 
 
-class ColumnOptions(TypedDict, total=False):
+class ConvertColumnOptions(TypedDict, total=False):
     """How points become columns."""
 
     by: Annotated[
@@ -83,8 +83,8 @@ class ColumnOptions(TypedDict, total=False):
 
 class ConversionOptions(
     shared_options.OverwriteOptions,
-    PointOptions,
-    ColumnOptions,
+    ConvertPointOptions,
+    ConvertColumnOptions,
     shared_options.TerrainOptions,
     shared_options.DeclarationOptions,
     shared_options.DensityOptions,
@@ -116,7 +116,7 @@ class ConversionOptions(
 
 class SolverStartOptions(
     shared_options.OverwriteOptions,
-    PointOptions,
+    ConvertPointOptions,
     shared_options.TerrainOptions,
     shared_options.DeclarationOptions,
     shared_options.DensityOptions,
@@ -170,8 +170,8 @@ VERB = Verb(
     arguments=Arguments,
     trust=True,
     groups=(
-        ("to points", PointOptions),
-        ("to columns", ColumnOptions),
+        ("to points", ConvertPointOptions),
+        ("to columns", ConvertColumnOptions),
         ("terrain", shared_options.TerrainOptions),
         ("for another 3D solver", SolverOptions),
         (shared_options.THIRD_PARTY, shared_options.DeclarationOptions),

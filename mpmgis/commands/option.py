@@ -1,6 +1,6 @@
 """Declare options of a verb as data, for the command line, the Python function, the QGIS form and the reference page.
 
- A verb's options are the keys of a TypedDict. Each key has the type of its value and an `Option`, for example
+A verb's options are the keys of a TypedDict. Each key has the type of its value and an `Option`, for example
 ``cell_size: Annotated[float, Option("cell size", "M", unit="m", flag="--cs-e", above=0)]``.
 """
 

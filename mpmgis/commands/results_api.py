@@ -1,6 +1,6 @@
 """Open results in Python as xarray datasets, GeoPandas tables, and frames in memory.
 
- The verbs are in `mpmgis.commands`. Messages go to the logger `mpmgis` (`logging.basicConfig(level="INFO")` shows
+The verbs are in `mpmgis.commands`. Messages go to the logger `mpmgis` (`logging.basicConfig(level="INFO")` shows
 them); errors are `mpmgis.MpmgisError`, each with a message of one line.
 """
 

@@ -151,7 +151,7 @@ class MaterialOptions(TypedDict, total=False):
     ]
 
 
-class ColumnOptions(TypedDict, total=False):
+class SeedColumnOptions(TypedDict, total=False):
     """Number and arrangement of columns."""
 
     per_cell: Annotated[
@@ -244,7 +244,9 @@ class SeedSolverOptions(SolverOptions, total=False):
     ]
 
 
-class SeedingOptions(shared_options.OverwriteOptions, SeedTerrainOptions, MaterialOptions, ColumnOptions, total=False):
+class SeedingOptions(
+    shared_options.OverwriteOptions, SeedTerrainOptions, MaterialOptions, SeedColumnOptions, total=False
+):
     """Options of `mpmgis.seed`."""
 
 
@@ -300,7 +302,7 @@ VERB = Verb(
     groups=(
         ("terrain", SeedTerrainOptions),
         ("material", MaterialOptions),
-        ("columns", ColumnOptions),
+        ("columns", SeedColumnOptions),
         ("for another 3D solver", SeedSolverOptions),
     ),
     example="""

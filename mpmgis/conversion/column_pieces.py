@@ -8,7 +8,7 @@ import shapely
 
 if TYPE_CHECKING:
     from .column_footprints import Footprints
-    from .ground_below import Ground
+    from .ground_below import GroundBelow
 
 _WELL = 1e-12  # [1] share of a piece in the next cell, below which it is rounding
 _LONGER = 1e-6  # [1] share by which a piece may be longer than requested, or [cells] by which a place may miss a border
@@ -57,7 +57,7 @@ class Pieces:
         return Pieces(**{name: values[index] for name, values in vars(self).items()})
 
 
-def cut(x: np.ndarray, y: np.ndarray, footprints: "Footprints", size: float | None, ground: "Ground") -> Pieces:
+def cut(x: np.ndarray, y: np.ndarray, footprints: "Footprints", size: float | None, ground: "GroundBelow") -> Pieces:
     """Cut columns on the ground into adjacent rectangles.
 
     A piece without ground below its middle is put in the middle of its column, so that no mass is lost at the
@@ -71,7 +71,7 @@ def cut(x: np.ndarray, y: np.ndarray, footprints: "Footprints", size: float | No
         Of the columns.
     size : float or None [m]
         No piece is longer than that (None: columns stay whole).
-    ground : Ground
+    ground : GroundBelow
 
     Returns
     -------

@@ -13,7 +13,7 @@ from .column_footprints import squares, stretched
 from .column_pieces import count_by_cell, cover, cut, piece_velocity, within
 from .conserved_sums import NOTHING, Sums, particle_mass_scatter, sums_of
 from .conversion_options import MOST, PointOptions
-from .ground_below import Ground, slope_cosine
+from .ground_below import GroundBelow, slope_cosine
 from .point_stacks import Stacks, frame_of
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def columns_to_points(
     spacing = options.spacing_for(particles)
     _require_few_enough(options.predicted_points(particles), spacing)
     footprints = _footprints(frame, x, y, options)
-    ground = Ground.under(terrain.moved(-frame.origin[0], -frame.origin[1]), x, y, float(footprints.length.max()))
+    ground = GroundBelow.under(terrain.moved(-frame.origin[0], -frame.origin[1]), x, y, float(footprints.length.max()))
     pieces = cut(x, y, footprints, options.piece_size, ground)
     inside = within(pieces, x, y, None if window is None else translate(window, -frame.origin[0], -frame.origin[1]))
     _require_some(inside, len(particles), terrain, window)

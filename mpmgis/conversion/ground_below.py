@@ -16,13 +16,13 @@ _MARGIN = 3  # [pixels] beyond the particles, so that gradients under them are c
 
 
 @dataclass(frozen=True)
-class Ground:
+class GroundBelow:
     """Bilinear height of a terrain, and its gradient limited at cliff edges, interpolated likewise."""
 
     terrain: Terrain
 
     @classmethod
-    def under(cls, terrain: Terrain, x: np.ndarray, y: np.ndarray, reach: float = 0.0) -> "Ground":
+    def under(cls, terrain: Terrain, x: np.ndarray, y: np.ndarray, reach: float = 0.0) -> "GroundBelow":
         """Return the ground below map points.
 
         Parameters

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .ground_below import Ground
+from .ground_below import GroundBelow
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame
@@ -57,7 +57,7 @@ def stress_of_weight(
         return kirchhoff_stress(vertical_stress, material.bulk_modulus, shear_modulus, strength=0.0)
     x, y = frame.particles.position[:, :2].T
     height, place = frame.particles.position[:, 2] + frame.origin[2], frame.map_xy()
-    ground = Ground.under(terrain, *place)
+    ground = GroundBelow.under(terrain, *place)
     steep2 = sum(slope**2 for slope in ground.gradient(*place))
     load = -frame.particles.mass / frame.particles.volume * gravity  # [Pa m-1]
     depth = vertical_stress / load * (1.0 + np.where(np.isfinite(steep2), steep2, 0.0))

@@ -10,7 +10,7 @@ from ..laws.quantities import GRAVITY
 from ..system.errors import InputError
 from .conserved_sums import NOTHING, Sums, sums_of
 from .conversion_options import LAY, REFUSE, ColumnOptions
-from .ground_below import Ground, slope_cosine
+from .ground_below import GroundBelow, slope_cosine
 from .point_groups import Groups, PointsOverGround, cells_of, grouped
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def points_to_columns(
     options = options or ColumnOptions()
     _require_points(frame)
     x, y, near = *frame.particles.position[:, :2].T, terrain.moved(-frame.origin[0], -frame.origin[1])
-    ground = Ground.under(near, x, y)
+    ground = GroundBelow.under(near, x, y)
     bed = ground.height(x, y)
     on_ground = np.isfinite(bed)
     if not on_ground.any():
@@ -157,7 +157,7 @@ def unsettled_share(frame: Frame, terrain: "Terrain", cell: float, normal_share:
         Of the speed along the slope that the speed across it may be.
     """
     x, y, near = *frame.particles.position[:, :2].T, terrain.moved(-frame.origin[0], -frame.origin[1])
-    ground = Ground.under(near, x, y)
+    ground = GroundBelow.under(near, x, y)
     bed = ground.height(x, y)
     here = np.flatnonzero(np.isfinite(bed))
     if not len(here):
@@ -299,7 +299,7 @@ def _require_thickness(thickness, groups):
 def _bed_at(over, groups, mass, centre, terrain):
     """Bed [m] and its gradient under the centres; the mean under the points where a centre has no ground."""
     x, y = centre[:, :2].T
-    ground = Ground.under(terrain, x, y)
+    ground = GroundBelow.under(terrain, x, y)
     found = (ground.height(x, y), *ground.gradient(x, y))
     means = (groups.sum(over.mass * values) / mass for values in (over.bed, over.slope_east, over.slope_north))
     return [np.where(np.isfinite(a), a, b) for a, b in zip(found, means, strict=True)]

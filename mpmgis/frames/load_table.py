@@ -33,7 +33,7 @@ RATES = {
 }
 
 
-class BarrierTable:
+class LoadTable:
     """Writer of a table with a row for each frame and barrier; the file is rewritten atomically with every frame.
 
     The mean force is over the time since the previous frame; impulses, mass and the largest force of a single step
@@ -92,7 +92,7 @@ class BarrierTable:
 
 
 def read_barrier_table(path: Path) -> dict[str, dict[str, np.ndarray]]:
-    """Read a file that BarrierTable wrote.
+    """Read a file that LoadTable wrote.
 
     Parameters
     ----------

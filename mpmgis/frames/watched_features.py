@@ -20,7 +20,7 @@ ENTRIES = 4
 MOST_FEATURES = 8  # bits of the mark of a block of nodes
 
 
-class Feature(NamedTuple):
+class WatchedFeature(NamedTuple):
     """A spatial effect of a scene that is off.
 
     Parameters
@@ -44,7 +44,7 @@ class TakenIn(NamedTuple):
     Parameters
     ----------
     effect, words : str
-        As in Feature.
+        Name of the effect, as in a WatchedFeature.
     time : float [s]
     east, north : float [m]
         Map position of a particle that reached it.
@@ -69,7 +69,7 @@ class Watch:
 
     Parameters
     ----------
-    features : sequence of Feature
+    features : sequence of WatchedFeature
     with_effects : callable
         (names of additional effects) -> (effects, Places, walls) for the solver.
 
@@ -79,7 +79,7 @@ class Watch:
         More features than MOST_FEATURES.
     """
 
-    def __init__(self, features: Sequence[Feature], with_effects: Callable[[tuple[str, ...]], tuple]):
+    def __init__(self, features: Sequence[WatchedFeature], with_effects: Callable[[tuple[str, ...]], tuple]):
         self.features, self.with_effects = tuple(features), with_effects
         if len(self.features) > MOST_FEATURES:
             raise ValueError(f"{len(self.features)} features are watched, at most {MOST_FEATURES} can be")

@@ -1,6 +1,6 @@
 """Compute loads on barriers and buildings: force, moment, overtopping, run-up, and whether they are usable.
 
- A piece of outline that faces the flow bears, per width, the drag C_d rho v^2 h / 2 of a pressure that is uniform over
+A piece of outline that faces the flow bears, per width, the drag C_d rho v^2 h / 2 of a pressure that is uniform over
 the depth h, with its resultant at h / 2, and the hydrostatic force rho g h^2 / 2, with its resultant at h / 3. C_d = 2
 is the momentum flux rho h v^2 of a flow that the wall stops (balance of momentum).
 """

@@ -1,6 +1,6 @@
 """Hold profiles of a flow along a line, at points over time, and over the height above the bed.
 
- A vertical profile is a square map cell divided into layers by distance normal to the bed; each layer is averaged like
+A vertical profile is a square map cell divided into layers by distance normal to the bed; each layer is averaged like
 a cell of an export (outlook of Vicari et al. 2025, NHESS 25:3897). A point has the height of a cube of its volume and
 is shared among the layers that it overlaps, so a uniform lattice of points gives uniform layers.
 """

@@ -1,6 +1,6 @@
 """Compute runout, drop height, angles of the energy line, and centre of mass, as numbers and as report lines.
 
- The energy line (Heim 1932: Fahrboeschung) joins the highest point of a flow to its farthest; the tangent of its angle
+The energy line (Heim 1932: Fahrboeschung) joins the highest point of a flow to its farthest; the tangent of its angle
 is drop over length. For the centre of mass the tangent depends on friction only: mu for a block with Coulomb friction.
 """
 

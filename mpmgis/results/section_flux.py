@@ -1,6 +1,6 @@
 """Compute discharge through a section over time, from particles that cross it and from the momentum of its cells.
 
- The position of a particle with an id is known at two frames. The straight path between them crosses the section or
+The position of a particle with an id is known at two frames. The straight path between them crosses the section or
 not, so the mass that crossed is a sum over particles. It is exact if the section spans the whole flow, because then
 only the sides matter. The momentum flux of the section's cells at frame times, integrated with the trapezoidal rule,
 needs no ids; its accuracy depends on the frame interval.

@@ -99,7 +99,7 @@ class HaltonColumns:
         ground = cell_fill.Ground(nowhere, flat, nowhere, flat, nowhere, law)
         if scene is not None:
             ground = scene.ground(self.lattice, self.window, law)
-        sequence = halton_fill.Sequence(
+        sequence = halton_fill.HaltonSequence(
             self._shift, self._box, self.beta, self._slope, self._slope_map, self.seed, unit_area
         )
         return halton_fill.halton_chunks(

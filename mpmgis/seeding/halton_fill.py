@@ -18,7 +18,7 @@ from .random_numbers import halton, uniform
 from .raster_values import valid_at
 
 
-class Sequence(NamedTuple):
+class HaltonSequence(NamedTuple):
     """Points of Halton's sequence (bases 2 and 3), moved and mapped to a box.
 
     With `beta` a point survives with the probability (1 + beta min(tan slope, 1)) / (1 + beta), by random numbers of
@@ -51,7 +51,7 @@ class Sequence(NamedTuple):
 
 @jit
 def halton_chunk(
-    index: int, size: int, quota: int, sequence: Sequence, cover: Cover, edges: Edges, points: np.ndarray
+    index: int, size: int, quota: int, sequence: HaltonSequence, cover: Cover, edges: Edges, points: np.ndarray
 ) -> tuple[int, float]:
     """Collect those points of a chunk of Halton's sequence that lie inside the polygon.
 
@@ -61,7 +61,7 @@ def halton_chunk(
         First index of the chunk, and number of its indices.
     quota : int
         Largest number of points.
-    sequence : Sequence
+    sequence : HaltonSequence
     cover : Cover
     edges : Edges
     points : float64[:, 3]
@@ -103,7 +103,7 @@ def halton_chunks(
     size: int,
     quota: np.ndarray,
     offsets: np.ndarray,
-    sequence: Sequence,
+    sequence: HaltonSequence,
     cover: Cover,
     edges: Edges,
     ground: Ground,
@@ -120,7 +120,7 @@ def halton_chunks(
         Largest number of points of each chunk.
     offsets : int64[last - first]
         Chunk `first + c` is written from number ``offsets[c]`` on.
-    sequence : Sequence
+    sequence : HaltonSequence
     cover : Cover
     edges : Edges
     ground : Ground

@@ -96,12 +96,12 @@ class Lattice:
         ulp = float(np.spacing(max(np.abs(points).max(), *np.abs(self.origin))))
         return max(_SNAP, _ULPS * ulp / float(np.hypot(*self.matrix).min()))
 
-    def map_affine(self, window: "Window", reference: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    def map_affine(self, window: "LatticeWindow", reference: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """Return the affine from (u, v) of a window to map coordinates [m].
 
         Parameters
         ----------
-        window : Window
+        window : LatticeWindow
         reference : (float, float) [m]
             Map point that the coordinates are relative to.
 
@@ -114,12 +114,12 @@ class Lattice:
         y = (self.origin[1] - reference[1]) + d * window.column + e * window.row
         return np.array([a, b, x, d, e, y])
 
-    def raster_affine(self, window: "Window", grid: Grid) -> np.ndarray:
+    def raster_affine(self, window: "LatticeWindow", grid: Grid) -> np.ndarray:
         """Return the affine from (u, v) of a window to fractional (row, column) of a raster, whole at pixel centres.
 
         Parameters
         ----------
-        window : Window
+        window : LatticeWindow
         grid : Grid
             Grid of the raster.
 
@@ -136,7 +136,7 @@ class Lattice:
 
 
 @dataclass(frozen=True)
-class Window:
+class LatticeWindow:
     """The cells row <= r < row + rows, column <= c < column + columns of a lattice."""
 
     row: int
@@ -152,7 +152,7 @@ class Outline:
     Parameters
     ----------
     lattice : Lattice
-    window : Window
+    window : LatticeWindow
     edges : float64[n, 4]
         u0, v0, u1, v1.
     orientation : float
@@ -162,7 +162,7 @@ class Outline:
     """
 
     lattice: Lattice
-    window: Window
+    window: LatticeWindow
     edges: np.ndarray
     orientation: float
     snap: float = _SNAP
@@ -183,7 +183,7 @@ class Outline:
         cells = _snapped(lattice.to_cells(points), snap)
         low = np.floor(cells.min(axis=0)).astype(int) - 1
         high = np.ceil(cells.max(axis=0)).astype(int) + 1
-        window = Window(int(low[1]), int(low[0]), int(high[1] - low[1]), int(high[0] - low[0]))
+        window = LatticeWindow(int(low[1]), int(low[0]), int(high[1] - low[1]), int(high[0] - low[0]))
         cells = cells - low
         joined = ring[1:] == ring[:-1]
         edges = np.ascontiguousarray(np.hstack((cells[:-1][joined], cells[1:][joined])))

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..terrain.grid import Grid
 from . import cell_fill
-from .lattice import Lattice, Window
+from .lattice import Lattice, LatticeWindow
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +30,13 @@ class PartScene:
     thickness: np.ndarray
     thickness_grid: Grid
 
-    def ground(self, lattice: Lattice, window: Window, law: np.ndarray) -> cell_fill.Ground:
+    def ground(self, lattice: Lattice, window: LatticeWindow, law: np.ndarray) -> cell_fill.Ground:
         """Return the Ground of kernels for the cells of a window.
 
         Parameters
         ----------
         lattice : Lattice
-        window : Window
+        window : LatticeWindow
         law : float64[3]
             As in Ground.
         """

@@ -8,7 +8,7 @@ import shapely
 from ..terrain.elevation import Terrain, bilinear
 from ..terrain.release_parts import NORMAL, ReleasePart, ThicknessRaster
 from . import polygon_cover
-from .lattice import Lattice, Outline, Window
+from .lattice import Lattice, LatticeWindow, Outline
 from .release_bed import steepness
 
 _SAME_CELL = 1 + 1e-9  # [1] ratio up to which two cell sizes are equal: rounding
@@ -80,7 +80,7 @@ def integral(polygon: shapely.Geometry, raster: ThicknessRaster) -> tuple[float,
     return total * lattice.cell_area, square * lattice.cell_area, area * lattice.cell_area
 
 
-def _spans_within(spans: np.ndarray, window: Window, shape: tuple[int, int]) -> np.ndarray:
+def _spans_within(spans: np.ndarray, window: LatticeWindow, shape: tuple[int, int]) -> np.ndarray:
     """Clip spans to a raster of `shape`: rounding may put an outline's last cell beyond the raster's edge."""
     spans = spans.copy()
     spans[:, 1] = np.maximum(spans[:, 1], -window.column)

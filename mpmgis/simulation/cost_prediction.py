@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..scene import Scene
     from ..terrain.elevation import Terrain
     from .preparation import Prepared
-    from .stage_sequence import Sequence
+    from .stage_sequence import StageSequence
 
 FEW_NODES = 4_000_000  # of a map grid; up to this number no estimate is needed: 0.4 GB, one second
 COARSE_NODES = 250_000  # of the grid for seeding the release in the estimate
@@ -381,12 +381,12 @@ class OwnPace:
         self.seconds, self._ahead = ahead.seconds, ahead
         self._prepared, self._threads, self._steps, self._words = prepared, threads, {}, []
 
-    def update(self, sequence: "Sequence") -> None:
+    def update(self, sequence: "StageSequence") -> None:
         """Measure the pace of the current stage of `sequence`, if it is unknown and enough steps are done.
 
         Parameters
         ----------
-        sequence : stage_sequence.Sequence
+        sequence : StageSequence
         """
         name = sequence.stage.scene.solver
         seconds, particle_steps, steps = sequence.stepped
@@ -402,12 +402,12 @@ class OwnPace:
             longest = predicted_cost(self._prepared, self._threads, machine, longest=True)
             log.info(prediction_line(Prediction(self.seconds, longest, self._ahead.memory, machine.words, True)))
 
-    def watching(self, sequence: "Sequence", watch: Callable) -> Callable:
+    def watching(self, sequence: "StageSequence", watch: Callable) -> Callable:
         """Return `watch` extended by a measurement of the pace of the `sequence`.
 
         Parameters
         ----------
-        sequence : stage_sequence.Sequence
+        sequence : StageSequence
         watch : callable
             Called with (solver, end time [s]) a few times a second.
         """

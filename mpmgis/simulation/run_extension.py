@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..frames.run_folder import RunFolder
     from ..scene import Scene
     from .preparation import Prepared
-    from .stage_sequence import Sequence
+    from .stage_sequence import StageSequence
 
 DIFFERENCES = 3  # number of keys that a message names
 LONGEST = 60  # [characters] of a value in a message
@@ -101,7 +101,7 @@ def can_continue(record: dict) -> bool:
     return record.get("state") != "finished" or record.get("reason") == END_TIME
 
 
-def continue_earlier(folder: "RunFolder", sequence: "Sequence", earlier: "Prepared") -> "Frame":
+def continue_earlier(folder: "RunFolder", sequence: "StageSequence", earlier: "Prepared") -> "Frame":
     """Set `sequence` to the newest frame in `folder` up to which the `earlier` run equals the longer one.
 
     Newer frames are removed; the others are assigned to the longer run.
@@ -110,7 +110,7 @@ def continue_earlier(folder: "RunFolder", sequence: "Sequence", earlier: "Prepar
     ----------
     folder : RunFolder
         Of the earlier run.
-    sequence : Sequence
+    sequence : StageSequence
         Of the longer run.
     earlier : Prepared
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled.jit import set_threads
-from ..frames.load_table import BarrierTable
+from ..frames.load_table import LoadTable
 from ..frames.peaks import largest_peaks
 from ..frames.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
 from ..scene import scene_text
@@ -29,7 +29,7 @@ from .run_device import devices_record, require_devices
 from .run_extension import can_continue, continue_earlier, differences, earlier_run
 from .run_summary import extremes, unusable_lines
 from .scene_files import input_files
-from .stage_sequence import Sequence
+from .stage_sequence import StageSequence
 from .warmup import warm_up
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ def run(
     ahead = require_affordable(prepared, used, confirm)
     if not ahead.compiled:
         warm_up(prepared)
-    sequence, pace = Sequence(prepared, _with_mach_warning(watch)), OwnPace(prepared, used, ahead)
+    sequence, pace = StageSequence(prepared, _with_mach_warning(watch)), OwnPace(prepared, used, ahead)
     if not ahead.compiled and not resume:
         sequence.observe = pace.watching(sequence, sequence.observe)
     _log_stages(prepared)
@@ -330,14 +330,14 @@ def _summary(folder, sequence, reason, wall, expected=None):
 
 
 def integrate_into(
-    folder: RunFolder, sequence: Sequence, resumed: bool, pace: OwnPace | None = None, device: str = CPU
+    folder: RunFolder, sequence: StageSequence, resumed: bool, pace: OwnPace | None = None, device: str = CPU
 ) -> RunSummary:
     """Integrate in time and write into a locked folder; its record always shows the state of the run.
 
     Parameters
     ----------
     folder : RunFolder
-    sequence : Sequence
+    sequence : StageSequence
     resumed : bool
         The run continues after a restored frame.
     pace : OwnPace, optional
@@ -485,7 +485,7 @@ class _BarrierTables:
         stage = self._sequence.stage_now(number)
         name = BARRIER_FILE if stage.table is None else STAGE_BARRIER_FILE.format(number + 1)
         names, sums = stage.places.barrier_names, BARRIER_SUMS[stage.scene.solver]
-        return BarrierTable(self._folder.place / name, names, sums, resumed) if names else None
+        return LoadTable(self._folder.place / name, names, sums, resumed) if names else None
 
     def add(self, frame):
         """Add the rows of a `frame` before it is written; a finished stage gets a last row at its end."""

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..conversion.conversion_options import PointOptions
     from ..conversion.solver_switch import Switched
     from ..frames.particles import Frame
-    from ..frames.watched_features import Feature
+    from ..frames.watched_features import WatchedFeature
     from ..laws.effect_slots import ColumnEffects, PointEffects
     from ..scene import Scene, TerrainFacts
     from ..solvers.columns.column_solver import ColumnNumerics
@@ -106,7 +106,7 @@ class Stage:
         """The barriers that are on in 3D."""
         return self.known_walls if self.scene.solver == "points" and self.places.barrier_names else ()
 
-    def features(self) -> "tuple[Feature, ...]":
+    def features(self) -> "tuple[WatchedFeature, ...]":
         """Return the spatial features that are off only because of the number that decides them."""
         effects = self.effects
         law = effects.contact if self.scene.solver == "points" else effects.friction

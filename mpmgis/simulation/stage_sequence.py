@@ -75,7 +75,7 @@ def stage_number(frame: "Frame") -> int:
     return number if isinstance(number, int) else 0
 
 
-class Sequence:
+class StageSequence:
     """An iterator of the frames of a run, from its first stage to its last.
 
     At a switch there is one frame: the first of the new stage. A scene without [[stage]] is one stage.

@@ -15,7 +15,7 @@ from ..simulation.numerical_parameters import crossed, one_at_a_time, parameters
 from ..simulation.preparation import prepare, prepare_scene
 from ..simulation.scene_files import input_files
 from ..simulation.scene_run import use_threads
-from ..simulation.stage_sequence import Sequence
+from ..simulation.stage_sequence import StageSequence
 from ..simulation.warmup import warm_up
 from ..system.csv_rows import write_records
 from ..system.errors import InputError, OutputError, SceneError
@@ -31,7 +31,7 @@ from .study_plots import write_plot
 from .study_table import OtherResult, Row, Study
 
 if TYPE_CHECKING:
-    from .study_table import Choice
+    from .study_table import SettingChoice
 
 TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
 COMPARISONS = 4  # number of times at which flows are compared, including the end
@@ -67,7 +67,7 @@ class StudyFound:
     Parameters
     ----------
     study : Study
-    choice : Choice or None
+    choice : SettingChoice or None
         For the target error.
     lines : tuple of str
         The conclusions.
@@ -75,7 +75,7 @@ class StudyFound:
     """
 
     study: Study
-    choice: "Choice | None"
+    choice: "SettingChoice | None"
     lines: tuple
     files: tuple
 
@@ -196,7 +196,7 @@ class _Flow:
 
     def __init__(self, prepared, interval, watch=lambda solver, end_time: None):
         output = replace(prepared.scene.output, frame_interval=float(interval))
-        self._sequence = Sequence(replace(prepared, scene=replace(prepared.scene, output=output)), watch)
+        self._sequence = StageSequence(replace(prepared, scene=replace(prepared.scene, output=output)), watch)
 
     def __iter__(self):
         return iter(self._sequence)

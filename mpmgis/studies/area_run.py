@@ -22,7 +22,7 @@ from .ensemble_member import MemberTask, run_task
 from .region_areas import write_area
 
 if TYPE_CHECKING:
-    from ..terrain.release_window import Window
+    from ..terrain.release_window import ReleaseWindow
 
 MOST_RUNS = 8  # of an area in windows of increasing size
 EDGE_CELLS = 2  # [cells] of the solver and of the DTM: flow nearer to an edge of its window has reached it
@@ -68,7 +68,7 @@ class AreaTask:
         keys = ("crs", "band", "fill_nodata", "to_crs")
         return TerrainFile(folder / table["dem"], **{key: table.get(key) for key in keys})
 
-    def first_window(self, terrain: TerrainFile) -> "Window":
+    def first_window(self, terrain: TerrainFile) -> "ReleaseWindow":
         """Return the automatic window; write the file of the area if it is missing.
 
         Parameters
@@ -86,13 +86,13 @@ class AreaTask:
             write_area(self.source, self.shape, self.run.name, self.crs)
         return reach_window(terrain.grid, terrain.part, polygon, self.mu, self.head)
 
-    def within(self, terrain: TerrainFile, window: "Window") -> MemberTask:
+    def within(self, terrain: TerrainFile, window: "ReleaseWindow") -> MemberTask:
         """Return the task of a run in a window.
 
         Parameters
         ----------
         terrain : TerrainFile
-        window : Window
+        window : ReleaseWindow
         """
         bounds = terrain.grid.part(window.top, window.left, window.shape).bounds
         tables = self.run.tables
@@ -152,7 +152,7 @@ def _run_in_windows(task, look):
     }
 
 
-def sides_left(record: dict, terrain: TerrainFile, window: "Window", tables: dict) -> tuple[str, ...]:
+def sides_left(record: dict, terrain: TerrainFile, window: "ReleaseWindow", tables: dict) -> tuple[str, ...]:
     """Return the sides of a window, inside the DTM, that the flow reached or left by.
 
     Parameters
@@ -160,7 +160,7 @@ def sides_left(record: dict, terrain: TerrainFile, window: "Window", tables: dic
     record : dict
         Of the run.
     terrain : TerrainFile
-    window : Window
+    window : ReleaseWindow
     tables : dict
         Of the scene.
     """

@@ -20,7 +20,7 @@ from ..maps.averaging.placement import Bed
 from ..scene import scene_from_tables
 from ..simulation.preparation import prepare_scene
 from ..simulation.scene_run import integrate_into, use_threads
-from ..simulation.stage_sequence import Sequence
+from ..simulation.stage_sequence import StageSequence
 from ..simulation.warmup import warm_up
 from ..system.errors import InputError, UnphysicalError, one_line
 from ..system.messages import muted
@@ -192,7 +192,7 @@ def _write_deposit(task: MemberTask, sequence: "_Peaks", averaging: Averaging, t
         write_rows(part, averaging.grid, [DEPOSITED], tags, lambda band, first, last: values[first:last])
 
 
-class _Peaks(Sequence):
+class _Peaks(StageSequence):
     """A run that collects the maxima of its frames, and at the end those of the solver, on the cells of a raster."""
 
     def __init__(self, prepared, averaging, look):

@@ -22,7 +22,7 @@ from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log
 from .ensemble_member import FIGURES, MemberTask
 from .ensemble_statistics import Products, exceedances
-from .sampling_plan import Plan, with_values
+from .sampling_plan import SamplingPlan, with_values
 from .varied_keys import variation
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ TABLE_HEAD, TABLE_TAIL = ("number",), ("digest", "status", *TIMES, *FIGURES, "re
 DIGEST_LENGTH = 16  # [hexadecimal digits] of a member, also in the names of its files
 
 
-def read_plan(request: "EnsembleRequest") -> tuple[Plan, Products]:
+def read_plan(request: "EnsembleRequest") -> tuple[SamplingPlan, Products]:
     """Read the plan file, overridden by the request.
 
     Parameters
@@ -46,7 +46,7 @@ def read_plan(request: "EnsembleRequest") -> tuple[Plan, Products]:
 
     Returns
     -------
-    plan : Plan
+    plan : SamplingPlan
     products : Products
 
     Raises
@@ -63,7 +63,7 @@ def read_plan(request: "EnsembleRequest") -> tuple[Plan, Products]:
         given[key] = variation(asked, f"`vary={key}`")
     exceed, percentiles = request.exceed, request.percentiles
     exceed = exceedances(exceed) if isinstance(exceed, (tuple, list)) else exceed
-    plan = Plan.of(
+    plan = SamplingPlan.of(
         varied | given,
         request.sampling or stored.get("sampling"),
         request.samples or stored.get("samples"),
@@ -137,7 +137,7 @@ class PlannedRuns:
     scene : Scene
     tables : dict
         Of the scene, with maxima of all steps.
-    plan : Plan
+    plan : SamplingPlan
     members : list of Member
     groups : dict
         Varied texts (names of files and laws) -> (MemberTask of the scene with them, Prepared).
@@ -146,18 +146,18 @@ class PlannedRuns:
     request: "EnsembleRequest"
     scene: "Scene"
     tables: dict
-    plan: Plan
+    plan: SamplingPlan
     members: list
     groups: dict
 
     @classmethod
-    def of(cls, request: "EnsembleRequest", plan: Plan) -> "PlannedRuns":
+    def of(cls, request: "EnsembleRequest", plan: SamplingPlan) -> "PlannedRuns":
         """Check all members, and prepare a run of each group.
 
         Parameters
         ----------
         request : EnsembleRequest
-        plan : Plan
+        plan : SamplingPlan
 
         Raises
         ------

@@ -50,7 +50,7 @@ def _are_lists(varied):
 
 
 @dataclass(frozen=True)
-class Plan:
+class SamplingPlan:
     """The varied keys, their distributions, and the number of runs.
 
     Parameters
@@ -70,7 +70,7 @@ class Plan:
     seed: int
 
     @classmethod
-    def of(cls, varied: dict, sampling: str | None = None, samples: int | None = None, seed: int = 0) -> "Plan":
+    def of(cls, varied: dict, sampling: str | None = None, samples: int | None = None, seed: int = 0) -> "SamplingPlan":
         """Return a plan with defaults: lists alone are combined on a grid, otherwise a Latin hypercube is used.
 
         Parameters
@@ -196,7 +196,7 @@ def with_values(tables: dict, values: dict) -> dict:
     ----------
     tables : dict
     values : dict
-        By key, as in `Plan`.
+        By key, as in `SamplingPlan`.
     """
     made = copy.deepcopy(tables)
     for key, value in values.items():

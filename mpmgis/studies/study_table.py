@@ -106,7 +106,7 @@ class Row(NamedTuple):
     errors: Errors
 
 
-class Choice(NamedTuple):
+class SettingChoice(NamedTuple):
     """Settings for a requested error.
 
     Parameters
@@ -233,7 +233,7 @@ class Study:
         sizes = self.by_cell_size()
         return stops_paying([size for _, size in sizes], [self.errors[k] for k, _ in sizes])
 
-    def choice(self, error: float) -> Choice | None:
+    def choice(self, error: float) -> SettingChoice | None:
         """Return the settings for a requested error: the fastest row that reaches it, else from the law.
 
         Of rows that are a tie with the fastest, the one with the smallest error is used.
@@ -245,7 +245,7 @@ class Study:
 
         Returns
         -------
-        Choice or None
+        SettingChoice or None
             None if the law does not reach so far.
         """
         reached = np.flatnonzero(self.errors <= error)
@@ -254,13 +254,13 @@ class Study:
             tied = np.intersect1d(reached, [fastest, *self.ties(fastest)])
             k = tied[np.argmin(self.errors[tied])]
             changes = dict(self.rows[k].outcome.setting.changes)
-            return Choice(changes, float(self.seconds[k]), float(self.errors[k]), False)
+            return SettingChoice(changes, float(self.seconds[k]), float(self.errors[k]), False)
         if self.law is None or self.law.cell_size(error) * FARTHEST < self._finest():
             return None
         base = self.rows[0].outcome.setting
         factor = float(f"{self.law.cell_size(error) / base.cell_size:.3g}")
         seconds = self.seconds[0] / factor ** cost_power(base.scene)
-        return Choice(dict(cells_times(base.scene, factor)), float(seconds), error, True)
+        return SettingChoice(dict(cells_times(base.scene, factor)), float(seconds), error, True)
 
     def _finest(self):
         """Return the smallest cell size of the study [m]."""

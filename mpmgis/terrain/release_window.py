@@ -19,7 +19,7 @@ MOST_SAMPLES = 2000  # points of a release from which the line is drawn
 SIDES = ("north", "south", "west", "east")  # of pixels: first row, last row, first column, last column
 
 
-class Window(NamedTuple):
+class ReleaseWindow(NamedTuple):
     """Rows and columns of a DTM, the ends excluded.
 
     Parameters
@@ -43,7 +43,7 @@ class Window(NamedTuple):
         """Number of rows and columns."""
         return self.bottom - self.top, self.right - self.left
 
-    def grown(self, sides: Collection[str], shape: tuple[int, int]) -> "Window":
+    def grown(self, sides: Collection[str], shape: tuple[int, int]) -> "ReleaseWindow":
         """Return this window, larger by half its height or width beyond some sides, within the DTM.
 
         Parameters
@@ -54,7 +54,7 @@ class Window(NamedTuple):
             Rows and columns of the DTM.
         """
         rows, columns = (max(RIM, -(-n // 2)) for n in self.shape)
-        return Window(
+        return ReleaseWindow(
             max(0, self.top - rows * ("north" in sides)),
             min(shape[0], self.bottom + rows * ("south" in sides)),
             max(0, self.left - columns * ("west" in sides)),
@@ -90,7 +90,7 @@ class Window(NamedTuple):
 
 def reach_window(
     grid: Grid, part: Callable[[slice, slice], Terrain], polygon: shapely.Geometry, mu: float, head: float = 0.0
-) -> Window:
+) -> ReleaseWindow:
     """Find the window of all pixels below the energy line of a release, connected with it, and a rim around.
 
     The part of the DTM in which the line is drawn is enlarged until the line ends inside it or at the DTM's edge.
@@ -124,7 +124,7 @@ def reach_window(
         window = larger
     top, bottom, left, right = extent
     rows, columns = grid.shape
-    return Window(
+    return ReleaseWindow(
         max(0, window.top + top - RIM),
         min(rows, window.top + bottom + RIM),
         max(0, window.left + left - RIM),
@@ -132,9 +132,9 @@ def reach_window(
     )
 
 
-def _pixels(grid: Grid, bounds: tuple[float, float, float, float], margin: int) -> Window:
+def _pixels(grid: Grid, bounds: tuple[float, float, float, float], margin: int) -> ReleaseWindow:
     rows, columns = grid.window(bounds, margin)
-    return Window(rows.start, rows.stop, columns.start, columns.stop)
+    return ReleaseWindow(rows.start, rows.stop, columns.start, columns.stop)
 
 
 def _extent(terrain: Terrain, polygon: shapely.Geometry, mu: float, head: float) -> tuple[int, int, int, int]:

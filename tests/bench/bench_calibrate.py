@@ -24,7 +24,7 @@ from mpmgis.studies import calibration
 from mpmgis.studies.calibration import CalibrateRequest, calibrate
 from mpmgis.studies.calibration_priors import priors
 from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
-from mpmgis.studies.sampling_plan import Plan
+from mpmgis.studies.sampling_plan import SamplingPlan
 
 PAIRS, NEEDED, SEED = 20, 18, 2026
 VARY = ("friction.mu=0.1:0.4", "friction.xi=500:3000")
@@ -86,7 +86,7 @@ def _coulomb(site):
 def _voellmy(site):
     scene = site / "scene.toml"
     scene.write_text(SCENE)
-    plan = Plan.of(priors(VARY, None), "random", PAIRS, SEED)
+    plan = SamplingPlan.of(priors(VARY, None), "random", PAIRS, SEED)
     values = np.array(plan.values())
     outlines = truths(site, scene, dict(zip(plan.varied, values.T.tolist(), strict=True)))
     outlines = list(outlines)

@@ -55,7 +55,7 @@ from mpmgis.results.comparison_answer import CompareRequest, compare
 from mpmgis.scene.scene_reading import read_toml
 from mpmgis.simulation.preparation import prepare
 from mpmgis.simulation.scene_run import integrate_into
-from mpmgis.simulation.stage_sequence import Sequence
+from mpmgis.simulation.stage_sequence import StageSequence
 from mpmgis.simulation.warmup import warm_up
 from mpmgis.studies.accuracy_study import _cells, _thickness
 from mpmgis.studies.run_measures import errors_against_exact, errors_of
@@ -268,7 +268,7 @@ def marched(setting, folder, into):
         given[table] = given[table] | {key: str(folder / given[table][key])}
     prepared = prepare(setting.tables(given))
     warm_up(prepared)
-    sequence, kept = Sequence(prepared), RunFolder(into, overwrite=True)
+    sequence, kept = StageSequence(prepared), RunFolder(into, overwrite=True)
     with kept.held():
         kept.open()
         began = time.process_time()

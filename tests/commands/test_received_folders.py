@@ -224,7 +224,7 @@ def test_the_old_run_stays_until_the_new_one_has_a_frame(site, monkeypatch, when
         raise stop
 
     if when == "first step":
-        monkeypatch.setattr(run_module.Sequence, "__iter__", end)
+        monkeypatch.setattr(run_module.StageSequence, "__iter__", end)
     else:
         monkeypatch.setattr("mpmgis.frames.run_folder.write_frame", end)
     with pytest.raises((stop, SystemExit)):

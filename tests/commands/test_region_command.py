@@ -24,7 +24,7 @@ from mpmgis.studies.region_runs import RegionRequest, region
 from mpmgis.system.errors import InputError
 from mpmgis.system.messages import collected
 from mpmgis.terrain.dtm import TerrainFile
-from mpmgis.terrain.release_window import Window, reach_window
+from mpmgis.terrain.release_window import ReleaseWindow, reach_window
 
 WEST, NORTH, PIXEL, ROWS, COLUMNS = 400_000.0, 5_120_000.0, 10.0, 700, 1200
 VALLEYS = 3  # slopes of 27 degrees, 4 km apart, each with level ground at its foot
@@ -277,7 +277,7 @@ def test_a_dask_cluster_gives_the_same_maps(site, done, tmp_path, monkeypatch):
 
 
 def test_flow_that_reaches_the_edge_of_its_window_is_run_in_a_larger_one(site, done, tmp_path, monkeypatch):
-    narrow = lambda grid, part, polygon, mu, head: Window(*_pixels_around(grid, polygon, 12))  # noqa: E731
+    narrow = lambda grid, part, polygon, mu, head: ReleaseWindow(*_pixels_around(grid, polygon, 12))  # noqa: E731
     monkeypatch.setattr(area_run, "reach_window", narrow)
     with collected() as lines:
         found = region(asked(site, tmp_path / "narrow", scenario="T", frequency="f"))

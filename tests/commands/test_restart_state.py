@@ -17,7 +17,7 @@ from mpmgis.frames.frame_digest import CONTENT, RESULT, STATE, content_of, requi
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.run_folder import RunFolder
 from mpmgis.simulation.preparation import prepare
-from mpmgis.simulation.stage_sequence import Sequence
+from mpmgis.simulation.stage_sequence import StageSequence
 from mpmgis.system.errors import FormatError
 
 COLUMNS = SCENE.replace("end_time = 30", "end_time = 6").replace("frame_interval = 5", "frame_interval = 2")
@@ -196,12 +196,12 @@ def test_arrays_that_cannot_be_are_refused(runs, prepared, name):
     for array, values in frame.state.items():
         for what, broken in attacks(values):
             with pytest.raises(FormatError) as caught:
-                Sequence(prepared[name]).restore(replace(frame, state=frame.state | {array: broken}))
+                StageSequence(prepared[name]).restore(replace(frame, state=frame.state | {array: broken}))
             assert "\n" not in str(caught.value), (array, what)
             tried += 1
         rest = {other: kept for other, kept in frame.state.items() if other != array}
         with pytest.raises(FormatError):
-            Sequence(prepared[name]).restore(replace(frame, state=rest))
+            StageSequence(prepared[name]).restore(replace(frame, state=rest))
     assert tried > 40
 
 
@@ -247,7 +247,7 @@ def test_numbers_out_of_range_are_refused(runs, prepared, name):
     frame = newest_state(runs, name)
     for array, place, value in OUT_OF_RANGE[name]:
         with pytest.raises(FormatError, match="start with --overwrite"):
-            Sequence(prepared[name]).restore(replace(frame, state=changed(frame.state, array, place, value)))
+            StageSequence(prepared[name]).restore(replace(frame, state=changed(frame.state, array, place, value)))
 
 
 def test_places_where_mass_left_are_checked(runs, prepared):
@@ -258,7 +258,7 @@ def test_places_where_mass_left_are_checked(runs, prepared):
             "left_sums": np.zeros((len(blocks), frame.state["left_sums"].shape[1])),
         }
         with pytest.raises(FormatError, match="left_blocks"):
-            Sequence(prepared["columns"]).restore(replace(frame, state=state))
+            StageSequence(prepared["columns"]).restore(replace(frame, state=state))
 
 
 def test_a_made_up_state_of_the_right_digest_is_refused_in_a_line(runs, tmp_path, capsys):
@@ -294,7 +294,7 @@ def test_small_changes_of_a_made_up_state_never_crash(runs, prepared):
             values = frame.state[array].copy()
             flat = values.reshape(-1).view(np.uint8)
             flat[random.randrange(flat.size)] ^= 1 << random.randrange(8)
-            sequence = Sequence(prepared[name])
+            sequence = StageSequence(prepared[name])
             with suppress(FormatError):
                 sequence.restore(replace(frame, state=frame.state | {array: values}))
                 solver = sequence.solver

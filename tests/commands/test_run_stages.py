@@ -27,7 +27,7 @@ from slope_site import (
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.simulation.preparation import prepare
-from mpmgis.simulation.stage_sequence import Sequence
+from mpmgis.simulation.stage_sequence import StageSequence
 
 SCENE = slide(5.0, 5, 1, head="", more="particles_per_cell = 4") + "maxima = true\n"
 DAM = '[[barrier]]\nsource = "dam.geojson"\nheight = 6\nname = "dam"\n'
@@ -227,7 +227,7 @@ def test_columns_outside_continue_and_become_points_in_the_window(beside):
 
 def coupled(site):
     """The solver of the second stage, at its start."""
-    sequence = Sequence(prepare(site / "beside.toml"))
+    sequence = StageSequence(prepare(site / "beside.toml"))
     for _ in sequence:
         if sequence.number == 1:
             return sequence.solver

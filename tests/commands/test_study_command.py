@@ -11,7 +11,7 @@ from slope_site import SCENE, slide, write_block_site, write_site
 
 from mpmgis.commands.shell.main import main
 from mpmgis.commands.shell.simulation_verbs import target_lines
-from mpmgis.studies.study_table import RECORD_NAMES, Choice
+from mpmgis.studies.study_table import RECORD_NAMES, SettingChoice
 
 
 @pytest.fixture(scope="module")
@@ -200,7 +200,7 @@ def test_a_scene_in_stages_is_studied_as_a_whole(tmp_path):
 
 
 def test_settings_for_an_error_name_their_table():
-    choice = Choice({"stage1.cell_size": 8.0, "stage2.cell_size": 2.0, "precision": "float32"}, 3.0, 0.05, False)
+    choice = SettingChoice({"stage1.cell_size": 8.0, "stage2.cell_size": 2.0, "precision": "float32"}, 3.0, 0.05, False)
     assert target_lines(0.1, choice)[1:] == [
         "[[stage]] number 1",
         "cell_size = 8.0",

@@ -14,7 +14,7 @@ from slope_site import FOOT, SOUTH, WEST, contents, distances, record, write_ras
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.simulation import preparation as preparing
-from mpmgis.simulation.stage_sequence import Sequence
+from mpmgis.simulation.stage_sequence import StageSequence
 from mpmgis.solvers.columns.column_solver import ColumnSolver
 from mpmgis.solvers.columns.column_time_step import RUNNING
 from mpmgis.solvers.points.point_solver import PointSolver
@@ -309,6 +309,6 @@ def test_a_scene_without_such_features_watches_nothing(tmp_path):
     scene = fast_slide(tmp_path)
     scene.text = scene.text.partition("[[barrier]]")[0]
     (tmp_path / "scene.toml").write_text(scene.text)
-    sequence = Sequence(preparing.prepare(tmp_path / "scene.toml"))
+    sequence = StageSequence(preparing.prepare(tmp_path / "scene.toml"))
     assert sequence.solver._watch is None and sequence.solver._watched.size == 0
     assert "taken_in" not in sequence.solver.frame().state

@@ -31,14 +31,14 @@ import sys
 from mpmgis.compiled import jit
 from mpmgis.simulation.preparation import prepare
 from mpmgis.simulation.warmup import warm_up
-from mpmgis.simulation.stage_sequence import Sequence
+from mpmgis.simulation.stage_sequence import StageSequence
 def compiled():
     return sum(len(kernel.signatures) for kernel in jit._kernels)
 prepared = prepare(sys.argv[1])
 before = compiled()
 warm_up(prepared)
 ready = compiled()
-frames = list(Sequence(prepared))
+frames = list(StageSequence(prepared))
 print(before < ready, compiled() - ready, [frame.dimension for frame in frames])
 """
 

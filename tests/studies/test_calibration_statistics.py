@@ -14,7 +14,7 @@ from mpmgis.studies.calibration_posterior import (
 from mpmgis.studies.calibration_priors import priors
 from mpmgis.studies.calibration_result import Calibration, rounded
 from mpmgis.studies.gaussian_process import Emulator, Process
-from mpmgis.studies.sampling_plan import Plan
+from mpmgis.studies.sampling_plan import SamplingPlan
 from mpmgis.studies.varied_keys import variation
 from mpmgis.system.errors import InputError
 
@@ -167,11 +167,11 @@ def test_the_share_of_a_value_is_the_inverse_of_its_quantile(text):
 
 
 def test_a_joint_plan_has_the_lists_row_by_row():
-    plan = Plan.of({"a": variation([1.0, 2.0], "a"), "b": variation([5.0, 6.0], "b")}, "joint")
+    plan = SamplingPlan.of({"a": variation([1.0, 2.0], "a"), "b": variation([5.0, 6.0], "b")}, "joint")
     assert plan.values() == [(1.0, 5.0), (2.0, 6.0)] and plan.count == 2
     for wrong in ({"a": variation([1.0, 2.0], "a"), "b": variation([5.0], "b")}, {"a": variation("1:2", "a")}):
         with pytest.raises(InputError, match="of the same length"):
-            Plan.of(wrong, "joint")
+            SamplingPlan.of(wrong, "joint")
 
 
 def test_priors_come_from_the_material_or_from_the_user():

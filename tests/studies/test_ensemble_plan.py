@@ -7,7 +7,7 @@ from scipy import stats
 from mpmgis.laws.own_law import NO_OWN_LAWS
 from mpmgis.laws.quantities import MEMBER_BANDS
 from mpmgis.studies.ensemble_statistics import ARRIVAL, Products, exceedances, statistics
-from mpmgis.studies.sampling_plan import Plan
+from mpmgis.studies.sampling_plan import SamplingPlan
 from mpmgis.studies.varied_keys import variation
 from mpmgis.system.errors import InputError, SceneError
 
@@ -23,7 +23,7 @@ TABLES = {
 
 
 def plan(varied, **how):
-    return Plan.of({key: variation(text, key) for key, text in varied.items()}, **how)
+    return SamplingPlan.of({key: variation(text, key) for key, text in varied.items()}, **how)
 
 
 def members(varied, tables=None, **how):
@@ -149,7 +149,7 @@ def test_invalid_distributions_are_rejected(text):
 
 def test_empty_plans_and_too_many_members_are_rejected():
     with pytest.raises(InputError, match="nothing varies"):
-        Plan.of({})
+        SamplingPlan.of({})
     with pytest.raises(InputError, match="at most"):
         plan({"friction.mu": "0:1", "friction.xi": "1:2", "release.thickness": "1:2"}, sampling="grid", samples=100)
     with pytest.raises(InputError, match="lhs"):

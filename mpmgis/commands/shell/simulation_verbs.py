@@ -15,7 +15,7 @@ from .progress import frame_progress, interruptible, member_progress, run_progre
 
 if TYPE_CHECKING:
     from ...studies.calibration_result import Calibration
-    from ...studies.study_table import Choice
+    from ...studies.study_table import SettingChoice
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -309,14 +309,14 @@ def _table(study):
     return [head, *(line for _, line in sorted(lines))]
 
 
-def target_lines(error: float | None, choice: "Choice | None") -> list[str]:
+def target_lines(error: float | None, choice: "SettingChoice | None") -> list[str]:
     """Return lines of text: the settings for a target.
 
     Parameters
     ----------
     error : float or None
         The target, relative or [m]; None: no lines.
-    choice : Choice or None
+    choice : SettingChoice or None
 
     Returns
     -------

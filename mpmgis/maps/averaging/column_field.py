@@ -222,7 +222,7 @@ class Lattice(NamedTuple):
             Axis.of(corner[0] + cells[2] * across - nodes[2], across, cells[3] - cells[2], nodes[3] - nodes[2]),
         )
 
-    def cell_window(self, grid: Grid, bed: Bed, cells: np.ndarray, axes: tuple, sloped: bool = False) -> "CellWindow":
+    def cell_window(self, grid: Grid, bed: Bed, cells: np.ndarray, axes: tuple, sloped: bool = False) -> "FieldWindow":
         """Return the window of cells with the factor of each part; flow is possible where the bed has data.
 
         Parameters
@@ -237,7 +237,7 @@ class Lattice(NamedTuple):
 
         Returns
         -------
-        CellWindow
+        FieldWindow
         """
         down, across = axes
         factor = np.empty((len(down.owner), len(across.owner)))
@@ -254,7 +254,7 @@ class Lattice(NamedTuple):
             sloped,
             factor,
         )
-        return CellWindow(cells, axes, factor, self.node_area(grid))
+        return FieldWindow(cells, axes, factor, self.node_area(grid))
 
     def node_area(self, grid: Grid) -> float:
         """Return the ground area [m2] of one node.
@@ -267,7 +267,7 @@ class Lattice(NamedTuple):
         return grid.cell_area / float(sides.prod())
 
 
-class CellWindow(NamedTuple):
+class FieldWindow(NamedTuple):
     """Raster cells within reach of a window of nodes.
 
     Parameters
@@ -339,7 +339,7 @@ class CellSums(NamedTuple):
     mark: np.ndarray
 
 
-def nodes_to_cells(nodes: np.ndarray, present: int, measure: int, grid: Grid, window: CellWindow) -> CellSums:
+def nodes_to_cells(nodes: np.ndarray, present: int, measure: int, grid: Grid, window: FieldWindow) -> CellSums:
     """Integrate the field of `nodes` over the cells of `grid` in `window`.
 
     Parameters
@@ -348,7 +348,7 @@ def nodes_to_cells(nodes: np.ndarray, present: int, measure: int, grid: Grid, wi
     present, measure : int
         Number of the sum that must be present in a cell, and of the sum for `top`.
     grid : Grid
-    window : CellWindow
+    window : FieldWindow
 
     Returns
     -------

@@ -12,7 +12,7 @@ from ..averaging.bed_change import eroded_depth, largest_rate, on_cells, share_b
 
 if TYPE_CHECKING:
     from ..averaging.frame_values import FrameValues
-    from .export_plan import Plan
+    from .export_plan import ExportPlan
 
 BED_BANDS = ("eroded", "erosion_rate_max", "deposit")
 FOREST_BANDS = ("detrained", "broken_forest")  # only with forest
@@ -32,13 +32,13 @@ def bed_bands(change: dict) -> tuple[str, ...]:
 
 
 def write_bed_rasters(
-    plan: "Plan", rasters: Path, values: "FrameValues", tags: dict, cog: bool, rate: np.ndarray | None = None
+    plan: "ExportPlan", rasters: Path, values: "FrameValues", tags: dict, cog: bool, rate: np.ndarray | None = None
 ) -> dict[str, float]:
     """Write `<name>_bed.tif` and `<name>_surface.tif` where the frames store erosion or forest.
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExportPlan
     rasters : Path
         Folder of the rasters.
     values : FrameValues

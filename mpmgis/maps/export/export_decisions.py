@@ -21,7 +21,7 @@ from ..averaging.frame_values import Averaging, automatic_standoff, fastest_mean
 from ..averaging.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
 from ..averaging.placement import Bed
 from .export_inputs import log_unused_options, refuse_nowhere, release_density, solver_peaks
-from .export_plan import Plan
+from .export_plan import ExportPlan
 from .step_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ AUTO = "auto"
 
 def make_plan(
     request: "ExportRequest", entries: Sequence, terrain: "Terrain", products: tuple, pool: "FramePool"
-) -> Plan:
+) -> ExportPlan:
     """Choose cells, steps and standoff; frames are read only if one of these needs it.
 
     Parameters
@@ -48,7 +48,7 @@ def make_plan(
 
     Returns
     -------
-    Plan
+    ExportPlan
     """
     density = release_density(request.source, entries)
     log_unused_options(request.averaging, entries)
@@ -86,7 +86,7 @@ def make_plan(
     )
     bands = (*products, *(RUNNING_BANDS if RUNNING in request.files.products else ()))
     name = entries[0].path.resolve().parent.name or "frames"
-    return Plan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change)
+    return ExportPlan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change)
 
 
 def needed_products(products: tuple) -> tuple[str, ...]:

@@ -12,20 +12,20 @@ from ..averaging.maxima import BANDS as SOLVER_BANDS
 from ..averaging.maxima import MAXIMA_BANDS, WITHOUT_THRESHOLD
 
 if TYPE_CHECKING:
-    from .export_plan import Plan
+    from .export_plan import ExportPlan
     from .export_request import ExportRequest
     from .step_rasters import Tally
 
 MOST_FRAMES_LISTED = 12  # [frames] of another code that have a line each
 
 
-def log_export(request: "ExportRequest", plan: "Plan", tally: "Tally") -> None:
+def log_export(request: "ExportRequest", plan: "ExportPlan", tally: "Tally") -> None:
     """Log facts and warnings about the frames of an export, each once.
 
     Parameters
     ----------
     request : ExportRequest
-    plan : Plan
+    plan : ExportPlan
     tally : Tally
     """
     if plan.entries[0].reader != OWN:

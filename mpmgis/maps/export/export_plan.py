@@ -8,8 +8,8 @@ from ..averaging.maxima import SolverPeaks
 
 
 @dataclass(frozen=True)
-class Plan:
-    """Plan of an export.
+class ExportPlan:
+    """The plan of an export.
 
     Parameters
     ----------

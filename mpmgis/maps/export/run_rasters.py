@@ -30,7 +30,7 @@ from ..qgis.raster_styles import raster_styles
 from .bed_rasters import write_bed_rasters
 from .export_decisions import needed_products
 from .export_messages import log_export
-from .export_plan import Plan
+from .export_plan import ExportPlan
 from .export_request import CellSampling, ExportRequest
 from .step_rasters import (
     Tally,
@@ -56,7 +56,7 @@ KEPT_SHARE = 0.05  # [1] largest share of the wall time for writing these frames
 
 
 @dataclass(frozen=True)
-class RunPlan(Plan):
+class RunPlan(ExportPlan):
     """The plan of an export of all frames of a run, which are in memory one after the other."""
 
     interval: float = 0.0  # [s]

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..averaging.frame_values import Averaging, FrameValues
     from ..averaging.maxima import SolverPeaks
     from ..qgis.outlines import StepSpool
-    from .export_plan import Plan
+    from .export_plan import ExportPlan
     from .export_request import ExportRequest
 
 DEPOSIT_BANDS = ("h", "t", "t_vol")
@@ -150,7 +150,7 @@ class Tally:
 
 def write_rasters(
     request: "ExportRequest",
-    plan: "Plan",
+    plan: "ExportPlan",
     folder: Path,
     pool: "FramePool",
     spool: "StepSpool | None",
@@ -161,7 +161,7 @@ def write_rasters(
     Parameters
     ----------
     request : ExportRequest
-    plan : Plan
+    plan : ExportPlan
     folder : Path
         Being written.
     pool : FramePool
@@ -202,12 +202,12 @@ def write_rasters(
     return exported(plan, folder, writer.files, maxima, tally), tally
 
 
-def frame_maxima(plan: "Plan", pool: "FramePool", progress: Callable) -> tuple[dict, Tally]:
+def frame_maxima(plan: "ExportPlan", pool: "FramePool", progress: Callable) -> tuple[dict, Tally]:
     """Compute maxima and deposit of the frames of a plan in memory.
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExportPlan
     pool : FramePool
     progress : callable
         Called with (frames done, frames in all).
@@ -297,7 +297,7 @@ def _step_writer(request, plan, rasters, pool):
 
 
 def write_step(
-    plan: "Plan",
+    plan: "ExportPlan",
     writer: object,
     step: int,
     entry: "FrameEntry",
@@ -309,7 +309,7 @@ def write_step(
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExportPlan
     writer : StepFiles, StepStacks or RasterWriter
     step : int
     entry : FrameEntry
@@ -354,12 +354,12 @@ def _write_layers(plan, folder, step, entry, values, cog):
     write_rows(folder / "layers" / f"{plan.name}_{step:04d}.tif", grid, layer_quantities(edges), tags, rows_of, cog)
 
 
-def write_maxima(plan: "Plan", path: Path, maxima: RunningMaxima, tally: Tally, cog: bool) -> None:
+def write_maxima(plan: "ExportPlan", path: Path, maxima: RunningMaxima, tally: Tally, cog: bool) -> None:
     """Write the maxima of a run.
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExportPlan
     path : Path
     maxima : RunningMaxima
     tally : Tally
@@ -379,12 +379,12 @@ def write_maxima(plan: "Plan", path: Path, maxima: RunningMaxima, tally: Tally, 
     )
 
 
-def write_deposit(plan: "Plan", path: Path, values: "FrameValues", cog: bool) -> None:
+def write_deposit(plan: "ExportPlan", path: Path, values: "FrameValues", cog: bool) -> None:
     """Write the deposit.
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExportPlan
     path : Path
     values : FrameValues
         Of the last frame.
@@ -403,12 +403,12 @@ def write_deposit(plan: "Plan", path: Path, values: "FrameValues", cog: bool) ->
     )
 
 
-def write_terrain(plan: "Plan", path: Path, cog: bool) -> None:
+def write_terrain(plan: "ExportPlan", path: Path, cog: bool) -> None:
     """Write the elevation of the cells.
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExportPlan
     path : Path
     cog : bool
         Cloud-optimised file.
@@ -442,12 +442,12 @@ def _tags_of_reprojection(terrain):
     return {} if how is None else {f"dem_{name}": value for name, value in how.facts().items()}
 
 
-def run_tags(plan: "Plan") -> dict:
+def run_tags(plan: "ExportPlan") -> dict:
     """Return the tags of every raster of the export: version, inputs and settings.
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExportPlan
     """
     averaging, first = plan.averaging, plan.entries[0]
     return _tags_of_reprojection(plan.terrain) | {
@@ -467,12 +467,14 @@ def run_tags(plan: "Plan") -> dict:
     }
 
 
-def exported(plan: "Plan", folder: Path, step_files: Iterable, maxima: RunningMaxima, tally: Tally) -> ExportedRun:
+def exported(
+    plan: "ExportPlan", folder: Path, step_files: Iterable, maxima: RunningMaxima, tally: Tally
+) -> ExportedRun:
     """Describe the rasters of a plan.
 
     Parameters
     ----------
-    plan : Plan
+    plan : ExportPlan
     folder : Path
     step_files : iterable of str
         Names in the folder `rasters`.

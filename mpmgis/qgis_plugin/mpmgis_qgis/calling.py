@@ -1,6 +1,6 @@
 """Call the command, print its messages in the log of QGIS, and stop it when the user cancels.
 
- It uses QProcess, not QgsBlockingProcess, because only QProcess accepts an environment in every QGIS from 3.22 on, and
+It uses QProcess, not QgsBlockingProcess, because only QProcess accepts an environment in every QGIS from 3.22 on, and
 with the environment of QGIS (PYTHONHOME, PROJ_LIB) another Python does not start.
 """
 

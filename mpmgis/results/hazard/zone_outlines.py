@@ -1,6 +1,6 @@
 """Outline hazard zones for a map scale: smoothed, simplified, minimum mapping area, no gaps or overlaps.
 
- Where generalization must choose, the higher level wins: gaps that are too small to be mapped take the level around
+Where generalization must choose, the higher level wins: gaps that are too small to be mapped take the level around
 them, and parts that are too small are enlarged, not removed.
 """
 

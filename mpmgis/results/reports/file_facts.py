@@ -1,6 +1,6 @@
 """Collect facts about any file or folder of the processing chain, for `mpmgis info`.
 
- Facts are a dictionary of numbers, strings, lists and dictionaries, in SI units; `kind` names the type of file. The
+Facts are a dictionary of numbers, strings, lists and dictionaries, in SI units; `kind` names the type of file. The
 type is detected from the contents; the suffix only decides which reader is tried first.
 """
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import ndimage
 
-from ...frames.watched_features import Feature
+from ...frames.watched_features import WatchedFeature
 from ...laws.forest import STRENGTH
 from ...laws.friction import FrictionZones
 from ...scene import mu_least
@@ -165,7 +165,7 @@ class KnownByPlace:
             barrier_names=tuple(wall.name for wall in walls),
         )
 
-    def watched(self, law: Any, decisions: "Iterable[Decision]") -> tuple[Feature, ...]:
+    def watched(self, law: Any, decisions: "Iterable[Decision]") -> tuple[WatchedFeature, ...]:
         """Return the features that are off by their indicator only.
 
         Parameters
@@ -184,7 +184,7 @@ class KnownByPlace:
         for effect, why in off.items():
             words, nodes = where[effect](law)
             if nodes.any():
-                features.append(Feature(effect, f"{words}, off until now ({why})", nodes))
+                features.append(WatchedFeature(effect, f"{words}, off until now ({why})", nodes))
         return tuple(features)
 
     def _zone_nodes(self, law):
