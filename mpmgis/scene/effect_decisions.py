@@ -42,7 +42,7 @@ from .terrain_effects import (
     decide_zones,
 )
 
-# in the order of the report; each puts its law into its slot (see `scene/decisions`)
+# in the order of the report; each puts its law into its slot (see `decision_rules`)
 DECIDERS = (
     decide_metric,
     decide_friction,

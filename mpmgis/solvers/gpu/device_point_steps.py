@@ -22,7 +22,7 @@ GRADIENT = 1  # [s m-1] strain of the step per first moment of the velocity, 4 d
 TURN2 = 2  # [m-2] squared gradient of the velocity per squared first moment, 16 / dx^2
 PUSH = 3  # [s m2 kg-1] affine momentum of the next step per stress and mass, 4 dt / (dx rho)
 STEP = 4  # [s] its length
-DENSE = 5  # [kg] mass of the nodes around a point below which `point_edges.limit_thin` may act
+DENSE = 5  # [kg] mass of the nodes around a point below which `affine_limit.limit_thin` may act
 STILL2 = 6  # [m2 s-2] squared affine velocity above which it may act
 SCALES = 7
 # ground of a node column, heights in cells from the first ghost

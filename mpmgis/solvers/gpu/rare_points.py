@@ -93,7 +93,7 @@ def _variance(tile, x, y, z, u, v, w):
 
 @Part
 def _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, settings):
-    """Return whether the affine velocity of a point is kept as it is (see `point_edges.limit_thin`).
+    """Return whether the affine velocity of a point is kept as it is (see `affine_limit.limit_thin`).
 
     `east2` and `north2` are the parts of the velocities to the east and to the north in `affine2`.
     """

@@ -1,6 +1,6 @@
 """Layers of a 3D flow with Voellmy's drag: drag on the mean of each node column, and stress between its layers.
 
-The law is that of `effects/layers`. On each column of nodes that touches smooth ground the drag of the mean speed U
+The law is that of `flow_layers`. On each column of nodes that touches smooth ground the drag of the mean speed U
 acts on the nodes at the bed, and tangential momentum passes between neighbours by Coulomb friction and turbulence. The
 solution is implicit in the speeds, with links from the speeds at the start of the step: stable at any step, exact in
 momentum, without gain of energy.
