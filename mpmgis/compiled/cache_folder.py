@@ -21,9 +21,8 @@ from ..system import operating_system
 PACKAGE = Path(__file__).resolve().parent.parent
 CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # distinguishes it from a variable of the user in child processes
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-_USES_JIT = re.compile(
-    rb"^from \.[.\w]* import [^#\n]*\b(?:jit\w*|kernel_part|law_function|law_method)\b", re.MULTILINE
-)
+# in the head of a module: an import of the compiler's decorators, and any import from the package
+_USES_JIT = re.compile(rb"jit import (?:\([^)]*|[^\n]*)\b(?:jit\w*|kernel_part|law_function|law_method)\b")
 _IMPORT = re.compile(rb"^from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 _NAME = re.compile(rb"\w+")
 _private = []  # the temporary folder of this process, once it is made
@@ -33,14 +32,20 @@ def source_digest() -> str:
     """Return a hex digest of all sources that a kernel may be compiled from: users of `jit`, and what they import."""
     digest = hashlib.sha256()
     for path, source in sorted(_kernel_sources().items()):
-        digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + source)
+        digest.update(os.path.relpath(path, PACKAGE).encode() + b"\0" + source)
     return digest.hexdigest()[:16]
 
 
 def _kernel_sources():
-    """Module that uses `jit`, or is imported by one that does -> its source."""
-    sources = {path: path.read_bytes() for path in PACKAGE.rglob("*.py")}
-    left = [path for path, source in sources.items() if _USES_JIT.search(source)]
+    """Return the modules that use `jit`, or are imported by one that does, as {path: source}."""
+    sources = {}
+    for folder, _, names in os.walk(PACKAGE):
+        for name in names:
+            if name.endswith(".py"):
+                path = os.path.join(folder, name)
+                with open(path, "rb") as file:
+                    sources[path] = file.read()
+    left = [path for path, source in sources.items() if _USES_JIT.search(_head(source))]
     found = {}
     while left:
         path = left.pop()
@@ -50,12 +55,20 @@ def _kernel_sources():
     return found
 
 
+def _head(source):
+    """Return what stands above the first function or class of a module: two blank lines precede it."""
+    return source.partition(b"\n\n\n")[0]
+
+
 def _imported(path, source):
-    """Modules of the package that a module may import at its top."""
-    for dots, module, names in _IMPORT.findall(source):
-        base = path.parents[len(dots) - 1].joinpath(*module.decode().split("."))
-        yield base.with_suffix(".py")
-        yield from (base / f"{name.decode()}.py" for name in _NAME.findall(names))
+    """Yield the files of the package that a module may import at its top."""
+    for dots, module, names in _IMPORT.findall(_head(source)):
+        folder = path
+        for _ in dots:
+            folder = os.path.dirname(folder)
+        base = os.path.join(folder, *module.decode().split("."))
+        yield f"{base}.py"
+        yield from (os.path.join(base, f"{name.decode()}.py") for name in _NAME.findall(names))
 
 
 def cache_folder(own_laws: Iterable[str] = ()) -> Path:

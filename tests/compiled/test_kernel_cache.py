@@ -1,5 +1,6 @@
 """Where compiled kernels are kept, and what they run on: as the user says, whatever a parent process or machine has."""
 
+import ast
 import importlib.util
 import os
 import pickle
@@ -18,6 +19,29 @@ from mpmgis.compiled import cache_folder as folders
 from mpmgis.compiled.jit import jit  # this process has chosen, and says so in its environment
 
 TELL = "import mpmgis.compiled.jit, numba; print(numba.config.CACHE_DIR)"
+
+
+def imported_at_the_top(path):
+    """(file, name) of what a module imports from the package at its top, by Python's own parser."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            for alias in node.names:
+                inner = base / f"{alias.name}.py"
+                yield (inner if inner.exists() else base.with_suffix(".py")), alias.name
+
+
+def test_the_digest_is_of_all_sources_that_a_kernel_may_be_compiled_from():
+    """Whatever the layout of an import: a source that is left out would let stale kernels run."""
+    found = {Path(path) for path in folders._kernel_sources()}
+    compiler = folders.PACKAGE / "compiled" / "jit.py"
+    decorators = ("jit", "kernel_part", "law_")
+    for path in folders.PACKAGE.rglob("*.py"):
+        uses = any(file == compiler and name.startswith(decorators) for file, name in imported_at_the_top(path))
+        assert path in found or not uses, path
+    for path in found:
+        assert {file for file, _ in imported_at_the_top(path) if file.exists()} <= found, path
+    assert 60 < len(found) < 120  # the whole package would compile kernels again after every edit
 
 
 def folder_of_a_child(**environment):

@@ -64,7 +64,7 @@ class Windows:
         patch.setattr(os, "remove", self._unlink)
         patch.setattr(filelock, "lock_descriptor", self._lock)
         patch.setattr(operating_system, "WINDOWS", True)
-        patch.setattr(operating_system, "PROCESSES", Path(root) / "no processes are told")
+        patch.setattr(operating_system, "PROCESSES", Path(root) / "no processes")
         patch.setattr(operating_system, "PATIENCE_SECONDS", 0.05)
         patch.setenv("LOCALAPPDATA", str(Path(root) / "AppData" / "Local"))
 
