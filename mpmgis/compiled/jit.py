@@ -215,6 +215,28 @@ def law_function(function: Callable, inlined: bool = True) -> None:
         return of_precision(function, arguments)
 
 
+def own_or_built_in(function: Callable, record: type, built_in: Callable) -> None:
+    """Let kernels call a function of a law that is a record of this package or a user-defined law.
+
+    A user-defined law is a type of its own, for which kernels are compiled anew: its method of the function's name is
+    called.
+
+    Parameters
+    ----------
+    function : callable
+        Its first argument is the law.
+    record : type
+    built_in : callable
+        Called where the law is of the type `record`.
+    """
+
+    @overload(function, jit_options=INNER, strict=False)
+    def specialise(law, *arguments):
+        is_built_in = law.instance_class is record
+        chosen = built_in if is_built_in else getattr(law.instance_class, function.__name__)
+        return of_precision(chosen, (law, *arguments))
+
+
 def for_law(kernel: Callable, place: int, active: str) -> Callable:
     """Make a function that calls a kernel only where a law is active.
 

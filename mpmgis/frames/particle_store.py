@@ -7,15 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiled.particle_slices import copied, taken
-from ..system.errors import FormatError
-from .state_check import LEFT_STATE, StateCheck
-from .watched_features import EAST, NORTH, STATE, TAKEN, TIME, TakenIn, Watch, block_marks, marks_reached
+from .state_check import LEFT_STATE
 
 GAIN_STOP = 0.1  # [1] largest accepted gain of energy since the last look, over kinetic energy and work
 REST_SHARE = 0.01  # [1] of the largest kinetic energy so far: a flow with less is at rest; least reference for gains
 REST_LIFT = 0.01  # [cells] lift of all mass whose energy is the least reference for gains
 EDGE_NAMES = ("west", "south", "east", "north", "nodata")
-NOTHING_WATCHED = np.zeros((0, 0), np.uint8)
 
 
 class Flow(NamedTuple):
@@ -109,7 +106,6 @@ class ParticleStore:
     """
 
     kernel = None
-    _watch, _watched = None, NOTHING_WATCHED
     _computed = MappingProxyType({})  # name -> what was computed from the present state
 
     @property
@@ -141,64 +137,6 @@ class ParticleStore:
         """
         whole = self._whole_step
         self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
-
-    def watch(self, watch: Watch) -> None:
-        """Watch features that are off; `advance` stops before the flow touches one of them.
-
-        Parameters
-        ----------
-        watch : Watch
-        """
-        self._watch = watch
-        self._mark_watched()
-
-    @property
-    def taken_in(self) -> tuple[TakenIn, ...]:
-        """Features that were off and that the flow has reached."""
-        return () if self._watch is None else self._watch.taken_in
-
-    def take_in(self) -> tuple[TakenIn, ...]:
-        """Switch on the features that the flow is about to touch, and return them."""
-        rows, _, keys = self._seen()
-        reached = marks_reached(self._watched, *self.kernel.rows_and_columns(keys))
-        state, before = self._watch.state, self._watch.taken_in
-        for k in range(len(state)):
-            first = np.flatnonzero(reached & (1 << k))[:1]
-            if first.size:
-                east, north = self._map_places(rows[first], keys[first])[0]
-                state[k, [TAKEN, TIME, EAST, NORTH]] = 1.0, self.time, east, north
-        self._integrate_with_inflow()
-        return tuple(taken for taken in self._watch.taken_in if taken not in before)
-
-    def _integrate_with_inflow(self):
-        """Continue with the effects and places of the features that are switched on."""
-        self._integrate_with(*self._watch.with_effects(tuple(taken.effect for taken in self._watch.taken_in)))
-        self._mark_watched()
-
-    def _mark_watched(self):
-        marks = None if self._watch is None else self._watch.marks()
-        if marks is None:
-            self._watched = NOTHING_WATCHED
-        else:
-            self._watched = block_marks(self._on_kernel_nodes(marks), self.kernel.BLOCK)
-
-    def _watch_state(self) -> dict[str, np.ndarray]:
-        """Return the state of the watch for a frame, by name; empty without a watch."""
-        return {} if self._watch is None else {STATE: self._watch.state.copy()}
-
-    def _restore_watch(self, frame):
-        """Continue with the effects that were on at `frame`."""
-        if self._watch is None:
-            return
-        state = np.asarray(frame.state.get(STATE, np.zeros(0)))
-        if state.shape != self._watch.state.shape:
-            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
-        check = StateCheck(frame.time, frame.state)
-        check.array(STATE, np.float64, state.shape)
-        check.require(np.isin(state[:, TAKEN], (0.0, 1.0)).all(), f"{STATE} has values other than 0 and 1")
-        if not np.array_equal(state, self._watch.state):
-            self._watch.state[:] = state
-            self._integrate_with_inflow()
 
     def _once(self, name: str, compute: Callable[[], Any]) -> Any:
         """Return `compute()`, computed once for the present state.

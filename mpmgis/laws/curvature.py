@@ -3,148 +3,75 @@
 Two parts under one switch: (T) the velocity turns with the bed at constant speed, (N) the
 centrifugal acceleration kappa = u^T Hess(b) u changes the normal load under Coulomb friction. Each alone is there for
 tests against exact solutions without the other; on real ground T alone gives too large and N alone too small runouts.
+After Hergarten (2024, minVoellmy v2) and Fischer et al. (2012).
 """
 
 from math import sqrt
-from typing import NamedTuple
 
+# parts of the effect, which a number sums up
+NO_CURVATURE = 0
+TURN = 1  # tangent transport: energy is kept round a bend
+LOAD = 2  # centrifugal load: hollows press harder
+CURVATURE = TURN + LOAD
 # Smallest squared speed that the turned velocity is scaled by: a share of the squared speed before, plus [m2 s-2].
 LEAST_SHARE, LEAST_SQUARE = 1e-12, 1e-300
 
 
-class NoCurvature(NamedTuple):
-    """The null law: velocities are not turned, the load is that of gravity alone."""
+def turned_velocity(u: float, v: float, old_x: float, old_y: float, new_x: float, new_y: float) -> tuple[float, float]:
+    """Turn the velocity with the bed; its length on the bed is kept.
 
-    null: float = 0.0  # the compiler requires a field
+    Parameters
+    ----------
+    u, v : float [m s-1]
+        Horizontal velocity.
+    old_x, old_y, new_x, new_y : float [1]
+        Gradient of the bed before and after the step.
 
-    def curvature_active(self) -> bool:
-        """Return False: curvature has no effect."""
-        return False
-
-    def turned_velocity(
-        self, u: float, v: float, old_x: float, old_y: float, new_x: float, new_y: float
-    ) -> tuple[float, float]:
-        """Return the velocity unchanged.
-
-        Parameters
-        ----------
-        u, v : float [m s-1]
-            Horizontal velocity.
-        old_x, old_y, new_x, new_y : float [1]
-            Gradient of the bed before and after the step.
-        """
-        return u, v
-
-    def centrifugal_acceleration(self, u: float, v: float, bend_xx: float, bend_xy: float, bend_yy: float) -> float:
-        """Return 0: there is no centrifugal acceleration.
-
-        Parameters
-        ----------
-        u, v : float [m s-1]
-            Horizontal velocity.
-        bend_xx, bend_xy, bend_yy : float [m-1]
-            Second derivatives (Hessian) of the bed.
-        """
-        return 0.0
-
-    def effective_gravity(self, gravity: float, centrifugal: float) -> float:
-        """Return gravity unchanged.
-
-        Parameters
-        ----------
-        gravity : float [m s-2]
-        centrifugal : float [m s-2]
-            kappa of `centrifugal_acceleration`.
-        """
-        return gravity
+    Returns
+    -------
+    u, v : float [m s-1]
+    """
+    w = u * old_x + v * old_y
+    out = (w - u * new_x - v * new_y) / (1.0 + new_x * new_x + new_y * new_y)  # along (-b_x, -b_y, 1)
+    u_new, v_new, w_new = u + out * new_x, v + out * new_y, w - out
+    before = u * u + v * v + w * w
+    after = u_new * u_new + v_new * v_new + w_new * w_new
+    scale = sqrt(before / max(after, LEAST_SHARE * before + LEAST_SQUARE))
+    return u_new * scale, v_new * scale
 
 
-class Curvature(NamedTuple):
-    """Tangent transport and centrifugal load, after Hergarten (2024, minVoellmy v2) and Fischer et al. (2012)."""
+def centrifugal_acceleration(u: float, v: float, bend_xx: float, bend_xy: float, bend_yy: float) -> float:
+    """Compute kappa = u^T Hess(b) u, positive in hollows.
 
-    null: float = 0.0  # the compiler requires a field
+    Parameters
+    ----------
+    u, v : float [m s-1]
+        Horizontal velocity.
+    bend_xx, bend_xy, bend_yy : float [m-1]
+        Second derivatives (Hessian) of the bed.
 
-    def curvature_active(self) -> bool:
-        """Return True: curvature has an effect."""
-        return True
-
-    def turned_velocity(
-        self, u: float, v: float, old_x: float, old_y: float, new_x: float, new_y: float
-    ) -> tuple[float, float]:
-        """Turn the velocity with the bed; its length on the bed is kept.
-
-        Parameters
-        ----------
-        u, v : float [m s-1]
-            Horizontal velocity.
-        old_x, old_y, new_x, new_y : float [1]
-            Gradient of the bed before and after the step.
-
-        Returns
-        -------
-        u, v : float [m s-1]
-        """
-        w = u * old_x + v * old_y
-        out = (w - u * new_x - v * new_y) / (1.0 + new_x * new_x + new_y * new_y)  # along (-b_x, -b_y, 1)
-        u_new, v_new, w_new = u + out * new_x, v + out * new_y, w - out
-        before = u * u + v * v + w * w
-        after = u_new * u_new + v_new * v_new + w_new * w_new
-        scale = sqrt(before / max(after, LEAST_SHARE * before + LEAST_SQUARE))
-        return u_new * scale, v_new * scale
-
-    def centrifugal_acceleration(self, u: float, v: float, bend_xx: float, bend_xy: float, bend_yy: float) -> float:
-        """Compute kappa = u^T Hess(b) u, positive in hollows.
-
-        Parameters
-        ----------
-        u, v : float [m s-1]
-            Horizontal velocity.
-        bend_xx, bend_xy, bend_yy : float [m-1]
-            Second derivatives (Hessian) of the bed.
-
-        Returns
-        -------
-        float [m s-2]
-        """
-        return u * u * bend_xx + 2.0 * u * v * bend_xy + v * v * bend_yy
-
-    def effective_gravity(self, gravity: float, centrifugal: float) -> float:
-        """Compute max(0, g + kappa); zero means take-off, and then there is no friction.
-
-        Parameters
-        ----------
-        gravity : float [m s-2]
-        centrifugal : float [m s-2]
-            kappa of `centrifugal_acceleration`.
-
-        Returns
-        -------
-        float [m s-2]
-        """
-        return max(0.0, gravity + centrifugal)
+    Returns
+    -------
+    float [m s-2]
+    """
+    return u * u * bend_xx + 2.0 * u * v * bend_xy + v * v * bend_yy
 
 
-class CurvatureTurnOnly(NamedTuple):
-    """Tangent transport alone: energy is kept round a bend, the load on the bed is that of gravity."""
+def effective_gravity(gravity: float, centrifugal: float) -> float:
+    """Compute max(0, g + kappa); zero means take-off, and then there is no friction.
 
-    null: float = 0.0  # the compiler requires a field
+    Parameters
+    ----------
+    gravity : float [m s-2]
+    centrifugal : float [m s-2]
+        kappa of `centrifugal_acceleration`.
 
-    curvature_active = Curvature.curvature_active
-    turned_velocity = Curvature.turned_velocity
-    centrifugal_acceleration = NoCurvature.centrifugal_acceleration
-    effective_gravity = NoCurvature.effective_gravity
-
-
-class CurvatureLoadOnly(NamedTuple):
-    """Centrifugal load alone: hollows press harder, and velocities keep their horizontal part."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    curvature_active = Curvature.curvature_active
-    turned_velocity = NoCurvature.turned_velocity
-    centrifugal_acceleration = Curvature.centrifugal_acceleration
-    effective_gravity = Curvature.effective_gravity
+    Returns
+    -------
+    float [m s-2]
+    """
+    return max(0.0, gravity + centrifugal)
 
 
 # one part alone, by the word in a scene instead of "on"
-PARTS = {"turn": CurvatureTurnOnly, "load": CurvatureLoadOnly}
+PARTS = {"turn": TURN, "load": LOAD}

@@ -1,34 +1,58 @@
-"""The slots of each solver, each with a law or a null law without cost."""
+"""The slots of each solver: records of numbers that choose the laws of a run, whose defaults mean that there is none.
 
-from typing import Any, NamedTuple
+One compiled program has all built-in laws; a step takes the branches that these numbers choose.
+"""
+
+from typing import Any, NamedTuple, get_type_hints
 
 from .affine_transfer import WholeGradient
 from .barrier import NoBarrier
 from .contact_friction import CoulombContact
-from .curvature import NoCurvature
-from .entrainment import NoEntrainment
-from .forest import NoForest
-from .friction import Frictionless, NoCohesion, NoZones
-from .ground_metric import SlopeMetric
-from .internal_stress import NoEarthPressure, NoViscosity
+from .curvature import NO_CURVATURE
+from .entrainment import Entrainment
+from .friction import FRICTIONLESS, Friction, NoZones
+from .ground_metric import SLOPE
+from .internal_stress import EarthPressure, InPlaneViscosity
 from .softening import NoSoftening
-from .still_water import NoStillWater
 
 
 class ColumnEffects(NamedTuple):
-    """Effects on the columns of the depth-averaged solver; defaults are the null forms."""
+    """Effects on the columns of the depth-averaged solver; by default none acts.
 
-    friction: Any = Frictionless()
-    zones: Any = NoZones()
-    cohesion: Any = NoCohesion()
-    metric: Any = SlopeMetric()
-    curvature: Any = NoCurvature()
-    still_water: Any = NoStillWater()
-    earth_pressure: Any = NoEarthPressure()
-    viscosity: Any = NoViscosity()
-    entrainment: Any = NoEntrainment()
-    barrier: Any = NoBarrier()
-    forest: Any = NoForest()
+    Parameters
+    ----------
+    friction : Friction, or a user-defined law
+    zones : bool
+        The parameters of friction are those of each node.
+    cohesion : float [Pa]
+        Basal stress that does not depend on load or speed, added to the friction law's: tau_0 of VoellmyMinShear
+        (AvaFrame com1DFA). Dry snow 0 to 100 Pa, wet snow 50 to 1000 Pa, debris flows 100 to 5000 Pa.
+    metric : int
+        A kind of `ground_metric`.
+    curvature : int
+        Sum of the parts of `curvature`.
+    still_water : bool
+        Cells have a still-water level (`still_water`).
+    earth_pressure : EarthPressure
+    viscosity : InPlaneViscosity
+    entrainment : Entrainment
+    barrier : bool
+        There are walls (`barrier`).
+    forest : bool
+        There are trees (`forest`).
+    """
+
+    friction: Any = FRICTIONLESS
+    zones: bool = False
+    cohesion: float = 0.0
+    metric: int = SLOPE
+    curvature: int = NO_CURVATURE
+    still_water: bool = False
+    earth_pressure: EarthPressure = EarthPressure()
+    viscosity: InPlaneViscosity = InPlaneViscosity()
+    entrainment: Entrainment = Entrainment()
+    barrier: bool = False
+    forest: bool = False
 
 
 class PointEffects(NamedTuple):
@@ -40,3 +64,28 @@ class PointEffects(NamedTuple):
     zones: Any = NoZones()
     barrier: Any = NoBarrier()
     transfer: Any = WholeGradient()
+
+
+def with_fixed_types(effects: ColumnEffects) -> ColumnEffects:
+    """Convert the numbers in all slots to the types of the fields, for each of which kernels would be compiled.
+
+    The parameters of a user-defined law are floats.
+
+    Parameters
+    ----------
+    effects : ColumnEffects
+    """
+    return ColumnEffects(*(_fixed(value, kind) for value, kind in _typed(effects)))
+
+
+def _fixed(value, kind):
+    if not isinstance(value, tuple):
+        return kind(value)
+    if kind is Any and not isinstance(value, Friction):
+        return type(value)(*map(float, value))
+    return type(value)(*(number_type(number) for number, number_type in _typed(value)))
+
+
+def _typed(record):
+    """Return pairs of each value in `record` and the type of its field."""
+    return zip(record, get_type_hints(type(record)).values(), strict=True)

@@ -9,8 +9,6 @@ Where limits of speed or thickness are given, as in com1DFA of AvaFrame, slow or
 and other flow is braked and loses no mass. Flow that is too thick breaks the trees.
 """
 
-from typing import NamedTuple
-
 # entries of a node with forest
 DETRAINMENT = 0  # [Pa] K
 DRAG = 1  # [m-1] added drag c
@@ -22,117 +20,55 @@ TOO_THICK = 6  # [m] thickness above which the flow breaks trees; 0: no limit
 FOREST_ENTRIES = 7  # number of entries
 
 
-class NoForest(NamedTuple):
-    """The null law: no trees."""
+def forest_breaks(strength: float, too_thick: float, density: float, thickness_normal: float, speed: float) -> bool:
+    """Return whether the flow breaks trees: by its pressure rho U^2, or by its thickness.
 
-    null: float = 0.0  # the compiler requires a field
+    Parameters
+    ----------
+    strength : float [Pa]
+        Pressure from which on trees break.
+    too_thick : float [m]
+        Thickness above which the flow breaks them at any speed; 0: at none.
+    density : float [kg m-3]
+    thickness_normal : float [m]
+        Normal to the ground.
+    speed : float [m s-1]
+    """
+    return density * speed * speed >= strength or (too_thick > 0.0 and thickness_normal > too_thick)
 
-    def forest_active(self) -> bool:
-        """Return False: there are no trees."""
-        return False
 
-    def forest_breaks(
-        self, strength: float, too_thick: float, density: float, thickness_normal: float, speed: float
-    ) -> bool:
-        """Return False: there are no trees to break.
+def forest_only_detrains(slow: float, thin: float, thickness_normal: float, speed: float) -> bool:
+    """Return whether the flow is slow or thin: it then loses mass and is not braked (com1DFA).
 
-        Parameters
-        ----------
-        strength : float [Pa]
-            Pressure from which on trees break.
-        too_thick : float [m]
-            Thickness above which the flow breaks them at any speed; 0: at none.
-        density : float [kg m-3]
-        thickness_normal : float [m]
-            Normal to the ground.
-        speed : float [m s-1]
-        """
-        return False
+    Parameters
+    ----------
+    slow : float [m s-1]
+        Largest speed of slow flow.
+    thin : float [m]
+        Largest thickness of thin flow.
+    thickness_normal : float [m]
+        Normal to the ground.
+    speed : float [m s-1]
+    """
+    return speed <= slow or thickness_normal <= thin
 
-    def forest_only_detrains(self, slow: float, thin: float, thickness_normal: float, speed: float) -> bool:
-        """Return False: there are no trees.
 
-        Parameters
-        ----------
-        slow : float [m s-1]
-            Largest speed of slow flow.
-        thin : float [m]
-            Largest thickness of thin flow.
-        thickness_normal : float [m]
-            Normal to the ground.
-        speed : float [m s-1]
-        """
-        return False
+def forest_detrained(detrainment: float, speed: float, time_step: float) -> float:
+    """Compute the mass per area of the ground that stops in a step; none of a flow at rest.
 
-    def forest_detrained(self, detrainment: float, speed: float, time_step: float) -> float:
-        """Return 0: no mass stops.
+    It stops at the rate K / |U|, with its momentum (Feistl et al. 2014).
 
-        Parameters
-        ----------
-        detrainment : float [Pa]
-            K.
-        speed : float [m s-1]
-        time_step : float [s]
-        """
+    Parameters
+    ----------
+    detrainment : float [Pa]
+        K.
+    speed : float [m s-1]
+    time_step : float [s]
+
+    Returns
+    -------
+    float [kg m-2]
+    """
+    if speed <= 0.0:
         return 0.0
-
-
-class Forest(NamedTuple):
-    """Trees: tau = rho h (mu_f g_n + c U^2); mass stops at the rate K / |U|, with its momentum (Feistl et al. 2014)."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def forest_active(self) -> bool:
-        """Return True: there are trees."""
-        return True
-
-    def forest_breaks(
-        self, strength: float, too_thick: float, density: float, thickness_normal: float, speed: float
-    ) -> bool:
-        """Return whether the flow breaks trees: by its pressure rho U^2, or by its thickness.
-
-        Parameters
-        ----------
-        strength : float [Pa]
-            Pressure from which on trees break.
-        too_thick : float [m]
-            Thickness above which the flow breaks them at any speed; 0: at none.
-        density : float [kg m-3]
-        thickness_normal : float [m]
-            Normal to the ground.
-        speed : float [m s-1]
-        """
-        return density * speed * speed >= strength or (too_thick > 0.0 and thickness_normal > too_thick)
-
-    def forest_only_detrains(self, slow: float, thin: float, thickness_normal: float, speed: float) -> bool:
-        """Return whether the flow is slow or thin: it then loses mass and is not braked (com1DFA).
-
-        Parameters
-        ----------
-        slow : float [m s-1]
-            Largest speed of slow flow.
-        thin : float [m]
-            Largest thickness of thin flow.
-        thickness_normal : float [m]
-            Normal to the ground.
-        speed : float [m s-1]
-        """
-        return speed <= slow or thickness_normal <= thin
-
-    def forest_detrained(self, detrainment: float, speed: float, time_step: float) -> float:
-        """Compute the mass per area of the ground that stops in a step; none of a flow at rest.
-
-        Parameters
-        ----------
-        detrainment : float [Pa]
-            K.
-        speed : float [m s-1]
-        time_step : float [s]
-
-        Returns
-        -------
-        float [kg m-2]
-        """
-        if speed <= 0.0:
-            return 0.0
-        return detrainment * time_step / speed
+    return detrainment * time_step / speed

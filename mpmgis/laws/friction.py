@@ -1,15 +1,15 @@
 """Basal resistance: the stress with which the bed opposes the flow.
 
-A friction law is a NamedTuple of its parameters with methods that run as plain Python and, unchanged, inside the
-compiled solver. The basal stress is split so that the solver can apply it semi-implicitly:
+Each law is one plain function of its parameters and the state of the flow; a `Friction` names it by number. The basal
+stress is split so that the solver can apply it semi-implicitly:
 
     tau = dry_stress + viscous_coefficient * speed + density * drag_coefficient * speed^2
 
-The first part does not vanish with speed, the second is linear in speed over a step (by its chord). `at_node` gives the
-law with the parameters of a node of the solver's grid.
+The first part does not vanish with speed, the second is linear in speed over a step (by its chord).
 
-All laws have these arguments: density [kg m-3], gravity [m s-2], normal_stress on the bed [Pa], thickness_normal to the
-bed [m], speed along the ground [m s-1]. Stresses are in Pa.
+All laws have these arguments after their parameters: density [kg m-3], gravity [m s-2], normal_stress on the bed [Pa],
+thickness_normal to the bed [m], speed along the ground [m s-1]. They return dry_stress [Pa], viscous_coefficient
+[Pa s m-1] and drag_coefficient [1].
 
 Cohesion of the flow to its bed is a yield stress in addition to the friction law. Zones change the parameters of the
 law of a scene from node to node, mu(x, y), xi(x, y) and so on, not the law itself.
@@ -23,238 +23,95 @@ from .quantities import GRAVITY
 if TYPE_CHECKING:
     import numpy as np
 
+# kinds of law, in the order of `LAWS`
+NO_FRICTION, COULOMB, VOELLMY, MODIFIED_VOELLMY, BINGHAM, POULIQUEN = range(6)
 NO_YIELD_STRESS = 1e-6  # [Pa] a smaller yield stress counts as none, because plug_ratio divides by it
 LEAST_SPEED = 1e-12  # [m s-1] a divisor in place of the speed at rest
 DRY, DRAG = "dry", "drag"  # roles: friction coefficient at rest [1]; xi of a turbulent drag rho g u^2 / xi [m s-2]
 ROLES = {"mu": DRY, "mu1": DRY, "xi": DRAG}  # by the parameter's name, the same for built-in and user-defined laws
 
 
-class Frictionless(NamedTuple):
-    """No resistance at all: the null law of the slot."""
+class Friction(NamedTuple):
+    """A built-in law by number, with its parameters in the order of `LAWS`; those that it does not have are 0.
 
-    null: float = 0.0  # the compiler requires a field
-
-    def dry_stress(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Return 0: there is no resistance.
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return 0.0
-
-    def viscous_coefficient(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Return 0: no part of the stress is linear in speed.
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return 0.0
-
-    def drag_coefficient(self, gravity: float, thickness_normal: float, speed: float) -> float:
-        """Return 0: no part of the stress is quadratic in speed.
-
-        Parameters
-        ----------
-        gravity, thickness_normal, speed : float
-            [m s-2], [m], [m s-1].
-        """
-        return 0.0
-
-    def at_node(self, values: "np.ndarray", j: int, i: int) -> "Frictionless":
-        """Return this law, which is the same at each node.
-
-        Parameters
-        ----------
-        values : float64[rows, columns, parameters]
-            In the order of the law's fields.
-        j, i : int
-            Row and column of the node.
-        """
-        return self
-
-
-class Coulomb(NamedTuple):
-    """Coulomb friction, tau = mu sigma.
-
-    Dry granular flows: mu = tan of the bed friction angle, 0.1 to 0.7.
+    A user-defined law (`own_law`) is a NamedTuple of its own instead.
     """
 
-    mu: float  # [1]
-
-    def dry_stress(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Compute mu sigma [Pa].
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return self.mu * normal_stress
-
-    def viscous_coefficient(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Return 0: no part of the stress is linear in speed.
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return 0.0
-
-    def drag_coefficient(self, gravity: float, thickness_normal: float, speed: float) -> float:
-        """Return 0: no part of the stress is quadratic in speed.
-
-        Parameters
-        ----------
-        gravity, thickness_normal, speed : float
-            [m s-2], [m], [m s-1].
-        """
-        return 0.0
-
-    def at_node(self, values: "np.ndarray", j: int, i: int) -> "Coulomb":
-        """Return the law with the parameters of node [j, i].
-
-        Parameters
-        ----------
-        values : float64[rows, columns, parameters]
-            In the order of the law's fields.
-        j, i : int
-            Row and column of the node.
-        """
-        return Coulomb(values[j, i, 0])
+    kind: int = NO_FRICTION
+    a: float = 0.0
+    b: float = 0.0
+    c: float = 0.0
+    d: float = 0.0
 
 
-class Voellmy(NamedTuple):
-    """Coulomb friction plus turbulent drag, tau = mu sigma + rho g u^2 / xi (Voellmy 1955).
+FRICTIONLESS = Friction()
+
+
+def coulomb(
+    mu: float, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
+) -> tuple[float, float, float]:
+    """Compute Coulomb friction, tau = mu sigma.
+
+    Dry granular flows: mu = tan of the bed friction angle, 0.1 to 0.7.
+
+    Parameters
+    ----------
+    mu : float [1]
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
+    """
+    return mu * normal_stress, 0.0, 0.0
+
+
+def voellmy(
+    mu: float, xi: float, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
+) -> tuple[float, float, float]:
+    """Compute Coulomb friction plus turbulent drag, tau = mu sigma + rho g u^2 / xi (Voellmy 1955).
 
     Calibrated ranges: snow avalanches mu 0.15 to 0.4, xi 1000 to 3000 m s-2; debris flows mu 0.05 to 0.2,
     xi 100 to 500; rock and rock-ice avalanches mu 0.1 to 0.3, xi 300 to 1500.
+
+    Parameters
+    ----------
+    mu : float [1]
+    xi : float [m s-2]
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
     """
-
-    mu: float  # [1]
-    xi: float  # [m s-2]
-
-    def dry_stress(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Compute mu sigma [Pa].
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return self.mu * normal_stress
-
-    def viscous_coefficient(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Return 0: no part of the stress is linear in speed.
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return 0.0
-
-    def drag_coefficient(self, gravity: float, thickness_normal: float, speed: float) -> float:
-        """Compute g / xi [1].
-
-        Parameters
-        ----------
-        gravity, thickness_normal, speed : float
-            [m s-2], [m], [m s-1].
-        """
-        return gravity / self.xi
-
-    def at_node(self, values: "np.ndarray", j: int, i: int) -> "Voellmy":
-        """Return the law with the parameters of node [j, i].
-
-        Parameters
-        ----------
-        values : float64[rows, columns, parameters]
-            In the order of the law's fields.
-        j, i : int
-            Row and column of the node.
-        """
-        return Voellmy(values[j, i, 0], values[j, i, 1])
+    return mu * normal_stress, 0.0, gravity / xi
 
 
-class ModifiedVoellmy(NamedTuple):
-    """Either Coulomb friction or turbulent drag: mu sigma below the speed v_c h_n^(1/3), rho g u^2 / xi above it.
+def modified_voellmy(
+    mu: float,
+    xi: float,
+    crossover_speed: float,
+    density: float,
+    gravity: float,
+    normal_stress: float,
+    thickness_normal: float,
+    speed: float,
+) -> tuple[float, float, float]:
+    """Compute Coulomb friction or turbulent drag: mu sigma below the speed v_c h_n^(1/3), rho g u^2 / xi above it.
 
     Hergarten (2024, minVoellmy v2), with v_c = 4 m/s for a flow of 1 m, justified by the speeds of
     rock avalanches: mu 0.3 to 0.7 (that of dry rock), xi 100 to 1000 m s-2. A slope that starts to move
     keeps mu until it has crossed v_c, and a flow that has slowed to it stops as if dry.
+
+    Parameters
+    ----------
+    mu : float [1]
+    xi : float [m s-2]
+    crossover_speed : float [m s-1]
+        v_c of a flow of 1 m normal to the bed.
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
     """
-
-    mu: float  # [1]
-    xi: float  # [m s-2]
-    crossover_speed: float  # v_c [m s-1], of a flow of 1 m normal to the bed
-
-    def dry_stress(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Compute mu sigma [Pa] of slow flow, 0 of fast flow.
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        slow = speed < self.crossover_speed * thickness_normal ** (1.0 / 3.0)
-        return self.mu * normal_stress if slow else 0.0
-
-    def viscous_coefficient(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Return 0: no part of the stress is linear in speed.
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return 0.0
-
-    def drag_coefficient(self, gravity: float, thickness_normal: float, speed: float) -> float:
-        """Compute g / xi [1] of fast flow, 0 of slow flow.
-
-        Parameters
-        ----------
-        gravity, thickness_normal, speed : float
-            [m s-2], [m], [m s-1].
-        """
-        slow = speed < self.crossover_speed * thickness_normal ** (1.0 / 3.0)
-        return 0.0 if slow else gravity / self.xi
-
-    def at_node(self, values: "np.ndarray", j: int, i: int) -> "ModifiedVoellmy":
-        """Return the law with the parameters of node [j, i].
-
-        Parameters
-        ----------
-        values : float64[rows, columns, parameters]
-            In the order of the law's fields.
-        j, i : int
-            Row and column of the node.
-        """
-        return ModifiedVoellmy(values[j, i, 0], values[j, i, 1], values[j, i, 2])
+    if speed < crossover_speed * thickness_normal ** (1.0 / 3.0):
+        return mu * normal_stress, 0.0, 0.0
+    return 0.0, 0.0, gravity / xi
 
 
-def plug_ratio(law: tuple, thickness_normal: float, speed: float) -> float:
+def plug_ratio(yield_stress: float, viscosity: float, thickness_normal: float, speed: float) -> float:
     """Compute Z = yield stress over basal stress of a Bingham column: 1 at rest, near 0 in fast flow.
 
     The exact root of Z^3 - (3 + a) Z + 2 = 0 with a = 6 eta |u| / (h_n tau_y): with p = 3 + a and Z = 2 sqrt(p / 3)
@@ -263,8 +120,8 @@ def plug_ratio(law: tuple, thickness_normal: float, speed: float) -> float:
 
     Parameters
     ----------
-    law : law
-        With the fields `viscosity` [Pa s] and `yield_stress` [Pa].
+    yield_stress : float [Pa]
+    viscosity : float [Pa s]
     thickness_normal : float [m]
     speed : float [m s-1]
 
@@ -272,133 +129,154 @@ def plug_ratio(law: tuple, thickness_normal: float, speed: float) -> float:
     -------
     float [1]
     """
-    a = 6.0 * law.viscosity * speed / (thickness_normal * law.yield_stress)
+    a = 6.0 * viscosity * speed / (thickness_normal * yield_stress)
     share = 3.0 / (3.0 + a)
     return 2.0 / sqrt(share) * sin(asin(share * sqrt(share)) / 3.0)
 
 
-class Bingham(NamedTuple):
-    """A viscous fluid that flows only where it is sheared by more than its yield stress: mud, fine debris.
+def bingham(
+    yield_stress: float,
+    viscosity: float,
+    density: float,
+    gravity: float,
+    normal_stress: float,
+    thickness_normal: float,
+    speed: float,
+) -> tuple[float, float, float]:
+    """Compute the stress of a viscous fluid that flows only where it is sheared by more than its yield stress: mud.
 
     tau = tau_y / Z with Z of `plug_ratio` (Johnson 1970; Pastor et al. 2004; Fois et al. 2024), 3 eta u / h_n without a
-    yield stress. Mudflows: tau_y 10 to 2000 Pa, eta 1 to 500 Pa s; 2000 Pa and 50 Pa s in the code of Fois et al.
+    yield stress. The viscous part is what is beyond tau_y. Mudflows: tau_y 10 to 2000 Pa, eta 1 to 500 Pa s; 2000 Pa
+    and 50 Pa s in the code of Fois et al.
+
+    Parameters
+    ----------
+    yield_stress : float [Pa]
+        tau_y.
+    viscosity : float [Pa s]
+        eta.
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
     """
-
-    yield_stress: float  # tau_y [Pa]
-    viscosity: float  # eta [Pa s]
-
-    plug_ratio = plug_ratio
-
-    def dry_stress(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Return the yield stress tau_y [Pa].
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return self.yield_stress
-
-    def viscous_coefficient(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Compute the part of tau_y / Z beyond tau_y, over the speed [Pa s m-1]; 3 eta / h_n without tau_y.
-
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        coefficient = 3.0 * self.viscosity / thickness_normal
-        if self.yield_stress > NO_YIELD_STRESS:
-            ratio = self.plug_ratio(thickness_normal, speed)
-            coefficient = self.yield_stress * (1.0 / ratio - 1.0) / max(speed, LEAST_SPEED)
-        return coefficient
-
-    def drag_coefficient(self, gravity: float, thickness_normal: float, speed: float) -> float:
-        """Return 0: no part of the stress is quadratic in speed.
-
-        Parameters
-        ----------
-        gravity, thickness_normal, speed : float
-            [m s-2], [m], [m s-1].
-        """
-        return 0.0
-
-    def at_node(self, values: "np.ndarray", j: int, i: int) -> "Bingham":
-        """Return the law with the parameters of node [j, i].
-
-        Parameters
-        ----------
-        values : float64[rows, columns, parameters]
-            In the order of the law's fields.
-        j, i : int
-            Row and column of the node.
-        """
-        return Bingham(values[j, i, 0], values[j, i, 1])
+    coefficient = 3.0 * viscosity / thickness_normal
+    if yield_stress > NO_YIELD_STRESS:
+        ratio = plug_ratio(yield_stress, viscosity, thickness_normal, speed)
+        coefficient = yield_stress * (1.0 / ratio - 1.0) / max(speed, LEAST_SPEED)
+    return yield_stress, coefficient, 0.0
 
 
-class Pouliquen(NamedTuple):
-    """Granular friction that grows with speed: mu1 at rest, towards mu2 where the flow is fast and thin.
+def pouliquen(
+    mu1: float,
+    mu2: float,
+    beta: float,
+    length: float,
+    density: float,
+    gravity: float,
+    normal_stress: float,
+    thickness_normal: float,
+    speed: float,
+) -> tuple[float, float, float]:
+    """Compute granular friction that grows with speed: mu1 at rest, towards mu2 where the flow is fast and thin.
 
     tau = sigma (mu1 + (mu2 - mu1) / (1 + beta h_n sqrt(g c h_n) / (L u))), where g c h_n is sigma / rho
     (Pouliquen 1999; Pouliquen & Forterre 2002). Measured on rough planes: glass beads mu1 = tan 21, mu2 = tan 31
     degrees, beta 0.136; sand about tan 27 and tan 43 degrees; L is one to two grain diameters.
+
+    Parameters
+    ----------
+    mu1, mu2 : float [1]
+        At rest, and of fast flow.
+    beta : float [1]
+    length : float [m]
+        L.
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
     """
+    scale = beta * thickness_normal * sqrt(normal_stress / density) / length  # [m s-1]
+    return mu1 * normal_stress, (mu2 - mu1) * normal_stress / max(speed + scale, LEAST_SPEED), 0.0
 
-    mu1: float  # [1] at rest
-    mu2: float  # [1] fast
-    beta: float  # [1]
-    length: float  # L [m]
 
-    def dry_stress(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Compute mu1 sigma [Pa].
+def built_in_parts(
+    law: Friction, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
+) -> tuple[float, float, float]:
+    """Compute the parts of the stress of a built-in law, by its number; all 0 without friction.
 
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        return self.mu1 * normal_stress
+    Parameters
+    ----------
+    law : Friction
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
+    """
+    if law.kind == COULOMB:
+        return coulomb(law.a, density, gravity, normal_stress, thickness_normal, speed)
+    if law.kind == VOELLMY:
+        return voellmy(law.a, law.b, density, gravity, normal_stress, thickness_normal, speed)
+    if law.kind == MODIFIED_VOELLMY:
+        return modified_voellmy(law.a, law.b, law.c, density, gravity, normal_stress, thickness_normal, speed)
+    if law.kind == BINGHAM:
+        return bingham(law.a, law.b, density, gravity, normal_stress, thickness_normal, speed)
+    if law.kind == POULIQUEN:
+        return pouliquen(law.a, law.b, law.c, law.d, density, gravity, normal_stress, thickness_normal, speed)
+    return 0.0, 0.0, 0.0
 
-    def viscous_coefficient(
-        self, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
-    ) -> float:
-        """Compute the part of the stress beyond mu1 sigma, over the speed [Pa s m-1].
 
-        Parameters
-        ----------
-        density, gravity, normal_stress, thickness_normal, speed : float
-            [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
-        """
-        scale = self.beta * thickness_normal * sqrt(normal_stress / density) / self.length  # [m s-1]
-        return (self.mu2 - self.mu1) * normal_stress / max(speed + scale, LEAST_SPEED)
+def stress_parts(
+    law: tuple, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
+) -> tuple[float, float, float]:
+    """Compute the parts of the stress of a law, built in or user-defined.
 
-    def drag_coefficient(self, gravity: float, thickness_normal: float, speed: float) -> float:
-        """Return 0: no part of the stress is quadratic in speed.
+    Parameters
+    ----------
+    law : Friction, or a user-defined law
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
 
-        Parameters
-        ----------
-        gravity, thickness_normal, speed : float
-            [m s-2], [m], [m s-1].
-        """
-        return 0.0
+    Returns
+    -------
+    float [Pa]
+        Dry stress.
+    float [Pa s m-1]
+        Viscous coefficient.
+    float [1]
+        Drag coefficient.
+    """
+    if isinstance(law, Friction):
+        return built_in_parts(law, density, gravity, normal_stress, thickness_normal, speed)
+    return law.stress_parts(density, gravity, normal_stress, thickness_normal, speed)
 
-    def at_node(self, values: "np.ndarray", j: int, i: int) -> "Pouliquen":
-        """Return the law with the parameters of node [j, i].
 
-        Parameters
-        ----------
-        values : float64[rows, columns, parameters]
-            In the order of the law's fields.
-        j, i : int
-            Row and column of the node.
-        """
-        return Pouliquen(values[j, i, 0], values[j, i, 1], values[j, i, 2], values[j, i, 3])
+def built_in_at_node(law: Friction, values: "np.ndarray", j: int, i: int) -> Friction:
+    """Return a built-in law with the parameters of node [j, i].
+
+    Parameters
+    ----------
+    law : Friction
+    values : float64[rows, columns, parameters]
+        In the order of the law's parameters.
+    j, i : int
+        Row and column of the node.
+    """
+    count = values.shape[2]
+    b = values[j, i, 1] if count > 1 else 0.0
+    c = values[j, i, 2] if count > 2 else 0.0
+    d = values[j, i, 3] if count > 3 else 0.0
+    return Friction(law.kind, values[j, i, 0], b, c, d)
+
+
+def at_node(law: tuple, values: "np.ndarray", j: int, i: int) -> tuple:
+    """Return a law of spatially varying friction: the parameters of the friction law at every node are in an array.
+
+    Parameters
+    ----------
+    law : Friction, or a user-defined law
+    values : float64[rows, columns, parameters]
+        In the order of the law's parameters.
+    j, i : int
+        Row and column of the node.
+    """
+    if isinstance(law, Friction):
+        return built_in_at_node(law, values, j, i)
+    return law.at_node(values, j, i)
 
 
 def basal_stress(
@@ -408,14 +286,11 @@ def basal_stress(
 
     Parameters
     ----------
-    law : law
-        Friction law.
+    law : Friction, or a user-defined law
     density, gravity, normal_stress, thickness_normal, speed : float
         [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
     """
-    dry = law.dry_stress(density, gravity, normal_stress, thickness_normal, speed)
-    viscous = law.viscous_coefficient(density, gravity, normal_stress, thickness_normal, speed)
-    drag = law.drag_coefficient(gravity, thickness_normal, speed)
+    dry, viscous, drag = stress_parts(law, density, gravity, normal_stress, thickness_normal, speed)
     return dry + viscous * speed + density * drag * speed * speed
 
 
@@ -471,12 +346,12 @@ def value_of_role(role: str, values: dict) -> float | None:
 _MU = Parameter("1", "dry friction coefficient, tan of the bed friction angle", 0.0, 10.0)
 _XI = Parameter("m s-2", "turbulent coefficient; larger is more mobile", 1.0, 1e6)
 
-# law name in a scene -> (law, {parameter: Parameter}), parameters in the order of the law's fields
+# law name in a scene -> (law, {parameter: Parameter}), parameters in the order of the law's arguments
 LAWS = {
-    "Coulomb": (Coulomb, {"mu": _MU}),
-    "Voellmy": (Voellmy, {"mu": _MU, "xi": _XI}),
+    "Coulomb": (coulomb, {"mu": _MU}),
+    "Voellmy": (voellmy, {"mu": _MU, "xi": _XI}),
     "ModifiedVoellmy": (
-        ModifiedVoellmy,
+        modified_voellmy,
         {
             "mu": _MU._replace(meaning="friction coefficient of slow flow"),
             "xi": _XI._replace(meaning="turbulent coefficient of fast flow"),
@@ -484,14 +359,14 @@ LAWS = {
         },
     ),
     "Bingham": (
-        Bingham,
+        bingham,
         {
             "yield_stress": Parameter("Pa", "stress below which it does not flow", 0.0, 1e6),
             "viscosity": Parameter("Pa s", "plastic viscosity", 0.0, 1e6),
         },
     ),
     "Pouliquen": (
-        Pouliquen,
+        pouliquen,
         {
             "mu1": Parameter("1", "friction coefficient at rest", 0.0, 10.0),
             "mu2": Parameter("1", "friction coefficient of fast thin flow, at least mu1", 0.0, 10.0),
@@ -500,6 +375,47 @@ LAWS = {
         },
     ),
 }
+
+NAMES = ("", *LAWS)  # of the laws, by kind
+
+
+def friction_law(name: str, *values: float, **named: float) -> Friction:
+    """Make a built-in law of its parameters, in their order or by name; those with a default may be left out.
+
+    Parameters
+    ----------
+    name : str
+        Of a row of `LAWS`.
+    values, named : float
+        Parameters, in the units of that row.
+
+    Raises
+    ------
+    TypeError
+        A parameter is missing, or is none of this law.
+    """
+    parameters = LAWS[name][1]
+    given = {key: parameter.default for key, parameter in parameters.items() if parameter.default is not None}
+    in_order = dict(zip(parameters, values, strict=False))
+    given |= in_order | named
+    if len(values) > len(parameters) or set(given) != set(parameters) or set(in_order) & set(named):
+        got = ", ".join((*map(str, values), *named))
+        raise TypeError(f"friction law {name}: got ({got}), expected ({', '.join(parameters)}); give each of them once")
+    return Friction(NAMES.index(name), *(float(given[key]) for key in parameters))
+
+
+def parameters_of(law: tuple) -> dict[str, float]:
+    """Return the parameters of a law by name; none without friction.
+
+    Parameters
+    ----------
+    law : Friction, or a user-defined law
+    """
+    if not isinstance(law, Friction):
+        return law._asdict()
+    if law.kind == NO_FRICTION:
+        return {}
+    return dict(zip(LAWS[NAMES[law.kind]][1], law[1:], strict=False))
 
 
 # alternatives to a parameter in a scene: name -> (the parameter, Parameter of the alternative)
@@ -552,30 +468,6 @@ def contradiction(name: str, parameters: dict) -> str:
     if name == "Pouliquen" and parameters["mu2"] < parameters["mu1"]:
         return f"mu2 = {parameters['mu2']:g} is below mu1 = {parameters['mu1']:g}; friction grows with speed"
     return ""
-
-
-class NoCohesion(NamedTuple):
-    """The null law: nothing is added."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def cohesive_stress(self) -> float:
-        """Return 0: there is no cohesion."""
-        return 0.0
-
-
-class Cohesion(NamedTuple):
-    """A basal stress tau_0 that does not depend on load or speed, added to the friction law's.
-
-    tau_0 of VoellmyMinShear (AvaFrame com1DFA). Dry snow 0 to 100 Pa, wet snow 50 to 1000 Pa, debris
-    flows 100 to 5000 Pa.
-    """
-
-    stress: float  # tau_0 [Pa]
-
-    def cohesive_stress(self) -> float:
-        """Return tau_0 [Pa]."""
-        return self.stress
 
 
 class NoZones(NamedTuple):

@@ -4,39 +4,44 @@
 length along the ground. `swe` is the shallow-water form for water and lakes on gentle beds.
 """
 
-from typing import NamedTuple
+SLOPE, WATER = range(2)  # kinds of metric, in the order of `FORMS`
 
 
-class SlopeMetric(NamedTuple):
-    """Lengths along the bed: the metric gradient is the bed's."""
+def slope_gradient(gradient_x: float, gradient_y: float) -> tuple[float, float]:
+    """Return lengths along the bed: the metric gradient is the bed's.
 
-    null: float = 0.0  # the compiler requires a field
-
-    def metric_gradient(self, gradient_x: float, gradient_y: float) -> tuple[float, float]:
-        """Return the gradient of the bed.
-
-        Parameters
-        ----------
-        gradient_x, gradient_y : float [1]
-            Gradient of the bed.
-        """
-        return gradient_x, gradient_y
+    Parameters
+    ----------
+    gradient_x, gradient_y : float [1]
+        Gradient of the bed.
+    """
+    return gradient_x, gradient_y
 
 
-class WaterMetric(NamedTuple):
-    """Horizontal lengths, classic shallow water: the metric gradient is zero."""
+def water_gradient(gradient_x: float, gradient_y: float) -> tuple[float, float]:
+    """Return horizontal lengths, classic shallow water: the metric gradient is zero.
 
-    null: float = 0.0  # the compiler requires a field
+    Parameters
+    ----------
+    gradient_x, gradient_y : float [1]
+        Gradient of the bed.
+    """
+    return 0.0, 0.0
 
-    def metric_gradient(self, gradient_x: float, gradient_y: float) -> tuple[float, float]:
-        """Return (0, 0): lengths are horizontal.
 
-        Parameters
-        ----------
-        gradient_x, gradient_y : float [1]
-            Gradient of the bed.
-        """
-        return 0.0, 0.0
+def metric_gradient(metric: int, gradient_x: float, gradient_y: float) -> tuple[float, float]:
+    """Compute the gradient [1] by which lengths on the map become lengths of a metric.
+
+    Parameters
+    ----------
+    metric : int
+        SLOPE or WATER.
+    gradient_x, gradient_y : float [1]
+        Gradient of the bed.
+    """
+    if metric == WATER:
+        return water_gradient(gradient_x, gradient_y)
+    return slope_gradient(gradient_x, gradient_y)
 
 
 def cosine_squared(metric_x: float, metric_y: float) -> float:
@@ -50,4 +55,5 @@ def cosine_squared(metric_x: float, metric_y: float) -> float:
     return 1.0 / (1.0 + metric_x * metric_x + metric_y * metric_y)
 
 
-FORMS = {"slope": SlopeMetric, "swe": WaterMetric}
+# word in a scene -> law; its kind is its place
+FORMS = {"slope": slope_gradient, "swe": water_gradient}

@@ -13,61 +13,50 @@ LEAST_THICKNESS = 1e-3  # [m] a divisor in place of a smaller thickness
 LEAST_SQUARED_RATE = 1e-6  # [s-2] e^2 of the regularised yield stress
 
 
-class NoEarthPressure(NamedTuple):
-    """The null law: the push is hydrostatic, K = 1."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def earth_pressure_active(self) -> bool:
-        """Return False: the push is hydrostatic."""
-        return False
-
-    def pressure_factor(self, rate: float, time_step: float) -> float:
-        """Return 1: K of hydrostatic push.
-
-        Parameters
-        ----------
-        rate : float [s-1]
-            Rate of stretching along the flow.
-        time_step : float [s]
-        """
-        return 1.0
-
-    def largest_factor(self) -> float:
-        """Return 1: K of hydrostatic push."""
-        return 1.0
-
-
 class EarthPressure(NamedTuple):
     """Push along the slope over push normal to it: less than 1 where the flow stretches, more where it is compressed.
 
     K_active where the flow stretches along its own direction, K_passive where it is compressed (Savage & Hutter 1989),
     of `earth_pressure`. One factor for all directions: the push across the flow gets it too. Laboratory sands and
-    gravels phi 25 to 45, delta 15 to 35 degrees; snow and debris flows are commonly run with K = 1.
+    gravels phi 25 to 45, delta 15 to 35 degrees; snow and debris flows are commonly run with K = 1, as of water.
     """
 
-    active: float  # [1]
-    passive: float  # [1]
+    active: float = 1.0  # [1]
+    passive: float = 1.0  # [1]
 
-    def earth_pressure_active(self) -> bool:
-        """Return True: K depends on whether the flow stretches."""
-        return True
 
-    def pressure_factor(self, rate: float, time_step: float) -> float:
-        """Compute K [1]: active at rest and where the flow stretches, passive below a rate of -SWITCH / dt.
+def is_hydrostatic(law: EarthPressure) -> bool:
+    """Return whether the push is that of water, K = 1.
 
-        Parameters
-        ----------
-        rate : float [s-1]
-            Rate of stretching along the flow.
-        time_step : float [s]
-        """
-        compressed = min(max(-rate * time_step / SWITCH, 0.0), 1.0)
-        return self.active + compressed * (self.passive - self.active)
+    Parameters
+    ----------
+    law : EarthPressure
+    """
+    return law.active == 1.0 and law.passive == 1.0
 
-    def largest_factor(self) -> float:
-        """Return the largest K [1]: the wave speed for the time step is proportional to its root."""
-        return max(self.active, self.passive)
+
+def pressure_factor(law: EarthPressure, rate: float, time_step: float) -> float:
+    """Compute K [1]: active at rest and where the flow stretches, passive below a rate of -SWITCH / dt.
+
+    Parameters
+    ----------
+    law : EarthPressure
+    rate : float [s-1]
+        Rate of stretching along the flow.
+    time_step : float [s]
+    """
+    compressed = min(max(-rate * time_step / SWITCH, 0.0), 1.0)
+    return law.active + compressed * (law.passive - law.active)
+
+
+def largest_factor(law: EarthPressure) -> float:
+    """Return the largest K [1]: the wave speed for the time step is proportional to its root.
+
+    Parameters
+    ----------
+    law : EarthPressure
+    """
+    return max(law.active, law.passive)
 
 
 def earth_pressure(friction_angle: float, bed_friction_angle: float) -> EarthPressure:
@@ -88,31 +77,8 @@ def earth_pressure(friction_angle: float, bed_friction_angle: float) -> EarthPre
     return EarthPressure(2.0 / cos2_phi * (1.0 - root) - 1.0, 2.0 / cos2_phi * (1.0 + root) - 1.0)
 
 
-class NoViscosity(NamedTuple):
-    """The null law: pressure only."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def viscosity_active(self) -> bool:
-        """Return False: there is only pressure."""
-        return False
-
-    def apparent_viscosity(self, thickness: float, u: float, v: float, dxx: float, dxy: float, dyy: float) -> float:
-        """Return 0: there is no viscous stress in the plane.
-
-        Parameters
-        ----------
-        thickness : float [m]
-        u, v : float [m s-1]
-            Velocity.
-        dxx, dxy, dyy : float [s-1]
-            Symmetric gradient of the velocity.
-        """
-        return 0.0
-
-
 class InPlaneViscosity(NamedTuple):
-    """Viscosity and yield stress for shear and stretching in the plane of the map (Bingham, regularised).
+    """Viscosity and yield stress for shear and stretching in the plane of the map (Bingham, regularised); 0: none.
 
     sigma = (tau_y / sqrt(II + e^2) + 2 eta) D with e = 1e-3 s-1 and II = D:D / 2 over the full symmetric D of a column,
     sheared by 3 u / ((2 + Z) h) at its bed (Z of `plug_ratio`) and thinned by dzz = -div u (Fois et al. 2024).
@@ -120,32 +86,40 @@ class InPlaneViscosity(NamedTuple):
     The solver limits eta_eff to the value that the time step allows, rho dx^2 / (8 dt), and counts these columns.
     """
 
-    viscosity: float  # eta [Pa s]
-    yield_stress: float  # tau_y [Pa]
+    viscosity: float = 0.0  # eta [Pa s]
+    yield_stress: float = 0.0  # tau_y [Pa]
 
-    plug_ratio = plug_ratio
 
-    def viscosity_active(self) -> bool:
-        """Return True: there is viscous stress in the plane."""
-        return True
+def is_viscous(law: InPlaneViscosity) -> bool:
+    """Return whether there is viscous stress in the plane.
 
-    def apparent_viscosity(self, thickness: float, u: float, v: float, dxx: float, dxy: float, dyy: float) -> float:
-        """Compute eta_eff [Pa s] in sigma = 2 eta_eff D.
+    Parameters
+    ----------
+    law : InPlaneViscosity
+    """
+    return law.viscosity > 0.0 or law.yield_stress > 0.0
 
-        Parameters
-        ----------
-        thickness : float [m]
-        u, v : float [m s-1]
-            Velocity.
-        dxx, dxy, dyy : float [s-1]
-            Symmetric gradient of the velocity.
-        """
-        apparent = self.viscosity
-        if self.yield_stress > NO_YIELD_STRESS:
-            deep = max(thickness, LEAST_THICKNESS)
-            speed = sqrt(u * u + v * v)
-            bed_shear = 1.5 * speed / ((2.0 + self.plug_ratio(deep, speed)) * deep)  # D_xz
-            dzz = -(dxx + dyy)
-            second = 0.5 * (dxx * dxx + dyy * dyy + dzz * dzz) + dxy * dxy + bed_shear * bed_shear
-            apparent += 0.5 * self.yield_stress / sqrt(second + LEAST_SQUARED_RATE)
-        return apparent
+
+def apparent_viscosity(
+    law: InPlaneViscosity, thickness: float, u: float, v: float, dxx: float, dxy: float, dyy: float
+) -> float:
+    """Compute eta_eff [Pa s] in sigma = 2 eta_eff D.
+
+    Parameters
+    ----------
+    law : InPlaneViscosity
+    thickness : float [m]
+    u, v : float [m s-1]
+        Velocity.
+    dxx, dxy, dyy : float [s-1]
+        Symmetric gradient of the velocity.
+    """
+    apparent = law.viscosity
+    if law.yield_stress > NO_YIELD_STRESS:
+        deep = max(thickness, LEAST_THICKNESS)
+        speed = sqrt(u * u + v * v)
+        bed_shear = 1.5 * speed / ((2.0 + plug_ratio(law.yield_stress, law.viscosity, deep, speed)) * deep)  # D_xz
+        dzz = -(dxx + dyy)
+        second = 0.5 * (dxx * dxx + dyy * dyy + dzz * dzz) + dxy * dxy + bed_shear * bed_shear
+        apparent += 0.5 * law.yield_stress / sqrt(second + LEAST_SQUARED_RATE)
+    return apparent

@@ -4,7 +4,8 @@ Such a law is a NamedTuple of its parameters with either
 
     basal_stress(self, density, gravity, normal_stress, thickness_normal, speed)  [Pa]
 
-or the three methods into which `friction` splits it, with arithmetic, `math` and `if` only.
+or three methods for the parts into which `friction` splits it, with arithmetic, `math` and `if` only. Kernels call its
+`stress_parts`, which is made of these, and its `at_node`.
 The file is executed; it is always the one that the user named.
 """
 
@@ -111,12 +112,13 @@ def _parameters(kind):
 
 
 def _fitted(kind, name):
-    """`kind` with every method that the solver calls; missing ones are derived from `basal_stress`."""
+    """`kind` with the methods that the solver calls, made of those that it has."""
     split = [method for method in SPLIT if callable(getattr(kind, method, None))]
-    if callable(getattr(kind, WHOLE, None)):
-        if not split:
-            kind.dry_stress, kind.viscous_coefficient, kind.drag_coefficient = _dry_of_whole, _chord_of_whole, _no_drag
-    elif len(split) < len(SPLIT):
+    if len(split) == len(SPLIT):
+        kind.stress_parts = _parts_of_split
+    elif callable(getattr(kind, WHOLE, None)):
+        kind.stress_parts = _parts_of_whole
+    else:
         missing = ", ".join(method for method in SPLIT if method not in split)
         raise InputError(f"{name} has neither {WHOLE} nor {missing}; give it {WHOLE}")
     _require_signatures(kind, name)
@@ -124,21 +126,19 @@ def _fitted(kind, name):
     return kind
 
 
-def _dry_of_whole(self, density, gravity, normal_stress, thickness_normal, speed):
-    """The stress at rest, or at this speed if that is smaller."""
-    at_rest = self.basal_stress(density, gravity, normal_stress, thickness_normal, 0.0)
-    return min(at_rest, self.basal_stress(density, gravity, normal_stress, thickness_normal, speed))
+def _parts_of_split(self, density, gravity, normal_stress, thickness_normal, speed):
+    return (
+        self.dry_stress(density, gravity, normal_stress, thickness_normal, speed),
+        self.viscous_coefficient(density, gravity, normal_stress, thickness_normal, speed),
+        self.drag_coefficient(gravity, thickness_normal, speed),
+    )
 
 
-def _chord_of_whole(self, density, gravity, normal_stress, thickness_normal, speed):
-    """The increase with speed, as the chord of the law from rest to this speed."""
+def _parts_of_whole(self, density, gravity, normal_stress, thickness_normal, speed):
+    """The stress at rest, or at this speed if that is smaller; its increase as the chord from rest to this speed."""
     at_rest = self.basal_stress(density, gravity, normal_stress, thickness_normal, 0.0)
     here = self.basal_stress(density, gravity, normal_stress, thickness_normal, speed)
-    return max(here - at_rest, 0.0) / max(speed, LEAST_SPEED)
-
-
-def _no_drag(self, gravity, thickness_normal, speed):
-    return 0.0
+    return min(at_rest, here), max(here - at_rest, 0.0) / max(speed, LEAST_SPEED), 0.0
 
 
 def _at_node_of(kind):

@@ -1,6 +1,5 @@
 """The decision on forest, and the checks of its tables."""
 
-from ..laws import forest
 from ..system.errors import SceneError
 from .decision_rules import Decision, Slots, TerrainFacts, as_asked, not_called_for
 from .key_checks import is_number
@@ -25,7 +24,7 @@ def decide_forest(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
         return not_called_for("forest", "no [[forest]] in the scene")
     if not used or facts.forest_areas is None:
         return as_asked("forest", "off", "")
-    slots["forest"] = forest.Forest()
+    slots["forest"] = True
     area, in_reach = (f"{hectares / 1e4:.3g} ha" for hectares in facts.forest_areas)
     forced = all(table.use == "on" for table in used)
     return as_asked("forest", "on" if forced else "auto", f"{area} of forest, {in_reach} of it in reach of the flow")

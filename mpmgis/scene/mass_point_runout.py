@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from math import exp, sqrt
 from typing import Any
 
-from ..laws.friction import Frictionless
+from ..laws.friction import FRICTIONLESS, stress_parts
 from ..laws.quantities import GRAVITY
 from .decision_rules import TerrainFacts
 
@@ -37,7 +37,7 @@ def runout(facts: TerrainFacts, friction: Any = None, cohesion: float = 0.0) -> 
     """
     if len(facts.profile) < 2 or facts.release_thickness <= 0.0:
         return None
-    friction = Frictionless() if friction is None else friction
+    friction = FRICTIONLESS if friction is None else friction
     energy, distance = facts.start_speed**2, 0.0  # U^2 [m2 s-2]
     for length, fall in _pieces(facts.profile):
         slope = fall / length
@@ -67,10 +67,9 @@ def _after(
     speed, depth = sqrt(energy), facts.release_thickness * cosine
     load = facts.density * depth * GRAVITY * cosine
     per_mass = 1.0 / (facts.density * depth)
-    dry = friction.dry_stress(facts.density, GRAVITY, load, depth, speed) + cohesion
-    viscous = friction.viscous_coefficient(facts.density, GRAVITY, load, depth, speed)
-    drive = GRAVITY * sine - (dry + viscous * speed) * per_mass
-    drag = friction.drag_coefficient(GRAVITY, depth, speed) / depth
+    dry, viscous, drag = stress_parts(friction, facts.density, GRAVITY, load, depth, speed)
+    drive = GRAVITY * sine - (dry + cohesion + viscous * speed) * per_mass
+    drag = drag / depth
     if drag == 0.0:
         return energy + 2.0 * length * drive
     return drive / drag + (energy - drive / drag) * exp(-2.0 * drag * length)

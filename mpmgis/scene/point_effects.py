@@ -310,7 +310,7 @@ def _resolved(name: str, cells: float, reason: str) -> Decision:
 
 
 def decide_point_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
-    """Decide on rigid barriers: on if the flow can get to one of them.
+    """Decide on rigid barriers: on where the scene has some, as `decide_barrier` of columns does.
 
     Parameters
     ----------
@@ -319,16 +319,13 @@ def decide_point_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Dec
     """
     if not scene.barrier:
         return not_called_for("barrier", "no [[barrier]] in the scene")
-    use, height = use_of_several(scene.barrier), facts.barrier_height_ratio
     if facts.barrier_distance is None:
         return as_asked("barrier", "off", "")
-    touched = facts.barrier_distance <= 0.0
-    on = use == "on" or (use == "auto" and touched)
-    if on:
+    ratio = facts.barrier_height_ratio
+    reason = f"the energy line ends {facts.barrier_distance:.0f} m before the nearest"
+    if ratio is not None:
+        reason = f"in reach; the lowest crest is {ratio:.2g} times flow depth and energy head there"
+    decision = as_asked("barrier", use_of_several(scene.barrier), reason, ratio)
+    if decision.state == "on":
         slots["barrier"] = Barrier()
-    reason = (
-        f"in reach; the lowest crest is {height or 0.0:.2g} times flow depth and energy head there"
-        if touched
-        else f"the energy line ends {facts.barrier_distance:.0f} m before the nearest"
-    )
-    return Decision("barrier", "on" if on else "off", "auto" if use == "auto" else "forced", height, None, reason)
+    return decision

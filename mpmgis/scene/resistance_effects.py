@@ -42,10 +42,9 @@ def mu_least(scene: Scene) -> float:
     table = scene.friction
     if table is None or table.use == "off" or (table.law in friction.LAWS and table.law != "ModifiedVoellmy"):
         return scene.dry_friction()
-    law = scene.laws[table.law][0](**table.parameters)
-    if isinstance(law, friction.ModifiedVoellmy):
-        return min(law.mu, law.crossover_speed**2 / law.xi)
-    load = 1000.0 * GRAVITY
+    if table.law == "ModifiedVoellmy":
+        return min(table.parameters["mu"], table.parameters["crossover_speed"] ** 2 / table.parameters["xi"])
+    law, load = _law_of(scene), 1000.0 * GRAVITY
     return min(friction.basal_stress(law, 1000.0, GRAVITY, load, 1.0, speed) for speed in SPEEDS) / load
 
 
@@ -61,12 +60,20 @@ def decide_friction(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision
     if table is None:
         return not_called_for("friction", "no [friction] in the scene: the flow has no resistance")
     values = ", ".join(f"{k} = {v:g}" for k, v in table.parameters.items())
-    law = scene.laws[table.law][0](**table.parameters)
+    law = _law_of(scene)
     ratio = scene.dry_friction() / max(facts.slope_median, 1e-6) if scene.dry_friction() else None
     decision = as_asked("friction", table.use, f"{table.law}: {values}", ratio)
     if decision.state == "on":
         slots["friction"] = law
     return decision
+
+
+def _law_of(scene):
+    """Return the law of [friction] of a depth-averaged scene."""
+    table = scene.friction
+    if table.law in friction.LAWS:
+        return friction.friction_law(table.law, **table.parameters)
+    return scene.laws[table.law][0](**table.parameters)
 
 
 def decide_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
@@ -80,12 +87,18 @@ def decide_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     law, xi = slots.get("friction"), scene.friction_value(friction.DRAG)
     if law is None or xi is None:
         return not_called_for("turbulent_drag", NO_DRAG)
-    if not isinstance(law, friction.Voellmy):
-        return as_asked("turbulent_drag", "auto", *_drag_felt(scene.dry_friction(), xi, facts))
-    decision = _drag_by_number(scene, law, facts)
+    mu = scene.dry_friction()
+    if not _is(law, friction.VOELLMY):
+        return as_asked("turbulent_drag", "auto", *_drag_felt(mu, xi, facts))
+    decision = _drag_by_number(scene, mu, xi, facts)
     if decision.state == "off":
-        slots["friction"] = friction.Coulomb(law.mu)
+        slots["friction"] = friction.friction_law("Coulomb", mu)
     return decision
+
+
+def _is(law, kind):
+    """Return whether the law of friction in a slot is the built-in one of a kind."""
+    return isinstance(law, friction.Friction) and law.kind == kind
 
 
 def decide_point_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
@@ -99,17 +112,18 @@ def decide_point_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
     law = slots.get("contact")
     if not isinstance(law, VoellmyContact):
         return not_called_for("turbulent_drag", NO_DRAG)
-    decision = _drag_by_number(scene, friction.Voellmy(law.mu, law.xi), facts)
+    decision = _drag_by_number(scene, law.mu, law.xi, facts)
     if decision.state == "off":
         slots["contact"] = CoulombContact(law.mu)
     return decision
 
 
-def _drag_by_number(scene: Scene, law: friction.Voellmy, facts: TerrainFacts) -> Decision:
-    """Decide on the drag of Voellmy's `law`, with its effect on the runout of a point."""
-    reason, ratio = _drag_felt(law.mu, law.xi, facts)
+def _drag_by_number(scene: Scene, mu: float, xi: float, facts: TerrainFacts) -> Decision:
+    """Decide on the drag of Voellmy's law, with its effect on the runout of a point."""
+    reason, ratio = _drag_felt(mu, xi, facts)
     decision = by_number("turbulent_drag", _forced_on(scene.friction), ratio, DRAG_THRESHOLD, reason)
-    return _with_change(decision, runout(facts, law), runout(facts, friction.Coulomb(law.mu)))
+    with_it, without = friction.friction_law("Voellmy", mu, xi), friction.friction_law("Coulomb", mu)
+    return _with_change(decision, runout(facts, with_it), runout(facts, without))
 
 
 def _drag_felt(mu: float, xi: float, facts: TerrainFacts) -> tuple[str, float]:
@@ -137,12 +151,13 @@ def decide_bingham(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
         As of every decider (`decision_rules`).
     """
     law = slots.get("friction")
-    if not isinstance(law, friction.Bingham):
+    if not _is(law, friction.BINGHAM):
         return not_called_for("bingham", "no Bingham law in the scene")
     sine, cosine = _sine_cosine(facts)
     depth = facts.release_thickness * cosine
     drive = facts.density * GRAVITY * max(depth, 1e-6) * max(sine, LEAST_DRIVE)  # [Pa]
-    ratio = max(law.yield_stress, 3.0 * law.viscosity * facts.speed / max(depth, 1e-6)) / drive
+    yield_stress, viscosity = friction.parameters_of(law).values()
+    ratio = max(yield_stress, 3.0 * viscosity * facts.speed / max(depth, 1e-6)) / drive
     reason = "yield stress or 3 eta U / h over the driving stress, the larger; always on"
     return as_asked("bingham", scene.friction.use, reason, ratio)
 
@@ -163,7 +178,7 @@ def decide_cohesion(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision
         "cohesion", table.use, table.yield_stress / load, COHESION_THRESHOLD, "yield stress over rho g h0"
     )
     if decision.state == "on":
-        slots["cohesion"] = friction.Cohesion(table.yield_stress)
+        slots["cohesion"] = table.yield_stress
     law = slots.get("friction")
     return _with_change(decision, runout(facts, law, table.yield_stress), runout(facts, law))
 
@@ -203,7 +218,7 @@ def decide_viscosity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
     law = internal_stress.InPlaneViscosity(table.viscosity, table.yield_stress)
     sine, cosine = _sine_cosine(facts)
     depth = max(facts.release_thickness * cosine, 1e-6)
-    apparent = law.apparent_viscosity(depth, facts.speed, 0.0, 0.0, 0.0, 0.0)
+    apparent = internal_stress.apparent_viscosity(law, depth, facts.speed, 0.0, 0.0, 0.0, 0.0)
     drive = facts.density * GRAVITY * depth * depth * max(sine, LEAST_DRIVE)
     ratio = 3.0 * apparent * facts.speed / drive * (facts.release_thickness / max(facts.release_length, 1e-6)) ** 2
     reason = "3 eta U / (rho g h^2 sin) (h0 / L0)^2"

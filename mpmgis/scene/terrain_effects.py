@@ -1,18 +1,14 @@
 """Effects that depend on the ground, the inflow and spatial features."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
-from ..laws import barrier, curvature, entrainment, friction, ground_metric
-from ..laws.still_water import StillWater
+from ..laws import curvature, entrainment, friction, ground_metric
 from .decision_rules import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, use_of
 from .scene import Scene
 
 METRIC_THRESHOLD = 0.02  # [1] 1 / c^2 - 1: slopes above 8 degrees
 FLIGHT_THRESHOLD = 1.0  # [1] U^2 curvature / (g cos): the bed falls away faster than the flow falls
-ZONE_THRESHOLD = 0.02  # [1] (largest - smallest) / mean of a parameter in reach
-TABLE_OF = {"zones": "zones", "entrainment": "entrainment", "barrier": "barrier"}  # effects that a run may turn on
 
 
 def decide_metric(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
@@ -26,7 +22,7 @@ def decide_metric(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
         As of every decider (`decision_rules`).
     """
     form = scene.numerics.form
-    slots["metric"] = ground_metric.FORMS[form]()
+    slots["metric"] = list(ground_metric.FORMS).index(form)
     steep = facts.slope_steep**2  # 1 / c^2 - 1
     words = {
         "slope": "form slope: lengths along the ground",
@@ -49,11 +45,11 @@ def decide_curvature(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
     reason = f"centrifugal over gravity where the flow can reach, at {facts.speed:.0f} m/s of the energy line"
     use = use_of(scene.curvature)
     if use in curvature.PARTS:
-        slots["curvature"] = curvature.PARTS[use]()
+        slots["curvature"] = curvature.PARTS[use]
         return by_number("curvature", "on", facts.centrifugal_ratio, THRESHOLD, f"its {use} alone; {reason}")
     decision = by_number("curvature", use, facts.centrifugal_ratio, THRESHOLD, reason)
     if decision.state == "on":
-        slots["curvature"] = curvature.Curvature()
+        slots["curvature"] = curvature.CURVATURE
     return decision
 
 
@@ -137,27 +133,10 @@ def decide_secondary_release(scene: Scene, facts: TerrainFacts, slots: Slots) ->
     return as_asked("secondary", "on" if uses == {"on"} else "auto", reason, ratio)
 
 
-def with_effects_on(scene: Scene, effects: Iterable[str]) -> Scene:
-    """Return the scene with some effects on, where its tables have them and do not turn them off.
-
-    Parameters
-    ----------
-    scene : Scene
-    effects : iterable of str
-        Of TABLE_OF.
-    """
-    on = {}
-    for name in (TABLE_OF[effect] for effect in effects):
-        tables = getattr(scene, name)
-        if isinstance(tables, tuple):
-            on[name] = tuple(table if table.use == "off" else replace(table, use="on") for table in tables)
-        else:
-            on[name] = replace(tables, use="on")
-    return replace(scene, **on)
-
-
 def decide_zones(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
-    """Decide on friction zones: on if a parameter differs on ground in reach; decided after friction and drag.
+    """Decide on friction zones: on where there is friction; decided after friction and drag.
+
+    The number is the difference of a parameter on ground in reach. It decides nothing: the reach is an estimate.
 
     Parameters
     ----------
@@ -168,20 +147,17 @@ def decide_zones(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
         return not_called_for("zones", "no [[zones]] in the scene")
     if facts.zone_spread is None or not {"friction", "contact"} & set(slots):
         return as_asked("zones", "off", "")
-    decision = by_number(
-        "zones",
-        use_of_several(scene.zones),
-        facts.zone_spread,
-        ZONE_THRESHOLD,
-        "(largest - smallest) / mean of the parameter that differs most in reach",
-    )
+    reason = "(largest - smallest) / mean of the parameter that differs most in reach"
+    decision = as_asked("zones", use_of_several(scene.zones), reason, facts.zone_spread)
     if decision.state == "on":
-        slots["zones"] = friction.FrictionZones()
+        slots["zones"] = True if scene.solver == "columns" else friction.FrictionZones()
     return decision
 
 
 def decide_entrainment(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
-    """Decide on erosion, by the erodible mass in reach relative to the released mass.
+    """Decide on erosion: on where the scene has erodible ground.
+
+    The number is the erodible mass in reach over the released mass. It decides nothing: the reach is an estimate.
 
     Parameters
     ----------
@@ -195,15 +171,18 @@ def decide_entrainment(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decis
         return as_asked("entrainment", table.use, "")
     values = ", ".join(f"{name} = {value:g}" for name, value in table.parameters.items())
     reason = f"erodible mass in reach over the release's; {table.law}: {values}"
-    decision = by_number("entrainment", table.use, facts.erodible_ratio, THRESHOLD, reason)
+    decision = as_asked("entrainment", table.use, reason, facts.erodible_ratio)
     if decision.state == "on":
         lowering = 1.0 / (table.density or facts.density) if table.lower_bed else 0.0
-        slots["entrainment"] = entrainment.LAWS[table.law][0](**table.parameters, lowering=lowering)
+        slots["entrainment"] = entrainment.entrainment_law(table.law, *table.parameters.values(), lowering=lowering)
     return decision
 
 
 def decide_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
-    """Decide on barriers: on if the flow can get to one of them.
+    """Decide on barriers: on where the scene has some.
+
+    The number is the height of the lowest crest in reach over that of the flow. It decides nothing: the reach is an
+    estimate.
 
     Parameters
     ----------
@@ -214,23 +193,14 @@ def decide_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
         return not_called_for("barrier", "no [[barrier]] in the scene")
     if facts.barrier_distance is None:
         return as_asked("barrier", "off", "")
-    use = use_of_several(scene.barrier)
-    touched = facts.barrier_distance <= 0.0
-    on = use == "on" or (use == "auto" and touched)
-    if on:
-        slots["barrier"] = barrier.Barrier()
-    apart = f"the energy line ends {facts.barrier_distance:.0f} m before the nearest"
-    height = facts.barrier_height_ratio
-    ratio = 0.0 if height is None else height
-    lowest = f"in reach; the lowest crest is {ratio:.2g} times flow depth and energy head there"
-    return Decision(
-        "barrier",
-        "on" if on else "off",
-        "auto" if use == "auto" else "forced",
-        height,
-        None,
-        f"{lowest if touched else apart}; screening only, loads need 3D",
-    )
+    ratio = facts.barrier_height_ratio
+    where = f"the energy line ends {facts.barrier_distance:.0f} m before the nearest"
+    if ratio is not None:
+        where = f"in reach; the lowest crest is {ratio:.2g} times flow depth and energy head there"
+    decision = as_asked("barrier", use_of_several(scene.barrier), f"{where}; screening only, loads need 3D", ratio)
+    if decision.state == "on":
+        slots["barrier"] = True
+    return decision
 
 
 def decide_still_water(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
@@ -249,7 +219,7 @@ def decide_still_water(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decis
     level = f"at {table.level:g} m" if not isinstance(table.level, str) else f"at levels of column {table.level!r}"
     decision = as_asked("still_water", table.use, f"lake at rest {level}", facts.lake_ratio)
     if decision.state == "on":
-        slots["still_water"] = StillWater()
+        slots["still_water"] = True
     return decision
 
 

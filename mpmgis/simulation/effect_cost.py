@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..laws import friction
 from ..laws.effect_slots import ColumnEffects
 from ..system.errors import SceneError
-from ..system.messages import log
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame
@@ -40,7 +39,7 @@ class EffectCosts(NamedTuple):
 
 
 def without_each(effects: ColumnEffects) -> dict[str, ColumnEffects]:
-    """Return a copy of `effects` for each effect, with the null form in its place.
+    """Return a copy of `effects` without each of them.
 
     Zones are switched off with friction. The turbulent drag is the difference between Voellmy's law and Coulomb's.
 
@@ -54,12 +53,14 @@ def without_each(effects: ColumnEffects) -> dict[str, ColumnEffects]:
         Name of the effect, as in decisions -> ColumnEffects without it.
     """
     null = ColumnEffects()
-    present = [name for name in effects._fields if type(getattr(effects, name)) is not type(getattr(null, name))]
+    present = [name for name in effects._fields if getattr(effects, name) != getattr(null, name)]
     variants = {name: effects._replace(**{name: getattr(null, name)}) for name in present if name not in CHOICES}
     if "friction" in variants:
         variants["friction"] = variants["friction"]._replace(zones=null.zones)
-    if isinstance(effects.friction, (friction.Voellmy, friction.ModifiedVoellmy)):
-        variants["turbulent_drag"] = effects._replace(friction=friction.Coulomb(effects.friction.mu))
+    law = effects.friction
+    if isinstance(law, friction.Friction) and law.kind in (friction.VOELLMY, friction.MODIFIED_VOELLMY):
+        coulomb = friction.friction_law("Coulomb", friction.parameters_of(law)["mu"])
+        variants["turbulent_drag"] = effects._replace(friction=coulomb)
     return variants
 
 
@@ -124,9 +125,6 @@ def effect_costs(solver: "ColumnSolver", start: "Frame", clock: Callable[[], flo
     """
     whole = solver.effects
     variants = without_each(whole)
-    for number, (name, effects) in enumerate(variants.items(), 1):
-        log.info(f"{number} of {len(variants)}: the step without {name}; where it is new it is compiled, half a minute")
-        _seconds_per_step(solver, effects, start, clock)
     best = _quickest(solver, {FIRST: whole, **variants, AGAIN: whole}, start, clock)
     solver.restore(start)
     with_all = 0.5 * (best[FIRST] + best[AGAIN])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled.law_methods import require_compiled, use_own_laws
+from ..compiled.law_functions import require_compiled, use_own_laws
 from ..laws.friction import LAWS
 from ..laws.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ..laws.quantities import GRAVITY
@@ -237,7 +237,7 @@ def prepare_scene(scene: "Scene") -> Prepared:
     if lakes is not None:
         frame = levelled(frame, lakes, grids[0])
     shapes = [shape for stage in stages for shape in stage.shapes()]
-    digest = scene.digest(start_digest(terrain, frame, start.events, *(s.all_places() for s in stages), shapes=shapes))
+    digest = scene.digest(start_digest(terrain, frame, start.events, *(s.places for s in stages), shapes=shapes))
     frame = replace(frame, digest=digest)
     prepared = Prepared(
         scene,
@@ -336,9 +336,7 @@ def _stage(
     else:
         thickness = start.reference_thickness or (facts.release_thickness if later else None)
         numerics, places = _column_numerics(scene, grid, start, thickness), known.on_grid(effects)
-    return Stage(
-        scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, known, deciding, nodata=in_reach
-    )
+    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, nodata=in_reach)
 
 
 def _column_numerics(

@@ -373,14 +373,13 @@ def integrate_into(
             wall_seconds=wall,
             predicted_seconds=None if pace is None else pace.seconds,
             scene=prepared.scene.as_tables(),
-            effects=[decision._asdict() for decision in sequence.stage_now(0).decisions],
+            effects=[decision._asdict() for decision in sequence.prepared.stages[0].decisions],
             terrain_facts=prepared.facts._asdict(),
             balances=solver.balances(),
             extremes=extremes(sequence.balances()),
             maxima=largest_peaks(sequence.maxima()),
             events=prepared.events.record(),
             troubles=sequence.troubles,
-            taken_in=sequence.taken_in,
             devices=devices,
             terrain=_record_of_terrain(prepared.terrain),
             nodata=_record_of_nodata(prepared),
@@ -465,7 +464,7 @@ def _record_of_stages(sequence):
     stages = sequence.prepared.stages
     if stages[0].table is None:
         return sequence.checks
-    effects = [[decision._asdict() for decision in sequence.stage_now(n).decisions] for n in range(len(stages))]
+    effects = [[decision._asdict() for decision in stage.decisions] for stage in stages]
     records = [{"solver": stage.scene.solver, "effects": e} for stage, e in zip(stages, effects, strict=True)]
     records[sequence.number].update(sequence.checks)
     for stage, past in zip(records, sequence.past, strict=False):
@@ -482,7 +481,7 @@ class _BarrierTables:
 
     def _opened(self, resumed):
         number = self._sequence.number
-        stage = self._sequence.stage_now(number)
+        stage = self._sequence.prepared.stages[number]
         name = BARRIER_FILE if stage.table is None else STAGE_BARRIER_FILE.format(number + 1)
         names, sums = stage.places.barrier_names, BARRIER_SUMS[stage.scene.solver]
         return LoadTable(self._folder.place / name, names, sums, resumed) if names else None
@@ -496,8 +495,6 @@ class _BarrierTables:
                 taken = past["balances"]["barriers"].values()
                 self._table.add(past["time"], np.array([[one[name] for name in self._table.sums] for one in taken]))
             self._number, self._table = self._sequence.number, self._opened(None)
-        if self._table is None and "barriers" in frame.state:  # barriers that the flow has reached since
-            self._table = self._opened(None)
         if self._table is not None:
             self._table.path = self._folder.place / self._table.path.name  # the folder may have been replaced
             self._table.add(frame.time, frame.state["barriers"])

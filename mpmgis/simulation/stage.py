@@ -13,14 +13,10 @@ from ..conversion.initial_points import point_options
 from ..conversion.initial_stress import stress_of_weight
 from ..conversion.points_to_columns import unsettled_share
 from ..conversion.solver_switch import switch_to_columns, switch_to_points
-from ..frames.watched_features import Watch
-from ..scene import resolve
 from ..scene.tables import CLIFF, CPU, WALLS, StageTable
-from ..scene.terrain_effects import with_effects_on
 from ..solvers.columns.column_solver import ColumnSolver
 from ..solvers.columns.feature_arrays import Places
 from ..solvers.columns.node_grid import ColumnGrid
-from ..solvers.features.features_by_place import KnownByPlace
 from ..solvers.points.point_solver import PointSolver
 from ..solvers.points.point_volume import point_volume
 from ..system.errors import SceneError
@@ -35,7 +31,6 @@ if TYPE_CHECKING:
     from ..conversion.conversion_options import PointOptions
     from ..conversion.solver_switch import Switched
     from ..frames.particles import Frame
-    from ..frames.watched_features import WatchedFeature
     from ..laws.effect_slots import ColumnEffects, PointEffects
     from ..scene import Scene, TerrainFacts
     from ..solvers.columns.column_solver import ColumnNumerics
@@ -69,10 +64,6 @@ class Stage:
         Spatial features that are on, on the grid.
     known_walls : tuple of Wall
         All barriers of the scene.
-    known : KnownByPlace or None
-        All spatial features, on or off.
-    deciding : Scene or None
-        With the representative values by which the effects are decided.
     table : StageTable or None
         Its [[stage]]; None: the scene has none.
     window : shapely.Geometry or None
@@ -93,8 +84,6 @@ class Stage:
     numerics: "ColumnNumerics | PointNumerics"
     places: Places
     known_walls: tuple = ()
-    known: KnownByPlace | None = None
-    deciding: "Scene | None" = None
     table: StageTable | None = None
     window: shapely.Geometry | None = None
     area: shapely.Geometry | None = None
@@ -105,50 +94,6 @@ class Stage:
     def walls(self) -> "tuple[Wall, ...]":
         """The barriers that are on in 3D."""
         return self.known_walls if self.scene.solver == "points" and self.places.barrier_names else ()
-
-    def features(self) -> "tuple[WatchedFeature, ...]":
-        """Return the spatial features that are off only because of the number that decides them."""
-        effects = self.effects
-        law = effects.contact if self.scene.solver == "points" else effects.friction
-        return () if self.known is None else self.known.watched(law, self.decisions)
-
-    def watch(self, solver: ColumnSolver | PointSolver) -> ColumnSolver | PointSolver:
-        """Let a solver turn on the effects of features that its flow reaches, and return it.
-
-        Parameters
-        ----------
-        solver : ColumnSolver or PointSolver
-        """
-        features = self.features()
-        if features:
-
-            def with_effects(names):
-                stage = self.with_effects(names)
-                return stage.effects, stage.places, stage.walls
-
-            solver.watch(Watch(features, with_effects))
-        return solver
-
-    def with_effects(self, names: Sequence[str], decided_by: str = "flow") -> "Stage":
-        """Return the stage with spatial effects turned on.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Of the effects.
-        decided_by : str
-            Of their decisions.
-        """
-        if not names:
-            return self
-        effects, decisions = resolve(with_effects_on(self.deciding, names), self.facts)
-        decisions = tuple(one._replace(decided_by=decided_by) if one.effect in names else one for one in decisions)
-        places = self.known.in_3d(effects) if self.scene.solver == "points" else self.known.on_grid(effects)
-        return replace(self, effects=effects, decisions=decisions, places=places)
-
-    def all_places(self) -> Places:
-        """Return the places with every feature on."""
-        return self.with_effects(tuple(feature.effect for feature in self.features())).places
 
     def words(self) -> str:
         """Return its solver, cell size and end conditions, in words."""

@@ -110,7 +110,7 @@ class StageSequence:
         self._peaks_before = {}  # of finished stages, as in frames
         self._bed_before = {}
         self.checks = self._resolution(prepared.stages[0], prepared.seen)
-        self.solver = prepared.stages[0].watch(prepared.solver())
+        self.solver = prepared.solver()
         self._resumed, self._integration = False, None
         self._end = self._stage_end()
 
@@ -267,12 +267,12 @@ class StageSequence:
         """Return the solver of the current stage for a `frame` of it; its state is restored afterwards."""
         stage, terrain = self.stage, self.prepared.terrain
         if not stage.has_columns_outside:
-            return stage.watch(stage.solver(terrain, self._on_grid(frame, stage.grid)))
+            return stage.solver(terrain, self._on_grid(frame, stage.grid))
         points, columns = parts_of(frame)
         before = self.prepared.stages[self.number - 1]
         return stage.coupled(
-            stage.watch(stage.solver(terrain, self._on_grid(points, stage.grid))),
-            before.watch(before.columns_outside(self._on_grid(columns, before.grid), terrain)),
+            stage.solver(terrain, self._on_grid(points, stage.grid)),
+            before.columns_outside(self._on_grid(columns, before.grid), terrain),
             terrain,
         )
 
@@ -321,7 +321,6 @@ class StageSequence:
                 "reason": why,
                 "balances": solver.balances(),
                 "switch": switched.account.as_numbers(),
-                "taken_in": self._taken_in_now(),
             }
             | self.checks
         )
@@ -337,7 +336,7 @@ class StageSequence:
         self._resumed, self._end = False, self._stage_end()
         self._wake_events()
         start = replace(switched.frame, time=frame.time, step=0)
-        self.solver = after.watch(after.solver(terrain, start, switched.vertical_stress, switched.gradient))
+        self.solver = after.solver(terrain, start, switched.vertical_stress, switched.gradient)
         if after.has_columns_outside:
             self.solver = after.coupled(self.solver, self._outside(before, frame, switched.rest), terrain)
 
@@ -346,33 +345,7 @@ class StageSequence:
         if rest is None:
             rest = replace(frame, particles=frame.particles.take(slice(0, 0)), state={}, maxima={})
         start = replace(rest, time=frame.time, step=0)
-        columns = before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
-        return before.watch(columns)
-
-    def _taken_in_now(self):
-        """Return the features that the solver of the current stage has turned on, in plain numbers."""
-        parts = [(self.number + 1, self.solver)]
-        if self.stage.has_columns_outside:  # the columns are of the stage before
-            parts = [(self.number + 1, self.solver.points_solver), (self.number, self.solver.columns_solver)]
-        return [{"stage": number, **taken._asdict()} for number, solver in parts for taken in solver.taken_in]
-
-    @property
-    def taken_in(self) -> list[dict]:
-        """Spatial features whose effect was off until the flow reached them, in plain numbers."""
-        return [taken for stage in self.past for taken in stage.get("taken_in", ())] + self._taken_in_now()
-
-    def stage_now(self, number: int) -> "Stage":
-        """Return a stage with the effects that the flow has turned on.
-
-        Parameters
-        ----------
-        number : int
-            Of the stage, from 0.
-        """
-        stage = self.prepared.stages[number]
-        own = {feature.effect for feature in stage.features()}
-        taken = {one["effect"] for one in self.taken_in if one["stage"] == number + 1}
-        return stage.with_effects(tuple(sorted(own & taken)))
+        return before.columns_outside(start, self.prepared.terrain, rest.state.get("velocity_gradient"))
 
     def balances(self) -> list[dict]:
         """Return the balances of each stage at its end, or now."""

@@ -15,7 +15,6 @@ from .coupled_solver import OF_COLUMNS, CoupledSolver
 if TYPE_CHECKING:
     from ..frames.particle_store import EnergyLook
     from ..frames.particles import Particles
-    from ..frames.watched_features import TakenIn
     from ..solvers.columns.column_solver import ColumnSolver
 
 REST_SHARE = 0.01  # [1] of its peak kinetic energy, below which a 3D flow is at rest
@@ -84,7 +83,6 @@ class IntegratedColumns:
 
     RUNNING, REACHED_TIME = column_time_step.RUNNING, column_time_step.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = column_time_step.ALL_LEFT, column_time_step.TRIGGER_REACHED
-    WATCHED_REACHED = column_time_step.WATCHED_REACHED
     END_REASONS = COLUMN_REASONS
 
     def __init__(self, solver: "ColumnSolver") -> None:
@@ -112,16 +110,6 @@ class IntegratedColumns:
             The flow can come to rest: no inflow follows.
         """
         return self.solver.advance(until, max_steps, may_stop)
-
-    def take_in(self, code: int) -> "tuple[TakenIn, ...]":
-        """Switch on features that the flow reached, and return them.
-
-        Parameters
-        ----------
-        code : int
-            Reason of the kernel to stop.
-        """
-        return self.solver.take_in() if code == self.WATCHED_REACHED else ()
 
     def at_frame(self, code: int) -> int:
         """Return the reason to stop at the time of a frame: `code`, as columns check for rest in every step.
@@ -178,7 +166,6 @@ class IntegratedPoints:
 
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, None
-    WATCHED_REACHED = point_kernel.WATCHED_REACHED
     END_REASONS = POINT_REASONS
 
     def __init__(self, solver: PointSolver) -> None:
@@ -206,16 +193,6 @@ class IntegratedPoints:
             Not used.
         """
         return self.solver.advance(until, after, max_steps)
-
-    def take_in(self, code: int) -> "tuple[TakenIn, ...]":
-        """Switch on features that the flow reached, and return them.
-
-        Parameters
-        ----------
-        code : int
-            Reason of the kernel to stop.
-        """
-        return self.solver.take_in() if code == self.WATCHED_REACHED else ()
 
     def at_frame(self, code: int) -> int:
         """Return STOPPED_AT_REST if the points are at rest at the time of a frame, else `code`.
@@ -327,16 +304,6 @@ class IntegratedCoupled:
             Not used.
         """
         return self.solver.advance(until, after, max_steps)
-
-    def take_in(self, code: int) -> "tuple[TakenIn, ...]":
-        """Switch on features that points or columns reached, and return them.
-
-        Parameters
-        ----------
-        code : int
-            Reason to stop.
-        """
-        return self._columns.take_in(code - OF_COLUMNS) if code >= OF_COLUMNS else self._points.take_in(code)
 
     def at_frame(self, code: int) -> int:
         """Return STOPPED_AT_REST if the points are at rest at the time of a frame, else `code`.

@@ -24,8 +24,7 @@ class TimeIntegration:
     """Iterator of frames at 0, interval, 2 interval, ... end, and at the end itself if the flow stops before.
 
     Steps end exactly at the times of `events`, which act between steps; a frame of the same time includes the inflow.
-    There are no frames while the terrain is empty. If the flow reaches a feature that the solver watches
-    (`watched_features`), its effect is switched on.
+    There are no frames while the terrain is empty.
 
     Parameters
     ----------
@@ -40,8 +39,6 @@ class TimeIntegration:
     stage_end : StageEnd, optional
         With it the integration can end earlier: then `switch` is the reason, there is no frame of that time, and the
         next stage of the run continues.
-    tell_taken_in : callable, optional
-        Called with the TakenIn of each feature whose effect is switched on.
 
     Attributes
     ----------
@@ -72,14 +69,12 @@ class TimeIntegration:
         resumed: bool = False,
         events: Events | None = None,
         stage_end: StageEnd | None = None,
-        tell_taken_in: Callable | None = None,
     ) -> None:
         self.solver, self.end_time, self.interval = solver, float(end_time), float(frame_interval)
         self.observe = observe or (lambda solver: None)
         self.resumed, self.events = resumed, events or Events()
         self.stage_end = stage_end or StageEnd()
         self.reason, self.switch, self.steps, self.particle_steps, self.step_seconds = "", "", 0, 0, 0.0
-        self.tell_taken_in = tell_taken_in or (lambda taken: None)
         self._stepper, self._observed = stepper_of(solver), 0.0
         self._guard = Guard(solver, self._stepper, self.events, self.stage_end)
 
@@ -155,11 +150,6 @@ class TimeIntegration:
             self.step_seconds += spent
             if code == stepper.RUNNING:
                 steps = int(min(max(taken * min(SLICE_SECONDS / max(spent, 1e-4), 4.0), 1), 1e6))
-            taken_in = stepper.take_in(code)
-            if taken_in:
-                for taken in taken_in:
-                    self.tell_taken_in(taken)
-                continue
             trouble = self._guard.trouble(code, code == stepper.REACHED_TIME and target == until)
             if trouble:
                 self._guard.go_back(trouble)

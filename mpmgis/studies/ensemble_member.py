@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import __version__
-from ..compiled.law_methods import use_own_laws
+from ..compiled.law_functions import use_own_laws
 from ..frames.ensemble_folder import deposit_file, member_files, read_member, write_member
 from ..frames.run_folder import RunFolder
 from ..laws.own_law import NO_OWN_LAWS, load_laws

@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
 from catalogue_scenes import cap_on_slope, energy_drift_in_a_valley, pool_in_bowl, runout_angle
 from column_scenes import dam_break, orders, relative_l1
 
-from mpmgis.laws.curvature import CurvatureTurnOnly
-from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.curvature import TURN
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.scene.tables import NumericsTable
 from mpmgis.solvers.columns.column_solver import CFL_ALONE
 
@@ -34,7 +34,7 @@ def _water(tail):
     """Error [%] of the depth of a dam break on level ground, dry or on `tail` m of water."""
 
     def error(dx):
-        _, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=tail, **DEFAULTS)
+        _, h, exact, _ = dam_break(dx, metric=WATER, tail=tail, **DEFAULTS)
         return 100 * relative_l1(h, exact)
 
     return error
@@ -64,7 +64,7 @@ def _energy_off(dx):
 
 
 def _angle_off(dx):
-    return abs(runout_angle(CurvatureTurnOnly(), dx, **DEFAULTS)[0] - np.degrees(np.arctan(0.4)))
+    return abs(runout_angle(TURN, dx, **DEFAULTS)[0] - np.degrees(np.arctan(0.4)))
 
 
 class Case(NamedTuple):

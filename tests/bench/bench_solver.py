@@ -12,8 +12,8 @@ from column_scenes import columns_of, solver_on, terrain_of
 
 from mpmgis.compiled.block_order import STRIP
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.curvature import Curvature
-from mpmgis.laws.friction import Voellmy
+from mpmgis.laws.curvature import CURVATURE
+from mpmgis.laws.friction import friction_law
 
 PROTOTYPE = {1: 40.0, 2: 24.0}  # plain friction, no curvature
 BYTES = 3 * 12 * 8 + 20  # a row is read twice and written once; key and order
@@ -25,7 +25,7 @@ def scene(per_side, dx=5.0, time_step=None):
     size = per_side * dx / 4 + 400
     terrain = terrain_of(lambda x, y: 0.5 * (size - x) + 5 * np.sin(x / 50) * np.cos(y / 60), size, size, dx)
     frame = columns_of(2.0, 100, 100 + per_side * dx / 4, 100, 100 + per_side * dx / 4, dx / 4)
-    return solver_on(terrain, frame, dx, Voellmy(0.2, 2000.0), curvature=Curvature(), time_step=time_step)
+    return solver_on(terrain, frame, dx, friction_law("Voellmy", 0.2, 2000.0), curvature=CURVATURE, time_step=time_step)
 
 
 def nanoseconds(solver):

@@ -36,15 +36,13 @@ from gpu import (  # noqa: E402
 )
 
 from mpmgis.frames.particles import Frame, Particles  # noqa: E402
-from mpmgis.laws.barrier import Barrier  # noqa: E402
-from mpmgis.laws.curvature import Curvature  # noqa: E402
+from mpmgis.laws.curvature import CURVATURE  # noqa: E402
 from mpmgis.laws.effect_slots import ColumnEffects  # noqa: E402
-from mpmgis.laws.entrainment import ErosionEnergy  # noqa: E402
-from mpmgis.laws.forest import FOREST_ENTRIES, Forest  # noqa: E402
-from mpmgis.laws.friction import Bingham, Cohesion, FrictionZones, Voellmy  # noqa: E402
-from mpmgis.laws.ground_metric import WaterMetric  # noqa: E402
+from mpmgis.laws.entrainment import entrainment_law  # noqa: E402
+from mpmgis.laws.forest import FOREST_ENTRIES  # noqa: E402
+from mpmgis.laws.friction import friction_law  # noqa: E402
+from mpmgis.laws.ground_metric import WATER  # noqa: E402
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure  # noqa: E402
-from mpmgis.laws.still_water import StillWater  # noqa: E402
 from mpmgis.solvers.columns import column_barriers as wall  # noqa: E402
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver  # noqa: E402
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places  # noqa: E402
@@ -55,29 +53,31 @@ from mpmgis.terrain.elevation import Terrain  # noqa: E402
 from mpmgis.terrain.grid import Grid  # noqa: E402
 
 CELL, DENSITY, DEPTH, MARGIN = 5.0, 1000.0, 2.0, 10  # [m], [kg m-3], [m], cells around the sheet
-VOELLMY = Voellmy(0.15, 1500.0)
+VOELLMY = friction_law("Voellmy", 0.15, 1500.0)
 SETS = {  # effects, and the edges of the domain
     "Voellmy": (ColumnEffects(VOELLMY), "open"),
-    "curvature": (ColumnEffects(VOELLMY, curvature=Curvature()), "open"),
+    "curvature": (ColumnEffects(VOELLMY, curvature=CURVATURE), "open"),
     "erosion, forest, barrier": (
         ColumnEffects(
             VOELLMY,
-            FrictionZones(),
-            Cohesion(50.0),
-            curvature=Curvature(),
-            entrainment=ErosionEnergy(2000.0, 1e-3),
-            barrier=Barrier(),
-            forest=Forest(),
+            True,
+            50.0,
+            curvature=CURVATURE,
+            entrainment=entrainment_law("ErosionEnergy", 2000.0, 1e-3),
+            barrier=True,
+            forest=True,
         ),
         "wall",
     ),
     "earth pressure, viscosity": (
         ColumnEffects(
-            Bingham(200.0, 20.0), earth_pressure=earth_pressure(35.0, 20.0), viscosity=InPlaneViscosity(50.0, 500.0)
+            friction_law("Bingham", 200.0, 20.0),
+            earth_pressure=earth_pressure(35.0, 20.0),
+            viscosity=InPlaneViscosity(50.0, 500.0),
         ),
         "open",
     ),
-    "water": (ColumnEffects(VOELLMY, metric=WaterMetric(), still_water=StillWater()), "wall"),
+    "water": (ColumnEffects(VOELLMY, metric=WATER, still_water=True), "wall"),
 }
 AGREES = 1e-9  # largest difference of places [cells] and of speeds over the largest
 CHECKED_COLUMNS, CHECKED_STEPS = 6400, 60

@@ -12,14 +12,16 @@ from mpmgis.conversion.conversion_options import PointOptions
 from mpmgis.conversion.points_to_columns import points_to_columns
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.laws.effect_slots import ColumnEffects
-from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.friction import friction_law
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 
 RATE = np.array([[0.1, 0.03], [-0.07, 0.02]])
 
 
 def solver_of(frame, ground):
-    return ColumnSolver(frame, ground, ColumnEffects(friction=Coulomb(0.3)), ColumnNumerics(5.0, density=1300.0))
+    return ColumnSolver(
+        frame, ground, ColumnEffects(friction=friction_law("Coulomb", 0.3)), ColumnNumerics(5.0, density=1300.0)
+    )
 
 
 def test_a_run_keeps_what_a_conversion_wants(tmp_path):

@@ -4,7 +4,7 @@ import functools
 
 import numba
 
-from mpmgis.compiled import law_methods  # noqa: F401  (registers the methods)
+from mpmgis.compiled import law_functions  # noqa: F401  (registers the methods)
 from mpmgis.compiled.jit import FASTMATH
 
 

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from column_scenes import G, columns_of, node_thickness, relative_l1, solver_on, terrain_of
 
-from mpmgis.laws.friction import Cohesion
 from mpmgis.laws.internal_stress import EarthPressure, InPlaneViscosity
 
 
 def laws(cohesion=0.0, active=1.0, passive=1.0, viscosity=0.0):
     return {
-        "cohesion": Cohesion(cohesion),
+        "cohesion": cohesion,
         "earth_pressure": EarthPressure(active, passive),
         "viscosity": InPlaneViscosity(viscosity, 0.0),
     }

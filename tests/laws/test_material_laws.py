@@ -5,7 +5,6 @@ import math
 import pytest
 from compiled import compiled
 
-from mpmgis.laws.friction import Cohesion, NoCohesion
 from mpmgis.laws.internal_stress import (
     SWITCH,
     EarthPressure,
@@ -35,7 +34,7 @@ def test_viscosity_plain_and_compiled_agree(law):
 
 
 def test_cohesion_is_its_stress():
-    assert Cohesion(300.0).cohesive_stress() == 300.0 and NoCohesion().cohesive_stress() == 0.0
+    assert (300.0).cohesive_stress() == 300.0 and NoCohesion().cohesive_stress() == 0.0
 
 
 @pytest.mark.parametrize("phi", [10.0, 30.0, 45.0])

@@ -1,6 +1,6 @@
 """Names that kernels call on laws: a numba method of that name hides a field of the same name in every NamedTuple."""
 
-from mpmgis.compiled import law_methods
+from mpmgis.compiled import law_functions
 from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.solvers.columns.column_blocks import BlockWindow, SortedColumns, TouchedBlocks
 from mpmgis.solvers.columns.column_motion import MotionLaws, SpeedBound, StepTimes
@@ -16,7 +16,7 @@ RECORDS = (
 
 
 def test_no_method_of_laws_is_named_like_a_field():
-    methods = {*law_methods.METHODS, *law_methods.INLINED_METHODS}
+    methods = {*law_functions.METHODS, *law_functions.INLINED_METHODS}
     for group in (ColumnEffects, *RECORDS):
         assert not methods & set(group._fields), group
     for name in ColumnEffects._fields:

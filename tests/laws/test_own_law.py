@@ -9,7 +9,7 @@ import pytest
 from compiled import compiled
 
 from mpmgis.commands.demo_site import sample_folder
-from mpmgis.compiled.law_methods import require_compiled
+from mpmgis.compiled.law_functions import require_compiled
 from mpmgis.laws.friction import Voellmy, basal_stress
 from mpmgis.laws.own_law import NO_OWN_LAWS, load_laws, require_sound, tried_inputs
 from mpmgis.scene import TerrainFacts, resolve, scene_from_tables

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from column_scenes import G, columns_of, solver_on, terrain_of
 
-from mpmgis.laws.friction import Bingham, ModifiedVoellmy, Pouliquen, Voellmy
+from mpmgis.laws.friction import friction_law
 
 DENSITY, CELL = 1500.0, 5.0
 
@@ -23,20 +23,20 @@ def slab_speed(law, degrees, time, length=200.0, run=600.0):
 
 
 def test_voellmy():
-    speed, depth = slab_speed(Voellmy(0.15, 500.0), 20.0, 20.0)
+    speed, depth = slab_speed(friction_law("Voellmy", 0.15, 500.0), 20.0, 20.0)
     theta = np.radians(20.0)
     assert speed == pytest.approx(np.sqrt(500.0 * depth * (np.sin(theta) - 0.15 * np.cos(theta))), rel=0.01)
 
 
 @pytest.mark.thorough
 def test_hergartens_modified_voellmy():
-    speed, depth = slab_speed(ModifiedVoellmy(0.15, 500.0, 4.0), 20.0, 25.0, length=300.0, run=700.0)
+    speed, depth = slab_speed(friction_law("ModifiedVoellmy", 0.15, 500.0, 4.0), 20.0, 25.0, length=300.0, run=700.0)
     assert speed == pytest.approx(np.sqrt(500.0 * depth * np.sin(np.radians(20.0))), rel=0.01)
 
 
 @pytest.mark.thorough
 def test_bingham():
-    law = Bingham(500.0, 200.0)
+    law = friction_law("Bingham", 500.0, 200.0)
     speed, depth = slab_speed(law, 15.0, 12.0)
     driving = DENSITY * G * depth * np.sin(np.radians(15.0))
     z = law.yield_stress / driving
@@ -47,7 +47,7 @@ def test_bingham():
 @pytest.mark.thorough
 def test_pouliquen():
     theta = np.radians(25.0)
-    law = Pouliquen(float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
+    law = friction_law("Pouliquen", float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
     speed, depth = slab_speed(law, 25.0, 25.0)
     scale = law.beta * depth * np.sqrt(G * np.cos(theta) * depth) / law.length
     exact, dt = 0.0, 1e-3  # of a point; after 25 s it is 7 % below its terminal speed
@@ -72,12 +72,12 @@ def moved(law, degrees):
 @pytest.mark.thorough
 def test_bingham_does_not_move_below_its_yield_stress():
     driving = DENSITY * G * np.sin(np.radians(15.0))
-    assert moved(Bingham(float(1.01 * driving), 200.0), 15.0) == 0.0
-    assert moved(Bingham(float(0.9 * driving), 200.0), 15.0) > 1e-3
+    assert moved(friction_law("Bingham", float(1.01 * driving), 200.0), 15.0) == 0.0
+    assert moved(friction_law("Bingham", float(0.9 * driving), 200.0), 15.0) > 1e-3
 
 
 @pytest.mark.thorough
 def test_pouliquen_does_not_move_on_slopes_below_mu1():
-    law = Pouliquen(float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
+    law = friction_law("Pouliquen", float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
     assert moved(law, 20.9) == 0.0
     assert moved(law, 22.0) > 1e-3

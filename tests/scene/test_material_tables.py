@@ -5,7 +5,7 @@ import json
 import pytest
 
 from mpmgis.laws.effect_slots import ColumnEffects
-from mpmgis.laws.friction import LAWS, Bingham, Cohesion, Coulomb, Frictionless, ModifiedVoellmy, NoCohesion, Voellmy
+from mpmgis.laws.friction import FRICTIONLESS, LAWS, friction_law
 from mpmgis.laws.internal_stress import InPlaneViscosity, NoEarthPressure, earth_pressure
 from mpmgis.scene import TerrainFacts, read_scene, resolve, scene_from_tables, scene_text, template
 from mpmgis.scene.mass_point_runout import runout
@@ -124,7 +124,7 @@ def test_effects_that_are_off_leave_the_types_of_a_scene_without_them():
 @pytest.mark.parametrize(
     ("name", "table", "law"),
     [
-        ("cohesion", {"yield_stress": 5.0}, Cohesion(5.0)),
+        ("cohesion", {"yield_stress": 5.0}, 5.0),
         ("viscosity", {"viscosity": 5.0}, InPlaneViscosity(5.0, 0.0)),
         ("earth_pressure", {"friction_angle": 40.0, "bed_friction_angle": 20.0}, earth_pressure(40.0, 20.0)),
     ],
@@ -156,30 +156,32 @@ def test_drag_that_changes_little_is_left_out_of_voellmy_unless_forced():
     slow = FACTS._replace(speed=2.0)
     friction = {"law": "Voellmy", "mu": 0.2, "xi": 3000}
     effects, decisions = decided(scene(friction=friction), slow)
-    assert effects.friction == Coulomb(0.2) and decisions["turbulent_drag"].state == "off"
+    assert effects.friction == friction_law("Coulomb", 0.2) and decisions["turbulent_drag"].state == "off"
     assert decisions["turbulent_drag"].indicator == pytest.approx(
         4.0 / (3000 * 2.0 / (1.16**0.5) * (0.4 - 0.2) / 1.16**0.5), rel=1e-9
     )
     effects, decisions = decided(scene(friction={**friction, "use": "on"}), slow)
-    assert effects.friction == Voellmy(0.2, 3000.0) and decisions["turbulent_drag"].decided_by == "forced"
-    assert decided(scene(friction=friction))[0].friction == Voellmy(0.2, 3000.0)
+    assert (
+        effects.friction == friction_law("Voellmy", 0.2, 3000.0) and decisions["turbulent_drag"].decided_by == "forced"
+    )
+    assert decided(scene(friction=friction))[0].friction == friction_law("Voellmy", 0.2, 3000.0)
     modified = decided(scene(friction={"law": "ModifiedVoellmy", "mu": 0.2, "xi": 3000}), slow)[0].friction
-    assert modified == ModifiedVoellmy(0.2, 3000.0, 4.0)
+    assert modified == friction_law("ModifiedVoellmy", 0.2, 3000.0, 4.0)
 
 
 def test_bingham_is_never_left_out_by_itself():
     """It is all the resistance that there is: without it the flow would not stop."""
     effects, decisions = decided(scene(friction={"law": "Bingham", "yield_stress": 1.0, "viscosity": 0.01}))
-    assert effects.friction == Bingham(1.0, 0.01) and decisions["bingham"].indicator < 0.01
+    assert effects.friction == friction_law("Bingham", 1.0, 0.01) and decisions["bingham"].indicator < 0.01
     off, _ = decided(scene(friction={"law": "Bingham", "yield_stress": 1.0, "viscosity": 0.01, "use": "off"}))
-    assert off.friction == Frictionless()
+    assert off.friction == FRICTIONLESS
 
 
 def test_the_mass_point_of_coulomb_runs_drop_over_mu():
-    assert runout(FACTS, Coulomb(0.25)) == pytest.approx(500.0 / 0.25, rel=1e-3)
+    assert runout(FACTS, friction_law("Coulomb", 0.25)) == pytest.approx(500.0 / 0.25, rel=1e-3)
     assert runout(FACTS) is None  # never comes to rest
-    assert runout(FACTS, Coulomb(0.5)) is None  # never starts
-    assert runout(FACTS._replace(profile=()), Coulomb(0.25)) is None
+    assert runout(FACTS, friction_law("Coulomb", 0.5)) is None  # never starts
+    assert runout(FACTS._replace(profile=()), friction_law("Coulomb", 0.25)) is None
 
 
 def test_a_decision_has_the_runout_without_the_effect():

@@ -6,21 +6,10 @@ import numpy as np
 import pytest
 from column_scenes import columns_of, solver_on, terrain_of
 
-from mpmgis.laws.barrier import Barrier, NoBarrier
-from mpmgis.laws.curvature import CurvatureLoadOnly, NoCurvature
+from mpmgis.laws.curvature import LOAD
 from mpmgis.laws.effect_slots import ColumnEffects
-from mpmgis.laws.friction import (
-    Bingham,
-    Cohesion,
-    Coulomb,
-    Frictionless,
-    FrictionZones,
-    ModifiedVoellmy,
-    NoZones,
-    Voellmy,
-)
-from mpmgis.laws.ground_metric import WaterMetric
-from mpmgis.laws.still_water import NoStillWater, StillWater
+from mpmgis.laws.friction import FRICTIONLESS, friction_law
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.simulation.effect_cost import STEPS, effect_costs, under_way, without_each
 from mpmgis.simulation.release_events import Events
 from mpmgis.system.errors import SceneError
@@ -28,9 +17,7 @@ from mpmgis.system.messages import collected
 
 
 def test_each_effect_gives_way_to_its_null_form_and_nothing_else_does():
-    whole = ColumnEffects(
-        Voellmy(0.2, 1000.0), FrictionZones(), Cohesion(100.0), curvature=CurvatureLoadOnly(), barrier=Barrier()
-    )
+    whole = ColumnEffects(friction_law("Voellmy", 0.2, 1000.0), True, 100.0, curvature=LOAD, barrier=True)
     variants = without_each(whole)
     assert set(variants) == {"friction", "turbulent_drag", "zones", "cohesion", "curvature", "barrier"}
     changed = {
@@ -40,8 +27,10 @@ def test_each_effect_gives_way_to_its_null_form_and_nothing_else_does():
     assert changed.pop("friction") == {"friction", "zones"}
     assert changed.pop("turbulent_drag") == {"friction"}
     assert all(slots == {name} for name, slots in changed.items())
-    assert variants["friction"].friction == Frictionless() and isinstance(variants["friction"].zones, NoZones)
-    assert variants["turbulent_drag"].friction == Coulomb(0.2) and variants["turbulent_drag"].zones == FrictionZones()
+    assert variants["friction"].friction == FRICTIONLESS and isinstance(variants["friction"].zones, NoZones)
+    assert (
+        variants["turbulent_drag"].friction == friction_law("Coulomb", 0.2) and variants["turbulent_drag"].zones == True
+    )
     assert isinstance(variants["curvature"].curvature, NoCurvature) and isinstance(
         variants["barrier"].barrier, NoBarrier
     )
@@ -49,9 +38,12 @@ def test_each_effect_gives_way_to_its_null_form_and_nothing_else_does():
 
 def test_what_has_no_drag_or_no_absence_is_not_left_out():
     assert without_each(ColumnEffects()) == {}
-    assert set(without_each(ColumnEffects(Bingham(100.0, 10.0)))) == {"friction"}
-    assert set(without_each(ColumnEffects(ModifiedVoellmy(0.3, 500.0, 4.0)))) == {"friction", "turbulent_drag"}
-    lake = without_each(ColumnEffects(metric=WaterMetric(), still_water=StillWater()))
+    assert set(without_each(ColumnEffects(friction_law("Bingham", 100.0, 10.0)))) == {"friction"}
+    assert set(without_each(ColumnEffects(friction_law("ModifiedVoellmy", 0.3, 500.0, 4.0)))) == {
+        "friction",
+        "turbulent_drag",
+    }
+    lake = without_each(ColumnEffects(metric=WATER, still_water=True))
     assert set(lake) == {"still_water"} and isinstance(lake["still_water"].still_water, NoStillWater)
     assert isinstance(lake["still_water"].metric, WaterMetric)
 
@@ -77,7 +69,7 @@ class Timed:
 
 
 def test_shares_are_what_a_step_saves_whatever_disturbs_some_of_them():
-    effects = ColumnEffects(Coulomb(0.3), cohesion=Cohesion(50.0))
+    effects = ColumnEffects(friction_law("Coulomb", 0.3), cohesion=50.0)
     solver = Timed(effects, friction=0.03, cohesion=0.05, rest=0.02)
     with collected() as said:
         costs = effect_costs(solver, 3, lambda: solver.now)
@@ -89,7 +81,7 @@ def test_shares_are_what_a_step_saves_whatever_disturbs_some_of_them():
 
 
 def test_a_machine_that_slows_down_is_reported_as_noise():
-    effects = ColumnEffects(Coulomb(0.3))
+    effects = ColumnEffects(friction_law("Coulomb", 0.3))
     solver = Timed(effects, friction=0.0, cohesion=0.0, rest=0.1)
     slower = SimpleNamespace(looks=0)
 
@@ -102,16 +94,16 @@ def test_a_machine_that_slows_down_is_reported_as_noise():
 
 
 def test_a_flow_that_ends_has_no_cost():
-    solver = Timed(ColumnEffects(Coulomb(0.3)), 0.1, 0.0, 0.1, last=STEPS // 2)
+    solver = Timed(ColumnEffects(friction_law("Coulomb", 0.3)), 0.1, 0.0, 0.1, last=STEPS // 2)
     with pytest.raises(SceneError, match="the flow ends within"):
         effect_costs(solver, 0, clock=lambda: solver.now)
-    assert solver.effects == ColumnEffects(Coulomb(0.3))
+    assert solver.effects == ColumnEffects(friction_law("Coulomb", 0.3))
 
 
 def test_the_flow_is_measured_under_way_and_left_as_it_was():
     """A sheet on 20 degrees: it is moving, and after all measurements its state is the same, to the bit."""
     terrain = terrain_of(lambda x, y: -np.tan(np.radians(20.0)) * x, 200.0, 60.0, 5.0)
-    solver = solver_on(terrain, columns_of(1.0, 20.0, 60.0, 20.0, 40.0, 2.5), 5.0, Coulomb(0.1))
+    solver = solver_on(terrain, columns_of(1.0, 20.0, 60.0, 20.0, 40.0, 2.5), 5.0, friction_law("Coulomb", 0.1))
     start = under_way(solver, Events(), 3.0)
     assert 0.5 < start.time <= 3.0 and np.linalg.norm(start.particles.velocity, axis=1).max() > 1.0
     costs = effect_costs(solver, start)

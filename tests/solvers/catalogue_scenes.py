@@ -4,9 +4,9 @@ import numpy as np
 from column_scenes import node_thickness, relative_l1, seeded, solver_on, terrain_of
 from exact_solutions import G, SimilarityCap, ThackerBowl
 
-from mpmgis.laws.curvature import Curvature
-from mpmgis.laws.friction import Coulomb
-from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.curvature import CURVATURE
+from mpmgis.laws.friction import friction_law
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.solvers.columns import column_rows as row
 
 BOWL = ThackerBowl(1.0, 10.0)
@@ -24,7 +24,7 @@ def pool_in_bowl(kind, dx, periods=1.0, per_side=4, staggered=True, **numerics):
     start = seeded(lambda x, y: solution(x, y, 0.0)[0], -side, side, -side, side, dx, per_side, staggered)
     p = start.particles
     p.velocity[:, 0], p.velocity[:, 1] = solution(p.position[:, 0], p.position[:, 1], 0.0)[1:]
-    solver = solver_on(terrain, start, dx, metric=WaterMetric(), **numerics)
+    solver = solver_on(terrain, start, dx, metric=WATER, **numerics)
     solver.advance(periods * period)
     x, y, h = node_thickness(solver, walls=False)
     exact = solution(*np.meshgrid(x, y), periods * period)[0]
@@ -42,7 +42,7 @@ def cap_on_slope(dx, time, friction_degrees=25.0, per_side=4, **numerics):
     east = round((150 + cap.acceleration * time**2 / 2 + 12 * time) * cos / dx) * dx
     terrain = terrain_of(lambda x, y: -np.tan(CAP["slope"]) * x, east + half, 2 * across, dx, -half, -across)
     start = seeded(lambda x, y: cap(x / cos, y, 0.0)[0] / cos, -half, half, -wide, wide, dx, per_side)
-    solver = solver_on(terrain, start, dx, Coulomb(float(np.tan(delta))), **numerics)
+    solver = solver_on(terrain, start, dx, friction_law("Coulomb", float(np.tan(delta))), **numerics)
     solver.advance(time)
     x, y, h = node_thickness(solver, walls=False)
     exact, u, v = cap(*np.meshgrid(x / cos, y), time)
@@ -55,7 +55,9 @@ def small_body(height, x, y, side, dx, length, width, friction=None, curvature=N
     """A sheet 1e-7 m thick on [x, x + side] x [y, y + side]: its own pressure moves nothing, it goes as a point."""
     terrain = terrain_of(height, length, width, dx)
     frame = seeded(1e-7, x, x + side, y, y + side, dx, per_side)
-    return solver_on(terrain, frame, dx, friction or Coulomb(0.0), curvature=curvature or Curvature(), **numerics)
+    return solver_on(
+        terrain, frame, dx, friction or friction_law("Coulomb", 0.0), curvature=curvature or CURVATURE, **numerics
+    )
 
 
 def energy_per_mass(solver, height):
@@ -83,7 +85,9 @@ def runout_angle(curvature, dx, mu=0.4, per_side=4, **numerics):
     def track(x, y):
         return 150.0 * np.exp(-x / 250.0) + 0 * y
 
-    solver = small_body(track, 20.0, 8 * dx, 2 * dx, dx, 500.0, 20 * dx, Coulomb(mu), curvature, per_side, **numerics)
+    solver = small_body(
+        track, 20.0, 8 * dx, 2 * dx, dx, 500.0, 20 * dx, friction_law("Coulomb", mu), curvature, per_side, **numerics
+    )
     before = solver.frame().particles.position[:, 0].mean()
     solver.advance(60.0)
     p = solver.frame().particles
@@ -102,7 +106,7 @@ def spin_in_bowl(dx, **numerics):
     disc = seeded(lambda x, y: np.where(x * x + y * y < 25.0, 1e-7, 0.0), -6, 6, -6, 6, dx)
     p = disc.particles
     p.velocity[:, 0], p.velocity[:, 1] = -omega * p.position[:, 1], omega * p.position[:, 0]
-    solver = solver_on(terrain, disc, dx, metric=WaterMetric(), **numerics)
+    solver = solver_on(terrain, disc, dx, metric=WATER, **numerics)
     solver._rows[:, row.CXY], solver._rows[:, row.CYX] = -omega, omega
     before = _spin(solver)
     solver.advance(2 * np.pi / omega)

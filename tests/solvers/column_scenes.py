@@ -8,8 +8,8 @@ from exact_solutions import G, mangeney, stoker  # noqa: F401  (G for the tests 
 
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.effect_slots import ColumnEffects
-from mpmgis.laws.friction import Coulomb, Frictionless
-from mpmgis.laws.ground_metric import SlopeMetric
+from mpmgis.laws.friction import FRICTIONLESS, friction_law
+from mpmgis.laws.ground_metric import SLOPE
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from mpmgis.solvers.columns.column_time_step import CLOCK  # noqa: F401  (compiles nothing; fails early where kernels are broken)
 from mpmgis.terrain.elevation import Terrain
@@ -126,8 +126,8 @@ def dam_break(
     thickness = depth / cos if tail == 0 else lambda x, y: np.where(x < behind, depth, tail)
     east = behind if tail == 0 else total
     frame = seeded(thickness, 0, east, 0, width, dx, per_side, staggered)
-    law = Coulomb(float(np.tan(delta))) if delta else Frictionless()
-    solver = solver_on(terrain, frame, dx, law, metric or SlopeMetric(), edges="wall", **numerics)
+    law = friction_law("Coulomb", float(np.tan(delta))) if delta else FRICTIONLESS
+    solver = solver_on(terrain, frame, dx, law, metric or SLOPE, edges="wall", **numerics)
     solver.advance(time)
     x, _, h = node_thickness(solver)
     along = (x - behind) / cos

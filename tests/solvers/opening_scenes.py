@@ -12,7 +12,6 @@ import shapely.affinity
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 from point_scenes import block_of, points_on
 
-from mpmgis.laws.barrier import Barrier
 from mpmgis.laws.fluid_material import Fluid
 from mpmgis.solvers.columns.feature_arrays import Places, barrier_entries
 from mpmgis.solvers.columns.node_grid import ColumnGrid
@@ -37,7 +36,7 @@ def walled_columns(walls, terrain, frame, cell_size, metric=None):
     grid = ColumnGrid.on(terrain, cell_size)
     nodes = wall_nodes(walls, *grid.node_axes(), grid.bed, cell_size)
     places = Places(barriers=barrier_entries(nodes), barrier_names=tuple(wall.name for wall in walls))
-    return solver_on(terrain, frame, cell_size, metric=metric, edges="wall", places=places, laws={"barrier": Barrier()})
+    return solver_on(terrain, frame, cell_size, metric=metric, edges="wall", places=places, laws={"barrier": True})
 
 
 def discharge_of_columns(cell_size, gap, degrees=0.0, offset=(0.0, 0.0), thickness=1.0, metric=None, depth=4.0):

@@ -13,7 +13,7 @@ from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
-from mpmgis.laws.friction import Voellmy
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
@@ -59,7 +59,7 @@ def columns(transform):
     particles = Particles(
         position, np.zeros((n, 3)), DENSITY * volume, volume, volume / area, area, np.arange(n, dtype=np.uint64)
     )
-    effects, numerics = ColumnEffects(Voellmy(0.2, 800.0)), ColumnNumerics(2.0, stop_at_rest=False)
+    effects, numerics = ColumnEffects(friction_law("Voellmy", 0.2, 800.0)), ColumnNumerics(2.0, stop_at_rest=False)
     solver = ColumnSolver(Frame(particles), slope(80.0, 40.0, 2.0, transform), effects, numerics)
     return TimeIntegration(solver, 2.0, 1.0)
 

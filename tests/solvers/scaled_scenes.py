@@ -10,7 +10,7 @@ from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.initial_stress import kirchhoff_stress
 from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
-from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
 from mpmgis.seeding.column_seeding import seed_columns
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
@@ -66,7 +66,7 @@ class Scene(NamedTuple):
         return points_from(self.seed(), self.terrain(), point_options(self.cell, 2)).frame
 
     def column_solver(self):
-        effects = ColumnEffects(friction=Coulomb(0.3))
+        effects = ColumnEffects(friction=friction_law("Coulomb", 0.3))
         numerics = ColumnNumerics(self.cell, density=DENSITY, stop_at_rest=False)
         return ColumnSolver(self.seed(), self.terrain(), effects, numerics)
 

@@ -19,8 +19,8 @@ from catalogue_scenes import (
 from column_scenes import orders, seeded, solver_on, terrain_of
 from exact_solutions import G, bead, steady_bingham_speed
 
-from mpmgis.laws.curvature import Curvature, CurvatureLoadOnly, CurvatureTurnOnly
-from mpmgis.laws.friction import Bingham, Coulomb
+from mpmgis.laws.curvature import CURVATURE, LOAD, TURN
+from mpmgis.laws.friction import friction_law
 
 ALLOWED = np.sqrt(1.05)  # the solver's own margin on U^2
 
@@ -85,7 +85,7 @@ def test_v19_steady_bingham_speed():
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 1000, 40, 10)
     for stress, steady in ((strength, True), (7000.0, False)):
         frame = seeded(thickness, 100, 600, 0, 40, 10.0)
-        solver = solver_on(terrain, frame, 10.0, Bingham(stress, viscosity), edges="wall")
+        solver = solver_on(terrain, frame, 10.0, friction_law("Bingham", stress, viscosity), edges="wall")
         solver.advance(20.0 if steady else 2.0)
         p = solver.frame().particles
         inner = np.abs(p.position[:, 0] - np.median(p.position[:, 0])) < 100
@@ -98,7 +98,7 @@ def test_v19_steady_bingham_speed():
 def test_v20_a_point_keeps_its_energy_on_a_curved_track():
     """The law alone, step by step on a parabola for 4 s at dt = 1e-3: energy within 0.1 %; without it up to 7 % off."""
     worst = []
-    for law in (Curvature(), None):
+    for law in (CURVATURE, None):
         x, u, dt, whole = -5.0, 0.0, 1e-3, G * 5.0**2 / 20
         energies = []
         for _ in range(4000):
@@ -135,7 +135,7 @@ def test_v20_load_in_a_circular_valley():
     def bend(x):
         return radius**2 / (radius**2 - (x - radius) ** 2) ** 1.5
 
-    solver = small_body(circle, 60.0, 16.0, 2.0, 1.0, 2 * radius, 40.0, Coulomb(mu))
+    solver = small_body(circle, 60.0, 16.0, 2.0, 1.0, 2 * radius, 40.0, friction_law("Coulomb", mu))
     start = solver.frame().particles.position[:, 0].mean()
     solver.advance(6.0)
     p = solver.frame().particles
@@ -153,7 +153,7 @@ def test_v20_a_body_with_friction_runs_as_the_exact_bead():
     def valley(x, y):
         return (x - radius) ** 2 / (2 * radius) + 0 * y
 
-    solver = small_body(valley, 50.0, 8.0, 1.0, 0.5, 2 * radius, 20.0, Coulomb(mu))
+    solver = small_body(valley, 50.0, 8.0, 1.0, 0.5, 2 * radius, 20.0, friction_law("Coulomb", mu))
     start = solver.frame().particles.position[:, 0].mean()
     exact = bead(lambda x: (x - radius) / radius, lambda x: 1 / radius, start, mu, 3.0)
     solver.advance(3.0)
@@ -169,12 +169,12 @@ def test_v21_energy_line():
     line = np.degrees(np.arctan(0.4))
     angles = []
     for dx in (4.0, 2.0, 1.0):
-        angle, solver = runout_angle(CurvatureTurnOnly(), dx)
+        angle, solver = runout_angle(TURN, dx)
         angles.append(abs(angle - line))
         assert sound(solver)
     assert np.all(np.array(angles) <= [0.005, 0.0015, 0.001])
-    assert runout_angle(Curvature(), 2.0)[0] > line + 0.1
-    assert runout_angle(CurvatureLoadOnly(), 2.0)[0] > runout_angle(Curvature(), 2.0)[0]
+    assert runout_angle(CURVATURE, 2.0)[0] > line + 0.1
+    assert runout_angle(LOAD, 2.0)[0] > runout_angle(CURVATURE, 2.0)[0]
 
 
 @pytest.mark.slow

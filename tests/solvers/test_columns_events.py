@@ -8,15 +8,15 @@ from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
 from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.friction import Frictionless, Voellmy
-from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.friction import FRICTIONLESS, friction_law
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.simulation.release_events import Events, inlet_of, secondary_releases
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns import column_loop as kernel
 from mpmgis.system.errors import FormatError, SceneError
 from mpmgis.terrain.inflow import Hydrograph, batch_times, clearing_time
 
-RUNNY = Voellmy(0.1, 100.0)
+RUNNY = friction_law("Voellmy", 0.1, 100.0)
 SLOPE = np.radians(10.0)
 
 
@@ -48,7 +48,7 @@ def pool_solver(length, width, dx, frame=None):
     """Level ground between walls, water without friction."""
     terrain = terrain_of(lambda x, y: 0.0 * x, length, width, dx)
     frame = frame or nothing()
-    return solver_on(terrain, frame, dx, Frictionless(), WaterMetric(), edges="wall", reference_thickness=1.0)
+    return solver_on(terrain, frame, dx, FRICTIONLESS, WATER, edges="wall", reference_thickness=1.0)
 
 
 # --------------------------------------------------------------------------------------------------------- the table
@@ -316,7 +316,7 @@ def test_no_stop_rule_ends_a_run_while_something_is_to_come():
     """Friction above the slope: all is at rest immediately, but there is inflow until 6 s."""
     terrain = terrain_of(lambda x, y: 0.1 * (120 - x), 120, 4, 1)
     frame = area(4, 12, 0, 4, 0.25, 0.01)
-    solver = solver_on(terrain, frame, 1.0, Voellmy(2.0, 100.0), stop_at_rest=True, edges="wall")
+    solver = solver_on(terrain, frame, 1.0, friction_law("Voellmy", 2.0, 100.0), stop_at_rest=True, edges="wall")
     flow = table([2, 6], discharge=[0.01, 0.01])
     events = Events([inlet_of(area(40, 48, 0, 4, 0.25), flow, solver.grid, 300.0)])
     march = TimeIntegration(solver, 300.0, 1.0, events=events)

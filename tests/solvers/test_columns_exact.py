@@ -9,10 +9,9 @@ import pytest
 from catalogue_scenes import speed_over_bound
 from column_scenes import G, columns_of, dam_break, node_thickness, orders, relative_l1, seeded, solver_on, terrain_of
 
-from mpmgis.laws.curvature import Curvature
-from mpmgis.laws.friction import Coulomb, Voellmy
-from mpmgis.laws.ground_metric import WaterMetric
-from mpmgis.laws.still_water import StillWater
+from mpmgis.laws.curvature import CURVATURE
+from mpmgis.laws.friction import friction_law
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.solvers.columns.feature_arrays import Places
 from mpmgis.solvers.columns.spline_bed import beds_at
 
@@ -21,7 +20,7 @@ def test_v5_ritter_dry_dam_break():
     """L1 of 0.88, 0.49, 0.35 % at 1, 0.5, 0.25 m (required: 3 % at 1 m) [2.3, 1.95, 1.8 %: the dry tip stalls]."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
-        _, h, exact, solver = dam_break(dx, metric=WaterMetric())
+        _, h, exact, solver = dam_break(dx, metric=WATER)
         errors.append(relative_l1(h, exact))
         assert abs(solver.balances()["mass_error_relative"]) <= 1e-12
     assert np.all(np.array(errors) <= [0.010, 0.006, 0.004])
@@ -32,7 +31,7 @@ def test_staggering_is_what_lets_a_dry_tip_converge():
     """A lattice stalls: its columns stay in rows, which the flow moves apart until there are gaps on the grid."""
     errors = {}
     for staggered in (False, True):
-        cases = [dam_break(dx, metric=WaterMetric(), staggered=staggered) for dx in (0.5, 0.25)]
+        cases = [dam_break(dx, metric=WATER, staggered=staggered) for dx in (0.5, 0.25)]
         errors[staggered] = [relative_l1(h, exact) for _, h, exact, _ in cases]
     assert orders(errors[False])[0] < 0.2 < 0.4 < orders(errors[True])[0]
     assert errors[True][1] < 0.25 * errors[False][1]
@@ -41,7 +40,7 @@ def test_staggering_is_what_lets_a_dry_tip_converge():
 def test_h2_a_dry_front_meets_the_speed_bound_with_equality():
     """The tip runs at 2 sqrt(g h) within 3 %, is within 4 % of its place, and nothing exceeds 1.05 in U^2."""
     for dx in (0.5, 0.25):
-        *_, solver = dam_break(dx, metric=WaterMetric())
+        *_, solver = dam_break(dx, metric=WATER)
         assert 0.97 <= speed_over_bound(solver) <= np.sqrt(1.05) * (1 + 1e-9)
         assert solver.balances()["speed_limited_share_max"] <= 1e-3
         tip = solver.frame().particles.position[:, 0].max() - 50.0
@@ -52,7 +51,7 @@ def test_v6_stoker_wet_dam_break_first_order():
     """L1 of 1.16, 0.66, 0.32 % (required: 1.5 % at dx = L / 200) [1.20, 0.67, 0.34 %]; the shock within one cell."""
     errors = []
     for dx in (1.0, 0.5, 0.25):
-        x, h, exact, _ = dam_break(dx, metric=WaterMetric(), tail=1.0)
+        x, h, exact, _ = dam_break(dx, metric=WATER, tail=1.0)
         errors.append(relative_l1(h, exact))
         middle = 0.5 * (exact[x > 5].max() + 1.0)
         front, exact_front = (x[(a > middle) & (x > 0)].max() for a in (h, exact))
@@ -75,7 +74,7 @@ def test_v7_frictional_dam_break_on_a_slope(degrees, friction):
 @pytest.mark.thorough
 def test_v7_fails_in_water_form():
     """Plain shallow water ignores the geometry of the slope: the test above can fail."""
-    x, h, exact, _ = dam_break(1.0, degrees=35, friction_degrees=25, reservoir=80, length=160, metric=WaterMetric())
+    x, h, exact, _ = dam_break(1.0, degrees=35, friction_degrees=25, reservoir=80, length=160, metric=WATER)
     assert relative_l1(h, exact, x > -50) > 0.08
 
 
@@ -92,7 +91,7 @@ def test_v3_sliding_block(mu):
     """Speed g (sin - mu cos) t to 1e-6 at any time step; distance to 9e-4, and closer with shorter steps."""
     errors = []
     for cfl in (0.6, 0.3, 0.15):
-        solver, slope = one_column(30, Coulomb(mu), cfl=cfl)
+        solver, slope = one_column(30, friction_law("Coulomb", mu), cfl=cfl)
         start = solver.frame().particles.position[:, 0].mean()
         solver.advance(6.0)
         p = solver.frame().particles
@@ -106,7 +105,7 @@ def test_v3_sliding_block(mu):
 @pytest.mark.parametrize(("cfl", "most"), [(0.6, 6e-3), (0.3, 3.5e-3), (0.15, 7e-4)])
 def test_v3_stops_on_the_flat_after_v2_over_2_mu_g(cfl, most):
     """Within 0.5, 0.28, 0.05 %: the error is the position in the last step at which the column stops."""
-    solver, _ = one_column(0, Coulomb(0.4), velocity=(20.0, 0.0), cfl=cfl)
+    solver, _ = one_column(0, friction_law("Coulomb", 0.4), velocity=(20.0, 0.0), cfl=cfl)
     start = solver.frame().particles.position[:, 0].mean()
     solver.advance(10.0)
     p = solver.frame().particles
@@ -119,7 +118,7 @@ def test_v19_steady_voellmy_speed():
     slope, thickness = np.radians(30), 2.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 4000, 40, 10)
     frame = seeded(thickness, 100, 2000, 0, 40, 10.0)
-    solver = solver_on(terrain, frame, 10.0, Voellmy(0.2, 500.0), edges="wall")
+    solver = solver_on(terrain, frame, 10.0, friction_law("Voellmy", 0.2, 500.0), edges="wall")
     solver.advance(25.0)
     p = solver.frame().particles
     inner = np.abs(p.position[:, 0] - np.median(p.position[:, 0])) < 200
@@ -136,7 +135,7 @@ def test_v4_infinite_slope(degrees, moves, cfl, most):
     slope, delta, time = np.radians(degrees), np.radians(25), 4.0
     terrain = terrain_of(lambda x, y: -np.tan(slope) * x, 400, 20, 5)
     frame = seeded(0.2, 50, 350, 0, 20, 5.0)
-    solver = solver_on(terrain, frame, 5.0, Coulomb(float(np.tan(delta))), edges="wall", cfl=cfl)
+    solver = solver_on(terrain, frame, 5.0, friction_law("Coulomb", float(np.tan(delta))), edges="wall", cfl=cfl)
     solver.advance(time)
     p = solver.frame().particles
     moved = p.position[np.argsort(p.id), 0] - frame.particles.position[:, 0]
@@ -175,10 +174,10 @@ def lake(bump, reference, spacing_shift=0.0):
         area = frame.particles.area
         frame.particles.mass, frame.particles.thickness = 1000 * h * area, h
         frame = type(frame)(frame.particles.take(keep), dimension=2)
-    law = StillWater() if reference else None
+    law = True if reference else None
     cells = (round(10 / dx), round(16 / dx))
     places = Places(lake_level=np.full(cells, level)) if reference else None
-    solver = solver_on(terrain, frame, dx, metric=WaterMetric(), edges="wall", still_water=law, places=places)
+    solver = solver_on(terrain, frame, dx, metric=WATER, edges="wall", still_water=law, places=places)
     fastest = 0.0
     for _ in range(20):
         solver.advance(1e9, 50)
@@ -209,7 +208,7 @@ def test_curvature_keeps_the_speed_round_a_bend():
 
     terrain = terrain_of(bed, 800, 50, 2.0)
     loss = []
-    for law in (Curvature(), None):
+    for law in (CURVATURE, None):
         frame = seeded(1e-7, 100, 101, 20, 21, 2.0)
         solver = solver_on(terrain, frame, 2.0, curvature=law)
         start = solver.frame().particles.position[:, 2].mean()

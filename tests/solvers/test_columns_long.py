@@ -6,7 +6,7 @@ import bench_iseesnow
 import pytest
 from column_scenes import dam_break, orders, relative_l1
 
-from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.ground_metric import WATER
 
 pytestmark = pytest.mark.slow
 
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("degrees, friction", [(0, 0), (30, 20), (35, 25)])
 def test_dam_breaks_on_the_finest_cells_still_get_better(degrees, friction):
     """V5, V7: 0.22 to 0.25 % at 0.125 m, and very few columns whose speed is limited to that of their drop (H2)."""
-    form = {"metric": WaterMetric()} if degrees == 0 else {"reservoir": 80, "length": 160}
+    form = {"metric": WATER} if degrees == 0 else {"reservoir": 80, "length": 160}
     errors = []
     for dx in (0.5, 0.25, 0.125):
         x, h, exact, solver = dam_break(dx, degrees=degrees, friction_degrees=friction, **form)

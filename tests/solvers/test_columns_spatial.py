@@ -9,14 +9,13 @@ import shapely
 import shapely.affinity
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
-from mpmgis.compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from mpmgis.compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.barrier import CORE, CORNER, FACE, Barrier
-from mpmgis.laws.curvature import Curvature
-from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
-from mpmgis.laws.friction import Coulomb, FrictionZones, Voellmy
-from mpmgis.laws.ground_metric import WaterMetric
-from mpmgis.laws.still_water import StillWater
+from mpmgis.laws.barrier import CORE, CORNER, FACE
+from mpmgis.laws.curvature import CURVATURE
+from mpmgis.laws.entrainment import entrainment_law
+from mpmgis.laws.friction import friction_law
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 from mpmgis.solvers.columns.spline_bed import beds_at
@@ -36,7 +35,7 @@ def walled(terrain, frame, wall, friction=None, **numerics):
     rows, columns = grid.bed.shape
     x, y = grid.x0 + (np.arange(columns) - 1) * DX, grid.y0 + (np.arange(rows) - 1) * DX
     places = Places(barriers=barrier_entries(wall_nodes([wall], x, y, grid.bed, DX)), barrier_names=(wall.name,))
-    return solver_on(terrain, frame, DX, friction, edges="wall", places=places, laws={"barrier": Barrier()}, **numerics)
+    return solver_on(terrain, frame, DX, friction, edges="wall", places=places, laws={"barrier": True}, **numerics)
 
 
 def channel(height, depth=8.0, length=200.0):
@@ -147,8 +146,8 @@ def test_a_lowered_bed_with_curvature_is_bitwise_the_same_for_any_threads():
         terrain = terrain_of(lambda x, y: 0.36 * (400 - x) + 4 * np.sin(x / 20) * np.cos(y / 18), 400, 200, DX)
         frame = columns_of(2.0, 40, 100, 60, 120, DX / 4)
         places = Places(erodible=np.full(ColumnGrid.on(terrain, DX).bed.shape, 500.0))
-        laws = {"entrainment": ErosionEnergy(500.0, 1e-3), "curvature": Curvature()}
-        solver = solver_on(terrain, frame, DX, Voellmy(0.15, 800.0), places=places, laws=laws)
+        laws = {"entrainment": entrainment_law("ErosionEnergy", 500.0, 1e-3), "curvature": CURVATURE}
+        solver = solver_on(terrain, frame, DX, friction_law("Voellmy", 0.15, 800.0), places=places, laws=laws)
         solver.advance(1e9, 40)
         results.append(solver.frame())
     set_threads(None)
@@ -162,7 +161,7 @@ def weightless_slab(coefficient, erodible, **laws):
     terrain = terrain_of(level, 600.0, 40.0, DX)
     frame = columns_of(2.0, 50, 250, 0, 40, DX / 4, velocity=(10.0, 0.0))
     shape = ColumnGrid.on(terrain, DX).bed.shape
-    law = ErosionSpeed(coefficient, **laws)
+    law = entrainment_law("ErosionSpeed", coefficient, **laws)
     places = Places(erodible=np.full(shape, erodible))
     return frame, solver_on(terrain, frame, DX, edges="wall", gravity=1e-9, places=places, laws={"entrainment": law})
 
@@ -227,18 +226,18 @@ def test_laws_of_zones_agree_with_compiled():
             for open_speed, head in ((0.0, -1.0), (0.5, 2.0)):
                 values = np.array([[[0.3, 700.0]]])
                 laws = (
-                    Barrier(),
-                    ErosionEnergy(5000.0),
-                    ErosionSpeed(1e-3),
-                    FrictionZones(),
-                    Voellmy(0.1, 1.0),
+                    True,
+                    entrainment_law("ErosionEnergy", 5000.0),
+                    entrainment_law("ErosionSpeed", 1e-3),
+                    True,
+                    friction_law("Voellmy", 0.1, 1.0),
                     values,
                 )
                 arguments = (*laws, u, v, hold, 0.3, open_speed, head)
                 assert all_of(*arguments) == all_of.py_func(*arguments)
-    assert Barrier().deflected(-3.0, -1.0, 0.6, 0.8, CORNER, 0.0, 0.0) == (0.0, 0.0)
-    assert Barrier().weir_discharge(9.81, 3.0, 0.0) == pytest.approx(math.sqrt(9.81) * 2.0**1.5)
-    assert ErosionEnergy(5000.0).erosion_rate(1000.0, 2500.0, 12.0) == 6.0
+    assert True.deflected(-3.0, -1.0, 0.6, 0.8, CORNER, 0.0, 0.0) == (0.0, 0.0)
+    assert True.weir_discharge(9.81, 3.0, 0.0) == pytest.approx(math.sqrt(9.81) * 2.0**1.5)
+    assert entrainment_law("ErosionEnergy", 5000.0).erosion_rate(1000.0, 2500.0, 12.0) == 6.0
 
 
 @pytest.mark.thorough
@@ -249,8 +248,8 @@ def test_friction_zones_brake_inside_their_polygons():
     frame = columns_of(0.05, 100, 140, 20, 180, DX / 4)
     values = np.zeros((*ColumnGrid.on(terrain, DX).bed.shape, 1))
     values[:20] = 2.0  # rows south of 95 m
-    places, laws = Places(zone_values=values), {"zones": FrictionZones()}
-    solver = solver_on(terrain, frame, DX, Coulomb(0.5), places=places, laws=laws, time_step=0.02)
+    places, laws = Places(zone_values=values), {"zones": True}
+    solver = solver_on(terrain, frame, DX, friction_law("Coulomb", 0.5), places=places, laws=laws, time_step=0.02)
     solver.advance(3.0)
     p = solver.frame().particles
     order = np.argsort(p.id)
@@ -284,7 +283,7 @@ def test_v10_two_lakes_at_two_levels_rest_while_a_dry_valley_is_none():
     assert (lake_level[:, 40:] == NO_LAKE).all()
     assert not lake_cells(grid.bed[1:-1, 1:-1], 12.0, water)[0].any()  # it was not filled so high
     places = Places(lake_level=lake_level)
-    solver = solver_on(terrain, frame, DX, metric=WaterMetric(), still_water=StillWater(), places=places, edges="wall")
+    solver = solver_on(terrain, frame, DX, metric=WATER, still_water=True, places=places, edges="wall")
     solver.advance(1e9, 1000)
     assert np.linalg.norm(solver.frame().particles.velocity, axis=1).max() <= 1e-12
 

@@ -7,9 +7,9 @@ from column_scenes import G, columns_of, dam_break, node_thickness, relative_l1,
 
 from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.particles import Frame
-from mpmgis.laws.curvature import Curvature
-from mpmgis.laws.friction import Coulomb, Frictionless, Voellmy, slowed_speed
-from mpmgis.laws.ground_metric import SlopeMetric, WaterMetric
+from mpmgis.laws.curvature import CURVATURE
+from mpmgis.laws.friction import FRICTIONLESS, friction_law, slowed_speed
+from mpmgis.laws.ground_metric import SLOPE, WATER
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns.column_solver import ColumnSolver
 from mpmgis.system.errors import FormatError, SceneError, UnphysicalError
@@ -32,7 +32,7 @@ def pile(per_side=4, velocity=(1.0, -2.0)):
 def rough_solver(law=None, metric=None, curvature=None, **numerics):
     frame = pile()
     terrain = terrain_of(rough, 400, 200, 5)
-    return solver_on(terrain, frame, 5.0, law or Voellmy(0.2, 800.0), metric, curvature, **numerics)
+    return solver_on(terrain, frame, 5.0, law or friction_law("Voellmy", 0.2, 800.0), metric, curvature, **numerics)
 
 
 def splines(position, start, dx):
@@ -111,12 +111,17 @@ def plain_step(particles, solver, dt, law, curved):
 
 @pytest.mark.parametrize("curved", [False, pytest.param(True, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
-    "law", [Frictionless(), pytest.param(Coulomb(0.3), marks=pytest.mark.thorough), Voellmy(0.2, 800.0)]
+    "law",
+    [
+        FRICTIONLESS,
+        pytest.param(friction_law("Coulomb", 0.3), marks=pytest.mark.thorough),
+        friction_law("Voellmy", 0.2, 800.0),
+    ],
 )
 def test_a_step_equals_the_plain_loop(law, curved):
     terrain = terrain_of(rough, 400, 200, 5)
     frame = pile(per_side=1)
-    solver = solver_on(terrain, frame, 5.0, law, curvature=Curvature() if curved else None, time_step=0.05)
+    solver = solver_on(terrain, frame, 5.0, law, curvature=CURVATURE if curved else None, time_step=0.05)
     expected = plain_step(frame.particles, solver, 0.05, law, curved)
     solver.advance(0.05)
     p = solver.frame().particles
@@ -129,7 +134,7 @@ def test_mass_is_constant_and_momentum_is_conserved_without_a_bed_force():
     """Frictionless on a horizontal bed: the momentum of the columns stays."""
     terrain = terrain_of(lambda x, y: 0 * x, 400, 200, 5)
     frame = pile(velocity=(2.0, 1.0))
-    solver = solver_on(terrain, frame, 5.0, Frictionless())
+    solver = solver_on(terrain, frame, 5.0, FRICTIONLESS)
     solver.advance(3.0)
     before, after = frame.particles, solver.frame().particles
     assert solver.balances()["mass_error_relative"] == 0.0
@@ -143,7 +148,7 @@ def test_any_number_of_threads_gives_the_same_bits():
     results = []
     for threads in (1, 2, 2):
         set_threads(threads)
-        solver = rough_solver(curvature=Curvature())
+        solver = rough_solver(curvature=CURVATURE)
         solver.advance(8.0)
         results.append({k: v.tobytes() for k, v in solver.frame().particles.arrays().items()})
     set_threads(None)
@@ -172,7 +177,7 @@ def turned(solver_of, angle):
     p = frame.particles
     relative = p.position[:, :2] - (150, 100)
     p.position[:, :2] = relative @ np.array([[cos, sin], [-sin, cos]]) + (150, 100)
-    solver = solver_on(terrain, frame, 5.0, Voellmy(0.25, 800.0), curvature=Curvature())
+    solver = solver_on(terrain, frame, 5.0, friction_law("Voellmy", 0.25, 800.0), curvature=CURVATURE)
     solver.advance(15.0)
     q = solver.frame().particles
     relative = q.position[:, :2] - (150, 100)
@@ -199,7 +204,9 @@ def test_v22_far_from_the_origin_nothing_changes():
     far_grid = Grid(None, Affine.translation(east, north) * here.grid.transform, here.grid.shape)
     far_terrain = Terrain(far_grid, here.elevation)
     frame = pile()
-    far = solver_on(far_terrain, Frame(frame.particles, origin=(east, north, 0.0)), 5.0, Voellmy(0.2, 800.0))
+    far = solver_on(
+        far_terrain, Frame(frame.particles, origin=(east, north, 0.0)), 5.0, friction_law("Voellmy", 0.2, 800.0)
+    )
     near.advance(5.0)
     far.advance(5.0)
     a, b = near.frame().particles, far.frame().particles
@@ -210,7 +217,7 @@ def test_v22_far_from_the_origin_nothing_changes():
 def test_outflow_is_summed_by_edge_and_the_run_continues():
     terrain = terrain_of(lambda x, y: 0.5 * (200 - x), 200, 100, 5)
     frame = columns_of(1.0, 100, 160, 20, 80, 1.25, velocity=(10.0, 0.0))
-    solver = solver_on(terrain, frame, 5.0, Coulomb(0.2))
+    solver = solver_on(terrain, frame, 5.0, friction_law("Coulomb", 0.2))
     solver.advance(4.0)
     balances = solver.balances()
     assert set(balances["outflow"]) == {"east"}
@@ -226,7 +233,9 @@ def test_nodata_is_an_edge_of_its_own():
     terrain = terrain_of(lambda x, y: 0.5 * (200 - x), 200, 100, 5)
     elevation = terrain.elevation.copy()
     elevation[:, 36:] = np.nan
-    solver = solver_on(Terrain(terrain.grid, elevation), columns_of(1.0, 100, 140, 20, 80, 1.25), 5.0, Coulomb(0.1))
+    solver = solver_on(
+        Terrain(terrain.grid, elevation), columns_of(1.0, 100, 140, 20, 80, 1.25), 5.0, friction_law("Coulomb", 0.1)
+    )
     solver.advance(12.0)
     balances = solver.balances()
     assert set(balances["outflow"]) == {"nodata"}
@@ -235,7 +244,7 @@ def test_nodata_is_an_edge_of_its_own():
 
 def test_walls_keep_everything_in():
     terrain = terrain_of(lambda x, y: 0.3 * (200 - x), 200, 100, 5)
-    solver = solver_on(terrain, columns_of(2.0, 20, 80, 20, 80, 1.25), 5.0, Coulomb(0.05), edges="wall")
+    solver = solver_on(terrain, columns_of(2.0, 20, 80, 20, 80, 1.25), 5.0, friction_law("Coulomb", 0.05), edges="wall")
     solver.advance(30.0)
     p = solver.frame().particles
     assert solver.balances()["mass_out"] == 0.0
@@ -244,7 +253,7 @@ def test_walls_keep_everything_in():
 
 
 def test_stop_rule_ends_a_run_that_rests_and_names_the_rule():
-    solver = rough_solver(Coulomb(0.9), stop_at_rest=True)
+    solver = rough_solver(friction_law("Coulomb", 0.9), stop_at_rest=True)
     march = TimeIntegration(solver, 300.0, 10.0)
     frames = list(march)
     assert "at rest" in march.reason
@@ -256,7 +265,7 @@ def test_friction_above_every_slope_moves_nothing_and_ends_early():
     """H12: zero displacement, and the stop rule ends it."""
     terrain = terrain_of(lambda x, y: 0.2 * (400 - x), 400, 200, 5)
     frame = columns_of(0.05, 100, 200, 50, 150, 1.25)
-    solver = solver_on(terrain, frame, 5.0, Coulomb(2.0), stop_at_rest=True)
+    solver = solver_on(terrain, frame, 5.0, friction_law("Coulomb", 2.0), stop_at_rest=True)
     march = TimeIntegration(solver, 300.0, 50.0)
     list(march)
     assert solver.time < 100.0 and "at rest" in march.reason
@@ -347,13 +356,13 @@ def test_columns_that_start_off_the_terrain_are_refused():
 
 def test_water_form_refuses_curvature():
     with pytest.raises(SceneError, match="curvature"):
-        rough_solver(metric=WaterMetric(), curvature=Curvature())
+        rough_solver(metric=WATER, curvature=CURVATURE)
 
 
 def test_one_column_alone_moves_as_a_point():
     """H3: one particle: its affine matrix is finite and it slides."""
     terrain = terrain_of(lambda x, y: 0.5 * (400 - x), 400, 200, 5)
-    solver = solver_on(terrain, columns_of(1e-6, 100, 105, 50, 55, 5.0), 5.0, Frictionless())
+    solver = solver_on(terrain, columns_of(1e-6, 100, 105, 50, 55, 5.0), 5.0, FRICTIONLESS)
     solver.advance(3.0)
     p = solver.frame().particles
     assert len(p) == 1 and np.isfinite(p.position).all()
@@ -375,7 +384,7 @@ def pool(form, **numerics):
     return deepest, solver
 
 
-@pytest.mark.parametrize("form", [SlopeMetric(), WaterMetric()])
+@pytest.mark.parametrize("form", [SLOPE, WATER])
 def test_water_does_not_heap_in_a_corner(form):
     """H26: a converging flow splashes to some 2.5 times the pool's depth, no more, and gains no energy."""
     deepest, solver = pool(form)
@@ -384,7 +393,7 @@ def test_water_does_not_heap_in_a_corner(form):
 
 
 def test_an_optional_clamp_keeps_the_exact_solutions():
-    _, h, exact, solver = dam_break(0.5, metric=WaterMetric(), clamp=2.0)
+    _, h, exact, solver = dam_break(0.5, metric=WATER, clamp=2.0)
     assert relative_l1(h, exact) <= 0.006 and solver.balances()["speed_limited_share_max"] <= 1e-3
 
 
@@ -393,7 +402,7 @@ def test_a_vertical_cliff_keeps_the_run_alive_and_within_the_energy_bound():
     """H1: a sharp 100 m cliff in one cell: no abort, mass kept, no column faster than its drop allows."""
     terrain = terrain_of(lambda x, y: np.where(x < 200, 160 - 0.3 * x, 0.2 * (400 - x)), 400, 100, 5)
     frame = columns_of(1.0, 50, 90, 30, 70, 1.25)
-    solver = solver_on(terrain, frame, 5.0, Coulomb(0.05), curvature=Curvature())
+    solver = solver_on(terrain, frame, 5.0, friction_law("Coulomb", 0.05), curvature=CURVATURE)
     top = solver.bed_start.max()
     march = TimeIntegration(solver, 20.0, 1.0)
     for state in march:
@@ -407,7 +416,7 @@ def test_a_vertical_cliff_keeps_the_run_alive_and_within_the_energy_bound():
 def test_a_thin_slow_flow_onto_a_steep_slope_is_not_outrun_by_its_time_step():
     terrain = terrain_of(lambda x, y: np.where(x < 100, 0.0, (100 - x) * np.tan(np.radians(35))), 400, 100, 5)
     frame = columns_of(1e-3, 50, 95, 30, 70, 1.25, velocity=(0.05, 0.0))
-    solver = solver_on(terrain, frame, 5.0, curvature=Curvature())
+    solver = solver_on(terrain, frame, 5.0, curvature=CURVATURE)
     list(TimeIntegration(solver, 30.0, 5.0))  # raised UnphysicalError when a step was as long as the slow flow allowed
     fall = np.sqrt(2 * 5.0 / (G * np.sin(np.radians(35)) * np.cos(np.radians(35))))
     assert solver.step >= 30.0 / (0.3 * fall)

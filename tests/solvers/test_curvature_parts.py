@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mpmgis.compiled import law_methods  # noqa: F401  (registers the methods of laws)
+from mpmgis.compiled import law_functions  # noqa: F401  (registers the methods of laws)
 from mpmgis.compiled.jit import jit
-from mpmgis.laws.curvature import PARTS, Curvature, CurvatureLoadOnly, CurvatureTurnOnly, NoCurvature
+from mpmgis.laws.curvature import CURVATURE, LOAD, NO_CURVATURE, PARTS, TURN
 from mpmgis.scene import TerrainFacts, resolve, scene_from_tables
 from mpmgis.system.errors import SceneError
 
@@ -23,13 +23,13 @@ def answers(law, state, gravity, centrifugal):
     return law.curvature_active(), u, v, law.effective_gravity(gravity, centrifugal)
 
 
-@pytest.mark.parametrize("law", [NoCurvature(), Curvature(), CurvatureTurnOnly(), CurvatureLoadOnly()])
+@pytest.mark.parametrize("law", [NO_CURVATURE, CURVATURE, TURN, LOAD])
 def test_a_part_does_its_part_and_no_more(law):
     """Turning is that of the whole law or zero, and so is the load; compiled and plain agree to the last bit."""
     active, u, v, gravity = answers(law, STATE, 9.81, 1.7)
     assert (active, u, v, gravity) == answers.py_func(law, STATE, 9.81, 1.7)
     turns, loads = type(law) in (Curvature, CurvatureTurnOnly), type(law) in (Curvature, CurvatureLoadOnly)
-    assert (u, v) == (Curvature().turned_velocity(*STATE) if turns else STATE[:2])
+    assert (u, v) == (CURVATURE.turned_velocity(*STATE) if turns else STATE[:2])
     assert gravity == (9.81 + 1.7 if loads else 9.81)
     assert active == (turns or loads)
     whole = Curvature if loads else NoCurvature
@@ -37,7 +37,7 @@ def test_a_part_does_its_part_and_no_more(law):
 
 
 def test_the_turn_keeps_the_length_on_the_bed():
-    u, v = CurvatureTurnOnly().turned_velocity(*STATE)
+    u, v = TURN.turned_velocity(*STATE)
     before = np.linalg.norm([*STATE[:2], STATE[0] * STATE[2] + STATE[1] * STATE[3]])
     np.testing.assert_allclose(np.linalg.norm([u, v, u * STATE[4] + v * STATE[5]]), before, rtol=1e-14)
 

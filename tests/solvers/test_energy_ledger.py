@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_columns_events import area, nothing, table
 
-from mpmgis.laws.barrier import Barrier
-from mpmgis.laws.curvature import Curvature, NoCurvature
-from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
-from mpmgis.laws.friction import FrictionZones, Voellmy
-from mpmgis.laws.ground_metric import SlopeMetric, WaterMetric
+from mpmgis.laws.curvature import CURVATURE, NO_CURVATURE
+from mpmgis.laws.entrainment import entrainment_law
+from mpmgis.laws.friction import friction_law
+from mpmgis.laws.ground_metric import SLOPE, WATER
 from mpmgis.simulation.release_events import Events, inlet_of, secondary_releases
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns.column_barriers import BARRIER_ENTRIES
@@ -22,8 +21,8 @@ from mpmgis.solvers.features.walls import Wall, wall_nodes
 
 DX, LENGTH, WIDTH = 4.0, 240.0, 48.0
 CLOSES = 1e-3  # of the energy put in
-ENERGY, SPEED = ErosionEnergy(500.0), ErosionSpeed(5e-3)
-FORMS = {"slope": SlopeMetric(), "swe": WaterMetric()}
+ENERGY, SPEED = entrainment_law("ErosionEnergy", 500.0), entrainment_law("ErosionSpeed", 5e-3)
+FORMS = {"slope": SLOPE, "swe": WATER}
 
 
 def hillside(x, y):
@@ -58,10 +57,12 @@ def hill_solver(
         barriers=standing,
         barrier_names=tuple(one.name for one in walls),
     )
-    laws = {"entrainment": erosion, "zones": FrictionZones(), "barrier": Barrier()}
-    turns = Curvature() if form == "slope" else NoCurvature()
+    laws = {"entrainment": erosion, "zones": True, "barrier": True}
+    turns = CURVATURE if form == "slope" else NO_CURVATURE
     settings = {"reference_thickness": 1.0, **numerics}
-    return solver_on(terrain, frame, DX, Voellmy(mu, 800.0), FORMS[form], turns, places=places, laws=laws, **settings)
+    return solver_on(
+        terrain, frame, DX, friction_law("Voellmy", mu, 800.0), FORMS[form], turns, places=places, laws=laws, **settings
+    )
 
 
 def release(thickness=2.0, velocity=(0.0, 0.0), west=12.0, east=44.0):
@@ -106,7 +107,7 @@ def test_friction_loss_agrees_with_the_law(form, degrees):
     frame = columns_of(0.05, 0, 400, 0, 40, 2.5, velocity=(8.0, 0.0))
     slope, mu = np.tan(np.radians(degrees)), 0.3
     terrain = terrain_of(lambda x, y: slope * (2000 - x), 2000, 40, 5.0)
-    solver = solver_on(terrain, frame, 5.0, Voellmy(mu, 1e9), FORMS[form], edges="wall")
+    solver = solver_on(terrain, frame, 5.0, friction_law("Voellmy", mu, 1e9), FORMS[form], edges="wall")
     solver.advance(3.0)
     b, p = closed(solver), solver.frame().particles
     before = frame.particles.position[:, 0]
@@ -137,7 +138,13 @@ def test_mass_taken_up_at_rest_takes_the_energy_of_an_inelastic_impact():
     terrain = terrain_of(lambda x, y: 0 * x, 600.0, 40.0, 5.0)
     places = Places(erodible=np.full(ColumnGrid.on(terrain, 5.0).bed.shape, 1e9))
     solver = solver_on(
-        terrain, frame, 5.0, edges="wall", gravity=1e-9, places=places, laws={"entrainment": ErosionSpeed(0.02)}
+        terrain,
+        frame,
+        5.0,
+        edges="wall",
+        gravity=1e-9,
+        places=places,
+        laws={"entrainment": entrainment_law("ErosionSpeed", 0.02)},
     )
     solver.advance(15.0)
     b, p = closed(solver, least=1e-12), solver.frame().particles
@@ -189,9 +196,9 @@ def test_inflow_in_batches_every_few_steps(form, discharge, speed, cell_size, de
         terrain_of(bed, LENGTH, WIDTH, cell_size),
         nothing(),
         cell_size,
-        Voellmy(mu, 800.0),
+        friction_law("Voellmy", mu, 800.0),
         FORMS[form],
-        Curvature() if form == "slope" else NoCurvature(),
+        CURVATURE if form == "slope" else NO_CURVATURE,
         reference_thickness=1.0,
     )
     flow = table([0, 8], discharge=[discharge, discharge], speed=[speed, speed] if bent or degrees > 1.0 else [0, 0])
@@ -254,7 +261,7 @@ def test_outflow_over_edges_and_into_a_hole(form):
 def test_water_in_a_basin_without_friction_loses_energy_in_its_bores_alone():
     terrain = terrain_of(lambda x, y: 0.02 * (x - 100) ** 2 / 100, 200, 20, 5.0)
     frame = columns_of(lambda x, y: np.where(x < 100, 6.0, 5.0), 50, 150, 0, 20, 1.25)
-    solver = solver_on(terrain, frame, 5.0, metric=WaterMetric(), edges="wall")
+    solver = solver_on(terrain, frame, 5.0, metric=WATER, edges="wall")
     solver.advance(20.0)
     b = closed(solver)
     assert 0.0 < b["energy_lost"] == pytest.approx(b["energy_lost_to_mixing"], rel=1e-3)

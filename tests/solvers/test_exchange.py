@@ -8,7 +8,7 @@ from point_scenes import block_of, integrate_to
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.effect_slots import PointEffects
-from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
@@ -123,7 +123,7 @@ def test_columns_that_are_taken_out_were_never_there():
     left, right = (columns_of(2.0, west, west + 10, 20, 30, 0.5) for west in (10, 40))
     ids = np.arange(len(left.particles) + len(right.particles), dtype=np.uint64)
     both = Frame(_joined(left.particles, right.particles, ids))
-    solver, alone = (solver_on(FLAT, frame, 2.0, Coulomb(0.3)) for frame in (both, left))
+    solver, alone = (solver_on(FLAT, frame, 2.0, friction_law("Coulomb", 0.3)) for frame in (both, left))
     assert solver.advance(0.5) == alone.advance(0.5)
     assert solver.take_out(lambda x, y: x > 70.0) is None
     taken = solver.take_out(lambda x, y: x > 30.0)

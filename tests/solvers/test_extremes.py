@@ -5,8 +5,8 @@ import pytest
 from column_scenes import seeded, solver_on, terrain_of
 from point_scenes import block_of, points_on, sorted_points
 
-from mpmgis.laws.friction import Coulomb
-from mpmgis.laws.ground_metric import SlopeMetric
+from mpmgis.laws.friction import friction_law
+from mpmgis.laws.ground_metric import SLOPE
 from mpmgis.laws.material import Elastic
 
 BOWL = 150.0  # [m] radius of curvature of a hollow that the flow runs into
@@ -19,7 +19,7 @@ def hollow(cell):
 
 def test_the_fastest_column_and_the_deepest_node_of_all_steps():
     frame = seeded(lambda x, y: 2.0 + 0.02 * (x - 10) + 0.01 * y, 10, 40, 15, 40, 5.0)
-    solver = solver_on(hollow(5.0), frame, 5.0, friction=Coulomb(0.2), metric=SlopeMetric())
+    solver = solver_on(hollow(5.0), frame, 5.0, friction=friction_law("Coulomb", 0.2), metric=SLOPE)
     at_start = solver.balances()
     assert at_start["speed_max"] == 0.0 and at_start["thickness_max_time"] == 0.0
     k = int(np.argmax(frame.particles.thickness))
@@ -45,7 +45,7 @@ def test_the_fastest_column_and_the_deepest_node_of_all_steps():
     assert told["speed_max_at"] == pytest.approx(list(fastest[1:3]), abs=1e-9)
     assert told["speed_max_time"] == fastest[3]
     assert (told["thickness_max"], told["thickness_max_time"]) == deepest and deepest[1] > 0.0
-    again = solver_on(hollow(5.0), frame, 5.0, friction=Coulomb(0.2), metric=SlopeMetric())
+    again = solver_on(hollow(5.0), frame, 5.0, friction=friction_law("Coulomb", 0.2), metric=SLOPE)
     again.restore(solver.frame())
     assert all(again.balances()[name] == told[name] for name in told if "_max" in name)
 

@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mpmgis.compiled.block_order import CHUNKS
-from mpmgis.laws.curvature import Curvature
-from mpmgis.laws.entrainment import ErosionSpeed
-from mpmgis.laws.forest import FOREST_ENTRIES, Forest, NoForest
-from mpmgis.laws.friction import Voellmy
+from mpmgis.laws.curvature import CURVATURE
+from mpmgis.laws.entrainment import entrainment_law
+from mpmgis.laws.forest import FOREST_ENTRIES
+from mpmgis.laws.friction import friction_law
 from mpmgis.solvers.columns import column_detrainment, column_forest, column_time_step
 from mpmgis.solvers.columns.column_blocks import TouchedBlocks
 from mpmgis.solvers.columns.feature_arrays import Places
@@ -34,10 +34,17 @@ def forested(frame, bed, length, width, dx, values, mu=0.0, erosion=0.0, erodibl
     forest = np.zeros((*x.shape, FOREST_ENTRIES))
     forest[..., : given_values.shape[-1]] = np.where(grid.domain_nodes()[..., None], given_values, 0.0)
     places = Places(forest=forest, erodible=np.full(x.shape, float(erodible)))
-    laws = {"forest": Forest(), "entrainment": ErosionSpeed(erosion)}
+    laws = {"forest": True, "entrainment": entrainment_law("ErosionSpeed", erosion)}
     settings_ = {"density": DENSITY, **numerics}
     return solver_on(
-        terrain, frame, dx, Voellmy(mu, 1e12), curvature=Curvature(), places=places, laws=laws, **settings_
+        terrain,
+        frame,
+        dx,
+        friction_law("Voellmy", mu, 1e12),
+        curvature=CURVATURE,
+        places=places,
+        laws=laws,
+        **settings_,
     )
 
 
@@ -400,11 +407,11 @@ def _passes(solver, plain):
 
 
 def test_the_null_law_does_nothing():
-    assert not NoForest().forest_active()
-    assert not NoForest().forest_breaks(0.0, 0.0, 1000.0, 1.0, 100.0)
-    assert not NoForest().forest_only_detrains(9.0, 9.0, 1.0, 1.0)
-    assert NoForest().forest_detrained(1e6, 1.0, 1.0) == 0.0
-    assert Forest().forest_detrained(30.0, 0.0, 1.0) == 0.0
-    assert Forest().forest_detrained(30.0, 10.0, 2.0) == 6.0
-    assert Forest().forest_breaks(1e5, 0.0, 1000.0, 1.0, 10.0) and Forest().forest_breaks(1e9, 0.9, 1000.0, 1.0, 10.0)
-    assert not Forest().forest_breaks(1.001e5, 0.0, 1000.0, 1.0, 10.0)
+    assert not False.forest_active()
+    assert not False.forest_breaks(0.0, 0.0, 1000.0, 1.0, 100.0)
+    assert not False.forest_only_detrains(9.0, 9.0, 1.0, 1.0)
+    assert False.forest_detrained(1e6, 1.0, 1.0) == 0.0
+    assert True.forest_detrained(30.0, 0.0, 1.0) == 0.0
+    assert True.forest_detrained(30.0, 10.0, 2.0) == 6.0
+    assert True.forest_breaks(1e5, 0.0, 1000.0, 1.0, 10.0) and True.forest_breaks(1e9, 0.9, 1000.0, 1.0, 10.0)
+    assert not True.forest_breaks(1.001e5, 0.0, 1000.0, 1.0, 10.0)

@@ -10,10 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from opening_scenes import basin, discharge_of_columns, discharge_of_points, walled_columns
 
-from mpmgis.compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from mpmgis.compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.barrier import Barrier
-from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.solvers.features.wall_openings import narrow_openings
 from mpmgis.solvers.features.walls import Wall, margin_in_3d, wall_nodes
 
@@ -109,7 +108,7 @@ def test_narrow_openings_are_found_with_place_and_width_and_corners_are_none():
 @pytest.mark.parametrize("form", ["slope", pytest.param("swe", marks=pytest.mark.thorough)])
 def test_columns_pass_what_a_contraction_does(cell_size, gap, degrees, offset, thickness, form):
     """Between 15 % under finite volumes on fine cells (0.865) and critical flow without losses (1)."""
-    metric = WaterMetric() if form == "swe" else None
+    metric = WATER if form == "swe" else None
     passed = discharge_of_columns(cell_size, gap, degrees, offset, thickness, metric)
     assert 0.85 * 0.865 <= passed <= 1.1
 
@@ -135,7 +134,7 @@ def slit_dam(dx=2.0):
     piers = [shapely.box(59.5, a, 60.5, b) for a, b in ((-50, 3), (5, 11), (13, 19), (21, 27), (29, 35), (37, 90))]
     frame = columns_of(4.0, 0.0, 58.0, 0.0, 40.0, dx / 2)
     terrain = terrain_of(lambda x, y: 0 * x, 120.0, 40.0, dx)
-    return walled_columns([Wall("dam", shapely.MultiPolygon(piers), 20.0)], terrain, frame, dx, WaterMetric()), frame
+    return walled_columns([Wall("dam", shapely.MultiPolygon(piers), 20.0)], terrain, frame, dx, WATER), frame
 
 
 @pytest.mark.thorough
@@ -195,9 +194,9 @@ def test_laws_of_openings_are_the_same_compiled():
     for u, v in ((3.0, 1.0), (-2.0, 2.0), (0.0, 0.0)):
         for side in (-1.0, 0.0, 1.0):
             for tail in (0.0, 1.9, 4.0):
-                arguments = (Barrier(), u, v, side, 0.2, 2.0, 1.0, tail)
+                arguments = (True, u, v, side, 0.2, 2.0, 1.0, tail)
                 assert both(*arguments) == both.py_func(*arguments)
-    law = Barrier()
+    law = True
     assert law.opening_discharge(G, 3.0, 0.0, 0.0, 0.0) == pytest.approx(np.sqrt(G) * 2.0**1.5)
     assert law.opening_discharge(G, 3.0, 0.0, 3.0, 0.0) == 0.0
     fast = law.opening_discharge(G, 1.0, 20.0, 0.0, 0.0)

@@ -14,9 +14,8 @@ from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.initial_stress import stress_of_weight
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.curvature import Curvature
-from mpmgis.laws.friction import Voellmy
-from mpmgis.laws.ground_metric import SlopeMetric
+from mpmgis.laws.curvature import CURVATURE
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.quantities import GRAVITY as G
 from mpmgis.solvers.columns import column_loop as column_kernel
 from mpmgis.solvers.columns import column_rows
@@ -60,7 +59,7 @@ def columns_on(height, frame, dx=5.0, length=200.0, width=100.0, mu=0.2, xi=NO_D
     """Columns of `frame` over `height(x, y)` with Voellmy's friction, on a terrain of `length` x `width` [m]."""
     terrain = terrain_of(height, length, width, dx)
     frame = along_the_bed(frame, terrain, dx)
-    return solver_on(terrain, frame, dx, Voellmy(mu, xi), curvature=Curvature(), **numerics)
+    return solver_on(terrain, frame, dx, friction_law("Voellmy", mu, xi), curvature=CURVATURE, **numerics)
 
 
 def points_of_columns(height, columns, material, cell=1.0, length=40.0, width=20.0, mu=0.3, softening=None, **numerics):

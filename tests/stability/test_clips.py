@@ -7,7 +7,7 @@ from point_scenes import block_of, integrate_to, points_on
 from test_guard import SOIL
 
 from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.friction import Coulomb
+from mpmgis.laws.friction import friction_law
 from mpmgis.simulation.run_summary import CLIP_SHARE, CLIPPED, account
 from mpmgis.solvers.columns import column_rows, column_state
 from mpmgis.solvers.points import point_balances
@@ -20,7 +20,9 @@ def flat(length=40.0, width=20.0):
 
 def heap(velocity=(0.0, 0.0), **more):
     """A square heap of columns on level ground."""
-    return solver_on(flat(), columns_of(2.0, 15, 25, 5, 15, 0.5, velocity=velocity), 1.0, Coulomb(0.3), **more)
+    return solver_on(
+        flat(), columns_of(2.0, 15, 25, 5, 15, 0.5, velocity=velocity), 1.0, friction_law("Coulomb", 0.3), **more
+    )
 
 
 def test_a_usual_flow_is_held_nowhere_and_its_steps_are_counted():

@@ -9,9 +9,9 @@ from column_scenes import G, columns_of, terrain_of
 from hard_scenes import Watch, along_the_bed, box_of_columns, columns_on, joined
 from scene_strategies import Box, ColumnScene, Ground
 
-from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.effect_slots import ColumnEffects
-from mpmgis.laws.friction import Voellmy
+from mpmgis.laws.friction import friction_law
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns import column_time_step
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
@@ -104,7 +104,7 @@ def test_a_hole_in_the_terrain_takes_what_falls_in():
     elevation[8:12, 20:24] = np.nan
     terrain = Terrain(terrain.grid, elevation)
     frame = along_the_bed(columns_of(1.0, 30, 70, 20, 80, 1.25), terrain, 5.0)
-    effects = ColumnEffects(friction=Voellmy(0.1, 1e12), curvature=Curvature())
+    effects = ColumnEffects(friction=friction_law("Voellmy", 0.1, 1e12), curvature=CURVATURE)
     solver = ColumnSolver(frame, terrain, effects, ColumnNumerics(5.0, stop_at_rest=False))
     Watch(solver).march(12.0)
     out = solver.balances()["outflow"]

@@ -8,9 +8,11 @@ from math import floor, sqrt
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
+from ...laws.barrier import deflected, let_through, opening_discharge, weir_discharge
+from ...laws.ground_metric import metric_gradient
 from .column_blocks import BLOCK, BlockWindow, TouchedBlocks, first_node
 from .column_records import NodeFields, Settings
 from .column_rows import NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
@@ -52,8 +54,7 @@ def hold_at_barriers(
     report: np.ndarray,
     dt: float,
     settings: Settings,
-    barrier: tuple,
-    metric: tuple,
+    metric: int,
 ) -> None:
     """Hold the flow at the nodes in walls (`fields.barriers`) and book it in `report`.
 
@@ -72,8 +73,8 @@ def hold_at_barriers(
     dt : float [s]
         Time for which forces act in this step.
     settings : Settings
-    barrier, metric : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
     window = BlockWindow(touched.west, touched.south, touched.width, touched.height)
@@ -87,7 +88,7 @@ def hold_at_barriers(
                     mass, number = nodes[j, i, NODE_MASS], int(walls[j, i, BARRIER])
                     if mass <= 0.0 or number <= 0:
                         continue
-                    hold_node(nodes, fields, slot, window, j, i, report[c, number - 1], dt, settings, barrier, metric)
+                    hold_node(nodes, fields, slot, window, j, i, report[c, number - 1], dt, settings, metric)
 
 
 @jit_inline
@@ -101,8 +102,7 @@ def hold_node(
     sums: np.ndarray,
     dt: float,
     settings: Settings,
-    barrier: tuple,
-    metric: tuple,
+    metric: int,
 ) -> None:
     """Hold the flow at node [j, i], which is in a wall and has mass (see `hold_at_barriers`).
 
@@ -119,8 +119,8 @@ def hold_node(
         Of the barrier; what happens here is added.
     dt : float [s]
     settings : Settings
-    barrier, metric : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     bed, walls, dx = fields.bed, fields.barriers, settings.dx
     per_metre = settings.density * dx * dx  # mass of a node for each metre of thickness
@@ -132,22 +132,20 @@ def hold_node(
     side = 1.0 if before >= beyond else -1.0  # with the higher flow
     head = max(before, beyond) - (here[CREST] - bed[j, i])
     speed = speed_before if before >= beyond else speed_beyond
-    over = barrier.weir_discharge(settings.gravity, head, speed) * (1.0 - here[SHARE])
+    over = weir_discharge(settings.gravity, head, speed) * (1.0 - here[SHARE])
     if here[SHARE] > 0.0:
-        passing = barrier.opening_discharge(settings.gravity, before, speed_before, beyond, speed_beyond)
+        passing = opening_discharge(settings.gravity, before, speed_before, beyond, speed_beyond)
         through = here[LIMIT] * passing
-        u_held, v_held = barrier.let_through(
+        u_held, v_held = let_through(
             u, v, here[WALL_X], here[WALL_Y], here[SIDE], here[WALL_MU], (over + through) * per_metre / mass
         )
         over /= max(over + through, LEAST)
     else:
-        u_held, v_held = barrier.deflected(
-            u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], over * per_metre / mass
-        )
+        u_held, v_held = deflected(u, v, here[WALL_X], here[WALL_Y], here[HOLD], here[WALL_MU], over * per_metre / mass)
         over = 1.0
     nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = mass * u_held, mass * v_held
     own = mass * share_within(j, i, rows, columns, settings.wall)
-    slopes = metric.metric_gradient(fields.gradient[j, i, 0], fields.gradient[j, i, 1])
+    slopes = metric_gradient(metric, fields.gradient[j, i, 0], fields.gradient[j, i, 1])
     sums[BARRIER_LOSS] += own * _loss_at_wall(nodes[j, i], u, v, u_held, v_held, slopes)
     sums[IMPULSE] += own * side * ((u_held - u) * here[WALL_X] + (v_held - v) * here[WALL_Y])
     sums[IMPULSE_X] += own * (u - u_held)

@@ -160,23 +160,6 @@ def sort_by_block(
 
 
 @jit
-def comes_near(touched: TouchedBlocks, watched: np.ndarray) -> bool:
-    """Return whether one of the touched blocks is marked.
-
-    Parameters
-    ----------
-    touched : TouchedBlocks
-    watched : uint8[block rows, block columns]
-    """
-    for k in range(touched.count):
-        j, i = first_node(touched, k)
-        row, column = j // BLOCK, i // BLOCK
-        if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
-            return True
-    return False
-
-
-@jit
 def touched_blocks(slot: np.ndarray, window: BlockWindow, places: np.ndarray) -> int:
     """List the node blocks that active tiles reach: themselves and their east, north and north-east neighbours.
 

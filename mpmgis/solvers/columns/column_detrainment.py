@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.block_order import GONE
 from ...compiled.jit import jit, jit_inline
-from ...laws.ground_metric import cosine_squared
+from ...laws.ground_metric import cosine_squared, metric_gradient
 from .column_forest import DETRAINED, KINETIC, POTENTIAL, STOPPED, STOPPED_COLUMNS
 from .column_records import NodeFields, Settings
 from .column_rows import AREA, GX, GY, MASS, U, V, X, Y
@@ -15,8 +15,6 @@ from .spline_weights import weights
 
 MOST_SHARE = 0.999  # [1] of a column's mass: where more would stop in a step, all of it does
 LEAST_THICKNESS = 1e-3  # [1] of the least thickness for friction: thinner columns in forest stop as a whole
-
-_cosine_squared = jit_inline(cosine_squared)
 
 
 @jit
@@ -30,7 +28,7 @@ def detrain(
     counts: np.ndarray,
     ahead: float,
     settings: Settings,
-    metric: tuple,
+    metric: int,
 ) -> None:
     """Take from each column the share of its mass that stops, and give it to the nodes that stop it.
 
@@ -53,8 +51,8 @@ def detrain(
         Velocities are those of this time before the end of the step: the weight's work on the mass that stops is
         completed to its end.
     settings : Settings
-    metric : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     share, state, sums = fields.forest_share, fields.forest_state, fields.forest_sums
     detrained, kinetic, potential = 0.0, 0.0, 0.0  # sums of this step first, which keeps their digits
@@ -154,7 +152,7 @@ def kept_mass(mass: float, area: float, stops: float, settings: Settings) -> flo
 
 @jit_inline
 def taken_energy(
-    row: np.ndarray, mass: float, kept: float, bed: np.ndarray, ahead: float, settings: Settings, metric: tuple
+    row: np.ndarray, mass: float, kept: float, bed: np.ndarray, ahead: float, settings: Settings, metric: int
 ) -> tuple[tuple[float, float], float]:
     """Compute the energy of the mass that stops, and the work of the weight on it.
 
@@ -170,8 +168,8 @@ def taken_energy(
     ahead : float [s]
         Time for which the work counts.
     settings : Settings
-    metric : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
 
     Returns
     -------
@@ -182,9 +180,9 @@ def taken_energy(
     """
     gravity, lost = settings.gravity, mass - kept
     u, v = row[U], row[V]
-    mx, my = metric.metric_gradient(row[GX], row[GY])
+    mx, my = metric_gradient(metric, row[GX], row[GY])
     w = u * mx + v * my
-    thinner = 0.5 * gravity * _cosine_squared(mx, my) * (mass * mass - kept * kept) / (settings.density * row[AREA])
+    thinner = 0.5 * gravity * cosine_squared(mx, my) * (mass * mass - kept * kept) / (settings.density * row[AREA])
     kinetic = 0.5 * lost * (u * u + v * v + w * w)
     potential = lost * gravity * bed_at(bed, row[X], row[Y], 1.0 / settings.dx)[0] + thinner
     return (kinetic, potential), lost * gravity * ahead * (u * row[GX] + v * row[GY])

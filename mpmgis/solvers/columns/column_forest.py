@@ -8,11 +8,23 @@ from math import sqrt
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from ...laws.forest import DETRAINMENT, DRAG, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
-from ...laws.ground_metric import cosine_squared
+from ...laws.entrainment import NO_EROSION, Entrainment
+from ...laws.forest import (
+    DETRAINMENT,
+    DRAG,
+    FRICTION,
+    SLOW,
+    STRENGTH,
+    THIN,
+    TOO_THICK,
+    forest_breaks,
+    forest_detrained,
+    forest_only_detrains,
+)
+from ...laws.ground_metric import cosine_squared, metric_gradient
 from .column_blocks import BLOCK, TouchedBlocks, first_node
 from .column_records import NodeFields, Settings
 from .column_rows import NODE_GAIN, NODE_KINETIC, NODE_MASS, NODE_X, NODE_Y
@@ -39,18 +51,10 @@ BRAKING = 4.0  # they only brake: the flow is beyond these limits
 ) = range(7)
 LEAST = 1e-300  # [m s-2] keeps a divisor off 0
 
-_cosine_squared = jit_inline(cosine_squared)
-
 
 @jit_parallel
 def break_forest(
-    nodes: np.ndarray,
-    fields: NodeFields,
-    touched: TouchedBlocks,
-    report: np.ndarray,
-    settings: Settings,
-    forest: tuple,
-    metric: tuple,
+    nodes: np.ndarray, fields: NodeFields, touched: TouchedBlocks, report: np.ndarray, settings: Settings, metric: int
 ) -> None:
     """Mark trees that the flow reaches, and break those whose strength its pressure reaches.
 
@@ -66,8 +70,8 @@ def break_forest(
     report : float64[CHUNKS]
         Becomes the number of nodes that broke.
     settings : Settings
-    forest, metric : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     values, state, node_gradient = fields.forest, fields.forest_state, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
@@ -77,7 +81,7 @@ def break_forest(
             j_first, i_first = first_node(touched, k)
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
-                    report[c] += break_trees(nodes, values, state, node_gradient, j, i, settings, forest, metric)
+                    report[c] += break_trees(nodes, values, state, node_gradient, j, i, settings, metric)
 
 
 @jit_inline
@@ -89,8 +93,7 @@ def break_trees(
     j: int,
     i: int,
     settings: Settings,
-    forest: tuple,
-    metric: tuple,
+    metric: int,
 ) -> float:
     """Mark and break the trees at node [j, i] (see `break_forest`); return 1 where they broke, else 0.
 
@@ -104,25 +107,25 @@ def break_trees(
         Of the bed.
     j, i : int
     settings : Settings
-    forest, metric : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     density = settings.density
     mass, least = nodes[j, i, NODE_MASS], density * settings.dx * settings.dx * settings.wet_thickness
     if mass <= least or values[j, i, STRENGTH] == 0.0 or state[j, i, TREES] == BROKEN:
         return 0.0
     u, v = nodes[j, i, NODE_X] / mass, nodes[j, i, NODE_Y] / mass
-    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    mx, my = metric_gradient(metric, node_gradient[j, i, 0], node_gradient[j, i, 1])
     w = u * mx + v * my
     before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
     speed = min(sqrt(u * u + v * v + w * w), before)
-    thickness = mass / (density * settings.dx * settings.dx) * sqrt(_cosine_squared(mx, my))
+    thickness = mass / (density * settings.dx * settings.dx) * sqrt(cosine_squared(mx, my))
     slow, thin = values[j, i, SLOW], values[j, i, THIN]
     state[j, i, TREES] = STANDING
     if slow > 0.0 or thin > 0.0:
-        only_detrains = forest.forest_only_detrains(slow, thin, thickness, speed)
+        only_detrains = forest_only_detrains(slow, thin, thickness, speed)
         state[j, i, TREES] = TAKING if only_detrains else BRAKING
-    if forest.forest_breaks(values[j, i, STRENGTH], values[j, i, TOO_THICK], density, thickness, speed):
+    if forest_breaks(values[j, i, STRENGTH], values[j, i, TOO_THICK], density, thickness, speed):
         state[j, i, TREES] = BROKEN
         return 1.0
     return 0.0
@@ -176,9 +179,8 @@ def find_shares(
     touched: TouchedBlocks,
     dt: float,
     settings: Settings,
-    forest: tuple,
-    metric: tuple,
-    entrainment: tuple,
+    metric: int,
+    entrainment: Entrainment,
 ) -> None:
     """Compute `fields.forest_share` at the touched nodes: the share of their mass that stops in this step.
 
@@ -191,8 +193,8 @@ def find_shares(
     touched : TouchedBlocks
     dt : float [s]
     settings : Settings
-    forest, metric, entrainment : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric, entrainment
+        Slots of these names (`ColumnEffects`).
     """
     values, state, share, node_gradient = fields.forest, fields.forest_state, fields.forest_share, fields.gradient
     rows, columns = nodes.shape[0], nodes.shape[1]
@@ -200,7 +202,7 @@ def find_shares(
         j_first, i_first = first_node(touched, k)
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
-                find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, forest, metric, entrainment)
+                find_share(nodes, values, state, share, node_gradient, j, i, dt, settings, metric, entrainment)
 
 
 @jit_inline
@@ -214,9 +216,8 @@ def find_share(
     i: int,
     dt: float,
     settings: Settings,
-    forest: tuple,
-    metric: tuple,
-    entrainment: tuple,
+    metric: int,
+    entrainment: Entrainment,
 ) -> None:
     """Compute the share of the mass at node [j, i] that stops (see `find_shares`); 0 without trees.
 
@@ -231,20 +232,20 @@ def find_share(
     j, i : int
     dt : float [s]
     settings : Settings
-    forest, metric, entrainment : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric, entrainment
+        Slots of these names (`ColumnEffects`).
     """
     mass = nodes[j, i, NODE_MASS]
     if mass <= 0.0 or (state[j, i, TREES] != STANDING and state[j, i, TREES] != TAKING):
         return
     u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
-    if entrainment.entrainment_active():  # the mass taken up is at rest
+    if entrainment.kind != NO_EROSION:  # the mass taken up is at rest
         u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
-    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+    mx, my = metric_gradient(metric, node_gradient[j, i, 0], node_gradient[j, i, 1])
     w = u * mx + v * my
     speed = sqrt(u * u + v * v + w * w)
-    stopping = forest.forest_detrained(values[j, i, DETRAINMENT], speed, dt)  # per area of the ground
-    share[j, i] = min(stopping * settings.dx * settings.dx / (sqrt(_cosine_squared(mx, my)) * mass), 1.0)
+    stopping = forest_detrained(values[j, i, DETRAINMENT], speed, dt)  # per area of the ground
+    share[j, i] = min(stopping * settings.dx * settings.dx / (sqrt(cosine_squared(mx, my)) * mass), 1.0)
 
 
 @jit_parallel

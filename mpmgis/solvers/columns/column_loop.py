@@ -25,6 +25,7 @@ from ...compiled.block_order import (
 )
 from ...compiled.jit import jit
 from ...laws.effect_slots import ColumnEffects
+from ...laws.internal_stress import largest_factor
 from .column_areas import grid_areas, settle_areas
 from .column_barriers import BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
 from .column_blocks import (
@@ -33,7 +34,6 @@ from .column_blocks import (
     BlockWindow,
     SortedColumns,
     TouchedBlocks,
-    comes_near,
     initial_keys,
     rows_and_columns,
     sort_by_block,
@@ -81,7 +81,6 @@ from .column_time_step import (
     TIME,
     TOO_FAST,
     TRIGGER_REACHED,
-    WATCHED_REACHED,
     WEST,
     WET,
     WILD_NOW,
@@ -233,7 +232,6 @@ def advance(
     settings: Settings,
     fields: NodeFields,
     effects: ColumnEffects,
-    watched: np.ndarray,
 ) -> int:
     """Advance to a time or by a number of steps; the whole loop is compiled, for any number of columns.
 
@@ -252,8 +250,6 @@ def advance(
     settings : Settings
     fields : NodeFields
     effects : ColumnEffects
-    watched : uint8[block rows, block columns]
-        Blocks before which it stops: no step touches one. Empty where nothing is watched.
 
     Returns
     -------
@@ -292,8 +288,6 @@ def advance(
             return ALL_LEFT
         n_touched = touched_blocks(slot, window, places)
         touched = TouchedBlocks(places, n_touched, window.west, window.south, window.width, window.height)
-        if watched.size > 0 and comes_near(touched, watched):
-            return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
             reorder(rows, ids, keys, order, alive, strip, names)
             counts[ROWS], counts[SINCE_REORDER] = alive, 0
@@ -302,7 +296,7 @@ def advance(
         counts[SINCE_REORDER] += 1
         if active > tiles.shape[0]:
             tiles = np.zeros((active + active // 2, TILE * TILE * 4))
-        if entrainment.bed_lowering() > 0.0 and n_touched > lowered.shape[0]:
+        if entrainment.lowering > 0.0 and n_touched > lowered.shape[0]:
             lowered = np.zeros((n_touched + n_touched // 2, BLOCK * BLOCK))
         split_evenly(start, active, bounds)
 
@@ -326,10 +320,10 @@ def advance(
         gather_tiles(nodes, tiles, slot, touched)
         if wall:
             fold_walls(nodes)
-        if effects.barrier.barrier_active():
-            hold_at_barriers(nodes, fields, slot, touched, barrier_report, kick, settings, effects.barrier, metric)
-        if effects.forest.forest_active():
-            break_forest(nodes, fields, touched, broken, settings, effects.forest, metric)
+        if effects.barrier:
+            hold_at_barriers(nodes, fields, slot, touched, barrier_report, kick, settings, metric)
+        if effects.forest:
+            break_forest(nodes, fields, touched, broken, settings, metric)
         update_nodes(
             NodeArrays(nodes, state.wet, lowered, node_report),
             fields,
@@ -344,11 +338,11 @@ def advance(
             entrainment,
             effects.forest,
         )
-        if effects.forest.forest_active():
-            find_shares(nodes, fields, touched, dt, settings, effects.forest, metric, entrainment)
+        if effects.forest:
+            find_shares(nodes, fields, touched, dt, settings, metric, entrainment)
             collect_forest(broken, node_report, FOREST_LOSS, fields.forest_sums)
-        if entrainment.bed_lowering() > 0.0:
-            regrade(fields.bed, fields.gradient, touched, settings.dx, lowered, entrainment)
+        if entrainment.lowering > 0.0:
+            regrade(fields.bed, fields.gradient, touched, settings.dx, lowered, entrainment.lowering)
         if settings.keep_peaks:
             accumulate_peaks(
                 state.peaks, nodes, fields.gradient, touched, clock[TIME] + dt, settings, metric, entrainment
@@ -363,7 +357,7 @@ def advance(
             fields,
             report,
             StepTimes(dt, behind, clock[KICK_BEFORE]),
-            SpeedBound(clock[BOUND_BED], clock[BOUND_ENERGY], effects.earth_pressure.largest_factor()),
+            SpeedBound(clock[BOUND_BED], clock[BOUND_ENERGY], largest_factor(effects.earth_pressure)),
             settings,
             metric,
             effects.curvature,
@@ -375,13 +369,13 @@ def advance(
         note_deepest(node_report, clock, nodes, touched, settings.dx)
         note_fastest(report, clock, rows, keys, sorted_columns, metric)
         gone, triggered = collect(report, node_report, state.ledger, clock, counts)
-        if effects.barrier.barrier_active():
+        if effects.barrier:
             clock[BARRIER_TOTAL] += collect_barriers(barrier_report, state.barrier_sums, kick)
         if counts[BAD] > 0:
             return NOT_FINITE_STATE
         if gone > 0:
             book_columns_left(rows, keys, order, alive, dt, settings.dx, fields.inside.shape, state.left_cells)
-        if effects.forest.forest_active():
+        if effects.forest:
             detrain(rows, keys, order, alive, fields, clock, counts, clock[KICK_BEFORE], settings, metric)
             clear_shares(fields.forest_share, touched)
         if clock[WILD_NOW] > settings.wild_stop:

@@ -1,13 +1,16 @@
 """Motion of a batch of columns over one step: positions, areas, edges, the bed's slope, speed bound and report."""
 
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.jit import jit
 from ...compiled.simd_lanes import get, get_of_four, put
+from ...laws.curvature import TURN, turned_velocity
+from ...laws.entrainment import NO_EROSION, Entrainment
+from ...laws.ground_metric import cosine_squared, metric_gradient
 from .column_records import Settings
 from .column_report import (
     AREA_FACTOR_MAX,
@@ -76,7 +79,6 @@ from .column_rows import (
     Q_MOMENT_X,
     Q_MOMENT_Y,
 )
-from .columns_to_grid import compiled_cosine_squared
 from .spline_bed import bed_at
 from .spline_weights import INDEX_MASK
 
@@ -104,14 +106,20 @@ class SpeedBound(NamedTuple):
 class MotionLaws(NamedTuple):
     """Laws that change columns while they move; those of the same names in `ColumnEffects`."""
 
-    metric: Any
-    curvature: Any
-    entrainment: Any
+    metric: int
+    curvature: int
+    entrainment: Entrainment
 
 
 @jit
 def move(
-    scratch: np.ndarray, moved: np.ndarray, quads: np.ndarray, count: int, dx: float, dt: float, entrainment: tuple
+    scratch: np.ndarray,
+    moved: np.ndarray,
+    quads: np.ndarray,
+    count: int,
+    dx: float,
+    dt: float,
+    entrainment: Entrainment,
 ) -> tuple[int, int]:
     """Compute the new velocity, affine velocity, position and area of each column, into the lines of `moved`.
 
@@ -130,8 +138,7 @@ def move(
         Number of columns.
     dx : float [m]
     dt : float [s]
-    entrainment : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    entrainment : Entrainment
 
     Returns
     -------
@@ -147,7 +154,7 @@ def move(
         ux, vx = get_of_four(quads, Q_ALONG_X, k, NODE_X), get_of_four(quads, Q_ALONG_X, k, NODE_Y)
         uy, vy = get_of_four(quads, Q_ALONG_Y, k, NODE_X), get_of_four(quads, Q_ALONG_Y, k, NODE_Y)
         kept = 1.0  # share of the mass, and with it of the velocity, that is not new
-        if entrainment.entrainment_active():
+        if entrainment.kind != NO_EROSION:
             gain = get_of_four(quads, Q_MEAN, k, NODE_GAIN)
             gain_x, gain_y = get_of_four(quads, Q_ALONG_X, k, NODE_GAIN), get_of_four(quads, Q_ALONG_Y, k, NODE_GAIN)
             kept = 1.0 / (1.0 + gain)
@@ -265,7 +272,7 @@ def book_out(
     outflow: np.ndarray,
     driven: float,
     settings: Settings,
-    metric: tuple,
+    metric: int,
 ) -> None:
     """Find the columns that left through an edge or onto nodata and book them; they wait at their last place.
 
@@ -292,8 +299,8 @@ def book_out(
         Potential energy is that of the place after this share of the step, for which the velocities hold, on the plane
         of the bed.
     settings : Settings
-    metric : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     inverse_dx = 1.0 / dx
@@ -318,13 +325,13 @@ def book_out(
             edge = 4
         if edge < EDGES:
             mass, u, v = get(moved, L_MASS, k), get(moved, L_U, k), get(moved, L_V, k)
-            mx, my = metric.metric_gradient(get(scratch, L_GX, k), get(scratch, L_GY, k))
+            mx, my = metric_gradient(metric, get(scratch, L_GX, k), get(scratch, L_GY, k))
             w = u * mx + v * my
             bed_last = bed_at(bed, get(scratch, L_X, k), get(scratch, L_Y, k), inverse_dx)[0]
             slope_x, slope_y = get(scratch, L_GX, k), get(scratch, L_GY, k)
             fallen = slope_x * (x - get(scratch, L_X, k)) + slope_y * (y - get(scratch, L_Y, k))
             bed_last += driven * fallen
-            thickness = mass / (density * area) * compiled_cosine_squared(mx, my)
+            thickness = mass / (density * area) * cosine_squared(mx, my)
             out = OUT + edge * OUT_ENTRIES
             outflow[out] += mass
             outflow[out + 1] += mass * u
@@ -395,18 +402,19 @@ def turn(
         mass, area = get(scratch, L_MASS, k), get(moved, L_AREA, k)
         climbed = behind * (get(scratch, L_U, k) * old_x + get(scratch, L_V, k) * old_y)
         climbed += driven * (u * old_x + v * old_y)
-        mx, my = metric.metric_gradient(old_x, old_y)
+        mx, my = metric_gradient(metric, old_x, old_y)
         per_area = 0.5 * gravity / density
         spread = mass * mass * (1.0 / get(scratch, L_AREA, k) - 1.0 / area)
-        c2_before = compiled_cosine_squared(mx, my)
+        c2_before = cosine_squared(mx, my)
         put(moved, L_WORK, k, per_area * c2_before * spread - mass * gravity * climbed)
         climbs = u * slope_x + v * slope_y
-        u, v = curvature.turned_velocity(u, v, old_x, old_y, slope_x, slope_y)
+        if curvature & TURN:
+            u, v = turned_velocity(u, v, old_x, old_y, slope_x, slope_y)
         turned = mass * gravity * ahead * (u * slope_x + v * slope_y - climbs)
-        mx, my = metric.metric_gradient(slope_x, slope_y)
-        c2 = compiled_cosine_squared(mx, my)
+        mx, my = metric_gradient(metric, slope_x, slope_y)
+        c2 = cosine_squared(mx, my)
         put(moved, L_BENT, k, per_area * mass * mass / area * (c2 - c2_before) - turned)
-        if entrainment.entrainment_active():
+        if entrainment.kind != NO_EROSION:
             grown = get(moved, L_MASS, k)
             late = (grown - mass) * gravity * ahead * (u * slope_x + v * slope_y)
             put(moved, L_WORK, k, get(moved, L_WORK, k) + late)
@@ -427,7 +435,13 @@ def turn(
 
 @jit
 def survey(
-    moved: np.ndarray, stays: np.ndarray, count: int, part: np.ndarray, dx: float, gravity: float, entrainment: tuple
+    moved: np.ndarray,
+    stays: np.ndarray,
+    count: int,
+    part: np.ndarray,
+    dx: float,
+    gravity: float,
+    entrainment: Entrainment,
 ) -> None:
     """Find largest and total values over the columns that stay, for the chunk's report; slow down too fast columns.
 
@@ -446,8 +460,7 @@ def survey(
         Report of the chunk.
     dx : float [m]
     gravity : float [m s-2]
-    entrainment : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    entrainment : Entrainment
     """
     signal2_max, speed2_max, ratio = part[SIGNAL_MAX], part[SPEED_MAX], part[BOUND_RATIO]
     kinetic, moving, flowing, entrained = part[KINETIC], part[MOVING], part[FLOWING], part[ENTRAINED]
@@ -456,7 +469,7 @@ def survey(
     for k in range(count):
         work += get(moved, L_WORK, k)
         bent += get(moved, L_BENT, k)
-        if entrainment.entrainment_active():
+        if entrainment.kind != NO_EROSION:
             entrained += get(moved, L_GAINED, k)
             taken += get(moved, L_TAKEN, k)
         if stays[k] == 0:

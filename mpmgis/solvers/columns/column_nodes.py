@@ -5,11 +5,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
-from ...laws.friction import slowed_speed
-from ...laws.ground_metric import cosine_squared
+from ...laws.curvature import LOAD, centrifugal_acceleration, effective_gravity
+from ...laws.entrainment import NO_EROSION, Entrainment, erosion_rate
+from ...laws.friction import at_node, slowed_speed, stress_parts
+from ...laws.ground_metric import cosine_squared, metric_gradient
 from .column_barriers import share_within
 from .column_blocks import BLOCK, TouchedBlocks, first_node
 from .column_forest import added_resistance, share_of_resistance
@@ -37,9 +39,6 @@ ARMED = 2  # times the number, from 1, of the area that the flow releases when i
 CHORDS = 5  # evaluations of a viscous law, each at the speed after the last one: Bingham within 0.2 %
 MOST_GAIN = 1.0  # [1] mass that a node takes up in one step, over its own: a column at most doubles
 
-_slowed_speed = jit_inline(slowed_speed)
-_cosine_squared = jit_inline(cosine_squared)
-
 
 class NodeArrays(NamedTuple):
     """Arrays that `update_nodes` changes, in addition to fields."""
@@ -54,12 +53,12 @@ class NodeLaws(NamedTuple):
     """Laws that change the velocity of a node; those of the same names in `ColumnEffects`."""
 
     friction: Any
-    zones: Any
-    cohesion: Any
-    metric: Any
-    curvature: Any
-    entrainment: Any
-    forest: Any
+    zones: bool
+    cohesion: float
+    metric: int
+    curvature: int
+    entrainment: Entrainment
+    forest: bool
 
 
 @jit
@@ -185,12 +184,12 @@ def update_nodes(
     dt: float,
     settings: Settings,
     friction: tuple,
-    zones: tuple,
-    cohesion: tuple,
-    metric: tuple,
-    curvature: tuple,
-    entrainment: tuple,
-    forest: tuple,
+    zones: bool,
+    cohesion: float,
+    metric: int,
+    curvature: int,
+    entrainment: Entrainment,
+    forest: bool,
 ) -> None:
     """Turn momentum into velocity; basal friction and resistance of trees, semi-implicit in the metric of the ground.
 
@@ -210,8 +209,8 @@ def update_nodes(
     dt : float [s]
         Time for which forces act in this step.
     settings : Settings
-    friction, zones, cohesion, metric, curvature, entrainment, forest : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    friction, zones, cohesion, metric, curvature, entrainment, forest
+        Slots of these names (`ColumnEffects`).
     """
     # arrays come out of the record before the loop: numba drops what a loop writes to arrays that it takes from a tuple
     nodes, wet, lowered, report = arrays.nodes, arrays.wet, arrays.lowered, arrays.report
@@ -225,7 +224,7 @@ def update_nodes(
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
                     eroded = update_node(nodes, fields, wet, j, i, part, dt, settings, laws)
-                    if entrainment.bed_lowering() > 0.0:
+                    if entrainment.lowering > 0.0:
                         lowered[k, (j - j_first) * BLOCK + i - i_first] = eroded
 
 
@@ -254,7 +253,7 @@ def update_node(
     settings : Settings
     laws : NodeLaws
     """
-    metric, curvature, entrainment, forest = laws.metric, laws.curvature, laws.entrainment, laws.forest
+    entrainment, forest = laws.entrainment, laws.forest
     node_gradient, erodible = fields.gradient, fields.erodible
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     thickness_floor, wet_thickness, wall = settings.thickness_floor, settings.wet_thickness, settings.wall
@@ -268,46 +267,44 @@ def update_node(
     report[DEEPEST] = max(report[DEEPEST], grid_thickness)
     if grid_thickness > wet_thickness and wet[j, i] != REACHED:
         _reach(wet, j, i, grid_thickness, fields.trigger_thickness, report)
-    mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
-    c2 = _cosine_squared(mx, my)
+    mx, my = metric_gradient(laws.metric, node_gradient[j, i, 0], node_gradient[j, i, 1])
+    c2 = cosine_squared(mx, my)
     w = u * mx + v * my
     speed = sqrt(u * u + v * v + w * w)
-    centrifugal = 0.0
-    if curvature.curvature_active():
+    effective = gravity
+    if laws.curvature & LOAD:
         bend_xx, bend_xy, bend_yy = bending_at(fields.bed, j, i, 1.0 / dx)
-        centrifugal = curvature.centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy)
-    effective = curvature.effective_gravity(gravity, centrifugal)
+        effective = effective_gravity(gravity, centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy))
     if effective == 0.0:
         report[AIRBORNE_MASS] += mass
     gain = eroded = 0.0
     if speed > 0.0:
-        law = laws.zones.local(laws.friction, fields.zone_values, j, i)
+        law = at_node(laws.friction, fields.zone_values, j, i) if laws.zones else laws.friction
         thickness = max(grid_thickness, thickness_floor)
         if grid_thickness < thickness_floor:
             report[THIN_MASS] += mass
         normal_thickness = thickness * sqrt(c2)
         normal_stress = density * thickness * effective * c2
-        dry = law.dry_stress(density, gravity, normal_stress, normal_thickness, speed)
-        dry += laws.cohesion.cohesive_stress()
-        viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, speed)
-        drag = law.drag_coefficient(gravity, normal_thickness, speed)
+        dry, viscous, drag = stress_parts(law, density, gravity, normal_stress, normal_thickness, speed)
+        dry += laws.cohesion
         per_mass = 1.0 / (density * normal_thickness)
         own = mass * share_within(j, i, rows, columns, wall)
         before = sqrt(2.0 * nodes[j, i, NODE_KINETIC] / mass)
         decelerated, drawn = dry * per_mass, drag / normal_thickness
-        if forest.forest_active():
+        trees_dry = trees_drag = 0.0
+        if forest:
             trees_dry, trees_drag = added_resistance(fields.forest, fields.forest_state, j, i, effective * sqrt(c2))
             decelerated += trees_dry
             drawn += trees_drag
-        slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
+        slowed = slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
         for _ in range(CHORDS - 1):
             if viscous > 0.0 and slowed > 0.0:
-                viscous = law.viscous_coefficient(density, gravity, normal_stress, normal_thickness, slowed)
-                slowed = _slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
+                _, viscous, _ = stress_parts(law, density, gravity, normal_stress, normal_thickness, slowed)
+                slowed = slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
         u, v = u * (slowed / speed), v * (slowed / speed)
-        if entrainment.entrainment_active():
+        if entrainment.kind != NO_EROSION:
             basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
-            wanted = dt * entrainment.erosion_rate(density, basal_stress, slowed) / sqrt(c2)
+            wanted = dt * erosion_rate(entrainment, density, basal_stress, slowed) / sqrt(c2)
             covered = min(grid_thickness / wet_thickness, 1.0)  # no erosion at the margin
             most = MOST_GAIN * mass / (dx * dx)
             if min(covered * wanted, erodible[j, i]) > most:
@@ -315,17 +312,17 @@ def update_node(
             eroded = min(covered * wanted, erodible[j, i], most)
             gain = eroded * dx * dx / mass
             erodible[j, i] -= eroded
-            report[LOWERING_LOSS] += own * gravity * eroded * entrainment.bed_lowering()
+            report[LOWERING_LOSS] += own * gravity * eroded * entrainment.lowering
         after = slowed / (1.0 + gain)
         loss = 0.5 * own * (speed - slowed) * (before + after)
-        if forest.forest_active():
+        if forest:
             share = share_of_resistance(trees_dry, trees_drag, decelerated, viscous * per_mass, drawn, slowed)
             report[FOREST_LOSS] += share * loss
             loss -= share * loss
         report[FRICTION_LOSS] += loss
         report[MERGING_LOSS] += 0.5 * own * gain * before * after
     nodes[j, i, NODE_X], nodes[j, i, NODE_Y] = u, v
-    if entrainment.entrainment_active():
+    if entrainment.kind != NO_EROSION:
         nodes[j, i, NODE_MASS] = mass * (1.0 + gain)
         nodes[j, i, NODE_GAIN] = gain
     return eroded
@@ -344,12 +341,7 @@ def _reach(wet, j, i, thickness, trigger_thickness, report):
 
 @jit_parallel
 def regrade(
-    bed: np.ndarray,
-    node_gradient: np.ndarray,
-    touched: TouchedBlocks,
-    dx: float,
-    lowered: np.ndarray,
-    entrainment: tuple,
+    bed: np.ndarray, node_gradient: np.ndarray, touched: TouchedBlocks, dx: float, lowered: np.ndarray, lowering: float
 ) -> None:
     """Lower the bed by what was eroded (see `update_nodes`), and recompute the gradients at the touched nodes.
 
@@ -362,15 +354,15 @@ def regrade(
     dx : float [m]
     lowered : float64[touched blocks, BLOCK * BLOCK] [kg m-2]
         Mass eroded.
-    entrainment : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    lowering : float [m3 kg-1]
+        Of the `Entrainment`.
     """
     rows, columns = bed.shape[0], bed.shape[1]
     for k in prange(touched.count):
         j_first, i_first = first_node(touched, k)
         for j in range(j_first, min(j_first + BLOCK, rows)):
             for i in range(i_first, min(i_first + BLOCK, columns)):
-                bed[j, i] -= lowered[k, (j - j_first) * BLOCK + i - i_first] * entrainment.bed_lowering()
+                bed[j, i] -= lowered[k, (j - j_first) * BLOCK + i - i_first] * lowering
     for k in prange(touched.count):
         j_first, i_first = first_node(touched, k)
         for j in range(max(j_first, 1), min(j_first + BLOCK, rows - 1)):
@@ -386,8 +378,8 @@ def accumulate_peaks(
     touched: TouchedBlocks,
     time: float,
     settings: Settings,
-    metric: tuple,
-    entrainment: tuple,
+    metric: int,
+    entrainment: Entrainment,
 ) -> None:
     """Update the running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], first arrival [s].
 
@@ -405,8 +397,8 @@ def accumulate_peaks(
     time : float [s]
         At the end of the step.
     settings : Settings
-    metric, entrainment : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric, entrainment
+        Slots of these names (`ColumnEffects`).
     """
     rows, columns = nodes.shape[0], nodes.shape[1]
     for k in prange(touched.count):
@@ -425,8 +417,8 @@ def note_node(
     i: int,
     time: float,
     settings: Settings,
-    metric: tuple,
-    entrainment: tuple,
+    metric: int,
+    entrainment: Entrainment,
 ) -> None:
     """Update the running peaks at node [j, i] (see `accumulate_peaks`).
 
@@ -438,17 +430,17 @@ def note_node(
     j, i : int
     time : float [s]
     settings : Settings
-    metric, entrainment : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric, entrainment
+        Slots of these names (`ColumnEffects`).
     """
     density, dx = settings.density, settings.dx
     thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
     peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
     if thickness >= settings.arrival_thickness:
         u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
-        if entrainment.entrainment_active():
+        if entrainment.kind != NO_EROSION:
             u, v = u / (1.0 + nodes[j, i, NODE_GAIN]), v / (1.0 + nodes[j, i, NODE_GAIN])
-        mx, my = metric.metric_gradient(node_gradient[j, i, 0], node_gradient[j, i, 1])
+        mx, my = metric_gradient(metric, node_gradient[j, i, 0], node_gradient[j, i, 1])
         w = u * mx + v * my
         speed2 = u * u + v * v + w * w
         peaks[j, i, 1] = max(peaks[j, i, 1], sqrt(speed2))

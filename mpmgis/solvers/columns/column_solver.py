@@ -11,7 +11,9 @@ from ...compiled.jit import ready_threads
 from ...compiled.particle_slices import in_slices
 from ...frames.particles import Particles
 from ...frames.peaks import no_peaks
-from ...laws.ground_metric import SlopeMetric, WaterMetric
+from ...laws.effect_slots import with_fixed_types
+from ...laws.ground_metric import SLOPE, WATER
+from ...laws.internal_stress import largest_factor
 from ...laws.quantities import GRAVITY
 from ...system.errors import SceneError
 from . import column_loop as kernel
@@ -120,11 +122,11 @@ class ColumnSolver(ColumnState):
     ) -> None:
         if frame.dimension != 2 or frame.particles.area is None:
             raise SceneError("the depth-averaged solver requires columns (dimension 2), got points")
-        self.effects, self.numerics, self._start = effects, numerics, frame
+        self.effects, self.numerics, self._start = with_fixed_types(effects), numerics, frame
         self.grid = ColumnGrid.on(terrain, numerics.cell_size) if grid is None else grid
         self.places = places or Places()
-        self.fields = self.places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
-        if isinstance(effects.metric, WaterMetric) and effects.curvature.curvature_active():
+        self.fields = self.places.fields(self.grid, effects.entrainment.lowering > 0.0)
+        if effects.metric == WATER and effects.curvature:
             raise SceneError("[curvature] requires form = 'slope'; remove it, or set use = 'off'")
         self._load(frame, gradient)
 
@@ -166,7 +168,7 @@ class ColumnSolver(ColumnState):
             thickness = particles.mass / (numerics.density * particles.area)
             reference = float((particles.mass * thickness).sum() / self.mass_start)
         slope = np.hypot(grid.gradient[..., 0], grid.gradient[..., 1])
-        if isinstance(self.effects.metric, SlopeMetric):
+        if self.effects.metric == SLOPE:
             slope = slope / (1.0 + slope * slope)  # g sin cos along the ground, seen from above
         fall = np.sqrt(2.0 * grid.cell_size / (numerics.gravity * max(float(slope.max()), LEAST_FALL)))
         return Settings(
@@ -311,7 +313,7 @@ class ColumnSolver(ColumnState):
     def _expect(self, thickness, speed, speed2):
         """Prepare the clock for columns of `thickness` [m] with |u| = `speed` and at most |U|^2 = `speed2`."""
         clock, gravity = self._clock, self.numerics.gravity
-        wave = np.sqrt(self.effects.earth_pressure.largest_factor() * gravity * thickness)
+        wave = np.sqrt(largest_factor(self.effects.earth_pressure) * gravity * thickness)
         deepest = np.max(thickness)
         for entry, value in (
             (column_time_step.SPEED, np.max(speed)),
@@ -351,7 +353,7 @@ class ColumnSolver(ColumnState):
             self.grid.cell_size,
             self._settings.density,
             least,
-            isinstance(self.effects.metric, SlopeMetric),
+            self.effects.metric == SLOPE,
         )
         if thickest > self._clock[column_time_step.DEPTH_WORST]:
             rows, keys = self._rows[:n], self._keys[:n]
@@ -429,15 +431,7 @@ class ColumnSolver(ColumnState):
     def _take_steps(self, until, max_steps, settings):
         ready_threads()
         return kernel.advance(
-            self._arrays(),
-            self._order,
-            self._nodes,
-            until,
-            max_steps,
-            settings,
-            self.fields,
-            self.effects,
-            self._watched,
+            self._arrays(), self._order, self._nodes, until, max_steps, settings, self.fields, self.effects
         )
 
     def _arrays(self):
@@ -454,26 +448,6 @@ class ColumnSolver(ColumnState):
             self._barrier_sums,
             self._left,
         )
-
-    def _integrate_with(self, effects, places, walls):
-        """Continue with other `effects` and `places`; the state of the bed and sums of unchanged barriers are kept."""
-        before, trigger = self._changing(), self.fields.trigger_thickness
-        self.effects, self.places = effects, places
-        fields = places.fields(self.grid, effects.entrainment.bed_lowering() > 0.0)
-        self.fields = fields._replace(trigger_thickness=trigger)
-        self._barrier_sums = np.zeros((len(places.barrier_names), kernel.BARRIER_SUMS + 1))
-        for name, array in self._changing().items():
-            if name in before:
-                array[:] = before[name]
-
-    @staticmethod
-    def _on_kernel_nodes(values):
-        """Return `values` [ny + 3, nx + 3] at the nodes of the blocks."""
-        return values
-
-    def _map_places(self, rows, keys):
-        """Return map E, N [m] of columns, float64[n, 2]."""
-        return rows[:, [kernel.X, kernel.Y]] + (self.grid.x0, self.grid.y0)
 
     def frame(self) -> "Frame":
         """Return the present columns as a Frame: z is the bed, velocities are tangent to it.

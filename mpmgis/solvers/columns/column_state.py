@@ -9,8 +9,9 @@ from ...frames.outflow_places import left_places
 from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
 from ...frames.peaks import PEAK_STATE, is_peaks_state, maxima_of, peaks_state, restore_peaks
 from ...frames.state_check import LEFT_STATE
+from ...laws.entrainment import NO_EROSION
 from ...laws.forest import STRENGTH
-from ...laws.ground_metric import cosine_squared
+from ...laws.ground_metric import cosine_squared, metric_gradient
 from ...system.errors import FormatError
 from . import column_forest, column_report, column_time_step
 from . import column_loop as kernel
@@ -59,20 +60,19 @@ class ColumnState(ParticleStore):
         arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
         if self.numerics.maxima:
             arrays |= peaks_state(self._peaks)
-        arrays |= self._watch_state()
         reached = np.packbits(self._wet & kernel.REACHED, axis=1)
         return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
 
     def _changing(self):
         """Return the arrays of the state by name, without rows and reached nodes, as far as this scene has them."""
         arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
-        if self.effects.barrier.barrier_active():
+        if self.effects.barrier:
             arrays["barriers"] = self._barrier_sums
-        if self.effects.entrainment.entrainment_active():
+        if self.effects.entrainment.kind != NO_EROSION:
             arrays["erodible"] = self.fields.erodible
-            if self.effects.entrainment.bed_lowering() > 0.0:
+            if self.effects.entrainment.lowering > 0.0:
                 arrays |= {"bed": self.fields.bed, "gradient": self.fields.gradient}
-        if self.effects.forest.forest_active():
+        if self.effects.forest:
             arrays |= {"forest": self.fields.forest_state, "forest_sums": self.fields.forest_sums}
         return arrays
 
@@ -91,7 +91,6 @@ class ColumnState(ParticleStore):
             No state in it, or the state of another run.
         """
         self._forget_computed()
-        self._restore_watch(frame)
         state, ids = frame.state, frame.particles.id
         changing = self._changing()
         peaks = set(PEAK_STATE) if self.numerics.maxima else set()
@@ -160,11 +159,11 @@ class ColumnState(ParticleStore):
 
     def bed_change(self) -> dict[str, np.ndarray]:
         """Return how the flow changed its bed so far (`bed_changes`); empty without erosion and forest."""
-        erodes, forest = self.effects.entrainment.entrainment_active(), None
-        if not (erodes or self.effects.forest.forest_active()):
+        erodes, forest = self.effects.entrainment.kind != NO_EROSION, None
+        if not (erodes or self.effects.forest):
             return {}
         grid, inner = self.grid, (slice(1, -1), slice(1, -1))
-        if self.effects.forest.forest_active():
+        if self.effects.forest:
             state = self.fields.forest_state[inner]
             broken = (state[..., column_forest.TREES] == column_forest.BROKEN).astype(float)
             forest = state[..., column_forest.STOPPED] / grid.cell_size**2, broken
@@ -197,7 +196,7 @@ class ColumnState(ParticleStore):
     def _energy_of(self, rows, bed):
         mass, gravity = rows[:, kernel.MASS], self.numerics.gravity
         u, v = rows[:, kernel.U], rows[:, kernel.V]
-        mx, my = self.effects.metric.metric_gradient(rows[:, kernel.GX], rows[:, kernel.GY])
+        mx, my = metric_gradient(self.effects.metric, rows[:, kernel.GX], rows[:, kernel.GY])
         w = u * mx + v * my
         thickness = mass / (self.numerics.density * rows[:, kernel.AREA]) * cosine_squared(mx, my)
         potential = mass * gravity * (bed - self.grid.bed.min() + 0.5 * thickness)
@@ -251,7 +250,7 @@ class ColumnState(ParticleStore):
 
         `mass_at_rest` is that of columns slower than MOVING_SPEED.
         """
-        if not self.effects.forest.forest_active():
+        if not self.effects.forest:
             return {}
         flow, sums = self.flow(), self.fields.forest_sums
         at_rest = float(flow.mass[flow.speed <= column_report.MOVING_SPEED].sum())
@@ -267,7 +266,7 @@ class ColumnState(ParticleStore):
     def _losses(self):
         """Return the energy taken from the flow so far [J], by what took it."""
         forest = {}
-        if self.effects.forest.forest_active():
+        if self.effects.forest:
             forest = {"forest": float(self.fields.forest_sums[column_forest.RESISTED])}
         return {name: float(self._clock[entry]) for name, entry in LOSSES.items()} | forest
 
@@ -275,7 +274,7 @@ class ColumnState(ParticleStore):
         """Return kinetic and potential energy [J] of the mass that left the terrain or stopped in forest."""
         ledger, sums, datum = self._ledger, self.fields.forest_sums, self.numerics.gravity * float(self.grid.bed.min())
         kinetic, potential = float(ledger[:, 3].sum()), float(ledger[:, 4].sum() - ledger[:, 0].sum() * datum)
-        if self.effects.forest.forest_active():
+        if self.effects.forest:
             kinetic += float(sums[column_forest.KINETIC])
             potential += float(sums[column_forest.POTENTIAL] - sums[column_forest.DETRAINED] * datum)
         return kinetic, potential

@@ -4,6 +4,7 @@ import numpy as np
 
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit
+from ...laws.ground_metric import metric_gradient
 from .column_blocks import BLOCK, SortedColumns, TouchedBlocks, first_node
 from .column_nodes import (
     AIRBORNE_MASS,
@@ -61,8 +62,7 @@ from .column_rows import GX, GY, NODE_MASS, U, V, X, Y
     NOT_FINITE_STATE,  # the state of a column is not finite
     TOO_FAST,  # much of the mass has over twice the speed that energy allows
     TRIGGER_REACHED,  # the flow releases an area
-    WATCHED_REACHED,  # the flow is about to touch a watched block
-) = range(10)
+) = range(9)
 # float64 clock: state of the time integration, also stored for a restart
 (
     TIME,  # [s]
@@ -265,7 +265,7 @@ def note_fastest(
     rows: np.ndarray,
     keys: np.ndarray,
     sorted_columns: SortedColumns,
-    metric: tuple,
+    metric: int,
 ) -> None:
     """Record a new largest speed, its place and time; the column is searched in the chunk that reports it.
 
@@ -277,8 +277,8 @@ def note_fastest(
     keys : int32[columns]
         Block of each column; GONE for one that has left.
     sorted_columns : SortedColumns
-    metric : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     most, chunk = clock[FASTEST] ** 2, -1
     for c in range(CHUNKS):
@@ -292,7 +292,7 @@ def note_fastest(
         p = sorted_columns.order[k]
         if keys[p] == GONE:
             continue
-        mx, my = metric.metric_gradient(rows[p, GX], rows[p, GY])
+        mx, my = metric_gradient(metric, rows[p, GX], rows[p, GY])
         w = rows[p, U] * mx + rows[p, V] * my
         speed2 = rows[p, U] ** 2 + rows[p, V] ** 2 + w * w
         if speed2 > fastest2:

@@ -4,15 +4,24 @@ A block sums its columns into a private tile, and the grid gathers the tiles tha
 No array is shared between loops, so results are bitwise the same for any number of threads.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...compiled.simd_lanes import get, load, multiply_add, put, put_four, store
-from ...laws.ground_metric import cosine_squared
+from ...laws.ground_metric import cosine_squared, metric_gradient
+from ...laws.internal_stress import (
+    EarthPressure,
+    InPlaneViscosity,
+    apparent_viscosity,
+    is_hydrostatic,
+    is_viscous,
+    pressure_factor,
+)
+from ...laws.still_water import reference_depth
 from .column_blocks import BLOCK, TILE, BlockWindow, SortedColumns, TouchedBlocks, first_node
 from .column_records import NodeFields, Settings
 from .column_report import STIFF
@@ -47,16 +56,14 @@ from .spline_weights import weights
 STABLE_SHARE = 0.125  # [1] largest apparent viscosity over rho dx^2 / dt: explicit diffusion is stable up to 0.5
 REST_SPEED2 = 1e-12  # [m2 s-2] below which a flow has no direction
 
-compiled_cosine_squared = jit_inline(cosine_squared)
-
 
 class StressLaws(NamedTuple):
     """Laws of the forces that columns give to nodes; those of the same names in `ColumnEffects`."""
 
-    metric: Any
-    still_water: Any
-    earth_pressure: Any
-    viscosity: Any
+    metric: int
+    still_water: bool
+    earth_pressure: EarthPressure
+    viscosity: InPlaneViscosity
 
 
 @jit
@@ -104,7 +111,6 @@ def pressure_impulses(
         Number of columns whose apparent viscosity was limited.
     """
     dx, density, gravity = settings.dx, settings.density, settings.gravity
-    metric, lake, earth_pressure, viscosity = laws.metric, laws.still_water, laws.earth_pressure, laws.viscosity
     inverse_dx = 1.0 / dx
     stiff = 0
     for k in range(count):
@@ -115,13 +121,13 @@ def pressure_impulses(
         i0, fx, wx0, wx1, wx2 = weights(x, inverse_dx)
         j0, fy, wy0, wy1, wy2 = weights(y, inverse_dx)
         put(place, 0, k, ((j0 - j_block) * TILE + i0 - i_block) * 4)
-        metric_x, metric_y = metric.metric_gradient(slope_x, slope_y)
-        c2 = compiled_cosine_squared(metric_x, metric_y)
+        metric_x, metric_y = metric_gradient(laws.metric, slope_x, slope_y)
+        c2 = cosine_squared(metric_x, metric_y)
         pressed, driven = mass * mass / (density * area), mass  # A rho h^2, and m
-        if lake.still_water_active():
+        if laws.still_water:
             level = lake_level[int(y * inverse_dx), int(x * inverse_dx)]
             bed_here = bed_at(bed, x, y, inverse_dx)[0]
-            still = density * area * lake.reference_depth(bed_here, level)
+            still = density * area * reference_depth(bed_here, level)
             pressed -= still * still / (density * area)
             driven -= still
         cxx, cxy, cyx, cyy = (
@@ -130,15 +136,15 @@ def pressure_impulses(
             get(scratch, L_CYX, k),
             get(scratch, L_CYY, k),
         )
-        if earth_pressure.earth_pressure_active():
-            pressed *= earth_pressure.pressure_factor(_stretching_rate(u, v, cxx, cxy + cyx, cyy), dt)
+        if not is_hydrostatic(laws.earth_pressure):
+            pressed *= pressure_factor(laws.earth_pressure, _stretching_rate(u, v, cxx, cxy + cyx, cyy), dt)
         push = dt * 0.5 * gravity * c2 * pressed * inverse_dx
         along_xx, along_xy = 1.0 - c2 * metric_x * metric_x, -c2 * metric_x * metric_y
         along_yy = 1.0 - c2 * metric_y * metric_y
         push_xx, push_xy, push_yx, push_yy = push * along_xx, push * along_xy, push * along_xy, push * along_yy
-        if viscosity.viscosity_active():
+        if is_viscous(laws.viscosity):
             dxy = 0.5 * (cxy + cyx)
-            apparent = viscosity.apparent_viscosity(mass / (density * area), u, v, cxx, dxy, cyy)
+            apparent = apparent_viscosity(laws.viscosity, mass / (density * area), u, v, cxx, dxy, cyy)
             largest = STABLE_SHARE * density * dx * dx / dt
             stiff += apparent > largest
             drawn = 2.0 * min(apparent, largest) * dt * inverse_dx * mass / density
@@ -233,10 +239,10 @@ def particles_to_grid(
     report: np.ndarray,
     dt: float,
     settings: Settings,
-    metric: tuple,
-    still_water: tuple,
-    earth_pressure: tuple,
-    viscosity: tuple,
+    metric: int,
+    still_water: bool,
+    earth_pressure: EarthPressure,
+    viscosity: InPlaneViscosity,
 ) -> None:
     """Sum mass, momentum and impulse of each block's columns into its tile (weak form).
 
@@ -255,8 +261,8 @@ def particles_to_grid(
     dt : float [s]
         Time for which forces act in this step.
     settings : Settings
-    metric, still_water, earth_pressure, viscosity : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric, still_water, earth_pressure, viscosity
+        Slots of these names (`ColumnEffects`).
     """
     order, start, block, bounds = sorted_columns
     bed, lake_level = fields.bed, fields.lake_level

@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from ...compiled.simd_lanes import get, lanes, load, multiply_add, put, store, transposed
+from ...laws.entrainment import Entrainment
 from .column_blocks import SortedColumns, block_key
 from .column_motion import (
     MotionLaws,
@@ -245,9 +246,9 @@ def grid_to_particles(
     times: StepTimes,
     bound: SpeedBound,
     settings: Settings,
-    metric: tuple,
-    curvature: tuple,
-    entrainment: tuple,
+    metric: int,
+    curvature: int,
+    entrainment: Entrainment,
 ) -> None:
     """Read the new velocity field back, move the columns, stretch their areas, turn velocities with the bed.
 
@@ -269,8 +270,8 @@ def grid_to_particles(
     times : StepTimes
     bound : SpeedBound
     settings : Settings
-    metric, curvature, entrainment : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric, curvature, entrainment
+        Slots of these names (`ColumnEffects`).
     """
     order, start, bounds = sorted_columns.order, sorted_columns.start, sorted_columns.bounds
     grid = FlatGrid(nodes, fields.bed, fields.bed, fields.inside)

@@ -1,18 +1,16 @@
 """Spatial features of a scene on the solver's grid, and the numbers by which effects are decided."""
 
 import itertools
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import ndimage
 
-from ...frames.watched_features import WatchedFeature
+from ...laws.entrainment import NO_EROSION
 from ...laws.forest import STRENGTH
-from ...laws.friction import FrictionZones
+from ...laws.friction import FrictionZones, parameters_of
 from ...scene import mu_least
-from ...scene.terrain_effects import TABLE_OF, ZONE_THRESHOLD
 from ...system.errors import SceneError
 from ..columns.feature_arrays import Places, barrier_entries
 from .area_values import spread
@@ -20,7 +18,6 @@ from .area_values import spread
 if TYPE_CHECKING:
     from ...frames.particles import Frame
     from ...laws.effect_slots import ColumnEffects, PointEffects
-    from ...scene.decision_rules import Decision
     from ...scene.scene import Scene
     from ...terrain.elevation import Terrain
     from ...terrain.flow_reach import Reach
@@ -138,15 +135,15 @@ class KnownByPlace:
         effects : ColumnEffects
         """
         barriers, names = None, ()
-        if effects.barrier.barrier_active():
+        if effects.barrier:
             barriers, names = barrier_entries(self.wall_nodes), tuple(wall.name for wall in self.walls)
         return Places(
-            zone_values=self._zone_values(effects.zones, effects.friction),
-            erodible=self.erodible if effects.entrainment.entrainment_active() else None,
+            zone_values=self._zone_values(parameters_of(effects.friction)) if effects.zones else None,
+            erodible=self.erodible if effects.entrainment.kind != NO_EROSION else None,
             barriers=barriers,
             barrier_names=names,
-            lake_level=self.lake_level if effects.still_water.still_water_active() else None,
-            forest=self.forest if effects.forest.forest_active() else None,
+            lake_level=self.lake_level if effects.still_water else None,
+            forest=self.forest if effects.forest else None,
         )
 
     def in_3d(self, effects: "PointEffects") -> Places:
@@ -159,54 +156,16 @@ class KnownByPlace:
         effects : PointEffects
         """
         walls = self.walls if effects.barrier.barrier_active() else ()
+        zones = isinstance(effects.zones, FrictionZones)
         return Places(
-            zone_values=self._zone_values(effects.zones, effects.contact),
+            zone_values=self._zone_values(effects.contact._fields) if zones else None,
             barriers=barrier_entries(self.wall_nodes) if walls else None,
             barrier_names=tuple(wall.name for wall in walls),
         )
 
-    def watched(self, law: Any, decisions: "Iterable[Decision]") -> tuple[WatchedFeature, ...]:
-        """Return the features that are off by their indicator only.
-
-        Parameters
-        ----------
-        law : NamedTuple
-            The friction that is used instead of zones.
-        decisions : iterable of Decision
-        """
-        off = {
-            decision.effect: _why_off(decision)
-            for decision in decisions
-            if decision.effect in TABLE_OF and (decision.state, decision.decided_by) == ("off", "auto")
-        }
-        where = {"zones": self._zone_nodes, "entrainment": self._erodible_nodes, "barrier": self._standing_nodes}
-        features = []
-        for effect, why in off.items():
-            words, nodes = where[effect](law)
-            if nodes.any():
-                features.append(WatchedFeature(effect, f"{words}, off until now ({why})", nodes))
-        return tuple(features)
-
-    def _zone_nodes(self, law):
-        """Return a description, and the nodes at which a parameter differs from that of `law` significantly."""
-        differs = np.zeros(self.grid.bed.shape, bool)
-        for name in law._fields:
-            used = getattr(law, name)
-            differs |= np.abs(_filled(self.zones[name]) - used) > ZONE_THRESHOLD * abs(used)
-        return "a zone of other friction", differs
-
-    def _erodible_nodes(self, law):
-        return "erodible ground", self.erodible > 0.0
-
-    def _standing_nodes(self, law):
-        names = ", ".join(f"'{wall.name}'" for wall in self.walls)
-        return f"barrier {names}", self.wall_nodes.number > 0
-
-    def _zone_values(self, zones, law):
-        """Return the parameters of the friction `law` at the nodes, in the order of its fields; None without zones."""
-        if not isinstance(zones, FrictionZones):
-            return None
-        return np.stack([_filled(self.zones[name]) for name in law._fields], axis=-1)
+    def _zone_values(self, names):
+        """Return the parameters `names` of friction at the nodes."""
+        return np.stack([_filled(self.zones[name]) for name in names], axis=-1)
 
     def _require_no_gap(self, inside, x, y):
         for name, values in self.zones.items():
@@ -240,15 +199,6 @@ class KnownByPlace:
         bed = self.grid.bed[1:-1, 1:-1]
         mean = 0.25 * (bed[:-1, :-1] + bed[:-1, 1:] + bed[1:, :-1] + bed[1:, 1:])
         return float(np.maximum(self.lake_level - mean, 0.0).sum() * self.grid.cell_size**2)
-
-
-def _why_off(decision):
-    """Return the reason of a decision without features in reach."""
-    if decision.indicator is None:
-        return decision.reason.partition(";")[0]
-    if decision.indicator == 0.0:
-        return "none in reach of the energy line"
-    return f"{decision.indicator:.3g} in reach of the energy line, the threshold is {decision.threshold:g}"
 
 
 def _with_friction(scene, values):

@@ -82,7 +82,7 @@ def take_losses(
     losses: np.ndarray,
     reports: np.ndarray,
     settings: Settings,
-    metric: tuple,
+    metric: int,
 ) -> None:
     """Take the losses from the columns; all reports begin here.
 
@@ -100,8 +100,8 @@ def take_losses(
     losses : float64[columns, LOSSES]
     reports : float64[threads, STOP_REPORT]
     settings : Settings
-    metric : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     mine = reports[cuda.grid(1)]
     for k in range(STOP_REPORT):

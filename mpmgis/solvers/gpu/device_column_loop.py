@@ -21,6 +21,8 @@ from numba import cuda
 
 from ...compiled.block_order import CHUNKS
 from ...laws.effect_slots import ColumnEffects
+from ...laws.entrainment import NO_EROSION
+from ...laws.internal_stress import largest_factor
 from ..columns import column_time_step as entry
 from ..columns.column_motion import MotionLaws
 from ..columns.column_nodes import NodeLaws
@@ -99,9 +101,7 @@ class Sorted:
         run[STATUS] = 0
         self.run.copy_to_device(run)
 
-    def sort(
-        self, counts: np.ndarray, rows: np.ndarray, keys: np.ndarray, watched: np.ndarray, settings: Settings
-    ) -> None:
+    def sort(self, counts: np.ndarray, rows: np.ndarray, keys: np.ndarray, settings: Settings) -> None:
         """Sort columns by their blocks and cells; the window of blocks is known.
 
         Parameters
@@ -110,8 +110,6 @@ class Sorted:
         rows : float64[columns, ROW]
         keys : int32[columns]
             Block of each column; GONE for one that has left.
-        watched : uint8[block rows, block columns]
-            Blocks at which the run stops.
         settings : Settings
         """
         run, launch = self.run, self._launch
@@ -124,7 +122,7 @@ class Sorted:
         _all(launch, device_column_sort.fill_slots, run, self.block, self.slot)
         _all(launch, device_column_sort.mark_touched, run, self.slot, self._flags)
         self._scan(self._flags, False)
-        _pieces_of(launch, device_column_sort.rank_touched, run, self._flags, self._pieces, watched, self.touched)
+        _pieces_of(launch, device_column_sort.rank_touched, run, self._flags, self._pieces, self.touched)
 
     def _scan(self, values, columns):
         launch = self._launch
@@ -143,8 +141,6 @@ class DeviceColumns:
         Kept as `settings`, which can be replaced between two calls of `advance`.
     fields : NodeFields
     effects : ColumnEffects
-    watched : uint8[block rows, block columns], optional
-        Blocks before which `advance` stops, as in `column_loop.advance`.
     launch : Launch, optional
         Sizes of launches; by default those for a GPU, in the simulator small ones.
     """
@@ -155,21 +151,16 @@ class DeviceColumns:
         settings: Settings,
         fields: NodeFields,
         effects: ColumnEffects,
-        watched: np.ndarray | None = None,
         launch: Launch | None = None,
     ) -> None:
         self.state, self.fields, self._effects = state, fields, effects
         self.settings, self._launch = settings, checked(launch or default_launch())
-        self._nothing_watched = cuda.to_device(np.zeros((1, 1), np.uint8))
-        self._watched = self._nothing_watched
-        if watched is not None and watched.size:
-            self._watched = cuda.to_device(np.ascontiguousarray(watched))
         self._upload()
         self._make_reports()
         self._steps, self._settings_of_steps = Repeated(self._step), settings
         self._launch = self._launch._replace(stream=self._steps.stream)
         self._now = Sorted(self._launch, len(state.rows), 4)
-        self._again = Sorted(self._launch, len(state.rows), 1) if effects.forest.forest_active() else None
+        self._again = Sorted(self._launch, len(state.rows), 1) if effects.forest else None
         self._stage = np.zeros(device_column_sort.STAGE_ENTRIES)
         self._d_stage = cuda.to_device(self._stage)
 
@@ -190,16 +181,16 @@ class DeviceColumns:
         self._names = cuda.device_array((n, 2), np.int64)
         self._left = cuda.device_array(n, np.int32)
         self._leaving = cuda.to_device(np.zeros(self._left_cells.shape, np.int64))
-        lowers = effects.entrainment.bed_lowering() > 0.0
+        lowers = effects.entrainment.lowering > 0.0
         self._lowered = cuda.to_device(np.zeros(shape if lowers else (1, 1)))
         count = state.barrier_sums.shape[0]
         places, first = device_column_nodes.barrier_nodes(fields.barriers, count)
-        self._walled = effects.barrier.barrier_active() and len(places) > 0
+        self._walled = effects.barrier and len(places) > 0
         self._walls, self._first_of_wall = cuda.to_device(_some(places)), cuda.to_device(first)
         self._held = cuda.to_device(np.zeros((max(len(places), 1), device_column_nodes.HELD)))
         self._held_report = cuda.to_device(np.zeros((CHUNKS, max(count, 1), device_column_nodes.HELD)))
         self._lost = cuda.to_device(np.zeros(max(count, 1)))
-        if effects.forest.forest_active():
+        if effects.forest:
             self._losses = cuda.device_array((n, device_column_detrainment.LOSSES), np.float64)
 
     def _make_reports(self):
@@ -275,11 +266,11 @@ class DeviceColumns:
     def _changing_fields(self):
         """Names of the fields that change in this run."""
         effects, names = self._effects, ()
-        if effects.entrainment.entrainment_active():
+        if effects.entrainment.kind != NO_EROSION:
             names += ("erodible",)
-        if effects.entrainment.bed_lowering() > 0.0:
+        if effects.entrainment.lowering > 0.0:
             names += ("bed", "gradient")
-        return (*names, "forest_state", "forest_sums") if effects.forest.forest_active() else names
+        return (*names, "forest_state", "forest_sums") if effects.forest else names
 
     def _all(self, kernel, *arguments):
         _all(self._launch, kernel, *arguments)
@@ -288,7 +279,7 @@ class DeviceColumns:
         """Launch the kernels of one step."""
         now = self._now
         _one(self._launch, device_column_sort.begin_step, now.run, self._d_stage, self._clock, self._counts)
-        now.sort(self._counts, self._rows, self._keys, self._watched, self.settings)
+        now.sort(self._counts, self._rows, self._keys, self.settings)
         self._reorder()
         _one(
             self._launch,
@@ -349,7 +340,6 @@ class DeviceColumns:
                 self._walls,
                 self._held,
                 settings,
-                effects.barrier,
                 effects.metric,
             )
             self._all(device_column_nodes.sum_held, run, self._held, self._first_of_wall, self._held_report)
@@ -367,8 +357,9 @@ class DeviceColumns:
             settings,
             _chosen(NodeLaws, effects),
         )
-        if effects.entrainment.bed_lowering() > 0.0:
-            self._all(device_column_nodes.lower_bed, run, touched, fields.bed, self._lowered, effects.entrainment)
+        lowering = effects.entrainment.lowering
+        if lowering > 0.0:
+            self._all(device_column_nodes.lower_bed, run, touched, fields.bed, self._lowered, lowering)
             self._all(device_column_nodes.regrade, run, touched, fields.bed, fields.gradient, settings)
         if settings.keep_peaks:
             self._all(
@@ -403,7 +394,7 @@ class DeviceColumns:
             self._column_sums[0],
             self.settings,
             _chosen(MotionLaws, effects),
-            effects.earth_pressure,
+            largest_factor(effects.earth_pressure),
         )
         _add_up(self._launch, device_column_reports.sum_node_reports, now.run, self._node_sums)
         _add_up(self._launch, device_column_reports.sum_column_reports, now.run, self._column_sums)
@@ -436,7 +427,7 @@ class DeviceColumns:
     def _detrain(self):
         now, again, fields, settings = self._now, self._again, self._fields, self.settings
         _one(self._launch, device_column_sort.begin_again, now.run, again.run, self._counts)
-        again.sort(self._counts, self._rows, self._keys, self._nothing_watched, self.settings)
+        again.sort(self._counts, self._rows, self._keys, self.settings)
         _one(self._launch, device_column_sort.end_again, now.run, again.run)
         self._all(
             device_column_detrainment.find_losses, again.run, self._rows, again.order, fields, self._losses, settings

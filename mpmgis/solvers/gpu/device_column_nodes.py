@@ -7,6 +7,7 @@ import numpy as np
 from numba import cuda
 
 from ...compiled.block_order import CHUNKS
+from ...laws.entrainment import Entrainment
 from ..columns.column_barriers import BARRIER, BARRIER_LOSS, collect_barrier, hold_node, is_touched
 from ..columns.column_forest import break_trees, find_share
 from ..columns.column_nodes import (
@@ -107,8 +108,7 @@ def hold_at_barriers(
     places: np.ndarray,
     held: np.ndarray,
     settings: Settings,
-    barrier: tuple,
-    metric: tuple,
+    metric: int,
 ) -> None:
     """Hold the flow at the nodes in walls (see `column_barriers.hold_at_barriers`).
 
@@ -126,8 +126,8 @@ def hold_at_barriers(
     held : float64[n, HELD]
         Becomes their sums.
     settings : Settings
-    barrier, metric : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric : int
+        Slot of this name (`ColumnEffects`).
     """
     if run[STATUS] != 0:
         return
@@ -137,7 +137,7 @@ def hold_at_barriers(
         for e in range(HELD):
             mine[e] = 0.0
         if is_touched(slot, window, j, i) and nodes[j, i, NODE_MASS] > 0.0:
-            hold_node(nodes, fields, slot, window, j, i, mine, stage[KICK], settings, barrier, metric)
+            hold_node(nodes, fields, slot, window, j, i, mine, stage[KICK], settings, metric)
 
 
 @Kernel
@@ -225,17 +225,15 @@ def update_nodes(
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
-            if forest.forest_active():
-                mine[BROKEN_NOW] += break_trees(
-                    nodes, trees, state, fields.gradient, j, i, settings, forest, laws.metric
-                )
+            if forest:
+                mine[BROKEN_NOW] += break_trees(nodes, trees, state, fields.gradient, j, i, settings, laws.metric)
             deepest = mine[DEEPEST]
             eroded = update_node(nodes, fields, wet, j, i, mine, stage[KICK], settings, laws)
             if mine[DEEPEST] > deepest:
                 mine[DEEPEST_AT] = e
-            if entrainment.bed_lowering() > 0.0:
+            if entrainment.lowering > 0.0:
                 lowered[j, i] = eroded
-            if forest.forest_active():
+            if forest:
                 find_share(
                     nodes,
                     trees,
@@ -246,14 +244,13 @@ def update_nodes(
                     i,
                     stage[DT],
                     settings,
-                    forest,
                     laws.metric,
                     entrainment,
                 )
 
 
 @Kernel
-def lower_bed(run: np.ndarray, touched: np.ndarray, bed: np.ndarray, lowered: np.ndarray, entrainment: tuple) -> None:
+def lower_bed(run: np.ndarray, touched: np.ndarray, bed: np.ndarray, lowered: np.ndarray, lowering: float) -> None:
     """Lower the bed by what was eroded.
 
     Parameters
@@ -263,15 +260,15 @@ def lower_bed(run: np.ndarray, touched: np.ndarray, bed: np.ndarray, lowered: np
         Their places in the window.
     bed : float64[ny + 3, nx + 3] [m]
     lowered : float64[ny + 3, nx + 3] [kg m-2]
-    entrainment : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    lowering : float [m3 kg-1]
+        Of the `Entrainment`.
     """
     if run[STATUS] != 0:
         return
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < lowered.shape[0] and i < lowered.shape[1]:
-            bed[j, i] -= lowered[j, i] * entrainment.bed_lowering()
+            bed[j, i] -= lowered[j, i] * lowering
 
 
 @Kernel
@@ -307,8 +304,8 @@ def note_peaks(
     gradient: np.ndarray,
     peaks: np.ndarray,
     settings: Settings,
-    metric: tuple,
-    entrainment: tuple,
+    metric: int,
+    entrainment: Entrainment,
 ) -> None:
     """Update the running peaks at the touched nodes (see `column_nodes.accumulate_peaks`).
 
@@ -324,8 +321,8 @@ def note_peaks(
     gradient : float64[ny + 3, nx + 3, 2]
     peaks : float64[ny + 3, nx + 3, 4]
     settings : Settings
-    metric, entrainment : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    metric, entrainment
+        Slots of these names (`ColumnEffects`).
     """
     if run[STATUS] != 0:
         return

@@ -187,8 +187,8 @@ def collect_reports(
     touched: np.ndarray,
     lost: np.ndarray,
     settings: Settings,
-    barrier: tuple,
-    forest: tuple,
+    barrier: bool,
+    forest: bool,
 ) -> None:
     """Update clock, counts and ledger after the columns moved; one thread.
 
@@ -208,8 +208,8 @@ def collect_reports(
     lost : float64[barriers] [J]
         Energy that each barrier took in this step.
     settings : Settings
-    barrier, forest : NamedTuple
-        Laws in the slots of these names (`ColumnEffects`).
+    barrier, forest : bool
+        Slots of these names (`ColumnEffects`).
     """
     if run[STATUS] != 0:
         return
@@ -219,11 +219,11 @@ def collect_reports(
     report[0, entry.STIFF] = run[STIFF]
     note_deepest(run, clock, node_report, touched, settings.dx)
     note_fastest(clock, report, rows, order)
-    if forest.forest_active():
+    if forest:
         forest_sums[RESISTED] += node_report[0, FOREST_LOSS]
         forest_sums[BROKEN_NODES] += node_report[0, BROKEN_NOW]
     _, fired = collect(report, node_report, sums.ledger, clock, counts)
-    if barrier.barrier_active():
+    if barrier:
         for b in range(lost.shape[0]):
             clock[BARRIER_TOTAL] += lost[b]
     if counts[BAD] > 0:

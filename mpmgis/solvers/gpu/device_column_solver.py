@@ -38,7 +38,7 @@ def device_memory_of_columns(columns: int, nodes: int, bytes_at_nodes: int, effe
         Size of the arrays of the solver at its nodes.
     effects : ColumnEffects
     """
-    each = BYTES_PER_COLUMN + (BYTES_PER_COLUMN_IN_FOREST if effects.forest.forest_active() else 0)
+    each = BYTES_PER_COLUMN + (BYTES_PER_COLUMN_IN_FOREST if effects.forest else 0)
     return columns * each + bytes_at_nodes + nodes * BYTES_PER_NODE + BYTES_OF_REPORTS
 
 
@@ -91,13 +91,13 @@ class DeviceColumnSolver(ColumnSolver):
 
     def _on_device(self, settings):
         """Make the DeviceColumns of the present arrays."""
-        from . import device_laws  # noqa: F401  (kernels call methods of laws)
+        from . import device_laws  # noqa: F401  (kernels call functions of laws)
         from .device_column_loop import DeviceColumns
 
         at_nodes = sum(array.nbytes for array in (*self.fields, self._wet, self._peaks, self._left))
         needed = device_memory_of_columns(len(self._rows), self.fields.bed.size, at_nodes, self.effects)
         require_device(needed, "columns")
-        return DeviceColumns(self._arrays(), settings, self.fields, self.effects, self._watched)
+        return DeviceColumns(self._arrays(), settings, self.fields, self.effects)
 
     def insert(self, frame: "Frame", window: "CellWindow", slab: bool = True) -> None:
         """Insert columns at the present time (see `ColumnSolver.insert`).
@@ -145,14 +145,6 @@ class DeviceColumnSolver(ColumnSolver):
         if fired:  # its marks have changed on the host
             self._device = None
         return fired
-
-    def _integrate_with(self, effects, places, walls):
-        self._forget()
-        super()._integrate_with(effects, places, walls)
-
-    def _mark_watched(self):
-        self._forget()
-        super()._mark_watched()
 
     def restore(self, frame: "Frame", known: bool = False) -> None:
         """Go on from a frame (see `ColumnState.restore`), which may be of a run on the processor.

@@ -12,18 +12,7 @@ from ..columns.column_blocks import BLOCK, BlockWindow
 from ..columns.column_loop import choose_step as chosen_step
 from ..columns.column_records import Settings
 from ..columns.column_rows import X, Y
-from ..columns.column_time_step import (
-    ALIVE,
-    ALL_LEFT,
-    EAST,
-    NORTH,
-    REACHED_TIME,
-    ROWS,
-    SOUTH,
-    TIME,
-    WATCHED_REACHED,
-    WEST,
-)
+from ..columns.column_time_step import ALIVE, ALL_LEFT, EAST, NORTH, REACHED_TIME, ROWS, SOUTH, TIME, WEST
 from . import launch
 from .device_functions import Kernel, Part
 from .launch import ACTIVE, HEIGHT, NEEDS_ROOM, ROOM_PLACES, SIZE, SORTED, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
@@ -255,10 +244,8 @@ def mark_touched(run: np.ndarray, slot: np.ndarray, flags: np.ndarray) -> None:
 
 
 @Kernel
-def rank_touched(
-    run: np.ndarray, flags: np.ndarray, pieces: np.ndarray, watched: np.ndarray, touched: np.ndarray
-) -> None:
-    """Number the touched blocks; stop if one is marked in `watched`, or if there are no columns.
+def rank_touched(run: np.ndarray, flags: np.ndarray, pieces: np.ndarray, touched: np.ndarray) -> None:
+    """Number the touched blocks; stop if there are no columns.
 
     Parameters
     ----------
@@ -266,7 +253,6 @@ def rank_touched(
     flags : int32[places of the window]
     pieces : int64[threads, 2]
         Sums over the pieces of the window.
-    watched : uint8[block rows, block columns]
     touched : int32[touched blocks]
         Their places in the window.
     """
@@ -280,9 +266,6 @@ def rank_touched(
         if flags[b] != 0:
             touched[t] = b
             t += 1
-            row, column = b // run[WIDTH] + run[SOUTH_NOW], b % run[WIDTH] + run[WEST_NOW]
-            if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
-                run[STATUS] = WATCHED_REACHED
 
 
 @Kernel

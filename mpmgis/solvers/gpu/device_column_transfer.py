@@ -361,7 +361,7 @@ def grid_to_columns(
     reports: np.ndarray,
     settings: Settings,
     laws: MotionLaws,
-    earth_pressure: tuple,
+    wave_factor: float,
 ) -> None:
     """Read the new velocity field back and move the columns (see `grid_to_columns.grid_to_particles`).
 
@@ -385,8 +385,8 @@ def grid_to_columns(
     reports : float64[threads, COLUMN_REPORT]
     settings : Settings
     laws : MotionLaws
-    earth_pressure : NamedTuple
-        Law in the slot of this name (`ColumnEffects`).
+    wave_factor : float [1]
+        Largest factor of earth pressure.
     """
     rooms = cuda.shared.array(ROOMS, float64)
     marks = cuda.shared.array((WIDEST, OUT), float64)  # an odd number, as ROOM
@@ -399,7 +399,7 @@ def grid_to_columns(
     part[STIFF] = 0.0
     clear_report(part, mine)
     times = StepTimes(stage[DT], stage[BEHIND], clock[KICK_BEFORE])
-    bound = SpeedBound(clock[BOUND_BED], clock[BOUND_ENERGY], earth_pressure.largest_factor())
+    bound = SpeedBound(clock[BOUND_BED], clock[BOUND_ENERGY], wave_factor)
     end = int32(run[SORTED]) if run[STATUS] == 0 else int32(0)
     for first in range(int32(cuda.blockIdx.x) * threads, end, int32(cuda.gridDim.x) * threads):
         count = min(threads, end - first)

@@ -141,8 +141,6 @@ class DevicePoints:
         )
         self._lowest, self._inside = cuda.to_device(places.lowest), cuda.to_device(places.inside.astype(np.uint8))
         self._zone_values = self._to_device(places.zone_values)
-        watched = places.watched if places.watched.size else np.zeros((1, 1), np.uint8)
-        self._watched = cuda.to_device(np.ascontiguousarray(watched.astype(np.uint8)))
         arrays = places.barriers, places.faces, state.barrier_sums, state.face_yields
         self._barriers = device_barriers.DeviceBarriers(*arrays, self._real)
         self._site = Site(*self._ground, self._zone_values, self._barriers.values)
@@ -338,7 +336,6 @@ class DevicePoints:
             self._flags,
             self._pieces,
             lowest,
-            self._watched,
             self._slots,
             self._touched,
             self._sources,

@@ -103,14 +103,6 @@ class DevicePointSolver(PointSolver):
         self._forget()
         super()._give_impulses()
 
-    def _integrate_with(self, effects, places, walls):
-        self._forget()
-        super()._integrate_with(effects, places, walls)
-
-    def _mark_watched(self):
-        self._forget()
-        super()._mark_watched()
-
     def _update_mass_limits(self):
         self._forget()
         super()._update_mass_limits()

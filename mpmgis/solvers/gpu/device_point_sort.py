@@ -23,7 +23,6 @@ from ..points.point_time_step import (
     SINCE_REORDER,
     STEP_NOW,
     TIME,
-    WATCHED_REACHED,
     WINDOW_FIRST,
 )
 from .device_functions import Kernel, in_double
@@ -340,12 +339,11 @@ def rank_touched(
     flags: np.ndarray,
     pieces: np.ndarray,
     lowest: np.ndarray,
-    watched: np.ndarray,
     slots: np.ndarray,
     touched: np.ndarray,
     sources: np.ndarray,
 ) -> None:
-    """Number the touched blocks; stop if one is above a block column that is watched.
+    """Number the touched blocks.
 
     Parameters
     ----------
@@ -355,8 +353,6 @@ def rank_touched(
     pieces : int64[threads, 2]
     lowest : int32[block rows, block columns, 2]
         The result of `point_blocks.lowest_blocks`.
-    watched : uint8[block rows, block columns]
-        Not 0 where a block column is watched.
     slots : int32[places]
         Touched block at each place, or -1.
     touched : int32[n_touched, 3]
@@ -377,8 +373,6 @@ def rank_touched(
         touched[t, 0], touched[t, 1], touched[t, 2] = row, column, b % depth + lowest[row, column, 0]
         for o in range(8):
             sources[t, o] = -1
-        if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
-            run[STATUS] = WATCHED_REACHED
         t += 1
 
 

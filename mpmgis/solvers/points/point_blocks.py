@@ -363,24 +363,6 @@ def link_blocks(
     return count
 
 
-@jit
-def comes_near(touched: np.ndarray, n_touched: int, watched: np.ndarray) -> bool:
-    """Return whether a touched block is above a block column that is watched.
-
-    Parameters
-    ----------
-    touched : int32[n_touched, 3]
-    n_touched : int
-    watched : uint8[block rows, block columns]
-        Not 0 where a block column is watched.
-    """
-    for k in range(n_touched):
-        row, column = touched[k, 0], touched[k, 1]
-        if row < watched.shape[0] and column < watched.shape[1] and watched[row, column] != 0:
-            return True
-    return False
-
-
 def lowest_blocks(ground: np.ndarray, dx: float) -> np.ndarray:
     """Find the lowest block over each block column that points can touch.
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, row_shares, share_at, spline_at

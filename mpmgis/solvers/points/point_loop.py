@@ -9,7 +9,7 @@ nodes, which no point exceeds.
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import (
     CHUNKS,
     GONE,
@@ -27,18 +27,7 @@ from .bed_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contac
 from .grid_to_points import grid_to_points
 from .ground_contact import press_on_ground
 from .point_barriers import BLOCK_FLOW, COLUMN_FLOW, POINT_BARRIER_SUMS, SHARE, collect_point_barriers, weigh_flow
-from .point_blocks import (
-    EAST,
-    NORTH,
-    SORT_PIECES,
-    SOUTH,
-    TALL,
-    WEST,
-    comes_near,
-    link_blocks,
-    rows_and_columns,
-    sort_by_block,
-)
+from .point_blocks import EAST, NORTH, SORT_PIECES, SOUTH, TALL, WEST, link_blocks, rows_and_columns, sort_by_block
 from .point_crests import press_on_crests
 from .point_density import EVERY, correct_density
 from .point_faces import COLUMNS, LINE_ENTRIES, keep_before_faces, press_on_faces
@@ -77,7 +66,6 @@ from .point_time_step import (
     STEP_NOW,
     TIME,
     TOTAL_MASS,
-    WATCHED_REACHED,
     WINDOW_FIRST,
     book_points_left,
     collect,
@@ -175,8 +163,7 @@ def advance(
 ) -> int:
     """Advance to a time or by a number of steps; the whole loop is compiled, for any number of points.
 
-    It stops before a step that would touch a block column marked in `places.watched`. Everything that changes is in
-    `state`: a call continues exactly where the last one ended.
+    Everything that changes is in `state`: a call continues exactly where the last one ended.
 
     Parameters
     ----------
@@ -245,8 +232,6 @@ def advance(
         n_touched = link_blocks(
             block, active, extent, width, depth, lowest, touched_slot, size, touched, sources, blocks.targets
         )
-        if places.watched.size > 0 and comes_near(touched, n_touched, places.watched):
-            return WATCHED_REACHED
         if counts[SINCE_REORDER] >= REORDER_STEPS:
             reorder(rows, state.ids, keys, order, alive, strip, names)
             counts[ROWS], counts[SINCE_REORDER] = alive, 0

@@ -34,7 +34,6 @@ class PointPlaces(NamedTuple):
     lowest: np.ndarray  # see `point_blocks.lowest_blocks`
     inside: np.ndarray  # uint8[cells_y, cells_x], 1 where the terrain has an elevation
     zone_values: np.ndarray  # float64[rows, columns, k] parameters of the contact law
-    watched: np.ndarray  # uint8[block rows, block columns], empty where nothing is watched
     barriers: np.ndarray  # float64[rows, columns, POINT_BARRIER_ENTRIES]
     faces: np.ndarray  # float64[faces, FACE_ENTRIES]
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiled import law_methods as _laws  # noqa: F401  (registers the methods of laws)
+from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.jit import jit, kernel_part, law_function
 from ...compiled.simd_lanes import get, load, prefetch, put, store, transposed
 from . import point_batch as line

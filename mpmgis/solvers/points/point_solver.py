@@ -253,29 +253,8 @@ class PointSolver(PointBalances):
     def _kernel_places(self):
         """Return ground and map, as PointPlaces."""
         return PointPlaces(
-            self._known_ground,
-            self._lowest,
-            self.grid.inside,
-            self._zone_values,
-            self._watched,
-            self._barriers,
-            self._faces,
+            self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._barriers, self._faces
         )
-
-    def _integrate_with(self, effects, places, walls):
-        """Continue with other `effects`, `places` and `walls`; sums of unchanged barriers are kept."""
-        self.effects = effects
-        self._effects = self._effects._replace(contact=effects.contact, zones=effects.zones, barrier=effects.barrier)
-        zone_values = places.zone_values
-        self._zone_values = NO_PLACES if zone_values is None else padded(zone_values)
-        if self.walls != tuple(walls):
-            self.walls = tuple(walls)
-            self._set_barriers()
-
-    @staticmethod
-    def _on_kernel_nodes(values):
-        """Extend `values` [ny + 3, nx + 3] to the nodes of the blocks."""
-        return padded(values[..., None])[..., 0]
 
     def frame(self) -> "Frame":
         """Return the present points as a Frame."""
@@ -332,7 +311,7 @@ class PointSolver(PointBalances):
         rows, _, keys = self._alive()
         begun = {"stress": self._stress, "affine": self._affine}  # before the first step converts them to impulses
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
-        state |= self._left_state() | self._watch_state() | self._yield_state()
+        state |= self._left_state() | self._yield_state()
         state |= peaks_state(self._peaks) if self.numerics.maxima else {}
         state |= {name: array.copy() for name, array in self._changing().items()}
         return state | {"counts": self._counts_of_rows()}
@@ -385,7 +364,6 @@ class PointSolver(PointBalances):
             The frame has no state, or that of another run.
         """
         self._forget_computed()
-        self._restore_watch(frame)
         state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
         if not {"rows", "keys", *LEFT_STATE, *YIELD_STATE, *self._changing()} <= set(state) or ids is None:
             raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")

@@ -33,8 +33,7 @@ from .point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, Settings, SortedPoints,
     NOT_FINITE_STATE,  # a point is not finite
     LEAKED,  # too much mass was below the ground in one step
     SCATTERED,  # the points are too far apart for the window of blocks
-    WATCHED_REACHED,  # the flow is about to touch a feature that is watched
-) = range(7)
+) = range(6)
 # float64 clock: state of the time integration, also stored for a restart
 (
     TIME,  # [s] simulated time

@@ -8,8 +8,7 @@ import json
 import numpy as np
 from column_slots import erodible, made, pile, zones
 
-from mpmgis.laws.entrainment import ErosionEnergy
-from mpmgis.laws.friction import FrictionZones
+from mpmgis.laws.entrainment import entrainment_law
 from mpmgis.solvers.columns import column_time_step
 from mpmgis.solvers.columns.column_solver import ColumnSolver
 from mpmgis.solvers.columns.node_grid import CellWindow
@@ -17,7 +16,7 @@ from mpmgis.solvers.gpu.device_column_solver import DeviceColumnSolver
 
 KINDS = ColumnSolver, DeviceColumnSolver
 FIRST, END = 0.3, 0.6  # [s], of frames
-LAWS = {"entrainment": ErosionEnergy(2000.0, 1e-3), "places": erodible, "gradient": False}
+LAWS = {"entrainment": entrainment_law("ErosionEnergy", 2000.0, 1e-3), "places": erodible, "gradient": False}
 
 
 def solver_of(kind, **more):
@@ -91,7 +90,7 @@ def with_other_laws(solver):
     after(solver, FIRST)
     places = zones(solver.grid)
     object.__setattr__(places, "erodible", solver.places.erodible)
-    solver._integrate_with(solver.effects._replace(zones=FrictionZones()), places, ())
+    solver._integrate_with(solver.effects._replace(zones=True), places, ())
     return after(solver, END)
 
 

@@ -5,14 +5,11 @@ import numpy as np
 from numba import types
 
 from mpmgis.laws import friction as laws
-from mpmgis.laws.barrier import Barrier
-from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.effect_slots import ColumnEffects
-from mpmgis.laws.entrainment import ErosionEnergy
-from mpmgis.laws.forest import Forest
-from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.entrainment import entrainment_law
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
-from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_motion import MotionLaws
 from mpmgis.solvers.columns.column_nodes import NodeLaws
 from mpmgis.solvers.columns.column_records import NodeFields, Settings
@@ -46,19 +43,19 @@ SETTINGS = Settings(
     keep_peaks=True,
 )
 EFFECTS = {
-    "plain": ColumnEffects(laws.Voellmy(0.2, 800.0)),
+    "plain": ColumnEffects(laws.friction_law("Voellmy", 0.2, 800.0)),
     "all": ColumnEffects(
-        laws.Bingham(100.0, 10.0),
-        laws.FrictionZones(),
-        laws.Cohesion(10.0),
-        curvature=Curvature(),
+        laws.friction_law("Bingham", 100.0, 10.0),
+        True,
+        10.0,
+        curvature=CURVATURE,
         earth_pressure=earth_pressure(35.0, 20.0),
         viscosity=InPlaneViscosity(10.0, 100.0),
-        entrainment=ErosionEnergy(500.0, 1e-3),
-        barrier=Barrier(),
-        forest=Forest(),
+        entrainment=entrainment_law("ErosionEnergy", 500.0, 1e-3),
+        barrier=True,
+        forest=True,
     ),
-    "water": ColumnEffects(laws.Pouliquen(0.38, 0.6, 0.136, 0.05), metric=WaterMetric(), still_water=StillWater()),
+    "water": ColumnEffects(laws.friction_law("Pouliquen", 0.38, 0.6, 0.136, 0.05), metric=WATER, still_water=True),
 }
 FIELDS = NodeFields(
     *(np.zeros((1,) * dimensions) for dimensions in (2, 3)),

@@ -10,14 +10,12 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from column_scenes import columns_of, terrain_of
 
 from mpmgis.laws import friction as laws
-from mpmgis.laws.barrier import Barrier
-from mpmgis.laws.curvature import Curvature
+from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.effect_slots import ColumnEffects
-from mpmgis.laws.entrainment import ErosionEnergy, ErosionSpeed
-from mpmgis.laws.forest import FOREST_ENTRIES, Forest
-from mpmgis.laws.ground_metric import WaterMetric
+from mpmgis.laws.entrainment import entrainment_law
+from mpmgis.laws.forest import FOREST_ENTRIES
+from mpmgis.laws.ground_metric import WATER
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
-from mpmgis.laws.still_water import StillWater
 from mpmgis.solvers.columns.column_rows import CXX
 from mpmgis.solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries
@@ -26,7 +24,7 @@ from mpmgis.solvers.features.walls import Wall, wall_nodes
 
 DX = 5.0
 LENGTH, WIDTH = 130.0, 90.0
-VOELLMY = laws.Voellmy(0.15, 800.0)
+VOELLMY = laws.friction_law("Voellmy", 0.15, 800.0)
 HOLE = (65.0, 75.0, 30.0, 50.0)  # west, east, south, north of cells without elevation
 POOL = 16.0  # [m] still level of the lake
 
@@ -206,14 +204,14 @@ def drawn(seed):
             frame,
             places,
             size,
-            zones=laws.FrictionZones(),
-            cohesion=laws.Cohesion(100.0),
-            curvature=Curvature(),
+            zones=True,
+            cohesion=100.0,
+            curvature=CURVATURE,
             earth_pressure=earth_pressure(35.0, 20.0),
             viscosity=InPlaneViscosity(50.0, 500.0),
-            entrainment=ErosionEnergy(800.0, 1e-3),
-            barrier=Barrier(),
-            forest=Forest(),
+            entrainment=entrainment_law("ErosionEnergy", 800.0, 1e-3),
+            barrier=True,
+            forest=True,
             edges=("open", "wall")[rng.integers(2)],
             clamp=(0.0, 1.5)[rng.integers(2)],
             time_step=(None, 0.1)[rng.integers(2)],
@@ -222,7 +220,7 @@ def drawn(seed):
     return make
 
 
-WATER = {"metric": WaterMetric(), "bed": beach}
+WATER = {"metric": WATER, "bed": beach}
 WEST, EAST = {"west": 0, "east": 15, "south": 0, "north": 15}, {"west": 115, "east": 130, "south": 75, "north": 90}
 # name -> (what makes a solver of a kind, steps)
 SCENES = {
@@ -237,61 +235,78 @@ SCENES = {
         lambda kind=ColumnSolver: made(kind, frame=pile(1.0, (-40.0, -35.0), **WEST), edges="wall", time_step=0.3),
         3,
     ),
-    "Coulomb": (lambda kind=ColumnSolver: made(kind, friction=laws.Coulomb(0.4)), 2),
-    "Frictionless": (lambda kind=ColumnSolver: made(kind, friction=laws.Frictionless()), 2),
-    "ModifiedVoellmy": (lambda kind=ColumnSolver: made(kind, friction=laws.ModifiedVoellmy(0.15, 800.0, 200.0)), 2),
-    "Bingham": (lambda kind=ColumnSolver: made(kind, friction=laws.Bingham(500.0, 50.0)), 2),
-    "Pouliquen": (lambda kind=ColumnSolver: made(kind, friction=laws.Pouliquen(0.38, 0.6, 0.136, 0.05)), 2),
-    "zones": (lambda kind=ColumnSolver: made(kind, places=zones, zones=laws.FrictionZones()), 2),
-    "cohesion": (lambda kind=ColumnSolver: made(kind, cohesion=laws.Cohesion(800.0)), 2),
-    "curvature": (lambda kind=ColumnSolver: made(kind, curvature=Curvature()), 3),
+    "Coulomb": (lambda kind=ColumnSolver: made(kind, friction=laws.friction_law("Coulomb", 0.4)), 2),
+    "Frictionless": (lambda kind=ColumnSolver: made(kind, friction=laws.FRICTIONLESS), 2),
+    "ModifiedVoellmy": (
+        lambda kind=ColumnSolver: made(kind, friction=laws.friction_law("ModifiedVoellmy", 0.15, 800.0, 200.0)),
+        2,
+    ),
+    "Bingham": (lambda kind=ColumnSolver: made(kind, friction=laws.friction_law("Bingham", 500.0, 50.0)), 2),
+    "Pouliquen": (
+        lambda kind=ColumnSolver: made(kind, friction=laws.friction_law("Pouliquen", 0.38, 0.6, 0.136, 0.05)),
+        2,
+    ),
+    "zones": (lambda kind=ColumnSolver: made(kind, places=zones, zones=True), 2),
+    "cohesion": (lambda kind=ColumnSolver: made(kind, cohesion=800.0), 2),
+    "curvature": (lambda kind=ColumnSolver: made(kind, curvature=CURVATURE), 3),
     "earth pressure": (lambda kind=ColumnSolver: made(kind, earth_pressure=earth_pressure(35.0, 20.0)), 3),
     "viscosity": (lambda kind=ColumnSolver: made(kind, viscosity=InPlaneViscosity(5e4, 4000.0)), 3),
-    "swe": (lambda kind=ColumnSolver: made(kind, metric=WaterMetric()), 2),
+    "swe": (lambda kind=ColumnSolver: made(kind, metric=WATER), 2),
     "still water": (
         lambda kind=ColumnSolver: made(
-            kind, frame=pile(1.5, west=70.0, east=95.0), places=lake, still_water=StillWater(), **WATER
+            kind, frame=pile(1.5, west=70.0, east=95.0), places=lake, still_water=True, **WATER
         ),
         3,
     ),
-    "erosion": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionSpeed(0.02)), 3),
-    "greedy erosion": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionSpeed(3.0)), 2),
-    "lowered bed": (lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=ErosionEnergy(500.0, 1e-3)), 3),
+    "erosion": (
+        lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=entrainment_law("ErosionSpeed", 0.02)),
+        3,
+    ),
+    "greedy erosion": (
+        lambda kind=ColumnSolver: made(kind, places=erodible, entrainment=entrainment_law("ErosionSpeed", 3.0)),
+        2,
+    ),
+    "lowered bed": (
+        lambda kind=ColumnSolver: made(
+            kind, places=erodible, entrainment=entrainment_law("ErosionEnergy", 500.0, 1e-3)
+        ),
+        3,
+    ),
     "lowered bed with curvature": (
         lambda kind=ColumnSolver: made(
-            kind, places=erodible, entrainment=ErosionEnergy(500.0, 1e-3), curvature=Curvature()
+            kind, places=erodible, entrainment=entrainment_law("ErosionEnergy", 500.0, 1e-3), curvature=CURVATURE
         ),
         3,
     ),
     "clamp": (spread, 2),
     "speed bound": (fast, 2),
     "too fast": (lambda kind=ColumnSolver: fast(kind, slice(None), 90.0), 2),
-    "weightless": (lambda kind=ColumnSolver: made(kind, time_step=1.5, curvature=Curvature()), 3),
+    "weightless": (lambda kind=ColumnSolver: made(kind, time_step=1.5, curvature=CURVATURE), 3),
     "triggers": (armed, 9),
-    "barriers": (lambda kind=ColumnSolver: made(kind, places=walls, barrier=Barrier()), 6),
+    "barriers": (lambda kind=ColumnSolver: made(kind, places=walls, barrier=True), 6),
     "barrier outside": (
         lambda kind=ColumnSolver: made(
-            kind, frame=pile(1.0, (-14.0, -12.0), **WEST), places=wall_outside, barrier=Barrier(), time_step=0.3
+            kind, frame=pile(1.0, (-14.0, -12.0), **WEST), places=wall_outside, barrier=True, time_step=0.3
         ),
         2,
     ),
     "barriers and walls": (
-        lambda kind=ColumnSolver: made(kind, places=walls, barrier=Barrier(), edges="wall", curvature=Curvature()),
+        lambda kind=ColumnSolver: made(kind, places=walls, barrier=True, edges="wall", curvature=CURVATURE),
         6,
     ),
-    "forest": (lambda kind=ColumnSolver: made(kind, places=trees(100.0, 0.03, 0.05, 1e12), forest=Forest()), 4),
+    "forest": (lambda kind=ColumnSolver: made(kind, places=trees(100.0, 0.03, 0.05, 1e12), forest=True), 4),
     "forest breaks": (
-        lambda kind=ColumnSolver: made(kind, places=trees(20.0, 0.03, 0.0, 2e4, 0.0, 0.0, 1.5), forest=Forest()),
+        lambda kind=ColumnSolver: made(kind, places=trees(20.0, 0.03, 0.0, 2e4, 0.0, 0.0, 1.5), forest=True),
         4,
     ),
     "forest takes all": (
         lambda kind=ColumnSolver: made(
-            kind, frame=pile(0.02, spacing=5.0), places=trees(2e4, 0.0, 0.0, 1e12, clearing=0.0), forest=Forest()
+            kind, frame=pile(0.02, spacing=5.0), places=trees(2e4, 0.0, 0.0, 1e12, clearing=0.0), forest=True
         ),
         4,
     ),
     "forest with limits": (
-        lambda kind=ColumnSolver: made(kind, places=trees(50.0, 0.03, 0.0, 1e12, 3.0, 0.5), forest=Forest()),
+        lambda kind=ColumnSolver: made(kind, places=trees(50.0, 0.03, 0.0, 1e12, 3.0, 0.5), forest=True),
         4,
     ),
     "forest, erosion and walls": (
@@ -299,8 +314,8 @@ SCENES = {
             kind,
             frame=pile(0.5, (-6.0, -5.0), west=0, east=20, south=30, north=50),
             places=trees(50.0, 0.03, 0.05, 1e12, also_erodible=True),
-            forest=Forest(),
-            entrainment=ErosionSpeed(0.01),
+            forest=True,
+            entrainment=entrainment_law("ErosionSpeed", 0.01),
             edges="wall",
         ),
         4,

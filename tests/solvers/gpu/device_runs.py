@@ -17,7 +17,6 @@ sys.path[:0] = [str(HERE.parents[2]), str(HERE.parents[1] / "bench")]
 
 from gpu import slab  # noqa: E402
 
-from mpmgis.laws.barrier import Barrier  # noqa: E402
 from mpmgis.laws.contact_friction import CoulombContact  # noqa: E402
 from mpmgis.laws.effect_slots import PointEffects  # noqa: E402
 from mpmgis.laws.material import drucker_prager  # noqa: E402
@@ -40,7 +39,7 @@ def made(kind, walls=(), empty=False):
         frame.particles.velocity[:, 0] = 5.0
     if empty:
         frame, stress = replace(frame, particles=frame.particles.take([])), None
-    effects = EFFECTS._replace(barrier=Barrier()) if walls else EFFECTS
+    effects = EFFECTS._replace(barrier=True) if walls else EFFECTS
     return kind(frame, terrain, effects, PointNumerics(1.0, density=2000.0, maxima=True), stress, walls=walls)
 
 
@@ -135,7 +134,7 @@ def main():
 def with_other_walls(kind):
     """A solver of `kind` at END: no barrier until FIRST, then one whose faces the slab touches."""
     solver = after(made(kind), FIRST)
-    solver._integrate_with(EFFECTS._replace(barrier=Barrier()), SimpleNamespace(zone_values=None), dam())
+    solver._integrate_with(EFFECTS._replace(barrier=True), SimpleNamespace(zone_values=None), dam())
     return after(solver, END)
 
 

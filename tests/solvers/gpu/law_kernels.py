@@ -14,7 +14,7 @@ import numpy as np
 from numba import types
 
 from mpmgis import laws as package
-from mpmgis.compiled.law_methods import INLINED_METHODS, METHODS
+from mpmgis.compiled.law_functions import INLINED_METHODS, METHODS
 from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
 from mpmgis.laws.softening import NoSoftening

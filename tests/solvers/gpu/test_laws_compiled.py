@@ -6,7 +6,6 @@ import subprocess
 import pytest
 from law_kernels import PRECISIONS, assembler, compiler_lack, kernel_of, laws, methods, texts_of
 
-from mpmgis.laws.friction import Bingham
 from mpmgis.laws.internal_stress import InPlaneViscosity
 from mpmgis.laws.own_law import load_laws
 

@@ -1,48 +1,33 @@
-"""Methods that kernels call on laws, and the check that a compiled user law gives the same results."""
+"""Functions of laws that kernels call, and the check that a compiled user law gives the same results."""
 
 import math
 
 import numba
 import numpy as np
 
-from ..laws import flow_layers, hencky, softening
+from ..laws import (
+    barrier,
+    curvature,
+    entrainment,
+    flow_layers,
+    forest,
+    friction,
+    ground_metric,
+    hencky,
+    internal_stress,
+    own_law,
+    softening,
+    still_water,
+)
 from ..laws.own_law import OwnLaws, tried_inputs
 from ..system.errors import SceneError, one_line
-from .jit import FASTMATH, include_own_laws, law_function, law_method
+from .jit import FASTMATH, include_own_laws, law_function, law_method, own_or_built_in
 
+# methods of the laws of points
 METHODS = (
-    "dry_stress",  # friction
-    "viscous_coefficient",
-    "drag_coefficient",
     "at_node",
-    "basal_stress",
-    "plug_ratio",  # friction and viscosity
     "local",  # zones
-    "cohesive_stress",  # cohesion
-    "metric_gradient",  # metric
-    "curvature_active",  # curvature
-    "turned_velocity",
-    "centrifugal_acceleration",
-    "effective_gravity",
-    "still_water_active",  # still water
-    "reference_depth",
-    "earth_pressure_active",  # earth pressure
-    "pressure_factor",
-    "largest_factor",
-    "viscosity_active",  # viscosity in the plane
-    "apparent_viscosity",
-    "entrainment_active",  # entrainment
-    "erosion_rate",
-    "bed_lowering",
-    "forest_active",  # forest
-    "forest_breaks",
-    "forest_only_detrains",
-    "forest_detrained",
     "barrier_active",  # barriers
-    "weir_discharge",
-    "opening_discharge",
-    "deflected",
-    "let_through",
     "stress_step_far",  # material
     "stored_energy",
     "volume_ratio",
@@ -66,7 +51,28 @@ INLINED_METHODS = (
     "softened_cone",  # softening
 )
 
+# methods of user-defined laws that their `stress_parts` may call
+OWN_METHODS = (own_law.WHOLE, *own_law.SPLIT)
+# functions of a law that is a record, or a user-defined one with a method of the name -> (record, what the record gets)
+OWN_OR_BUILT_IN = {
+    friction.stress_parts: (friction.Friction, friction.built_in_parts),
+    friction.at_node: (friction.Friction, friction.built_in_at_node),
+}
+
 INLINED_FUNCTIONS = (
+    ground_metric.metric_gradient,
+    ground_metric.slope_gradient,
+    ground_metric.water_gradient,
+    ground_metric.cosine_squared,
+    curvature.turned_velocity,
+    curvature.centrifugal_acceleration,
+    curvature.effective_gravity,
+    friction.slowed_speed,
+    still_water.reference_depth,
+    internal_stress.is_hydrostatic,
+    internal_stress.pressure_factor,
+    internal_stress.largest_factor,
+    internal_stress.is_viscous,
     hencky.determinant_of_step,
     hencky.pushed_forward,
     hencky.squared,
@@ -81,10 +87,32 @@ INLINED_FUNCTIONS = (
     softening.faded,
     softening.matched_cone,
 )
-FUNCTIONS = (hencky.rotation, hencky.turned, hencky.principal, hencky.assembled, hencky.principal_strain)
-FUNCTIONS += (flow_layers.relative_roughness, flow_layers.chezy_number, flow_layers.turbulent_link)
+FUNCTIONS = (
+    *(law for law, _ in friction.LAWS.values()),
+    friction.built_in_parts,
+    friction.plug_ratio,
+    friction.basal_stress,
+    internal_stress.apparent_viscosity,
+    *(law for law, _ in entrainment.LAWS.values()),
+    entrainment.erosion_rate,
+    barrier.weir_discharge,
+    barrier.opening_discharge,
+    barrier.deflected,
+    barrier.let_through,
+    forest.forest_breaks,
+    forest.forest_only_detrains,
+    forest.forest_detrained,
+    hencky.rotation,
+    hencky.turned,
+    hencky.principal,
+    hencky.assembled,
+    hencky.principal_strain,
+    flow_layers.relative_roughness,
+    flow_layers.chezy_number,
+    flow_layers.turbulent_link,
+)
 
-for _name in METHODS:
+for _name in (*METHODS, *OWN_METHODS):
     law_method(_name)
 for _name in INLINED_METHODS:
     law_method(_name, inlined=True)
@@ -92,6 +120,8 @@ for _function in INLINED_FUNCTIONS:
     law_function(_function)
 for _function in FUNCTIONS:
     law_function(_function, inlined=False)
+for _function, (_record, _built_in) in OWN_OR_BUILT_IN.items():
+    own_or_built_in(_function, _record, _built_in)
 
 
 TOLERANCE = 1e-9  # of compiled against plain: the compiler may take another root or power
@@ -123,7 +153,7 @@ def require_compiled(law: tuple, name: str) -> None:
     SceneError
         With the most informative line of the message of the compiler.
     """
-    clash = sorted(set(law._fields) & set(METHODS))
+    clash = sorted(set(law._fields) & {*OWN_METHODS, *(function.__name__ for function in OWN_OR_BUILT_IN)})
     if clash:
         raise SceneError(
             f"{name}: a parameter cannot be called {clash[0]!r}, which is a method of the solver; rename it"
@@ -140,13 +170,10 @@ def require_compiled(law: tuple, name: str) -> None:
 
 def _stresses(law, node, density, gravity, normal_stress, thickness_normal, speed):
     """All results of a law that the solver uses, directly and with the parameters of a node."""
-    law_here = law.at_node(node, 0, 0)
-    return (
-        law.dry_stress(density, gravity, normal_stress, thickness_normal, speed),
-        law.viscous_coefficient(density, gravity, normal_stress, thickness_normal, speed),
-        law.drag_coefficient(gravity, thickness_normal, speed),
-        law_here.dry_stress(density, gravity, normal_stress, thickness_normal, speed),
-    )
+    law_here = friction.at_node(law, node, 0, 0)
+    dry, viscous, drag = friction.stress_parts(law, density, gravity, normal_stress, thickness_normal, speed)
+    here, _, _ = friction.stress_parts(law_here, density, gravity, normal_stress, thickness_normal, speed)
+    return dry, viscous, drag, here
 
 
 def _require_same(plain, compiled, inputs, name):
