@@ -153,7 +153,7 @@ def require_compiled(law: tuple, name: str) -> None:
     SceneError
         With the most informative line of the message of the compiler.
     """
-    clash = sorted(set(law._fields) & {*OWN_METHODS, *(function.__name__ for function in OWN_OR_BUILT_IN)})
+    clash = sorted(set(law._fields) & {*METHODS, *OWN_METHODS, *(function.__name__ for function in OWN_OR_BUILT_IN)})
     if clash:
         raise SceneError(
             f"{name}: a parameter cannot be called {clash[0]!r}, which is a method of the solver; rename it"

@@ -1,10 +1,10 @@
-"""Methods of laws as the solver's compiler has them."""
+"""Laws as the solver's compiler has them."""
 
 import functools
 
 import numba
 
-from mpmgis.compiled import law_functions  # noqa: F401  (registers the methods)
+from mpmgis.compiled import law_functions  # noqa: F401  (registers the functions)
 from mpmgis.compiled.jit import FASTMATH
 
 
@@ -14,4 +14,13 @@ def compiled(method, arguments):
     names = ", ".join(f"a{k}" for k in range(arguments))
     namespace = {}
     exec(f"def call(law, {names}):\n    return law.{method}({names})", namespace)
+    return numba.njit(fastmath=FASTMATH, error_model="numpy")(namespace["call"])
+
+
+@functools.cache
+def compiled_function(function):
+    """Kernel that calls `function` of a law, with the arguments of that function."""
+    names = ", ".join(function.__code__.co_varnames[: function.__code__.co_argcount])
+    namespace = {"function": function}
+    exec(f"def call({names}):\n    return function({names})", namespace)
     return numba.njit(fastmath=FASTMATH, error_model="numpy")(namespace["call"])

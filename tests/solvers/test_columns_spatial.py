@@ -11,10 +11,10 @@ from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
 from mpmgis.compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.barrier import CORE, CORNER, FACE
+from mpmgis.laws.barrier import CORE, CORNER, FACE, deflected, weir_discharge
 from mpmgis.laws.curvature import CURVATURE
-from mpmgis.laws.entrainment import entrainment_law
-from mpmgis.laws.friction import friction_law
+from mpmgis.laws.entrainment import entrainment_law, erosion_rate
+from mpmgis.laws.friction import at_node, friction_law
 from mpmgis.laws.ground_metric import WATER
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries
 from mpmgis.solvers.columns.node_grid import ColumnGrid
@@ -211,14 +211,13 @@ def test_erosion_restarts_bitwise():
 
 def test_laws_of_zones_agree_with_compiled():
     @numba.njit
-    def all_of(barrier, energy, speed, zones, friction, values, u, v, hold, mu, open_speed, head):
-        placed = zones.local(friction, values, 0, 0)
+    def all_of(energy, speed, friction, values, u, v, hold, mu, open_speed, head):
         return (
-            barrier.deflected(u, v, 0.6, 0.8, hold, mu, open_speed),
-            barrier.weir_discharge(9.81, head, 4.0),
-            energy.erosion_rate(1000.0, 2500.0, 12.0),
-            speed.erosion_rate(1000.0, 2500.0, 12.0),
-            placed.mu + placed.xi,
+            deflected(u, v, 0.6, 0.8, hold, mu, open_speed),
+            weir_discharge(9.81, head, 4.0),
+            erosion_rate(energy, 1000.0, 2500.0, 12.0),
+            erosion_rate(speed, 1000.0, 2500.0, 12.0),
+            at_node(friction, values, 0, 0),
         )
 
     for hold in (FACE, CORE, CORNER):
@@ -226,18 +225,16 @@ def test_laws_of_zones_agree_with_compiled():
             for open_speed, head in ((0.0, -1.0), (0.5, 2.0)):
                 values = np.array([[[0.3, 700.0]]])
                 laws = (
-                    True,
                     entrainment_law("ErosionEnergy", 5000.0),
                     entrainment_law("ErosionSpeed", 1e-3),
-                    True,
                     friction_law("Voellmy", 0.1, 1.0),
                     values,
                 )
                 arguments = (*laws, u, v, hold, 0.3, open_speed, head)
                 assert all_of(*arguments) == all_of.py_func(*arguments)
-    assert True.deflected(-3.0, -1.0, 0.6, 0.8, CORNER, 0.0, 0.0) == (0.0, 0.0)
-    assert True.weir_discharge(9.81, 3.0, 0.0) == pytest.approx(math.sqrt(9.81) * 2.0**1.5)
-    assert entrainment_law("ErosionEnergy", 5000.0).erosion_rate(1000.0, 2500.0, 12.0) == 6.0
+    assert deflected(-3.0, -1.0, 0.6, 0.8, CORNER, 0.0, 0.0) == (0.0, 0.0)
+    assert weir_discharge(9.81, 3.0, 0.0) == pytest.approx(math.sqrt(9.81) * 2.0**1.5)
+    assert erosion_rate(entrainment_law("ErosionEnergy", 5000.0), 1000.0, 2500.0, 12.0) == 6.0
 
 
 @pytest.mark.thorough

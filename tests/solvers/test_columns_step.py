@@ -8,7 +8,7 @@ from column_scenes import G, columns_of, dam_break, node_thickness, relative_l1,
 from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.particles import Frame
 from mpmgis.laws.curvature import CURVATURE
-from mpmgis.laws.friction import FRICTIONLESS, friction_law, slowed_speed
+from mpmgis.laws.friction import FRICTIONLESS, friction_law, slowed_speed, stress_parts
 from mpmgis.laws.ground_metric import SLOPE, WATER
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.columns.column_solver import ColumnSolver
@@ -87,9 +87,9 @@ def plain_step(particles, solver, dt, law, curved):
         speed = np.sqrt(u @ u + (u @ gradient) ** 2)
         h = max(mass[n] / (density * dx * dx), solver._settings.thickness_floor)
         load = max(0.0, G + u @ bending(grid.bed, n, dx) @ u) if curved else G
-        dry = law.dry_stress(density, G, density * h * load * c2, h * np.sqrt(c2), speed)
+        dry, _, drag = stress_parts(law, density, G, density * h * load * c2, h * np.sqrt(c2), speed)
         per_mass = density * h * np.sqrt(c2)
-        slowed = slowed_speed(speed, dt, dry / per_mass, 0.0, law.drag_coefficient(G, h, speed) / (h * np.sqrt(c2)))
+        slowed = slowed_speed(speed, dt, dry / per_mass, 0.0, drag / (h * np.sqrt(c2)))
         velocity[n] = u * slowed / speed if speed > 0 else 0
     out = []
     for p, (i, j, w, dwx, dwy, gradient) in enumerate(stencils):

@@ -120,9 +120,11 @@ def test_friction_loss_agrees_with_the_law(form, degrees):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("lowering", [0.0, 1.0 / 1600.0])
-@pytest.mark.parametrize(("form", "law"), [("slope", ErosionEnergy), ("slope", ErosionSpeed), ("swe", ErosionEnergy)])
+@pytest.mark.parametrize(
+    ("form", "law"), [("slope", "ErosionEnergy"), ("slope", "ErosionSpeed"), ("swe", "ErosionEnergy")]
+)
 def test_erosion_by_both_laws_and_with_a_lowered_bed(form, law, lowering):
-    erosion = law({ErosionEnergy: 200.0, ErosionSpeed: 5e-3}[law], lowering)
+    erosion = entrainment_law(law, {"ErosionEnergy": 200.0, "ErosionSpeed": 5e-3}[law], lowering)
     solver = hill_solver(release(), form=form, erosion=erosion, erodible=500.0)
     solver.advance(15.0)
     b = closed(solver)

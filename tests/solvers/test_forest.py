@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mpmgis.compiled.block_order import CHUNKS
 from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.entrainment import entrainment_law
-from mpmgis.laws.forest import FOREST_ENTRIES
+from mpmgis.laws.forest import FOREST_ENTRIES, forest_breaks, forest_detrained
 from mpmgis.laws.friction import friction_law
 from mpmgis.solvers.columns import column_detrainment, column_forest, column_time_step
 from mpmgis.solvers.columns.column_blocks import TouchedBlocks
@@ -406,12 +406,8 @@ def _passes(solver, plain):
     )
 
 
-def test_the_null_law_does_nothing():
-    assert not False.forest_active()
-    assert not False.forest_breaks(0.0, 0.0, 1000.0, 1.0, 100.0)
-    assert not False.forest_only_detrains(9.0, 9.0, 1.0, 1.0)
-    assert False.forest_detrained(1e6, 1.0, 1.0) == 0.0
-    assert True.forest_detrained(30.0, 0.0, 1.0) == 0.0
-    assert True.forest_detrained(30.0, 10.0, 2.0) == 6.0
-    assert True.forest_breaks(1e5, 0.0, 1000.0, 1.0, 10.0) and True.forest_breaks(1e9, 0.9, 1000.0, 1.0, 10.0)
-    assert not True.forest_breaks(1.001e5, 0.0, 1000.0, 1.0, 10.0)
+def test_trees_break_and_detrain_by_their_numbers():
+    assert forest_detrained(30.0, 0.0, 1.0) == 0.0
+    assert forest_detrained(30.0, 10.0, 2.0) == 6.0
+    assert forest_breaks(1e5, 0.0, 1000.0, 1.0, 10.0) and forest_breaks(1e9, 0.9, 1000.0, 1.0, 10.0)
+    assert not forest_breaks(1.001e5, 0.0, 1000.0, 1.0, 10.0)

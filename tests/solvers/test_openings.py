@@ -12,6 +12,7 @@ from opening_scenes import basin, discharge_of_columns, discharge_of_points, wal
 
 from mpmgis.compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from mpmgis.compiled.jit import set_threads
+from mpmgis.laws.barrier import let_through, opening_discharge
 from mpmgis.laws.ground_metric import WATER
 from mpmgis.solvers.features.wall_openings import narrow_openings
 from mpmgis.solvers.features.walls import Wall, margin_in_3d, wall_nodes
@@ -188,21 +189,20 @@ def test_flow_along_a_wall_passes_its_end():
 
 def test_laws_of_openings_are_the_same_compiled():
     @numba.njit
-    def both(law, u, v, side, mu, depth, speed, tail):
-        return (law.opening_discharge(9.81, depth, speed, tail, 0.5), law.let_through(u, v, 0.6, 0.8, side, mu, 0.7))
+    def both(u, v, side, mu, depth, speed, tail):
+        return (opening_discharge(9.81, depth, speed, tail, 0.5), let_through(u, v, 0.6, 0.8, side, mu, 0.7))
 
     for u, v in ((3.0, 1.0), (-2.0, 2.0), (0.0, 0.0)):
         for side in (-1.0, 0.0, 1.0):
             for tail in (0.0, 1.9, 4.0):
-                arguments = (True, u, v, side, 0.2, 2.0, 1.0, tail)
+                arguments = (u, v, side, 0.2, 2.0, 1.0, tail)
                 assert both(*arguments) == both.py_func(*arguments)
-    law = True
-    assert law.opening_discharge(G, 3.0, 0.0, 0.0, 0.0) == pytest.approx(np.sqrt(G) * 2.0**1.5)
-    assert law.opening_discharge(G, 3.0, 0.0, 3.0, 0.0) == 0.0
-    fast = law.opening_discharge(G, 1.0, 20.0, 0.0, 0.0)
+    assert opening_discharge(G, 3.0, 0.0, 0.0, 0.0) == pytest.approx(np.sqrt(G) * 2.0**1.5)
+    assert opening_discharge(G, 3.0, 0.0, 3.0, 0.0) == 0.0
+    fast = opening_discharge(G, 1.0, 20.0, 0.0, 0.0)
     assert fast > 1.0 * 20.0  # no flow is more than critical for its head: a fast flow is never limited
-    assert law.let_through(1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (1.0, 0.0)  # towards the opening: no limit
-    assert law.let_through(-1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (0.0, 0.0)
+    assert let_through(1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (1.0, 0.0)  # towards the opening: no limit
+    assert let_through(-1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 9.0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("deep", [3.0, 4.0, 5.0, 6.0, 11.0])

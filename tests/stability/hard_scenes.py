@@ -16,6 +16,7 @@ from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.friction import friction_law
+from mpmgis.laws.ground_metric import SLOPE
 from mpmgis.laws.quantities import GRAVITY as G
 from mpmgis.solvers.columns import column_loop as column_kernel
 from mpmgis.solvers.columns import column_rows
@@ -170,7 +171,7 @@ class Watch:
         of that at 68 degrees.
         """
         solver = self.solver
-        if not isinstance(solver.effects.metric, SlopeMetric):
+        if solver.effects.metric != SLOPE:
             return 0.0
         rows, _, _ = solver._alive()
         mass, density = rows[:, column_rows.MASS], solver.numerics.density

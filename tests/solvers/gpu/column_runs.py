@@ -6,7 +6,7 @@ Prints JSON: largest differences by name, `same_bits` by name, and answers.
 import json
 
 import numpy as np
-from column_slots import erodible, made, pile, zones
+from column_slots import erodible, made, pile
 
 from mpmgis.laws.entrainment import entrainment_law
 from mpmgis.solvers.columns import column_time_step
@@ -85,15 +85,6 @@ def taken_out(solver):
     return after(solver, END)
 
 
-def with_other_laws(solver):
-    """Friction from a map from the first frame on, with what was eroded."""
-    after(solver, FIRST)
-    places = zones(solver.grid)
-    object.__setattr__(places, "erodible", solver.places.erodible)
-    solver._integrate_with(solver.effects._replace(zones=True), places, ())
-    return after(solver, END)
-
-
 def with_half_the_step(solver):
     """The second part with half the step."""
     after(solver, FIRST)
@@ -132,7 +123,7 @@ def main():
         "from_device_to_processor": difference(resumed(ColumnSolver, frames[DeviceColumnSolver]), on_processor),
         "same_bits_after_resuming": same(resumed(DeviceColumnSolver, frames[DeviceColumnSolver]), on_device),
     }
-    runs = inserted, taken_out, with_other_laws, with_half_the_step, released
+    runs = inserted, taken_out, with_half_the_step, released
     found |= {run.__name__: compared(run) for run in runs}
     found["allowed_to_stop"] = difference(
         *(values(allowed_to_stop(solver_of(kind, stop_at_rest=True))) for kind in KINDS)

@@ -95,7 +95,7 @@ def signatures():
         ("scatter_columns", run, counts, keys, window, order),
         ("fill_slots", run, window, window),
         ("mark_touched", run, window, window),
-        ("rank_touched", run, window, pieces, wet, window),
+        ("rank_touched", run, window, pieces, window),
         ("choose_step", run, stage, clock, counts, settings),
     ):
         yield name, getattr(device_column_sort, name), arguments
@@ -155,7 +155,7 @@ def signatures():
                 reports,
                 settings,
                 motion,
-                law.earth_pressure,
+                f8,
             ),
             (
                 device_column_nodes,
@@ -168,7 +168,6 @@ def signatures():
                 array(i4, 2),
                 rows,
                 settings,
-                law.barrier,
                 law.metric,
             ),
             (
@@ -185,7 +184,7 @@ def signatures():
                 settings,
                 moving,
             ),
-            (device_column_nodes, "lower_bed", run, window, bed, bed, law.entrainment),
+            (device_column_nodes, "lower_bed", run, window, bed, bed, f8),
             (
                 device_column_nodes,
                 "note_peaks",

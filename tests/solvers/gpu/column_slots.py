@@ -220,7 +220,7 @@ def drawn(seed):
     return make
 
 
-WATER = {"metric": WATER, "bed": beach}
+IN_WATER = {"metric": WATER, "bed": beach}
 WEST, EAST = {"west": 0, "east": 15, "south": 0, "north": 15}, {"west": 115, "east": 130, "south": 75, "north": 90}
 # name -> (what makes a solver of a kind, steps)
 SCENES = {
@@ -254,7 +254,7 @@ SCENES = {
     "swe": (lambda kind=ColumnSolver: made(kind, metric=WATER), 2),
     "still water": (
         lambda kind=ColumnSolver: made(
-            kind, frame=pile(1.5, west=70.0, east=95.0), places=lake, still_water=True, **WATER
+            kind, frame=pile(1.5, west=70.0, east=95.0), places=lake, still_water=True, **IN_WATER
         ),
         3,
     ),

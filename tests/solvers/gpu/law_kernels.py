@@ -1,4 +1,4 @@
-"""A kernel for the CUDA device for every method of every law, compiled without a driver."""
+"""A kernel for the CUDA device for every function and every method of a law, compiled without a driver."""
 
 import importlib
 import importlib.util
@@ -14,9 +14,10 @@ import numpy as np
 from numba import types
 
 from mpmgis import laws as package
-from mpmgis.compiled.law_functions import INLINED_METHODS, METHODS
+from mpmgis.compiled.law_functions import FUNCTIONS, INLINED_FUNCTIONS, INLINED_METHODS, METHODS, OWN_OR_BUILT_IN
 from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
+from mpmgis.laws.friction import Friction, at_node, stress_parts
 from mpmgis.laws.softening import NoSoftening
 
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
@@ -70,9 +71,51 @@ def methods(kind):
     return [name for name in (*METHODS, *INLINED_METHODS) if hasattr(kind, name)]
 
 
+def functions():
+    """All functions of laws of columns that kernels call."""
+    of_points = {"hencky", "softening", "flow_layers"}
+    found = (*INLINED_FUNCTIONS, *FUNCTIONS, *OWN_OR_BUILT_IN)
+    return [function for function in found if function.__module__.rpartition(".")[2] not in of_points]
+
+
 def law_type(kind, real):
-    """numba's type of a law with parameters of `real`."""
-    return numba.typeof(kind(*[real(1.0)] * len(kind._fields)))
+    """numba's type of a law with parameters of `real`; its number, if it has one, is an int."""
+    kinds = inspect.get_annotations(kind)
+    return numba.typeof(kind(*(1 if kinds[name] is int else real(1.0) for name in kind._fields)))
+
+
+def type_of_annotation(name, annotation, real):
+    """numba's type of an argument of a function; laws of friction are the built-in ones."""
+    if annotation in (int, float, bool):
+        return {int: types.int64, bool: types.boolean}.get(annotation, numba.from_dtype(np.dtype(real)))
+    if annotation == "np.ndarray":
+        return types.Array(numba.from_dtype(np.dtype(real)), 3, "C")
+    return law_type(Friction if annotation is tuple else annotation, real)
+
+
+def kernel_of_function(function, real):
+    """(kernel that stores the result of `function`, types of its arguments)."""
+    given = {f"given_{name}": type_of_annotation(name, p.annotation, real) for name, p in signature(function).items()}
+    namespace = {"store": store, "function": function}
+    exec(f"def kernel(out, {', '.join(given)}):\n    store(out[0], function({', '.join(given)}))", namespace)
+    number = numba.from_dtype(np.dtype(real))
+    return namespace["kernel"], (types.Array(number, 2, "C"), *given.values())
+
+
+def signature(function):
+    """Name -> parameter of `function`."""
+    return inspect.signature(function).parameters
+
+
+def own_kernel(kind, real):
+    """(kernel that stores what the solver calls of a user-defined law, types of its arguments)."""
+    names = list(signature(stress_parts))[1:]
+    namespace = {"store": store, "stress_parts": stress_parts, "at_node": at_node}
+    call = f"stress_parts(at_node(law, values, 0, 0), {', '.join(names)})"
+    exec(f"def kernel(law, values, out, {', '.join(names)}):\n    store(out[0], {call})", namespace)
+    number = numba.from_dtype(np.dtype(real))
+    arrays = types.Array(number, 3, "C"), types.Array(number, 2, "C")
+    return namespace["kernel"], (law_type(kind, real), *arrays, *[number] * len(names))
 
 
 def argument_type(name, real):

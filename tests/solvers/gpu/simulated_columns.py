@@ -46,7 +46,7 @@ ENERGIES = (
 def device_of(solver, launch=NARROW):
     """DeviceColumns of the arrays of `solver`."""
     state = ColumnArrays(*(getattr(solver, f"_{name}") for name in NAMES))
-    return DeviceColumns(state, solver._settings, solver.fields, solver.effects, solver._watched, launch)
+    return DeviceColumns(state, solver._settings, solver.fields, solver.effects, launch)
 
 
 def advanced(solver, steps, until=1e9, launch=NARROW, pauses=1):
@@ -207,20 +207,11 @@ def scrambled(make):
 
 
 def reasons():
-    """Reasons to stop: time reached, watched blocks, all columns gone, a state that is not finite."""
+    """Reasons to stop: time reached, all columns gone, a state that is not finite."""
     here = {}
     solver = made()
     device = device_of(solver)
     here["reached"] = device.advance(0.25, 10) == entry.REACHED_TIME and solver.time == 0.25
-    watching = made()
-    watching._watched = np.ones((5, 5), np.uint8)
-    before = bits(watching)
-    here["watched"] = advanced(watching, 3) == entry.WATCHED_REACHED
-    here["untouched"] = bits(watching) == before
-    beside = made()
-    beside._watched = np.zeros((5, 5), np.uint8)
-    beside._watched[2, 3] = 1
-    here["beside"] = advanced(beside, 1) == entry.RUNNING
     gone = made()
     gone._counts[entry.ALIVE], gone._keys[:] = 0, GONE
     here["left"] = advanced(gone, 3) == entry.ALL_LEFT

@@ -302,17 +302,12 @@ def other_launch(make, precision, steps):
 
 
 def reasons():
-    """Reasons to stop: time reached, watched blocks, all points gone."""
+    """Reasons to stop: time reached, all points gone."""
     here = {}
     solver = begun(slab("float64"))
     device = device_of(solver)
     here["reached"] = device.advance(2.5 * solver._clock[entry.STEP_NOW], np.inf, 10) == entry.REACHED_TIME
     here["time"] = solver.time
-    watching = slab("float64")
-    watching._watched = np.ones(watching._lowest.shape[:2], np.uint8)
-    before = bits(begun(watching))
-    here["watched"] = advanced(watching, 3) == entry.WATCHED_REACHED
-    here["untouched"] = bits(watching) == before
     gone = slab("float64")
     gone._counts[entry.ALIVE], gone._keys[:] = 0, GONE
     here["left"] = advanced(gone, 3) == entry.ALL_LEFT
