@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from functools import lru_cache
 from pathlib import PurePath
 
 import numpy as np
@@ -21,6 +22,7 @@ _UNIT_ROUNDING = 1e-12  # [1] a unit that differs by less from the metre is the 
 _UTM_NORTH = 84.0  # [deg] limits of UTM
 _UTM_SOUTH = -80.0
 _TURN = 360.0  # [deg] largest longitude
+DIFFERENT_TEXTS = 16  # CRS that are kept: all frames of a run name the same one
 _POLE = 90.0  # [deg] largest latitude
 _WIDEST_IN_DEGREES = 5.0  # [deg] coordinates as small as degrees over a wider raster are metres
 _NO_LONGITUDE = 400.0  # [deg] larger coordinates are not degrees; rasters may reach somewhat beyond 360
@@ -54,6 +56,7 @@ def parse_crs(text: str, option: str = "--crs") -> pyproj.CRS | None:
         raise InputError(f"{option} got {word!r}, but PROJ has no such EPSG code; look it up at epsg.io") from error
 
 
+@lru_cache(maxsize=DIFFERENT_TEXTS)
 def crs_of_text(text: str) -> pyproj.CRS:
     """Return the CRS that a file names in its `crs`: `EPSG:n`, WKT or a PROJ string.
 

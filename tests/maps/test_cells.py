@@ -315,8 +315,9 @@ def test_the_order_of_the_points_does_not_change_a_bit():
     given = points, bounds, mark, gradient
     plain = np.zeros((6300, binning.ROW))
     plain[:, binning.TOP], plain[:, binning.LOWEST] = -np.inf, np.inf
+    tiles = np.prod([-(-length // binning.TILE) for length in shape])
     binning._sum_points(*given, plain)
     for slab in (n, 700):
         table = np.empty((6300, binning.ROW))
-        binning.bin_points(*given, table, np.empty((slab, binning.RECORD)), np.empty(3 * 3 + 1, np.int64))
+        binning.bin_points(*given, table, np.empty((slab, binning.RECORD)), np.empty(tiles + 1, np.int64))
         np.testing.assert_array_equal(table, plain)

@@ -97,13 +97,32 @@ def fits(path: Path, head: bytes) -> bool:
     head : bytes
         First bytes of the file.
     """
+    found = _format_of(path, head)
+    return found is not None and not found.startswith(OWN_FORMATS)
+
+
+def is_own(path: Path, head: bytes) -> bool:
+    """Return whether a file is HDF5 of mpmgis.
+
+    Parameters
+    ----------
+    path : Path
+    head : bytes
+        First bytes of the file.
+    """
+    found = _format_of(path, head)
+    return found is not None and found.startswith(OWN_FORMATS)
+
+
+def _format_of(path, head):
+    """Format that the root of an HDF5 file names, "" without one; None for other and unreadable files."""
     if not any(head[offset:].startswith(MAGIC) for offset in OFFSETS):
-        return False
+        return None
     try:
         with _opened(path) as file:
-            return not _text(file.attrs.get("format")).startswith(OWN_FORMATS)
+            return _text(file.attrs.get("format"))
     except FormatError:
-        return False
+        return None
 
 
 def recognises(path: Path, head: bytes) -> bool:

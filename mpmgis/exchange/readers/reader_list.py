@@ -52,6 +52,8 @@ def reader_of(path: str | Path, asked: str | None = None, lenient: bool = False)
         return asked
     path = Path(path)
     head = head_of(path)
+    if general_hdf5.is_own(path, head):
+        return OWN  # before the readers of other codes, which would open the file again, one after the other
     found = next((name for name, reader in FOREIGN.items() if reader.recognises(path, head)), None)
     if found is None and lenient:
         found = next((name for name, reader in FOREIGN.items() if reader.fits and reader.fits(path, head)), None)

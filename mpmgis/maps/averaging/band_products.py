@@ -54,7 +54,7 @@ def parallel_speed(cells: Cells) -> np.ndarray:
     ----------
     cells : Cells
     """
-    return np.linalg.norm(cells.mean_vector(binning.PARALLEL), axis=1)
+    return np.sqrt(cells.mean_square(binning.PARALLEL))
 
 
 def parallel_velocity_east(cells: Cells) -> np.ndarray:
@@ -115,7 +115,7 @@ def impact_pressure(cells: Cells) -> np.ndarray:
     ----------
     cells : Cells
     """
-    return cells.density * np.sum(cells.mean_vector(binning.MOMENTUM) ** 2, axis=1)
+    return cells.density * cells.mean_square(binning.MOMENTUM)
 
 
 def detached(cells: Cells) -> np.ndarray:

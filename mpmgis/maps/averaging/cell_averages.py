@@ -2,6 +2,7 @@
 
 import threading
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -63,11 +64,19 @@ class Cells:
         float64[k]
             NaN where the slope of the bed is unknown under all particles.
         """
-        weight = self.sums[:, binning.SLOPED]
-        return np.divide(self.sums[:, column], weight, out=np.full(len(weight), np.nan), where=weight > 0)
+        if column not in self._means:
+            weight = self.sums[:, binning.SLOPED]
+            mean = np.divide(self.sums[:, column], weight, out=np.full(len(weight), np.nan), where=weight > 0)
+            self._means[column] = mean
+        return self._means[column]
 
-    def mean_vector(self, column: int) -> np.ndarray:
-        """Compute the `mean` of three columns of `sums`.
+    @cached_property
+    def _means(self):
+        """Means that are known, by column of `sums`: several products are made of the same ones."""
+        return {}
+
+    def mean_square(self, column: int) -> np.ndarray:
+        """Compute the squared length of the `mean` of three columns of `sums`.
 
         Parameters
         ----------
@@ -76,9 +85,10 @@ class Cells:
 
         Returns
         -------
-        float64[k, 3]
+        float64[k]
         """
-        return np.stack([self.mean(column + axis) for axis in range(3)], axis=1)
+        east, north, up = (self.mean(column + axis) for axis in range(3))
+        return east * east + north * north + up * up
 
 
 def bin_frame(

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # submodules are loaded on first use
 
+from ...compiled.jit import jit
 from ...frames.peaks import PEAK_NAMES, TRANSFORM, lattices_of
 from ...terrain.grid import Grid
 from .column_field import Lattice, nodes_to_cells
@@ -126,9 +127,9 @@ class RunningMaxima:
             flow = ~(np.asarray(values["h"]) < least)
             index, values = index[flow], {name: value[flow] for name, value in values.items()}
         for name, peak in self.peaks.items():
-            self._keep(name, index, values[peak.product], np.maximum if peak.larger else np.minimum)
+            self._keep(name, index, values[peak.product], peak.larger)
         arrived = np.where(np.asarray(values["h"], np.float32) >= self.min_depth, time, np.nan)
-        self._keep(ARRIVAL, index, arrived, np.minimum)
+        self._keep(ARRIVAL, index, arrived, False)
 
     def absorb_peaks(self, index: np.ndarray, values: dict) -> None:
         """Add the solver's peaks of every step.
@@ -141,17 +142,12 @@ class RunningMaxima:
         """
         for name, peak in self.peaks.items():
             if peak.larger and peak.product in values:
-                self._keep(name, index, values[peak.product], np.maximum)
+                self._keep(name, index, values[peak.product], True)
         if ARRIVAL in values:
-            self._keep(ARRIVAL, index, values[ARRIVAL], np.minimum)
+            self._keep(ARRIVAL, index, values[ARRIVAL], False)
 
-    def _keep(self, name, index, new, better):
-        new = np.asarray(new, np.float32)
-        there = ~np.isnan(new)
-        index, new = index[there], new[there]
-        store, seen = self.values[name], self.seen[name]
-        store[index] = np.where(seen[index], better(store[index], new), new)
-        seen[index] = True
+    def _keep(self, name, index, new, larger):
+        keep_extremes(index, np.asarray(new, np.float32), larger, self.values[name], self.seen[name])
 
     def rows(self, name: str, first: int, last: int, columns: int) -> np.ndarray:
         """Return rows of the raster of one band.
@@ -196,6 +192,32 @@ class RunningMaxima:
         name : str
         """
         return float(np.abs(self.values[name]).max(initial=0.0))
+
+
+@jit
+def keep_extremes(index: np.ndarray, new: np.ndarray, larger: bool, values: np.ndarray, seen: np.ndarray) -> None:
+    """Keep the larger or the smaller of the values so far and new ones, in some cells.
+
+    Parameters
+    ----------
+    index : int64[k]
+        Flat numbers of the cells.
+    new : float32[k]
+        NaN: without a value.
+    larger : bool
+        True: the largest value is kept; False: the smallest one.
+    values : float32[cells], out
+        Of all cells, so far.
+    seen : bool[cells], out
+        Cells with a value.
+    """
+    for k in range(index.shape[0]):
+        cell, value = index[k], new[k]
+        if np.isnan(value):
+            continue
+        if not seen[cell] or (value >= values[cell] if larger else value <= values[cell]):
+            values[cell] = value
+            seen[cell] = True
 
 
 @dataclass(frozen=True)

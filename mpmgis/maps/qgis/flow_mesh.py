@@ -8,7 +8,6 @@ get simulated seconds; MDAL does not, and gets the whole seconds of the project'
 """
 
 import warnings
-import zlib
 from collections import deque
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -19,9 +18,11 @@ import numpy as np
 from pyproj.exceptions import CRSError
 
 from ... import __version__
+from ...compiled.jit import jit
 from ...laws.quantities import NODATA
 from ...system.errors import OutputError, one_line
 from ..averaging.exported_folder import ExportedRun
+from .chunk_packing import LEVEL, packed_chunk
 from .colours import look_of
 from .map_clock import Clock
 from .xml_markup import LOCAL_FRAME
@@ -35,8 +36,7 @@ VELOCITY = "velocity along the slope (m/s)"
 BED = "Bed Elevation"  # name of node heights in QGIS
 REFERENCE_SYSTEM = "projected_coordinate_system"  # the name that MDAL looks for
 COMPONENTS = {"Ut_E": "x-component", "Ut_N": "y-component"}  # of the vector
-LEAST_REPEATED = 0.25  # [1] share of repeated bytes, below which compression is not worthwhile
-LIGHT = {"zlib": True, "complevel": 1, "shuffle": True}  # compression
+LIGHT = {"zlib": True, "complevel": LEVEL, "shuffle": True}  # compression
 
 
 def write_mesh(run: ExportedRun, steps: "StepSpool", threads: Executor | None = None) -> None:
@@ -132,16 +132,40 @@ def step_chunks(steps: "StepSpool", step: int, faces: np.ndarray, names: list[st
     list of bytes
     """
     index, values = steps.bands(step)
-    place = np.searchsorted(faces, index)
-    on = faces[np.minimum(place, len(faces) - 1)] == index  # some cells are not faces
     dry = _dry({name: values[name] for name in names if name in MESH_BANDS})
+    nowhere, face_values = np.zeros(len(index), bool), np.empty(len(faces), "<f4")
     chunks = []
     for name in names:
-        gone = ~np.isfinite(values[name]) | (dry if name in MESH_BANDS else False)
-        face_values = np.full(len(faces), NODATA, "<f4")
-        face_values[place[on]] = np.where(gone, np.float32(NODATA), values[name])[on]
-        chunks.append(_packed(face_values))
+        fill_faces(faces, index, values[name], dry if name in MESH_BANDS else nowhere, np.float32(NODATA), face_values)
+        chunks.append(packed_chunk(face_values, NODATA))
     return chunks
+
+
+@jit
+def fill_faces(
+    faces: np.ndarray, index: np.ndarray, values: np.ndarray, gone: np.ndarray, nodata: float, filled: np.ndarray
+) -> None:
+    """Give each face the value of its cell.
+
+    Parameters
+    ----------
+    faces : int64[f]
+        Flat numbers of the faces in the run's grid, ascending.
+    index : int64[k]
+        Flat numbers of the cells with values, ascending; some are not faces.
+    values : float32[k]
+    gone : bool[k]
+        Cells whose value is not shown.
+    nodata : float32
+        Value of faces without a finite value.
+    filled : float32[f], out
+    """
+    c = 0
+    for f in range(faces.shape[0]):
+        while c < index.shape[0] and index[c] < faces[f]:
+            c += 1
+        known = c < index.shape[0] and index[c] == faces[f] and not gone[c] and np.isfinite(values[c])
+        filled[f] = values[c] if known else nodata
 
 
 def _dry(values):
@@ -149,22 +173,6 @@ def _dry(values):
     return np.logical_and.reduce(
         [~np.isfinite(band) if name in ("Un", "Ut") else ~(band > 0) for name, band in values.items()]
     )
-
-
-def _packed(values):
-    """float32[faces] as an HDF5 chunk with the filters LIGHT: bytes shuffled, then deflated.
-
-    Only run lengths are compressed (Z_RLE): a full search takes twice the time and gives a larger file (measured).
-    Bytes that rarely repeat (last digits) are stored uncompressed; a deflate stream can consist of several parts.
-    """
-    planes = np.ascontiguousarray(values.view(np.uint8).reshape(-1, 4).T)
-    parts = [b"\x78\x01"]  # zlib header, window of 32 kB
-    for k, plane in enumerate(planes):
-        level = LIGHT["complevel"] if np.count_nonzero(plane[1:] == plane[:-1]) > LEAST_REPEATED * plane.size else 0
-        packer = zlib.compressobj(level, zlib.DEFLATED, -15, 9, zlib.Z_RLE)
-        end = zlib.Z_FINISH if k == len(planes) - 1 else zlib.Z_FULL_FLUSH
-        parts += [packer.compress(plane), packer.flush(end)]
-    return b"".join(parts) + zlib.adler32(planes).to_bytes(4, "big")
 
 
 def _write_values(path, names, steps):
