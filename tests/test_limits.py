@@ -66,7 +66,7 @@ PAIRS = (
     ),
     ("an invalid state: one of the above, or not finite", "simulation.step_retry.HALVINGS"),
     ("predicted time", "simulation.scene_run.ASK_SECONDS"),
-    ("predicted memory over free memory", "simulation.measured_cost.MEMORY_SHARE"),
+    ("predicted memory over free memory", "simulation.memory_need.MEMORY_SHARE"),
     (
         "size of a DTM: a seed reads and checks only the part near its release; a run reports the memory "
         "that the DTM, or its `[terrain] window`, needs",

@@ -58,7 +58,7 @@ def demo(
     *,
     overwrite: bool = False,
     threads: int | None = None,
-    watch: Callable[[Any, float], None] = lambda solver, end_time: None,
+    watch: Callable[[Any, float, str], None] = lambda solver, end_time, left: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[RunSummary, Path, Path]:
     """Copy the sample site to `output`/site, simulate it, export it for QGIS, and draw one picture.
@@ -72,7 +72,7 @@ def demo(
     threads : int, optional
         Processor threads.
     watch : callable
-        Called with (solver, end time [s]) at each step of the run.
+        Called with (solver, end time [s], wall time left in words) a few times a second.
     progress : callable
         Called with (frames done, frames in all) of the export.
 

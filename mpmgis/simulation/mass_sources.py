@@ -19,7 +19,7 @@ from ..system.messages import log
 from ..terrain.hydrograph_file import read_hydrograph
 from ..terrain.release_parts import VERTICAL, polygons_only
 from ..terrain.spatial_inputs import read_area
-from .measured_cost import require_memory_for_points
+from .memory_need import require_memory_for_points
 from .release_events import Events, inlet_of, secondary_releases
 
 if TYPE_CHECKING:

@@ -24,17 +24,17 @@ from ..solvers.points.point_numerics import PointNumerics
 from ..system.disguised_files import require_local
 from ..system.errors import InputError, SceneError
 from ..system.memory import memory_lack
-from ..system.messages import log, logged_once
+from ..system.messages import log, logged_once, muted
 from ..terrain.dtm import READ_WHOLE, TerrainFile
 from ..terrain.flow_reach import reach_facts, reach_of, release_facts, steepest_profile
 from ..terrain.nodata_groups import nodata_in_reach
 from ..terrain.release_parts import report_cliffs
 from ..terrain.spatial_inputs import with_crs_hint
-from .cost_prediction import require_memory
 from .mass_sources import read_point_start, read_sources
-from .measured_cost import MEMORY_SHARE
-from .numerical_parameters import default_courant_number
+from .memory_need import MEMORY_SHARE
+from .numerical_parameters import cells_times, default_courant_number, setting
 from .release_events import Events
+from .required_memory import require_memory
 from .run_device import with_device
 from .scene_files import read_spatial_features, trial_parameters
 from .stage import Stage, read_areas, require_inflow_over
@@ -131,23 +131,6 @@ class Prepared:
         if stage.scene.solver == "points":
             return int(stage.point_options().predicted_points(self.seen.particles))
         return int(self.seen.particles.area.sum() / stage.grid.cell_size**2 * stage.scene.columns_per_cell) + 1
-
-    def longest(self, number: int) -> float:
-        """Return the longest duration of a stage, by the times known before the run.
-
-        Parameters
-        ----------
-        number : int
-            Of the stage, from 0.
-
-        Returns
-        -------
-        float [s]
-        """
-        times = [None if stage.table is None else (stage.table.until or {}).get("time") for stage in self.stages]
-        begins = max((time for time in times[:number] if time is not None), default=0.0)
-        ends = min((time for time in times[number:] if time is not None), default=self.scene.output.end_time)
-        return ends - begins
 
     @property
     def stress(self) -> np.ndarray | None:
@@ -252,6 +235,53 @@ def prepare_scene(scene: "Scene") -> Prepared:
         fill,
     )
     return with_device(prepared)
+
+
+@muted()
+def on_larger_cells(prepared: Prepared, factor: float) -> Prepared:
+    """Return the same run on larger cells, with as many columns or points in each and with the same effects.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    factor : float [1]
+        Size of the cells over that of the run.
+
+    Raises
+    ------
+    InputError
+        The release has nothing on such cells, or the files have changed.
+    """
+    terrain = prepared.terrain
+    scene = setting(prepared.scene, "cell_size", cells_times(prepared.scene, factor)).scene
+    alone = [_with_courant_number(one) for one in scene.alone()]
+    grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
+    start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0])
+    if scene.release is not None and scene.release.particles is not None:
+        start = _thinned(start, factor)
+    at_start = start.frame if start.frame.dimension == 2 else start.seen
+    stages = []
+    for stage, one, grid in zip(prepared.stages, alone, grids, strict=True):
+        known = read_spatial_features(one, terrain, grid, at_start, start.seen)
+        places = known.in_3d(stage.effects) if one.solver == "points" else known.on_grid(stage.effects)
+        numerics = replace(stage.numerics, cell_size=grid.cell_size)
+        larger = {"scene": one, "grid": grid, "known": known, "known_walls": known.walls}
+        stages.append(replace(stage, **larger, numerics=numerics, places=places))
+    frame, lakes = start.frame, stages[0].places.lake_level
+    frame = frame if lakes is None else levelled(frame, lakes, grids[0])
+    start_of = {"vertical_stress": start.vertical_stress, "affine": start.affine, "events": start.events}
+    return replace(prepared, scene=scene, frame=frame, seen=start.seen, stages=tuple(stages), **start_of)
+
+
+def _thinned(start, factor):
+    """Return a random part of the particles of a file, with the mass of all; as many are in larger cells."""
+    count = len(start.frame.particles)
+    kept = np.sort(np.random.default_rng(0).permutation(count)[: max(1, round(count / factor**start.frame.dimension))])
+    more, few = count / len(kept), start.frame.particles.take(kept)
+    grown = {name: more * getattr(few, name) for name in ("mass", "volume", "area") if getattr(few, name) is not None}
+    stress, affine = ((None if of is None else of[kept]) for of in (start.vertical_stress, start.affine))
+    frame = replace(start.frame, particles=replace(few, **grown), state={})
+    return replace(start, frame=frame, vertical_stress=stress, affine=affine)
 
 
 def _first_area(scene):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..scene.tables import AUTO, CPU, CUDA
 from ..system.errors import SceneError
 from ..system.messages import log
-from .measured_cost import BYTES_PER_NODE
+from .memory_need import BYTES_PER_NODE
 
 if TYPE_CHECKING:
     from .preparation import Prepared

@@ -22,9 +22,10 @@ from ..system import operating_system
 from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
-from .cost_prediction import OwnPace, longest_words, need_words, predicted, prediction_line
-from .measured_cost import MEMORY_SHARE
+from .cost_prediction import Prediction, TimeLeft, most_particle_steps, need_words, predicted
+from .memory_need import MEMORY_SHARE
 from .preparation import prepare
+from .required_memory import predicted_memory
 from .run_device import devices_record, require_devices
 from .run_extension import can_continue, continue_earlier, differences, earlier_run
 from .run_summary import extremes, unusable_lines
@@ -33,14 +34,14 @@ from .stage_sequence import StageSequence
 from .warmup import warm_up
 
 if TYPE_CHECKING:
-    from .cost_prediction import Prediction
     from .preparation import Prepared
+    from .trial_run import Trial
 
 ANEW, RESUMED, FINISHED = range(3)  # how a run starts
 PARTICLES_PER_THREAD = 10_000  # with fewer, threads cost more time than they save
 BARRIER_SUMS = {"columns": COLUMN_BARRIER_SUMS, "points": POINT_BARRIER_SUMS}
 ASK_SECONDS = 3600.0  # [s] predicted time of a run above which it must be confirmed
-TRIAL_FROM = 0.1 * ASK_SECONDS  # [s] on a typical machine; no machine is ten times slower
+SURELY_SHORT = ASK_SECONDS / 1e-6  # particle-steps; no machine takes more than a microsecond for one
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class RunSummary:
     balances : dict
         Of the last solver.
     predicted_seconds : float or None [s]
-        Of the whole run; None without a prediction.
+        Of the whole run; None for one of less than a second.
     solver : {"columns", "points"}
         The last one.
     mass : dict or None
@@ -104,10 +105,8 @@ def use_threads(particles: int, number: int | None = None) -> int:
     return set_threads(number or max(1, min(set_threads(None), particles // PARTICLES_PER_THREAD)))
 
 
-def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[str], bool]) -> "Prediction":
-    """Log the predicted cost of a run; ask before one of more than an hour or of most of the memory.
-
-    A run that may need the question is predicted from a trial of its steps.
+def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[str], bool]) -> "Trial | None":
+    """Ask before a run of more than an hour or of most of the memory; return the trial of one that may be so long.
 
     Parameters
     ----------
@@ -116,28 +115,26 @@ def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[st
     confirm : callable
         Question -> whether to run it.
 
-    Returns
-    -------
-    Prediction
-
     Raises
     ------
     SceneError
         The answer is no.
     """
-    ahead, available = predicted(prepared, threads, TRIAL_FROM), available_memory()
-    log.info(prediction_line(ahead))
-    if ahead.longest < ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
-        return ahead
-    question = (
-        f"this run is predicted to take {need_words(ahead)}{longest_words(ahead)} ({available / 1e9:.1f} GB are free)"
-    )
+    available = available_memory()
+    if most_particle_steps(prepared) < SURELY_SHORT:
+        ahead = Prediction(0.0, predicted_memory(prepared))
+    else:
+        ahead = predicted(prepared, threads)
+        log.info(f"predicted before the first step: {need_words(ahead)}")
+    if not ahead.seconds > ASK_SECONDS and ahead.memory < MEMORY_SHARE * available:
+        return ahead.trial
+    question = f"this run is predicted to take {need_words(ahead)} ({available / 1e9:.1f} GB are free)"
     if not confirm(question):
         fewer = "or fewer particles_per_cell"
         if "points" in prepared.scene.solvers:
             fewer = "or [numerics] stiffness = 'scaled' for longer steps"
         raise SceneError(f"{question}; give `yes` to run it, or use larger cells {fewer}")
-    return ahead
+    return ahead.trial
 
 
 def run(
@@ -150,7 +147,7 @@ def run(
     law: str | Path | None = None,
     device: str | None = None,
     confirm: Callable[[str], bool] = lambda question: True,
-    watch: Callable = lambda solver, end_time: None,
+    watch: Callable = lambda solver, end_time, left: None,
 ) -> RunSummary:
     """Simulate a scene into a folder.
 
@@ -175,7 +172,7 @@ def run(
     confirm : callable
         Question -> whether to run a very large scene.
     watch : callable
-        Called with (solver, end time [s]) a few times a second.
+        Called with (solver, end time [s], wall time left in words) a few times a second.
 
     Returns
     -------
@@ -200,17 +197,17 @@ def run(
         _require_rasters(prepared)
     folder.refuse_inputs(input_files(scene, prepared.scene, law))
     used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
-    ahead = require_affordable(prepared, used, confirm)
-    if not ahead.compiled:
+    trial = require_affordable(prepared, used, confirm)
+    if trial is None:
         warm_up(prepared)
-    sequence, pace = StageSequence(prepared, _with_mach_warning(watch)), OwnPace(prepared, used, ahead)
-    if not ahead.compiled and not resume:
-        sequence.observe = pace.watching(sequence, sequence.observe)
+    sequence, left, warned = StageSequence(prepared), TimeLeft(prepared, trial), _with_mach_warning(watch)
+    sequence.observe = lambda solver, end_time: warned(solver, end_time, left.words(sequence))
     _log_stages(prepared)
     threads_word = "1 thread" if used == 1 else f"{used} threads"
     to_come = prepared.particles - len(prepared.frame.particles)
     particles = f"{len(prepared.frame.particles)} {prepared.scene.solver}" + (f", {to_come} to come" if to_come else "")
-    log.info(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}")
+    memory = f"{predicted_memory(prepared) / 1e9:.2g} GB"
+    log.info(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}, {memory}")
     if device != CPU:
         log.info(f"steps: {device}")
     with folder.held():
@@ -220,7 +217,7 @@ def run(
             return _summary(folder, sequence, folder.record()["reason"], 0.0)
         folder.open(anew=start == ANEW)
         try:
-            return integrate_into(folder, sequence, start == RESUMED, pace, device)
+            return integrate_into(folder, sequence, start == RESUMED, left, device)
         except KeyboardInterrupt:
             log.info(f"{folder.path} contains the results until now; `resume` continues after its last complete frame")
             raise
@@ -294,7 +291,7 @@ def _with_mach_warning(watch):
     """Return `watch` with one warning when a 3D flow is so fast that its stiffness affects it."""
     warned = []
 
-    def watching(now, end_time):
+    def watching(now, end_time, left):
         mach = getattr(now, "mach", 0.0)
         if not warned and mach > MACH_THRESHOLD:
             warned.append(True)
@@ -303,7 +300,7 @@ def _with_mach_warning(watch):
                 f"{MACH_THRESHOLD:g}): it is compressed, and impacts are too soft; give a larger [material] "
                 "bulk_modulus"
             )
-        watch(now, end_time)
+        watch(now, end_time, left)
 
     return watching
 
@@ -330,7 +327,7 @@ def _summary(folder, sequence, reason, wall, expected=None):
 
 
 def integrate_into(
-    folder: RunFolder, sequence: StageSequence, resumed: bool, pace: OwnPace | None = None, device: str = CPU
+    folder: RunFolder, sequence: StageSequence, resumed: bool, left: TimeLeft | None = None, device: str = CPU
 ) -> RunSummary:
     """Integrate in time and write into a locked folder; its record always shows the state of the run.
 
@@ -340,7 +337,7 @@ def integrate_into(
     sequence : StageSequence
     resumed : bool
         The run continues after a restored frame.
-    pace : OwnPace, optional
+    left : TimeLeft, optional
         Its prediction is recorded.
     device : str
         What computes the steps, in words.
@@ -371,7 +368,7 @@ def integrate_into(
             frames=folder.frames,
             particles=len(prepared.frame.particles),
             wall_seconds=wall,
-            predicted_seconds=None if pace is None else pace.seconds,
+            predicted_seconds=None if left is None else left.seconds,
             scene=prepared.scene.as_tables(),
             effects=[decision._asdict() for decision in sequence.prepared.stages[0].decisions],
             terrain_facts=prepared.facts._asdict(),
@@ -414,7 +411,7 @@ def integrate_into(
         writer.finish()
         record("refused")
         raise
-    expected = None if resumed or pace is None else pace.seconds
+    expected = None if resumed or left is None else left.seconds
     return _summary(folder, sequence, sequence.reason, record("finished"), expected)
 
 

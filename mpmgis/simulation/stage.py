@@ -23,7 +23,7 @@ from ..system.errors import SceneError
 from ..terrain.nodata_groups import NodataInReach
 from ..terrain.spatial_inputs import read_area
 from .coupled_solver import CoupledSolver
-from .measured_cost import require_memory_for_points
+from .memory_need import require_memory_for_points
 from .resolution import resolution_of
 from .stage_end import CALM_NORMAL, Cliff, Near, StageEnd
 

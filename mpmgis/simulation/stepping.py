@@ -1,7 +1,5 @@
-"""Common interface of all solvers for the time integration, and the speed of their first steps."""
+"""Common interface of all solvers for the time integration."""
 
-from collections.abc import Callable
-from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,9 +32,6 @@ COLUMN_REASONS = {
     column_time_step.ALL_LEFT: ALL_LEFT,
 }
 POINT_REASONS = {point_kernel.REACHED_TIME: END_TIME, STOPPED_AT_REST: NEARLY_AT_REST, point_kernel.ALL_LEFT: ALL_LEFT}
-PACE_SECONDS = 2.0  # [s] wall time of a measurement of the pace
-COMPILING_STEPS = 2  # before the measurement
-FIRST_STEPS = 4  # between the first two readings of the clock
 
 
 def end_reason(stepper: "IntegratedColumns | IntegratedPoints | IntegratedCoupled", code: int) -> str:
@@ -339,36 +334,3 @@ class IntegratedCoupled:
             Earlier result of `energy_look`.
         """
         return self._points.energy_trouble(last[0]) or self._columns.energy_trouble(last[1])
-
-
-def measured_pace(
-    solver: "ColumnSolver | PointSolver", seconds: float = PACE_SECONDS, clock: Callable[[], float] = perf_counter
-) -> float | None:
-    """Measure the wall time of a step for each particle; the solver cannot be used afterwards.
-
-    Compile time is excluded.
-
-    Parameters
-    ----------
-    solver : ColumnSolver or PointSolver
-    seconds : float [s]
-        Wall time of the measurement.
-    clock : callable
-        Returns the wall time [s].
-
-    Returns
-    -------
-    float [s] or None
-        None if nothing moves.
-    """
-    stepper = stepper_of(solver)
-    solver.advance(float("inf"), max_steps=COMPILING_STEPS)
-    done, steps, began = 0, FIRST_STEPS, clock()
-    while clock() - began < seconds:
-        before, particles = solver.step, stepper.particles
-        solver.advance(float("inf"), max_steps=steps)
-        if solver.step == before:
-            break
-        done += (solver.step - before) * particles
-        steps = min(2 * steps, 1000)
-    return (clock() - began) / done if done else None

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ..maps.averaging.placement import Bed
 from ..results.comparison import nearest
-from ..simulation.cost_prediction import predicted_cost, tried_machine
+from ..simulation.cost_prediction import predicted
 from ..simulation.numerical_parameters import crossed, one_at_a_time, parameters_of, reference
 from ..simulation.preparation import prepare, prepare_scene
 from ..simulation.scene_files import input_files
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
 COMPARISONS = 4  # number of times at which flows are compared, including the end
 ASK_SECONDS = 600.0  # [s] predicted time of a study above which it must be confirmed
-TRIAL_SECONDS = 10.0  # [s] of steps; a trial of this machine takes a tenth of it for each solver
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def study(
     request: StudyRequest,
     *,
     confirm: Callable[[str], bool] = lambda question: True,
-    watch: Callable = lambda solver, end_time: None,
+    watch: Callable = lambda solver, end_time, left: None,
 ) -> StudyFound:
     """Run the scene with its settings changed one at a time; compare with a finer run or an exact solution.
 
@@ -94,7 +93,7 @@ def study(
     confirm : callable
         Question -> whether to run a long study.
     watch : callable
-        Called with (solver, end time [s]) a few times a second.
+        Called with (solver, end time [s], '') a few times a second.
 
     Returns
     -------
@@ -148,13 +147,8 @@ def _study(request: StudyRequest, output: Path, confirm: Callable, watch: Callab
     exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
     beside = tuple(_other_results(file, request, exact, base.terrain, cells.grid) for file in request.beside)
     threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
-    _require_affordable(settings, finer, base, threads, request.repeats, confirm)
-
-    @cache
-    def machine():  # a trial, after compilation of the first setting
-        with muted():
-            warm_up(base)
-        return tried_machine(base, threads, TRIAL_SECONDS)
+    seconds = predicted(base, threads).seconds
+    _require_affordable(settings, finer, base.scene, seconds, request.repeats, confirm)
 
     def run(settings, repeats, begun=lambda turn, number: None):
         return outcomes(
@@ -165,7 +159,7 @@ def _study(request: StudyRequest, output: Path, confirm: Callable, watch: Callab
             cells,
             times,
             repeats,
-            lambda p: predicted_cost(p, threads, machine(), interval=times[0]),
+            lambda setting: seconds * setting.work_over(scene),
             begun,
         )
 
@@ -194,9 +188,10 @@ def _interval(scene):
 class _Flow:
     """Frames of a prepared run, `interval` [s] apart, and afterwards its steps and the error of its mass."""
 
-    def __init__(self, prepared, interval, watch=lambda solver, end_time: None):
+    def __init__(self, prepared, interval, watch=lambda solver, end_time, left: None):
         output = replace(prepared.scene.output, frame_interval=float(interval))
-        self._sequence = StageSequence(replace(prepared, scene=replace(prepared.scene, output=output)), watch)
+        prepared = replace(prepared, scene=replace(prepared.scene, output=output))
+        self._sequence = StageSequence(prepared, lambda solver, end_time: watch(solver, end_time, ""))
 
     def __iter__(self):
         return iter(self._sequence)
@@ -264,12 +259,10 @@ def _state_of(thickness):
     return State(np.nan, np.nan_to_num(thickness), np.full((*thickness.shape, 2), np.nan), np.nan)
 
 
-def _require_affordable(settings, finer, base, threads, repeats, confirm):
-    """Log the predicted time of the study, and ask `confirm(question)` if it is long."""
+def _require_affordable(settings, finer, scene, seconds, repeats, confirm):
+    """Log the predicted time of the study, whose scene takes `seconds`, and ask `confirm(question)` if it is long."""
     runs = [*((setting, repeats) for setting in settings), *([(finer, 1)] if finer else [])]
-    total = predicted_cost(base, threads, interval=_interval(base.scene)) * sum(
-        times * setting.work_over(base.scene) for setting, times in runs
-    )
+    total = seconds * sum(times * setting.work_over(scene) for setting, times in runs)
     log.info(f"{len(settings)} settings, {repeats} times each: predicted {total:.0f} s of steps")
     if total > ASK_SECONDS and not confirm(f"this study is predicted to take {total / 60:.0f} minutes"):
         raise SceneError(

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..compiled.cache_folder import source_digest
-from ..compiled.jit import set_threads
 from ..maps.averaging.export_resolution import require_cells_within
 from ..scene.key_checks import meant
 from ..scene.scene_reading import read_toml
@@ -273,9 +272,7 @@ class PlannedRuns:
             Of one.
         """
         _, prepared = self.first
-        set_threads(1)  # as a worker has
-        ahead = predicted(prepared, 1)
-        set_threads(None)
+        ahead = predicted(prepared, 1)  # as many threads as a worker has
         return ahead.seconds * sum(self._factor(task) for task in tasks), ahead.memory
 
     def _factor(self, task):

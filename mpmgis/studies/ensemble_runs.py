@@ -14,7 +14,7 @@ from ..frames.ensemble_folder import EnsembleFolder, member_files, read_member
 from ..frames.member_stack import MemberStack
 from ..laws.quantities import MEMBER_BANDS
 from ..simulation.cost_prediction import duration_words
-from ..simulation.measured_cost import MEMORY_SHARE
+from ..simulation.memory_need import MEMORY_SHARE
 from ..simulation.scene_run import ASK_SECONDS
 from ..system import dask_workers, operating_system
 from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError
@@ -193,7 +193,7 @@ def require_affordable(
     seconds, memory = (seconds, 0.0) if study.request.dask else (seconds / workers, memory * workers)
     need = f"{duration_words(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")
     log.info(f"{len(tasks)} run{'s' if len(tasks) != 1 else ''}, predicted: {need}")
-    if seconds < ASK_SECONDS and memory < MEMORY_SHARE * available_memory():
+    if not seconds > ASK_SECONDS and memory < MEMORY_SHARE * available_memory():
         return
     if not confirm(f"these {len(tasks)} runs are predicted to take {need}"):
         raise SceneError(

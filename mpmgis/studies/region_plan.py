@@ -14,7 +14,6 @@ import shapely
 
 from .. import __version__
 from ..compiled.cache_folder import source_digest
-from ..compiled.jit import set_threads
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import GRAVITY
 from ..scene import scene_from_tables
@@ -172,9 +171,7 @@ class PlannedRegion:
         """
         if not self.samples:
             return 0.0, 0.0
-        set_threads(1)
         ahead = [predicted(prepared, 1) for _, prepared in self.samples]
-        set_threads(None)
         return len(tasks) * float(np.mean([one.seconds for one in ahead])), max(one.memory for one in ahead)
 
 

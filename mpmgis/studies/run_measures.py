@@ -167,7 +167,7 @@ def outcomes(
     times : float[k] [s]
         Ascending, the last the end.
     predict : callable
-        prepared -> seconds.
+        Setting -> seconds.
     begun : callable
         Called with (turn, number of the setting) before each run, both from 0.
 
@@ -199,7 +199,7 @@ def _before_first_run(setting, prepare, compile_kernels, predict):
     prepared = prepare(setting)
     began = perf_counter()
     compile_kernels(prepared)
-    return Outcome(setting, prepared.particles, 0, 0, (), perf_counter() - began, predict(prepared), (), 0.0)
+    return Outcome(setting, prepared.particles, 0, 0, (), perf_counter() - began, predict(setting), (), 0.0)
 
 
 def _integrated(flow, cells, times):

@@ -366,21 +366,27 @@ def test_scenes_compare_and_digest_by_their_contents(site):
     assert a == b and a.digest("x") == b.digest("x") != a.digest("y")
 
 
-def test_a_run_reports_predicted_and_actual_time(site, capsys):
+def test_a_run_reports_predicted_and_actual_time(site, capsys, monkeypatch):
+    """Without waiting for a second; the trial changes no bit of the run."""
+    monkeypatch.setattr("mpmgis.simulation.cost_prediction.PACE_SECONDS", 0.0)
     assert main(["run", str(site / "scene.toml")]) == 0
     err = capsys.readouterr().err
-    assert re.search(r"predicted: [\d.]+ s and [\d.]+ GB\n", err)
+    assert re.search(r", [\d.]+ GB\n", err) and re.search(r"predicted: about [\d.]+ s\n", err)
     assert re.search(r"wall time [\d.]+ s \(predicted [\d.]+ s\)", err)
     record = json.loads((site / "results" / "run.json").read_text())
     assert 0 < record["predicted_seconds"] < 60
-
-
-def test_a_longer_run_is_predicted_from_its_own_steps(site, capsys, monkeypatch):
-    monkeypatch.setattr("mpmgis.simulation.scene_run.TRIAL_FROM", 0.0)
-    assert main(["run", str(site / "scene.toml")]) == 0
     measured = digests(site / "results")
-    err = capsys.readouterr().err
-    assert re.search(r"predicted: [\d.]+ s and [\d.]+ GB, at \d+ ns a column and step as measured", err)
     monkeypatch.undo()
     assert main(["run", str(site / "scene.toml"), "--overwrite", "-q"]) == 0
     assert digests(site / "results") == measured
+
+
+def test_a_run_that_may_be_long_is_tried_before_its_first_step(site, capsys, monkeypatch):
+    monkeypatch.setattr("mpmgis.simulation.scene_run.SURELY_SHORT", 0.0)
+    monkeypatch.setattr("mpmgis.simulation.scene_run.ASK_SECONDS", 1e-9)
+    assert main(["run", str(site / "scene.toml"), "-q"]) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"this run is predicted to take [\d.e-]+ s and [\d.]+ GB \(", said)
+    assert not (site / "results").exists()
+    assert main(["run", str(site / "scene.toml"), "--yes"]) == 0
+    assert re.search(r"predicted before the first step: [\d.e-]+ s and [\d.]+ GB\n", capsys.readouterr().err)

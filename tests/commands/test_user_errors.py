@@ -176,7 +176,7 @@ def test_georeferenced_frames_and_a_local_dtm(site, capsys):
 def test_an_interrupted_run_prints_the_command_to_continue(site):
     (site / "scene.toml").write_text(SHORT)
 
-    def stop(now, end_time):
+    def stop(now, end_time, left):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt), collected() as told:

@@ -1,24 +1,22 @@
-"""Predicted time and memory of a scene: stages that may end early, work besides the steps, a trial of the machine."""
+"""Predicted time and memory: a trial on larger cells, the time left by an artificial clock, bounds."""
 
+import re
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import shapely
 from slope_site import SCENE, slide, write_block_site, write_shapes
 
-from mpmgis.simulation import cost_prediction
-from mpmgis.simulation.cost_prediction import (
-    TYPICAL,
-    Machine,
-    OwnPace,
-    expected_times,
-    predicted,
-    predicted_cost,
-    predicted_memory,
-    tried_machine,
-)
-from mpmgis.simulation.measured_cost import BYTES_PER_SWITCHED, NANOSECONDS_PER_STEP, SECONDS_PER_STEP
-from mpmgis.simulation.preparation import prepare
+from mpmgis.compiled.jit import threads_in_use
+from mpmgis.frames.frame_files import write_frame
+from mpmgis.simulation import trial_run
+from mpmgis.simulation.cost_prediction import PACE_SECONDS, TimeLeft, most_particle_steps, predicted
+from mpmgis.simulation.memory_need import BYTES_PER_SWITCHED
+from mpmgis.simulation.preparation import on_larger_cells, prepare
+from mpmgis.simulation.required_memory import predicted_memory
+from mpmgis.simulation.stage_sequence import StageSequence
+from mpmgis.simulation.trial_run import StageWork, Trial, tried
 from mpmgis.system.messages import collected
 
 STAGE = '[[stage]]\nsolver = "{}"\n'
@@ -31,7 +29,12 @@ def site(tmp_path_factory):
     return folder
 
 
-def prepared(site, *untils, end_time=12):
+def prepared(site, text):
+    (site / "scene.toml").write_text(text)
+    return prepare(site / "scene.toml")
+
+
+def staged(site, *untils, end_time=12):
     """A run of 12 s in stages of columns and points by turns, each but the last with what is in `untils`."""
     text = slide(8.0, end_time, 0.5, head="", more="particles_per_cell = 4")
     if any("reach" in until for until in untils):
@@ -40,96 +43,167 @@ def prepared(site, *untils, end_time=12):
         text += STAGE.format("points" if number % 2 else "columns") + (
             "" if until is None else f"until = {{{until}}}\n"
         )
-    (site / "scene.toml").write_text(text)
-    return prepare(site / "scene.toml")
+    return prepared(site, text)
 
 
-@pytest.mark.parametrize(
-    ("untils", "expected", "longest"),
-    [
-        (["time = 2", "time = 5"], [2, 3, 7], [2, 3, 7]),
-        (['reach = "barrier"', "calm = 1"], [4, 4, 4], [12, 12, 12]),
-        (['reach = "barrier"', "time = 6"], [3, 3, 6], [6, 6, 6]),
-        (["time = 2", "calm = 1, time = 6"], [2, 2, 8], [2, 4, 6]),
-    ],
-)
-def test_unknown_times_are_divided_evenly(site, untils, expected, longest):
-    run = prepared(site, *untils)
-    assert expected_times(run) == pytest.approx(expected)
-    assert [run.longest(number) for number in range(3)] == pytest.approx(longest)
-    assert sum(expected) == pytest.approx(12)
+def test_larger_cells_have_the_same_mass_effects_and_ends(site):
+    run = staged(site, 'reach = "barrier"')
+    larger = on_larger_cells(run, 2.0)
+    assert [stage.grid.cell_size for stage in larger.stages] == [2.0 * stage.grid.cell_size for stage in run.stages]
+    assert [stage.effects for stage in larger.stages] == [stage.effects for stage in run.stages]
+    assert larger.frame.particles.mass.sum() == pytest.approx(run.frame.particles.mass.sum(), rel=1e-6)
+    assert larger.particles_of(0) < 0.5 * run.particles_of(0) and larger.particles_of(1) < 0.3 * run.particles_of(1)
+    assert [stage.table for stage in larger.stages] == [stage.table for stage in run.stages]
 
 
-def test_a_run_that_may_last_longer_than_expected_reports_how_long(site):
-    known, open_ended = (prepared(site, *untils) for untils in (["time = 2", "time = 5"], ["time = 2", "calm = 1"]))
-    assert predicted_cost(known, 2, longest=True) == predicted_cost(known, 2)
-    assert predicted_cost(open_ended, 2, longest=True) > predicted_cost(open_ended, 2)
+@pytest.mark.parametrize("solver", ["points", "columns"])
+def test_of_particles_from_a_file_a_part_has_the_mass_of_all(site, solver):
+    scene = slide(4.0, 1, 0.5, head=f'solver = "{solver}"')
+    if solver == "columns":
+        scene = re.sub(r"\[material\][^\[]*", "", scene)
+    write_frame(site / "start.h5", prepared(site, scene).frame)
+    run = prepared(site, re.sub(r"source = .*\nthickness = .*\ndensity = .*", 'particles = "start.h5"', scene))
+    few, whole = on_larger_cells(run, 2.0).frame.particles, run.frame.particles
+    assert len(few) == pytest.approx(len(whole) / 2**run.frame.dimension, abs=1)
+    for name in ("mass", "volume", "area"):
+        if getattr(whole, name) is not None:
+            assert getattr(few, name).sum() == pytest.approx(getattr(whole, name).sum(), rel=0.05)
+    assert tried(run).work > 0.0
 
 
-def test_steps_and_what_is_beside_them_take_longer_on_a_slower_machine(site):
-    run = prepared(site, "time = 2", "time = 5")
-    typical, slow_steps = predicted_cost(run, 1), predicted_cost(run, 1, Machine({"columns": 3.0, "points": 3.0}))
-    slow_beside = predicted_cost(run, 1, Machine({}, other=3.0))
-    assert slow_steps + slow_beside == pytest.approx(4 * typical)
-    assert predicted_cost(run, 1, Machine({"points": 3.0})) == pytest.approx(slow_steps)  # the other's, where untried
-    assert predicted_cost(run, 1, interval=0.5) < typical  # without files
+def test_a_trial_ends_its_stages_when_the_run_does_and_changes_nothing(site):
+    run = staged(site, "time = 2", "time = 5")
+    threads = threads_in_use()
+    before = {name: values.copy() for name, values in run.frame.particles.arrays().items()}
+    trial = tried(run)
+    assert [stage.time[-1] for stage in trial.stages] == pytest.approx([2.0, 3.0, 7.0])
+    for stage in trial.stages:
+        assert stage.time[0] == stage.work[0] == 0.0
+        assert (np.diff(stage.time) >= 0.0).all() and (np.diff(stage.work) >= 0.0).all() and stage.work[-1] > 0.0
+    assert all(np.array_equal(values, before[name]) for name, values in run.frame.particles.arrays().items())
+    assert run.solver().step == 0 and threads_in_use() == threads
 
 
-def test_a_trial_measures_the_pace_of_each_solver_and_changes_nothing(site):
-    run = prepared(site, "time = 2", "time = 5")
-    machine = tried_machine(run, 1, 1.0)
-    assert set(machine.steps) == {"columns", "points"} and all(times > 0.0 for times in machine.steps.values())
-    assert machine.other > 0.0
-    assert "ns a column and" in machine.words and machine.words.endswith("ns a point and step as measured")
-    assert run.solver().step == 0 and len(run.frame.particles) == run.particles
+def test_a_flow_comes_to_rest_in_the_trial_when_it_does_in_the_run(site):
+    scene = SCENE.replace("end_time = 30", "end_time = 900").replace("mu = 0.2", "mu = 0.35")
+    run = prepared(site, scene)
+    sequence = StageSequence(prepare(site / "scene.toml"))
+    rested = [frame.time for frame in sequence][-1]
+    assert rested < 300.0 and tried(run).stages[0].time[-1] == pytest.approx(rested, rel=0.3)
 
 
-def test_only_what_takes_more_than_a_moment_is_tried(site, monkeypatch):
-    run, asked = prepared(site, "time = 2", "time = 5"), []
-    monkeypatch.setattr(
-        cost_prediction, "tried_machine", lambda *given: asked.append(given) or TYPICAL._replace(other=2.0)
+def test_a_trial_that_is_broken_off_goes_on_evenly_to_the_end(site):
+    run = prepared(site, slide(8.0, 12, 0.5))
+    late = iter([0.0, *[2.0 * trial_run.SECONDS] * 99])
+    (stage,) = tried(run, clock=lambda: next(late)).stages
+    assert len(stage.time) == 3 and stage.time[-1] == 12.0
+    assert stage.work[1] / stage.time[1] == pytest.approx(stage.work[2] / stage.time[2])
+
+
+def test_cells_that_do_not_fit_between_walls_are_not_tried(site):
+    assert tried(prepared(site, slide(8.0, 12, 0.5, more='edges = "wall"')), factor=1024.0) is None
+
+
+def test_a_prediction_has_the_work_of_the_trial_on_all_threads(site):
+    run = staged(site, "time = 2", "time = 5")
+    one, two = predicted(run, 1), predicted(run, 2)
+    assert one.seconds == one.trial.work > 0.0 and two.seconds == two.trial.work / 2
+    assert one.memory == predicted_memory(run)
+
+
+@pytest.mark.parametrize("text", [SCENE, slide(8.0, 3, 0.5)])
+def test_no_run_has_more_particle_steps_than_the_bound(site, text):
+    run = prepared(site, text)
+    sequence = StageSequence(run)
+    for _ in sequence:
+        pass
+    assert sequence.particle_steps < most_particle_steps(run) < 100 * sequence.particle_steps
+
+
+class Course:
+    """A run by an artificial clock: steps have the work of a trial, at a pace; frames take as long in every second."""
+
+    work = (
+        StageWork(np.array([0.0, 4.0, 10.0]), np.array([0.0, 9.0, 12.0])),
+        StageWork(np.array([0.0, 30.0]), np.array([0.0, 60.0])),
     )
-    monkeypatch.setattr(cost_prediction, "TRIAL_FROM", 1e6)
-    short = predicted(run, 1)
-    assert not asked and short.source == ""
-    monkeypatch.setattr(cost_prediction, "TRIAL_FROM", 0.0)
-    assert predicted(run, 1).seconds > short.seconds and len(asked) == 1
+
+    def __init__(self, pace, frames, stages=2, end_time=40.0):
+        self.trial, self.pace, self.frames = Trial(self.work[:stages]), pace, frames
+        self.time, self.number, self.paused = 0.0, 0, 0.0
+        self.solver, self.past = self, []
+        self.prepared = SimpleNamespace(scene=SimpleNamespace(output=SimpleNamespace(end_time=end_time)))
+
+    @property
+    def stepped(self):
+        since = self.time - 10.0 * self.number
+        return self.pace * (self.trial.done(self.number, since) - self.trial.done(self.number, 0.0)), 0, 0
+
+    def clock(self):
+        before = 12.0 * self.pace * self.number
+        return before + self.stepped[0] + self.frames * self.time + self.paused
+
+    @property
+    def total(self):
+        return self.pace * self.trial.work + self.frames * sum(stage.time[-1] for stage in self.trial.stages)
+
+    def at(self, time):
+        self.time, self.number = time, int(time >= 10.0 and len(self.trial.stages) > 1)
+        self.past = [{"time": 10.0}][: self.number]
+        return self
 
 
-def test_a_run_is_predicted_again_from_its_own_steps_once_for_each_solver(site, monkeypatch):
-    """Two seconds of steps are waited for; a machine of a tenth of the typical speed takes ten times as long."""
-    run = prepared(site, "time = 2", "time = 5")
-    ahead = predicted(run, 1, trial_from=1e9)
-    monkeypatch.setattr(cost_prediction, "LOG_FROM", 0.0)
-    pace = OwnPace(run, 1, ahead)
-    nominal = 1e-9 * NANOSECONDS_PER_STEP + SECONDS_PER_STEP / 1000.0
-
-    def look(solver, seconds, each):
-        stage = SimpleNamespace(scene=SimpleNamespace(solver=solver, numerics=run.scene.numerics))
-        steps = int(seconds / each / 1000.0)
-        pace.update(SimpleNamespace(stage=stage, stepped=(seconds, 1000 * steps, steps)))
-
+@pytest.mark.parametrize(("pace", "frames"), [(0.5, 0.0), (1.0, 0.3), (20.0, 0.0), (0.5, 5.0)])
+def test_a_run_with_the_work_of_its_trial_is_predicted_exactly_at_any_pace(pace, frames):
+    course = Course(pace, frames)
+    left = TimeLeft(course.prepared, course.trial, course.clock)
+    assert left.words(course.at(0.0)) == "" and left.seconds is None
     with collected() as said:
-        look("columns", 1.9, 10 * nominal)
-        assert pace.seconds == ahead.seconds and not said
-        look("columns", 2.1, 10 * nominal)
-        slow = predicted_cost(run, 1, Machine({"columns": 10.0}))
-        assert pace.seconds == pytest.approx(slow, rel=0.02) and pace.seconds > ahead.seconds
-        assert [f"at {1e10 * nominal:.0f} ns a column and step as measured" in line for line in said] == [True]
-        look("columns", 9.0, 99 * nominal)
-        assert pace.seconds == pytest.approx(slow, rel=0.02)
-        look("points", 2.1, 10 * nominal)
-        assert len(said) == 2 and "ns a column and" in said[1] and "ns a point and step" in said[1]
+        for time in (3.0, 9.0, 10.0, 20.0, 39.0):
+            words = left.words(course.at(time))
+            assert words == "" if time == 10.0 else words.startswith("about ") and words.endswith(" left")
+            if words and "min" not in words:
+                assert float(words.split()[1]) == pytest.approx(course.total - course.clock(), rel=0.06)
+    assert left.seconds == pytest.approx(course.total) and len(said) == 1 and said[0].startswith("predicted: about ")
 
 
-def test_a_scene_without_stages_lasts_until_end_time(site):
-    (site / "scene.toml").write_text(SCENE)
-    assert expected_times(prepare(site / "scene.toml")) == [30.0]
+def test_the_first_second_is_not_predicted():
+    course = Course(0.1, 0.0)
+    left = TimeLeft(course.prepared, course.trial, course.clock)
+    left.words(course.at(0.0))
+    assert left.words(course.at(4.0)) == "" and course.clock() < PACE_SECONDS
+    assert left.words(course.at(9.999)) != "" and left.seconds is not None
+
+
+def test_the_trial_in_a_run_is_no_work_of_the_run(monkeypatch):
+    course = Course(1.0, 0.5)
+
+    def tried_slowly(prepared):
+        course.paused += 7.0
+        return course.trial
+
+    monkeypatch.setattr("mpmgis.simulation.cost_prediction.tried", tried_slowly)
+    left = TimeLeft(course.prepared, clock=course.clock)
+    left.words(course.at(0.0))
+    left.words(course.at(5.0))
+    assert left.seconds == pytest.approx(course.total + 7.0)
+    left.words(course.at(10.0))
+    assert float(left.words(course.at(30.0)).split()[1]) == pytest.approx(10 * 2.5, rel=0.05)
+
+
+def test_without_a_trial_and_after_its_end_a_run_lasts_at_most_until_end_time(monkeypatch):
+    monkeypatch.setattr("mpmgis.simulation.cost_prediction.tried", lambda prepared: None)
+    course = Course(1.0, 0.0, stages=1)
+    left = TimeLeft(course.prepared, clock=course.clock)
+    left.words(course.at(0.0))
+    assert left.words(course.at(4.0)) == f"at most {9.0 / 4.0 * 36.0:.2g} s left"
+    left = TimeLeft(course.prepared, course.trial, course.clock)
+    left.words(course.at(0.0))
+    assert left.words(course.at(9.0)).startswith("about")
+    assert left.words(course.at(20.0)) == f"at most {12.0 / 20.0 * 20.0:.2g} s left"
 
 
 def test_stages_need_memory_for_what_is_converted(site):
-    run, alone = prepared(site, "time = 2", "time = 5"), slide(8.0, 12, 0.5)
-    (site / "alone.toml").write_text(alone)
-    points = prepare(site / "alone.toml")
-    more = predicted_memory(run) - predicted_memory(points)
+    run = staged(site, "time = 2", "time = 5")
+    more = predicted_memory(run) - predicted_memory(prepared(site, slide(8.0, 12, 0.5)))
     assert more == pytest.approx(BYTES_PER_SWITCHED * run.particles_of(1), rel=0.5)

@@ -7,7 +7,7 @@ import shapely
 from slope_site import slide, write_block_site, write_shapes
 
 from mpmgis.commands.shell.main import main
-from mpmgis.simulation import cost_prediction
+from mpmgis.simulation import required_memory
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 
 MATERIAL = re.compile(r"\[material\][^\[]*")
@@ -51,7 +51,7 @@ def test_what_does_not_fit_is_refused_by_its_key_before_it_is_made(site, capsys,
 
 def test_a_window_that_leaves_few_points_is_not_refused(site, monkeypatch):
     """What becomes points in it is not estimated; the grid of small cells is made."""
-    monkeypatch.setattr(cost_prediction, "FEW_NODES", 100)
+    monkeypatch.setattr(required_memory, "FEW_NODES", 100)
     monkeypatch.setattr("mpmgis.system.memory.available_memory", lambda: 6.0e6)
     scene = slide(2.0, 2, 1, head="", more="particles_per_cell = 4")
     for window, code in (("", 2), ('window = "box.geojson"\n', 0)):

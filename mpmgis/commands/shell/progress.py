@@ -1,4 +1,4 @@
-"""Show progress on stderr (simulated time, speed, remaining time), and stop by signals."""
+"""Show progress on stderr (simulated time, speed, wall time left), and stop by signals."""
 
 import signal
 import sys
@@ -121,16 +121,16 @@ def interruptible(*watches: Callable[..., Any], done: bool = True) -> Iterator[A
 
 
 @contextmanager
-def run_progress() -> Iterator[Callable[[Any, float], None]]:
+def run_progress() -> Iterator[Callable[[Any, float, str], None]]:
     """Yield a function that shows the progress of a run.
 
     Yields
     ------
     callable
-        Called with (solver, end time [s]).
+        Called with (solver, end time [s], wall time left in words).
     """
     if terminal.volume < 0:
-        yield lambda solver, end_time: None
+        yield lambda solver, end_time, left: None
     elif sys.stderr.isatty():
         yield from _bar()
     else:
@@ -139,25 +139,25 @@ def run_progress() -> Iterator[Callable[[Any, float], None]]:
 
 def _bar():
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn
 
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.fields[speed]}"),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        TextColumn("{task.fields[left]}"),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress, _drawn(progress):
-        task = progress.add_task(COMPILING, total=None, speed="")
+        task = progress.add_task(COMPILING, total=None, speed="", left="")
 
-        def watch(solver, end_time):
+        def watch(solver, end_time, left):
             progress.update(
                 task,
                 description=f"t = {solver.time:.1f} of {end_time:g} s",
                 total=end_time,
                 completed=solver.time,
                 speed=f"fastest {solver.speed_max:.1f} m/s",
+                left=left,
             )
 
         yield watch
@@ -214,9 +214,10 @@ def _lines():
     lines = _NowAndThen()
     lines.is_due()
 
-    def watch(solver, end_time):
+    def watch(solver, end_time, left):
         if lines.is_due():
-            terminal.note(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
+            words = f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s"
+            terminal.note(f"{words}, {left}" if left else words)
 
     yield watch
 

@@ -17,7 +17,7 @@ import chain
 import profiles
 
 from mpmgis.frames.frame_files import read_frame
-from mpmgis.simulation.cost_prediction import predicted_cost, predicted_memory
+from mpmgis.simulation.cost_prediction import predicted
 from mpmgis.simulation.preparation import prepare
 
 CRS, WEST, MIDDLE, HEAD = "EPSG:32632", 343_000.0, 5_081_000.0, 4_000.0  # near the mountain; the terrain is synthetic
@@ -126,7 +126,8 @@ def export(folder):
 def estimate(folder, cell=1.0, end=150.0, threads=2):
     """(points, predicted time [s], predicted memory [bytes]) of a run that is not started."""
     prepared = prepare(write_all(folder, cell, end) / "scene.toml")
-    return (prepared.particles, predicted_cost(prepared, threads), predicted_memory(prepared))
+    ahead = predicted(prepared, threads)
+    return prepared.particles, ahead.seconds, ahead.memory
 
 
 def along(path, *names, step=1.0, start=0.0, end=LENGTH):
