@@ -1,12 +1,13 @@
 """Compilation that begins before a scene is prepared: most of what the first run after an installation waits for.
 
 The loops of the solvers take arguments of the same types whatever a scene contains, so that a solver of a few particles
-has them. While this process reads and seeds the scene, child processes compile the kernels that these loops call.
+has them. While this process reads the terrain and seeds, child processes compile the kernels that these loops call.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from ..terrain.synthetic_terrain import plane
 
+if TYPE_CHECKING:
+    from ..scene import Scene
+
 CELLS = 16  # of the terrain of a sample along each side, of 1 m
 ANGLE = 20.0  # [deg] of its slope
 PLACES = np.array([[8.2, 8.2], [8.7, 8.2], [8.2, 8.7], [8.7, 8.7]])  # [m] of its particles
@@ -30,19 +34,16 @@ DENSITY = 1000.0  # [kg m-3]
 
 
 @contextmanager
-def kernels_ahead(tables: Mapping, device: str | None = None) -> Iterator[None]:
+def kernels_ahead(scene: "Scene") -> Iterator[None]:
     """Compile kernels of a scene's solvers during this block, if this processor has never compiled them.
 
     Parameters
     ----------
-    tables : Mapping
-        Of the scene, not yet checked.
-    device : str, optional
-        Replaces [numerics] device.
+    scene : Scene
     """
     calls = []
     with muted():
-        for sample in _samples(tables, device):
+        for sample in _samples(scene):
             solver = sample()
             calls.append((solver.kernel.advance, solver.step_arguments()))
     with begun(calls):
@@ -85,16 +86,13 @@ def _frame(dimension: int) -> Frame:
     return Frame(particles, dimension=dimension)
 
 
-def _samples(tables: Mapping, device: str | None) -> list[Callable]:
-    """Return what makes a sample of each solver whose loop this processor has never compiled."""
-    found = []
-    with suppress(AttributeError, TypeError):  # tables that are none are refused where the scene is read
-        numerics = tables.get("numerics", {})
-        if (device or numerics.get("device")) == CUDA:
-            return []
-        solvers = {stage.get("solver") for stage in tables.get("stage", ())} or {tables.get("solver", "columns")}
-        if "columns" in solvers and is_first(ColumnSolver.kernel.advance):
-            found.append(sample_columns)
-        if "points" in solvers and is_first(PointSolver.kernel.advance):
-            found.append(partial(sample_points, str(numerics.get("precision", "float64"))))
-    return found
+def _samples(scene: "Scene") -> list[Callable]:
+    """Return what makes a sample of each solver whose loop this processor has never compiled.
+
+    Kernels with a law of the user, and those for a device, are others.
+    """
+    if scene.own_laws.laws or scene.numerics.device == CUDA:
+        return []
+    samples = {"columns": sample_columns, "points": partial(sample_points, scene.numerics.precision)}
+    loops = {"columns": ColumnSolver.kernel.advance, "points": PointSolver.kernel.advance}
+    return [samples[solver] for solver in sorted(scene.solvers) if is_first(loops[solver])]

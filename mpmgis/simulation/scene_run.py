@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -190,14 +190,14 @@ def run(
     UnphysicalError
         The run stopped; all earlier frames are complete.
     """
-    # a missing scene is reported before an existing folder
-    tables = scene if isinstance(scene, Mapping) else read_toml(scene)
+    if not isinstance(scene, Mapping):
+        read_toml(scene)  # a missing scene is reported before an existing folder
     output = output or Path("" if isinstance(scene, Mapping) else scene).parent / "results"
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     if resume and not folder.record():
         log.info(f"{output} contains no run to continue: this one starts from the beginning")
-    with nullcontext() if law is not None else kernels_ahead(tables, device):  # a law has its own cache of kernels
-        prepared = prepare(scene, law, device)
+    with ExitStack() as stack:
+        prepared = prepare(scene, law, device, lambda checked: stack.enter_context(kernels_ahead(checked)))
         device = require_devices(prepared)
         if prepared.scene.output.rasters:
             _require_rasters(prepared)

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tomllib
 
 import numba
 import pytest
@@ -10,49 +11,50 @@ from slope_site import SCENE, slide, write_block_site, write_site
 
 from mpmgis.compiled.called_kernels import argument_types, called_kernels
 from mpmgis.compiled.checked_cache import is_kept
+from mpmgis.scene import scene_from_tables
 from mpmgis.simulation import kernels_ahead
 from mpmgis.simulation.kernels_ahead import sample_columns, sample_points
 from mpmgis.simulation.preparation import prepare
 
+STAGES = """
+[[stage]]
+solver = "columns"
+until = {time = 0.5}
+[[stage]]
+solver = "points"
+"""
 needs_compiler = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
 SAMPLES = {"columns": sample_columns, "float64": sample_points, "float32": lambda: sample_points("float32")}
 POINT_LAWS = 7  # place of the laws among the arguments of the 3D loop: their types are those of the scene
 
 
 @pytest.fixture
-def made(monkeypatch):
-    """Solvers of samples that would be made after an installation, as names."""
+def samples(monkeypatch):
+    """A function from tables of a scene to names of the samples that would be made after an installation."""
     monkeypatch.setattr(kernels_ahead, "is_first", lambda loop: True)
-    monkeypatch.setattr(kernels_ahead, "sample_columns", "columns")
+    monkeypatch.setattr(kernels_ahead, "sample_columns", lambda: "columns")
     monkeypatch.setattr(kernels_ahead, "sample_points", lambda precision: precision)
 
-    def samples(tables, device=None):
-        return [made() if callable(made) else made for made in kernels_ahead._samples(tables, device)]
+    def names(more="", stages="", head=""):
+        scene = scene_from_tables(tomllib.loads(slide(8.0, 1.5, 0.5, head, more=more) + stages))
+        return [sample() for sample in kernels_ahead._samples(scene)]
 
-    return samples
-
-
-def test_each_solver_of_a_scene_has_a_sample(made):
-    assert made({}) == ["columns"]
-    assert made({"solver": "points"}) == ["float64"]
-    stages = [{"solver": "columns"}, {"solver": "points"}, {"solver": "columns"}]
-    assert made({"stage": stages, "numerics": {"precision": "float32"}}) == ["columns", "float32"]
+    return names
 
 
-@pytest.mark.parametrize("tables", [{"numerics": 3}, {"stage": 1}, {"stage": ["columns"]}, {"solver": ["columns"]}])
-def test_tables_that_are_none_have_no_sample(made, tables):
-    assert made(tables) == []
+def test_each_solver_of_a_scene_has_a_sample(samples):
+    assert samples(head='solver = "points"') == ["float64"]
+    assert samples(more='precision = "float32"', stages=STAGES) == ["columns", "float32"]
 
 
-def test_there_is_no_sample_for_a_device(made):
-    assert made({"numerics": {"device": "cuda"}}) == []
-    assert made({}, device="cuda") == []
-    assert made({"numerics": {"device": "cuda"}}, device="cpu") == ["columns"]
+def test_there_is_no_sample_for_a_device(samples):
+    assert samples(more='device = "cuda"', head='solver = "points"') == []
+    assert samples(more='device = "auto"', head='solver = "points"') == ["float64"]
 
 
-def test_there_is_no_sample_of_a_loop_that_is_compiled(made, monkeypatch):
+def test_there_is_no_sample_of_a_loop_that_is_compiled(samples, monkeypatch):
     monkeypatch.setattr(kernels_ahead, "is_first", lambda loop: False)
-    assert made({}) == made({"solver": "points"}) == []
+    assert samples(stages=STAGES) == []
 
 
 @needs_compiler
@@ -86,7 +88,7 @@ def test_the_kernels_of_a_loop_are_found_with_the_types_that_it_calls_them_with(
 @pytest.mark.thorough
 def test_the_first_run_of_an_installation_compiles_with_a_child_and_the_second_not_at_all(tmp_path):
     folder = write_site(tmp_path)
-    (folder / "scene.toml").write_text(SCENE.replace("end_time = 30", "end_time = 1"))
+    (folder / "scene.toml").write_text(SCENE.replace("end_time = 30", "end_time = 5"))
     environment = os.environ | {"MPMGIS_CACHE_DIR": str(tmp_path / "cache"), "MPMGIS_COMPILE_PROCESSES": "2"}
     command = [sys.executable, "-m", "mpmgis", "run", str(folder / "scene.toml"), "--overwrite"]
     first, second = (
