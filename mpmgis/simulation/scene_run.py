@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
 from .cost_prediction import Prediction, TimeLeft, most_particle_steps, need_words, predicted
+from .kernels_ahead import kernels_ahead
 from .memory_need import MEMORY_SHARE
 from .preparation import prepare
 from .required_memory import predicted_memory
@@ -191,15 +193,16 @@ def run(
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     if resume and not folder.record():
         log.info(f"{output} contains no run to continue: this one starts from the beginning")
-    prepared = prepare(scene, law, device)
-    device = require_devices(prepared)
-    if prepared.scene.output.rasters:
-        _require_rasters(prepared)
-    folder.refuse_inputs(input_files(scene, prepared.scene, law))
-    used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
-    trial = require_affordable(prepared, used, confirm)
-    if trial is None:
-        warm_up(prepared)
+    with ExitStack() as stack:
+        prepared = prepare(scene, law, device, lambda checked: stack.enter_context(kernels_ahead(checked)))
+        device = require_devices(prepared)
+        if prepared.scene.output.rasters:
+            _require_rasters(prepared)
+        folder.refuse_inputs(input_files(scene, prepared.scene, law))
+        used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
+        trial = require_affordable(prepared, used, confirm)
+        if trial is None:
+            warm_up(prepared)
     sequence, left, warned = StageSequence(prepared), TimeLeft(prepared, trial), _with_mach_warning(watch)
     sequence.observe = lambda solver, end_time: warned(solver, end_time, left.words(sequence))
     _log_stages(prepared)
