@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..laws.material_choice import SHORT_STATE, state_count, wave_speed
 from ..laws.quantities import GRAVITY
 from ..solvers.columns.column_rows import ROW
 from ..solvers.points.point_ground import GROUND_ENTRIES
@@ -120,12 +121,12 @@ def predicted_in_3d(
     seconds : float [s]
     memory : float [bytes]
     """
-    dx, viscosity = numerics.cell_size, material.viscosity()
-    limits = [dx / (material.wave_speed(numerics.density) + 0.5 * line_speed), np.sqrt(dx / numerics.gravity)]
+    dx, viscosity = numerics.cell_size, material.dynamic_viscosity
+    limits = [dx / (wave_speed(material, numerics.density) + 0.5 * line_speed), np.sqrt(dx / numerics.gravity)]
     if viscosity > 0.0:
         limits.append(numerics.density * dx * dx / (6.0 * viscosity))
     steps = end_time / (courant_number(material, numerics) * min(limits))
-    row = ROW_SHORT if material.state_count() <= 4 else ROW_LONG
+    row = ROW_SHORT if state_count(material) == SHORT_STATE else ROW_LONG
     number = 4 if numerics.precision == "float32" else 8  # bytes
     memory = points * (4 * number * row + BYTES_PER_POINT_BESIDE) + nodes * BYTES_PER_POINT_NODE + 3 * elevation_bytes
     seconds = NANOSECONDS_PER_POINT_STEP[numerics.precision] * 1e-9

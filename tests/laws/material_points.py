@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.softening import Softening
 
-UNSOFTENED = NoSoftening()
+UNSOFTENED = Softening()
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 FRESH = (0.0,) * 8  # a solid free of stress
 

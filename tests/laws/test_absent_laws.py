@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mpmgis.compiled.jit import for_law
-from mpmgis.laws.barrier import Barrier, NoBarrier
-from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
 from mpmgis.solvers.points import point_loop
 
 
@@ -61,9 +60,7 @@ def test_the_kernel_of_an_absent_law_is_neither_compiled_nor_called():
     assert counts[0] == 2.0
 
 
-@pytest.mark.parametrize(
-    "law", [Barrier(), NoBarrier(), CoulombContact(0.3), StickingContact(), VoellmyContact(0.2, 500.0)]
-)
+@pytest.mark.parametrize("law", [True, False, coulomb_contact(0.3), sticking_contact(), voellmy_contact(0.2, 500.0)])
 def test_whether_a_law_is_active_does_not_depend_on_its_values(law):
     """So that their kernels are left out where they are absent."""
     for name in ("barrier_active", "drag_active"):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from compiled import compiled
 
-from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
 
-LAWS = {"Coulomb": CoulombContact(0.4), "Voellmy": VoellmyContact(0.4, 500.0), "Sticking": StickingContact()}
+LAWS = {"Coulomb": coulomb_contact(0.4), "Voellmy": voellmy_contact(0.4, 500.0), "Sticking": sticking_contact()}
 VALUES = np.array([[[0.1, 50.0], [0.2, 60.0]]])
 
 
@@ -41,6 +41,6 @@ def test_drag_solves_its_quadratic_exactly():
 
 
 def test_parameters_of_a_place():
-    assert LAWS["Coulomb"].at_node(VALUES, 0, 1) == CoulombContact(0.2)
-    assert LAWS["Voellmy"].at_node(VALUES, 0, 1) == VoellmyContact(0.2, 60.0)
-    assert LAWS["Sticking"].at_node(VALUES, 0, 1) == StickingContact()
+    assert LAWS["Coulomb"].at_node(VALUES, 0, 1) == coulomb_contact(0.2)
+    assert LAWS["Voellmy"].at_node(VALUES, 0, 1) == voellmy_contact(0.2, 60.0)
+    assert LAWS["Sticking"].at_node(VALUES, 0, 1) == sticking_contact()

@@ -11,22 +11,21 @@ from material_points import random_states
 
 from mpmgis.compiled.jit import FASTMATH
 from mpmgis.compiled.simd_lanes import get, put
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
-from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.laws.material import cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
+from mpmgis.laws.softening import Softening, softening
 
 POINTS, ASKED, ANSWERED = 32, 17, 15
-ICE, NONE = drucker_prager(6.7e6, 4e6, 40.0, 1e3), NoSoftening()
+ICE, NONE = drucker_prager(6.7e6, 4e6, 40.0, 1e3), Softening()
 GROWING = cohesive_mu_i(40.0, 1e3, 0.26, 0.279, 0.1, 900.0, bulk_modulus=6.7e6, shear_modulus=4e6)
 CASES = {
-    "elastic": (Elastic(6.7e6, 4e6), NONE),
+    "elastic": (elastic(6.7e6, 4e6), NONE),
     "frictional": (ICE, NONE),
     "softened": (ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0)),
     "softened-tangent": (ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0, form="tangent")),
     "softened-linear": (ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0, form="linear")),
-    "inertial": (MuI(6.7e6, 4e6, 0.38, 0.64, 0.279, 1e-2, 2500.0, 1.0), NONE),
+    "inertial": (mu_i(6.7e6, 4e6, 0.38, 0.64, 0.279, 1e-2, 2500.0, 1.0), NONE),
     "cohesive-inertial": (GROWING, softening((40.0, 1e3), (20.0, 0.0), 10.0)),
-    "fluid": (Fluid(7.1e6, 5.0, 0.0), NONE),
+    "fluid": (fluid(7.1e6, 5.0, 0.0), NONE),
 }
 SOLIDS = [name for name in CASES if name != "fluid"]
 

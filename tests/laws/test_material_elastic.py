@@ -8,10 +8,10 @@ from material_points import FRESH, carried, cauchy_green, function_of, kirchhoff
 from scipy.linalg import logm
 
 from mpmgis.laws.hencky import SERIES_REACH, exponential_less_unit, principal
-from mpmgis.laws.material import FAR, ORDINARY, Elastic, MuI, drucker_prager
+from mpmgis.laws.material import FAR, ORDINARY, drucker_prager, elastic, mu_i
 
-ICE = Elastic(6.7e6, 4e6)
-SOLIDS = [ICE, drucker_prager(6.7e6, 4e6, 40.0, 1e3), MuI(6.7e6, 4e6, 0.38, 0.64, 0.279, 1e-2, 2500.0, 1.0)]
+ICE = elastic(6.7e6, 4e6)
+SOLIDS = [ICE, drucker_prager(6.7e6, 4e6, 40.0, 1e3), mu_i(6.7e6, 4e6, 0.38, 0.64, 0.279, 1e-2, 2500.0, 1.0)]
 AT_REST = np.zeros((3, 3))
 
 

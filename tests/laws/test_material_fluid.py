@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from material_points import matrix, pressure, six, step
 
-from mpmgis.laws.fluid_material import SMALLEST_VOLUME, Fluid
-from mpmgis.laws.material import FAR, NO_TENSION, ORDINARY
+from mpmgis.laws.fluid_material import SMALLEST_VOLUME
+from mpmgis.laws.material import FAR, NO_TENSION, ORDINARY, fluid
 
-WATER, TAIT, MUD = Fluid(7.1e6, 0.0, 0.0), Fluid(7.1e6, 0.0, 1.0), Fluid(7.1e6, 50.0, 0.0)
+WATER, TAIT, MUD = fluid(7.1e6, 0.0, 0.0), fluid(7.1e6, 0.0, 1.0), fluid(7.1e6, 50.0, 0.0)
 FRESH = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 AT_REST = np.zeros((3, 3))
 
@@ -93,5 +93,5 @@ def test_stored_energy_is_the_work_of_compression(law):
 
 
 def test_waves_go_ten_times_as_fast_as_the_flow_that_it_is_made_for():
-    assert Fluid(1000.0 * (10 * 8.4) ** 2, 0.0, 0.0).wave_speed(1000.0) == pytest.approx(84.0)
+    assert fluid(1000.0 * (10 * 8.4) ** 2, 0.0, 0.0).wave_speed(1000.0) == pytest.approx(84.0)
     assert math.isfinite(WATER.wave_speed(1000.0)) and six(AT_REST) == (0.0,) * 6

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from material_points import FRESH, cauchy_green, pressure, random_states, shear, step
 
-from mpmgis.laws.material import NO_TENSION, ORDINARY, Elastic, MuI, drucker_prager
-from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.laws.material import NO_TENSION, ORDINARY, drucker_prager, elastic, mu_i
+from mpmgis.laws.softening import Softening, softening
 from mpmgis.system.errors import InputError
 
 BULK, SHEAR = 6.7e6, 4e6
 ICE = drucker_prager(BULK, SHEAR, 40.0, 1e3)
 SAND = drucker_prager(BULK, SHEAR, 30.0, 0.0)
-BEADS = MuI(BULK, SHEAR, math.tan(math.radians(20.9)), math.tan(math.radians(32.8)), 0.279, 0.01, 2500.0, 1.0)
+BEADS = mu_i(BULK, SHEAR, math.tan(math.radians(20.9)), math.tan(math.radians(32.8)), 0.279, 0.01, 2500.0, 1.0)
 AT_REST = np.zeros((3, 3))
 
 
@@ -132,7 +132,7 @@ def test_what_was_pulled_apart_is_pushed_back_before_it_bears_load():
 def test_returned_states_are_admissible():
     """20 000 random points, some softened: inside the cone, not beyond the tip, and returned again the same."""
     rng = np.random.default_rng(2)
-    law, soft, bare = ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0), Elastic(BULK, SHEAR)
+    law, soft, bare = ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0), elastic(BULK, SHEAR)
     torn = slid = 0
     for b, gradient in random_states(rng, 20_000, 0.03):
         start = (*b, rng.uniform(0.0, 0.5), rng.choice([0.0, 5e-3]))
@@ -156,7 +156,7 @@ def test_flow_keeps_the_direction_of_the_deviator():
     rng = np.random.default_rng(3)
     checked = 0
     for b, gradient in random_states(rng, 300, 0.03):
-        _, elastic, _ = step(Elastic(BULK, SHEAR), (*b, 0.0, 0.0), gradient)
+        _, elastic, _ = step(elastic(BULK, SHEAR), (*b, 0.0, 0.0), gradient)
         _, stress, code = step(SAND, (*b, 0.0, 0.0), gradient)
         if code == NO_TENSION:
             continue
@@ -201,7 +201,7 @@ def test_softening_of_nothing_and_at_once():
         results = [
             step(law, state, gradient, softening=soft)
             for law, state, soft in zip(
-                (ICE, ICE, ICE, residual), states, (NoSoftening(), never, at_once, NoSoftening()), strict=True
+                (ICE, ICE, ICE, residual), states, (Softening(), never, at_once, Softening()), strict=True
             )
         ]
         states = [result[0] for result in results]
@@ -243,7 +243,7 @@ def test_inertial_friction_solves_its_equation():
         p, excess, time_step = 10.0 ** rng.uniform(1, 6), 10.0 ** rng.uniform(-3, 2), 10.0 ** rng.uniform(-6, -2)
         trial = BEADS.mu1 * p * (1.0 + excess)
         norm = trial / (math.sqrt(2.0) * SHEAR)
-        _, kept, strain, _, code, yields = BEADS.returned_strain(-p / BULK, norm, 0.0, 0.0, time_step, NoSoftening())
+        _, kept, strain, _, code, yields = BEADS.returned_strain(-p / BULK, norm, 0.0, 0.0, time_step, Softening())
         shear_stress, rate = kept * trial, (1.0 - kept) * trial / (SHEAR * time_step)
         inertia = rate * 0.01 / math.sqrt(p / 2500.0)
         friction = BEADS.mu1 + (BEADS.mu2 - BEADS.mu1) * inertia / (inertia + 0.279)
@@ -271,7 +271,7 @@ def test_inertial_flow_bears_no_tension_and_little_shear_is_elastic():
     assert code == NO_TENSION and np.all(stress == 0.0) and state[:6] == FRESH[:6] and state[7] > 0.0
     start = at_pressure(BEADS, 1e4)
     state, stress, code = step(BEADS, start, sheared(1e-6))
-    np.testing.assert_allclose(stress, step(Elastic(BULK, SHEAR), start, sheared(1e-6))[1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(stress, step(elastic(BULK, SHEAR), start, sheared(1e-6))[1], rtol=0, atol=1e-9)
     assert code == ORDINARY and state[6] == 0.0
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mpmgis.laws.softening import LinearSoftening, NoSoftening, cone, decay, sine_cosine, softening
+from mpmgis.laws.softening import LinearSoftening, Softening, cone, decay, sine_cosine, softening
 from mpmgis.system.errors import InputError
 
 PEAK, RESIDUAL = (40.0, 1e3), (20.0, 0.0)
@@ -78,7 +78,7 @@ def test_hard_coefficients():
 
 
 def test_no_softening_leaves_the_cone():
-    assert NoSoftening().softened_cone(1.2, 300.0, 5.0) == (1.2, 300.0)
+    assert Softening().softened_cone(1.2, 300.0, 5.0) == (1.2, 300.0)
 
 
 def test_what_is_no_softening_is_refused():

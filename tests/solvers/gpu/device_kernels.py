@@ -7,13 +7,10 @@ import numba
 import numpy as np
 from numba import types
 
-from mpmgis.laws.affine_transfer import WholeGradient
-from mpmgis.laws.barrier import Barrier, NoBarrier
-from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.friction import FrictionZones, NoZones
-from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
-from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.laws.affine_transfer import WHOLE_GRADIENT
+from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
+from mpmgis.laws.material import cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
+from mpmgis.laws.softening import Softening, softening
 from mpmgis.solvers.gpu import (
     device_barriers,
     device_grid_to_points,
@@ -58,34 +55,34 @@ SOIL = drucker_prager(**MODULI, friction_angle=CONE[0], cohesion=CONE[1])
 COHESIVE = cohesive_mu_i(*CONE, 0.2, 0.3, 1e-3, 2500.0, **MODULI)
 FADING, TANGENT, LINEAR = (softening(CONE, (20.0, 0.0), 10.0, form) for form in ("exponential", "tangent", "linear"))
 MATERIALS = {  # material, softening
-    "drucker_prager": (SOIL, NoSoftening()),
-    "mu_i": (MuI(1e6, 1e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
+    "drucker_prager": (SOIL, Softening()),
+    "mu_i": (mu_i(1e6, 1e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), Softening()),
     "cohesive_softening": (COHESIVE, FADING),
 }
 OTHER_MATERIALS = {
     "softening": (SOIL, FADING),
-    "elastic": (Elastic(**MODULI), NoSoftening()),
-    "fluid": (Fluid(1e6, 10.0, 1.0), NoSoftening()),
-    "cohesive": (COHESIVE, NoSoftening()),
+    "elastic": (elastic(**MODULI), Softening()),
+    "fluid": (fluid(1e6, 10.0, 1.0), Softening()),
+    "cohesive": (COHESIVE, Softening()),
     "tangent_softening": (SOIL, TANGENT),
     "linear_softening": (SOIL, LINEAR),
     "cohesive_tangent_softening": (COHESIVE, TANGENT),
     "cohesive_linear_softening": (COHESIVE, LINEAR),
 }
-COULOMB, VOELLMY, STICKING = CoulombContact(0.3), VoellmyContact(0.2, 300.0), StickingContact()
+COULOMB, VOELLMY, STICKING = coulomb_contact(0.3), voellmy_contact(0.2, 300.0), sticking_contact()
 CONTACTS = {  # contact, zones, barrier
-    "coulomb": (COULOMB, NoZones(), NoBarrier()),
-    "voellmy": (VOELLMY, NoZones(), NoBarrier()),
-    "voellmy_zones_barred": (VOELLMY, FrictionZones(), Barrier()),
+    "coulomb": (COULOMB, False, False),
+    "voellmy": (VOELLMY, False, False),
+    "voellmy_zones_barred": (VOELLMY, True, True),
 }
 OTHER_CONTACTS = {
-    "voellmy_barred": (VOELLMY, NoZones(), Barrier()),
-    "coulomb_barred": (COULOMB, NoZones(), Barrier()),
-    "coulomb_zones": (COULOMB, FrictionZones(), NoBarrier()),
-    "voellmy_zones": (VOELLMY, FrictionZones(), NoBarrier()),
-    "coulomb_zones_barred": (COULOMB, FrictionZones(), Barrier()),
-    "sticking": (STICKING, NoZones(), NoBarrier()),
-    "sticking_barred": (STICKING, NoZones(), Barrier()),
+    "voellmy_barred": (VOELLMY, False, True),
+    "coulomb_barred": (COULOMB, False, True),
+    "coulomb_zones": (COULOMB, True, False),
+    "voellmy_zones": (VOELLMY, True, False),
+    "coulomb_zones_barred": (COULOMB, True, True),
+    "sticking": (STICKING, False, False),
+    "sticking_barred": (STICKING, False, True),
 }
 
 
@@ -155,7 +152,7 @@ def _without_laws(real):
     points, rare = points_and_marks(number)
     columns, reports, sums, yields = array(number, 3), array(number, 2), array(f8, 2), array(number, 4)
     settings, of_nodes, cells = numba.typeof(SETTINGS), in_precision(SETTINGS, real), array(byte, 1)
-    barrier, walled = in_precision(NoBarrier(), real), in_precision(Barrier(), real)
+    barrier, walled = in_precision(False, real), in_precision(True, real)
     for name, *arguments in (
         ("begin_step", run, stage, now, clock, counts),
         ("clear_window", run, window, window),
@@ -246,7 +243,7 @@ def _with_materials(real, materials):
     points, rare = points_and_marks(number)
     domain, settings = numba.typeof(Domain(10, 10, False)), in_precision(SETTINGS, real)
     for label, slots in materials.items():
-        laws = record(MotionLaws, *(in_precision(law, real) for law in (*slots, WholeGradient())))
+        laws = record(MotionLaws, *(in_precision(law, real) for law in (*slots, WHOLE_GRADIENT)))
         arguments = run, scales, points, nodes, below, rare, domain, laws
         yield f"grid_to_points_{label}", device_grid_to_points.grid_to_points, arguments
         arguments = run, scales, points, nodes, ground, rare, domain, settings, laws
@@ -261,6 +258,6 @@ def _with_density(real):
     given = run, run, points_and_marks(number)[0], rows, free, blocks_and_site(number)[1], yields, columns, rows
     for label, (material, _) in (MATERIALS | OTHER_MATERIALS).items():
         if material.follows_density():
-            for end, barrier in (("", NoBarrier()), ("_barred", Barrier())):
+            for end, barrier in (("", False), ("_barred", True)):
                 laws = (in_precision(law, real) for law in (SETTINGS, material, barrier))
                 yield f"correct_density_{label}{end}", device_point_density.correct_density, (*given, *laws)

@@ -15,10 +15,9 @@ from numba import types
 
 from mpmgis import laws as package
 from mpmgis.compiled.law_functions import FUNCTIONS, INLINED_FUNCTIONS, INLINED_METHODS, METHODS, OWN_OR_BUILT_IN
-from mpmgis.laws.contact_friction import CoulombContact
 from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
 from mpmgis.laws.friction import Friction, at_node, stress_parts
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.softening import Softening
 
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 CAPABILITIES = {"sm_80": (8, 0), "sm_90": (9, 0)}
@@ -121,7 +120,7 @@ def own_kernel(kind, real):
 def argument_type(name, real):
     """numba's type of the argument `name` of a method."""
     number = numba.from_dtype(np.dtype(real))
-    laws = {"softening": NoSoftening, "law": CoulombContact, "friction": CoulombContact, "contact": CoulombContact}
+    laws = {"softening": Softening, "law": CoulombContact, "friction": CoulombContact, "contact": CoulombContact}
     if name in laws:
         return law_type(laws[name], real)
     return {"values": types.Array(number, 3, "C"), "j": types.int64, "i": types.int64}.get(name, number)

@@ -6,7 +6,7 @@ import pytest
 from compile_matrix import IN_DOUBLE, MORE, kernels, limit_of, needs
 from law_kernels import CAPABILITIES, PRECISIONS, assembler, compiler_lack
 
-from mpmgis.laws.softening import LinearSoftening, NoSoftening, Softening, TangentSoftening
+from mpmgis.laws.softening import LinearSoftening, Softening, TangentSoftening
 from mpmgis.scene.material_table import CONES, CONTACTS, MATERIALS
 
 LACK = compiler_lack() or ("" if assembler() else "no ptxas (pip install nvidia-cuda-nvcc)")
@@ -41,7 +41,7 @@ def test_all_laws_of_scenes_are_in_the_matrix():
     places = [*(device_kernels.CONTACTS | device_kernels.OTHER_CONTACTS).values()]
     assert {type(slots[0]) for slots in parts} == {kind for kind, _ in MATERIALS.values()}
     softened = {(type(law), type(soft)) for law, soft in parts}
-    forms = (NoSoftening, Softening, TangentSoftening, LinearSoftening)
+    forms = (Softening, Softening, TangentSoftening, LinearSoftening)
     assert softened >= {(MATERIALS[name][0], form) for name in CONES for form in forms}
     assert {type(slots[0]) for slots in places} == {kind for kind, _ in CONTACTS.values()}
 
