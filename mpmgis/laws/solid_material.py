@@ -239,12 +239,12 @@ def cone_of(material: Material, softening: Softening, plastic_strain: float) -> 
     return material.slope, material.strength
 
 
-def trial_strain(state: tuple, gradient: tuple) -> tuple[tuple, float, tuple, float, bool]:
+def trial_strain(x: tuple, gradient: tuple) -> tuple[tuple, float, tuple, float, bool]:
     """Compute the strain after a step in which nothing yields, for strains within the reach of the series.
 
     Parameters
     ----------
-    state : tuple of 6 floats [1]
+    x : tuple of 6 floats [1]
         b - I before the step: xx, yy, zz, xy, xz, yz.
     gradient : tuple of 9 floats [1]
         Gradient of the step, dt grad v: xx, xy, xz, yx, yy, yz, zx, zy, zz.
@@ -261,7 +261,7 @@ def trial_strain(state: tuple, gradient: tuple) -> tuple[tuple, float, tuple, fl
     near : bool
         Whether the strain is within the reach, and the step does not turn the point inside out.
     """
-    xxx, xyy, xzz, xxy, xxz, xyz = pushed_forward(state, gradient)
+    xxx, xyy, xzz, xxy, xxz, xyz = pushed_forward(x, gradient)
     within = squared_norm(xxx, xyy, xzz, xxy, xxz, xyz) <= SERIES_REACH
     upright = determinant_of_step(gradient) > 0.0
     trace, dxx, dyy, dzz, dxy, dxz, dyz = hencky_strain(xxx, xyy, xzz, xxy, xxz, xyz)

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from material_points import FRESH, pressure, random_states, shear, step
 
 from mpmgis.laws.material import NO_TENSION, ORDINARY, cohesive_mu_i, drucker_prager, mu_i
+from mpmgis.laws.material_choice import state_at_stress, stress_step, stress_step_far
 from mpmgis.laws.softening import Softening, softening
+from mpmgis.laws.solid_material import returned_cohesive_mu_i
 
 BULK, SHEAR = 6.7e6, 4e6
 MODULI = {"bulk_modulus": BULK, "shear_modulus": SHEAR}
@@ -27,7 +29,7 @@ def sheared(amount):
 
 def at_pressure(law, p):
     """State under pressure p [Pa] alone."""
-    return tuple(float(s) for s in law.state_at_stress(-p, -p, -p, 0.0, 0.0, 0.0))
+    return tuple(float(s) for s in state_at_stress(law, (-p, -p, -p, 0.0, 0.0, 0.0)))
 
 
 def growth(law, rate, p):
@@ -115,9 +117,9 @@ def test_without_growth_it_is_drucker_prager_to_the_last_bit(law, softens):
     soft = softening((law["phi"], law["cohesion"]), (0.5 * law["phi"], 0.0), 10.0) if softens else Softening()
     for b, gradient in random_states(rng, 20, law["size"]):
         start = (*b, rng.uniform(0.0, 0.5), rng.choice([0.0, 2e-3]))
-        for method in ("stress_step", "stress_step_far"):
-            found = step(made, start, gradient, time_step, soft, method)
-            wanted = step(bare, start, gradient, time_step, soft, method)
+        for function in (stress_step, stress_step_far):
+            found = step(made, start, gradient, time_step, soft, function)
+            wanted = step(bare, start, gradient, time_step, soft, function)
             assert found[0] == wanted[0] and np.array_equal(found[1], wanted[1]) and found[2] == wanted[2]
 
 
@@ -127,7 +129,8 @@ def test_without_cohesion_and_softening_it_is_mu_i(law):
     """Of mu1 = gamma / sqrt(3), to rounding."""
     made, _, rng, time_step = drawn({**law, "cohesion": 0.0}, law["grows"])
     mu1 = made.slope / math.sqrt(3.0)
-    beads = mu_i(BULK, SHEAR, mu1, mu1 + law["grows"], *made[6:])
+    grains = made.inertial_number, made.grain_diameter, made.grain_density, made.volume_correction
+    beads = mu_i(BULK, SHEAR, mu1, mu1 + law["grows"], *grains)
     for b, gradient in random_states(rng, 20, law["size"]):
         start = (*b, rng.uniform(0.0, 0.5), rng.choice([0.0, 2e-3]))
         found, wanted = (step(material, start, gradient, time_step) for material in (made, beads))
@@ -144,7 +147,9 @@ def test_a_return_solves_its_equation(law):
     made, _, rng, time_step = drawn(law, law["grows"])
     for _ in range(50):
         trace, norm = rng.uniform(-0.05, 0.01), 10.0 ** rng.uniform(-6.0, -1.0)
-        elastic, kept, strain, _, code, yields = made.returned_strain(trace, norm, 0.0, 0.0, time_step, Softening())
+        elastic, kept, strain, _, code, yields = returned_cohesive_mu_i(
+            made, (made.slope, made.strength), trace, norm, 0.0, 0.0, time_step
+        )
         p, trial = -BULK * elastic, math.sqrt(6.0) * SHEAR * norm
         cone = max(made.slope * p + made.strength, 0.0)
         if code == NO_TENSION:
