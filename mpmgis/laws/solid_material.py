@@ -325,8 +325,8 @@ def solid_step(
         ORDINARY, NO_TENSION or FAR.
     """
     s0, s1, s2, s3, s4, s5, s6, s7 = state
-    x, trace, (dxx, dyy, dzz, dxy, dxz, dyz), norm, near = trial_strain((s0, s1, s2, s3, s4, s5), gradient)
     cone = cone_of(material, softening, s6)
+    x, trace, (dxx, dyy, dzz, dxy, dxz, dyz), norm, near = trial_strain((s0, s1, s2, s3, s4, s5), gradient)
     trace, kept, s6, s7, code, yields = returned_strain(material, cone, trace, norm, s6, s7, time_step)
     deviator = kept * dxx, kept * dyy, kept * dzz, kept * dxy, kept * dxz, kept * dyz
     x0, x1, x2, x3, x4, x5 = state_of_strain(trace, deviator) if yields else x

@@ -258,7 +258,7 @@ def _move(t, s, a, shared, points, scales, below, rare, count, domain, laws, lon
         count[TORN] += int32(1)
     mass, p = lines[t, MASS], uint32(points.order[s])
     if longer:
-        here[t, PLASTIC] += mass * plastic_rate(stress) * (state[6] - s6)
+        here[t, PLASTIC] += mass * plastic_rate(stress) * (state[6] - lines[t, S6])
         lines[t, S4], lines[t, S5], lines[t, S6], lines[t, S7] = state[4], state[5], state[6], state[7]
     keep_state(lines, t, state[0], state[1], state[2], state[3])
     gradient = xx, yx, zx, xy, yy, zy, xz, yz, zz
