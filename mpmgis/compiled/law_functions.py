@@ -7,49 +7,25 @@ import numpy as np
 
 from ..laws import (
     barrier,
+    contact_friction,
     curvature,
     entrainment,
     flow_layers,
+    fluid_material,
     forest,
     friction,
     ground_metric,
     hencky,
     internal_stress,
+    material_choice,
     own_law,
     softening,
+    solid_material,
     still_water,
 )
 from ..laws.own_law import OwnLaws, tried_inputs
 from ..system.errors import SceneError, one_line
 from .jit import FASTMATH, include_own_laws, law_function, law_method, own_or_built_in
-
-# methods of the laws of points
-METHODS = (
-    "at_node",
-    "local",  # zones
-    "barrier_active",  # barriers
-    "stress_step_far",  # material
-    "stored_energy",
-    "volume_ratio",
-    "follows_density",
-    "gap_at_density",
-    "kept_slip",  # contact of points with the ground
-    "sticks",
-    "drag_active",
-    "kept_by_drag",
-    "layer_friction",
-    "layer_roughness",
-    "kept_along",  # barriers of points
-    "only_turns",  # transfer of points
-)
-
-# called for every point in every step, and therefore inlined into the loops of kernels
-INLINED_METHODS = (
-    "stress_step",  # material
-    "returned_strain",
-    "pressure",
-    "softened_cone",  # softening
-)
 
 # methods of user-defined laws that their `stress_parts` may call
 OWN_METHODS = (own_law.WHOLE, *own_law.SPLIT)
@@ -59,6 +35,7 @@ OWN_OR_BUILT_IN = {
     friction.at_node: (friction.Friction, friction.built_in_at_node),
 }
 
+# called for every node or point in every step, and therefore inlined into the loops of kernels
 INLINED_FUNCTIONS = (
     ground_metric.metric_gradient,
     ground_metric.slope_gradient,
@@ -86,6 +63,18 @@ INLINED_FUNCTIONS = (
     softening.sine_cosine,
     softening.faded,
     softening.matched_cone,
+    *softening.SOFTENED.values(),
+    *solid_material.RETURNED.values(),
+    solid_material.trial_strain,
+    solid_material.state_of_strain,
+    solid_material.stress_of_strain,
+    fluid_material.fluid_pressure,
+    fluid_material.fluid_step,
+    contact_friction.dry_slip,
+    contact_friction.voellmy_drag,
+    contact_friction.kept_slip,
+    contact_friction.kept_by_drag,
+    contact_friction.layer_friction,
 )
 FUNCTIONS = (
     *(law for law, _ in friction.LAWS.values()),
@@ -110,12 +99,25 @@ FUNCTIONS = (
     flow_layers.relative_roughness,
     flow_layers.chezy_number,
     flow_layers.turbulent_link,
+    contact_friction.layer_roughness,
+    contact_friction.contact_at,
+    softening.softened_cone,
+    solid_material.returned_strain,
+    solid_material.cone_of,
+    solid_material.solid_step,
+    solid_material.solid_step_far,
+    solid_material.solid_energy,
+    solid_material.solid_volume,
+    fluid_material.gap_at_density,
+    fluid_material.fluid_energy,
+    material_choice.stress_step,
+    material_choice.stress_step_far,
+    material_choice.stored_energy,
+    material_choice.volume_ratio,
 )
 
-for _name in (*METHODS, *OWN_METHODS):
+for _name in OWN_METHODS:
     law_method(_name)
-for _name in INLINED_METHODS:
-    law_method(_name, inlined=True)
 for _function in INLINED_FUNCTIONS:
     law_function(_function)
 for _function in FUNCTIONS:
@@ -153,7 +155,7 @@ def require_compiled(law: tuple, name: str) -> None:
     SceneError
         With the most informative line of the message of the compiler.
     """
-    clash = sorted(set(law._fields) & {*METHODS, *OWN_METHODS, *(function.__name__ for function in OWN_OR_BUILT_IN)})
+    clash = sorted(set(law._fields) & {*OWN_METHODS, *(function.__name__ for function in OWN_OR_BUILT_IN)})
     if clash:
         raise SceneError(
             f"{name}: a parameter cannot be called {clash[0]!r}, which is a method of the solver; rename it"

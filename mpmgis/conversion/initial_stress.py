@@ -4,6 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..laws.contact_friction import STICKING, Contact
+from ..laws.material import Material
+from ..laws.material_choice import strength_at_rest
 from .ground_below import GroundBelow
 
 if TYPE_CHECKING:
@@ -23,8 +26,8 @@ def stress_of_weight(
     frame: "Frame",
     terrain: "Terrain",
     vertical_stress: np.ndarray,
-    material: object,
-    contact: object,
+    material: Material,
+    contact: Contact,
     cell_size: float,
     gravity: float,
 ) -> np.ndarray:
@@ -38,7 +41,8 @@ def stress_of_weight(
     vertical_stress : float64[n] [Pa]
         -rho g c^2 d of the depth d of each point below the surface on a bed of cosine c
         (`ground_below.vertical_stress`).
-    material, contact : laws of the solver
+    material : Material
+    contact : Contact
     cell_size : float [m]
     gravity : float [m s-2]
 
@@ -52,7 +56,7 @@ def stress_of_weight(
     The slope is that of the surface of the flow, over three thicknesses of it, up to 45 degrees. Friction of zones is
     not considered.
     """
-    shear_modulus, (friction, cohesion) = getattr(material, "shear_modulus", 0.0), material.strength_at_rest()
+    shear_modulus, (friction, cohesion) = material.shear_modulus, strength_at_rest(material)
     if friction == cohesion == 0.0:
         return kirchhoff_stress(vertical_stress, material.bulk_modulus, shear_modulus, strength=0.0)
     x, y = frame.particles.position[:, :2].T
@@ -66,7 +70,7 @@ def stress_of_weight(
     size = max(cell_size, float(np.median(thickness[known]))) if known.any() else cell_size
     slope = surface_slopes(x, y, height + depth, size)
     slope *= (STEEPEST / np.maximum(np.hypot(*slope.T), STEEPEST))[:, None]
-    bed_friction, stress = getattr(contact, "mu", STEEPEST), np.empty((len(x), 6))
+    bed_friction, stress = STEEPEST if contact.kind == STICKING else contact.mu, np.empty((len(x), 6))
     for first in range(0, len(x), CHUNK):
         some = slice(first, first + CHUNK)
         normal_stress = load[some] * depth[some] / (1.0 + (slope[some] ** 2).sum(axis=1))

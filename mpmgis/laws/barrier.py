@@ -6,7 +6,6 @@ splash, no jet and one velocity from bed to surface.
 """
 
 from math import sqrt
-from typing import NamedTuple
 
 # boundary condition of a node in a wall
 FACE = 0.0  # the flow can leave the wall
@@ -135,55 +134,3 @@ def let_through(
     kept_along = rubbed_along if kept_along > 0.0 else -rubbed_along
     kept_across = rubbed_across if kept_across > 0.0 else -rubbed_across
     return kept_across * normal_x + kept_along * normal_y, kept_across * normal_y - kept_along * normal_x
-
-
-class NoBarrier(NamedTuple):
-    """The null law: no barrier."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def barrier_active(self) -> bool:
-        """Return False: there is no barrier."""
-        return False
-
-    def kept_along(self, mu: float, slip: float, pressed: float) -> float:
-        """Return 1: no speed is lost.
-
-        Parameters
-        ----------
-        mu : float [1]
-            Friction coefficient along the wall.
-        slip : float [m s-1]
-            Speed along the face.
-        pressed : float [m s-1]
-            Speed towards the face, which the face stops.
-        """
-        return 1.0
-
-
-class Barrier(NamedTuple):
-    """A wall with Coulomb friction mu along it (0: smooth) and a weir above its crest."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def barrier_active(self) -> bool:
-        """Return True: there are barriers."""
-        return True
-
-    def kept_along(self, mu: float, slip: float, pressed: float) -> float:
-        """Compute the share of the speed along a rigid face that is left after Coulomb friction.
-
-        Parameters
-        ----------
-        mu : float [1]
-            Friction coefficient along the wall.
-        slip : float [m s-1]
-            Speed along the face.
-        pressed : float [m s-1]
-            Speed towards the face, which the face stops.
-
-        Returns
-        -------
-        float [1]
-        """
-        return max(0.0, 1.0 - mu * pressed / slip)

@@ -5,15 +5,15 @@ One compiled program has all built-in laws; a step takes the branches that these
 
 from typing import Any, NamedTuple, get_type_hints
 
-from .affine_transfer import WholeGradient
-from .barrier import NoBarrier
-from .contact_friction import CoulombContact
+from .affine_transfer import WHOLE_GRADIENT
+from .contact_friction import Contact
 from .curvature import NO_CURVATURE
 from .entrainment import Entrainment
-from .friction import FRICTIONLESS, Friction, NoZones
+from .friction import FRICTIONLESS, Friction
 from .ground_metric import SLOPE
 from .internal_stress import EarthPressure, InPlaneViscosity
-from .softening import NoSoftening
+from .material import Material
+from .softening import Softening
 
 
 class ColumnEffects(NamedTuple):
@@ -56,26 +56,53 @@ class ColumnEffects(NamedTuple):
 
 
 class PointEffects(NamedTuple):
-    """Effects on the points of the 3D solver; the material has no null form."""
+    """Effects on the points of the 3D solver; by default none acts, but a material is needed.
 
-    material: Any
-    softening: Any = NoSoftening()
-    contact: Any = CoulombContact(0.0)
-    zones: Any = NoZones()
-    barrier: Any = NoBarrier()
-    transfer: Any = WholeGradient()
+    Parameters
+    ----------
+    material : Material
+    softening : Softening
+    contact : Contact
+        With the ground.
+    zones : bool
+        The parameters of the contact are those of each node.
+    barrier : bool
+        There are rigid barriers.
+    transfer : int
+        A constant of `affine_transfer`.
+    """
+
+    material: Material
+    softening: Softening = Softening()
+    contact: Contact = Contact()
+    zones: bool = False
+    barrier: bool = False
+    transfer: int = WHOLE_GRADIENT
 
 
-def with_fixed_types(effects: ColumnEffects) -> ColumnEffects:
+def with_fixed_types(effects: ColumnEffects | PointEffects) -> ColumnEffects | PointEffects:
     """Convert the numbers in all slots to the types of the fields, for each of which kernels would be compiled.
 
     The parameters of a user-defined law are floats.
 
     Parameters
     ----------
-    effects : ColumnEffects
+    effects : ColumnEffects or PointEffects
     """
-    return ColumnEffects(*(_fixed(value, kind) for value, kind in _typed(effects)))
+    return type(effects)(*(_fixed(value, kind) for value, kind in _typed(effects)))
+
+
+def in_precision(record: tuple, real: type) -> tuple:
+    """Return a record with its floats in a precision; compiled, a float32 with a float64 gives a float64.
+
+    Parameters
+    ----------
+    record : NamedTuple
+        Of numbers: a law, or settings of kernels.
+    real : type
+        np.float32 or np.float64.
+    """
+    return type(record)(*(real(value) if isinstance(value, float) else value for value in record))
 
 
 def _fixed(value, kind):

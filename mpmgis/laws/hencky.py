@@ -19,52 +19,37 @@ DIAGONAL = 1e-36  # [1] squared off-diagonal entries over squared diagonal ones 
 SMALLEST_STRETCH, LARGEST_STRETCH = 1e-4, 1e4  # limits of the singular values of the deformation
 
 
-def determinant_of_step(
-    gxx: float, gxy: float, gxz: float, gyx: float, gyy: float, gyz: float, gzx: float, gzy: float, gzz: float
-) -> float:
+def determinant_of_step(gradient: tuple) -> float:
     """Compute det(I + g) [1]: how a step changes volumes; at or below 0 it turns the point inside out.
 
     Parameters
     ----------
-    gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz : float [1]
-        Gradient of the step, dt grad v.
+    gradient : tuple of 9 floats [1]
+        Gradient of the step g = dt grad v: xx, xy, xz, yx, yy, yz, zx, zy, zz.
     """
+    gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz = gradient
     axx, ayy, azz = 1.0 + gxx, 1.0 + gyy, 1.0 + gzz
     return axx * (ayy * azz - gyz * gzy) - gxy * (gyx * azz - gyz * gzx) + gxz * (gyx * gzy - ayy * gzx)
 
 
-def pushed_forward(
-    xxx: float,
-    xyy: float,
-    xzz: float,
-    xxy: float,
-    xxz: float,
-    xyz: float,
-    gxx: float,
-    gxy: float,
-    gxz: float,
-    gyx: float,
-    gyy: float,
-    gyz: float,
-    gzx: float,
-    gzy: float,
-    gzz: float,
-) -> tuple[float, float, float, float, float, float]:
+def pushed_forward(x: tuple, gradient: tuple) -> tuple[float, float, float, float, float, float]:
     """Compute x after a step: (I + g)(I + x)(I + g)^T - I, without a difference of large numbers.
 
     It is c (I + g)^T + g^T with c = (I + g) x + g.
 
     Parameters
     ----------
-    xxx, xyy, xzz, xxy, xxz, xyz : float [1]
-        x = b - I before the step.
-    gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz : float [1]
-        Gradient of the step, dt grad v.
+    x : tuple of 6 floats [1]
+        b - I before the step: xx, yy, zz, xy, xz, yz.
+    gradient : tuple of 9 floats [1]
+        Gradient of the step g = dt grad v: xx, xy, xz, yx, yy, yz, zx, zy, zz.
 
     Returns
     -------
     xx, yy, zz, xy, xz, yz : float [1]
     """
+    xxx, xyy, xzz, xxy, xxz, xyz = x
+    gxx, gxy, gxz, gyx, gyy, gyz, gzx, gzy, gzz = gradient
     axx, ayy, azz = 1.0 + gxx, 1.0 + gyy, 1.0 + gzz
     cxx = axx * xxx + gxy * xxy + gxz * xxz + gxx
     cxy = axx * xxy + gxy * xyy + gxz * xyz + gxy

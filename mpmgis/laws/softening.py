@@ -1,6 +1,6 @@
 """Permanent loss of strength with plastic shear strain: the slot `softening` of Drucker-Prager.
 
-`softened_cone(slope, strength, plastic_strain)` gives the yield cone q <= slope p + strength (slope [1], strength [Pa])
+`softened_cone` gives the yield cone q <= slope p + strength (slope [1], strength [Pa])
 after the accumulated deviatoric plastic strain e_d [1] = sum of sqrt(2/3) |de_p|. In a code that sums |de_p|
 (Matter) e_d is larger by sqrt(3/2): multiply its coefficient by that for a comparison.
 
@@ -13,6 +13,12 @@ from typing import NamedTuple
 
 from ..system.errors import InputError
 
+# kinds of softening
+NONE = 0
+EXPONENTIAL = 1
+TANGENT = 2
+LINEAR = 3
+FORMS = {"exponential": EXPONENTIAL, "tangent": TANGENT, "linear": LINEAR}  # name in a scene -> kind
 # Of a cone through Mohr-Coulomb's hexagon: slope = factor sin / (1 - share sin), strength = factor c cos / (same).
 MATCHES = {
     "triaxial": (2.0, 1.0 / 3.0),  # at its corners of triaxial compression: 6 sin / (3 - sin)
@@ -105,130 +111,105 @@ def matched_cone(sine: float, cosine: float, cohesion: float, factor: float, sha
     return scale * sine, scale * cosine * cohesion
 
 
-class NoSoftening(NamedTuple):
-    """Constant strength: the null law of the slot."""
-
-    null: float = 0.0  # the compiler requires a field
-
-    def softened_cone(self, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
-        """Return the cone unchanged.
-
-        Parameters
-        ----------
-        slope : float [1]
-            Slope of the cone without softening; used by the null law only.
-        strength : float [Pa]
-            Its strength; used by the null law only.
-        plastic_strain : float [1]
-            Accumulated deviatoric plastic strain e_d.
-        """
-        return slope, strength
-
-
 class Softening(NamedTuple):
-    """X = X_r + (X_i - X_r) exp(-xi_s e_d) for the friction angle and the cohesion.
+    """Loss of strength of any kind; constant strength by default. Made by `softening`."""
 
-    xi_s = 10 loses 90 % by e_d = 0.23. Vicari et al. (2025), ice avalanche on cells of 1 m: 40 to 20 degrees, 1 kPa to
-    0, xi_s = 10.
+    kind: int = NONE
+    friction: float = 0.0  # friction angle [rad]; of TANGENT its tangent [1]
+    cohesion: float = 0.0  # [Pa]
+    residual_friction: float = 0.0  # as `friction`
+    residual_cohesion: float = 0.0  # [Pa]
+    coefficient: float = 0.0  # xi_s [1]
+    peak_strain: float = 0.0  # e_d [1] up to which there is no loss, of LINEAR
+    residual_strain: float = 0.0  # e_d [1], above peak_strain, from which on the strength is residual, of LINEAR
+    factor: float = 0.0  # of MATCHES
+    share: float = 0.0
+
+
+def exponential_cone(softening: Softening, plastic_strain: float) -> tuple[float, float]:
+    """Compute the cone after a plastic strain: X = X_r + (X_i - X_r) exp(-xi_s e_d).
+
+    X is the friction angle and the cohesion. xi_s = 10 loses 90 % by e_d = 0.23. Vicari et al. (2025), ice avalanche on
+    cells of 1 m: 40 to 20 degrees, 1 kPa to 0, xi_s = 10.
+
+    Parameters
+    ----------
+    softening : Softening
+    plastic_strain : float [1]
+        Accumulated deviatoric plastic strain e_d.
+
+    Returns
+    -------
+    slope, strength : float [1], [Pa]
     """
-
-    friction_angle: float  # [rad]
-    cohesion: float  # [Pa]
-    residual_friction_angle: float  # [rad]
-    residual_cohesion: float  # [Pa]
-    coefficient: float  # xi_s [1]
-    factor: float  # of MATCHES
-    share: float
-
-    def softened_cone(self, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
-        """Compute the cone after a plastic strain.
-
-        Parameters
-        ----------
-        slope : float [1]
-            Slope of the cone without softening; used by the null law only.
-        strength : float [Pa]
-            Its strength; used by the null law only.
-        plastic_strain : float [1]
-            Accumulated deviatoric plastic strain e_d.
-
-        Returns
-        -------
-        slope, strength : float [1], [Pa]
-        """
-        left = decay(self.coefficient * plastic_strain)
-        sine, cosine = sine_cosine(faded(self.friction_angle, self.residual_friction_angle, left))
-        cohesion = faded(self.cohesion, self.residual_cohesion, left)
-        return matched_cone(sine, cosine, cohesion, self.factor, self.share)
+    left = decay(softening.coefficient * plastic_strain)
+    sine, cosine = sine_cosine(faded(softening.friction, softening.residual_friction, left))
+    cohesion = faded(softening.cohesion, softening.residual_cohesion, left)
+    return matched_cone(sine, cosine, cohesion, softening.factor, softening.share)
 
 
-class TangentSoftening(NamedTuple):
-    """`Softening` of tan(phi) instead of phi; the difference is below 1.5 degrees from 40 to 20 degrees."""
+def tangent_cone(softening: Softening, plastic_strain: float) -> tuple[float, float]:
+    """Compute `exponential_cone` with tan(phi) instead of phi.
 
-    tangent: float  # tan(phi) [1]
-    cohesion: float  # [Pa]
-    residual_tangent: float  # [1]
-    residual_cohesion: float  # [Pa]
-    coefficient: float  # xi_s [1]
-    factor: float  # of MATCHES
-    share: float
+    The difference is below 1.5 degrees from 40 to 20 degrees.
 
-    def softened_cone(self, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
-        """Compute the cone after a plastic strain.
-
-        Parameters
-        ----------
-        slope : float [1]
-            Slope of the cone without softening; used by the null law only.
-        strength : float [Pa]
-            Its strength; used by the null law only.
-        plastic_strain : float [1]
-            Accumulated deviatoric plastic strain e_d.
-
-        Returns
-        -------
-        slope, strength : float [1], [Pa]
-        """
-        left = decay(self.coefficient * plastic_strain)
-        tangent = faded(self.tangent, self.residual_tangent, left)
-        cosine = 1.0 / sqrt(1.0 + tangent * tangent)
-        cohesion = faded(self.cohesion, self.residual_cohesion, left)
-        return matched_cone(tangent * cosine, cosine, cohesion, self.factor, self.share)
+    Parameters
+    ----------
+    softening : Softening
+    plastic_strain : float [1]
+        Accumulated deviatoric plastic strain e_d.
+    """
+    left = decay(softening.coefficient * plastic_strain)
+    tangent = faded(softening.friction, softening.residual_friction, left)
+    cosine = 1.0 / sqrt(1.0 + tangent * tangent)
+    cohesion = faded(softening.cohesion, softening.residual_cohesion, left)
+    return matched_cone(tangent * cosine, cosine, cohesion, softening.factor, softening.share)
 
 
-class LinearSoftening(NamedTuple):
-    """Friction angle and cohesion decrease linearly between two plastic strains, as in CB-Geo's Mohr-Coulomb."""
+def linear_cone(softening: Softening, plastic_strain: float) -> tuple[float, float]:
+    """Compute the cone after a plastic strain: friction angle and cohesion decrease linearly between two of them.
 
-    friction_angle: float  # [rad]
-    cohesion: float  # [Pa]
-    residual_friction_angle: float  # [rad]
-    residual_cohesion: float  # [Pa]
-    peak_strain: float  # e_d [1] up to which there is no loss
-    residual_strain: float  # e_d [1], above peak_strain, from which on the strength is residual
-    factor: float  # of MATCHES
-    share: float
+    As in CB-Geo's Mohr-Coulomb.
 
-    def softened_cone(self, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
-        """Compute the cone after a plastic strain.
+    Parameters
+    ----------
+    softening : Softening
+    plastic_strain : float [1]
+        Accumulated deviatoric plastic strain e_d.
+    """
+    way = (softening.residual_strain - plastic_strain) / (softening.residual_strain - softening.peak_strain)
+    left = min(max(way, 0.0), 1.0)
+    sine, cosine = sine_cosine(faded(softening.friction, softening.residual_friction, left))
+    cohesion = faded(softening.cohesion, softening.residual_cohesion, left)
+    return matched_cone(sine, cosine, cohesion, softening.factor, softening.share)
 
-        Parameters
-        ----------
-        slope : float [1]
-            Slope of the cone without softening; used by the null law only.
-        strength : float [Pa]
-            Its strength; used by the null law only.
-        plastic_strain : float [1]
-            Accumulated deviatoric plastic strain e_d.
 
-        Returns
-        -------
-        slope, strength : float [1], [Pa]
-        """
-        way = (self.residual_strain - plastic_strain) / (self.residual_strain - self.peak_strain)
-        left = min(max(way, 0.0), 1.0)
-        sine, cosine = sine_cosine(faded(self.friction_angle, self.residual_friction_angle, left))
-        cohesion = faded(self.cohesion, self.residual_cohesion, left)
-        return matched_cone(sine, cosine, cohesion, self.factor, self.share)
+# kind -> its law; `softened_cone` has a line for each
+SOFTENED = {EXPONENTIAL: exponential_cone, TANGENT: tangent_cone, LINEAR: linear_cone}
+
+
+def softened_cone(softening: Softening, slope: float, strength: float, plastic_strain: float) -> tuple[float, float]:
+    """Compute the cone after a plastic strain, by the law of the softening.
+
+    Parameters
+    ----------
+    softening : Softening
+    slope, strength : float [1], [Pa]
+        The cone without softening.
+    plastic_strain : float [1]
+        Accumulated deviatoric plastic strain e_d.
+
+    Returns
+    -------
+    slope, strength : float [1], [Pa]
+    """
+    if softening.kind == EXPONENTIAL:
+        return exponential_cone(softening, plastic_strain)
+    if softening.kind == TANGENT:
+        return tangent_cone(softening, plastic_strain)
+    if softening.kind == LINEAR:
+        return linear_cone(softening, plastic_strain)
+    return slope, strength
 
 
 def cone(friction_angle: float, cohesion: float, match: str = "triaxial") -> tuple[float, float]:
@@ -264,7 +245,7 @@ def softening(
     form: str = "exponential",
     match: str = "triaxial",
     peak_strain: float = 0.0,
-) -> "Softening | TangentSoftening | LinearSoftening":
+) -> Softening:
     """Make the law of softening from an initial to a residual strength.
 
     Parameters
@@ -292,13 +273,14 @@ def softening(
         raise InputError(f"the cone's match is {match!r}, expected one of {', '.join(MATCHES)}")
     (angle, cohesion), (residual_angle, residual_cohesion) = initial, residual
     start, end = radians(angle), radians(residual_angle)
-    if form == "exponential":
-        return Softening(start, cohesion, end, residual_cohesion, coefficient, *MATCHES[match])
-    if form == "tangent":
-        return TangentSoftening(tan(start), cohesion, tan(end), residual_cohesion, coefficient, *MATCHES[match])
-    if form != "linear":
+    if form not in FORMS:
         raise InputError(f"softening has no form {form!r}, expected exponential, tangent or linear")
-    if not coefficient > 0.0:
-        raise InputError(f"linear softening has coefficient {coefficient:g}, expected above 0; or remove softening")
-    lost = peak_strain + 1.0 / coefficient
-    return LinearSoftening(start, cohesion, end, residual_cohesion, peak_strain, lost, *MATCHES[match])
+    kind, lost = FORMS[form], 0.0
+    if kind == TANGENT:
+        start, end = tan(start), tan(end)
+    if kind == LINEAR:
+        if not coefficient > 0.0:
+            raise InputError(f"linear softening has coefficient {coefficient:g}, expected above 0; or remove softening")
+        lost = peak_strain + 1.0 / coefficient
+    numbers = start, cohesion, end, residual_cohesion, coefficient, peak_strain, lost, *MATCHES[match]
+    return Softening(kind, *map(float, numbers))

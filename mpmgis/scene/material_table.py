@@ -1,14 +1,15 @@
 """Materials of the 3D solver by name: parameters in a scene with units and ranges, and their laws."""
 
 from math import radians, tan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ..laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from ..laws.fluid_material import Fluid
+from ..laws import solid_material as solid
+from ..laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
+from ..laws.fluid_material import fluid_step
 from ..laws.friction import LAWS as FRICTION_LAWS
 from ..laws.friction import Parameter
-from ..laws.material import CohesiveMuI, DruckerPrager, Elastic, MuI, cohesive_mu_i, drucker_prager
-from ..laws.softening import NoSoftening, softening
+from ..laws.material import Material, cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
+from ..laws.softening import Softening, softening
 
 if TYPE_CHECKING:
     from .tables import MaterialTable, SofteningTable
@@ -29,9 +30,9 @@ _GRAINS = {
 
 # name in a scene -> (law, {parameter: Parameter})
 MATERIALS = {
-    "DruckerPrager": (DruckerPrager, _CONE),
+    "DruckerPrager": (solid.returned_drucker_prager, _CONE),
     "MuI": (
-        MuI,
+        solid.returned_mu_i,
         {
             "bulk_modulus": _BULK,
             "shear_modulus": _SHEAR,
@@ -41,15 +42,15 @@ MATERIALS = {
         },
     ),
     "CohesiveMuI": (
-        CohesiveMuI,
+        solid.returned_cohesive_mu_i,
         {
             **_CONE,
             "rate_friction": Parameter("1", "mu2 - mu1, added to internal friction in fast flow", 0.0, 10.0),
             **_GRAINS,
         },
     ),
-    "Fluid": (Fluid, {"bulk_modulus": _BULK, "viscosity": Parameter("Pa s", "dynamic viscosity", 0.0, 1e9, 0.0)}),
-    "Elastic": (Elastic, {"bulk_modulus": _BULK, "shear_modulus": _SHEAR}),
+    "Fluid": (fluid_step, {"bulk_modulus": _BULK, "viscosity": Parameter("Pa s", "dynamic viscosity", 0.0, 1e9, 0.0)}),
+    "Elastic": (solid.returned_elastic, {"bulk_modulus": _BULK, "shear_modulus": _SHEAR}),
 }
 CONES = ("DruckerPrager", "CohesiveMuI")  # laws with friction angle, cohesion and softening
 # keys of [material] that are not parameters -> (laws that have it, default)
@@ -59,11 +60,11 @@ OPTIONS = {
     "volume_correction": ((*CONES, "MuI"), True),
     "pressure": (("Fluid",), "linear"),
 }
-# contact laws of the 3D solver: name -> (law, {parameter: Parameter})
+# contacts of the 3D solver: name -> (what makes it, {parameter: Parameter})
 CONTACTS = {
-    "Coulomb": (CoulombContact, FRICTION_LAWS["Coulomb"][1]),
-    "Voellmy": (VoellmyContact, FRICTION_LAWS["Voellmy"][1]),
-    "Sticking": (StickingContact, {}),
+    "Coulomb": (coulomb_contact, FRICTION_LAWS["Coulomb"][1]),
+    "Voellmy": (voellmy_contact, FRICTION_LAWS["Voellmy"][1]),
+    "Sticking": (sticking_contact, {}),
 }
 
 
@@ -92,16 +93,12 @@ def contradiction(name: str, parameters: dict[str, float]) -> str:
     return ""
 
 
-def made_material(table: "MaterialTable") -> Any:
-    """Make the law of a material.
+def made_material(table: "MaterialTable") -> Material:
+    """Make the material of a scene.
 
     Parameters
     ----------
     table : MaterialTable
-
-    Returns
-    -------
-    DruckerPrager, CohesiveMuI, MuI, Fluid or Elastic
     """
     values = table.parameters
     chosen = {
@@ -114,45 +111,38 @@ def made_material(table: "MaterialTable") -> Any:
     if table.law == "CohesiveMuI":
         return cohesive_mu_i(**values, **chosen)
     if table.law == "MuI":
-        return MuI(**values, volume_correction=1.0 if chosen["volume_correction"] else 0.0)
+        return mu_i(**values, **chosen)
     if table.law == "Fluid":
-        return Fluid(values["bulk_modulus"], values["viscosity"], 1.0 if chosen["pressure"] == "tait" else 0.0)
-    return Elastic(**values)
+        return fluid(**values, tait=chosen["pressure"] == "tait")
+    return elastic(**values)
 
 
-def made_softening(table: "SofteningTable", material: "MaterialTable") -> Any:
-    """Make the law of softening for the cone of a material.
+def made_softening(table: "SofteningTable", material: "MaterialTable") -> Softening:
+    """Make the softening of the cone of a material.
 
     Parameters
     ----------
     table : SofteningTable
     material : MaterialTable
         Of one of the laws in CONES.
-
-    Returns
-    -------
-    law of softening
-        NoSoftening where no strength is lost.
     """
     initial = material.parameters["friction_angle"], material.parameters["cohesion"]
     residual = table.residual_friction_angle, table.residual_cohesion
     if initial == residual:
-        return NoSoftening()
+        return Softening()
     return softening(initial, residual, table.coefficient, table.form, material.match or "triaxial", table.peak_strain)
 
 
-def stiffened(material: Any, bulk_modulus: float) -> Any:
-    """Return a material with another bulk modulus, and its shear modulus, if it has one, in the same ratio to it.
+def stiffened(material: Material, bulk_modulus: float) -> Material:
+    """Return a material with another bulk modulus, and its shear modulus in the same ratio to it.
 
     Parameters
     ----------
-    material : law of a material
+    material : Material
     bulk_modulus : float [Pa]
     """
-    changed = {"bulk_modulus": bulk_modulus}
-    if hasattr(material, "shear_modulus"):
-        changed["shear_modulus"] = material.shear_modulus * bulk_modulus / material.bulk_modulus
-    return material._replace(**changed)
+    shear_modulus = material.shear_modulus * bulk_modulus / material.bulk_modulus
+    return material._replace(bulk_modulus=bulk_modulus, shear_modulus=shear_modulus)
 
 
 def least_internal_friction(table: "MaterialTable", softening_table: "SofteningTable | None") -> float | None:

@@ -2,9 +2,9 @@
 
 from math import atan, cos, radians, sqrt, tan
 
-from ..laws.barrier import Barrier
+from ..laws.material_choice import wave_speed
 from ..laws.quantities import GRAVITY
-from ..laws.softening import NoSoftening
+from ..laws.softening import NONE
 from .decision_rules import Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
 from .material_table import CONES, least_internal_friction, made_material, made_softening, stiffened
 from .scene import Scene
@@ -68,7 +68,7 @@ def decide_stiffness(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
         As of every decider (`decision_rules`).
     """
     material, speed = slots["material"], largest_speed(facts)
-    waves = material.wave_speed(facts.density)
+    waves = wave_speed(material, facts.density)
     mach, enough = speed / waves, facts.density * (speed / SCALED_MACH) ** 2
     scaled = scene.numerics.stiffness == "scaled"
     if scaled and 0.0 < enough < material.bulk_modulus:
@@ -188,7 +188,7 @@ def decide_softening(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
     lost = _lost(material.parameters, table)
     reason = f"share of tan(phi) or of cohesion that shearing takes away ({table.form}, xi_s {table.coefficient:g})"
     decision = by_number("softening", table.use, lost, 0.0, reason)
-    if decision.state == "on" and isinstance(law, NoSoftening):
+    if decision.state == "on" and law.kind == NONE:
         return decision._replace(state="off", reason="no loss: the residual strength is that of the material")
     if decision.state == "on":
         slots["softening"] = law
@@ -232,7 +232,7 @@ def decide_fluid_viscosity(scene: Scene, facts: TerrainFacts, slots: Slots) -> D
     scene, facts, slots : Scene, TerrainFacts, dict
         As of every decider (`decision_rules`).
     """
-    viscosity = slots["material"].viscosity()
+    viscosity = slots["material"].dynamic_viscosity
     if viscosity <= 0.0:
         return not_called_for("fluid_viscosity", "the material has none")
     reynolds = facts.density * largest_speed(facts) * facts.release_thickness / viscosity
@@ -327,5 +327,5 @@ def decide_point_barrier(scene: Scene, facts: TerrainFacts, slots: Slots) -> Dec
         reason = f"in reach; the lowest crest is {ratio:.2g} times flow depth and energy head there"
     decision = as_asked("barrier", use_of_several(scene.barrier), reason, ratio)
     if decision.state == "on":
-        slots["barrier"] = Barrier()
+        slots["barrier"] = True
     return decision

@@ -3,7 +3,7 @@
 from math import sqrt
 
 from ..laws import friction, internal_stress
-from ..laws.contact_friction import CoulombContact, VoellmyContact
+from ..laws.contact_friction import VOELLMY, coulomb_contact
 from ..laws.quantities import GRAVITY
 from .decision_rules import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
 from .mass_point_runout import change, runout
@@ -110,11 +110,11 @@ def decide_point_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
         As of every decider (`decision_rules`).
     """
     law = slots.get("contact")
-    if not isinstance(law, VoellmyContact):
+    if law is None or law.kind != VOELLMY:
         return not_called_for("turbulent_drag", NO_DRAG)
     decision = _drag_by_number(scene, law.mu, law.xi, facts)
     if decision.state == "off":
-        slots["contact"] = CoulombContact(law.mu)
+        slots["contact"] = coulomb_contact(law.mu)
     return decision
 
 

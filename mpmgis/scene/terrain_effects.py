@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
-from ..laws import curvature, entrainment, friction, ground_metric
+from ..laws import curvature, entrainment, ground_metric
 from .decision_rules import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, use_of
 from .scene import Scene
 
@@ -150,7 +150,7 @@ def decide_zones(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     reason = "(largest - smallest) / mean of the parameter that differs most in reach"
     decision = as_asked("zones", use_of_several(scene.zones), reason, facts.zone_spread)
     if decision.state == "on":
-        slots["zones"] = True if scene.solver == "columns" else friction.FrictionZones()
+        slots["zones"] = True
     return decision
 
 

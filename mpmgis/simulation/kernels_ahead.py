@@ -14,7 +14,7 @@ import numpy as np
 from ..compiled.compilation import begun, is_first
 from ..frames.particles import Frame, Particles
 from ..laws.effect_slots import ColumnEffects, PointEffects
-from ..laws.material import Elastic
+from ..laws.material import elastic
 from ..scene.tables import CUDA
 from ..solvers.columns.column_solver import ColumnNumerics, ColumnSolver
 from ..solvers.points.point_numerics import PointNumerics
@@ -65,7 +65,7 @@ def sample_points(precision: str = "float64") -> PointSolver:
         As for `PointNumerics`.
     """
     terrain, frame, numerics = _terrain(), _frame(3), PointNumerics(1.0, density=DENSITY, precision=precision)
-    return PointSolver(frame, terrain, PointEffects(Elastic(1e6, 6e5)), numerics)
+    return PointSolver(frame, terrain, PointEffects(elastic(1e6, 6e5)), numerics)
 
 
 def _terrain() -> Terrain:

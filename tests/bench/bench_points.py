@@ -13,10 +13,10 @@ from point_scenes import block_of, points_on
 
 from mpmgis.compiled.block_order import STRIP
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import drucker_prager, fluid
+from mpmgis.laws.material_choice import wave_speed
+from mpmgis.laws.softening import Softening, softening
 from mpmgis.solvers.points.point_rows import BLOCK_SIZE, TILE_SIZE
 
 WANTED = {"float64": 60.0, "float32": 35.0}  # ns on 2 threads, required
@@ -28,7 +28,7 @@ SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
 MATERIALS = {
     "Drucker-Prager": (SOIL, None),
     "Drucker-Prager with softening": (SOIL, softening((35.0, 500.0), (20.0, 0.0), 10.0)),
-    "fluid": (Fluid(7.1e6, 0.0, 0.0), None),
+    "fluid": (fluid(7.1e6, 0.0, 0.0), None),
 }
 
 
@@ -38,7 +38,7 @@ def scene(material, soft=None, long=100, wide=100, high=50, size=(160.0, 100.0),
     frame = block_of((long / 2, wide / 2, high / 2), 0.5, (10.0, 20.0, 0.0))
     place = frame.particles.position
     place[:, 2] += SLOPE * (size[0] - place[:, 0])
-    return points_on(terrain, frame, 1.0, material, CoulombContact(0.3), soft, precision=precision, maxima=maxima)
+    return points_on(terrain, frame, 1.0, material, coulomb_contact(0.3), soft, precision=precision, maxima=maxima)
 
 
 def nanoseconds(solver, points):
@@ -74,12 +74,12 @@ def plain_nanoseconds():
     n = len(place)
     nodes = np.zeros((int(place[:, 2].max()) + 14, *solver._ground.shape[:2], 4))
     state = place, p.velocity, np.zeros((n, 3, 3)), p.mass, np.zeros((n, 8)), np.zeros((n, 6))
-    sound = SOIL.wave_speed(1000.0)
+    sound = wave_speed(SOIL, 1000.0)
     times, ground = [], solver._ground[..., :3].copy()
     yields = plain_points.yields_of(solver)
     for _ in range(3):
         began = time.perf_counter()
-        step(*state, nodes, ground, yields, 1.0, 1e-3, 1000.0, 9.81, 0.3, SOIL, NoSoftening(), sound)
+        step(*state, nodes, ground, yields, 1.0, 1e-3, 1000.0, 9.81, 0.3, SOIL, Softening(), sound)
         times.append(time.perf_counter() - began)
     return min(times) / n * 1e9
 

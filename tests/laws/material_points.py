@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.material_choice import stress_step
+from mpmgis.laws.softening import Softening
 
-UNSOFTENED = NoSoftening()
+UNSOFTENED = Softening()
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 FRESH = (0.0,) * 8  # a solid free of stress
 
@@ -30,10 +31,10 @@ def carried(b):
     return six(b - np.eye(3))
 
 
-def step(law, state, gradient, time_step=1e-3, softening=UNSOFTENED, method="stress_step"):
+def step(law, state, gradient, time_step=1e-3, softening=UNSOFTENED, function=stress_step):
     """(state, Kirchhoff stress float[3, 3] [Pa], code) after one step of `gradient` float[3, 3] [1]."""
-    result = getattr(law, method)(*state, *(float(g) for g in np.ravel(gradient)), time_step, softening)
-    return result[:8], matrix(result[8:14]), result[14]
+    state, stress, code = function(law, softening, state, tuple(float(g) for g in np.ravel(gradient)), time_step)
+    return state, matrix(stress), code
 
 
 def function_of(symmetric, function):

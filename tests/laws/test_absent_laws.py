@@ -1,76 +1,43 @@
-"""Kernels of a law that a scene does not have are not compiled for it."""
+"""Laws of points by number: all of them have the same types, for which kernels are compiled once."""
 
-from typing import NamedTuple
+import itertools
 
 import numba
 import numpy as np
 import pytest
 
-from mpmgis.compiled.jit import for_law
-from mpmgis.laws.barrier import Barrier, NoBarrier
-from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from mpmgis.solvers.points import point_loop
+from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
+from mpmgis.laws.effect_slots import PointEffects, in_precision, with_fixed_types
+from mpmgis.laws.material import cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
+from mpmgis.laws.softening import Softening, softening
 
-
-class Absent(NamedTuple):
-    null: float = 0.0
-
-    def is_there(self):
-        return False
-
-
-class Present(NamedTuple):
-    null: float = 0.0
-
-    def is_there(self):
-        return True
-
-
-class ByValue(NamedTuple):
-    there: float
-
-    def is_there(self):
-        return self.there > 0.0
-
-
-def kernel_and_caller():
-    """(a kernel that counts into an array, a compiled function that calls it for a law)."""
-
-    @numba.njit
-    def kernel(counts, law):
-        counts[0] += 1.0
-
-    optional = for_law(kernel, -1, "is_there")
-
-    @numba.njit
-    def caller(counts, law):
-        optional(counts, law)
-
-    return kernel, caller
-
-
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_the_kernel_of_an_absent_law_is_neither_compiled_nor_called():
-    kernel, caller = kernel_and_caller()
-    counts = np.zeros(1)
-    caller(counts, Absent())
-    assert counts[0] == 0.0 and kernel.signatures == []
-    caller(counts, Present())
-    assert counts[0] == 1.0 and len(kernel.signatures) == 1
-    caller(counts, ByValue(0.0))  # the caller asks such a law itself, at run time
-    assert counts[0] == 2.0
-
-
-@pytest.mark.parametrize(
-    "law", [Barrier(), NoBarrier(), CoulombContact(0.3), StickingContact(), VoellmyContact(0.2, 500.0)]
+ICE = drucker_prager(7e6, 4e6, 40, 1000)
+MATERIALS = (
+    ICE,
+    elastic(7, 4),
+    mu_i(7e6, 4e6, 0, 1, 0.3, 1, 2500, True),
+    cohesive_mu_i(40, 1000, 0, 1, 1, 900, bulk_modulus=7e6, shear_modulus=4e6),
+    fluid(7, 0, True),
 )
-def test_whether_a_law_is_active_does_not_depend_on_its_values(law):
-    """So that their kernels are left out where they are absent."""
-    for name in ("barrier_active", "drag_active"):
-        if hasattr(law, name):
-            assert getattr(type(law), name)(None) is getattr(law, name)()
+SOFTENINGS = (Softening(), *(softening((40, 1000), (20, 0), 10, form) for form in ("exponential", "tangent", "linear")))
+CONTACTS = coulomb_contact(0), voellmy_contact(1, 500), sticking_contact()
 
 
-def test_the_step_of_points_leaves_out_barriers_and_drag():
-    assert point_loop._press_on_faces is not point_loop.press_on_faces
-    assert point_loop._couple_layers is not point_loop.couple_layers
+@pytest.mark.parametrize("real", [np.float64, np.float32])
+def test_laws_of_a_slot_have_one_type_whole_numbers_of_users_or_not(real):
+    for laws in (MATERIALS, SOFTENINGS, CONTACTS):
+        assert len({numba.typeof(in_precision(law, real)) for law in laws}) == 1
+
+
+def test_effects_have_one_type():
+    found = set()
+    for laws in itertools.product(MATERIALS, SOFTENINGS, CONTACTS, (False, 1), (0, True), (0, np.int32(1))):
+        effects = with_fixed_types(PointEffects(*laws))
+        assert effects == PointEffects(*laws)
+        found.add(numba.typeof(effects))
+    assert len(found) == 1
+
+
+def test_by_default_nothing_acts_but_the_material():
+    effects = PointEffects(ICE)
+    assert effects == PointEffects(ICE, Softening(), coulomb_contact(0.0), False, False, 0)

@@ -2,10 +2,16 @@
 
 import numpy as np
 import pytest
-from compiled import compiled
+from compiled import compiled_function
 
 from mpmgis.laws import flow_layers
-from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
+from mpmgis.laws.contact_friction import (
+    coulomb_contact,
+    layer_friction,
+    layer_roughness,
+    sticking_contact,
+    voellmy_contact,
+)
 
 G = 9.81
 
@@ -32,7 +38,7 @@ def test_links_of_layers_bear_the_steady_stress_at_any_two_heights():
 
 
 def test_contact_laws_of_layers_agree_with_compiled():
-    for law in (CoulombContact(0.4), VoellmyContact(0.4, 500.0), VoellmyContact(0.4, 1e15), StickingContact()):
-        assert compiled("layer_friction", 0)(law) == law.layer_friction()
-        assert compiled("layer_roughness", 1)(law, 9.81) == pytest.approx(law.layer_roughness(9.81), rel=1e-12)
-    assert VoellmyContact(0.4, 500.0).layer_friction() == 0.4 and CoulombContact(0.4).layer_friction() == 0.0
+    for law in (coulomb_contact(0.4), voellmy_contact(0.4, 500.0), voellmy_contact(0.4, 1e15), sticking_contact()):
+        assert compiled_function(layer_friction)(law) == layer_friction(law)
+        assert compiled_function(layer_roughness)(law, 9.81) == pytest.approx(layer_roughness(law, 9.81), rel=1e-12)
+    assert layer_friction(voellmy_contact(0.4, 500.0)) == 0.4 and layer_friction(coulomb_contact(0.4)) == 0.0

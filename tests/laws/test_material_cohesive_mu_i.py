@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from material_points import FRESH, pressure, random_states, shear, step
 
-from mpmgis.laws.material import NO_TENSION, ORDINARY, MuI, cohesive_mu_i, drucker_prager
-from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.laws.material import NO_TENSION, ORDINARY, cohesive_mu_i, drucker_prager, mu_i
+from mpmgis.laws.material_choice import state_at_stress, stress_step, stress_step_far
+from mpmgis.laws.softening import Softening, softening
+from mpmgis.laws.solid_material import returned_cohesive_mu_i
 
 BULK, SHEAR = 6.7e6, 4e6
 MODULI = {"bulk_modulus": BULK, "shear_modulus": SHEAR}
@@ -27,7 +29,7 @@ def sheared(amount):
 
 def at_pressure(law, p):
     """State under pressure p [Pa] alone."""
-    return tuple(float(s) for s in law.state_at_stress(-p, -p, -p, 0.0, 0.0, 0.0))
+    return tuple(float(s) for s in state_at_stress(law, (-p, -p, -p, 0.0, 0.0, 0.0)))
 
 
 def growth(law, rate, p):
@@ -49,7 +51,7 @@ def steady_shear(law, rate, p, soft, strain=3.0, time_step=None):
 @pytest.mark.parametrize("p", [1e3, 5e4])
 def test_steady_simple_shear_has_the_strength_of_its_rate(rate, p):
     """q = gamma p + q_c + sqrt(3) mu_r p / (1 + I0 / I), exact in simple shear, which keeps p."""
-    stress = steady_shear(ICE, rate, p, NoSoftening(), strain=1.0)
+    stress = steady_shear(ICE, rate, p, Softening(), strain=1.0)
     assert pressure(stress) == pytest.approx(p, rel=1e-6)
     wanted = ICE.slope * p + ICE.strength + math.sqrt(3.0) * growth(ICE, rate, p) * p
     assert shear(stress) == pytest.approx(wanted, rel=2e-5)
@@ -71,7 +73,7 @@ def test_cohesion_alone_is_rate_independent(rate):
     for _ in range(500):
         state, stress, _ = step(law, state, sheared(2e-3), time_step=2e-3 / rate)
     assert abs(pressure(stress)) < 1e-6 and shear(stress) == pytest.approx(math.sqrt(3.0) * law.strength / 3**0.5)
-    stress = steady_shear(law, rate, 1e4, NoSoftening(), strain=1.0)
+    stress = steady_shear(law, rate, 1e4, Softening(), strain=1.0)
     assert shear(stress) == pytest.approx(law.strength + math.sqrt(3.0) * growth(law, rate, 1e4) * 1e4, rel=2e-5)
 
 
@@ -79,7 +81,7 @@ def test_cohesion_alone_is_rate_independent(rate):
 def test_the_rate_is_that_of_the_end_of_the_step(time_step):
     """Steady shear is the same for any time step, large ones too: the return is implicit."""
     wanted = ICE.slope * 1e4 + ICE.strength + math.sqrt(3.0) * growth(ICE, 10.0, 1e4) * 1e4
-    stress = steady_shear(ICE, 10.0, 1e4, NoSoftening(), strain=2.0, time_step=time_step)
+    stress = steady_shear(ICE, 10.0, 1e4, Softening(), strain=2.0, time_step=time_step)
     assert shear(stress) == pytest.approx(wanted, rel=5e-3)
 
 
@@ -112,12 +114,12 @@ def drawn(law, rate_friction):
 @given(law=laws, softens=st.booleans())
 def test_without_growth_it_is_drucker_prager_to_the_last_bit(law, softens):
     made, bare, rng, time_step = drawn(law, 0.0)
-    soft = softening((law["phi"], law["cohesion"]), (0.5 * law["phi"], 0.0), 10.0) if softens else NoSoftening()
+    soft = softening((law["phi"], law["cohesion"]), (0.5 * law["phi"], 0.0), 10.0) if softens else Softening()
     for b, gradient in random_states(rng, 20, law["size"]):
         start = (*b, rng.uniform(0.0, 0.5), rng.choice([0.0, 2e-3]))
-        for method in ("stress_step", "stress_step_far"):
-            found = step(made, start, gradient, time_step, soft, method)
-            wanted = step(bare, start, gradient, time_step, soft, method)
+        for function in (stress_step, stress_step_far):
+            found = step(made, start, gradient, time_step, soft, function)
+            wanted = step(bare, start, gradient, time_step, soft, function)
             assert found[0] == wanted[0] and np.array_equal(found[1], wanted[1]) and found[2] == wanted[2]
 
 
@@ -127,7 +129,8 @@ def test_without_cohesion_and_softening_it_is_mu_i(law):
     """Of mu1 = gamma / sqrt(3), to rounding."""
     made, _, rng, time_step = drawn({**law, "cohesion": 0.0}, law["grows"])
     mu1 = made.slope / math.sqrt(3.0)
-    beads = MuI(BULK, SHEAR, mu1, mu1 + law["grows"], *made[6:])
+    grains = made.inertial_number, made.grain_diameter, made.grain_density, made.volume_correction
+    beads = mu_i(BULK, SHEAR, mu1, mu1 + law["grows"], *grains)
     for b, gradient in random_states(rng, 20, law["size"]):
         start = (*b, rng.uniform(0.0, 0.5), rng.choice([0.0, 2e-3]))
         found, wanted = (step(material, start, gradient, time_step) for material in (made, beads))
@@ -144,7 +147,9 @@ def test_a_return_solves_its_equation(law):
     made, _, rng, time_step = drawn(law, law["grows"])
     for _ in range(50):
         trace, norm = rng.uniform(-0.05, 0.01), 10.0 ** rng.uniform(-6.0, -1.0)
-        elastic, kept, strain, _, code, yields = made.returned_strain(trace, norm, 0.0, 0.0, time_step, NoSoftening())
+        elastic, kept, strain, _, code, yields = returned_cohesive_mu_i(
+            made, (made.slope, made.strength), trace, norm, 0.0, 0.0, time_step
+        )
         p, trial = -BULK * elastic, math.sqrt(6.0) * SHEAR * norm
         cone = max(made.slope * p + made.strength, 0.0)
         if code == NO_TENSION:

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from material_points import FRESH, cauchy_green, pressure, random_states, shear, step
 
-from mpmgis.laws.material import NO_TENSION, ORDINARY, Elastic, MuI, drucker_prager
-from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.laws.material import NO_TENSION, ORDINARY, drucker_prager, elastic, mu_i
+from mpmgis.laws.material_choice import state_at_stress, stress_step_far
+from mpmgis.laws.softening import Softening, softened_cone, softening
+from mpmgis.laws.solid_material import returned_mu_i
 from mpmgis.system.errors import InputError
 
 BULK, SHEAR = 6.7e6, 4e6
 ICE = drucker_prager(BULK, SHEAR, 40.0, 1e3)
 SAND = drucker_prager(BULK, SHEAR, 30.0, 0.0)
-BEADS = MuI(BULK, SHEAR, math.tan(math.radians(20.9)), math.tan(math.radians(32.8)), 0.279, 0.01, 2500.0, 1.0)
+BEADS = mu_i(BULK, SHEAR, math.tan(math.radians(20.9)), math.tan(math.radians(32.8)), 0.279, 0.01, 2500.0, 1.0)
 AT_REST = np.zeros((3, 3))
 
 
@@ -26,7 +28,7 @@ def sheared(amount):
 
 def at_pressure(law, p):
     """State under pressure p [Pa] alone."""
-    return tuple(float(s) for s in law.state_at_stress(-p, -p, -p, 0.0, 0.0, 0.0))
+    return tuple(float(s) for s in state_at_stress(law, (-p, -p, -p, 0.0, 0.0, 0.0)))
 
 
 def laterally_held(law, state, axial, lateral_stress):
@@ -132,12 +134,12 @@ def test_what_was_pulled_apart_is_pushed_back_before_it_bears_load():
 def test_returned_states_are_admissible():
     """20 000 random points, some softened: inside the cone, not beyond the tip, and returned again the same."""
     rng = np.random.default_rng(2)
-    law, soft, bare = ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0), Elastic(BULK, SHEAR)
+    law, soft, bare = ICE, softening((40.0, 1e3), (20.0, 0.0), 10.0), elastic(BULK, SHEAR)
     torn = slid = 0
     for b, gradient in random_states(rng, 20_000, 0.03):
         start = (*b, rng.uniform(0.0, 0.5), rng.choice([0.0, 5e-3]))
         state, stress, code = step(law, start, gradient, softening=soft)
-        slope, strength = soft.softened_cone(law.slope, law.strength, start[6])
+        slope, strength = softened_cone(soft, law.slope, law.strength, start[6])
         p, q = pressure(stress), shear(stress)
         assert state[6] >= start[6] and state[7] >= 0.0
         if code == NO_TENSION:
@@ -156,13 +158,13 @@ def test_flow_keeps_the_direction_of_the_deviator():
     rng = np.random.default_rng(3)
     checked = 0
     for b, gradient in random_states(rng, 300, 0.03):
-        _, elastic, _ = step(Elastic(BULK, SHEAR), (*b, 0.0, 0.0), gradient)
+        _, whole, _ = step(elastic(BULK, SHEAR), (*b, 0.0, 0.0), gradient)
         _, stress, code = step(SAND, (*b, 0.0, 0.0), gradient)
         if code == NO_TENSION:
             continue
-        trial, returned = elastic + pressure(elastic) * np.eye(3), stress + pressure(stress) * np.eye(3)
+        trial, returned = whole + pressure(whole) * np.eye(3), stress + pressure(stress) * np.eye(3)
         np.testing.assert_allclose(
-            returned * shear(elastic), trial * shear(stress), rtol=0, atol=1e-9 * shear(elastic) ** 2
+            returned * shear(whole), trial * shear(stress), rtol=0, atol=1e-9 * shear(whole) ** 2
         )
         assert pressure(stress) == pytest.approx(pressure(elastic), rel=1e-9)
         checked += 1
@@ -201,7 +203,7 @@ def test_softening_of_nothing_and_at_once():
         results = [
             step(law, state, gradient, softening=soft)
             for law, state, soft in zip(
-                (ICE, ICE, ICE, residual), states, (NoSoftening(), never, at_once, NoSoftening()), strict=True
+                (ICE, ICE, ICE, residual), states, (Softening(), never, at_once, Softening()), strict=True
             )
         ]
         states = [result[0] for result in results]
@@ -243,7 +245,7 @@ def test_inertial_friction_solves_its_equation():
         p, excess, time_step = 10.0 ** rng.uniform(1, 6), 10.0 ** rng.uniform(-3, 2), 10.0 ** rng.uniform(-6, -2)
         trial = BEADS.mu1 * p * (1.0 + excess)
         norm = trial / (math.sqrt(2.0) * SHEAR)
-        _, kept, strain, _, code, yields = BEADS.returned_strain(-p / BULK, norm, 0.0, 0.0, time_step, NoSoftening())
+        _, kept, strain, _, code, yields = returned_mu_i(BEADS, (0.0, 0.0), -p / BULK, norm, 0.0, 0.0, time_step)
         shear_stress, rate = kept * trial, (1.0 - kept) * trial / (SHEAR * time_step)
         inertia = rate * 0.01 / math.sqrt(p / 2500.0)
         friction = BEADS.mu1 + (BEADS.mu2 - BEADS.mu1) * inertia / (inertia + 0.279)
@@ -271,14 +273,14 @@ def test_inertial_flow_bears_no_tension_and_little_shear_is_elastic():
     assert code == NO_TENSION and np.all(stress == 0.0) and state[:6] == FRESH[:6] and state[7] > 0.0
     start = at_pressure(BEADS, 1e4)
     state, stress, code = step(BEADS, start, sheared(1e-6))
-    np.testing.assert_allclose(stress, step(Elastic(BULK, SHEAR), start, sheared(1e-6))[1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(stress, step(elastic(BULK, SHEAR), start, sheared(1e-6))[1], rtol=0, atol=1e-9)
     assert code == ORDINARY and state[6] == 0.0
 
 
 def test_far_and_near_flow_alike():
     """A step of shear that leaves the series comes out as many small ones do."""
     state = at_pressure(SAND, 5e4)
-    once, stress, _ = step(SAND, state, sheared(0.4), method="stress_step_far")
+    once, stress, _ = step(SAND, state, sheared(0.4), function=stress_step_far)
     for _ in range(400):
         state, small, _ = step(SAND, state, sheared(1e-3))
     assert pressure(stress) == pytest.approx(pressure(small), rel=1e-9)

@@ -6,7 +6,7 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, points_on
 
-from mpmgis.laws.fluid_material import Fluid
+from mpmgis.laws.material import fluid
 from mpmgis.solvers.features.walls import Wall
 
 DENSITY = 1000.0
@@ -34,7 +34,7 @@ def stream_at_wall(froude, seconds, cell=0.25, width=0.75, per_cell=2, viscosity
     frame = block_of((length, width, 1.0), cell / per_cell, (front - length, 0.0, 0.0), DENSITY, (speed, 0.0, 0.0))
     terrain = terrain_of(lambda x, y: 0.0 * x, np.ceil(front / cell) * cell + 5.0 * cell, width, cell)
     wall = Wall("dam", shapely.box(front, -5.0, front + 5.0 + 5.0 * cell, width + 5.0), height=4.0 * behind)
-    water = Fluid(DENSITY * (10.0 * speed) ** 2, viscosity, tait)
+    water = fluid(DENSITY * (10.0 * speed) ** 2, viscosity, tait)
     solver = points_on(terrain, frame, cell, water, walls=(wall,), edges="wall", **numerics)
     return solver, 0.5 * DENSITY * G * behind**2 * width
 

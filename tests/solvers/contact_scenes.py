@@ -5,11 +5,11 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.material import Elastic
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import elastic
 
 FRICTION = 25.0  # [deg] of the bed
-SOIL = Elastic(6.7e6, 4e6)
+SOIL = elastic(6.7e6, 4e6)
 DENSITY, HEIGHT = 1500.0, 2.0
 LATERAL = 0.3 / 0.7  # stress across over stress along the normal of a confined elastic slab
 
@@ -49,7 +49,7 @@ def slab(degrees, time, cell=0.5, above=0.0, weighted=False, speed=0.0, material
     stress = weight_stress((start - [0.0, 0.0, base]) @ normal, slope, friction) if weighted else None
     terrain = terrain_of(lambda x, y: base - np.tan(slope) * x, west + length + 80.0, 4 * cell, cell)
     solver = points_on(
-        terrain, frame, cell, material, CoulombContact(friction), stress=stress, edges="wall", **numerics
+        terrain, frame, cell, material, coulomb_contact(friction), stress=stress, edges="wall", **numerics
     )
     integrate_to(solver, time)
     now = sorted_points(solver)
@@ -78,7 +78,7 @@ def askew_slab(degrees, time, azimuth, cell=0.5, above=0.3):
     frame.particles.position[:] = start
     stress = weight_stress(local[:, 2], slope, friction, heading)
     solver = points_on(
-        terrain_of(bed, size, size, cell), frame, cell, SOIL, CoulombContact(friction), stress=stress, edges="wall"
+        terrain_of(bed, size, size, cell), frame, cell, SOIL, coulomb_contact(friction), stress=stress, edges="wall"
     )
     integrate_to(solver, time)
     now = sorted_points(solver)

@@ -6,17 +6,18 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import integrate_to, points_on, sorted_points
 from scipy.optimize import brentq
-from test_points_catalogue import cauchy_stress, elastic
+from test_points_catalogue import cauchy_stress, elastic_of
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid_material import Fluid
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import fluid
+from mpmgis.laws.material_choice import wave_speed
 from mpmgis.solvers.features.walls import Wall
 
 DENSITY = 1000.0
 CELL, DEEP, WIDE = 1.0, 10.0, 12.0  # of the basins [m]; they are three cells across
-SOIL = elastic(50e6, 0.3)
-SWING = 4.0 * DEEP / SOIL.wave_speed(DENSITY)  # slowest of a body as deep [s]
+SOIL = elastic_of(50e6, 0.3)
+SWING = 4.0 * DEEP / wave_speed(SOIL, DENSITY)  # slowest of a body as deep [s]
 LOOKS = 16
 
 
@@ -49,7 +50,7 @@ def resting_in(bed, length, west, east, surface, material, walls=(), cell=CELL):
     stress = np.zeros((len(frame.particles.id), 6))
     stress[:, :3] = -DENSITY * G * (surface - frame.particles.position[:, 2:])
     terrain = terrain_of(lambda x, y: bed(x), length, 3.0 * cell, cell)
-    return points_on(terrain, frame, cell, material, CoulombContact(0.0), stress=stress, walls=walls, edges="wall")
+    return points_on(terrain, frame, cell, material, coulomb_contact(0.0), stress=stress, walls=walls, edges="wall")
 
 
 def mean_stress(solver, start, end):
@@ -126,7 +127,7 @@ def along_wall(
     ]
     wall = Wall("dam", shapely.Polygon(corners), height=60.0, mu=mu)
     terrain = terrain_of(bed, extent, extent, cell)
-    solver = points_on(terrain, frame, cell, material, CoulombContact(0.0), stress=stress, walls=(wall,), edges="wall")
+    solver = points_on(terrain, frame, cell, material, coulomb_contact(0.0), stress=stress, walls=(wall,), edges="wall")
     integrate_to(solver, time)
     down = np.array([-sin, cos, -fall]) / np.sqrt(1.0 + fall**2)
     bears = solver.mass_start * G * lean / (1.0 + fall**2)
@@ -145,9 +146,9 @@ def pool_before_wall(seconds, place=0.3, material=None, long=16, wide=12, deep=5
     face = (long + place) * cell
     frame = filled(lambda x: 0.0, 0.0, face - 1.8 * cell, deep * cell, wide * cell, 0.5 * cell)
     terrain = terrain_of(lambda x, y: 0.0 * x, (long + 8) * cell, wide * cell, cell)
-    fluid = material or Fluid(DENSITY * G * deep * cell * 100.0, 0.0, 0.0)
+    water = material or fluid(DENSITY * G * deep * cell * 100.0, 0.0, 0.0)
     walls = (standing_wall(face, 6.0 * cell),)
-    solver = points_on(terrain, frame, cell, fluid, CoulombContact(0.0), walls=walls, edges="wall")
+    solver = points_on(terrain, frame, cell, water, coulomb_contact(0.0), walls=walls, edges="wall")
     integrate_to(solver, 0.8 * seconds)
     before = solver.balances()["barriers"]["dam"]["normal_impulse"]
     integrate_to(solver, seconds)

@@ -12,7 +12,7 @@ import shapely.affinity
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 from point_scenes import block_of, points_on
 
-from mpmgis.laws.fluid_material import Fluid
+from mpmgis.laws.material import fluid
 from mpmgis.solvers.columns.feature_arrays import Places, barrier_entries
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 from mpmgis.solvers.features.walls import Wall, wall_nodes
@@ -66,7 +66,7 @@ def discharge_of_points(cell_size, gap, degrees=0.0, offset=(0.0, 0.0), thicknes
     stress = np.zeros((len(frame.particles), 6))
     stress[:, :3] = -1000.0 * G * (depth - frame.particles.position[:, 2])[:, None]
     terrain = terrain_of(lambda x, y: 0 * x, 36.0, 36.0, 2.0)
-    water, walls = Fluid(1000.0 * 90.0**2, 0.0, 0.0), (Wall("basin", wall, height=99.0),)
+    water, walls = fluid(1000.0 * 90.0**2, 0.0, 0.0), (Wall("basin", wall, height=99.0),)
     solver = points_on(terrain, frame, cell_size, water, stress=stress, walls=walls, edges="wall", **numerics)
     core, out, times = placed(shapely.box(-5, -5, 4, 5)), [], (2.0, 3.5, 5.0)
     for time, after in zip(times, (*times[1:], np.inf), strict=True):

@@ -9,6 +9,8 @@ import sys
 import numba
 import numpy as np
 
+from mpmgis.laws.material_choice import stress_step
+
 COMPILED = (
     "stencil",
     "carried",
@@ -422,7 +424,7 @@ def plain_step(
             node[:3] /= node[3]
             node[2] -= dt * gravity
     if xi > 0.0:
-        couple(nodes, ground, dx, dt, density, gravity, mu, xi, 0.0 if hasattr(material, "shear_modulus") else 1.0)
+        couple(nodes, ground, dx, dt, density, gravity, mu, xi, 0.0 if material.shear_modulus > 0.0 else 1.0)
     press(nodes, ground, yields, dx, dt, density, gravity, sound, mu)
     if pressed is not None:
         pressed[:] = nodes
@@ -447,15 +449,7 @@ def plain_step(
         for a in range(3):
             place[p, a] += dt * new[a]
         s, c = state[p], gradient
-        answer = material.stress_step(
-            s[0],
-            s[1],
-            s[2],
-            s[3],
-            s[4],
-            s[5],
-            s[6],
-            s[7],
+        strain = (
             dt * c[0, 0],
             dt * c[0, 1],
             dt * c[0, 2],
@@ -465,13 +459,13 @@ def plain_step(
             dt * c[2, 0],
             dt * c[2, 1],
             dt * c[2, 2],
-            dt,
-            soft,
         )
+        before = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7]
+        after, loads, _ = stress_step(material, soft, before, strain, dt)
         for e in range(8):
-            state[p, e] = answer[e]
+            state[p, e] = after[e]
         for e in range(6):
-            stress[p, e] = answer[8 + e]
+            stress[p, e] = loads[e]
         near = variance = own = 0.0
         for k in range(3):
             for j in range(3):

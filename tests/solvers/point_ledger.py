@@ -14,8 +14,9 @@ from functools import cache
 import numpy as np
 from plain_points import GHOSTS, compiled_step, plain_step, yields_of
 
-from mpmgis.laws.material import Elastic
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.material import ELASTIC
+from mpmgis.laws.material_choice import state_at_stress, wave_speed
+from mpmgis.laws.softening import Softening
 
 without_drag = cache(compiled_step)
 TAKERS = ("ground", "transfers", "steps", "material")
@@ -44,7 +45,7 @@ class PlainRun:
         self.affine, self.mass = np.zeros((n, 3, 3)), particles.mass.copy()
         self.stress, self.yields = np.zeros((n, 6)), yields_of(self.solver)
         self.numerics, self.material = self.solver.numerics, self.solver.effects.material
-        self.state = np.column_stack(self.material.state_at_stress(*self.stress.T))
+        self.state = np.column_stack(state_at_stress(self.material, tuple(self.stress.T)))
 
     def march(self, steps):
         for _ in range(steps):
@@ -80,13 +81,13 @@ class PlainRun:
             numerics.gravity,
             self.solver.effects.contact.mu,
             self.material,
-            NoSoftening(),
-            self.material.wave_speed(numerics.density),
+            Softening(),
+            wave_speed(self.material, numerics.density),
             drag,
             pressed,
         )
         self._book(nodes.reshape(-1, 4), pressed.reshape(-1, 4), shares, free, impulse, before)
-        if isinstance(self.material, Elastic):
+        if self.material.kind == ELASTIC:
             gained = 0.5 * dt * (volume * ((self.stress - stress) * self._strain_rate()).sum(axis=1)).sum()
             self.lost["material"] += gained
             self.lost["steps"] -= gained

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import Elastic
+from mpmgis.laws.material import elastic, fluid
 from mpmgis.solvers.features.walls import Wall
 
 LONG, DEEP = 6.0, 3.0  # of the water [m]
@@ -29,7 +28,7 @@ def still_water(place, cell=0.5, foot=0.0, mu=0.0, **numerics):
     stress = np.zeros((len(frame.particles.id), 6))
     stress[:, :3] = -1000.0 * G * (bed + DEEP - frame.particles.position[:, 2:])
     terrain = terrain_of(lambda x, y: bed + 0.0 * x, 20.0, wide, cell)
-    water = Fluid(1000.0 * 50.0**2, 2000.0, 0.0)
+    water = fluid(1000.0 * 50.0**2, 2000.0, 0.0)
     return points_on(terrain, frame, cell, water, stress=stress, walls=walls, edges="wall", **numerics)
 
 
@@ -96,7 +95,7 @@ def test_a_block_rests_on_a_wall_by_friction_just_under_its_angle(place, azimuth
 @pytest.mark.slow
 def test_the_way_that_a_block_settles_is_its_elastic_deformation():
     """24 degrees: 0.197, 0.047 and 0.012 m in 3 s for 1, 4 and 16 times the stiffness."""
-    stiff = Elastic(16.0 * SLAB.bulk_modulus, 16.0 * SLAB.shear_modulus)
+    stiff = elastic(16.0 * SLAB.bulk_modulus, 16.0 * SLAB.shear_modulus)
     moved, _, _, solver = along_wall(24.0, 3.0, stiff, place=0.4)
     assert 0.0 <= moved <= 0.02
     assert solver.energy()[0] <= 1e-5 * solver.mass_start * G

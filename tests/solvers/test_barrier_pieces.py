@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on
 
-from mpmgis.laws.fluid_material import Fluid
+from mpmgis.laws.material import fluid
 from mpmgis.solvers.features.walls import Wall, half_thickness, joined_footprints, margin_in_3d, margin_of, wall_nodes
 
 LENGTH, THICK = 24.0, 4.0  # of a dam [m]; cells are 1 m
@@ -103,7 +103,7 @@ def forces(walls, cell, speed, points, extent, begin, end):
     stress = np.zeros((len(frame.particles.id), 6))
     stress[:, :3] = -1000.0 * G * (1.0 - frame.particles.position[:, 2:])
     terrain = terrain_of(lambda x, y: 0.0 * x, extent, extent, 1.0)
-    solver = points_on(terrain, frame, cell, Fluid(1000.0 * 60.0**2, 0.0, 0.0), stress=stress, walls=walls)
+    solver = points_on(terrain, frame, cell, fluid(1000.0 * 60.0**2, 0.0, 0.0), stress=stress, walls=walls)
     sums = []
     for time in (begin, end):
         integrate_to(solver, time)

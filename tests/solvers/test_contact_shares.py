@@ -11,8 +11,9 @@ from point_scenes import points_on
 from scipy.integrate import quad
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid_material import Fluid
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import fluid
+from mpmgis.laws.material_choice import wave_speed
 from mpmgis.solvers.points.contact_shares import (
     DEEP,
     FAR,
@@ -33,7 +34,7 @@ from mpmgis.solvers.points.contact_shares import (
     spline_at,
 )
 
-MUD = Fluid(1000.0 * 100.0**2, 2000.0, 0.0)
+MUD = fluid(1000.0 * 100.0**2, 2000.0, 0.0)
 LEVELS = np.arange(-2, 3)
 PATCH = 2.5  # [cells]
 MASS = st.just(0.0) | st.floats(1e-100, 1.0)  # of a node; squares of smaller masses underflow
@@ -277,8 +278,8 @@ def resting_on(degrees, azimuth, above, material=SOIL, friction=0.0, length=14.0
     ids = np.arange(len(volume), dtype=np.uint64)
     frame = Frame(Particles(position, np.zeros_like(position), DENSITY * volume, volume, id=ids), dimension=3)
     terrain = terrain_of(bed, length, length, 1.0)
-    solver = points_on(terrain, frame, 1.0, material, CoulombContact(friction), stress=stress, edges="wall")
-    swing = 4.0 * deep / material.wave_speed(DENSITY)
+    solver = points_on(terrain, frame, 1.0, material, coulomb_contact(friction), stress=stress, edges="wall")
+    swing = 4.0 * deep / wave_speed(material, DENSITY)
     found, place = mean_stress(solver, 6.0 * swing, 8.0 * swing)
     exact = -DENSITY * G * (surface - place[:, 2])
     lowest = (place[:, 2] - bed(place[:, 0], place[:, 1])) * np.cos(np.radians(degrees)) < 2.0

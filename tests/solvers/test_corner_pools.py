@@ -13,7 +13,7 @@ from hypothesis import strategies as some
 from point_scenes import block_of, integrate_to, points_on
 from test_barrier_face_rows import CELLS, faces_on, place_of
 
-from mpmgis.laws.fluid_material import Fluid
+from mpmgis.laws.material import fluid
 from mpmgis.solvers.features.walls import Wall, half_thickness, margin_in_3d
 from mpmgis.solvers.points.point_faces import COLUMNS, FACE_FOLLOWS, FACE_NEXT, FACE_TAKEN
 
@@ -122,7 +122,7 @@ def pool(azimuth, cell=0.125, length=1.5, width=1.0, gap=1.8, viscosity=0.0, **n
     frame = replace(frame, particles=frame.particles.take(inside))
     terrain = terrain_of(lambda x, y: 0.0 * x, *(cells * cell), cell)
     walls = (Wall("dam", outside.difference(ring), height=2.0),)
-    water = Fluid(DENSITY * G * 0.625 * 100.0, viscosity, 0.0)
+    water = fluid(DENSITY * G * 0.625 * 100.0, viscosity, 0.0)
     solver = points_on(terrain, frame, cell, water, walls=walls, edges="wall", **numerics)
     level = frame.particles.volume.sum() / (length * width)
     return solver, 0.5 * DENSITY * G * level**2 * 2.0 * (length + width), level

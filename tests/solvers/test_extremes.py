@@ -7,7 +7,7 @@ from point_scenes import block_of, points_on, sorted_points
 
 from mpmgis.laws.friction import friction_law
 from mpmgis.laws.ground_metric import SLOPE
-from mpmgis.laws.material import Elastic
+from mpmgis.laws.material import elastic
 
 BOWL = 150.0  # [m] radius of curvature of a hollow that the flow runs into
 
@@ -54,7 +54,7 @@ def test_the_fastest_column_and_the_deepest_node_of_all_steps():
 def test_the_fastest_point_of_all_steps_and_the_thickest_flow_of_all_looks():
     frame = block_of((10.0, 6.0, 4.0), 1.0, corner=(20.0, 20.0, 60.0), velocity=(3.0, 0.0, 0.0))
     ground = terrain_of(lambda x, y: np.where(x < 40, 50 - 0.5 * x, 30 + 0.0 * x), 100, 60, 2.0)
-    solver = points_on(ground, frame, 2.0, Elastic(1e6, 5e5))
+    solver = points_on(ground, frame, 2.0, elastic(1e6, 5e5))
     start = solver.balances()
     assert start["speed_max"] == pytest.approx(3.0) and start["speed_max_time"] == 0.0
     assert start["thickness_max"] == pytest.approx(4.0, rel=1e-12)  # a lattice of half a cell is even on its cells
@@ -77,6 +77,6 @@ def test_the_fastest_point_of_all_steps_and_the_thickest_flow_of_all_looks():
     solver.note_deepest()
     mass = solver.frame().particles.mass.sum()
     assert 0.0 < solver.balances()["thickness_max"] <= mass / (1000.0 * 4.0)
-    again = points_on(ground, frame, 2.0, Elastic(1e6, 5e5))
+    again = points_on(ground, frame, 2.0, elastic(1e6, 5e5))
     again.restore(solver.frame())
     assert all(again.balances()[name] == value for name, value in solver.balances().items() if "_max" in name)

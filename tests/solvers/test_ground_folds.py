@@ -6,15 +6,15 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.material import Elastic
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import elastic
 from mpmgis.solvers.points import ground_folds
 from mpmgis.solvers.points.ground_folds import departure, folded_ground
 from mpmgis.solvers.points.point_ground import AWAY, EXACT_X, FOLD_FIRST, FOLD_LEVEL, FOLD_LEVELS
 from mpmgis.solvers.points.point_rows import GHOSTS
 from mpmgis.system.errors import SceneError
 
-ICE = Elastic(6.7e6, 4e6)
+ICE = elastic(6.7e6, 4e6)
 DX, DROP, EDGE = 0.5, 10.0, 12.0
 NODES = np.arange(-GHOSTS, 67) * DX  # places of the columns of nodes [m]
 PROFILE = np.where(NODES < EDGE, DROP, np.where(NODES > EDGE, 0.0, 0.5 * DROP))  # the edge is between two pixels
@@ -28,7 +28,7 @@ def cliff(length=30.0, width=6.0, edge=EDGE, drop=DROP):
 def ground_of(terrain):
     """The Ground of a solver on `terrain`, and the heights at its nodes."""
     frame = block_of((1.0, 1.0, 1.0), DX / 2, (20.0, 2.0, 30.0))
-    return points_on(terrain, frame, DX, ICE, CoulombContact(0.5))._known_ground
+    return points_on(terrain, frame, DX, ICE, coulomb_contact(0.5))._known_ground
 
 
 def entries(ground):
@@ -112,7 +112,7 @@ def falling(gap, mu=0.5, time=0.8):
     """A block that falls beside the cliff, its side `gap` [cells] before the foot; (solver, its start)."""
     foot = NODES[np.flatnonzero(PROFILE == 0.0)[0]]
     frame = block_of((2.0, 2.0, 2.0), DX / 2, (foot + gap * DX, 2.0, 6.0))
-    solver = points_on(cliff(), frame, DX, ICE, CoulombContact(mu))
+    solver = points_on(cliff(), frame, DX, ICE, coulomb_contact(mu))
     start = sorted_points(solver).position
     integrate_to(solver, time)
     return solver, start
@@ -133,7 +133,7 @@ def test_a_block_that_runs_into_a_cliff_is_stopped_by_its_face():
     """8 m/s against the foot of 10 m: it comes back or stops, the face takes its momentum, and it is not thrown up."""
     terrain = cliff()
     frame = block_of((3.0, 2.0, 2.0), DX / 2, (16.0, 2.0, 0.0), velocity=(-8.0, 0.0, 0.0))
-    solver = points_on(terrain, frame, DX, ICE, CoulombContact(0.0))
+    solver = points_on(terrain, frame, DX, ICE, coulomb_contact(0.0))
     integrate_to(solver, 1.2)
     now, balances = sorted_points(solver), solver.balances()
     assert now.position[:, 0].min() > EDGE - DX  # outside the face

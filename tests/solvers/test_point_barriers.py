@@ -9,8 +9,7 @@ from column_scenes import terrain_of
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 from scipy.optimize import brentq
 
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import Elastic
+from mpmgis.laws.material import elastic, fluid
 from mpmgis.solvers.features.walls import Wall
 from mpmgis.solvers.points import point_loop as kernel
 
@@ -20,7 +19,7 @@ DX = 0.5
 
 def water(speed):
     """Water for flows up to `speed` [m s-1]."""
-    return Fluid(1000.0 * (10.0 * speed) ** 2, 0.0, 0.0)
+    return fluid(1000.0 * (10.0 * speed) ** 2, 0.0, 0.0)
 
 
 def wall(height=20.0, mu=0.0, west=30.0, thickness=2.0):
@@ -98,7 +97,7 @@ def test_a_block_at_rest_on_a_wall_loses_no_energy_to_it(mu):
     cell, crest, wide = 0.25, 2.0, 1.0
     frame = block_of((2.0, wide, 1.0), 0.5 * cell, (30.0, 0.0, crest + 0.02))
     dam = wall(crest, mu)
-    solver = points_on(channel(wide), frame, cell, Elastic(2e6, 1e6), walls=(dam,), edges="wall")
+    solver = points_on(channel(wide), frame, cell, elastic(2e6, 1e6), walls=(dam,), edges="wall")
     integrate_to(solver, 0.7)
     before = solver.balances()
     integrate_to(solver, 1.0)

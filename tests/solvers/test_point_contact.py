@@ -6,8 +6,8 @@ from contact_scenes import FRICTION, SOIL, G, askew_slab, axes_of, slab
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 from test_points_catalogue import level
 
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.material import Elastic, drucker_prager
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import drucker_prager, elastic
 from mpmgis.solvers.points.ground_contact import MOST_YIELD
 from mpmgis.system.errors import FormatError
 
@@ -77,7 +77,7 @@ def test_a_slab_stops_on_the_flat_after_its_exact_path(speed, off):
 @pytest.mark.thorough
 def test_what_a_slab_stops_short_is_its_elastic_deformation():
     """From 2 m/s: 5.3, 1.8 and 0.7 mm short for 1, 4 and 16 times the stiffness, so 1.2, 0.4 and 0.2 %."""
-    stiff = Elastic(4.0 * SOIL.bulk_modulus, 4.0 * SOIL.shear_modulus)
+    stiff = elastic(4.0 * SOIL.bulk_modulus, 4.0 * SOIL.shear_modulus)
     moved, _, exact, _ = slab(0.0, 1.0, above=0.45, weighted=True, speed=2.0, material=stiff)
     assert moved == pytest.approx(exact, rel=0.005)
 
@@ -147,7 +147,7 @@ def test_what_falls_comes_to_rest_on_the_ground(layers, above):
     """Sand that falls by two cells: the gap under its lowest points is 0 to 0.3 cells, for any height of the ground."""
     frame = block_of((3.0, 3.0, 0.5 * layers), 0.5, (0.0, 0.0, above + 2.0))
     sand = drucker_prager(1e7, 6e6, 30.0, 0.0, "plane_strain")
-    solver = points_on(level(3.0, 3.0, 1.0, above), frame, 1.0, sand, CoulombContact(0.5), edges="wall")
+    solver = points_on(level(3.0, 3.0, 1.0, above), frame, 1.0, sand, coulomb_contact(0.5), edges="wall")
     integrate_to(solver, 4.0)
     gap = sorted_points(solver).position[:, 2].min() - above - 0.25
     assert -0.02 <= gap <= 0.3

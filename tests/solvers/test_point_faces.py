@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from point_scenes import integrate_to
 
 from mpmgis.compiled.block_order import CHUNKS
-from mpmgis.laws.barrier import Barrier
-from mpmgis.laws.fluid_material import Fluid
+from mpmgis.laws.material import fluid
+from mpmgis.laws.material_choice import wave_speed
 from mpmgis.solvers.points import point_faces
 from mpmgis.solvers.points.ground_contact import MOST_YIELD, between_faces
 from mpmgis.solvers.points.point_barriers import POINT_BARRIER_ENTRIES, ROWED
@@ -77,8 +77,8 @@ def pressed(bed, base, *patches):
 
     Still mud fills the basin `bed(x)` [m] up to DEEP above `base` [m].
     """
-    mud = Fluid(1000.0 * 100.0**2, 2000.0, 0.0)
-    swing = 4.0 * DEEP / mud.wave_speed(DENSITY)
+    mud = fluid(1000.0 * 100.0**2, 2000.0, 0.0)
+    swing = 4.0 * DEEP / wave_speed(mud, DENSITY)
     solver = resting_in(bed, 20.0, 0.0, 20.0, base + DEEP, mud)
     stress, place = mean_stress(solver, 6.0 * swing, 10.0 * swing)
     exact, lowest = -DENSITY * G * (base + DEEP - place[:, 2]), place[:, 2] - bed(place[:, 0]) < 2.0 * CELL
@@ -179,7 +179,7 @@ def test_points_that_have_passed_a_face_are_moved_back_onto_it(degrees, way, foo
     for _ in range(12):
         before, key, report = where(rows, keys), keys[0], np.zeros((CHUNKS, REPORT))
         report[:, [BLOCK_EAST, BLOCK_NORTH]] = -1.0
-        keep_before_faces(rows, keys, 1, lowest, inside, face[None], barriers, dx, report, Barrier())
+        keep_before_faces(rows, keys, 1, lowest, inside, face[None], barriers, dx, report, True)
         held = report[:, HELD_WALL].sum()
         moved = (where(rows, keys) - before) @ normal
         assert moved == pytest.approx(min(max(into - yields, 0.0), MOST_BACK) if held else 0.0, abs=1e-5)

@@ -9,15 +9,14 @@ from exact_solutions import G
 from point_scenes import block_of, integrate_to
 
 from mpmgis.laws import flow_layers
-from mpmgis.laws.affine_transfer import TurningGradient, WholeGradient
-from mpmgis.laws.contact_friction import VoellmyContact
+from mpmgis.laws.affine_transfer import TURNING_GRADIENT, WHOLE_GRADIENT
+from mpmgis.laws.contact_friction import voellmy_contact
 from mpmgis.laws.effect_slots import PointEffects
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.material import drucker_prager, fluid
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 
-TRANSFERS = {"APIC": WholeGradient(), "RPIC": TurningGradient()}
+TRANSFERS = {"APIC": WHOLE_GRADIENT, "RPIC": TURNING_GRADIENT}
 MARGIN = 5.0  # [m] before the slab
 
 
@@ -59,9 +58,9 @@ class Chute:
         frame.particles.velocity[:] = speed[:, None] * self.down()
         stress = np.zeros((len(above), 6))
         stress[:, :3] = (-1000.0 * G * np.cos(self.slope) * (deep - above))[:, None]
-        contact = VoellmyContact(mu, xi)
+        contact = voellmy_contact(mu, xi)
         effects = PointEffects(
-            material or Fluid(1000.0 * (12.0 * self.mean) ** 2, 0.0, 0.0), contact=contact, transfer=transfer
+            material or fluid(1000.0 * (12.0 * self.mean) ** 2, 0.0, 0.0), contact=contact, transfer=transfer
         )
         numerics = PointNumerics(cell, density=1000.0, edges="wall", precision=precision)
         self.solver = PointSolver(frame, terrain, effects, numerics, stress)

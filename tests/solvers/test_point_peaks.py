@@ -13,15 +13,15 @@ from point_scenes import block_of, plane, points_on
 from mpmgis.compiled import jit
 from mpmgis.frames import peaks as peak_names
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import Elastic, drucker_prager
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import drucker_prager, elastic, fluid
+from mpmgis.laws.material_choice import wave_speed
+from mpmgis.laws.softening import Softening
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.points import point_peaks
 from mpmgis.system.errors import FormatError
 
-ELASTIC, SAND = Elastic(6.7e6, 4e6), drucker_prager(2e5, 1.2e5, 35.0, 0.0)
+ELASTIC, SAND = elastic(6.7e6, 4e6), drucker_prager(2e5, 1.2e5, 35.0, 0.0)
 DENSITY, GRAVITY = 1000.0, 9.81
 FLAT = terrain_of(lambda x, y: 0.0 * x, 24.0, 20.0, 4.0)
 
@@ -79,7 +79,7 @@ def test_peaks_equal_those_of_the_plain_loop_in_every_step(wide):
     frame.particles.velocity[:] += np.random.default_rng(3).normal(size=frame.particles.velocity.shape)
     dx, dt, steps, least = 1.0, 4e-3, 12, 0.2
     solver = points_on(
-        terrain, frame, dx, ELASTIC, CoulombContact(0.3), time_step=dt, maxima=True, arrival_thickness=least
+        terrain, frame, dx, ELASTIC, coulomb_contact(0.3), time_step=dt, maxima=True, arrival_thickness=least
     )
     place = frame.particles.position - solver._corner_from((0.0, 0.0, 0.0))
     n = len(place)
@@ -111,8 +111,8 @@ def test_peaks_equal_those_of_the_plain_loop_in_every_step(wide):
             GRAVITY,
             0.3,
             ELASTIC,
-            NoSoftening(),
-            ELASTIC.wave_speed(DENSITY),
+            Softening(),
+            wave_speed(ELASTIC, DENSITY),
         )
         mass = nodes[..., 3].sum(axis=0)
         mean = (nodes[..., :3] * nodes[..., 3:]).sum(axis=0) / np.maximum(mass, 1e-300)[..., None]
@@ -147,7 +147,7 @@ def test_thickness_and_arrival_are_those_of_numpy_in_every_step(seed, dx, single
         terrain,
         frame,
         dx,
-        Fluid(DENSITY * 400 * GRAVITY * dx, 0.0, 0.0),
+        fluid(DENSITY * 400 * GRAVITY * dx, 0.0, 0.0),
         maxima=True,
         arrival_thickness=least,
         precision=precision,
@@ -191,7 +191,7 @@ def test_a_sliding_block_leaves_its_known_peaks():
     west = 30.0
     corner = (west, 8.0, 130.0 - west * np.tan(angle))
     frame = block_of((length, 8.0, thick), 0.5, corner, turned=angle)
-    solver = points_on(terrain, frame, 1.0, Elastic(6.7e6, 4e6), CoulombContact(mu), maxima=True)
+    solver = points_on(terrain, frame, 1.0, elastic(6.7e6, 4e6), coulomb_contact(mu), maxima=True)
     solver.advance(6.0)
     found = on_nodes(solver)[12]  # along the middle
     acceleration = GRAVITY * (np.sin(angle) - mu * np.cos(angle))
@@ -213,7 +213,7 @@ def test_a_single_point_in_the_air_makes_no_speed_pressure_or_arrival():
     """In cells so large that one point is thicker than arrival_thickness; two points that fly together do."""
     place = np.array([[6.0, 6.0, 9.0], [16.0, 10.0, 9.0], [16.2, 10.1, 9.2]])
     frame = cloud(place, np.tile((0.0, 0.0, -30.0), (3, 1)), np.full(3, DENSITY))
-    solver = points_on(FLAT, frame, 2.0, Fluid(1e6, 0.0, 0.0), maxima=True)
+    solver = points_on(FLAT, frame, 2.0, fluid(1e6, 0.0, 0.0), maxima=True)
     solver.advance(0.1)
     found = on_nodes(solver)
     one, two = found[:5, :5], found[:, 6:]
@@ -227,10 +227,10 @@ def test_a_basin_with_walls_is_as_deep_at_them_as_amid_it():
     """The mirror image beyond a wall counts, as it does for columns; the corner of the domain too."""
     terrain = terrain_of(lambda x, y: 0.0 * x, 8.0, 6.0, 2.0)
     frame = block_of((8.0, 6.0, 2.0), 0.5)
-    solver = points_on(terrain, frame, 1.0, Fluid(1e6, 0.0, 0.0), edges="wall", maxima=True)
+    solver = points_on(terrain, frame, 1.0, fluid(1e6, 0.0, 0.0), edges="wall", maxima=True)
     solver.advance(1e-3)
     np.testing.assert_allclose(on_nodes(solver)[..., 0], 2.0, rtol=1e-6)
-    open_edges = points_on(terrain, frame, 1.0, Fluid(1e6, 0.0, 0.0), maxima=True)
+    open_edges = points_on(terrain, frame, 1.0, fluid(1e6, 0.0, 0.0), maxima=True)
     open_edges.advance(1e-3)
     assert on_nodes(open_edges)[0, 0, 0] == pytest.approx(0.5, rel=1e-3)
 
@@ -239,7 +239,7 @@ def test_a_basin_with_walls_is_as_deep_at_them_as_amid_it():
 def test_nothing_of_the_flow_changes_and_threads_change_nothing(precision):
     frame = block_of((4, 4, 4), 0.5, (10, 8, 0))
     made = [
-        points_on(FLAT, frame, 1.0, SAND, CoulombContact(0.6), precision=precision, maxima=maxima)
+        points_on(FLAT, frame, 1.0, SAND, coulomb_contact(0.6), precision=precision, maxima=maxima)
         for maxima in (False, True, True)
     ]
     threads = jit.set_threads(None)
@@ -258,7 +258,7 @@ def test_nothing_of_the_flow_changes_and_threads_change_nothing(precision):
 def test_a_restart_has_the_peaks_of_the_whole_run_and_going_back_forgets_them():
     def heap():
         frame = block_of((4, 4, 4), 0.5, (10, 8, 0), velocity=(5.0, 0.0, 0.0))
-        return points_on(FLAT, frame, 1.0, SAND, CoulombContact(0.3), maxima=True)
+        return points_on(FLAT, frame, 1.0, SAND, coulomb_contact(0.3), maxima=True)
 
     whole = list(TimeIntegration(heap(), 1.5, 0.25))
     again = heap()
@@ -276,7 +276,7 @@ def test_a_restart_has_the_peaks_of_the_whole_run_and_going_back_forgets_them():
 
 def test_what_leaves_over_an_edge_leaves_its_peaks():
     frame = block_of((4, 4, 2), 0.5, (18, 8, 0), velocity=(20.0, 0.0, 0.0))
-    solver = points_on(FLAT, frame, 1.0, SAND, CoulombContact(0.0), maxima=True)
+    solver = points_on(FLAT, frame, 1.0, SAND, coulomb_contact(0.0), maxima=True)
     solver.advance(1.0)
     found = on_nodes(solver)
     assert solver.points == 0

@@ -5,15 +5,15 @@ import pytest
 from plain_points import plain_step, yields_of
 from point_scenes import block_of, plane, points_on, sorted_points
 
-from mpmgis.laws.contact_friction import CoulombContact, VoellmyContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import Elastic, drucker_prager
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.contact_friction import coulomb_contact, voellmy_contact
+from mpmgis.laws.material import FLUID, drucker_prager, elastic, fluid
+from mpmgis.laws.material_choice import wave_speed
+from mpmgis.laws.softening import Softening
 
 MATERIALS = {
-    "elastic": Elastic(6.7e6, 4e6),
+    "elastic": elastic(6.7e6, 4e6),
     "frictional": drucker_prager(6.7e6, 4e6, 35.0, 500.0),
-    "fluid": Fluid(1e6, 10.0, 0.0),
+    "fluid": fluid(1e6, 10.0, 0.0),
 }
 STEPS, DT, DX = 3, 2e-3, 1.0
 
@@ -24,10 +24,10 @@ def plain(solver, frame, material, mu, xi=0.0):
     n = len(place)
     velocity, affine = frame.particles.velocity.copy(), np.zeros((n, 3, 3))
     state, stress = np.zeros((n, 8)), np.zeros((n, 6))
-    state[:, 0] = 1.0 if isinstance(material, Fluid) else 0.0
+    state[:, 0] = 1.0 if material.kind == FLUID else 0.0
     ground = solver._ground[..., :3]
     nodes = np.zeros((int(place[:, 2].max() / DX) + 14, *ground.shape[:2], 4))
-    sound, yields = material.wave_speed(1000.0), yields_of(solver)
+    sound, yields = wave_speed(material, 1000.0), yields_of(solver)
     for _ in range(STEPS):
         plain_step(
             place,
@@ -45,7 +45,7 @@ def plain(solver, frame, material, mu, xi=0.0):
             9.81,
             mu,
             material,
-            NoSoftening(),
+            Softening(),
             sound,
             xi,
         )
@@ -55,10 +55,10 @@ def plain(solver, frame, material, mu, xi=0.0):
 @pytest.mark.parametrize(
     ("material", "contact"),
     [
-        (MATERIALS["elastic"], CoulombContact(0.3)),
-        (MATERIALS["frictional"], CoulombContact(0.3)),
-        pytest.param(MATERIALS["elastic"], VoellmyContact(0.3, 40.0), marks=pytest.mark.thorough),
-        pytest.param(MATERIALS["fluid"], VoellmyContact(0.3, 400.0), marks=pytest.mark.thorough),
+        (MATERIALS["elastic"], coulomb_contact(0.3)),
+        (MATERIALS["frictional"], coulomb_contact(0.3)),
+        pytest.param(MATERIALS["elastic"], voellmy_contact(0.3, 40.0), marks=pytest.mark.thorough),
+        pytest.param(MATERIALS["fluid"], voellmy_contact(0.3, 400.0), marks=pytest.mark.thorough),
     ],
     ids=["elastic", "frictional", "drag", "fluid"],
 )

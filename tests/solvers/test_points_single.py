@@ -10,9 +10,10 @@ from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.material_choice import wave_speed
+from mpmgis.laws.softening import Softening
 from mpmgis.solvers.points import grid_to_points, point_batch, point_edges, point_rows
 from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_rows import Edges, StepFactors
@@ -28,7 +29,7 @@ def sliding(precision, east=0.0, length=200.0, velocity=(0.0, 0.0, 0.0), **numer
     terrain = terrain_of(lambda x, y: slope * np.maximum(60.0 + east - x, 0.0), length, 40.0, 4.0)
     corner = (20.0 + east, 16.0, 40.0 * slope)
     frame = block_of((6.0, 8.0, 4.0), 0.5, corner, velocity=velocity, turned=np.radians(20))
-    return points_on(terrain, frame, 1.0, SAND, CoulombContact(MU), precision=precision, **numerics)
+    return points_on(terrain, frame, 1.0, SAND, coulomb_contact(MU), precision=precision, **numerics)
 
 
 @pytest.mark.thorough
@@ -37,15 +38,15 @@ def test_three_steps_equal_the_plain_loop_in_double_precision():
     frame = block_of((2.0, 1.5, 1.5), 0.5, (20.3, 5.2, 60.0 - 20.3 * 0.57735), velocity=(4.0, -1.0, -2.0))
     frame.particles.velocity[:] += np.random.default_rng(3).normal(size=frame.particles.velocity.shape)
     terrain = plane(30, length=40.0, width=12.0, height=60.0, pixel=4.0)
-    solver = points_on(terrain, frame, 1.0, SAND, CoulombContact(MU), time_step=2e-3, precision="float32")
+    solver = points_on(terrain, frame, 1.0, SAND, coulomb_contact(MU), time_step=2e-3, precision="float32")
     place, velocity = frame.particles.position - solver._corner_from((0.0, 0.0, 0.0)), frame.particles.velocity.copy()
     n = len(place)
     ground = solver._ground[..., :3]
     nodes = np.zeros((int(place[:, 2].max()) + 14, *ground.shape[:2], 4))
     arrays = place, velocity, np.zeros((n, 3, 3)), frame.particles.mass, np.zeros((n, 8)), np.zeros((n, 6))
-    sound, yields = SAND.wave_speed(1000.0), yields_of(solver)
+    sound, yields = wave_speed(SAND, 1000.0), yields_of(solver)
     for _ in range(3):
-        plain_step(*arrays, nodes, ground, yields, 1.0, 2e-3, 1000.0, 9.81, MU, SAND, NoSoftening(), sound)
+        plain_step(*arrays, nodes, ground, yields, 1.0, 2e-3, 1000.0, 9.81, MU, SAND, Softening(), sound)
     solver.advance(3 * 2e-3)
     now = sorted_points(solver)
     np.testing.assert_allclose(now.position, place + solver._corner_from((0.0, 0.0, 0.0)), rtol=0, atol=1e-6)
@@ -115,7 +116,7 @@ def test_a_frame_of_the_other_precision_is_not_resumed_from():
         sliding("float32").restore(frame)
 
 
-LAW = type(SAND)(*map(np.float32, SAND)), NoSoftening(np.float32(0.0))
+LAW = type(SAND)(*map(np.float32, SAND)), Softening(np.float32(0.0))
 ONE = np.float32(1.0)
 PARTS = {  # loops over lines -> module, whether they use integers, further arguments
     "weigh": (point_rows, True, ()),

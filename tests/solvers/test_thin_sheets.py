@@ -11,17 +11,17 @@ from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import CoulombContact
+from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import drucker_prager
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.material import drucker_prager, fluid
+from mpmgis.laws.material_choice import state_at_stress
+from mpmgis.laws.softening import Softening
 from mpmgis.solvers.points.point_balances import exceeded_by
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 
 DENSITY, SOUND = 1300.0, 200.0
-WATER = Fluid(DENSITY * SOUND**2, 0.0, 0.0)
+WATER = fluid(DENSITY * SOUND**2, 0.0, 0.0)
 SPLASH = np.array([-0.2, 0.0, -0.225])  # velocity over that of the sheet
 
 
@@ -135,7 +135,7 @@ def test_the_front_of_a_dam_break_is_as_fast_as_ritter_has_it():
     stress = np.zeros((len(frame.particles.id), 6))
     stress[:, :3] = -9810.0 * (height - frame.particles.position[:, 2:])
     ground = terrain_of(lambda x, y: 0.0 * x, 60.0, 4 * cell, cell)
-    water = Fluid(1000.0 * (10.0 * wave) ** 2, 0.0, 0.0)
+    water = fluid(1000.0 * (10.0 * wave) ** 2, 0.0, 0.0)
     solver = points_on(ground, frame, cell, water, stress=stress, gravity=9.81, edges="wall")
     time = 4.0 * height / wave
     integrate_to(solver, time)
@@ -189,7 +189,7 @@ def test_the_limited_step_equals_the_plain_loop():
     nodes = np.zeros((20, *solver._ground.shape[:2], 4))
     yields = yields_of(solver)
     state, stress, affine, count = np.zeros((n, 8)), np.zeros((n, 6)), np.zeros((n, 3, 3)), 0
-    for values, k in zip(WATER.state_at_stress(*stress.T), range(8), strict=True):
+    for values, k in zip(state_at_stress(WATER, tuple(stress.T)), range(8), strict=True):
         state[:, k] = values
     for _ in range(4):
         count += plain_step(
@@ -208,7 +208,7 @@ def test_the_limited_step_equals_the_plain_loop():
             9.81,
             0.0,
             WATER,
-            NoSoftening(),
+            Softening(),
             solver._settings.signal_speed,
         )
     integrate_to(solver, 4e-3)
@@ -270,7 +270,7 @@ def front_of_sand(degrees, slowed, cell, high, stiff, speed, precision, travel=4
     young = DENSITY * stiff * G * cell
     terrain = terrain_of(lambda x, y: 200.0 * cell - fall * x, 140.0 * cell, 3.0 * cell, cell)
     material = drucker_prager(0.6 * young, 0.3 * young, 30.0, 0.0)
-    contact = CoulombContact(slowed * fall)
+    contact = coulomb_contact(slowed * fall)
     solver = points_on(terrain, sand, cell, material, contact, edges="wall", precision=precision)
     pull = (1.0 - slowed) * G * np.sin(slope) * np.cos(slope)
     solver.advance((np.sqrt(velocity[0] ** 2 + 2.0 * pull * travel * cell) - velocity[0]) / pull)
@@ -288,7 +288,7 @@ def collapse_in_a_strip(along, wide, precision):
     young = 0.8 * DENSITY * 49.0 * G * 8.0
     material = drucker_prager(young / 1.2, young / 2.6, 30.0, 0.0)
     terrain = terrain_of(lambda x, y: 0.0 * x, shape[0], shape[1], 1.0)
-    solver = points_on(terrain, sand, 1.0, material, CoulombContact(0.6), edges="wall", precision=precision)
+    solver = points_on(terrain, sand, 1.0, material, coulomb_contact(0.6), edges="wall", precision=precision)
     integrate_to(solver, 5.0 * np.sqrt(8.0 / G))
     return solver
 

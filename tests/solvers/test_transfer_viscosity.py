@@ -5,10 +5,10 @@ import pytest
 from point_scenes import block_of, integrate_to, sorted_points
 from test_points_catalogue import level
 
-from mpmgis.laws.affine_transfer import TurningGradient, WholeGradient
-from mpmgis.laws.contact_friction import VoellmyContact
+from mpmgis.laws.affine_transfer import TURNING_GRADIENT, WHOLE_GRADIENT
+from mpmgis.laws.contact_friction import voellmy_contact
 from mpmgis.laws.effect_slots import PointEffects
-from mpmgis.laws.fluid_material import Fluid
+from mpmgis.laws.material import fluid
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 
@@ -22,7 +22,7 @@ def viscosity(transfer, step):
     frame.particles.velocity[:, 1] = np.cos(phase)
     affine = np.zeros((len(phase), 3, 3))
     affine[:, 1, 0] = -k * np.sin(phase)
-    effects = PointEffects(Fluid(1e5, 0.0, 0.0), contact=VoellmyContact(0.2, 1000.0), transfer=transfer)
+    effects = PointEffects(fluid(1e5, 0.0, 0.0), contact=voellmy_contact(0.2, 1000.0), transfer=transfer)
     numerics = PointNumerics(CELL, density=1000.0, gravity=0.0, time_step=step)
     solver = PointSolver(frame, level(48.0, 8.0, CELL), effects, numerics, affine=affine)
     integrate_to(solver, TIME)
@@ -38,5 +38,5 @@ def test_rpic_has_a_viscosity_of_an_eighth_of_a_cell_squared_over_the_step():
     is a rotation. It grows with smaller steps: it is no property of the flow. APIC: 1.2 and 2.6, waves of 16 cells."""
     for step in (8e-3, 4e-3):
         own = CELL**2 / (8.0 * step)
-        assert viscosity(TurningGradient(), step) == pytest.approx(own, rel=0.15)
-        assert viscosity(WholeGradient(), step) <= 0.1 * own
+        assert viscosity(TURNING_GRADIENT, step) == pytest.approx(own, rel=0.15)
+        assert viscosity(WHOLE_GRADIENT, step) <= 0.1 * own

@@ -6,8 +6,7 @@ import numpy as np
 from hard_scenes import NO_DRAG, box_of_columns, columns_on, joined, points_of_columns, stiff_for
 from hypothesis import strategies as st
 
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.material import drucker_prager, fluid
 
 KINDS = ("plane", "bowl", "cliff", "noise", "steps", "pit", "rough slope")
 
@@ -107,7 +106,7 @@ class PointScene:
         drop = float(np.ptp(self.ground(x, y))) + self.box.thickness + self.box.speed**2 / 20.0
         stiff = self.stiffness * stiff_for(drop)
         material = (
-            Fluid(stiff, self.viscosity, 0.0)
+            fluid(stiff, self.viscosity, 0.0)
             if self.friction_angle is None
             else drucker_prager(stiff, 0.6 * stiff, self.friction_angle, self.cohesion)
         )

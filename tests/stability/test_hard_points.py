@@ -16,9 +16,9 @@ from hard_scenes import Watch, in_the_map, points_of_columns, stiff_for
 from point_scenes import block_of, points_on, sorted_points
 from scene_strategies import Box, Ground, PointScene
 
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import drucker_prager, fluid
+from mpmgis.laws.material_choice import wave_speed
 from mpmgis.laws.softening import softening
 from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_solver import PointSolver
@@ -49,14 +49,14 @@ def sand(drop, friction_angle=30.0, cohesion=0.0):
 
 def water(drop, viscosity=0.0):
     """A fluid with the stiffness for a fall of `drop` [m]."""
-    return Fluid(stiff_for(drop), viscosity, 0.0)
+    return fluid(stiff_for(drop), viscosity, 0.0)
 
 
 def thrown(material, velocity=(0.0, 0.0, 0.0), lengths=(4.0, 4.0, 4.0), corner=(18.0, 8.0, 0.0), mu=0.3, **numerics):
     """A block with a velocity over level ground of 40 m x 20 m."""
     terrain = terrain_of(level, 40.0, 20.0, 1.0)
     return points_on(
-        terrain, block_of(lengths, 0.5, corner, velocity=velocity), 1.0, material, CoulombContact(mu), **numerics
+        terrain, block_of(lengths, 0.5, corner, velocity=velocity), 1.0, material, coulomb_contact(mu), **numerics
     )
 
 
@@ -180,7 +180,7 @@ def test_rock_as_stiff_as_rock():
     rock = drucker_prager(50e9 / 1.5, 20e9, 45.0, 1e7)
     solver = thrown(rock, (1.0, 0.0, -2.0), lengths=(2.0, 2.0, 2.0), corner=(19.0, 9.0, 0.1))
     Watch(solver).march(0.1)
-    assert solver.step > 0.1 / (0.4 * 1.0 / rock.wave_speed(1000.0))
+    assert solver.step > 0.1 / (0.4 * 1.0 / wave_speed(rock, 1000.0))
 
 
 @pytest.mark.parametrize("speed", [20.0, 100.0])
@@ -270,7 +270,7 @@ def test_softening_of_nothing_and_at_once(coefficient):
     weakens = softening((40.0, 8e3), (5.0, 0.0), coefficient)
     terrain = terrain_of(level, 40.0, 20.0, 1.0)
     block = block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 0.0))
-    solver = points_on(terrain, block, 1.0, sand(4.0, 40.0, 8e3), CoulombContact(0.6), weakens)
+    solver = points_on(terrain, block, 1.0, sand(4.0, 40.0, 8e3), coulomb_contact(0.6), weakens)
     Watch(solver).march(1.5)
     assert solver.balances()["energy_lost_to_yielding"] > 0.0
     height = in_the_map(solver)[:, 2].max()

@@ -6,9 +6,8 @@ from hard_scenes import STEPPING, Watch, points_on, terrain_of
 from point_scenes import block_of
 from scene_strategies import Box, Ground, PointScene
 
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import drucker_prager, fluid
 from mpmgis.solvers.points.point_numerics import LONE_SHARE, PointNumerics, courant_number
 
 SOIL = drucker_prager(2e5, 1.2e5, 0.0, 1e6)
@@ -18,7 +17,7 @@ def gained(material, cfl):
     """Largest share of its energy that a point on a gentle slope gains in a second."""
     terrain = terrain_of(lambda x, y: 5.0 - 0.087 * x, 40.0, 20.0, 1.0)
     point = block_of((0.5, 0.5, 0.5), 0.5, (10.3, 10.1, 5.0 - 0.087 * 10.3))
-    solver = points_on(terrain, point, 1.0, material, CoulombContact(0.0), cfl=cfl)
+    solver = points_on(terrain, point, 1.0, material, coulomb_contact(0.0), cfl=cfl)
     start, most = sum(solver.energy_start), -np.inf
     for time in np.linspace(0.02, 1.0, 50):
         solver.advance(time)
@@ -45,6 +44,6 @@ def test_steps_of_changing_length_make_no_energy(precision):
 def test_the_limit_is_that_of_the_lone_swing():
     """dx / sqrt(max(3 K, 2 G) / rho) over dx / c_p; a smaller requested Courant number is used unchanged."""
     numerics = PointNumerics(1.0, cfl=0.9)
-    assert courant_number(Fluid(1e6, 0.0, 0.0), numerics) == pytest.approx(LONE_SHARE / np.sqrt(3.0))
+    assert courant_number(fluid(1e6, 0.0, 0.0), numerics) == pytest.approx(LONE_SHARE / np.sqrt(3.0))
     assert courant_number(SOIL, numerics) == pytest.approx(LONE_SHARE * np.sqrt(3.6 / 6.0))
     assert courant_number(SOIL, PointNumerics(1.0, cfl=0.4)) == 0.4

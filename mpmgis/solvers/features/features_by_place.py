@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import ndimage
 
+from ...laws.contact_friction import PARAMETERS
 from ...laws.entrainment import NO_EROSION
 from ...laws.forest import STRENGTH
-from ...laws.friction import FrictionZones, parameters_of
+from ...laws.friction import parameters_of
 from ...scene import mu_least
 from ...system.errors import SceneError
 from ..columns.feature_arrays import Places, barrier_entries
@@ -155,10 +156,9 @@ class KnownByPlace:
         ----------
         effects : PointEffects
         """
-        walls = self.walls if effects.barrier.barrier_active() else ()
-        zones = isinstance(effects.zones, FrictionZones)
+        walls = self.walls if effects.barrier else ()
         return Places(
-            zone_values=self._zone_values(effects.contact._fields) if zones else None,
+            zone_values=self._zone_values(PARAMETERS[effects.contact.kind]) if effects.zones else None,
             barriers=barrier_entries(self.wall_nodes) if walls else None,
             barrier_names=tuple(wall.name for wall in walls),
         )

@@ -5,8 +5,6 @@ node column that a barrier stands on, with all its blocks. Each of them books wh
 that the loads, sums of these rows, always have one order.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import cuda, float64, int32
 
@@ -269,7 +267,6 @@ def press_on_crests(
     booked: np.ndarray,
     reports: np.ndarray,
     settings: Settings,
-    barrier: NamedTuple,
 ) -> None:
     """Apply the contact with crests in the node columns that barriers stand on (see `point_crests`).
 
@@ -285,7 +282,6 @@ def press_on_crests(
     booked : real[rows of loads, POINT_BARRIER_SUMS]
     reports : real[threads, NODE_REPORT]
     settings : Settings
-    barrier : law of barriers (`laws.barrier`)
     """
     if run[STATUS] != 0:
         return
@@ -301,9 +297,7 @@ def press_on_crests(
         first = int32((north * run[WIDTH] + east) * run[DEPTH])
         for place in range(first, first + int32(run[DEPTH])):
             if slots[place] >= 0:
-                press_at_crest(
-                    slots[place], column, grid, window, barriers, reports[cuda.grid(1)], booked, settings, barrier
-                )
+                press_at_crest(slots[place], column, grid, window, barriers, reports[cuda.grid(1)], booked, settings)
 
 
 @capped(double=104)

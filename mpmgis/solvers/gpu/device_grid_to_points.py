@@ -12,8 +12,10 @@ from math import floor
 import numpy as np
 from numba import cuda, int32, uint32
 
+from ...laws.affine_transfer import TURNING_GRADIENT
 from ...laws.material import FAR as FAR_CODE
 from ...laws.material import NO_TENSION as TIP_CODE
+from ...laws.material_choice import stress_step
 from ..points.affine_limit import GRIPPED, JET
 from ..points.point_edges import INSIDE
 from ..points.point_rows import BLOCK, MASS, PX, PY, PZ, ROW_LONG, S0, S1, S2, S3, S4, S5, S6, S7, TILE_SIZE, X, Y, Z
@@ -233,29 +235,11 @@ def _move(t, s, a, shared, points, scales, below, rare, count, domain, laws, lon
     s4 = s5 = s6 = s7 = real(0.0)
     if longer:
         s4, s5, s6, s7 = lines[t, S4], lines[t, S5], lines[t, S6], lines[t, S7]
+    state = lines[t, S0], lines[t, S1], lines[t, S2], lines[t, S3], s4, s5, s6, s7
     g = scales[GRADIENT]
-    n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, code = laws.material.stress_step(
-        lines[t, S0],
-        lines[t, S1],
-        lines[t, S2],
-        lines[t, S3],
-        s4,
-        s5,
-        s6,
-        s7,
-        g * xx,
-        g * xy,
-        g * xz,
-        g * yx,
-        g * yy,
-        g * yz,
-        g * zx,
-        g * zy,
-        g * zz,
-        scales[STEP],
-        laws.softening,
-    )
-    if laws.transfer.only_turns():
+    strain = g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz
+    state, stress, code = stress_step(laws.material, laws.softening, state, strain, scales[STEP])
+    if laws.transfer == TURNING_GRADIENT:
         xx, yx, zx, xy, yy, zy, xz, yz, zz = only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz)
     affine2 = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
     here[t, SHEAR] = max(here[t, SHEAR], affine2 * scales[TURN2])
@@ -274,10 +258,10 @@ def _move(t, s, a, shared, points, scales, below, rare, count, domain, laws, lon
         count[TORN] += int32(1)
     mass, p = lines[t, MASS], uint32(points.order[s])
     if longer:
-        here[t, PLASTIC] += mass * plastic_rate(txx, tyy, tzz, txy, txz, tyz) * (n6 - s6)
-        lines[t, S4], lines[t, S5], lines[t, S6], lines[t, S7] = n4, n5, n6, n7
-    keep_state(lines, t, n0, n1, n2, n3)
-    gradient, stress = (xx, yx, zx, xy, yy, zy, xz, yz, zz), (txx, tyy, tzz, txy, txz, tyz)
+        here[t, PLASTIC] += mass * plastic_rate(stress) * (state[6] - lines[t, S6])
+        lines[t, S4], lines[t, S5], lines[t, S6], lines[t, S7] = state[4], state[5], state[6], state[7]
+    keep_state(lines, t, state[0], state[1], state[2], state[3])
+    gradient = xx, yx, zx, xy, yy, zy, xz, yz, zz
     keep_affine(lines, t, 4.0 * mass, scales[PUSH] * mass, gradient, stress)
     lines[t, PX], lines[t, PY], lines[t, PZ] = mass * u, mass * v, mass * w
     bx, by, bz = blocks_away(x1, y1, z1)

@@ -64,7 +64,7 @@ def device_choice(function: Callable, record: type, built_in: Callable) -> None:
 
 
 if not config.ENABLE_CUDASIM:  # the simulator calls them as plain Python
-    for _name in (*law_functions.METHODS, *law_functions.OWN_METHODS, *law_functions.INLINED_METHODS):
+    for _name in law_functions.OWN_METHODS:
         device_method(_name)
     for _function in FUNCTIONS:
         device_function(_function)

@@ -1,7 +1,5 @@
 """Correction of the volumes of fluid points on the device (see `point_density`)."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import cuda, int32
 
@@ -57,8 +55,7 @@ def correct_density(
     barriers: np.ndarray,
     reports: np.ndarray,
     settings: Settings,
-    material: NamedTuple,
-    barrier: NamedTuple,
+    barred: bool,
 ) -> None:
     """Set the rates of correction of all volumes in every EVERY-th step, a thread block for each block of points.
 
@@ -75,8 +72,8 @@ def correct_density(
     barriers : real[rows, columns, POINT_BARRIER_ENTRIES]
     reports : real[threads, NODE_REPORT]
     settings : Settings
-    material : material (`laws.material`)
-    barrier : law of barriers (`laws.barrier`)
+    barred : bool
+        Whether there are barriers.
     """
     if run[STATUS] != 0 or counts[STEP] % EVERY != 0:
         return
@@ -85,7 +82,7 @@ def correct_density(
     masses = cuda.shared.array(TILE_NODES, real)
     parts = cuda.shared.array(TILE_NODES, real)  # on a line of its own, by which the simulator tells arrays apart
     after = yields[step % 2]
-    barred, mine = barrier.barrier_active(), reports[cuda.grid(1)]
+    mine = reports[cuda.grid(1)]
     time, full = relaxation_time(settings), full_mass(settings)
     for a in range(int32(cuda.blockIdx.x), int32(run[ACTIVE]), int32(cuda.gridDim.x)):
         for n in range(thread, TILE_NODES, threads):
@@ -107,7 +104,6 @@ def correct_density(
                 settings.density_band,
                 time,
                 settings,
-                material,
                 mine,
             )
         cuda.syncthreads()

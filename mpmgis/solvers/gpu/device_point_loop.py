@@ -18,8 +18,9 @@ import numpy as np
 from numba import cuda
 
 from ...compiled.block_order import LEFT_MASS
-from ...laws.barrier import NoBarrier
-from ...laws.effect_slots import PointEffects
+from ...laws.contact_friction import VOELLMY
+from ...laws.effect_slots import PointEffects, in_precision
+from ...laws.material_choice import follows_density
 from ...system.errors import SceneError
 from ..points import point_time_step as entry
 from ..points.bed_drag import BLOCK_COLUMNS, COLUMN_MASSES
@@ -92,15 +93,15 @@ class DevicePoints:
         effects: PointEffects,
         launch: Launch | None = None,
     ) -> None:
-        self._barred = effects.barrier.barrier_active() and len(state.barrier_sums) > 0
+        self._barred = effects.barrier and len(state.barrier_sums) > 0
         if not self._barred:
-            effects = effects._replace(barrier=NoBarrier())
+            effects = effects._replace(barrier=False)
         self._launch = checked(launch or default_launch())
         self._real = state.rows.dtype.type
-        laws = {name: self._law(getattr(effects, name)) for name in ("transfer", "contact", "zones", "barrier")}
-        self.state, self._settings, self._effects = state, settings, effects._replace(**laws)
-        self._node_settings = self._law(settings)
-        self._drags = effects.contact.drag_active()
+        contact = in_precision(effects.contact, self._real)
+        self.state, self._settings, self._effects = state, settings, effects._replace(contact=contact)
+        self._node_settings = in_precision(settings, self._real)
+        self._drags = contact.kind == VOELLMY
         self._upload(places)
         self._make_reports()
         self._run = np.zeros(RUN_ENTRIES, np.int64)
@@ -109,10 +110,6 @@ class DevicePoints:
         self._now = self._to_device(np.zeros(NOW_ENTRIES))
         self._steps = Repeated(self._step)
         self._grow()
-
-    def _law(self, values):
-        """Return `values`, a law or settings, with its floats in the precision of the points."""
-        return type(values)(*(self._real(value) if isinstance(value, float) else value for value in values))
 
     def _to_device(self, values):
         """Return an array of floats on the device, in the precision of the points."""
@@ -412,13 +409,13 @@ class DevicePoints:
             self._all(device_barriers.book_faces, run, counts, blocks, site, faces, yields, booked, reports, settings)
         if self._barred:
             kernel = device_barriers.press_on_crests
-            self._all(kernel, run, barred.columns, blocks, barred.values, booked, reports, settings, laws.barrier)
+            self._all(kernel, run, barred.columns, blocks, barred.values, booked, reports, settings)
         self._all(device_point_nodes.hold_nodes, run, now, blocks, free, site, sums, booked, reports, settings, laws)
         if self._barred:
             kernel = device_barriers.hold_at_barriers
             self._all(kernel, run, now, barred.columns, blocks, site, sums, booked, reports, settings, laws)
         self._all(device_point_nodes.finish_nodes, run, nodes, touched, free, ground, reports, settings)
-        if effects.material.follows_density():
+        if follows_density(effects.material):
             self._all(
                 device_point_density.correct_density,
                 run,
@@ -431,7 +428,6 @@ class DevicePoints:
                 barred.values,
                 reports,
                 settings,
-                effects.material,
                 laws.barrier,
             )
         if self._drags:

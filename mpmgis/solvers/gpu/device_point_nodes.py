@@ -4,8 +4,6 @@ What happens to a node, a node column or a block of nodes is the code of the CPU
 this module has the loops over them. Each thread has a report of its own, that of `point_nodes`.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import cuda, int32
 
@@ -218,7 +216,7 @@ def find_contacts(
     barriers: np.ndarray,
     reports: np.ndarray,
     settings: Settings,
-    barrier: NamedTuple,
+    barrier: bool,
 ) -> None:
     """Apply the walls that act before the ground, and find the blocks that touch nothing; all reports begin here.
 
@@ -234,7 +232,8 @@ def find_contacts(
     reports : real[threads, NODE_REPORT]
         Is set.
     settings : Settings
-    barrier : law of barriers (`laws.barrier`)
+    barrier : bool
+        Whether there are barriers.
     """
     mine = reports[cuda.grid(1)]
     for k in range(NODE_REPORT):
@@ -248,7 +247,7 @@ def find_contacts(
         if settings.wall and is_at_wall(row, column, nx, ny):
             stop_at_walls(nodes[t], row, column, nx, ny, ground, False, mine)
             touches = True
-        if barrier.barrier_active() and not touches:
+        if barrier and not touches:
             touches = has_barrier(row, column, barriers)
         free[t] = 0 if touches else 1
         if not touches:
@@ -389,7 +388,7 @@ def hold_nodes(
     barrier, barriers = laws.barrier, site.barriers
     for e in range(cuda.grid(1), COLUMNS * run[TOUCHED], cuda.gridsize(1)):
         t, column = e // COLUMNS, e % COLUMNS
-        if free[t] == 0 and not (barrier.barrier_active() and _stands_on(barriers, touched, t, column)):
+        if free[t] == 0 and not (barrier and _stands_on(barriers, touched, t, column)):
             hold_column(
                 t,
                 column // BLOCK,

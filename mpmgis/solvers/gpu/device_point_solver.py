@@ -5,10 +5,12 @@ to it before a step once they were changed: a frame costs one copy, a step none.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...laws.material import Material
+from ...laws.material_choice import SHORT_STATE, state_count
 from ..points.point_rows import ROW_LONG, ROW_SHORT
 from ..points.point_solver import PointSolver
 from .available import require_device
@@ -28,7 +30,7 @@ BYTES_OF_REPORTS = 100_000_000  # [bytes] reports of all threads, on a device wi
 POINTS_PER_BLOCK = 100  # fewest points of a block, in a flow that is thin
 
 
-def device_memory(points: int, precision: str, material: Any) -> float:
+def device_memory(points: int, precision: str, material: Material) -> float:
     """Estimate the memory on the device of a run from above [bytes].
 
     Parameters
@@ -37,9 +39,9 @@ def device_memory(points: int, precision: str, material: Any) -> float:
         Number of points.
     precision : str
         "float64" or "float32".
-    material : NamedTuple
+    material : Material
     """
-    size, numbers = 4 if precision == "float32" else 8, ROW_SHORT if material.state_count() <= 4 else ROW_LONG
+    size, numbers = 4 if precision == "float32" else 8, ROW_SHORT if state_count(material) == SHORT_STATE else ROW_LONG
     blocks = points / POINTS_PER_BLOCK * BYTES_PER_BLOCK * size / 4
     return points * (ROW_COPIES * numbers * size + BYTES_PER_POINT) + blocks + BYTES_OF_REPORTS
 
@@ -94,7 +96,7 @@ class DevicePointSolver(PointSolver):
 
     def _on_device(self):
         """Make the DevicePoints of the present arrays."""
-        from . import device_laws  # noqa: F401  (kernels call methods of laws)
+        from . import device_laws  # noqa: F401  (kernels call functions of laws)
         from .device_point_loop import DevicePoints
 
         return DevicePoints(self._kernel_state(), self._kernel_places(), self._settings, self._effects)

@@ -287,14 +287,15 @@ def keep_affine(rows: np.ndarray, p: int, carried: float, pushed: float, gradien
 
 
 @Part
-def plastic_rate(txx: float, tyy: float, tzz: float, txy: float, txz: float, tyz: float) -> float:
+def plastic_rate(stress: tuple) -> float:
     """Return the stress whose product with the plastic strain is plastic work: sqrt(3 / 2 s : s) [Pa].
 
     Parameters
     ----------
-    txx, tyy, tzz, txy, txz, tyz : real [Pa]
-        Stress.
+    stress : tuple of 6 numbers [Pa]
+        xx, yy, zz, xy, xz, yz.
     """
+    txx, tyy, tzz, txy, txz, tyz = stress
     mean = (txx + tyy + tzz) * THIRD
     square = (txx - mean) * (txx - mean) + (tyy - mean) * (tyy - mean) + (tzz - mean) * (tzz - mean)
     return sqrt(1.5 * (square + 2.0 * (txy * txy + txz * txz + tyz * tyz)))

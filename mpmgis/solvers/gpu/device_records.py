@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...laws.material import Material
+from ...laws.softening import Softening
+
 
 class TouchedBlocks(NamedTuple):
     """Blocks of nodes that points contribute to, and where they are."""
@@ -45,9 +48,9 @@ class PointMap(NamedTuple):
 class MotionLaws(NamedTuple):
     """Laws of the motion of points, slots of `PointEffects` in the precision of the points."""
 
-    material: NamedTuple
-    softening: NamedTuple
-    transfer: NamedTuple
+    material: Material
+    softening: Softening
+    transfer: int
 
 
 class Shared(NamedTuple):

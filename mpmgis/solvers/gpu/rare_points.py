@@ -12,8 +12,10 @@ import numpy as np
 from numba import cuda, float64, int32, int64, uint32
 
 from ...compiled.block_order import GONE, LEFT_MASS, LEFT_X, LEFT_Y, place_left
+from ...laws.affine_transfer import TURNING_GRADIENT
 from ...laws.material import FAR as FAR_CODE
 from ...laws.material import NO_TENSION as TIP_CODE
+from ...laws.material_choice import stress_step, stress_step_far
 from ..points import point_report as entry
 from ..points.affine_limit import BENT, FAR, GRIPPED, JET, TOWARDS, above_ground, filled_share
 from ..points.point_edges import INSIDE, widen_window
@@ -193,68 +195,29 @@ def move_rare_points(
 @Part
 def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, laws):
     """Move point `p`, whose new place is in cells of `block`."""
-    material, softening = laws.material, laws.softening
     longer = rows.shape[1] > S4
     u, v, w, near, xx, yx, zx, xy, yy, zy, xz, yz, zz = interpolated(tile, rows[p, X], rows[p, Y], rows[p, Z])
     s4 = s5 = s6 = s7 = real(0.0)
     if longer:
         s4, s5, s6, s7 = rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7]
+    before = rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7
     g, time_step = scales[step.GRADIENT], scales[step.STEP]
-    n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, code = material.stress_step(
-        rows[p, S0],
-        rows[p, S1],
-        rows[p, S2],
-        rows[p, S3],
-        s4,
-        s5,
-        s6,
-        s7,
-        g * xx,
-        g * xy,
-        g * xz,
-        g * yx,
-        g * yy,
-        g * yz,
-        g * zx,
-        g * zy,
-        g * zz,
-        time_step,
-        softening,
-    )
+    strain = g * xx, g * xy, g * xz, g * yx, g * yy, g * yz, g * zx, g * zy, g * zz
+    state, stress, code = stress_step(laws.material, laws.softening, before, strain, time_step)
     if code == FAR_CODE:
         count[step.FAR] += int32(1)
-        n0, n1, n2, n3, n4, n5, n6, n7, txx, tyy, tzz, txy, txz, tyz, held = material.stress_step_far(
-            rows[p, S0],
-            rows[p, S1],
-            rows[p, S2],
-            rows[p, S3],
-            s4,
-            s5,
-            s6,
-            s7,
-            g * xx,
-            g * xy,
-            g * xz,
-            g * yx,
-            g * yy,
-            g * yz,
-            g * zx,
-            g * zy,
-            g * zz,
-            time_step,
-            softening,
-        )
+        state, stress, held = stress_step_far(laws.material, laws.softening, before, strain, time_step)
         if held == FAR_CODE:
             count[step.HELD] += int32(1)
     if code == TIP_CODE:
         count[step.TORN] += int32(1)
     if longer:
-        mark[step.PLASTIC] += rows[p, MASS] * plastic_rate(txx, tyy, tzz, txy, txz, tyz) * (n6 - s6)
-        rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7] = n4, n5, n6, n7
-    keep_state(rows, p, n0, n1, n2, n3)
+        mark[step.PLASTIC] += rows[p, MASS] * plastic_rate(stress) * (state[6] - s6)
+        rows[p, S4], rows[p, S5], rows[p, S6], rows[p, S7] = state[4], state[5], state[6], state[7]
+    keep_state(rows, p, state[0], state[1], state[2], state[3])
     x, y, z, mass = rows[p, X], rows[p, Y], rows[p, Z], rows[p, MASS]  # read here, to hold fewer values until now
     edges = edges_of(block[0], block[1], domain)
-    if laws.transfer.only_turns():
+    if laws.transfer == TURNING_GRADIENT:
         xx, yx, zx, xy, yy, zy, xz, yz, zz = only_turning(xx, yx, zx, xy, yy, zy, xz, yz, zz)
     affine2 = xx * xx + xy * xy + xz * xz + yx * yx + yy * yy + yz * yz + zx * zx + zy * zy + zz * zz
     mark[step.SHEAR] = max(mark[step.SHEAR], affine2 * scales[step.TURN2])
@@ -264,7 +227,7 @@ def _move(p, tile, block, scales, rows, ground, mark, count, domain, settings, l
     east2, north2 = 4.0 * (xx * xx + xy * xy + xz * xz), 4.0 * (yx * yx + yy * yy + yz * yz)
     if not _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, settings):
         carried = carried * _limited(affine2 / _variance(tile, x, y, z, u, v, w), affine2, mass, mark, count)
-    gradient, stress = (xx, yx, zx, xy, yy, zy, xz, yz, zz), (txx, tyy, tzz, txy, txz, tyz)
+    gradient = xx, yx, zx, xy, yy, zy, xz, yz, zz
     keep_affine(rows, p, carried, scales[step.PUSH] * mass, gradient, stress)
     rows[p, PX], rows[p, PY], rows[p, PZ] = mass * u, mass * v, mass * w
     shift = scales[step.SHIFT]

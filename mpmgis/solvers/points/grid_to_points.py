@@ -4,16 +4,29 @@ Each block copies the nodes that its points read into a private tile and works o
 """
 
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
-from ...compiled.jit import jit_borrowing, jit_parallel, kernel_part, prange
+from ...compiled.jit import jit_borrowing, jit_parallel, kernel_part, law_function, prange
 from ...compiled.simd_lanes import get, lanes, load, multiply_add, put, store, transposed
+from ...laws.affine_transfer import TURNING_GRADIENT
+from ...laws.fluid_material import fluid_step
+from ...laws.material import COHESIVE_MU_I, DRUCKER_PRAGER, ELASTIC, FLUID, MU_I, ORDINARY, Material
 from ...laws.material import FAR as FAR_CODE
 from ...laws.material import NO_TENSION as TIP_CODE
+from ...laws.material_choice import stress_step_far
+from ...laws.softening import EXPONENTIAL, LINEAR, TANGENT, Softening, exponential_cone, linear_cone, tangent_cone
+from ...laws.solid_material import (
+    returned_cohesive_mu_i,
+    returned_drucker_prager,
+    returned_elastic,
+    returned_mu_i,
+    state_of_strain,
+    stress_of_strain,
+    trial_strain,
+)
 from . import point_batch as line
 from . import point_report as entry
 from .affine_limit import STILL, THIN, limit_thin
@@ -36,7 +49,6 @@ from .point_rows import (
     weigh,
 )
 
-STRAINED = 14  # lines of state and stress that `_strain_far` writes
 THIRD = 1.0 / 3.0
 NO_WINDOW = 1 << 40  # western and southern block of a window of no points
 
@@ -127,51 +139,211 @@ def _transpose_quad(scratch, quads, group, target):
     return d
 
 
+def _state_of(scratch, q):
+    """Return the eight numbers of state of a point of the batch."""
+    return (
+        get(scratch, line.S0, q),
+        get(scratch, line.S1, q),
+        get(scratch, line.S2, q),
+        get(scratch, line.S3, q),
+        get(scratch, line.S4, q),
+        get(scratch, line.S5, q),
+        get(scratch, line.S6, q),
+        get(scratch, line.S7, q),
+    )
+
+
+def _gradient_of(scratch, q, g):
+    """Return the gradient of the step of a point of the batch; `g` times the moments of the velocity."""
+    return (
+        g * get(scratch, line.XX, q),
+        g * get(scratch, line.XY, q),
+        g * get(scratch, line.XZ, q),
+        g * get(scratch, line.YX, q),
+        g * get(scratch, line.YY, q),
+        g * get(scratch, line.YZ, q),
+        g * get(scratch, line.ZX, q),
+        g * get(scratch, line.ZY, q),
+        g * get(scratch, line.ZZ, q),
+    )
+
+
+def _put_stress(scratch, q, stress):
+    """Write six numbers to the lines of the stress, which hold the deviator of the strain before."""
+    xx, yy, zz, xy, xz, yz = stress
+    put(scratch, line.TXX, q, xx)
+    put(scratch, line.TYY, q, yy)
+    put(scratch, line.TZZ, q, zz)
+    put(scratch, line.TXY, q, xy)
+    put(scratch, line.TXZ, q, xz)
+    put(scratch, line.TYZ, q, yz)
+
+
+def _put_tensor(scratch, q, x):
+    """Write six numbers to the first lines of the new state."""
+    xx, yy, zz, xy, xz, yz = x
+    put(scratch, line.N0, q, xx)
+    put(scratch, line.N1, q, yy)
+    put(scratch, line.N2, q, zz)
+    put(scratch, line.N3, q, xy)
+    put(scratch, line.N4, q, xz)
+    put(scratch, line.N5, q, yz)
+
+
+@kernel_part
+def _strain_fluid(scratch, factors, material):
+    """Compute state and stress of each point of a fluid after the step."""
+    dt = factors.dt
+    g = factors.gradient * dt
+    for q in range(BATCH):
+        s0, s1, s2 = get(scratch, line.S0, q), get(scratch, line.S1, q), get(scratch, line.S2, q)
+        volume, supplied, stress, code = fluid_step(material, s0, s1, s2, _gradient_of(scratch, q, g), dt)
+        put(scratch, line.N0, q, volume)
+        put(scratch, line.N1, q, s1)
+        put(scratch, line.N2, q, supplied)
+        put(scratch, line.N3, q, get(scratch, line.S3, q))
+        _put_stress(scratch, q, stress)
+        put(scratch, line.CODE, q, code)
+
+
+@kernel_part
+def _stretch(scratch, factors):
+    """Compute the trial strain of each point after the step (`solid_material.trial_strain`)."""
+    g = factors.gradient * factors.dt
+    for q in range(BATCH):
+        s0, s1, s2, s3, s4, s5, _, _ = _state_of(scratch, q)
+        x, trace, deviator, norm, near = trial_strain((s0, s1, s2, s3, s4, s5), _gradient_of(scratch, q, g))
+        _put_tensor(scratch, q, x)
+        _put_stress(scratch, q, deviator)
+        put(scratch, line.TRACE, q, trace)
+        put(scratch, line.NORM, q, norm)
+        put(scratch, line.CODE, q, ORDINARY if near else FAR_CODE)
+
+
+@kernel_part
+def _find_cones(scratch, material, softening):
+    """Compute the cone of each point (`solid_material.cone_of`), each form of softening in a loop of its own."""
+    if softening.kind == EXPONENTIAL:
+        for q in range(BATCH):
+            slope, strength = exponential_cone(softening, get(scratch, line.S6, q))
+            put(scratch, line.SLOPE, q, slope)
+            put(scratch, line.STRENGTH, q, strength)
+    elif softening.kind == TANGENT:
+        for q in range(BATCH):
+            slope, strength = tangent_cone(softening, get(scratch, line.S6, q))
+            put(scratch, line.SLOPE, q, slope)
+            put(scratch, line.STRENGTH, q, strength)
+    elif softening.kind == LINEAR:
+        for q in range(BATCH):
+            slope, strength = linear_cone(softening, get(scratch, line.S6, q))
+            put(scratch, line.SLOPE, q, slope)
+            put(scratch, line.STRENGTH, q, strength)
+    else:
+        for q in range(BATCH):
+            put(scratch, line.SLOPE, q, material.slope)
+            put(scratch, line.STRENGTH, q, material.strength)
+
+
+def _strain_of(scratch, q):
+    """Return cone, trace, norm, e_d and v_c of a point of the batch."""
+    cone = get(scratch, line.SLOPE, q), get(scratch, line.STRENGTH, q)
+    trace, norm = get(scratch, line.TRACE, q), get(scratch, line.NORM, q)
+    return cone, trace, norm, get(scratch, line.S6, q), get(scratch, line.S7, q)
+
+
+def _put_returned(scratch, q, returned):
+    """Write what the law of a material returns."""
+    trace, kept, plastic_strain, opening, code, yields = returned
+    put(scratch, line.TRACE, q, trace)
+    put(scratch, line.KEPT, q, kept)
+    put(scratch, line.N6, q, plastic_strain)
+    put(scratch, line.N7, q, opening)
+    put(scratch, line.YIELDS, q, 1.0 if yields else 0.0)
+    put(scratch, line.CODE, q, max(get(scratch, line.CODE, q), code))  # FAR is the largest
+
+
+@kernel_part
+def _return_strain(scratch, dt, material):
+    """Reduce the trial strain of each point to what is elastic, each kind of material in a loop of its own."""
+    if material.kind == DRUCKER_PRAGER:
+        for q in range(BATCH):
+            cone, trace, norm, plastic_strain, opening = _strain_of(scratch, q)
+            returned = returned_drucker_prager(material, cone, trace, norm, plastic_strain, opening, dt)
+            _put_returned(scratch, q, returned)
+    elif material.kind == MU_I:
+        for q in range(BATCH):
+            cone, trace, norm, plastic_strain, opening = _strain_of(scratch, q)
+            _put_returned(scratch, q, returned_mu_i(material, cone, trace, norm, plastic_strain, opening, dt))
+    elif material.kind == COHESIVE_MU_I:
+        for q in range(BATCH):
+            cone, trace, norm, plastic_strain, opening = _strain_of(scratch, q)
+            returned = returned_cohesive_mu_i(material, cone, trace, norm, plastic_strain, opening, dt)
+            _put_returned(scratch, q, returned)
+    else:
+        for q in range(BATCH):
+            cone, trace, norm, plastic_strain, opening = _strain_of(scratch, q)
+            _put_returned(scratch, q, returned_elastic(material, cone, trace, norm, plastic_strain, opening, dt))
+
+
+def _deviator_of(scratch, q):
+    """Return the deviator of the strain of a point of the batch."""
+    return (
+        get(scratch, line.TXX, q),
+        get(scratch, line.TYY, q),
+        get(scratch, line.TZZ, q),
+        get(scratch, line.TXY, q),
+        get(scratch, line.TXZ, q),
+        get(scratch, line.TYZ, q),
+    )
+
+
+@kernel_part
+def _unload(scratch):
+    """Compute the state b - I of points that yield from their elastic strain, the deviator of which is kept."""
+    for q in range(BATCH):
+        dxx, dyy, dzz, dxy, dxz, dyz = _deviator_of(scratch, q)
+        kept, yields = get(scratch, line.KEPT, q), get(scratch, line.YIELDS, q) > 0.0
+        deviator = kept * dxx, kept * dyy, kept * dzz, kept * dxy, kept * dxz, kept * dyz
+        fxx, fyy, fzz, fxy, fxz, fyz = state_of_strain(get(scratch, line.TRACE, q), deviator)
+        xxx, xyy, xzz = get(scratch, line.N0, q), get(scratch, line.N1, q), get(scratch, line.N2, q)
+        xxy, xxz, xyz = get(scratch, line.N3, q), get(scratch, line.N4, q), get(scratch, line.N5, q)
+        x = (
+            fxx if yields else xxx,
+            fyy if yields else xyy,
+            fzz if yields else xzz,
+            fxy if yields else xxy,
+            fxz if yields else xxz,
+            fyz if yields else xyz,
+        )
+        _put_tensor(scratch, q, x)
+        _put_stress(scratch, q, deviator)
+
+
+@kernel_part
+def _load(scratch, material):
+    """Compute the stress of each point from its elastic strain."""
+    for q in range(BATCH):
+        deviator = _deviator_of(scratch, q)
+        _put_stress(scratch, q, stress_of_strain(material, get(scratch, line.TRACE, q), deviator))
+
+
 @kernel_part
 def _strain(scratch, factors, material, softening):
     """Compute state and stress of each point after the step.
 
-    Gradients of the velocity are `factors.gradient` times its moments.
+    It is `material_choice.stress_step` part by part, each in a loop over the batch that the compiler vectorises: 12 ns
+    instead of 130 for Drucker-Prager (measured 2026-11-21).
     """
-    dt = factors.dt
-    g = factors.gradient * dt
-    for q in range(BATCH):
-        s0, s1, s2, s3, s4, s5, s6, s7, txx, tyy, tzz, txy, txz, tyz, code = material.stress_step(
-            get(scratch, line.S0, q),
-            get(scratch, line.S1, q),
-            get(scratch, line.S2, q),
-            get(scratch, line.S3, q),
-            get(scratch, line.S4, q),
-            get(scratch, line.S5, q),
-            get(scratch, line.S6, q),
-            get(scratch, line.S7, q),
-            g * get(scratch, line.XX, q),
-            g * get(scratch, line.XY, q),
-            g * get(scratch, line.XZ, q),
-            g * get(scratch, line.YX, q),
-            g * get(scratch, line.YY, q),
-            g * get(scratch, line.YZ, q),
-            g * get(scratch, line.ZX, q),
-            g * get(scratch, line.ZY, q),
-            g * get(scratch, line.ZZ, q),
-            dt,
-            softening,
-        )
-        put(scratch, line.N0, q, s0)
-        put(scratch, line.N1, q, s1)
-        put(scratch, line.N2, q, s2)
-        put(scratch, line.N3, q, s3)
-        put(scratch, line.N4, q, s4)
-        put(scratch, line.N5, q, s5)
-        put(scratch, line.N6, q, s6)
-        put(scratch, line.N7, q, s7)
-        put(scratch, line.TXX, q, txx)
-        put(scratch, line.TYY, q, tyy)
-        put(scratch, line.TZZ, q, tzz)
-        put(scratch, line.TXY, q, txy)
-        put(scratch, line.TXZ, q, txz)
-        put(scratch, line.TYZ, q, tyz)
-        put(scratch, line.CODE, q, code)
+    if material.kind == FLUID:
+        _strain_fluid(scratch, factors, material)
+        return
+    _stretch(scratch, factors)
+    if material.kind == DRUCKER_PRAGER or material.kind == COHESIVE_MU_I:
+        _find_cones(scratch, material, softening)
+    _return_strain(scratch, factors.dt, material)
+    if material.kind != ELASTIC:
+        _unload(scratch)
+    _load(scratch, material)
 
 
 @kernel_part
@@ -186,30 +358,12 @@ def _strain_far(scratch, count, factors, material, softening, report):
     report[entry.FAR] += far
     for q in range(count):
         if scratch[line.CODE + q] == FAR_CODE:
-            answer = material.stress_step_far(
-                scratch[line.S0 + q],
-                scratch[line.S1 + q],
-                scratch[line.S2 + q],
-                scratch[line.S3 + q],
-                scratch[line.S4 + q],
-                scratch[line.S5 + q],
-                scratch[line.S6 + q],
-                scratch[line.S7 + q],
-                g * scratch[line.XX + q],
-                g * scratch[line.XY + q],
-                g * scratch[line.XZ + q],
-                g * scratch[line.YX + q],
-                g * scratch[line.YY + q],
-                g * scratch[line.YZ + q],
-                g * scratch[line.ZX + q],
-                g * scratch[line.ZY + q],
-                g * scratch[line.ZZ + q],
-                dt,
-                softening,
-            )
-            for k in range(STRAINED):
-                scratch[line.N0 + k * BATCH + q] = answer[k]
-            report[entry.HELD_STRETCH] += answer[STRAINED] == FAR_CODE
+            state, gradient = _state_of(scratch, q), _gradient_of(scratch, q, g)
+            state, stress, code = stress_step_far(material, softening, state, gradient, dt)
+            for k in range(8):
+                scratch[line.N0 + k * BATCH + q] = state[k]
+            _put_stress(scratch, q, stress)
+            report[entry.HELD_STRETCH] += code == FAR_CODE
 
 
 @kernel_part
@@ -291,6 +445,10 @@ def _yield_work(scratch, count):
         put(scratch, line.YIELDED, q, get(scratch, line.YIELDED, q) + work)
 
 
+for _part in (_state_of, _gradient_of, _put_stress, _put_tensor, _strain_of, _put_returned, _deviator_of):
+    law_function(_part)
+
+
 @jit_borrowing
 def _advance_blocks(points, blocks, nodes, surface, part, settings, dt, next_dt, laws, work, report):
     """Apply `grid_to_points` to active blocks `part` = (first, end); `work` = (scratch, quads, integers)."""
@@ -323,7 +481,7 @@ def _advance_blocks(points, blocks, nodes, surface, part, settings, dt, next_dt,
             _transpose_quads(scratch, quads, count)
             _strain(scratch, factors, material, softening)
             _strain_far(scratch, count, factors, material, softening, report)
-            if transfer.only_turns():
+            if transfer == TURNING_GRADIENT:
                 _keep_rotation(scratch)
             _move(scratch, count, factors)
             limit_thin(scratch, quads, integers, count, tile, block, edges, surface.ground, settings, factors, report)
@@ -348,9 +506,9 @@ def grid_to_points(
     settings: Settings,
     dt: float,
     next_dt: float,
-    material: NamedTuple,
-    softening: NamedTuple,
-    transfer: NamedTuple,
+    material: Material,
+    softening: Softening,
+    transfer: int,
 ) -> None:
     """Interpolate the velocity field, move the points, strain them and compute the stress of the next step.
 
@@ -370,8 +528,11 @@ def grid_to_points(
     settings : Settings
     dt, next_dt : float [s]
         Length of this step and of the next one.
-    material, softening, transfer : laws
-        With parameters in the precision of the rows.
+    material : Material
+    softening : Softening
+        Both in the precision of the rows.
+    transfer : int
+        A constant of `affine_transfer`.
     """
     for c in prange(CHUNKS):
         report = reports[c]

@@ -1,13 +1,13 @@
 """Contact of a 3D flow with smooth ground: one multiplier for each node column (see `press_on_ground`)."""
 
 from math import exp, floor, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
+from ...laws.contact_friction import STICKING, Contact, contact_at, kept_slip
 from .contact_shares import (
     across_part,
     balanced,
@@ -467,7 +467,7 @@ def weighed_yield(mass: float, heaviest: float, nz: float, settings: Settings) -
 
 @jit_inline
 def friction_impulse(
-    u: float, v: float, w: float, normal: float, give: float, nx: float, ny: float, nz: float, law: NamedTuple
+    u: float, v: float, w: float, normal: float, give: float, nx: float, ny: float, nz: float, contact: Contact
 ) -> tuple[float, float, float]:
     """Return the impulse of friction (x, y, z) [N s] on a flow at the ground.
 
@@ -484,16 +484,16 @@ def friction_impulse(
         Velocity that a unit impulse gives to the flow.
     nx, ny, nz : float
         Direction of the normal impulse.
-    law : contact law (`laws.contact_friction`)
+    contact : Contact
     """
-    if law.sticks():
+    if contact.kind == STICKING:
         return -u / give - normal * nx, -v / give - normal * ny, -w / give - normal * nz
     out = (u * nx + v * ny + w * nz) / (nx * nx + ny * ny + nz * nz)
     tx, ty, tz = u - out * nx, v - out * ny, w - out * nz
     slip = sqrt(tx * tx + ty * ty + tz * tz)
     if slip == 0.0:
         return 0.0 * tx, 0.0 * ty, 0.0 * tz
-    along = (law.kept_slip(slip, normal * give) - 1.0) / give
+    along = (kept_slip(contact, slip, normal * give) - 1.0) / give
     return along * tx, along * ty, along * tz
 
 
@@ -638,21 +638,21 @@ def press_column(
         return
     if fold_at(site.folds, jj, ii)[2] > 0:
         return
-    if barrier.barrier_active() and barriers[jj, ii, ROWED] > 0.0:
+    if barrier and barriers[jj, ii, ROWED] > 0.0:
         return
     stack = NodeColumn(nodes, below, t, above, first, column)
     heaviest, centre = mass_near(stack, level)
     if heaviest <= NO_MASS:
         return
-    law = laws.zones.local(laws.contact, site.zone_values, jj, ii)
-    rubs = law.kept_slip(1.0, 1.0) < 1.0
-    yielding = rubs and not law.sticks()
+    contact = contact_at(laws.contact, laws.zones, site.zone_values, jj, ii)
+    rubs = kept_slip(contact, 1.0, 1.0) < 1.0
+    yielding = rubs and contact.kind != STICKING
     mass = _mass_above(nodes, slots, place, up, depth, column) if yielding else 0.0  # here: fewer registers on devices
     wall_x, wall_y = 0.0, 0.0
     if wall:
         inward_x, inward_y = edge_at(jj, ii, cells_x, cells_y)
         wall_x, wall_y = leaning_edge(inward_x, inward_y, nx, ny)
-    if barrier.barrier_active():
+    if barrier:
         wall_x, wall_y = _face_at(barriers[jj, ii], plane_at(ground, jj, ii)[0], wall_x, wall_y)
     if centre < foot:  # sunk: the ground acts where the mass is
         lower = int(floor(centre + 0.5))  # noqa: RUF046  (floor gives a float on CUDA devices)
@@ -680,9 +680,9 @@ def press_column(
         normal = max(pressed, 0.0) / push_give
         if yielding:
             normal, yielded = yielding_impulse(pressed, push_give, yielded_before, impedance, back, most, dt)
-        if rubs or law.sticks():
+        if rubs:
             along = normal * turned
-            fx, fy, fz = friction_impulse(u + along * tx, v + along * ty, w, normal, give, tx, ty, nz, law)
+            fx, fy, fz = friction_impulse(u + along * tx, v + along * ty, w, normal, give, tx, ty, nz, contact)
     if yielding:
         mine[RETURNED_WORK] += normal * max(normal * push_give - pressed, 0.0)
         after = yields[step % 2]
@@ -702,9 +702,9 @@ def press_on_ground(
     report: np.ndarray,
     dt: float,
     settings: Settings,
-    contact: NamedTuple,
-    zones: NamedTuple,
-    barrier: NamedTuple,
+    contact: Contact,
+    zones: bool,
+    barrier: bool,
 ) -> None:
     """Apply the contact with smooth ground to velocities at the nodes of all touched blocks that are not `free`.
 
@@ -734,7 +734,7 @@ def press_on_ground(
         Impulses and work are added to it.
     dt : float [s]
     settings : Settings
-    contact, zones, barrier : laws
+    contact, zones, barrier
         As of `ContactLaws`.
     """
     n_touched = grid.count

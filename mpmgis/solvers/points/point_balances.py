@@ -7,6 +7,7 @@ import numpy as np
 from ...compiled.particle_slices import in_slices
 from ...frames.outflow_places import left_places
 from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
+from ...laws.material_choice import follows_density
 from ...terrain.elevation import bilinear
 from . import point_rows as row
 from . import point_sums as sums
@@ -209,7 +210,7 @@ class PointBalances(ParticleStore):
 
     def _energy_of_corrections(self):
         """Return the energy [J] that corrections of volumes have supplied; points keep that of the present one."""
-        if not self.effects.material.follows_density():
+        if not follows_density(self.effects.material):
             return 0.0
         return float(self._clock[entry.CORRECTION_ENERGY] + self._sums()[sums.OF_STATE] / self.numerics.density)
 

@@ -1,13 +1,14 @@
 """Rigid barriers in the 3D solver: they stop flow that moves into them, and their loads are summed."""
 
 from math import floor, sqrt
-from typing import Any
 
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
+from ...laws.barrier import let_through, opening_discharge
+from ...laws.contact_friction import dry_slip
 from .point_ground import GROUND_HEIGHT
 from .point_rows import BLOCK, NODE_MASS, NODE_X, NODE_Y
 
@@ -104,14 +105,7 @@ def weigh_flow(nodes: np.ndarray, touched: np.ndarray, n_touched: int, flows: np
 
 @jit
 def passing_share(
-    flow: np.ndarray,
-    ground: np.ndarray,
-    barriers: np.ndarray,
-    j: int,
-    i: int,
-    per_metre: float,
-    gravity: float,
-    barrier: Any,
+    flow: np.ndarray, ground: np.ndarray, barriers: np.ndarray, j: int, i: int, per_metre: float, gravity: float
 ) -> float:
     """Compute the share of the momentum through an opening that a node column keeps [1].
 
@@ -129,7 +123,6 @@ def passing_share(
     per_metre : float [kg m-1]
         Mass of a node column for each metre of thickness.
     gravity : float [m s-2]
-    barrier : Barrier
     """
     here = barriers[j, i]
     mass = flow[j, i, FLOW_MASS]
@@ -138,7 +131,7 @@ def passing_share(
         return 1.0
     depth, speed = _flow_before(flow, ground, barriers, j, i, 1.0, per_metre)
     depth_beyond, speed_beyond = _flow_before(flow, ground, barriers, j, i, -1.0, per_metre)
-    most = here[LIMIT] * barrier.opening_discharge(gravity, depth, speed, depth_beyond, speed_beyond)
+    most = here[LIMIT] * opening_discharge(gravity, depth, speed, depth_beyond, speed_beyond)
     return min(most * per_metre / passing, 1.0)
 
 
@@ -204,7 +197,6 @@ def at_barrier(
     place: np.ndarray,
     passing: float,
     booked: np.ndarray,
-    barrier: Any,
 ) -> tuple[float, float, float]:
     """Compute the velocity of a node after its contact with a barrier, and book the loads.
 
@@ -228,7 +220,6 @@ def at_barrier(
         The result of `passing_share`.
     booked : float64[barriers, POINT_BARRIER_SUMS]
         The loads over `dt` are added to it.
-    barrier : Barrier
 
     Returns
     -------
@@ -244,7 +235,7 @@ def at_barrier(
     if place[SHARE] > 0.0:
         nx, ny = place[WALL_X], place[WALL_Y]
         across, along = u * nx + v * ny, u * ny - v * nx
-        u1, v1 = barrier.let_through(u, v, nx, ny, place[SIDE], place[WALL_MU], passing * abs(across))
+        u1, v1 = let_through(u, v, nx, ny, place[SIDE], place[WALL_MU], passing * abs(across))
         pressed = abs(across - (u1 * nx + v1 * ny)) + abs(along - (u1 * ny - v1 * nx))
         jx, jy = mass * (u - u1), mass * (v - v1)
         book_impulse(book, jx, jy, 0.0, mass * pressed, place, ARM_X, z)
@@ -258,7 +249,7 @@ def at_barrier(
         return u, v, w
     u1, v1, w1 = u - into * nx, v - into * ny, w - into * nz
     slip = sqrt(u1 * u1 + v1 * v1 + w1 * w1)
-    kept = barrier.kept_along(place[WALL_MU], slip, -into) if slip > 0.0 else 0.0
+    kept = dry_slip(place[WALL_MU], slip, -into) if slip > 0.0 else 0.0
     u1, v1, w1 = kept * u1, kept * v1, kept * w1
     jx, jy, jz = mass * (u - u1), mass * (v - v1), mass * (w - w1)
     book_impulse(book, jx, jy, jz, -mass * into, place, ARM_X, z)

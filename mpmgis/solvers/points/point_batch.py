@@ -81,14 +81,20 @@ BATCH = 32  # points of a batch
     TXZ,  # [Pa] Kirchhoff stress xz
     TYZ,  # [Pa] Kirchhoff stress yz
     CODE,  # how the material was strained, a code of `laws.material`
+    TRACE,  # [1] trace of the Hencky strain
+    NORM,  # [1] norm of its deviator
+    KEPT,  # [1] share of the deviator that is elastic
+    YIELDS,  # 1 if the material yields
+    SLOPE,  # [1] slope of the cone
+    STRENGTH,  # [Pa] strength of the cone without pressure
     SPEED2,  # [m2 s-2] squared speed
     AFFINE2,  # [m2 s-2] squared affine velocity at half a cell, summed over the axes
     SHEAR_MOST,  # [s-2] largest |C|^2, over the batches of a chunk
     SPEED_MOST,  # [m2 s-2] largest squared speed, over the batches of a chunk
     TORN,  # points at the tip of the yield surface, summed over the batches of a chunk
     YIELDED,  # [J kg m-3] plastic work times density, summed over the batches of a chunk
-) = range(0, 79 * BATCH, BATCH)
-LINES = 79 * BATCH  # numbers of the scratch array
+) = range(0, 85 * BATCH, BATCH)
+LINES = 85 * BATCH  # numbers of the scratch array
 QUAD = 4 * BATCH  # numbers of a group of four for each point
 QUADS = 4 * QUAD  # numbers of the array of these groups
 # first index of each group: three components of a vector and a fourth number

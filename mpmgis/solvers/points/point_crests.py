@@ -10,13 +10,13 @@ The top acts as smooth ground does, by one multiplier for each node column (`res
 """
 
 from math import floor, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
+from ...laws.contact_friction import dry_slip
 from .contact_shares import foot_of, share_at
 from .ground_contact import (
     LEAST_SHARE,
@@ -61,13 +61,7 @@ def into_side(outwards: float, above: float, share: float) -> float:
 
 @jit_borrowing
 def slow_at_edge(
-    stack: NodeColumn,
-    level: int,
-    place: np.ndarray,
-    mine: np.ndarray,
-    booked: np.ndarray,
-    dx: float,
-    barrier: NamedTuple,
+    stack: NodeColumn, level: int, place: np.ndarray, mine: np.ndarray, booked: np.ndarray, dx: float
 ) -> None:
     """Slow the nodes of a column at the edge of a barrier, from the crest downwards (`into_side`).
 
@@ -86,7 +80,6 @@ def slow_at_edge(
     booked : float[barriers, POINT_BARRIER_SUMS]
         Loads on the barriers of the chunk.
     dx : float [m]
-    barrier : law of barriers (`laws.barrier`)
     """
     nodes = stack.nodes
     nx, ny = place[WALL_X], place[WALL_Y]
@@ -107,7 +100,7 @@ def slow_at_edge(
             if stopped > 0.0:
                 tx, ty = u - outwards * nx, v - outwards * ny
                 slip = sqrt(tx * tx + ty * ty + w * w)
-                kept = barrier.kept_along(place[WALL_MU], slip, stopped) if slip > 0.0 else 0.0
+                kept = dry_slip(place[WALL_MU], slip, stopped) if slip > 0.0 else 0.0
                 tx, ty, w1 = kept * tx, kept * ty, kept * w
                 u1, v1 = tx - passing * nx, ty - passing * ny
                 nodes[slot, n + NODE_X], nodes[slot, n + NODE_Y], nodes[slot, n + NODE_Z] = u1, v1, w1
@@ -126,7 +119,6 @@ def rest_on_top(
     mine: np.ndarray,
     booked: np.ndarray,
     settings: Settings,
-    barrier: NamedTuple,
 ) -> None:
     """Apply the contact of a node column with the top of a barrier, as with smooth ground.
 
@@ -147,7 +139,6 @@ def rest_on_top(
     booked : float[barriers, POINT_BARRIER_SUMS]
         Loads on the barriers of the chunk.
     settings : Settings
-    barrier : law of barriers (`laws.barrier`)
     """
     dx = settings.dx
     heaviest, centre = mass_near(stack, level)
@@ -162,7 +153,7 @@ def rest_on_top(
     if here < LEAST_SHARE * heaviest or give <= 0.0 or w >= 0.0:
         return
     slip = sqrt(u * u + v * v)
-    kept = barrier.kept_along(place[WALL_MU], slip, -w) if slip > 0.0 else 0.0
+    kept = dry_slip(place[WALL_MU], slip, -w) if slip > 0.0 else 0.0
     push, friction = (0.0, 0.0, -w / give), ((kept - 1.0) * u / give, (kept - 1.0) * v / give, 0.0)
     z = (float(level - GHOSTS) + foot) * dx
     for offset in range(-2, 3):
@@ -185,7 +176,6 @@ def press_at_crest(
     mine: np.ndarray,
     booked: np.ndarray,
     settings: Settings,
-    barrier: NamedTuple,
 ) -> None:
     """Apply `press_on_crests` to one node column of a touched block.
 
@@ -203,7 +193,6 @@ def press_at_crest(
     booked : float[barriers, POINT_BARRIER_SUMS]
         Loads on the barriers of the chunk.
     settings : Settings
-    barrier : law of barriers (`laws.barrier`)
     """
     touched, slots, dx = grid.touched, window.slots, settings.dx
     row, block_column, block_level = touched[t, 0], touched[t, 1], touched[t, 2]
@@ -222,9 +211,9 @@ def press_at_crest(
         return
     stack = NodeColumn(grid.nodes, below, t, above, first, column)
     if place[DEPTH] >= TOP_DEPTH * dx:
-        rest_on_top(stack, level, foot, place, mine, booked, settings, barrier)
+        rest_on_top(stack, level, foot, place, mine, booked, settings)
     if place[DEPTH] < SIDE_DEPTH * dx:
-        slow_at_edge(stack, level, place, mine, booked, dx, barrier)
+        slow_at_edge(stack, level, place, mine, booked, dx)
 
 
 @jit_parallel
@@ -235,7 +224,6 @@ def press_on_crests(
     barriers: np.ndarray,
     reports: NodeReports,
     settings: Settings,
-    barrier: NamedTuple,
 ) -> None:
     """Apply the contact with the crests of barriers to velocities at the nodes of all touched blocks.
 
@@ -252,7 +240,6 @@ def press_on_crests(
     reports : NodeReports
         Work and loads on barriers are added to them.
     settings : Settings
-    barrier : law of barriers (`laws.barrier`)
     """
     n_touched = grid.count
     for c in prange(CHUNKS):
@@ -260,6 +247,4 @@ def press_on_crests(
             if free[t] == 1:
                 continue
             for column in range(BLOCK * BLOCK):
-                press_at_crest(
-                    t, column, grid, window, barriers, reports.nodes[c], reports.barriers[c], settings, barrier
-                )
+                press_at_crest(t, column, grid, window, barriers, reports.nodes[c], reports.barriers[c], settings)

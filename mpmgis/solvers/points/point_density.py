@@ -13,13 +13,13 @@ only where all nodes around a point are nearly full. The density of irregular po
 """
 
 from math import sqrt
-from typing import Any
 
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
+from ...laws.fluid_material import gap_at_density
 from .contact_shares import mass_share, mass_share_on_slope
 from .ground_contact import YIELD, YIELD_STEP
 from .point_barriers import FILLED, FILLED_TOP, SHARE
@@ -243,7 +243,6 @@ def correct_point(
     band: float,
     time: float,
     settings: Settings,
-    material: Any,
     mine: np.ndarray,
 ) -> None:
     """Set the rate at which J of a point relaxes, and book the energy that the last correction supplied.
@@ -263,7 +262,6 @@ def correct_point(
     time : float [s]
         Of the relaxation.
     settings : Settings
-    material : Fluid
     mine : float64[NODE_REPORT]
         Report of the chunk of the point.
     """
@@ -271,7 +269,7 @@ def correct_point(
     density = density_at(masses, parts, surely, full, x, y, z)
     low = rows[p, S0] * density < 1.0 - band  # a free surface may be near
     inside = density > 0.0 and (not low or are_nearly_full(masses, parts, full, x, y, z))
-    gap = material.gap_at_density(rows[p, S0], density, inside, band)
+    gap = gap_at_density(rows[p, S0], density, inside, band)
     mine[CORRECTED] += 1.0 if gap != 0.0 else 0.0
     mine[CORRECTED_ENERGY] += rows[p, MASS] / settings.density * rows[p, S2]
     rows[p, S1], rows[p, S2] = gap / time, 0.0
@@ -341,8 +339,7 @@ def correct_density(
     barriers: np.ndarray,
     report: np.ndarray,
     settings: Settings,
-    material: Any,
-    barrier: Any,
+    barred: bool,
 ) -> None:
     """Set the rates at which the volumes of all points are corrected in EVERY steps, the first of which is this one.
 
@@ -362,10 +359,10 @@ def correct_density(
     barriers : float64[rows, columns, POINT_BARRIER_ENTRIES]
     report : float64[CHUNKS, NODE_REPORT]
     settings : Settings
-    material : Fluid
-    barrier : Barrier
+    barred : bool
+        Whether there are barriers.
     """
-    real, after, barred = points.rows.dtype.type, yields[step % 2], barrier.barrier_active()
+    real, after = points.rows.dtype.type, yields[step % 2]
     parts_of = np.empty((grid.count, BLOCK * BLOCK * BLOCK), points.rows.dtype)
     _open_parts(parts_of, grid, free, ground, after, step, barriers, barred, settings)
     time, full, band = real(relaxation_time(settings)), real(full_mass(settings)), real(settings.density_band)
@@ -388,6 +385,5 @@ def correct_density(
                     band,
                     time,
                     settings,
-                    material,
                     report[c],
                 )

@@ -1,13 +1,13 @@
 """Contact of a 3D flow with barriers' smooth faces: one multiplier for each row of nodes (see `press_on_faces`)."""
 
 from math import floor, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
+from ...laws.contact_friction import STICKING, Contact, contact_at, dry_slip, kept_slip
 from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, row_shares, share_at, spline_at
 from .ground_contact import (
     LAYER,
@@ -238,7 +238,6 @@ def face_impulse(
     back: float,
     most: float,
     dt: float,
-    barrier: NamedTuple,
 ) -> tuple[float, float, float, float]:
     """Return the impulse of a face on the flow, and its yield after it.
 
@@ -256,7 +255,6 @@ def face_impulse(
         Friction.
     impedance, yielded, back, most, dt : float
         As of `yielding_impulse`.
-    barrier : law of barriers (`laws.barrier`)
 
     Returns
     -------
@@ -271,13 +269,13 @@ def face_impulse(
         normal, yielded = yielding_impulse(into, give, yielded, impedance, back, most, dt)
     tx, ty = u + into * nx, v + into * ny
     slip = sqrt(tx * tx + ty * ty + w * w)
-    kept = barrier.kept_along(mu, slip, normal * give) if slip > 0.0 else 1.0
+    kept = dry_slip(mu, slip, normal * give) if slip > 0.0 else 1.0
     along = (kept - 1.0) / give
     return normal * nx + along * tx, normal * ny + along * ty, along * w, yielded
 
 
 @jit_borrowing
-def _press_row(grid, window, face, k, line, dt, settings, barrier):
+def _press_row(grid, window, face, k, line, dt, settings):
     """Apply the contact of the row at level `k` with its face, beside what else pushes; return the change [m s-1]."""
     dx, signal_speed = settings.dx, settings.signal_speed
     nx, ny, give = face[FACE_X], face[FACE_Y], line[LINE_GIVE]
@@ -296,7 +294,6 @@ def _press_row(grid, window, face, k, line, dt, settings, barrier):
         FACE_LAYER * dx / signal_speed,
         MOST_YIELD * dx,
         dt,
-        barrier,
     )
     return _give_line(grid, window, node, along, (jx, jy, jz), line)
 
@@ -310,7 +307,7 @@ def _press_column(grid, window, face, n, site, line, dt, settings, laws):
     dx, signal_speed = settings.dx, settings.signal_speed
     j, i, height, nx, ny, nz, _ = _ground_under(site.ground, face, n, dx)
     level, _ = foot_of(height, dx)
-    law, give = laws.zones.local(laws.contact, site.zone_values, j, i), line[LINE_GIVE]
+    contact, give = contact_at(laws.contact, laws.zones, site.zone_values, j, i), line[LINE_GIVE]
     u, v, w = _velocity_at(grid, window, (j, i, level), UPWARDS, line)
     u, v, w = u - give * line[LINE_X], v - give * line[LINE_Y], w - give * line[LINE_Z]
     into, push_give, tx, ty = -(u * nx + v * ny + w * nz), give, nx, ny
@@ -320,11 +317,11 @@ def _press_column(grid, window, face, n, site, line, dt, settings, laws):
         if wall_x != 0.0 or wall_y != 0.0:
             u, v, into, push_give, tx, ty = between_faces(u, v, into, give, nx, ny, wall_x, wall_y)
     normal = max(into, 0.0) / push_give
-    if law.kept_slip(1.0, 1.0) < 1.0 and not law.sticks():
+    if kept_slip(contact, 1.0, 1.0) < 1.0 and contact.kind != STICKING:
         impedance = signal_speed * line[LINE_HEAVIEST] / (dx * nz)
         back, most = LAYER * dx / signal_speed, MOST_YIELD * dx
         normal, line[LINE_YIELDED] = yielding_impulse(into, push_give, line[LINE_YIELD], impedance, back, most, dt)
-    fx, fy, fz = friction_impulse(u, v, w, normal, give, tx, ty, nz, law)
+    fx, fy, fz = friction_impulse(u, v, w, normal, give, tx, ty, nz, contact)
     impulse = fx + normal * nx, fy + normal * ny, fz + normal * nz
     return _give_line(grid, window, (j, i, level), UPWARDS, impulse, line)
 
@@ -540,7 +537,7 @@ def _press_face(f, reach, grid, window, site, faces, dt, settings, laws):
     for k in range(int(span[SPAN_FIRST]), min(int(span[SPAN_LAST]), reach) + 1):
         if own[COLUMNS + k - base, LINE_ON] > 0.0:
             line = own[COLUMNS + k - base]  # here: fewer registers on devices
-            change = max(change, _press_row(grid, window, face, k, line, dt, settings, laws.barrier))
+            change = max(change, _press_row(grid, window, face, k, line, dt, settings))
     for n in range(COLUMNS):
         if own[n, LINE_ON] > 0.0:
             change = max(change, _press_column(grid, window, face, n, site, own[n], dt, settings, laws))
@@ -655,9 +652,9 @@ def press_on_faces(
     reports: NodeReports,
     dt: float,
     settings: Settings,
-    contact: NamedTuple,
-    zones: NamedTuple,
-    barrier: NamedTuple,
+    contact: Contact,
+    zones: bool,
+    barrier: bool,
 ) -> None:
     """Apply the contact with barriers' smooth faces, and with the ground under the node columns beside them.
 
@@ -682,7 +679,7 @@ def press_on_faces(
         Impulses, work and loads on barriers are added to them.
     dt : float [s]
     settings : Settings
-    contact, zones, barrier : laws
+    contact, zones, barrier
         As of `ContactLaws`.
     """
     values = faces.values
@@ -798,7 +795,6 @@ def keep_before_faces(
     barriers: np.ndarray,
     dx: float,
     report: np.ndarray,
-    barrier: NamedTuple,
 ) -> None:
     """Move the first `count` points back to barriers' smooth faces that they have passed.
 
@@ -821,8 +817,6 @@ def keep_before_faces(
     dx : float [m]
     report : float64[CHUNKS, REPORT]
         Of the points of this step.
-    barrier : Barrier or NoBarrier
-        A kernel without barriers is compiled without this call (`jit.for_law`).
     """
     if faces.shape[0] == 0:
         return

@@ -7,13 +7,13 @@ momentum, without gain of energy.
 """
 
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
+from ...laws.contact_friction import Contact, contact_at, kept_by_drag, layer_friction, layer_roughness
 from ...laws.flow_layers import turbulent_link
 from .bed_drag import bed_under
 from .contact_shares import foot_of, spline_at
@@ -152,19 +152,20 @@ def _give(nodes, layers, count, report):
 
 
 @jit_borrowing
-def _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report):
+def _couple(nodes, layers, count, nx, ny, nz, covered, contact, dt, settings, report):
     """Apply drag and links to one column, whose flow covers the share `covered` of its bed."""
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     mass, px, py, pz, at_bed = _read_speeds(nodes, layers, count, nx, ny, nz)
     bed = covered * dx * dx / nz
     speed = sqrt(px * px + py * py + pz * pz) / mass
-    lost = 1.0 - law.kept_by_drag(speed, density * gravity * dt * bed / mass)
+    lost = 1.0 - kept_by_drag(contact, speed, density * gravity * dt * bed / mass)
     for k in range(count):
         share = lost * layers[k, AT_BED] * layers[k, LAYER_MASS] / at_bed
         layers[k, PUSH_X], layers[k, PUSH_Y], layers[k, PUSH_Z] = -share * px, -share * py, -share * pz
-    weight = settings.slack * law.layer_friction() * mass * gravity * nz
+    weight = settings.slack * layer_friction(contact) * mass * gravity * nz
     creep = CREEP * sqrt(gravity * dx) + 1e-300
-    _link_layers(layers, count, mass, dx * nz, bed, density, weight, law.layer_roughness(gravity), creep, dt)
+    rough = layer_roughness(contact, gravity)
+    _link_layers(layers, count, mass, dx * nz, bed, density, weight, rough, creep, dt)
     _solve(layers, count)
     _give(nodes, layers, count, report)
 
@@ -227,14 +228,14 @@ def couple_column(
     if not is_column_of_block(level, first, below) or fold_at(site.folds, jj, ii)[2] > 0:
         return
     covered, top = bed_under(column_mass, jj, ii, 1.0), NO_LIMIT
-    if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
+    if barrier and barriers[jj, ii, BARRIER] > 0.0:
         top = int((barriers[jj, ii, HELD] + barriers[jj, ii, EDGE]) / dx) + GHOSTS
     full = covered * settings.density * dx * dx * dx
     count = _take(nodes, slots, place, depth, base * BLOCK, column, level, foot, full, top, layers)
     if count == 0 or covered <= 0.0 or not _touches(layers, count):
         return
-    law = laws.zones.local(laws.contact, site.zone_values, jj, ii)
-    _couple(nodes, layers, count, nx, ny, nz, covered, law, dt, settings, report)
+    contact = contact_at(laws.contact, laws.zones, site.zone_values, jj, ii)
+    _couple(nodes, layers, count, nx, ny, nz, covered, contact, dt, settings, report)
 
 
 @jit_parallel
@@ -246,9 +247,9 @@ def couple_layers(
     report: np.ndarray,
     dt: float,
     settings: Settings,
-    contact: NamedTuple,
-    zones: NamedTuple,
-    barrier: NamedTuple,
+    contact: Contact,
+    zones: bool,
+    barrier: bool,
 ) -> None:
     """Apply Voellmy's drag, and links between the layers of a flow, to velocities at the nodes of all touched blocks.
 
@@ -266,7 +267,7 @@ def couple_layers(
         Impulses, work and losses are added to it.
     dt : float [s]
     settings : Settings
-    contact, zones, barrier : laws
+    contact, zones, barrier
         As of `ContactLaws`.
     """
     n_touched, depth = grid.count, window.depth

@@ -21,8 +21,10 @@ from ...compiled.block_order import (
     reorder,
     split_evenly,
 )
-from ...compiled.jit import for_law, jit
+from ...compiled.jit import jit
+from ...laws.contact_friction import VOELLMY
 from ...laws.effect_slots import PointEffects
+from ...laws.material import FLUID
 from .bed_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .grid_to_points import grid_to_points
 from .ground_contact import press_on_ground
@@ -143,13 +145,6 @@ def _work_on_faces(places, state):
     return FaceArrays(places.faces, lines, state.face_yields)
 
 
-_couple_layers = for_law(couple_layers, -3, "drag_active")
-_press_on_faces = for_law(press_on_faces, -1, "barrier_active")
-_press_on_crests = for_law(press_on_crests, -1, "barrier_active")
-_correct_density = for_law(correct_density, -2, "follows_density")
-_keep_before_faces = for_law(keep_before_faces, -1, "barrier_active")
-
-
 @jit
 def advance(
     state: PointState,
@@ -201,8 +196,8 @@ def advance(
     histogram, slot, touched_slot, block, start = _sort_arrays(FIRST_PLACES)
     room = FIRST_ACTIVE
     blocks = _block_arrays(rows, room)
-    drags = contact.drag_active()
-    opens = barrier.barrier_active() and has_openings(barriers)
+    drags = contact.kind == VOELLMY
+    opens = barrier and has_openings(barriers)
     nodes, free, block_mass, block_flow = _node_arrays(rows, FIRST_TOUCHED, drags, opens)
     sources, touched = np.zeros((FIRST_TOUCHED, 8), np.int32), np.zeros((FIRST_TOUCHED, 3), np.int32)
     sums = _column_arrays(ground, drags, opens)
@@ -263,26 +258,16 @@ def advance(
             weigh_flow(nodes, touched, n_touched, block_flow)
             spread_contact(block_flow, touched, n_touched, sums.flow)
         move_nodes(
-            grid,
-            blocks.tiles,
-            sources,
-            drags or opens,
-            free,
-            ground,
-            barriers,
-            node_report,
-            dt,
-            settings,
-            barrier.barrier_active(),
+            grid, blocks.tiles, sources, drags or opens, free, ground, barriers, node_report, dt, settings, barrier
         )
         if drags:
-            _couple_layers(grid, window, site, sums.mass, node_report, dt, settings, contact, zones, barrier)
+            couple_layers(grid, window, site, sums.mass, node_report, dt, settings, contact, zones, barrier)
         step = counts[STEP] + 1
         press_on_ground(grid, window, free, site, yields, step, node_report, dt, settings, contact, zones, barrier)
-        if barrier.barrier_active():
+        if barrier:
             barrier_report[:] = 0.0
-            _press_on_faces(grid, window, site, faces, yields, step, reports, dt, settings, contact, zones, barrier)
-            _press_on_crests(grid, window, free, barriers, reports, settings, barrier)
+            press_on_faces(grid, window, site, faces, yields, step, reports, dt, settings, contact, zones, barrier)
+            press_on_crests(grid, window, free, barriers, reports, settings)
         hold_nodes(grid, free, site, sums, reports, dt, settings, contact, zones, barrier)
         if drags:
             clear_contact(touched, n_touched, sums.mass)
@@ -290,23 +275,10 @@ def advance(
             clear_contact(touched, n_touched, sums.flow)
         if settings.keep_peaks:
             accumulate_point_peaks(state.peaks, column_sums, grid, window, ground.nodes, end, settings)
-        if effects.material.follows_density() and counts[STEP] % EVERY == 0:
-            _correct_density(
-                points,
-                blocks,
-                grid,
-                free,
-                ground,
-                yields,
-                step,
-                barriers,
-                node_report,
-                settings,
-                effects.material,
-                barrier,
-            )
+        if effects.material.kind == FLUID and counts[STEP] % EVERY == 0:
+            correct_density(points, blocks, grid, free, ground, yields, step, barriers, node_report, settings, barrier)
         collect_nodes(node_report, clock)
-        if barrier.barrier_active():
+        if barrier:
             collect_point_barriers(barrier_report, state.barrier_sums, dt)
         clock[IMPULSE_GRAVITY] += dt * gravity * clock[MASS_NOW]
         set_next_step(clock, counts, end, until, after, settings)
@@ -323,8 +295,8 @@ def advance(
             effects.softening,
             effects.transfer,
         )
-        if barrier.barrier_active():
-            _keep_before_faces(rows, keys, counts[ROWS], lowest, inside, places.faces, barriers, dx, report, barrier)
+        if barrier:
+            keep_before_faces(rows, keys, counts[ROWS], lowest, inside, places.faces, barriers, dx, report)
         counts[STEP] += 1
         clock[TIME] = end
         before = counts[ALIVE]

@@ -4,7 +4,6 @@ Each chunk of a loop over touched blocks has a report of its own, NODE_REPORT nu
 """
 
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from ...compiled import law_functions as _laws  # noqa: F401  (registers the met
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from ...compiled.simd_lanes import load, multiply_add, store
+from ...laws.contact_friction import STICKING, VOELLMY, Contact, contact_at, kept_by_drag, kept_slip
 from .bed_drag import bed_per_mass
 from .point_barriers import BARRIER, FILLED, ROWED, SHARE, at_barrier, passing_share
 from .point_ground import GROUND_HEIGHT, Ground, exact_at, fold_at, plane_at
@@ -90,17 +90,17 @@ def gather_nodes(nodes: np.ndarray, tiles: np.ndarray, sources: np.ndarray, n_to
 
 
 @jit_inline
-def _on_ground(u, v, w, nx, ny, nz, law, drag):
+def _on_ground(u, v, w, nx, ny, nz, contact, drag):
     """Return the velocity of a node after its contact with the ground, whose unit normal is (nx, ny, nz)."""
     into = u * nx + v * ny + w * nz
-    held = into < 0.0 or law.sticks()
-    if held or law.drag_active():
+    held = into < 0.0 or contact.kind == STICKING
+    if held or contact.kind == VOELLMY:
         u, v, w = u - into * nx, v - into * ny, w - into * nz
         slip = sqrt(u * u + v * v + w * w)
         kept = 0.0
         if slip > 0.0:
-            kept = law.kept_slip(slip, max(-into, 0.0))
-            kept *= law.kept_by_drag(kept * slip, drag)
+            kept = kept_slip(contact, slip, max(-into, 0.0))
+            kept *= kept_by_drag(contact, kept * slip, drag)
         leaves = 0.0 if held else into
         u, v, w = kept * u + leaves * nx, kept * v + leaves * ny, kept * w + leaves * nz
     return u, v, w
@@ -415,7 +415,7 @@ def hold_column(
     settings : Settings
     laws : ContactLaws
     """
-    ground, barriers, contact, barrier = site.ground, site.barriers, laws.contact, laws.barrier
+    ground, barriers, barrier = site.ground, site.barriers, laws.barrier
     block, touched = grid.nodes[t], grid.touched
     dx, density, gravity, clearance = settings.dx, settings.density, settings.gravity, settings.clearance
     j_first, i_first, k_first = touched[t, 0] * BLOCK, touched[t, 1] * BLOCK, touched[t, 2] * BLOCK
@@ -424,14 +424,14 @@ def hold_column(
     first, lowest, levels = fold_at(site.folds, jj, ii)
     touching = clearance if levels > 0 else -BENEATH * dx * nz
     beyond = levels == 0 and (float(k_first - GHOSTS) * dx - height) * nz > touching  # even the lowest node
-    if beyond and (not barrier.barrier_active() or barriers[jj, ii, BARRIER] <= 0.0):
+    if beyond and (not barrier or barriers[jj, ii, BARRIER] <= 0.0):
         return
-    law, drag = laws.zones.local(contact, site.zone_values, jj, ii), 0.0
-    if contact.drag_active() and levels > 0:
+    contact, drag = contact_at(laws.contact, laws.zones, site.zone_values, jj, ii), 0.0
+    if contact.kind == VOELLMY and levels > 0:
         drag = density * gravity * dt * bed_per_mass(sums.mass, jj, ii, dx * dx / nz)
     passing = 1.0
-    if barrier.barrier_active() and barriers[jj, ii, SHARE] > 0.0:
-        passing = passing_share(sums.flow, ground, barriers, jj, ii, density * dx * dx, gravity, barrier)
+    if barrier and barriers[jj, ii, SHARE] > 0.0:
+        passing = passing_share(sums.flow, ground, barriers, jj, ii, density * dx * dx, gravity)
     for k in range(BLOCK):
         n = ((k * BLOCK + j) * BLOCK + i) * 4
         mass = block[n + NODE_MASS]
@@ -443,7 +443,7 @@ def hold_column(
         else:
             away = (float(k_first + k - GHOSTS) * dx - height) * nz
         if away <= touching:
-            u1, v1, w1 = _on_ground(u, v, w, nx, ny, nz, law, drag)
+            u1, v1, w1 = _on_ground(u, v, w, nx, ny, nz, contact, drag)
             jx, jy, jz = mass * (u1 - u), mass * (v1 - v), mass * (w1 - w)
             mine[GROUND_X] += jx
             mine[GROUND_Y] += jy
@@ -453,9 +453,9 @@ def hold_column(
             mine[GROUND_WORK] -= work
             mine[FRICTION_WORK] -= work - into
             u, v, w = u1, v1, w1
-        if barrier.barrier_active() and barriers[jj, ii, BARRIER] > 0.0:
+        if barrier and barriers[jj, ii, BARRIER] > 0.0:
             height_here = float(k_first + k - GHOSTS) * dx
-            u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], passing, booked, barrier)
+            u1, v1, w1 = at_barrier(u, v, w, mass, height_here, dt, barriers[jj, ii], passing, booked)
             mine[BARRIER_WORK] -= mass * ((u1 - u) * u1 + (v1 - v) * v1 + (w1 - w) * w1)
             u, v, w = u1, v1, w1
             into = u * nx + v * ny + w * nz
@@ -474,9 +474,9 @@ def hold_nodes(
     reports: NodeReports,
     dt: float,
     settings: Settings,
-    contact: NamedTuple,
-    zones: NamedTuple,
-    barrier: NamedTuple,
+    contact: Contact,
+    zones: bool,
+    barrier: bool,
 ) -> None:
     """Apply the contact of single nodes: ground on folds or far below the surface, barriers, walls.
 
@@ -496,7 +496,7 @@ def hold_nodes(
         Impulses, work and loads on barriers are added to them.
     dt : float [s]
     settings : Settings
-    contact, zones, barrier : laws
+    contact, zones, barrier
         As of `ContactLaws`.
     """
     nodes, touched, n_touched = grid.nodes, grid.touched, grid.count

@@ -1,10 +1,11 @@
 """Numerical parameters of the 3D solver, its Courant number and the settings of its kernel."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ...laws.material import Material
+from ...laws.material_choice import wave_speed
 from ...laws.quantities import GRAVITY
 from .point_peaks import LONE_SHARE as LONE_NODE_SHARE
 from .point_rows import Settings
@@ -58,7 +59,7 @@ class PointNumerics:
     arrival_thickness: float = 0.05
 
 
-def courant_number(material: Any, numerics: PointNumerics) -> float:
+def courant_number(material: Material, numerics: PointNumerics) -> float:
     """Compute the Courant number of a run: that of `numerics`, or the stability limit of a single point [1].
 
     A single point strains with the nodes around it, C' = -(4 / dx^2) tau / rho, and oscillates at 2 / dx
@@ -69,23 +70,23 @@ def courant_number(material: Any, numerics: PointNumerics) -> float:
 
     Parameters
     ----------
-    material : NamedTuple
+    material : Material
     numerics : PointNumerics
     """
-    stiffest = max(3.0 * material.bulk_modulus, 2.0 * getattr(material, "shear_modulus", 0.0))
-    lone = material.wave_speed(numerics.density) / np.sqrt(stiffest / numerics.density)
+    stiffest = max(3.0 * material.bulk_modulus, 2.0 * material.shear_modulus)
+    lone = wave_speed(material, numerics.density) / np.sqrt(stiffest / numerics.density)
     return float(min(numerics.cfl, LONE_SHARE * lone))
 
 
 def kernel_settings(
-    numerics: PointNumerics, material: Any, inside: np.ndarray, heaviest: float, mass: float
+    numerics: PointNumerics, material: Material, inside: np.ndarray, heaviest: float, mass: float
 ) -> Settings:
     """Make the settings of the kernels.
 
     Parameters
     ----------
     numerics : PointNumerics
-    material : NamedTuple
+    material : Material
     inside : bool[ny, nx]
         Where the terrain has an elevation.
     heaviest : float [kg]
@@ -93,14 +94,14 @@ def kernel_settings(
     mass : float [kg]
         Of all points.
     """
-    dx, viscosity = numerics.cell_size, float(material.viscosity())
+    dx, viscosity = numerics.cell_size, material.dynamic_viscosity
     ny, nx = inside.shape
     return Settings(
         dx=float(dx),
         density=float(numerics.density),
         gravity=float(numerics.gravity),
         cfl=courant_number(material, numerics),
-        signal_speed=float(material.wave_speed(numerics.density)),
+        signal_speed=float(wave_speed(material, numerics.density)),
         viscous_limit=numerics.density * dx * dx / (6.0 * viscosity) if viscosity > 0.0 else np.inf,
         fixed_dt=float(numerics.time_step or 0.0),
         clearance=float(numerics.clearance * dx),
@@ -110,7 +111,7 @@ def kernel_settings(
         holes=not inside.all(),
         keep_peaks=bool(numerics.maxima),
         arrival_thickness=float(numerics.arrival_thickness),
-        slack=0.0 if getattr(material, "shear_modulus", 0.0) else 1.0,
+        slack=0.0 if material.shear_modulus else 1.0,
         **mass_limits(numerics, heaviest, mass),
     )
 

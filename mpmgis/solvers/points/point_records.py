@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...laws.contact_friction import Contact
 from .point_ground import Ground
 
 
@@ -41,9 +42,9 @@ class PointPlaces(NamedTuple):
 class ContactLaws(NamedTuple):
     """Laws of what the flow touches, slots of `PointEffects`."""
 
-    contact: NamedTuple  # with the ground
-    zones: NamedTuple  # of the parameters of that contact
-    barrier: NamedTuple
+    contact: Contact  # with the ground
+    zones: bool  # whether the parameters of that contact are those of each node
+    barrier: bool  # whether there are barriers
 
 
 class Site(NamedTuple):

@@ -6,13 +6,15 @@ Places are in cells from the first node of the block of the point: 0.5 to 4.5 in
 therefore resolves a four-millionth of a cell in any domain.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.jit import jit, kernel_part, law_function
 from ...compiled.simd_lanes import get, load, prefetch, put, store, transposed
+from ...laws.material import Material
+from ...laws.material_choice import volume_ratio
 from . import point_batch as line
 from .point_batch import BATCH
 
@@ -93,18 +95,19 @@ law_function(stencil)
 
 
 @jit
-def volume_ratios(rows: np.ndarray, material: Any) -> np.ndarray:
+def volume_ratios(rows: np.ndarray, material: Material) -> np.ndarray:
     """Compute the volume of each point over its stress-free volume, float64[n] [1].
 
     Parameters
     ----------
     rows : float[n, ROW_SHORT or ROW_LONG]
-    material : NamedTuple
+    material : Material
     """
     ratios = np.empty(rows.shape[0])
     for p in range(rows.shape[0]):
         s4, s5, s6, s7 = more_state(rows, p)
-        ratios[p] = material.volume_ratio(rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7)
+        state = rows[p, S0], rows[p, S1], rows[p, S2], rows[p, S3], s4, s5, s6, s7
+        ratios[p] = volume_ratio(material, state)
     return ratios
 
 

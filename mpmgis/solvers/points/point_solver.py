@@ -13,6 +13,8 @@ from ...frames.particle_store import EDGE_NAMES
 from ...frames.particles import Particles
 from ...frames.peaks import maxima_of, no_peaks, peaks_state, restore_peaks
 from ...frames.state_check import LEFT_STATE, YIELD_STATE
+from ...laws.effect_slots import in_precision, with_fixed_types
+from ...laws.material_choice import SHORT_STATE, follows_density, state_at_stress, state_count
 from ...system.errors import FormatError, SceneError
 from ..columns.node_grid import ColumnGrid
 from . import point_loop as kernel
@@ -57,9 +59,9 @@ class PointSolver(PointBalances):
     stress : float64[n, 6], optional [Pa]
         Initial Kirchhoff stress of the points: xx, yy, zz, xy, xz, yz; default none.
     zone_values : float64[rows, columns, k], optional
-        Parameters of the contact law at the nodes, for `FrictionZones`.
+        Parameters of the contact law at the nodes, where there are zones.
     walls : sequence of Wall
-        Rigid barriers, for `Barrier`; computed with a thickness of at least three cells.
+        Rigid barriers; computed with a thickness of at least three cells.
     affine : float64[n, 3, 3], optional [s-1]
         Initial velocity gradient dv_i/dx_j of the points; default none.
 
@@ -84,10 +86,10 @@ class PointSolver(PointBalances):
     ) -> None:
         if frame.dimension != 3:
             raise SceneError("the 3D solver requires points (dimension 3), got columns; `mpmgis convert` makes points")
-        self.effects, self.numerics, self._start = effects, numerics, frame
+        self.effects, self.numerics, self._start = with_fixed_types(effects), numerics, frame
         self._real = PRECISIONS[numerics.precision]
-        laws = {name: self._in_precision(getattr(effects, name)) for name in ("material", "softening")}
-        self._effects = effects._replace(**laws)
+        laws = {name: in_precision(getattr(self.effects, name), self._real) for name in ("material", "softening")}
+        self._effects = self.effects._replace(**laws)
         grid = ColumnGrid.on(terrain, numerics.cell_size)
         self.grid = grid
         self._set_ground()
@@ -98,10 +100,6 @@ class PointSolver(PointBalances):
         self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
         self._press_contacts(frame, stress)
-
-    def _in_precision(self, law):
-        """Return `law` with parameters in the precision of the points: compiled, float32 with float64 gives float64."""
-        return type(law)(*map(self._real, law))
 
     def _set_ground(self):
         """Set elevation above the lowest level, slopes, folds and yields at all nodes that points can reach."""
@@ -122,7 +120,7 @@ class PointSolver(PointBalances):
                 self.floor,
                 self._ground,
                 self._known_ground.folds,
-                self.effects.material.follows_density(),
+                follows_density(self.effects.material),
             )
         self._barrier_sums = np.zeros((len(self.walls), POINT_BARRIER_SUMS + 1))
         self._face_yields = np.zeros((2, len(self._faces) + 2, levels + 2, YIELD_ENTRIES))
@@ -143,7 +141,7 @@ class PointSolver(PointBalances):
                 f"{int(off.sum())} of {len(off)} points start outside the terrain's whole cells, the first at "
                 f"E {x:.1f} N {y:.1f}; move them, use a larger DTM or set [terrain] fill_nodata = 'interpolate'"
             )
-        n, width = len(particles), row.ROW_SHORT if material.state_count() <= 4 else row.ROW_LONG
+        n, width = len(particles), row.ROW_SHORT if state_count(material) == SHORT_STATE else row.ROW_LONG
         self._rows = np.zeros((n, width), self._real)
         self._ids = np.zeros(n, np.uint64)
         self._keys = np.zeros(n, np.int64)
@@ -172,7 +170,7 @@ class PointSolver(PointBalances):
         rows[:, row.MASS] = particles.mass
         known = np.zeros((1, 6)) if stress is None else np.asarray(stress, float)
         self._stress = np.broadcast_to(known, (n, 6))
-        for column, values in zip(row.STATE, material.state_at_stress(*known.T), strict=True):
+        for column, values in zip(row.STATE, state_at_stress(material, tuple(known.T)), strict=True):
             if column < width:
                 rows[:, column] = values
         window_of(self._keys, self._lowest, self._counts[entry.WINDOW_FIRST :])

@@ -1,10 +1,10 @@
 """Sums over the points of a 3D run, for its balances."""
 
-from typing import Any
-
 import numpy as np
 
 from ...compiled.jit import jit, jit_inline
+from ...laws.material import Material
+from ...laws.material_choice import stored_energy
 from .point_blocks import key_column, key_level, key_row
 from .point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, X, Y, Z, more_state
 
@@ -16,7 +16,7 @@ from .point_rows import BLOCK, GHOSTS, MASS, PX, PY, PZ, S0, S1, S2, S3, X, Y, Z
     KINETIC,  # [J] kinetic energy
     POTENTIAL,  # [J] potential energy from the lowest level
     STORED,  # [J] elastic energy
-    OF_STATE,  # [kg J m-3] mass times S2; of `Fluid` that is the energy of the present correction per volume
+    OF_STATE,  # [kg J m-3] mass times S2; of a fluid that is the energy of the present correction per volume
     SUMS,  # number of sums
 ) = range(9)
 double = np.float64  # conversion to double precision; `float` would keep float32 in compiled code
@@ -25,7 +25,13 @@ PART = 64  # points that are summed before their sum is added to the rest, which
 
 @jit
 def sums_of(
-    rows: np.ndarray, keys: np.ndarray, lowest: np.ndarray, dx: float, gravity: float, density: float, material: Any
+    rows: np.ndarray,
+    keys: np.ndarray,
+    lowest: np.ndarray,
+    dx: float,
+    gravity: float,
+    density: float,
+    material: Material,
 ) -> np.ndarray:
     """Compute the sums over points, float64[SUMS].
 
@@ -38,7 +44,7 @@ def sums_of(
     dx : float [m]
     gravity : float [m s-2]
     density : float [kg m-3]
-    material : NamedTuple
+    material : Material
     """
     sums, part = np.zeros(SUMS), np.zeros(SUMS)
     for p in range(rows.shape[0]):
@@ -46,7 +52,7 @@ def sums_of(
         east, north, up = double(rows[p, PX]), double(rows[p, PY]), double(rows[p, PZ])
         level = key_level(keys[p]) + lowest[key_row(keys[p]), key_column(keys[p]), 0]
         s4, s5, s6, s7 = more_state(rows, p)
-        stored = material.stored_energy(
+        state = (
             double(rows[p, S0]),
             double(rows[p, S1]),
             double(rows[p, S2]),
@@ -56,6 +62,7 @@ def sums_of(
             double(s6),
             double(s7),
         )
+        stored = stored_energy(material, state)
         part[MOMENTUM_X] += east
         part[MOMENTUM_Y] += north
         part[MOMENTUM_Z] += up

@@ -19,14 +19,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import chain
 
 from mpmgis.compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
-from mpmgis.laws.material import FAR, MuI
-from mpmgis.laws.softening import NoSoftening
+from mpmgis.laws.material import FAR, mu_i
+from mpmgis.laws.material_choice import stress_step, stress_step_far
+from mpmgis.laws.softening import Softening
 
 sand = chain.scene_module("granular_column")
 LAW = tomllib.loads(Path(__file__).with_name("scene.toml").read_text())["material"]
+PARAMETERS = ("mu1", "mu2", "inertial_number", "grain_diameter", "grain_density", "volume_correction")
 APIC = np.inf  # rate at which all of the residual is dropped in a step
 MARGIN = 4  # nodes below the ground and behind the wall
-STEPPED = 14  # of the law's answer: state and stress
 SHARE = 1.0 / sand.PER_CELL**2  # volume of a point [plane cells]
 
 
@@ -104,53 +105,15 @@ def gather(place, velocity, affine, state, stress, before, after, dt, dx, kept, 
         place[p, 0] += dt / dx * u
         place[p, 1] += dt / dx * v
         s, g = state[p], dt / dx
-        answer = material.stress_step(
-            s[0],
-            s[1],
-            s[2],
-            s[3],
-            s[4],
-            s[5],
-            s[6],
-            s[7],
-            g * xx,
-            0.0,
-            g * xz,
-            0.0,
-            0.0,
-            0.0,
-            g * zx,
-            0.0,
-            g * zz,
-            dt,
-            softening,
-        )
-        if answer[STEPPED] == FAR:
-            answer = material.stress_step_far(
-                s[0],
-                s[1],
-                s[2],
-                s[3],
-                s[4],
-                s[5],
-                s[6],
-                s[7],
-                g * xx,
-                0.0,
-                g * xz,
-                0.0,
-                0.0,
-                0.0,
-                g * zx,
-                0.0,
-                g * zz,
-                dt,
-                softening,
-            )
+        own = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7]
+        gradient = g * xx, 0.0, g * xz, 0.0, 0.0, 0.0, g * zx, 0.0, g * zz
+        new, loads, code = stress_step(material, softening, own, gradient, dt)
+        if code == FAR:
+            new, loads, code = stress_step_far(material, softening, own, gradient, dt)
         for e in range(8):
-            state[p, e] = answer[e]
+            state[p, e] = new[e]
         for e in range(6):
-            stress[p, e] = answer[8 + e]
+            stress[p, e] = loads[e]
 
 
 @numba.njit
@@ -173,7 +136,8 @@ def collapse(place, shape, end, dx, density, gravity, sound, courant, fade, mate
 
 def runout(column, rate, courant=0.6, stiff=sand.STIFF):
     """Runout [L0] within which 99 % of the mass lie at the end, of a plane Column; `rate` r, or APIC."""
-    material = MuI(*sand.moduli(column, stiff), *(float(LAW[key]) for key in MuI._fields[2:]))
+    numbers = {key: value for key, value in LAW.items() if key in PARAMETERS}
+    material = mu_i(*sand.moduli(column, stiff), **numbers)
     sound = np.sqrt((material.bulk_modulus + 4.0 / 3.0 * material.shear_modulus) / sand.DENSITY)
     counts = [round(side / column.cell * sand.PER_CELL) for side in (sand.LENGTH, column.height)]
     axes = [(np.arange(count) + 0.5) / sand.PER_CELL + MARGIN for count in counts]
@@ -191,7 +155,7 @@ def runout(column, rate, courant=0.6, stiff=sand.STIFF):
         courant,
         fade,
         material,
-        NoSoftening(),
+        Softening(),
     )
     return float(np.quantile(place[:, 0] - MARGIN, 0.99)) * column.cell / sand.LENGTH - 1.0
 

@@ -18,7 +18,7 @@ MORE = {
     "grid_to_points": (LIMIT, 166),
     "move_rare_points": (LIMIT, 166),
     "press_on_ground": (LIMIT, 152),
-    "hold_at_barriers_": (LIMIT, 104),
+    "hold_at_barriers": (LIMIT, 104),
     "press_on_crests": (LIMIT, 112),
     "weigh_face": (LIMIT, 136),
     "settle_faces": (LIMIT, 136),
@@ -42,20 +42,16 @@ class Need(NamedTuple):
     text: str  # assembly
 
 
-def kernels(precision, others=False):
-    """(name, kernel, types of its arguments) of all kernels for points of `precision`, or of "columns".
-
-    With `others` those with the laws that `device_kernels.signatures` leaves out.
-    """
+def kernels(precision):
+    """(name, kernel, types of its arguments) of all kernels for points of `precision`, or of "columns"."""
     import column_signatures
     import device_kernels
 
-    import mpmgis.solvers.gpu.device_laws  # noqa: F401  (registers the methods of laws)
+    import mpmgis.solvers.gpu.device_laws  # noqa: F401  (registers the functions of laws)
 
     if precision == "columns":
-        return [] if others else list(column_signatures.signatures())
-    signatures = device_kernels.other_signatures if others else device_kernels.signatures
-    return list(signatures(PRECISIONS[precision]))
+        return list(column_signatures.signatures())
+    return list(device_kernels.signatures(PRECISIONS[precision]))
 
 
 def needs(kernel, arguments, precision, folder, capabilities=tuple(CAPABILITIES)):
@@ -95,7 +91,7 @@ def main():
     count, wrong = 0, []
     with tempfile.TemporaryDirectory() as folder:
         for precision in (*PRECISIONS, "columns"):
-            for name, kernel, arguments in kernels(precision) + kernels(precision, others=True):
+            for name, kernel, arguments in kernels(precision):
                 if sys.argv[1:] and sys.argv[1] not in name:
                     continue
                 count, limit = count + 1, limit_of(name, precision)

@@ -1,19 +1,16 @@
 """Types of the arguments of every kernel of the 3D solver on a device, to compile them without one.
 
-Kernels that call laws are compiled for COMMON laws, which need the most registers, and for all OTHER laws.
+Each kernel contains all laws, which it chooses from by number.
 """
 
 import numba
 import numpy as np
 from numba import types
 
-from mpmgis.laws.affine_transfer import WholeGradient
-from mpmgis.laws.barrier import Barrier, NoBarrier
-from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.friction import FrictionZones, NoZones
-from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
-from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.laws import effect_slots
+from mpmgis.laws.contact_friction import voellmy_contact
+from mpmgis.laws.material import drucker_prager
+from mpmgis.laws.softening import Softening
 from mpmgis.solvers.gpu import (
     device_barriers,
     device_grid_to_points,
@@ -53,40 +50,9 @@ SETTINGS = Settings(
     slack=1.0,
 )
 MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
-CONE = (35.0, 500.0)  # friction angle [deg], cohesion [Pa]
-SOIL = drucker_prager(**MODULI, friction_angle=CONE[0], cohesion=CONE[1])
-COHESIVE = cohesive_mu_i(*CONE, 0.2, 0.3, 1e-3, 2500.0, **MODULI)
-FADING, TANGENT, LINEAR = (softening(CONE, (20.0, 0.0), 10.0, form) for form in ("exponential", "tangent", "linear"))
-MATERIALS = {  # material, softening
-    "drucker_prager": (SOIL, NoSoftening()),
-    "mu_i": (MuI(1e6, 1e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
-    "cohesive_softening": (COHESIVE, FADING),
-}
-OTHER_MATERIALS = {
-    "softening": (SOIL, FADING),
-    "elastic": (Elastic(**MODULI), NoSoftening()),
-    "fluid": (Fluid(1e6, 10.0, 1.0), NoSoftening()),
-    "cohesive": (COHESIVE, NoSoftening()),
-    "tangent_softening": (SOIL, TANGENT),
-    "linear_softening": (SOIL, LINEAR),
-    "cohesive_tangent_softening": (COHESIVE, TANGENT),
-    "cohesive_linear_softening": (COHESIVE, LINEAR),
-}
-COULOMB, VOELLMY, STICKING = CoulombContact(0.3), VoellmyContact(0.2, 300.0), StickingContact()
-CONTACTS = {  # contact, zones, barrier
-    "coulomb": (COULOMB, NoZones(), NoBarrier()),
-    "voellmy": (VOELLMY, NoZones(), NoBarrier()),
-    "voellmy_zones_barred": (VOELLMY, FrictionZones(), Barrier()),
-}
-OTHER_CONTACTS = {
-    "voellmy_barred": (VOELLMY, NoZones(), Barrier()),
-    "coulomb_barred": (COULOMB, NoZones(), Barrier()),
-    "coulomb_zones": (COULOMB, FrictionZones(), NoBarrier()),
-    "voellmy_zones": (VOELLMY, FrictionZones(), NoBarrier()),
-    "coulomb_zones_barred": (COULOMB, FrictionZones(), Barrier()),
-    "sticking": (STICKING, NoZones(), NoBarrier()),
-    "sticking_barred": (STICKING, NoZones(), Barrier()),
-}
+# laws of any kind have these types
+MATERIAL, SOFTENING = drucker_prager(**MODULI, friction_angle=35.0, cohesion=500.0), Softening()
+CONTACT = voellmy_contact(0.2, 300.0)
 
 
 @Kernel
@@ -125,21 +91,13 @@ def points_and_marks(number):
 
 def in_precision(law, real):
     """Type of `law` with parameters of `real`."""
-    return numba.typeof(type(law)(*(real(value) if isinstance(value, float) else value for value in law)))
+    return numba.typeof(effect_slots.in_precision(law, real))
 
 
 def signatures(real):
     """(name, kernel, types of its arguments) of all kernels for points of `real`."""
     yield from _without_laws(real)
-    yield from _with_contacts(real, CONTACTS)
-    yield from _with_materials(real, MATERIALS)
-    yield from _with_density(real)
-
-
-def other_signatures(real):
-    """As `signatures`, of kernels with the laws that are not among MATERIALS and CONTACTS."""
-    yield from _with_contacts(real, OTHER_CONTACTS)
-    yield from _with_materials(real, OTHER_MATERIALS)
+    yield from _with_laws(real)
 
 
 def _without_laws(real):
@@ -155,7 +113,6 @@ def _without_laws(real):
     points, rare = points_and_marks(number)
     columns, reports, sums, yields = array(number, 3), array(number, 2), array(f8, 2), array(number, 4)
     settings, of_nodes, cells = numba.typeof(SETTINGS), in_precision(SETTINGS, real), array(byte, 1)
-    barrier, walled = in_precision(NoBarrier(), real), in_precision(Barrier(), real)
     for name, *arguments in (
         ("begin_step", run, stage, now, clock, counts),
         ("clear_window", run, window, window),
@@ -181,16 +138,11 @@ def _without_laws(real):
         ("spread_contact", run, reports, blocks, columns),
         ("clear_contact", run, touched, columns),
         ("move_nodes", run, now, nodes, of_nodes),
-        ("find_contacts", run, nodes, touched, free, ground, columns, reports, of_nodes, barrier),
+        ("find_contacts", run, nodes, touched, free, ground, columns, reports, of_nodes, types.boolean),
         ("finish_nodes", run, nodes, touched, free, ground, reports, of_nodes),
         ("note_peaks", run, now, blocks, columns, columns, of_nodes),
     ):
         yield name, getattr(device_point_nodes, name), arguments
-    yield (
-        "find_contacts_barred",
-        device_point_nodes.find_contacts,
-        (run, nodes, touched, free, ground, columns, reports, of_nodes, walled),
-    )
     for name, *arguments in (
         ("share_face_rows", run, blocks, faces, of_nodes),
         ("weigh_face_rows", run, now, counts, blocks, site, faces, of_nodes),
@@ -198,7 +150,7 @@ def _without_laws(real):
         ("book_faces", run, counts, blocks, site, faces, yields, reports, reports, of_nodes),
         ("keep_before_faces", run, counts, rows, keys, lowest, array(byte, 2), reports, columns, sums, of_nodes),
         ("weigh_flow", run, nodes, reports),
-        ("press_on_crests", run, touched, blocks, columns, reports, reports, of_nodes, walled),
+        ("press_on_crests", run, touched, blocks, columns, reports, reports, of_nodes),
         ("sum_booked", run, reports, start, array(f8, 3)),
         ("collect_barriers", run, stage, array(f8, 3), sums),
     ):
@@ -215,52 +167,28 @@ def _without_laws(real):
     yield "settle_rare_points", rare_points.settle_rare_points, arguments
 
 
-def _with_contacts(real, contacts):
-    """Signatures of kernels that call contact laws; `contacts`: name -> (contact, zones, barrier)."""
+def _with_laws(real):
+    """Signatures of kernels that call contact laws, materials or what corrects volumes."""
     number = numba.from_dtype(np.dtype(real))
     run, now, counts, free = array(types.int64, 1), array(number, 1), array(types.int64, 1), array(types.uint8, 1)
-    columns, reports, yields = array(number, 3), array(number, 2), array(number, 4)
-    blocks, _, site, sums, faces = blocks_and_site(number)
-    barred = array(types.int32, 2)
-    for label, slots in contacts.items():
-        laws = in_precision(SETTINGS, real), record(ContactLaws, *(in_precision(law, real) for law in slots))
-        kernels = [
-            (device_point_nodes.couple_layers, run, now, blocks, site, columns, columns, reports, *laws),
-            (device_point_nodes.press_on_ground, run, now, counts, blocks, free, site, yields, reports, *laws),
-            (device_point_nodes.hold_nodes, run, now, blocks, free, site, sums, reports, reports, *laws),
-        ]
-        if slots[-1].barrier_active():
-            kernels += [
-                (device_barriers.settle_faces, run, now, blocks, site, faces, *laws),
-                (device_barriers.hold_at_barriers, run, now, barred, blocks, site, sums, reports, reports, *laws),
-            ]
-        for kernel, *arguments in kernels:
-            yield f"{kernel.function.__name__}_{label}", kernel, arguments
-
-
-def _with_materials(real, materials):
-    """Signatures of kernels that call materials; `materials`: name -> (material, softening)."""
-    number = numba.from_dtype(np.dtype(real))
-    run, scales, nodes, ground = array(types.int64, 1), array(number, 1), array(number, 2), array(number, 3)
-    below = record(PointMap, ground, array(types.int32, 3), array(types.uint8, 2))
+    nodes, columns, reports, yields = array(number, 2), array(number, 3), array(number, 2), array(number, 4)
+    blocks, ground, site, sums, faces = blocks_and_site(number)
     points, rare = points_and_marks(number)
-    domain, settings = numba.typeof(Domain(10, 10, False)), in_precision(SETTINGS, real)
-    for label, slots in materials.items():
-        laws = record(MotionLaws, *(in_precision(law, real) for law in (*slots, WholeGradient())))
-        arguments = run, scales, points, nodes, below, rare, domain, laws
-        yield f"grid_to_points_{label}", device_grid_to_points.grid_to_points, arguments
-        arguments = run, scales, points, nodes, ground, rare, domain, settings, laws
-        yield f"move_rare_points_{label}", rare_points.move_rare_points, arguments
-
-
-def _with_density(real):
-    """Signatures of the correction of volumes, for materials that use the density at the nodes."""
-    number = numba.from_dtype(np.dtype(real))
-    run, free = array(types.int64, 1), array(types.uint8, 1)
-    rows, columns, yields = (array(number, k) for k in (2, 3, 4))
-    given = run, run, points_and_marks(number)[0], rows, free, blocks_and_site(number)[1], yields, columns, rows
-    for label, (material, _) in (MATERIALS | OTHER_MATERIALS).items():
-        if material.follows_density():
-            for end, barrier in (("", NoBarrier()), ("_barred", Barrier())):
-                laws = (in_precision(law, real) for law in (SETTINGS, material, barrier))
-                yield f"correct_density_{label}{end}", device_point_density.correct_density, (*given, *laws)
+    barred, domain, settings = array(types.int32, 2), numba.typeof(Domain(10, 10, False)), in_precision(SETTINGS, real)
+    contact = settings, record(ContactLaws, in_precision(CONTACT, real), types.boolean, types.boolean)
+    motion = record(MotionLaws, in_precision(MATERIAL, real), in_precision(SOFTENING, real), types.int64)
+    below = record(PointMap, columns, array(types.int32, 3), array(types.uint8, 2))
+    for kernel, *arguments in (
+        (device_point_nodes.couple_layers, run, now, blocks, site, columns, columns, reports, *contact),
+        (device_point_nodes.press_on_ground, run, now, counts, blocks, free, site, yields, reports, *contact),
+        (device_point_nodes.hold_nodes, run, now, blocks, free, site, sums, reports, reports, *contact),
+        (device_barriers.settle_faces, run, now, blocks, site, faces, *contact),
+        (device_barriers.hold_at_barriers, run, now, barred, blocks, site, sums, reports, reports, *contact),
+        (device_grid_to_points.grid_to_points, run, now, points, nodes, below, rare, domain, motion),
+        (rare_points.move_rare_points, run, now, points, nodes, columns, rare, domain, settings, motion),
+        (
+            *(device_point_density.correct_density, run, counts, points, nodes, free, ground, yields),
+            *(columns, reports, settings, types.boolean),
+        ),
+    ):
+        yield kernel.function.__name__, kernel, arguments

@@ -16,8 +16,7 @@ sys.path[:0] = [str(HERE.parents[2]), str(HERE.parents[1] / "bench")]
 
 from gpu import slab  # noqa: E402
 
-from mpmgis.laws.barrier import Barrier  # noqa: E402
-from mpmgis.laws.contact_friction import CoulombContact  # noqa: E402
+from mpmgis.laws.contact_friction import coulomb_contact  # noqa: E402
 from mpmgis.laws.effect_slots import PointEffects  # noqa: E402
 from mpmgis.laws.material import drucker_prager  # noqa: E402
 from mpmgis.solvers.features.walls import Wall  # noqa: E402
@@ -26,7 +25,7 @@ from mpmgis.solvers.points.point_numerics import PointNumerics  # noqa: E402
 from mpmgis.solvers.points.point_solver import PointSolver  # noqa: E402
 
 POINTS = 32
-EFFECTS = PointEffects(drucker_prager(6.7e6, 4e6, 35.0, 500.0), contact=CoulombContact(0.4))
+EFFECTS = PointEffects(drucker_prager(6.7e6, 4e6, 35.0, 500.0), contact=coulomb_contact(0.4))
 FIRST, END = 0.008, 0.016  # [s], of frames
 NEVER = 1e9
 
@@ -39,7 +38,7 @@ def made(kind, walls=(), empty=False):
         frame.particles.velocity[:, 0] = 5.0
     if empty:
         frame, stress = replace(frame, particles=frame.particles.take([])), None
-    effects = EFFECTS._replace(barrier=Barrier()) if walls else EFFECTS
+    effects = EFFECTS._replace(barrier=True) if walls else EFFECTS
     return kind(frame, terrain, effects, PointNumerics(1.0, density=2000.0, maxima=True), stress, walls=walls)
 
 

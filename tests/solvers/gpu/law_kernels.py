@@ -1,9 +1,8 @@
-"""A kernel for the CUDA device for every function and every method of a law, compiled without a driver."""
+"""A kernel for the CUDA device for every function of laws that kernels call, compiled without a driver."""
 
 import importlib
 import importlib.util
 import inspect
-import pkgutil
 import types as python_types
 from contextlib import contextmanager
 from functools import cache
@@ -13,14 +12,11 @@ import numba
 import numpy as np
 from numba import types
 
-from mpmgis import laws as package
-from mpmgis.compiled.law_functions import FUNCTIONS, INLINED_FUNCTIONS, INLINED_METHODS, METHODS, OWN_OR_BUILT_IN
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
+from mpmgis.compiled.law_functions import FUNCTIONS, INLINED_FUNCTIONS, OWN_OR_BUILT_IN
 from mpmgis.laws.friction import Friction, at_node, stress_parts
-from mpmgis.laws.softening import NoSoftening
 
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
+NUMBERS = {"state": 8, "gradient": 9}  # of arguments that are tuples
 CAPABILITIES = {"sm_80": (8, 0), "sm_90": (9, 0)}
 
 
@@ -52,28 +48,9 @@ def assembler():
     return next(wheel, None)
 
 
-@cache
-def laws():
-    """All classes of laws in `effects`, in the order of their modules."""
-    found = []
-    for module in pkgutil.iter_modules(package.__path__):
-        members = vars(importlib.import_module(f"{package.__name__}.{module.name}")).values()
-        found += [
-            kind
-            for kind in members
-            if inspect.isclass(kind) and hasattr(kind, "_fields") and kind.__module__.endswith(f".{module.name}")
-        ]
-    return [kind for kind in found if methods(kind) and kind not in (ColumnEffects, PointEffects)]
-
-
-def methods(kind):
-    """Names of the methods of a law that kernels call."""
-    return [name for name in (*METHODS, *INLINED_METHODS) if hasattr(kind, name)]
-
-
 def functions():
-    """All functions of laws of columns that kernels call."""
-    of_points = {"hencky", "softening", "flow_layers"}
+    """All functions of laws that kernels call; not what `material_choice.stress_step` is made of."""
+    of_points = {"hencky", "softening", "flow_layers", "solid_material", "fluid_material"}
     found = (*INLINED_FUNCTIONS, *FUNCTIONS, *OWN_OR_BUILT_IN)
     return [function for function in found if function.__module__.rpartition(".")[2] not in of_points]
 
@@ -88,6 +65,8 @@ def type_of_annotation(name, annotation, real):
     """numba's type of an argument of a function; laws of friction are the built-in ones."""
     if annotation in (int, float, bool):
         return {int: types.int64, bool: types.boolean}.get(annotation, numba.from_dtype(np.dtype(real)))
+    if name in NUMBERS:
+        return types.UniTuple(numba.from_dtype(np.dtype(real)), NUMBERS[name])
     if annotation == "np.ndarray":
         return types.Array(numba.from_dtype(np.dtype(real)), 3, "C")
     return law_type(Friction if annotation is tuple else annotation, real)
@@ -118,26 +97,11 @@ def own_kernel(kind, real):
     return namespace["kernel"], (law_type(kind, real), *arrays, *[number] * len(names))
 
 
-def argument_type(name, real):
-    """numba's type of the argument `name` of a method."""
-    number = numba.from_dtype(np.dtype(real))
-    laws = {"softening": NoSoftening, "law": CoulombContact, "friction": CoulombContact, "contact": CoulombContact}
-    if name in laws:
-        return law_type(laws[name], real)
-    return {"values": types.Array(number, 3, "C"), "j": types.int64, "i": types.int64}.get(name, number)
-
-
-def kernel_of(kind, wanted, real):
-    """(kernel that stores all results of the law's methods `wanted`, types of its arguments)."""
-    calls, given = [], {}
-    for number, method in enumerate(wanted):
-        names = list(inspect.signature(getattr(kind, method)).parameters)[1:]
-        given |= {f"given_{name}": argument_type(name, real) for name in names}
-        calls.append(f"    store(out[{number}], law.{method}({', '.join(f'given_{name}' for name in names)}))\n")
-    namespace = {"store": store}
-    exec(f"def kernel(law, out, {', '.join(given)}):\n{''.join(calls)}", namespace)
-    number = numba.from_dtype(np.dtype(real))
-    return namespace["kernel"], (law_type(kind, real), types.Array(number, 2, "C"), *given.values())
+def numbers_in(kind, name):
+    """Expressions of all numbers in a value of numba's type `kind`, a number or a tuple, called `name`."""
+    if not isinstance(kind, types.BaseTuple):
+        return [name]
+    return [number for k, part in enumerate(kind) for number in numbers_in(part, f"{name}[{k}]")]
 
 
 def store(out, result):
@@ -146,17 +110,14 @@ def store(out, result):
 
 @cache
 def register():
-    """Let kernels on the device call the methods of laws, and `store`."""
+    """Let kernels on the device call the functions of laws, and `store`."""
     from numba.cuda.extending import overload
 
     importlib.import_module("mpmgis.solvers.gpu.device_laws")
 
     @overload(store)
     def stored(out, result):
-        if not isinstance(result, types.BaseTuple):
-            lines = ["out[0] = result"]
-        else:
-            lines = [f"out[{k}] = result[{k}]" for k in range(len(result))] or ["pass"]
+        lines = [f"out[{k}] = {value}" for k, value in enumerate(numbers_in(result, "result"))] or ["pass"]
         namespace = {}
         exec("def body(out, result):\n" + "".join(f"    {line}\n" for line in lines), namespace)
         return namespace["body"]

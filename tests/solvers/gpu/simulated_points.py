@@ -16,11 +16,9 @@ from launch_order import shuffled
 from point_scenes import block_of, plane, points_on
 
 from mpmgis.compiled.block_order import GONE
-from mpmgis.laws.contact_friction import CoulombContact, StickingContact, VoellmyContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.friction import FrictionZones
-from mpmgis.laws.material import Elastic, MuI, cohesive_mu_i, drucker_prager
-from mpmgis.laws.softening import NoSoftening, softening
+from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
+from mpmgis.laws.material import FLUID, cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
+from mpmgis.laws.softening import Softening, softening
 from mpmgis.solvers.gpu.device_point_loop import LAST_STEP, DevicePoints
 from mpmgis.solvers.gpu.launch import Launch
 from mpmgis.solvers.points import point_rows as row
@@ -34,15 +32,15 @@ from mpmgis.system.errors import SceneError
 SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
 SOFT = softening((35.0, 500.0), (20.0, 0.0), 10.0)
 STRETCH = np.array([[-3.0, 1.0, 0.0], [0.5, -1.0, 0.5], [2.0, 0.0, -8.0]])  # [s-1]
-COULOMB, VOELLMY, STICKING = CoulombContact(0.3), VoellmyContact(0.2, 300.0), StickingContact()
+COULOMB, VOELLMY, STICKING = coulomb_contact(0.3), voellmy_contact(0.2, 300.0), sticking_contact()
 COHESIVE = cohesive_mu_i(35.0, 500.0, 0.2, 0.3, 1e-3, 2500.0, bulk_modulus=6.7e6, shear_modulus=4e6)
 MATERIALS = {
-    "elastic": (Elastic(6.7e6, 4e6), NoSoftening()),
-    "fluid": (Fluid(6.7e6, 50.0, 1.0), NoSoftening()),
-    "Drucker-Prager": (SOIL, NoSoftening()),
-    "Drucker-Prager without friction": (drucker_prager(6.7e6, 4e6, 0.0, 500.0), NoSoftening()),
-    "mu(I)": (MuI(6.7e6, 4e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), NoSoftening()),
-    "cohesive mu(I)": (COHESIVE, NoSoftening()),
+    "elastic": (elastic(6.7e6, 4e6), Softening()),
+    "fluid": (fluid(6.7e6, 50.0, 1.0), Softening()),
+    "Drucker-Prager": (SOIL, Softening()),
+    "Drucker-Prager without friction": (drucker_prager(6.7e6, 4e6, 0.0, 500.0), Softening()),
+    "mu(I)": (mu_i(6.7e6, 4e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), Softening()),
+    "cohesive mu(I)": (COHESIVE, Softening()),
     "cohesive mu(I) with softening": (COHESIVE, SOFT),
 }
 # Kirchhoff stress [Pa] (xx, yy, zz, xy, xz, yz) of every other point at the start: sheared under pressure, or pulled
@@ -144,7 +142,7 @@ def with_zones(solver):
     values = np.full((*solver._ground.shape[:2], 1), 0.3)
     values[::2] = 0.6
     solver._zone_values = values
-    solver._effects = solver._effects._replace(zones=FrictionZones())
+    solver._effects = solver._effects._replace(zones=True)
     return solver
 
 
@@ -188,7 +186,7 @@ def difference(one, other):
     here = {}
     (a, *names), (b, *others) = by_id(one), by_id(other)
     affine = [k + axis for k in (row.AXX, row.AXY, row.AXZ) for axis in range(3)]
-    if one.effects.material.follows_density():
+    if one.effects.material.kind == FLUID:
         state = {"state": [row.S0], "rate": [row.S1], "supplied": [row.S2]}
     else:
         state = {"state": [k for k in row.STATE if k < a.shape[1]]}
@@ -231,7 +229,7 @@ def difference(one, other):
     here["counted"] = float(np.abs(clock[counted] - there[counted]).max())
     here["corrected"] = int(clock[entry.CORRECTED_TOTAL])
     gained, too = clock[entry.CORRECTION_ENERGY], there[entry.CORRECTION_ENERGY]
-    if one.effects.material.follows_density():
+    if one.effects.material.kind == FLUID:
         gained, too = (e + r[:, row.MASS] @ r[:, row.S2] / one.numerics.density for e, r in ((gained, a), (too, b)))
     here["correction"] = float(np.abs(gained - too) / max(np.abs(gained), 1e-300))
     here["exact"] = bool(
@@ -265,7 +263,7 @@ def compared(make, precision, steps):
 
 def with_material(laws, precision):
     """`compared` for `stressed` points, and what they do in the first step."""
-    steps = 3 if isinstance(laws[0], Fluid) else 2  # it expands in the third
+    steps = 3 if laws[0].kind == FLUID else 2  # it expands in the third
     here, solver = compared(partial(stressed, laws=laws), precision, steps), begun(stressed(precision, laws))
     solver.advance(1e9, max_steps=1)
     rows = solver._rows

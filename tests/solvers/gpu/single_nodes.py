@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from mpmgis.compiled.float32_constants import global_names, single, single_code
-from mpmgis.compiled.jit import FASTMATH, for_law
+from mpmgis.compiled.jit import FASTMATH
 from mpmgis.solvers.gpu.device_functions import SMALL
 from mpmgis.solvers.points import (
     bed_drag,
@@ -32,12 +32,12 @@ from mpmgis.solvers.points.point_solver import PointSolver
 PHASES = {  # of `point_loop.advance`, by their names there
     "move_nodes": point_nodes.move_nodes,
     "weigh_contact": bed_drag.weigh_contact,
-    "_couple_layers": point_layers.couple_layers,
+    "couple_layers": point_layers.couple_layers,
     "press_on_ground": ground_contact.press_on_ground,
-    "_press_on_faces": point_faces.press_on_faces,
-    "_press_on_crests": point_crests.press_on_crests,
+    "press_on_faces": point_faces.press_on_faces,
+    "press_on_crests": point_crests.press_on_crests,
     "hold_nodes": point_nodes.hold_nodes,
-    "_correct_density": point_density.correct_density,
+    "correct_density": point_density.correct_density,
 }
 ON_NODES = {module.__name__ for module in (contact_shares, point_barriers, point_ground, point_peaks)}
 ON_NODES |= {kernel.py_func.__module__ for kernel in PHASES.values()}
@@ -91,7 +91,6 @@ def advance():
     """`point_loop.advance` with its PHASES in single precision."""
     plain = point_loop.advance.py_func
     names = plain.__globals__ | {name: phase(kernel) for name, kernel in PHASES.items()}
-    names["_correct_density"] = for_law(names["_correct_density"], -2, "follows_density")
     return numba.njit(error_model="numpy")(FunctionType(plain.__code__, names, plain.__name__, plain.__defaults__))
 
 
@@ -112,8 +111,7 @@ class SingleNodes(PointSolver):
         state, places = in_float32(self._kernel_state(), CHANGED), in_float32(self._kernel_places(), FIXED)
         ground = places.ground
         ground = ground._replace(nodes=ground.nodes.astype(np.float32), exact=ground.exact.astype(np.float32))
-        effects = self._effects
-        effects = effects._replace(contact=law(effects.contact), zones=law(effects.zones), barrier=law(effects.barrier))
+        effects = self._effects._replace(contact=law(self._effects.contact))
         places = places._replace(ground=ground)
         reason = advance()(state, places, self._order, until, after, max_steps, self._settings, effects)
         for name in CHANGED:

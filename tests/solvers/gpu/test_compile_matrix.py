@@ -1,13 +1,9 @@
 """Every kernel compiles for sm_90, in slow tests for sm_80 and in float64 too. It spills no registers, needs no more of
 them than a limit, and has no double precision for float32 points unless it is meant to."""
 
-import device_kernels
 import pytest
 from compile_matrix import IN_DOUBLE, MORE, kernels, limit_of, needs
-from law_kernels import CAPABILITIES, PRECISIONS, assembler, compiler_lack
-
-from mpmgis.laws.softening import LinearSoftening, NoSoftening, Softening, TangentSoftening
-from mpmgis.scene.material_table import CONES, CONTACTS, MATERIALS
+from law_kernels import PRECISIONS, assembler, compiler_lack
 
 LACK = compiler_lack() or ("" if assembler() else "no ptxas (pip install nvidia-cuda-nvcc)")
 pytestmark = pytest.mark.skipif(bool(LACK), reason=LACK)
@@ -27,23 +23,6 @@ def test_kernels_compile_without_spills_within_their_registers(precision, tmp_pa
 def test_kernels_for_older_devices_do_too(precision, tmp_path):
     names = require_few_registers(kernels(precision), precision, tmp_path, ["sm_80"])
     assert len(names) > FEWEST[precision]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_kernels_with_all_other_laws_do_too(precision, tmp_path):
-    names = require_few_registers(kernels(precision, others=True), precision, tmp_path, CAPABILITIES)
-    assert len(names) > FEWEST[precision] // 2
-
-
-def test_all_laws_of_scenes_are_in_the_matrix():
-    parts = [*(device_kernels.MATERIALS | device_kernels.OTHER_MATERIALS).values()]
-    places = [*(device_kernels.CONTACTS | device_kernels.OTHER_CONTACTS).values()]
-    assert {type(slots[0]) for slots in parts} == {kind for kind, _ in MATERIALS.values()}
-    softened = {(type(law), type(soft)) for law, soft in parts}
-    forms = (NoSoftening, Softening, TangentSoftening, LinearSoftening)
-    assert softened >= {(MATERIALS[name][0], form) for name in CONES for form in forms}
-    assert {type(slots[0]) for slots in places} == {kind for kind, _ in CONTACTS.values()}
 
 
 def require_few_registers(signatures, precision, folder, capabilities):

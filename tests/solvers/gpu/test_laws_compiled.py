@@ -1,21 +1,10 @@
-"""Functions and methods of laws compile for CUDA devices from the same source, without a driver, and without double
+"""Functions of laws compile for CUDA devices from the same source, without a driver, and without double
 precision in kernels of single precision."""
 
 import subprocess
 
 import pytest
-from law_kernels import (
-    PRECISIONS,
-    assembler,
-    compiler_lack,
-    functions,
-    kernel_of,
-    kernel_of_function,
-    laws,
-    methods,
-    own_kernel,
-    texts_of,
-)
+from law_kernels import PRECISIONS, assembler, compiler_lack, functions, kernel_of_function, own_kernel, texts_of
 
 from mpmgis.laws.friction import basal_stress, bingham, built_in_parts, plug_ratio, stress_parts
 from mpmgis.laws.ground_metric import cosine_squared
@@ -43,15 +32,6 @@ each_precision = pytest.mark.parametrize("precision", PRECISIONS)
 
 
 @each_precision
-@pytest.mark.parametrize("law", laws(), ids=lambda kind: kind.__name__)
-def test_methods_of_laws_compile_for_the_device(law, precision, tmp_path):
-    for capability, text in texts_of(*kernel_of(law, methods(law), PRECISIONS[precision])).items():
-        assert f".target {capability}" in text and ".visible .entry" in text
-        assert precision == "float64" or ".f64" not in text
-        assemble(text, capability, tmp_path)
-
-
-@each_precision
 @pytest.mark.parametrize("function", functions(), ids=lambda function: function.__name__)
 def test_functions_of_laws_compile_for_the_device(function, precision, tmp_path):
     for capability, text in texts_of(*kernel_of_function(function, PRECISIONS[precision])).items():
@@ -70,9 +50,8 @@ def test_own_laws_compile_for_the_device(precision, tmp_path):
         assemble(text, capability, tmp_path)
 
 
-def test_all_laws_and_methods_are_known():
-    assert len(laws()) >= 10 and sum(len(methods(kind)) for kind in laws()) >= 40
-    assert len(functions()) >= 30
+def test_all_functions_are_known():
+    assert len(functions()) >= 40
 
 
 @pytest.mark.skipif(not LACK and assembler() is None, reason="no ptxas (pip install nvidia-cuda-nvcc)")

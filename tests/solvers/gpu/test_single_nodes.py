@@ -12,9 +12,8 @@ import test_point_layers as layers
 from column_scenes import terrain_of
 from single_nodes import SingleNodes
 
-from mpmgis.laws.contact_friction import CoulombContact
-from mpmgis.laws.fluid_material import Fluid
-from mpmgis.laws.material import Elastic
+from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.material import elastic, fluid
 from mpmgis.solvers.features.walls import Wall
 from mpmgis.solvers.points.point_solver import PointSolver
 from mpmgis.solvers.points.point_time_step import CORRECTED_TOTAL
@@ -60,7 +59,7 @@ def test_slabs_slide_and_rest_alike_whatever_the_height_of_the_terrain(monkeypat
 def test_a_block_slides_along_a_wall_alike(monkeypatch, degrees):
     points_on = partial(point_scenes.points_on, precision="float32")
     monkeypatch.setattr(face_scenes, "points_on", points_on)
-    scene = partial(face_scenes.along_wall, degrees, 2.0, Elastic(6.7e6, 4e6), place=0.3)
+    scene = partial(face_scenes.along_wall, degrees, 2.0, elastic(6.7e6, 4e6), place=0.3)
     double, single = both(monkeypatch, [point_scenes], scene)
     assert single[3]._faces.size > 0 and 0.8 < single[2] < 1.2
     assert abs(single[0] - double[0]) < 1e-4 * max(double[0], 1.0)
@@ -84,8 +83,8 @@ def test_a_fluid_that_is_too_dense_expands_alike(monkeypatch, deep):
         frame = point_scenes.block_of((5.0, 4.0, 2.0), 0.5, (8.7, 6.2, 0.0))
         frame.particles.position[:, 2] *= 0.5
         frame.particles.position[:, 2] += 10.0 - 0.2 * frame.particles.position[:, 0]
-        contact, numerics = CoulombContact(0.2), {"precision": "float32", "walls": walls}
-        solver = point_scenes.points_on(terrain, frame, 1.0, Fluid(1e6, 10.0, 1.0), contact, **numerics)
+        contact, numerics = coulomb_contact(0.2), {"precision": "float32", "walls": walls}
+        solver = point_scenes.points_on(terrain, frame, 1.0, fluid(1e6, 10.0, 1.0), contact, **numerics)
         solver.advance(0.5)
         return solver
 
