@@ -39,7 +39,9 @@ METHODS = (
     "kept_by_drag",
     "layer_friction",
     "layer_roughness",
-    "kept_along",  # barriers of points
+    "opening_discharge",  # barriers of points
+    "let_through",
+    "kept_along",
     "only_turns",  # transfer of points
 )
 

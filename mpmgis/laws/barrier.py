@@ -146,6 +146,41 @@ class NoBarrier(NamedTuple):
         """Return False: there is no barrier."""
         return False
 
+    def opening_discharge(
+        self, gravity: float, depth: float, speed: float, depth_beyond: float, speed_beyond: float
+    ) -> float:
+        """Return 0: nothing flows through an opening.
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        depth, speed : float [m], [m s-1]
+            Depth on one side, and speed there towards the opening.
+        depth_beyond, speed_beyond : float [m], [m s-1]
+            The same of the other side.
+        """
+        return 0.0
+
+    def let_through(
+        self, u: float, v: float, normal_x: float, normal_y: float, side: float, mu: float, open_speed: float
+    ) -> tuple[float, float]:
+        """Return the velocity unchanged.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Velocity of the node.
+        normal_x, normal_y : float [1]
+            Outward unit normal of the wall on this side.
+        side : float
+            Sign of the direction (normal_y, -normal_x) in which the opening lies.
+        mu : float [1]
+            Friction coefficient along the wall.
+        open_speed : float [m s-1]
+            Largest speed through the opening.
+        """
+        return u, v
+
     def kept_along(self, mu: float, slip: float, pressed: float) -> float:
         """Return 1: no speed is lost.
 
@@ -169,6 +204,41 @@ class Barrier(NamedTuple):
     def barrier_active(self) -> bool:
         """Return True: there are barriers."""
         return True
+
+    def opening_discharge(
+        self, gravity: float, depth: float, speed: float, depth_beyond: float, speed_beyond: float
+    ) -> float:
+        """Compute the largest discharge through a metre of an opening [m2 s-1].
+
+        Parameters
+        ----------
+        gravity : float [m s-2]
+        depth, speed : float [m], [m s-1]
+            Depth on one side, and speed there towards the opening.
+        depth_beyond, speed_beyond : float [m], [m s-1]
+            The same of the other side.
+        """
+        return opening_discharge(gravity, depth, speed, depth_beyond, speed_beyond)
+
+    def let_through(
+        self, u: float, v: float, normal_x: float, normal_y: float, side: float, mu: float, open_speed: float
+    ) -> tuple[float, float]:
+        """Compute the velocity at a node that is partly open.
+
+        Parameters
+        ----------
+        u, v : float [m s-1]
+            Velocity of the node.
+        normal_x, normal_y : float [1]
+            Outward unit normal of the wall on this side.
+        side : float
+            Sign of the direction (normal_y, -normal_x) in which the opening lies.
+        mu : float [1]
+            Friction coefficient along the wall.
+        open_speed : float [m s-1]
+            Largest speed through the opening.
+        """
+        return let_through(u, v, normal_x, normal_y, side, mu, open_speed)
 
     def kept_along(self, mu: float, slip: float, pressed: float) -> float:
         """Compute the share of the speed along a rigid face that is left after Coulomb friction.
