@@ -22,7 +22,7 @@ PACKAGE = Path(__file__).resolve().parent.parent
 CHOSEN = "MPMGIS_CHOSEN_CACHE_DIR"  # distinguishes it from a variable of the user in child processes
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 # in the head of a module: an import of the compiler's decorators, and any import from the package
-_USES_JIT = re.compile(rb"jit import (?:\([^)]*|[^\n]*)\b(?:jit\w*|kernel_part|law_function|law_method)\b")
+_USES_JIT = re.compile(rb"jit import (?:\([^)]*|[^\n]*)\b(?:jit\w*|kernel_part|law_function|own_law_method)\b")
 _IMPORT = re.compile(rb"^from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 _NAME = re.compile(rb"\w+")
 _private = []  # the temporary folder of this process, once it is made

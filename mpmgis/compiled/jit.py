@@ -181,26 +181,19 @@ def ready_threads() -> None:
     numba.get_num_threads()
 
 
-def law_method(name: str, inlined: bool = False) -> None:
-    """Let kernels call a method of any law.
-
-    A law is a NamedTuple of numbers with plain methods; the kernel is specialised by the law's type, so that an absent
-    law has no cost and new parameter values need no compilation.
+def own_law_method(name: str) -> None:
+    """Let kernels call a method of user-defined laws: a kernel is compiled for the type of each.
 
     Parameters
     ----------
     name : str
         Name of the method.
-    inlined : bool
-        Whether it is put into the loop of the caller whatever its length; otherwise loops over points are not
-        vectorised: 12 ns instead of 130 for Drucker-Prager (measured 2026-11-21).
     """
-    options = INNER | ({"forceinline": True} if inlined else {})
 
-    @overload_method(types.BaseNamedTuple, name, jit_options=options)
+    @overload_method(types.BaseNamedTuple, name, jit_options=INNER)
     def specialise(law, *arguments):
         method = of_precision(getattr(law.instance_class, name), (law, *arguments))
-        method = register_jitable(**options)(method)
+        method = register_jitable(**INNER)(method)
         return lambda law, *arguments: method(law, *arguments)
 
 

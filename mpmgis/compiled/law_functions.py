@@ -25,7 +25,7 @@ from ..laws import (
 )
 from ..laws.own_law import OwnLaws, tried_inputs
 from ..system.errors import SceneError, one_line
-from .jit import FASTMATH, include_own_laws, law_function, law_method, own_or_built_in
+from .jit import FASTMATH, include_own_laws, law_function, own_law_method, own_or_built_in
 
 # methods of user-defined laws that their `stress_parts` may call
 OWN_METHODS = (own_law.WHOLE, *own_law.SPLIT)
@@ -117,7 +117,7 @@ FUNCTIONS = (
 )
 
 for _name in OWN_METHODS:
-    law_method(_name)
+    own_law_method(_name)
 for _function in INLINED_FUNCTIONS:
     law_function(_function)
 for _function in FUNCTIONS:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..laws.material_choice import wave_speed
 from ..laws.quantities import GRAVITY
 from ..solvers.points.point_numerics import courant_number
 from ..system.memory import available_memory
@@ -80,9 +81,9 @@ def _steps_a_second(stage):
         return (facts.speed + math.sqrt(GRAVITY * facts.release_thickness)) / (numerics.cfl * dx)
     material = stage.effects.material
     rates = (
-        (material.wave_speed(numerics.density) + facts.speed) / dx,
+        (wave_speed(material, numerics.density) + facts.speed) / dx,
         math.sqrt(numerics.gravity / dx),
-        6.0 * material.viscosity() / (numerics.density * dx * dx),
+        6.0 * material.dynamic_viscosity / (numerics.density * dx * dx),
     )
     return max(rates) / courant_number(material, numerics)
 

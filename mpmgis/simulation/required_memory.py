@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..laws.material_choice import state_count
 from ..solvers.columns.node_grid import ColumnGrid
 from ..system.errors import MpmgisError, SceneError
 from ..system.memory import memory_lack
@@ -109,4 +110,5 @@ def _memory_of(prepared, number):
     nodes, elevation = (east - west) * (north - south) / stage.grid.cell_size**2, prepared.terrain.elevation.nbytes
     if stage.scene.solver == "columns":
         return memory_of_columns(particles, nodes, elevation)
-    return memory_of_points(particles, nodes, elevation, stage.numerics.precision, stage.effects.material.state_count())
+    numbers = state_count(stage.effects.material)
+    return memory_of_points(particles, nodes, elevation, stage.numerics.precision, numbers)

@@ -16,7 +16,7 @@ FUNCTIONS = (*law_functions.INLINED_FUNCTIONS, *law_functions.FUNCTIONS, point_r
 
 
 def device_method(name: str) -> None:
-    """Let kernels on the device call a method of any law, as `jit.law_method` does for the processor.
+    """Let kernels on the device call a method of user-defined laws, as `jit.own_law_method` does for the processor.
 
     Parameters
     ----------
