@@ -273,7 +273,7 @@ def on_larger_cells(prepared: Prepared, factor: float) -> Prepared:
         known = read_spatial_features(one, terrain, grid, at_start, start.seen)
         places = known.in_3d(stage.effects) if one.solver == "points" else known.on_grid(stage.effects)
         numerics = replace(stage.numerics, cell_size=grid.cell_size)
-        larger = {"scene": one, "grid": grid, "known": known, "known_walls": known.walls}
+        larger = {"scene": one, "grid": grid, "known_walls": known.walls}
         stages.append(replace(stage, **larger, numerics=numerics, places=places))
     frame, lakes = start.frame, stages[0].places.lake_level
     frame = frame if lakes is None else levelled(frame, lakes, grids[0])
