@@ -298,13 +298,20 @@ def _deviator_of(scratch, q):
 
 
 @kernel_part
-def _unload(scratch):
-    """Compute the state b - I of points that yield from their elastic strain, the deviator of which is kept."""
+def _load(scratch, material):
+    """Compute the stress of each point of an elastic material."""
     for q in range(BATCH):
-        dxx, dyy, dzz, dxy, dxz, dyz = _deviator_of(scratch, q)
+        _put_stress(scratch, q, stress_of_strain(material, get(scratch, line.TRACE, q), _deviator_of(scratch, q)))
+
+
+@kernel_part
+def _unload(scratch, material):
+    """Compute the stress of each point from its elastic strain, and the state b - I of those that yield."""
+    for q in range(BATCH):
+        trace, (dxx, dyy, dzz, dxy, dxz, dyz) = get(scratch, line.TRACE, q), _deviator_of(scratch, q)
         kept, yields = get(scratch, line.KEPT, q), get(scratch, line.YIELDS, q) > 0.0
         deviator = kept * dxx, kept * dyy, kept * dzz, kept * dxy, kept * dxz, kept * dyz
-        fxx, fyy, fzz, fxy, fxz, fyz = state_of_strain(get(scratch, line.TRACE, q), deviator)
+        fxx, fyy, fzz, fxy, fxz, fyz = state_of_strain(trace, deviator)
         xxx, xyy, xzz = get(scratch, line.N0, q), get(scratch, line.N1, q), get(scratch, line.N2, q)
         xxy, xxz, xyz = get(scratch, line.N3, q), get(scratch, line.N4, q), get(scratch, line.N5, q)
         x = (
@@ -316,15 +323,7 @@ def _unload(scratch):
             fyz if yields else xyz,
         )
         _put_tensor(scratch, q, x)
-        _put_stress(scratch, q, deviator)
-
-
-@kernel_part
-def _load(scratch, material):
-    """Compute the stress of each point from its elastic strain."""
-    for q in range(BATCH):
-        deviator = _deviator_of(scratch, q)
-        _put_stress(scratch, q, stress_of_strain(material, get(scratch, line.TRACE, q), deviator))
+        _put_stress(scratch, q, stress_of_strain(material, trace, deviator))
 
 
 @kernel_part
@@ -341,9 +340,10 @@ def _strain(scratch, factors, material, softening):
     if material.kind == DRUCKER_PRAGER or material.kind == COHESIVE_MU_I:
         _find_cones(scratch, material, softening)
     _return_strain(scratch, factors.dt, material)
-    if material.kind != ELASTIC:
-        _unload(scratch)
-    _load(scratch, material)
+    if material.kind == ELASTIC:
+        _load(scratch, material)
+    else:
+        _unload(scratch, material)
 
 
 @kernel_part
