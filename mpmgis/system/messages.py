@@ -1,14 +1,21 @@
 """Messages for the user: the logger `mpmgis`, and contexts that drop, collect or delay what is logged in them.
 
+Progress is a text that the next one replaces. A program with a terminal shows it there; otherwise it is logged now and
+then.
+
 From Python, `logging.basicConfig(level="INFO")` shows the messages; the command prints them on stderr.
 """
 
 import logging
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
 log = logging.getLogger("mpmgis")
+PROGRESS_SECONDS = 10.0  # [s] between two logged texts on progress
+_display: ContextVar[Callable[[str], None] | None] = ContextVar("display", default=None)
+_logged = [-PROGRESS_SECONDS]  # [s] when the last text on progress was logged
 _sinks: ContextVar[tuple[Callable[[str], bool], ...]] = ContextVar("sinks", default=())
 
 
@@ -73,3 +80,34 @@ def details() -> Iterator[None]:
     """Log the messages of this block only where level DEBUG is enabled (`-v` of the command)."""
     with _sink(lambda text: log.isEnabledFor(logging.DEBUG)):
         yield
+
+
+@contextmanager
+def progress_shown(show: Callable[[str], None]) -> Iterator[None]:
+    """Show progress in this block, in this thread, with a function instead of the log.
+
+    Parameters
+    ----------
+    show : callable
+        Called with the text.
+    """
+    token = _display.set(show)
+    try:
+        yield
+    finally:
+        _display.reset(token)
+
+
+def show_progress(text: str) -> None:
+    """Show how far some work is: as `progress_shown` says, else as a message every PROGRESS_SECONDS.
+
+    Parameters
+    ----------
+    text : str
+    """
+    show, now = _display.get(), time.monotonic()
+    if show is not None:
+        show(text)
+    elif now - _logged[0] >= PROGRESS_SECONDS:
+        _logged[0] = now
+        log.info(text)

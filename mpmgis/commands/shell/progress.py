@@ -8,13 +8,14 @@ from contextlib import contextmanager
 from typing import Any
 
 from ...system import operating_system
+from ...system.messages import progress_shown
 from . import terminal
 
 STOPPING = "stopping at the end of this step, or of the preparation; a second Ctrl+C stops immediately"
 SIGNALS = operating_system.stop_signals()
 REPEAT_SECONDS = 1.0  # [s] `timeout` and shells send one signal to a process and to its group: it arrives twice
 LINE_SECONDS = 10.0  # [s] between progress lines without a terminal
-COMPILING = "before the first step: kernels of a new kind of run are compiled once, half a minute or more"
+BEFORE = "before the first step"
 
 
 class Interrupted(KeyboardInterrupt):
@@ -130,7 +131,8 @@ def run_progress() -> Iterator[Callable[[Any, float], None]]:
         Called with (solver, end time [s]).
     """
     if terminal.volume < 0:
-        yield lambda solver, end_time: None
+        with progress_shown(lambda text: None):
+            yield lambda solver, end_time: None
     elif sys.stderr.isatty():
         yield from _bar()
     else:
@@ -149,7 +151,7 @@ def _bar():
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress, _drawn(progress):
-        task = progress.add_task(COMPILING, total=None, speed="")
+        task = progress.add_task(BEFORE, total=None, speed="")
 
         def watch(solver, end_time):
             progress.update(
@@ -160,7 +162,8 @@ def _bar():
                 speed=f"fastest {solver.speed_max:.1f} m/s",
             )
 
-        yield watch
+        with progress_shown(lambda text: progress.update(task, description=text)):
+            yield watch
 
 
 _bars = []  # on the terminal now
@@ -218,7 +221,12 @@ def _lines():
         if lines.is_due():
             terminal.note(f"t = {solver.time:.1f} of {end_time:g} s, fastest {solver.speed_max:.1f} m/s")
 
-    yield watch
+    def show(text):
+        if lines.is_due():
+            terminal.note(text)
+
+    with progress_shown(show):
+        yield watch
 
 
 def frame_progress(done: int, total: int) -> None:
