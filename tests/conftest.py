@@ -33,6 +33,8 @@ hypothesis.settings.load_profile("busy")
 
 def pytest_configure():
     """Write the number of every signal to a pipe, whichever handler it has. Windows has no such pipe."""
+    if IS_WORKER:
+        os.environ.setdefault("MPMGIS_COMPILE_PROCESSES", "1")
     if os.name != "posix":
         return
     for end in (HEARD, HEAR):

@@ -37,8 +37,36 @@ def keep_checked(kernel: Any) -> None:
     kernel._cache._cache_file.__class__ = CheckedFiles
 
 
+def is_kept(kernel: Any, given: tuple) -> bool:
+    """Return whether the cache has a kernel compiled for these types and this processor.
+
+    Parameters
+    ----------
+    kernel : numba dispatcher
+    given : tuple of numba types
+        Of its arguments.
+    """
+    kept = kernel._cache
+    return kept._index_key(given, kernel.targetctx.codegen()) in kept._cache_file.kept_keys()
+
+
+def has_any(kernel: Any) -> bool:
+    """Return whether the cache has a kernel compiled for any types and this processor.
+
+    Parameters
+    ----------
+    kernel : numba dispatcher
+    """
+    processor = kernel.targetctx.codegen().magic_tuple()
+    return any(key[1] == processor for key in kernel._cache._cache_file.kept_keys())
+
+
 class CheckedFiles(IndexDataCacheFile):
     """The index of a kernel's compiled forms, and a file for each of them."""
+
+    def kept_keys(self) -> set:
+        """Return the keys of all compiled forms in the index."""
+        return set(self._load_index())
 
     def save(self, key: tuple, data: tuple) -> None:
         """Keep the compiled form `data`; do nothing where the disk does not take it.

@@ -1,7 +1,7 @@
 """Compiler interface: `jit`, `jit_parallel`, their disk cache, and laws as arguments of kernels.
 
-Where compiled kernels are kept, `cache_folder` decides. Set MPMGIS_CACHE_DIR to move it, NUMBA_DISABLE_JIT=1
-to run every kernel as plain Python.
+Where compiled kernels are kept, `cache_folder` decides; `compilation` compiles those of a loop side by side. Set
+MPMGIS_CACHE_DIR to move the cache, NUMBA_DISABLE_JIT=1 to run every kernel as plain Python.
 """
 
 import os

@@ -172,7 +172,12 @@ class _Start:
     affine: np.ndarray | None = None
 
 
-def prepare(given: str | Path | Mapping, laws: str | Path | None = None, device: str | None = None) -> Prepared:
+def prepare(
+    given: str | Path | Mapping,
+    laws: str | Path | None = None,
+    device: str | None = None,
+    begin: Callable[["Scene"], object] = lambda scene: None,
+) -> Prepared:
     """Read a scene with its terrain and release, seed it on the solver's grid, decide its effects.
 
     Parameters
@@ -183,6 +188,8 @@ def prepare(given: str | Path | Mapping, laws: str | Path | None = None, device:
         Python file with the user's own friction laws; it is executed.
     device : str, optional
         Replaces [numerics] device.
+    begin : callable
+        Called with the scene once its tables are checked, before its files are read.
 
     Raises
     ------
@@ -194,6 +201,7 @@ def prepare(given: str | Path | Mapping, laws: str | Path | None = None, device:
         scene = replace(scene, numerics=replace(scene.numerics, device=device))
         check_together(scene, "scene" if isinstance(given, Mapping) else Path(given).name)
     where = "scene" if isinstance(given, Mapping) else Path(given).name
+    begin(scene)
     try:
         return prepare_scene(scene)
     except InputError as error:  # a message without the file name, those of other modules with options of `seed`

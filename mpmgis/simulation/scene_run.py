@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
 from .cost_prediction import OwnPace, longest_words, need_words, predicted, prediction_line
+from .kernels_ahead import kernels_ahead
 from .measured_cost import MEMORY_SHARE
 from .preparation import prepare
 from .run_device import devices_record, require_devices
@@ -194,15 +196,16 @@ def run(
     folder = RunFolder.resumed(output) if resume else RunFolder(output, overwrite)
     if resume and not folder.record():
         log.info(f"{output} contains no run to continue: this one starts from the beginning")
-    prepared = prepare(scene, law, device)
-    device = require_devices(prepared)
-    if prepared.scene.output.rasters:
-        _require_rasters(prepared)
-    folder.refuse_inputs(input_files(scene, prepared.scene, law))
-    used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
-    ahead = require_affordable(prepared, used, confirm)
-    if not ahead.compiled:
-        warm_up(prepared)
+    with ExitStack() as stack:
+        prepared = prepare(scene, law, device, lambda checked: stack.enter_context(kernels_ahead(checked)))
+        device = require_devices(prepared)
+        if prepared.scene.output.rasters:
+            _require_rasters(prepared)
+        folder.refuse_inputs(input_files(scene, prepared.scene, law))
+        used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
+        ahead = require_affordable(prepared, used, confirm)
+        if not ahead.compiled:
+            warm_up(prepared)
     sequence, pace = StageSequence(prepared, _with_mach_warning(watch)), OwnPace(prepared, used, ahead)
     if not ahead.compiled and not resume:
         sequence.observe = pace.watching(sequence, sequence.observe)

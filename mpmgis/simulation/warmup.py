@@ -1,15 +1,13 @@
 """Compile all kernels of a run before its start: a few particles pass all its stages."""
 
-import threading
-from contextlib import contextmanager
-from contextvars import copy_context
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..compiled.compilation import complete
+from ..scene.tables import CPU
 from ..system.errors import MpmgisError
-from ..system.messages import log
 
 if TYPE_CHECKING:
     from ..conversion.solver_switch import Switched
@@ -19,7 +17,6 @@ if TYPE_CHECKING:
     from .stage import Stage
 
 FEW = 16  # particles that pass the stages
-LOG_SECONDS = 3.0  # [s] wall time of a stage after which a message is logged; loading kernels takes less
 
 
 def warm_up(prepared: "Prepared", first: int = 0) -> "list[Frame]":
@@ -41,22 +38,23 @@ def warm_up(prepared: "Prepared", first: int = 0) -> "list[Frame]":
     frames, stages = [], prepared.stages
     frame, vertical_stress, gradient = sample_of(prepared, FEW)
     for number, stage in enumerate(stages):
-        with _logged_if_slow(_words(stage, number, len(stages)) if number >= first else ""):
-            if number:
-                try:
-                    switched = switched_sample(stage, stages[number - 1], frame, prepared.terrain)
-                except MpmgisError:
-                    break
-                frame, vertical_stress, gradient = switched.frame, switched.vertical_stress, switched.gradient
-            solver = stage.solver(prepared.terrain, frame, vertical_stress, gradient)
-            if number >= first:
-                solver.advance(np.inf, max_steps=1)  # a frame after a step needs more kernels than one before
-                solver.balances()  # sums over the particles have kernels too
-            frame = replace(solver.frame(), maxima={})
-            following = stages[number + 1] if number + 1 < len(stages) else None
-            end = stage.end(prepared.terrain, following)
-            if number >= first and end.unsettled is not None:
-                end.unsettled(frame)
+        if number:
+            try:
+                switched = switched_sample(stage, stages[number - 1], frame, prepared.terrain)
+            except MpmgisError:
+                break
+            frame, vertical_stress, gradient = switched.frame, switched.vertical_stress, switched.gradient
+        solver = stage.solver(prepared.terrain, frame, vertical_stress, gradient)
+        if number >= first:
+            if stage.device == CPU:
+                complete(solver.kernel.advance, solver.step_arguments())
+            solver.advance(np.inf, max_steps=1)  # a frame after a step needs more kernels than one before
+            solver.balances()  # sums over the particles have kernels too
+        frame = replace(solver.frame(), maxima={})
+        following = stages[number + 1] if number + 1 < len(stages) else None
+        end = stage.end(prepared.terrain, following)
+        if number >= first and end.unsettled is not None:
+            end.unsettled(frame)
         frames.append(frame)
     return frames
 
@@ -97,21 +95,3 @@ def sample_of(prepared: "Prepared", most: int) -> "tuple[Frame, np.ndarray | Non
     few = np.sort(np.argsort(middle, kind="stable")[:most])
     stress, affine = ((None if of is None else of[few]) for of in (prepared.vertical_stress, prepared.affine))
     return replace(frame, particles=frame.particles.take(few), state={}, maxima={}), stress, affine
-
-
-def _words(stage, number, stages):
-    which = f"stage {number + 1} of {stages} ({stage.scene.solver})" if stages > 1 else stage.scene.solver
-    return f"preparing {which}: kernels of a new kind of run are compiled once, half a minute or more"
-
-
-@contextmanager
-def _logged_if_slow(words):
-    """Log `words`, if any, when this block has taken LOG_SECONDS."""
-    waiting = threading.Timer(LOG_SECONDS, copy_context().run, (log.info, words))
-    waiting.daemon = True
-    if words:
-        waiting.start()
-    try:
-        yield
-    finally:
-        waiting.cancel()

@@ -35,6 +35,7 @@ _ENVIRONMENT = {  # one thread each; glibc keeps freed memory, because page faul
     "MALLOC_TRIM_THRESHOLD_": KEPT_BYTES,
     "MALLOC_MMAP_THRESHOLD_": LARGEST_KEPT,
 }
+_serving = []  # True in a worker process
 
 
 @contextmanager
@@ -193,8 +194,14 @@ class _Process:
             self._process.wait()
 
 
+def is_worker() -> bool:
+    """Return whether this process is a worker process."""
+    return bool(_serving)
+
+
 def serve() -> None:
     """Execute calls in a worker process until its parent process ends or closes the pipe."""
+    _serving.append(True)
     operating_system.ignore_interrupts()
     calls, answers = os.fdopen(os.dup(0), "rb", buffering=0), os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # text printed by libraries goes to stderr

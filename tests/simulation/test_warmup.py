@@ -1,4 +1,4 @@
-"""Before a run a few particles go through all its stages: what is compiled is compiled then, and said."""
+"""Before a run a few particles go through all its stages: what is compiled is compiled then."""
 
 import subprocess
 import sys
@@ -7,14 +7,12 @@ import pytest
 from slope_site import slide, write_block_site
 
 from mpmgis.scene.scene_reading import read_toml
-from mpmgis.simulation import warmup
 from mpmgis.simulation.preparation import prepare
 from mpmgis.simulation.stage import Stage
 from mpmgis.simulation.warmup import FEW, warm_up
 from mpmgis.studies import ensemble_member
 from mpmgis.studies.ensemble_member import MemberTask, warmed
 from mpmgis.system.errors import InputError
-from mpmgis.system.messages import collected
 
 STAGES = """
 [[stage]]
@@ -61,26 +59,6 @@ def test_a_few_particles_go_through_every_stage(scene):
     frames = warm_up(prepare(scene))
     assert [frame.dimension for frame in frames] == [2, 3, 2]
     assert len(frames[0].particles) == FEW and all(len(frame.particles) for frame in frames)
-
-
-def test_each_long_stage_has_a_message(scene, monkeypatch):
-    """A timer that has run out as soon as it starts."""
-
-    class Over:
-        def __init__(self, seconds, function, arguments):
-            self.start = lambda: function(*arguments)
-
-        def cancel(self):
-            pass
-
-    monkeypatch.setattr(warmup.threading, "Timer", Over)
-    with collected() as said:
-        warm_up(prepare(scene), first=1)
-    assert [line.split(":")[0] for line in said] == [
-        "preparing stage 2 of 3 (points)",
-        "preparing stage 3 of 3 (columns)",
-    ]
-    assert all("compiled" in line for line in said)
 
 
 def test_an_error_at_a_switch_ends_the_warm_up(scene, monkeypatch):

@@ -428,11 +428,17 @@ class ColumnSolver(ColumnState):
         settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
         return self._take_steps(float(until), int(max_steps), settings)
 
+    def step_arguments(self) -> tuple:
+        """Return the arguments with which `kernel.advance` takes one step; for its compilation."""
+        return self._arguments(np.inf, 1, self._settings)
+
+    def _arguments(self, until, max_steps, settings):
+        arrays, order, nodes = self._arrays(), self._order, self._nodes
+        return arrays, order, nodes, until, max_steps, settings, self.fields, self.effects
+
     def _take_steps(self, until, max_steps, settings):
         ready_threads()
-        return kernel.advance(
-            self._arrays(), self._order, self._nodes, until, max_steps, settings, self.fields, self.effects
-        )
+        return kernel.advance(*self._arguments(until, max_steps, settings))
 
     def _arrays(self):
         """Return the present arrays of the run that change."""

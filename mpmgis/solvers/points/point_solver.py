@@ -231,8 +231,15 @@ class PointSolver(PointBalances):
     def _take_steps(self, until, after, max_steps):
         """Take the steps of `advance`, once the points push on the nodes."""
         ready_threads()
+        return kernel.advance(*self._arguments(until, after, max_steps))
+
+    def step_arguments(self) -> tuple:
+        """Return the arguments with which `kernel.advance` takes one step; for its compilation."""
+        return self._arguments(np.inf, np.inf, 1)
+
+    def _arguments(self, until, after, max_steps):
         state, places = self._kernel_state(), self._kernel_places()
-        return kernel.advance(state, places, self._order, until, after, max_steps, self._settings, self._effects)
+        return state, places, self._order, until, after, max_steps, self._settings, self._effects
 
     def _kernel_state(self):
         """Return the arrays that a step changes, as PointState."""
