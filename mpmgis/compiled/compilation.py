@@ -120,9 +120,11 @@ def complete(loop: Any, arguments: tuple) -> None:
 def processes() -> int:
     """Return the number of processes that compile: one for each core, as far as MOST_PROCESSES.
 
-    One in a worker process, which is one of many, and where no cache is written, which children could fill.
+    One in a worker process, which is one of many; where no cache can be written, which children fill; and in a program
+    with Python inside, such as QGIS, which children would start again.
     """
-    if worker_processes.is_worker() or not os.access(numba.config.CACHE_DIR, os.W_OK):
+    is_python = "python" in os.path.basename(sys.executable or "").lower()
+    if worker_processes.is_worker() or not is_python or not os.access(numba.config.CACHE_DIR, os.W_OK):
         return 1
     told = os.environ.get("MPMGIS_COMPILE_PROCESSES", "")
     return max(1, int(told) if told.isdecimal() else min(numba.config.NUMBA_NUM_THREADS, MOST_PROCESSES))
@@ -196,7 +198,8 @@ class Compilation:
             Of its arguments.
         """
         while (piece := self._taken()) is not None:
-            compile_piece(piece)
+            with suppress(Exception):  # the loop compiles what it really calls, and raises its errors
+                compile_piece(piece)
             self._left.pop(piece, None)
         for thread in self._children:
             while thread.is_alive():

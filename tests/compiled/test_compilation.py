@@ -218,11 +218,23 @@ def test_the_number_of_processes_is_that_of_cores_at_most_four(monkeypatch):
     assert processes() == 1
 
 
-def test_no_children_without_a_cache_that_they_can_fill(monkeypatch, tmp_path):
+@pytest.mark.parametrize(
+    ("of", "name", "value"), [(numba.config, "CACHE_DIR", "gone"), (sys, "executable", "qgis-bin.exe")]
+)
+def test_no_children_without_a_cache_that_they_can_fill_or_an_interpreter(monkeypatch, tmp_path, of, name, value):
     monkeypatch.setenv("MPMGIS_COMPILE_PROCESSES", "2")
     assert processes() == 2
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "gone"))
+    monkeypatch.setattr(of, name, str(tmp_path / value))
     assert processes() == 1
+
+
+def test_a_kernel_that_was_found_with_wrong_types_is_no_error(pieces, monkeypatch):
+    def fail(piece):
+        raise numba.core.errors.TypingError("no such call")
+
+    monkeypatch.setattr(compilation, "compile_piece", fail)
+    complete(Loop(pieces), call())
+    assert pieces == ["loop"]
 
 
 def test_a_loop_is_first_until_the_cache_has_it(tmp_path, monkeypatch):
