@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from ..compiled.jit import jit, jit_inline
+from ..compiled.jit import jit
 
 _POSITIVE = 1 << 40  # added to cell indices, so that they can be taken as unsigned
 
 
-@jit_inline
+@jit
 def _mix(word: np.uint64) -> np.uint64:
     """Apply SplitMix64's finaliser: a bijection of 64-bit words that avalanches (Steele, Lea, Flood 2014)."""
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -15,7 +15,7 @@ def _mix(word: np.uint64) -> np.uint64:
     return word ^ (word >> np.uint64(31))
 
 
-@jit_inline
+@jit
 def uniform(seed: int, i: int, j: int, k: int) -> float:
     """Return a random number in [0, 1) that depends on nothing but its arguments: the same for any number of threads.
 

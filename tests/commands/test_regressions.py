@@ -70,7 +70,7 @@ def test_after_every_frame_the_newest_two_have_their_state(made, tmp_path):
 
 
 def digest_of(prepared, terrain):
-    return start_digest(terrain, prepared.frame, prepared.events, *(stage.all_places() for stage in prepared.stages))
+    return start_digest(terrain, prepared.frame, prepared.events, *(stage.places for stage in prepared.stages))
 
 
 @pytest.mark.parametrize("place", [(0, 0), (ROWS - 1, COLUMNS - 1), (3, 70), (20, 12)])

@@ -19,7 +19,6 @@ from mpmgis.scene.material_table import MATERIALS
 from mpmgis.solvers.points import point_batch as line
 from mpmgis.solvers.points.grid_to_points import _strain
 from mpmgis.solvers.points.point_batch import BATCH, LINES
-from mpmgis.solvers.points.point_report import REPORT
 from mpmgis.solvers.points.point_rows import StepFactors
 
 TIME_STEP = 1e-3
@@ -40,7 +39,6 @@ CASES = {
     "fluid": (fluid(7.1e6, 5.0), NONE),
 }
 SOLIDS = [name for name in CASES if name != "fluid"]
-NO_REPORT = np.zeros(REPORT)
 STATE = line.S0, line.S1, line.S2, line.S3, line.S4, line.S5, line.S6, line.S7
 MOMENTS = line.XX, line.XY, line.XZ, line.YX, line.YY, line.YZ, line.ZX, line.ZY, line.ZZ
 
@@ -48,7 +46,7 @@ MOMENTS = line.XX, line.XY, line.XZ, line.YX, line.YY, line.YZ, line.ZX, line.ZY
 @numba.njit(fastmath=FASTMATH, error_model="numpy")
 def strain(scratch, factors, material, soft):
     """What the solver calls for a batch of points, without what follows for large strains."""
-    _strain(scratch, 0, factors, material, soft, NO_REPORT)
+    _strain(scratch, factors, material, soft)
 
 
 def given_points(name, size=0.03):

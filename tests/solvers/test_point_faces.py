@@ -179,7 +179,7 @@ def test_points_that_have_passed_a_face_are_moved_back_onto_it(degrees, way, foo
     for _ in range(12):
         before, key, report = where(rows, keys), keys[0], np.zeros((CHUNKS, REPORT))
         report[:, [BLOCK_EAST, BLOCK_NORTH]] = -1.0
-        keep_before_faces(rows, keys, 1, lowest, inside, face[None], barriers, dx, report, True)
+        keep_before_faces(rows, keys, 1, lowest, inside, face[None], barriers, dx, report)
         held = report[:, HELD_WALL].sum()
         moved = (where(rows, keys) - before) @ normal
         assert moved == pytest.approx(min(max(into - yields, 0.0), MOST_BACK) if held else 0.0, abs=1e-5)

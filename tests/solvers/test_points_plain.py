@@ -71,7 +71,7 @@ def test_steps_equal_the_plain_loop(material, contact):
     frame.particles.velocity[:] += rng.normal(size=frame.particles.velocity.shape)
     terrain = plane(30, length=40.0, width=12.0, height=60.0, pixel=4.0)
     solver = points_on(terrain, frame, DX, material, contact, time_step=DT)
-    place, velocity = plain(solver, frame, material, *contact)
+    place, velocity = plain(solver, frame, material, contact.mu, contact.xi)
     solver.advance(STEPS * DT)
     now = sorted_points(solver)
     assert solver.step == STEPS

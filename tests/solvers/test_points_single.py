@@ -11,6 +11,7 @@ from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.compiled.jit import set_threads
 from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.effect_slots import in_precision
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.laws.softening import Softening
@@ -116,7 +117,7 @@ def test_a_frame_of_the_other_precision_is_not_resumed_from():
         sliding("float32").restore(frame)
 
 
-LAW = type(SAND)(*map(np.float32, SAND)), Softening(np.float32(0.0))
+LAW = in_precision(SAND, np.float32), in_precision(Softening(), np.float32)
 ONE = np.float32(1.0)
 PARTS = {  # loops over lines -> module, whether they use integers, further arguments
     "weigh": (point_rows, True, ()),

@@ -321,12 +321,11 @@ def _unload(scratch, material):
 
 
 @kernel_part
-def _strain(scratch, count, factors, material, softening, report):
+def _strain(scratch, factors, material, softening):
     """Compute state and stress of each point after the step.
 
     It is `material_choice.stress_step` part by part, each in a loop over the batch that the compiler vectorises: 12 ns
-    instead of 130 for Drucker-Prager (measured 2026-11-21). Points whose strain is too large for the series follow one by
-    one.
+    instead of 130 for Drucker-Prager (measured 2026-11-21).
     """
     if material.kind == FLUID:
         _strain_fluid(scratch, factors, material)
@@ -339,19 +338,18 @@ def _strain(scratch, count, factors, material, softening, report):
             _load(scratch, material)
         else:
             _unload(scratch, material)
-    far = 0
-    for q in range(count):
-        far += get(scratch, line.CODE, q) == FAR_CODE
-    if far > 0:
-        report[entry.FAR] += far
-        _strain_far(scratch, count, factors, material, softening, report)
 
 
 @kernel_part
 def _strain_far(scratch, count, factors, material, softening, report):
-    """Compute state and stress of points whose strain is too large for the series, one by one."""
+    """Compute state and stress of points whose strain is too large for the series, one by one; report their number."""
     dt = factors.dt
-    g = factors.gradient * dt
+    g, far = factors.gradient * dt, 0
+    for q in range(count):
+        far += get(scratch, line.CODE, q) == FAR_CODE
+    if far == 0:
+        return
+    report[entry.FAR] += far
     for q in range(count):
         if scratch[line.CODE + q] == FAR_CODE:
             state, gradient = _state_of(scratch, q), _gradient_of(scratch, q, g)
@@ -485,7 +483,8 @@ def _advance_blocks(points, blocks, nodes, surface, part, settings, dt, next_dt,
             _weigh_moments(scratch)
             _read_tile(scratch, quads, integers, count, tile)
             _transpose_quads(scratch, quads, count)
-            _strain(scratch, count, factors, material, softening, report)
+            _strain(scratch, factors, material, softening)
+            _strain_far(scratch, count, factors, material, softening, report)
             if transfer == TURNING_GRADIENT:
                 _keep_rotation(scratch)
             _move(scratch, count, factors)
