@@ -66,7 +66,7 @@ class Typed:
 def test_a_run_shows_its_time_and_ends_well(site):
     typed = Typed(site, "run", "scene.toml")
     assert typed.ended() == 0, typed.shown
-    assert "are compiled once" in typed.shown and re.search(r"t = \d+\.\d of 30 s", typed.shown), typed.shown
+    assert "before the first step" in typed.shown and re.search(r"t = \d+\.\d of 30 s", typed.shown), typed.shown
     assert "ended: " in typed.shown and (site / "results" / "run.json").exists()
 
 
