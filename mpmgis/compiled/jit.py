@@ -116,9 +116,10 @@ def jit_borrowing(function: Callable, **more: Any) -> Callable:
     """Compile a serial function that works on its array arguments only: it neither creates nor returns arrays.
 
     References to arrays are not counted in it. A count costs as much as twenty additions, and the compiler leaves some
-    of them in loops: they took half of the 3D step (measured 2026-11-21). Only kernels call the compiled function; it
-    has no entry from Python, where it runs as plain Python. The entries took an eighth of the time to compile the 3D
-    step (measured 2026-11-28).
+    of them in loops: they took half of the 3D step (measured 2026-11-21).
+
+    The compiled function has no entry from Python, from which it runs as plain Python: these entries took an eighth of
+    the time to compile the 3D step (measured 2026-11-28).
 
     Parameters
     ----------

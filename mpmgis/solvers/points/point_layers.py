@@ -152,9 +152,9 @@ def _give(nodes, layers, count, report):
 
 
 @jit_borrowing
-def _couple(nodes, layers, count, nx, ny, nz, covered, contact, dt, settings, report):
-    """Apply drag and links to one column, whose flow covers the share `covered` of its bed."""
-    dx, density, gravity = settings.dx, settings.density, settings.gravity
+def _couple(nodes, layers, count, normal, covered, contact, rough, dt, settings, report):
+    """Apply drag and links to one column, whose flow covers the share `covered` of its bed of roughness `rough`."""
+    dx, density, gravity, (nx, ny, nz) = settings.dx, settings.density, settings.gravity, normal
     mass, px, py, pz, at_bed = _read_speeds(nodes, layers, count, nx, ny, nz)
     bed = covered * dx * dx / nz
     speed = sqrt(px * px + py * py + pz * pz) / mass
@@ -164,7 +164,6 @@ def _couple(nodes, layers, count, nx, ny, nz, covered, contact, dt, settings, re
         layers[k, PUSH_X], layers[k, PUSH_Y], layers[k, PUSH_Z] = -share * px, -share * py, -share * pz
     weight = settings.slack * layer_friction(contact) * mass * gravity * nz
     creep = CREEP * sqrt(gravity * dx) + 1e-300
-    rough = layer_roughness(contact, gravity)
     _link_layers(layers, count, mass, dx * nz, bed, density, weight, rough, creep, dt)
     _solve(layers, count)
     _give(nodes, layers, count, report)
@@ -193,6 +192,7 @@ def couple_column(
     dt: float,
     settings: Settings,
     laws: ContactLaws,
+    rough: float,
 ) -> None:
     """Apply `couple_layers` to one node column of a touched block.
 
@@ -213,6 +213,8 @@ def couple_column(
     dt : float [s]
     settings : Settings
     laws : ContactLaws
+    rough : float [1]
+        `layer_roughness` of the contact where there are no zones; computed once because it takes long.
     """
     ground, barriers, barrier = site.ground, site.barriers, laws.barrier
     nodes, touched = grid.nodes, grid.touched
@@ -235,7 +237,9 @@ def couple_column(
     if count == 0 or covered <= 0.0 or not _touches(layers, count):
         return
     contact = contact_at(laws.contact, laws.zones, site.zone_values, jj, ii)
-    _couple(nodes, layers, count, nx, ny, nz, covered, contact, dt, settings, report)
+    if laws.zones:
+        rough = layer_roughness(contact, settings.gravity)
+    _couple(nodes, layers, count, (nx, ny, nz), covered, contact, rough, dt, settings, report)
 
 
 @jit_parallel
@@ -270,10 +274,10 @@ def couple_layers(
     contact, zones, barrier
         As of `ContactLaws`.
     """
-    n_touched, depth = grid.count, window.depth
+    n_touched, depth, rough = grid.count, window.depth, layer_roughness(contact, settings.gravity)
     for c in prange(CHUNKS):
         laws, mine = ContactLaws(contact, zones, barrier), report[c]
         layers = np.zeros((depth * BLOCK, LAYER_ENTRIES))
         for t in range(c * n_touched // CHUNKS, (c + 1) * n_touched // CHUNKS):
             for column in range(BLOCK * BLOCK):
-                couple_column(t, column, grid, window, site, column_mass, layers, mine, dt, settings, laws)
+                couple_column(t, column, grid, window, site, column_mass, layers, mine, dt, settings, laws, rough)
