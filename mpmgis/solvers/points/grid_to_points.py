@@ -325,8 +325,8 @@ def _strain(scratch, count, factors, material, softening, report):
     """Compute state and stress of each point after the step.
 
     It is `material_choice.stress_step` part by part, each in a loop over the batch that the compiler vectorises: 12 ns
-    instead of 130 for Drucker-Prager (measured 2026-11-21). Points whose strain is too large for the series follow one by
-    one.
+    instead of 130 for Drucker-Prager (measured 2026-11-21). Points whose strain is too large for the series follow one
+    by one.
     """
     if material.kind == FLUID:
         _strain_fluid(scratch, factors, material)
@@ -441,16 +441,10 @@ def _yield_work(scratch, count):
         put(scratch, line.YIELDED, q, get(scratch, line.YIELDED, q) + work)
 
 
+# the loops too are inlined into `_strain`: it takes 31 numbers of laws once a batch, which saves a tenth of the step
 for _part in (
     *(_state_of, _gradient_of, _put_stress, _put_tensor, _strain_of, _put_returned, _deviator_of),
-    *(
-        _strain_fluid,
-        _stretch,
-        _find_cones,
-        _return_strain,
-        _load,
-        _unload,
-    ),  # 31 numbers of laws are passed once a batch
+    *(_strain_fluid, _stretch, _find_cones, _return_strain, _load, _unload),
 ):
     law_function(_part)
 
