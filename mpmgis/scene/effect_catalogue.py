@@ -61,5 +61,6 @@ def quantities(table: type) -> dict[str, str]:
 
 
 def _entry(table: str, law: str | None, described: type, parameters: dict[str, str]) -> dict[str, Any]:
-    what = described.__doc__.strip().splitlines()[0]
+    what = described.__doc__.strip().splitlines()[0].removeprefix("Compute ").removeprefix("Return ")
+    what = what[0].upper() + what[1:]
     return {"table": table, "law": law, "what": what, "parameters": parameters}

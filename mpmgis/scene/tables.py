@@ -268,12 +268,7 @@ class ZoneTable:
         example="zones.gpkg",
         file=True,
     )
-    use: str = _key(
-        "auto: on where a parameter differs by more than 2 % in reach; off: this zone is not used",
-        "auto",
-        str,
-        choices=USE,
-    )
+    use: str = _key("auto and on: it acts; off: this zone is not used", "auto", str, choices=USE)
     parameters: dict = field(default_factory=dict, metadata={"by_place": "mu = 0.3"})
 
 
@@ -332,7 +327,7 @@ class EntrainmentTable:
         "of the bed [kg m-3]; default that of the flow", None, low=1.0, high=30000.0, example=200.0
     )
     lower_bed: bool = _key("the bed is lowered by the eroded thickness", False, kind=bool)
-    use: str = _key("auto: on where more than 5 % of the released mass is in reach", "auto", str, choices=USE)
+    use: str = _key("auto and on: the bed erodes; off: it does not", "auto", str, choices=USE)
     parameters: dict = field(default_factory=dict, metadata={"parameters_of": entrainment.LAWS})
 
 
@@ -423,7 +418,7 @@ class BarrierTable:
     width: float | None = _key("of a wall that is drawn as a line [m]", None, low=0.0, above=True, example=2.0)
     mu: float = _key("friction of the flow along the wall [1]", 0.0, low=0.0, high=10.0)
     name: str | None = _key("in results; without it the column name, or the file's name", None, kind=str, example="dam")
-    use: str = _key("auto: on if the flow can reach it; off: not used", "auto", str, choices=USE)
+    use: str = _key("auto and on: it stands there; off: not used", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,6 @@ class StageSequence:
                 self._resumed,
                 prepared.events,
                 self._end,
-                lambda taken: log.info(taken.line()),
             )
             for frame in integration:
                 self._log_troubles(integration.troubles)

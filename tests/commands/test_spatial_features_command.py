@@ -35,10 +35,10 @@ def test_zones_slow_the_flow_where_they_lie(site, capsys):
     write_shapes(site / "zones.gpkg", [shapely.box(0, 0, 800, 400), shapely.box(300, 0, 800, 400)], rough=[0.2, 0.4])
     zones = SCENE + '[[zones]]\nsource = "zones.gpkg"\nmu = "rough"\n'
     assert run(site, zones) == 0
-    assert state_of(site, "zones")[:2] == ("on", "auto")
+    assert state_of(site, "zones")[:2] == ("on", "scene")
     assert centre(site) < plain - 5.0
     assert run(site, SCENE + '[[zones]]\nsource = "zones.gpkg"\nmu = 0.2\n') == 0
-    assert state_of(site, "zones") == ("off", "auto", 0.0)
+    assert state_of(site, "zones") == ("on", "scene", 0.0)
     assert centre(site) == plain
 
 

@@ -36,23 +36,25 @@ def test_hergartens_modified_voellmy():
 
 @pytest.mark.thorough
 def test_bingham():
-    law = friction_law("Bingham", 500.0, 200.0)
+    yield_stress, viscosity = 500.0, 200.0
+    law = friction_law("Bingham", yield_stress, viscosity)
     speed, depth = slab_speed(law, 15.0, 12.0)
     driving = DENSITY * G * depth * np.sin(np.radians(15.0))
-    z = law.yield_stress / driving
-    exact = driving * depth / (6.0 * law.viscosity) * (1.0 - z) ** 2 * (2.0 + z)
+    z = yield_stress / driving
+    exact = driving * depth / (6.0 * viscosity) * (1.0 - z) ** 2 * (2.0 + z)
     assert speed == pytest.approx(exact, rel=0.01)
 
 
 @pytest.mark.thorough
 def test_pouliquen():
     theta = np.radians(25.0)
-    law = friction_law("Pouliquen", float(np.tan(np.radians(21.0))), float(np.tan(np.radians(31.0))), 0.136, 0.05)
+    mu1, mu2, beta, length = np.tan(np.radians(21.0)), np.tan(np.radians(31.0)), 0.136, 0.05
+    law = friction_law("Pouliquen", mu1, mu2, beta, length)
     speed, depth = slab_speed(law, 25.0, 25.0)
-    scale = law.beta * depth * np.sqrt(G * np.cos(theta) * depth) / law.length
+    scale = beta * depth * np.sqrt(G * np.cos(theta) * depth) / length
     exact, dt = 0.0, 1e-3  # of a point; after 25 s it is 7 % below its terminal speed
     for _ in range(25000):
-        mu = law.mu1 + (law.mu2 - law.mu1) * exact / (exact + scale)
+        mu = mu1 + (mu2 - mu1) * exact / (exact + scale)
         exact += dt * G * np.cos(theta) * (np.tan(theta) - mu)
     assert speed == pytest.approx(exact, rel=0.01)
 

@@ -13,7 +13,6 @@ from mpmgis.laws.ground_metric import WATER
 from mpmgis.simulation.effect_cost import STEPS, effect_costs, under_way, without_each
 from mpmgis.simulation.release_events import Events
 from mpmgis.system.errors import SceneError
-from mpmgis.system.messages import collected
 
 
 def test_each_effect_is_left_out_and_nothing_else():
@@ -66,13 +65,11 @@ class Timed:
 def test_shares_are_what_a_step_saves_whatever_disturbs_some_of_them():
     effects = ColumnEffects(friction_law("Coulomb", 0.3), cohesion=50.0)
     solver = Timed(effects, friction=0.03, cohesion=0.05, rest=0.02)
-    with collected() as said:
-        costs = effect_costs(solver, 3, lambda: solver.now)
+    costs = effect_costs(solver, 3, lambda: solver.now)
     assert costs.shares == pytest.approx({"friction": 0.3, "cohesion": 0.5})
     assert costs.noise == pytest.approx(0.0, abs=1e-9) and costs.step_seconds == pytest.approx(0.1)
     assert (costs.columns, costs.time) == (50, 7.0)
     assert (solver.step, solver.effects) == (3, effects)
-    assert [line for line in said if "compiled" in line] == said and len(said) == 2
 
 
 def test_a_machine_that_slows_down_is_reported_as_noise():

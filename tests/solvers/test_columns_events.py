@@ -8,7 +8,7 @@ from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
 from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.friction import FRICTIONLESS, friction_law
+from mpmgis.laws.friction import FRICTIONLESS, friction_law, parameters_of
 from mpmgis.laws.ground_metric import WATER
 from mpmgis.simulation.release_events import Events, inlet_of, secondary_releases
 from mpmgis.simulation.time_integration import TimeIntegration
@@ -122,8 +122,9 @@ def test_a_steady_inflow_into_a_pool_pushes_as_deep_water_does():
 def test_a_steady_inflow_runs_down_a_slope_as_normal_flow():
     """h u = q and sin = mu cos + U^2 / (xi h_n) far behind the front; mass is the integral of discharge."""
     q, width, end = 4.0, 4.0, 50.0
-    drive = np.sin(SLOPE) - RUNNY.mu * np.cos(SLOPE)
-    speed = (RUNNY.xi * q * drive) ** (1 / 3)
+    mu, xi = parameters_of(RUNNY).values()
+    drive = np.sin(SLOPE) - mu * np.cos(SLOPE)
+    speed = (xi * q * drive) ** (1 / 3)
     flow = table([0, 100], discharge=[q * width] * 2, speed=[speed] * 2)
     solver = slope_solver(nothing(), length=200.0)
     events = Events([inlet_of(area(4, 12, 0, width, 0.25), flow, solver.grid, end)])

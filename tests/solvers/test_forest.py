@@ -378,9 +378,7 @@ def _passes(solver, plain):
     width, height = east - west + 1, north - south + 1
     places = np.arange((width + 1) * (height + 1), dtype=np.int32)
     touched = TouchedBlocks(places, len(places), west, south, width, height)
-    function(column_forest.find_shares)(
-        nodes, fields, touched, 0.1, settings_, effects.forest, effects.metric, effects.entrainment
-    )
+    function(column_forest.find_shares)(nodes, fields, touched, 0.1, settings_, effects.metric, effects.entrainment)
     shares = fields.forest_share.copy()
     n = int(counts[column_time_step.ROWS])
     order = np.arange(n, dtype=np.int32)
@@ -391,7 +389,7 @@ def _passes(solver, plain):
     momentum[..., 1:3] *= momentum[..., :1]
     momentum[..., 3] = 0.5 * momentum[..., 0] * 25.0
     fields.forest_state[..., column_forest.TREES] = 0.0
-    function(column_forest.break_forest)(momentum, fields, touched, report, settings_, effects.forest, effects.metric)
+    function(column_forest.break_forest)(momentum, fields, touched, report, settings_, effects.metric)
     resistance = [
         function(column_forest.added_resistance)(fields.forest, fields.forest_state, j, i, 9.0)
         for j, i in np.ndindex(fields.forest_share.shape)

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
-from ...compiled.jit import jit
+from ...compiled.jit import jit, jit_borrowing, jit_inline
 from ...compiled.simd_lanes import get, get_of_four, put
 from ...laws.curvature import TURN, turned_velocity
 from ...laws.entrainment import NO_EROSION, Entrainment
-from ...laws.ground_metric import cosine_squared, metric_gradient
+from ...laws.ground_metric import SLOPE, WATER, cosine_squared, metric_gradient
 from .column_records import Settings
 from .column_report import (
     AREA_FACTOR_MAX,
@@ -111,7 +111,7 @@ class MotionLaws(NamedTuple):
     entrainment: Entrainment
 
 
-@jit
+@jit_borrowing
 def move(
     scratch: np.ndarray,
     moved: np.ndarray,
@@ -145,6 +145,14 @@ def move(
     (int, int)
         Number of limited factors of area, and of limited areas.
     """
+    if entrainment.kind != NO_EROSION:
+        return _move(scratch, moved, quads, count, dx, dt, True)
+    return _move(scratch, moved, quads, count, dx, dt, False)
+
+
+@jit_inline
+def _move(scratch, moved, quads, count, dx, dt, erodes):
+    """The loop of `move`, compiled apart for flows that erode; it is vectorised."""
     factors, thin = 0, 0
     inverse_dx = 1.0 / dx
     four = 4.0 * inverse_dx
@@ -154,7 +162,7 @@ def move(
         ux, vx = get_of_four(quads, Q_ALONG_X, k, NODE_X), get_of_four(quads, Q_ALONG_X, k, NODE_Y)
         uy, vy = get_of_four(quads, Q_ALONG_Y, k, NODE_X), get_of_four(quads, Q_ALONG_Y, k, NODE_Y)
         kept = 1.0  # share of the mass, and with it of the velocity, that is not new
-        if entrainment.kind != NO_EROSION:
+        if erodes:
             gain = get_of_four(quads, Q_MEAN, k, NODE_GAIN)
             gain_x, gain_y = get_of_four(quads, Q_ALONG_X, k, NODE_GAIN), get_of_four(quads, Q_ALONG_Y, k, NODE_GAIN)
             kept = 1.0 / (1.0 + gain)
@@ -345,7 +353,7 @@ def book_out(
             put(moved, L_Y, k, get(scratch, L_Y, k))
 
 
-@jit
+@jit_borrowing
 def turn(
     scratch: np.ndarray,
     moved: np.ndarray,
@@ -380,8 +388,20 @@ def turn(
     settings : Settings
     laws : MotionLaws
     """
+    if laws.metric == WATER:
+        _turn(scratch, moved, quads, count, times, bound, settings, WATER, False)
+    elif laws.curvature & TURN:
+        _turn(scratch, moved, quads, count, times, bound, settings, SLOPE, True)
+    else:
+        _turn(scratch, moved, quads, count, times, bound, settings, SLOPE, False)
+    if laws.entrainment.kind != NO_EROSION:
+        _take_up(scratch, moved, quads, count, times.ahead, settings, laws.metric)
+
+
+@jit_inline
+def _turn(scratch, moved, quads, count, times, bound, settings, metric, turns):
+    """The loop of `turn`, compiled apart for each metric and for curvature; it is vectorised."""
     dx, density, gravity = settings.dx, settings.density, settings.gravity
-    metric, curvature, entrainment = laws.metric, laws.curvature, laws.entrainment
     behind, driven, ahead = times.behind, times.dt - times.ahead, times.ahead
     bound_bed, bound_energy, wave_factor = bound.bed, bound.energy, bound.wave_factor
     inverse_dx = 1.0 / dx
@@ -408,18 +428,12 @@ def turn(
         c2_before = cosine_squared(mx, my)
         put(moved, L_WORK, k, per_area * c2_before * spread - mass * gravity * climbed)
         climbs = u * slope_x + v * slope_y
-        if curvature & TURN:
+        if turns:
             u, v = turned_velocity(u, v, old_x, old_y, slope_x, slope_y)
         turned = mass * gravity * ahead * (u * slope_x + v * slope_y - climbs)
         mx, my = metric_gradient(metric, slope_x, slope_y)
         c2 = cosine_squared(mx, my)
         put(moved, L_BENT, k, per_area * mass * mass / area * (c2 - c2_before) - turned)
-        if entrainment.kind != NO_EROSION:
-            grown = get(moved, L_MASS, k)
-            late = (grown - mass) * gravity * ahead * (u * slope_x + v * slope_y)
-            put(moved, L_WORK, k, get(moved, L_WORK, k) + late)
-            thicker = per_area * c2 * (grown * grown - mass * mass) / area
-            put(moved, L_TAKEN, k, (grown - mass) * gravity * bed_here + thicker)
         w = u * mx + v * my
         horizontal2 = u * u + v * v
         wave2 = wave_factor * gravity * get(moved, L_MASS, k) / (density * get(moved, L_AREA, k))
@@ -433,7 +447,25 @@ def turn(
         put(moved, L_BOUND, k, BOUND_SLACK * (2.0 * gravity * max(bound_bed - bed_here, 0.0) + bound_energy))
 
 
-@jit
+@jit_borrowing
+def _take_up(scratch, moved, quads, count, ahead, settings, metric):
+    """Complete the work of the weight by that on mass that was taken up, and compute the energy of that mass."""
+    per_area = 0.5 * settings.gravity / settings.density
+    for k in range(count):
+        bed_here = get(moved, L_WX0, k) * get_of_four(quads, Q_BED, k, 0)
+        bed_here += get(moved, L_WX1, k) * get_of_four(quads, Q_BED, k, 1)
+        bed_here += get(moved, L_WX2, k) * get_of_four(quads, Q_BED, k, 2)
+        slope_x, slope_y = get(moved, L_GX, k), get(moved, L_GY, k)
+        mass, grown, area = get(scratch, L_MASS, k), get(moved, L_MASS, k), get(moved, L_AREA, k)
+        taken = (grown - mass) * settings.gravity
+        late = taken * ahead * (get(moved, L_U, k) * slope_x + get(moved, L_V, k) * slope_y)
+        put(moved, L_WORK, k, get(moved, L_WORK, k) + late)
+        mx, my = metric_gradient(metric, slope_x, slope_y)
+        thicker = per_area * cosine_squared(mx, my) * (grown * grown - mass * mass) / area
+        put(moved, L_TAKEN, k, taken * bed_here + thicker)
+
+
+@jit_borrowing
 def survey(
     moved: np.ndarray,
     stays: np.ndarray,
@@ -466,12 +498,13 @@ def survey(
     kinetic, moving, flowing, entrained = part[KINETIC], part[MOVING], part[FLOWING], part[ENTRAINED]
     work, bent, taken, limited = part[WORK], part[BENT], part[ENTRAINED_POTENTIAL], part[LIMITED_LOSS]
     fastest2 = part[FASTEST2]
+    if entrainment.kind != NO_EROSION:
+        for k in range(count):
+            entrained += get(moved, L_GAINED, k)
+            taken += get(moved, L_TAKEN, k)
     for k in range(count):
         work += get(moved, L_WORK, k)
         bent += get(moved, L_BENT, k)
-        if entrainment.kind != NO_EROSION:
-            entrained += get(moved, L_GAINED, k)
-            taken += get(moved, L_TAKEN, k)
         if stays[k] == 0:
             continue
         mass, speed2, bound = get(moved, L_MASS, k), get(moved, L_SPEED2, k), get(moved, L_BOUND, k)

@@ -297,7 +297,7 @@ def update_node(
             decelerated += trees_dry
             drawn += trees_drag
         slowed = slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)
-        for _ in range(CHORDS - 1):
+        for _ in range(CHORDS - 1 if viscous > 0.0 else 0):
             if viscous > 0.0 and slowed > 0.0:
                 _, viscous, _ = stress_parts(law, density, gravity, normal_stress, normal_thickness, slowed)
                 slowed = slowed_speed(speed, dt, decelerated, viscous * per_mass, drawn)

@@ -71,6 +71,9 @@ BATCH = 32
     L_BENT,  # [J] potential energy gained as the slope of the bed changes
 ) = range(0, 36 * BATCH, BATCH)
 LINES = 36 * BATCH
+# in the transfer to the grid, in place of offsets
+L_PRESSED = L_SX  # [kg m] A rho h^2, by which columns push
+L_DRIVEN = L_MX  # [kg] mass that is driven downhill
 QUAD = 4 * BATCH  # groups of four numbers, one group a column
 QUADS = 6 * QUAD
 # groups of four

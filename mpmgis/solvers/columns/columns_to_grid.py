@@ -10,9 +10,9 @@ import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.block_order import CHUNKS
-from ...compiled.jit import jit, jit_inline, jit_parallel, prange
+from ...compiled.jit import jit, jit_borrowing, jit_inline, jit_parallel, prange
 from ...compiled.simd_lanes import get, load, multiply_add, put, put_four, store
-from ...laws.ground_metric import cosine_squared, metric_gradient
+from ...laws.ground_metric import SLOPE, WATER, cosine_squared, metric_gradient
 from ...laws.internal_stress import (
     EarthPressure,
     InPlaneViscosity,
@@ -32,9 +32,11 @@ from .column_rows import (
     L_CXY,
     L_CYX,
     L_CYY,
+    L_DRIVEN,
     L_GX,
     L_GY,
     L_MASS,
+    L_PRESSED,
     L_U,
     L_V,
     L_WX0,
@@ -66,7 +68,7 @@ class StressLaws(NamedTuple):
     viscosity: InPlaneViscosity
 
 
-@jit
+@jit_borrowing
 def pressure_impulses(
     scratch: np.ndarray,
     quads: np.ndarray,
@@ -110,6 +112,55 @@ def pressure_impulses(
     int
         Number of columns whose apparent viscosity was limited.
     """
+    _weigh_push(scratch, count, settings.density)
+    if laws.still_water:
+        _take_still_water(scratch, count, bed, lake_level, settings)
+    if not is_hydrostatic(laws.earth_pressure):
+        _apply_earth_pressure(scratch, count, dt, laws.earth_pressure)
+    if laws.metric == WATER:
+        if is_viscous(laws.viscosity):
+            return _impulses(scratch, quads, place, count, i_block, j_block, dt, settings, laws.viscosity, WATER, True)
+        return _impulses(scratch, quads, place, count, i_block, j_block, dt, settings, laws.viscosity, WATER, False)
+    if is_viscous(laws.viscosity):
+        return _impulses(scratch, quads, place, count, i_block, j_block, dt, settings, laws.viscosity, SLOPE, True)
+    return _impulses(scratch, quads, place, count, i_block, j_block, dt, settings, laws.viscosity, SLOPE, False)
+
+
+@jit_borrowing
+def _weigh_push(scratch, count, density):
+    """Compute what pushes columns apart, A rho h^2, and what drives them downhill, their mass."""
+    for k in range(count):
+        mass, area = get(scratch, L_MASS, k), get(scratch, L_AREA, k)
+        put(scratch, L_PRESSED, k, mass * mass / (density * area))
+        put(scratch, L_DRIVEN, k, mass)
+
+
+@jit_borrowing
+def _take_still_water(scratch, count, bed, lake_level, settings):
+    """Take away from both what balances in a lake at rest."""
+    density, inverse_dx = settings.density, 1.0 / settings.dx
+    for k in range(count):
+        x, y, area = get(scratch, L_X, k), get(scratch, L_Y, k), get(scratch, L_AREA, k)
+        level = lake_level[int(y * inverse_dx), int(x * inverse_dx)]
+        bed_here = bed_at(bed, x, y, inverse_dx)[0]
+        still = density * area * reference_depth(bed_here, level)
+        put(scratch, L_PRESSED, k, get(scratch, L_PRESSED, k) - still * still / (density * area))
+        put(scratch, L_DRIVEN, k, get(scratch, L_DRIVEN, k) - still)
+
+
+@jit_borrowing
+def _apply_earth_pressure(scratch, count, dt, earth_pressure):
+    """Multiply the push by the factor of earth pressure."""
+    for k in range(count):
+        u, v = get(scratch, L_U, k), get(scratch, L_V, k)
+        two_dxy = get(scratch, L_CXY, k) + get(scratch, L_CYX, k)
+        rate = _stretching_rate(u, v, get(scratch, L_CXX, k), two_dxy, get(scratch, L_CYY, k))
+        put(scratch, L_PRESSED, k, get(scratch, L_PRESSED, k) * pressure_factor(earth_pressure, rate, dt))
+
+
+@jit_inline
+def _impulses(scratch, quads, place, count, i_block, j_block, dt, settings, viscosity, metric, is_stiff):
+    """The main loop of `pressure_impulses`, compiled apart for each metric and for viscous flow; it is vectorised."""
     dx, density, gravity = settings.dx, settings.density, settings.gravity
     inverse_dx = 1.0 / dx
     stiff = 0
@@ -121,30 +172,22 @@ def pressure_impulses(
         i0, fx, wx0, wx1, wx2 = weights(x, inverse_dx)
         j0, fy, wy0, wy1, wy2 = weights(y, inverse_dx)
         put(place, 0, k, ((j0 - j_block) * TILE + i0 - i_block) * 4)
-        metric_x, metric_y = metric_gradient(laws.metric, slope_x, slope_y)
+        metric_x, metric_y = metric_gradient(metric, slope_x, slope_y)
         c2 = cosine_squared(metric_x, metric_y)
-        pressed, driven = mass * mass / (density * area), mass  # A rho h^2, and m
-        if laws.still_water:
-            level = lake_level[int(y * inverse_dx), int(x * inverse_dx)]
-            bed_here = bed_at(bed, x, y, inverse_dx)[0]
-            still = density * area * reference_depth(bed_here, level)
-            pressed -= still * still / (density * area)
-            driven -= still
+        pressed, driven = get(scratch, L_PRESSED, k), get(scratch, L_DRIVEN, k)
         cxx, cxy, cyx, cyy = (
             get(scratch, L_CXX, k),
             get(scratch, L_CXY, k),
             get(scratch, L_CYX, k),
             get(scratch, L_CYY, k),
         )
-        if not is_hydrostatic(laws.earth_pressure):
-            pressed *= pressure_factor(laws.earth_pressure, _stretching_rate(u, v, cxx, cxy + cyx, cyy), dt)
         push = dt * 0.5 * gravity * c2 * pressed * inverse_dx
         along_xx, along_xy = 1.0 - c2 * metric_x * metric_x, -c2 * metric_x * metric_y
         along_yy = 1.0 - c2 * metric_y * metric_y
         push_xx, push_xy, push_yx, push_yy = push * along_xx, push * along_xy, push * along_xy, push * along_yy
-        if is_viscous(laws.viscosity):
+        if is_stiff:
             dxy = 0.5 * (cxy + cyx)
-            apparent = apparent_viscosity(laws.viscosity, mass / (density * area), u, v, cxx, dxy, cyy)
+            apparent = apparent_viscosity(viscosity, mass / (density * area), u, v, cxx, dxy, cyy)
             largest = STABLE_SHARE * density * dx * dx / dt
             stiff += apparent > largest
             drawn = 2.0 * min(apparent, largest) * dt * inverse_dx * mass / density

@@ -189,9 +189,12 @@ def _run_with_turns(manager, block, places, arguments):
 
 @cache
 def _waits(function):
-    """Return whether a kernel, or a function of this package that it calls, waits for other threads."""
+    """Return whether a kernel, or a function of this package that it calls, waits for other threads.
+
+    A function may call a method of its own name.
+    """
     names = set(function.__code__.co_names)
-    called = (value for name, value in function.__globals__.items() if name in names)
+    called = (value for name, value in function.__globals__.items() if name in names and value is not function)
     return bool(names & WAITS) or any(_waits(value) for value in called if _is_ours(value))
 
 

@@ -26,7 +26,7 @@ from ..columns.column_rows import NODE_MASS
 from ..columns.column_time_step import TIME
 from ..columns.spline_bed import bed_at
 from .device_column_sort import DT, KICK, node_at, nodes_of, window_of
-from .device_functions import REGISTERS, Kernel, capped
+from .device_functions import Kernel, capped
 from .launch import STATUS
 
 # entries of a thread's report after those of the CPU's
@@ -182,7 +182,7 @@ def collect_held(run: np.ndarray, stage: np.ndarray, report: np.ndarray, sums: n
         lost[b] = collect_barrier(report, sums, b, stage[KICK], 0.0)
 
 
-@capped(double=REGISTERS)
+@capped(double=112)
 def update_nodes(
     run: np.ndarray,
     stage: np.ndarray,

@@ -4,12 +4,7 @@ import numba
 import numpy as np
 from numba import types
 
-from mpmgis.laws import friction as laws
-from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.effect_slots import ColumnEffects
-from mpmgis.laws.entrainment import entrainment_law
-from mpmgis.laws.ground_metric import WATER
-from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
 from mpmgis.solvers.columns.column_motion import MotionLaws
 from mpmgis.solvers.columns.column_nodes import NodeLaws
 from mpmgis.solvers.columns.column_records import NodeFields, Settings
@@ -42,21 +37,7 @@ SETTINGS = Settings(
     stop_at_rest=True,
     keep_peaks=True,
 )
-EFFECTS = {
-    "plain": ColumnEffects(laws.friction_law("Voellmy", 0.2, 800.0)),
-    "all": ColumnEffects(
-        laws.friction_law("Bingham", 100.0, 10.0),
-        True,
-        10.0,
-        curvature=CURVATURE,
-        earth_pressure=earth_pressure(35.0, 20.0),
-        viscosity=InPlaneViscosity(10.0, 100.0),
-        entrainment=entrainment_law("ErosionEnergy", 500.0, 1e-3),
-        barrier=True,
-        forest=True,
-    ),
-    "water": ColumnEffects(laws.friction_law("Pouliquen", 0.38, 0.6, 0.136, 0.05), metric=WATER, still_water=True),
-}
+EFFECTS = ColumnEffects()  # numbers of the same types, whatever the laws
 FIELDS = NodeFields(
     *(np.zeros((1,) * dimensions) for dimensions in (2, 3)),
     np.zeros((1, 1), np.uint8),
@@ -68,9 +49,9 @@ GRID = FlatGrid(LINE, LINE, FIELDS.bed, FIELDS.inside)
 RUN_SUMS = RunSums(LINE, np.zeros(1, np.int64), FIELDS.bed, LINE)
 
 
-def chosen(record, effects):
+def chosen(record):
     """Type of the `record` of some of the effects."""
-    return numba.typeof(record(*(getattr(effects, name) for name in record._fields)))
+    return numba.typeof(record(*(getattr(EFFECTS, name) for name in record._fields)))
 
 
 def array(kind, dimensions):
@@ -123,111 +104,97 @@ def signatures():
         ("clear_shares", run, window, bed),
     ):
         yield name, getattr(device_column_detrainment, name), arguments
-    for label, effects in EFFECTS.items():
-        law = effects._replace(**{name: numba.typeof(value) for name, value in effects._asdict().items()})
-        stress, motion, moving = (chosen(laws, effects) for laws in (StressLaws, MotionLaws, NodeLaws))
-        for module, name, *arguments in (
-            (
-                device_column_transfer,
-                "columns_to_grid",
-                run,
-                stage,
-                rows,
-                order,
-                start,
-                window,
-                tiles,
-                fields,
-                settings,
-                stress,
-            ),
-            (
-                device_column_transfer,
-                "grid_to_columns",
-                run,
-                stage,
-                clock,
-                rows,
-                keys,
-                order,
-                grid,
-                window,
-                reports,
-                settings,
-                motion,
-                f8,
-            ),
-            (
-                device_column_nodes,
-                "hold_at_barriers",
-                run,
-                stage,
-                nodes,
-                window,
-                fields,
-                array(i4, 2),
-                rows,
-                settings,
-                law.metric,
-            ),
-            (
-                device_column_nodes,
-                "update_nodes",
-                run,
-                stage,
-                nodes,
-                window,
-                fields,
-                wet,
-                bed,
-                reports,
-                settings,
-                moving,
-            ),
-            (device_column_nodes, "lower_bed", run, window, bed, bed, f8),
-            (
-                device_column_nodes,
-                "note_peaks",
-                run,
-                stage,
-                clock,
-                nodes,
-                window,
-                nodes,
-                peaks,
-                settings,
-                law.metric,
-                law.entrainment,
-            ),
-            (
-                device_column_reports,
-                "collect_reports",
-                run,
-                stage,
-                run_sums,
-                reports,
-                reports,
-                rows,
-                order,
-                window,
-                sums,
-                settings,
-                law.barrier,
-                law.forest,
-            ),
-            (
-                device_column_detrainment,
-                "take_losses",
-                run,
-                clock,
-                rows,
-                keys,
-                order,
-                fields,
-                rows,
-                reports,
-                settings,
-                law.metric,
-            ),
-        ):
-            yield f"{name} {label}", getattr(module, name), arguments
+    law = EFFECTS._replace(**{name: numba.typeof(value) for name, value in EFFECTS._asdict().items()})
+    stress, motion, moving = (chosen(laws) for laws in (StressLaws, MotionLaws, NodeLaws))
+    for module, name, *arguments in (
+        (
+            device_column_transfer,
+            "columns_to_grid",
+            run,
+            stage,
+            rows,
+            order,
+            start,
+            window,
+            tiles,
+            fields,
+            settings,
+            stress,
+        ),
+        (
+            device_column_transfer,
+            "grid_to_columns",
+            run,
+            stage,
+            clock,
+            rows,
+            keys,
+            order,
+            grid,
+            window,
+            reports,
+            settings,
+            motion,
+            f8,
+        ),
+        (
+            device_column_nodes,
+            "hold_at_barriers",
+            run,
+            stage,
+            nodes,
+            window,
+            fields,
+            array(i4, 2),
+            rows,
+            settings,
+            law.metric,
+        ),
+        (device_column_nodes, "update_nodes", run, stage, nodes, window, fields, wet, bed, reports, settings, moving),
+        (device_column_nodes, "lower_bed", run, window, bed, bed, f8),
+        (
+            device_column_nodes,
+            "note_peaks",
+            run,
+            stage,
+            clock,
+            nodes,
+            window,
+            nodes,
+            peaks,
+            settings,
+            law.metric,
+            law.entrainment,
+        ),
+        (
+            device_column_reports,
+            "collect_reports",
+            run,
+            stage,
+            run_sums,
+            reports,
+            reports,
+            rows,
+            order,
+            window,
+            sums,
+            settings,
+            law.barrier,
+            law.forest,
+        ),
+        (
+            device_column_detrainment,
+            "take_losses",
+            run,
+            clock,
+            rows,
+            keys,
+            order,
+            fields,
+            rows,
+            reports,
+            settings,
+            law.metric,
+        ),
+    ):
+        yield name, getattr(module, name), arguments

@@ -22,7 +22,8 @@ MORE = {
     "press_on_crests": (LIMIT, 112),
     "weigh_face": (LIMIT, 136),
     "settle_faces": (LIMIT, 136),
-    "columns_to_grid all": (LIMIT, 128),
+    "columns_to_grid": (LIMIT, 128),
+    "update_nodes": (LIMIT, 112),
     "grid_to_columns": (LIMIT, 128),
 }
 # kernels for float32 points that compute in double precision on purpose: the clock, sums of a run, outflow
