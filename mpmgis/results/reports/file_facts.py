@@ -25,9 +25,10 @@ from ...frames.frame_digest import check_kept, check_result
 from ...frames.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE, read_record
 from ...frames.run_maps import has_rasters
 from ...scene import read_scene
-from ...system.disguised_files import require_local
 from ...system.errors import FormatError, InputError, MpmgisError, one_line
+from ...system.file_references import require_local
 from ...system.hdf5_reading import opened_whole, require_memory
+from ...system.source_names import file_of
 from ...terrain.georeference import name_of
 from .map_facts import project_facts, raster_facts, vector_facts
 from .particle_facts import PEAKS, frame_facts, particle_table_facts, third_party_facts
@@ -297,8 +298,17 @@ def _sidecar_facts(path):
 def _toml_facts(path):
     """Facts about a scene, and whether its files exist."""
     scene = read_scene(path)
-    there = {name: scene.path(name.split("|")[0]).exists() for name in scene.files()}
+    there = {name: _is_there(scene.path(name), path) for name in scene.files()}
     return {"kind": "scene", **scene.as_tables(), "files": there}
+
+
+def _is_there(name, named_by):
+    """Whether the file of a name in a scene exists; False for one elsewhere."""
+    try:
+        require_local(name, named_by)
+    except FormatError:
+        return False
+    return file_of(name).exists()
 
 
 def _style_facts(path):
