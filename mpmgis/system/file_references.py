@@ -8,6 +8,7 @@ of `_TAGS`, and its sources are in its folder and begin as rasters of a kind tha
 
 import os
 import re
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,16 +20,19 @@ from .trusted_files import is_trusted, require_file_or_folder
 
 HEAD = 8192  # [bytes] GDAL detects the format from fewer
 LARGEST_VRT = 20_000_000  # [bytes]; 10 000 tiles need 5 MB
+_LONGEST_NAME = 80  # [letters] of a file in a message
 TRUST = "give --trust where the command has it"
 VRT_SUFFIXES = (".vrt", ".ovf")
 _SIDECARS = (".ovr", ".msk", ".ovr.ovr", ".ovr.msk", ".msk.ovr", ".msk.msk")  # GDAL opens these next to a raster
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _AUXILIARY = b"EHFA_HEADER_TAG"  # of a .aux next to a raster, which GDAL opens too
+_HDF5 = b"\x89HDF\r\n\x1a\n"
 # Beginnings of rasters that no other driver takes: GeoTIFF, JPEG 2000, PNG, JPEG, NetCDF, HDF5.
 _BEGINNINGS = (
     *(*_TIFF, b"\0\0\0\x0cjP  ", b"\xffO\xffQ", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"),
-    *(b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n"),
+    *(b"CDF\x01", b"CDF\x02", b"CDF\x05", _HDF5),
 )
+_VIEW = re.compile(rb"create\s+view|IsSeamless|Type\s+LINKED", re.I)  # of a .tab that shows others
 _ASCII_GRID = re.compile(rb"\s*(?:ncols|nrows|xll|yll|cellsize|dx|dy|nodata_value)", re.I)
 _NUMBERS = re.compile(rb"[-+.,;0-9eE \t\r\n]*")  # of an XYZ file
 _BINARY = re.compile(rb"[\0-\x08\x0b\x0c\x0e-\x1f\x80-\xff]")  # no text has it; drivers that follow names read texts
@@ -140,6 +144,9 @@ def require_local(name: str | Path, named_by: str | Path = "") -> None:
         _require_plain_member(source)
     elif source.file.is_file():
         _require_plain_file(source.file)
+    for name, head in _tables_of_mapinfo(source.file):
+        if _VIEW.search(head):
+            raise FormatError(f"{name} is a table of MapInfo that shows other files; give these, or {TRUST}")
 
 
 def _which(named_by):
@@ -148,9 +155,10 @@ def _which(named_by):
 
 def _require_plain_file(path):
     """Refuse a file that leads elsewhere, and its sidecars."""
-    head = _text(head_of(path))
-    if path.suffix.lower() == ".tab" and re.search(rb"create\s+view|IsSeamless|Type\s+LINKED", head, re.I):
-        raise FormatError(f"{path} is a table of MapInfo that shows other files; give these, or {TRUST}")
+    began = head_of(path)
+    if began.startswith(_HDF5):
+        _require_own_values(path)
+    head = _text(began)
     if b"<VRTDataset" in head and path.suffix.lower() in VRT_SUFFIXES:
         about = path.stat()
         _require_mosaic(path.resolve(), path, about.st_size, about.st_mtime_ns)
@@ -165,6 +173,23 @@ def _require_plain_file(path):
             began = head_of(place)
             if began.startswith(_AUXILIARY) and not began.startswith(_AUXILIARY + b"\0"):
                 raise FormatError(f"{place} is not what its beginning says; remove it, or {TRUST}")
+
+
+def _tables_of_mapinfo(path):
+    """(name, first bytes) of the .tab files that GDAL reads: the file, those in the folder or in the archive."""
+    if path.is_dir() or path.suffix.lower() == ".tab":
+        files = path.iterdir() if path.is_dir() else (path,)
+        return [(file, head_of(file)) for file in files if file.suffix.lower() == ".tab"]
+    names = [name for name in zip_archives.members(path) if name.lower().endswith(".tab")]
+    return [(f"{path}: {name}", zip_archives.head_of(path, name, HEAD)) for name in names]
+
+
+def _require_own_values(path):
+    """Refuse an HDF5 file, such as NetCDF 4, with values in other files."""
+    from .hdf5_reading import opened_whole
+
+    with suppress(OSError), opened_whole(path):  # a damaged one is refused by the library that reads it
+        pass
 
 
 def _require_tiff(place, head):
@@ -215,9 +240,13 @@ def leads_to(path: Path) -> str:
     if kind is None:
         return ""
     names = (next(filter(None, found)) for found in _POINTED.findall(head.decode("utf-8", "replace")))
-    names = list(dict.fromkeys(one_line(name)[:80] for name in names if not _NAMESPACE.search(name)))
+    names = list(dict.fromkeys(_short(one_line(name)) for name in names if not _NAMESPACE.search(name)))
     at = f", which points at {', '.join(names[:2])}{' and others' if len(names) > 2 else ''}" if names else ""
     return f"is {kind}{at}; if you trust it, {TRUST}"
+
+
+def _short(name):
+    return name if len(name) <= _LONGEST_NAME else f"...{name[-_LONGEST_NAME:]}"
 
 
 def _require_this_computer(path: str | Path, named_by: str | Path) -> None:

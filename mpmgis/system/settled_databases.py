@@ -1,13 +1,14 @@
 """SQLite databases (GeoPackage) with changes that another program has not yet written into them.
 
 SQLite writes such changes into the database when it is opened, also for reading. Inputs are not changed: a copy of
-database and changes is read instead.
+database and changes is read instead, after SQLite has applied or undone them there.
 """
 
 import shutil
+import sqlite3
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from .errors import FormatError
@@ -43,7 +44,10 @@ def settled(path: Path) -> Iterator[Path]:
                 break
         else:
             raise FormatError(f"{path} is being written by another program; save and close it there")
-        yield Path(folder) / path.name
+        copy = Path(folder) / path.name
+        with suppress(sqlite3.Error), closing(sqlite3.connect(copy)) as connection:  # a damaged one is refused later
+            connection.execute("SELECT COUNT(*) FROM sqlite_master")
+        yield copy
 
 
 def _changes(path):
