@@ -206,7 +206,7 @@ def _unreadable(source, path, error):
     if file.suffix.lower() in _VECTOR_SUFFIXES:
         reason += "); vector files are for releases, lines and areas: check whether two options are swapped"
     else:
-        reason += ")" if is_trusted() else f"); other formats than those of the formats page: {TRUST}, or convert it"
+        reason += ")" if is_trusted() else "); formats that the formats page does not name need --trust, or convert it"
     return f"{path} is not a raster that GDAL can read, or is truncated ({reason}"
 
 

@@ -16,12 +16,11 @@ import pyproj
 import shapely
 
 from ..system.errors import FormatError, InputError, MpmgisError, has_control_characters, one_line
-from ..system.file_references import TRUST, head_of, leads_to, require_local
+from ..system.file_references import head_of, leads_to, require_local
 from ..system.messages import log
 from ..system.optional_libraries import needed_for
 from ..system.settled_databases import settled
 from ..system.source_names import LAYER_OPTIONS, SourceName, source_of
-from ..system.trusted_files import is_trusted
 from ..system.zip_archives import require_zip_fits
 from .allowed_drivers import vector_library
 
@@ -341,8 +340,7 @@ def unreadable_vector(file: Path, error: BaseException) -> str:
         return f"{file} {what}"
     reason = text.partition(".; ")[0].replace(str(file.absolute()), file.name).replace(str(file), file.name)
     reason = reason.replace(_READ_ONLY, "")[:140]
-    other = "" if is_trusted() else f"; other formats than those of the formats page: {TRUST}, or convert it in QGIS"
-    return f"{file} is neither a vector file nor a raster that GDAL can read ({reason}){other}"
+    return f"{file} is neither a vector file nor a raster that GDAL can read ({reason})"
 
 
 def require_polygons(table: VectorTable, path: str | Path) -> VectorTable:

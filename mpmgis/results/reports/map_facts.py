@@ -13,6 +13,7 @@ from ...seeding.release_areas import USUAL_COLUMNS
 from ...system.errors import FormatError, MpmgisError, one_line
 from ...system.messages import muted
 from ...system.optional_libraries import needed_for
+from ...system.source_names import file_of, source_of
 from ...system.trusted_files import require_file
 from ...system.zip_archives import opened_zip, require_unpacked
 from ...terrain.dtm import read_terrain
@@ -116,12 +117,12 @@ class _Project:
         """End of the file."""
 
 
-def raster_facts(path: Path, values: bool = True) -> dict:
+def raster_facts(path: str | Path, values: bool = True) -> dict:
     """Return facts about a raster.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
     values : bool
         Whether its cells are read.
 
@@ -215,12 +216,12 @@ def _as_terrain(path):
     return "usable"
 
 
-def vector_facts(path: Path) -> dict:
+def vector_facts(path: str | Path) -> dict:
     """Return facts about a vector file, or about particles if its points are particles.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
 
     Returns
     -------
@@ -238,21 +239,25 @@ def vector_facts(path: Path) -> dict:
         except MpmgisError:
             raise
         except Exception as error:  # GDAL, Arrow and pandas raise different types
-            raise FormatError(unreadable_vector(path, error)) from error
+            raise FormatError(unreadable_vector(file_of(path), error)) from error
     if len(layers) == 1 and is_particle_layer(layers[0][1]):
-        return particle_table_facts(path)
+        return particle_table_facts(file_of(path))
     return {"kind": "vector", "layers": [_layer_facts(name, table) for name, table in layers]}
 
 
 def _layers(path):
     """(name, table) of each layer of a vector file."""
+    wanted = dict(source_of(path).options).get("layername")
     with open_vector(path) as (library, place):
-        if path.suffix.lower() in PARQUET_SUFFIXES:
+        if file_of(path).suffix.lower() in PARQUET_SUFFIXES:
             with needed_for(f"{path}: Parquet", "parquet"):
                 table = geopandas.read_parquet(path)
-            yield path.stem, table
+            yield file_of(path).stem, table
             return
-        for name, _ in library.list_layers(place):
+        names = [name for name, _ in library.list_layers(place)]
+        if wanted is not None and wanted not in names:
+            raise FormatError(f"{path}: no layer of this name; there are {', '.join(names[:6]) or 'none'}")
+        for name in names if wanted is None else [wanted]:
             yield name, library.read_dataframe(place, layer=name)
 
 
