@@ -14,10 +14,10 @@ from ..frames.particle_files import require_format, write_columns
 from ..frames.point_cloud import is_point_cloud, require_point_cloud, write_las
 from ..frames.run_terrain import run_terrain
 from ..maps.averaging.export_resolution import require_cells_within
-from ..system import operating_system
 from ..system.errors import InputError, OutputError
 from ..system.memory import memory_lack
 from ..system.messages import log
+from ..system.source_names import file_of, moved
 from ..system.whole_files import refuse_existing
 from .columns_to_points import columns_to_points
 from .conversion_account import account_of_columns, account_of_points
@@ -280,7 +280,7 @@ def _inputs(request, path, dimension):
 def _refuse_replacing(path, request, terrain):
     """Refuse to replace an input, even with `overwrite`."""
     for given in (request.source, terrain.path):
-        if given and path.exists() and Path(given).exists() and path.samefile(given):
+        if given and path.exists() and file_of(given).exists() and path.samefile(file_of(given)):
             raise OutputError(f"{path} is an input and would be replaced; give another `output`")
 
 
@@ -306,4 +306,4 @@ def require_point_memory(count: float, spacing: float) -> None:
 def _with_terrain(frame, terrain, path):
     """The frame with its terrain's CRS, and with the terrain's path relative to the frame's file."""
     crs = frame.crs if frame.crs is not None else terrain.grid.crs
-    return replace(frame, crs=crs, dem=operating_system.slashed(terrain.path, path.parent), dem_sha256=terrain.sha256)
+    return replace(frame, crs=crs, dem=moved(terrain.path, path.parent), dem_sha256=terrain.sha256)

@@ -8,12 +8,13 @@ import shapely
 
 from ..system.errors import InputError
 from ..system.messages import log, muted
+from ..system.source_names import file_of, source_of
 from ..terrain.dtm import TerrainFile
 from ..terrain.elevation import Terrain
-from ..terrain.raster_input import file_sha256
+from ..terrain.raster_input import RASTER_SUFFIXES, file_sha256
 from ..terrain.release_parts import NORMAL, VERTICAL, ReleaseArea, ReleasePart, require_on_terrain, without_overlaps
-from ..terrain.spatial_inputs import RASTER_SUFFIXES, is_raster, repaired, to_terrain
-from ..terrain.vector_table import LAYER, VectorTable, names_of, read_table, require_polygons
+from ..terrain.spatial_inputs import is_raster, repaired, to_terrain
+from ..terrain.vector_table import VectorTable, names_of, read_table, require_polygons
 from .release_rasters import area_of_raster, surface_thickness, thickness_raster, within_thickness
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")  # names of a column with the thickness, lower case
@@ -66,7 +67,7 @@ def read_release(
         )
     if own is not None:
         features = [within_thickness(part, own) for part in features]
-    plain = Path(str(path).split(LAYER)[0])
+    plain = file_of(path)
     return ReleaseArea(
         without_overlaps(features),
         VERTICAL if surface is not None else thickness_mode,
@@ -143,16 +144,16 @@ class _Thickness:
     @classmethod
     def parse(cls, thickness, surface):
         if surface is not None:
-            return cls(raster=Path(surface))
+            return cls(raster=surface)
         if thickness is None:
             return cls()
         try:
             return cls(number=require_thickness(float(thickness), "--thickness"))
         except (TypeError, ValueError):
             pass
-        text = str(thickness)
-        if Path(text).exists() or Path(text).suffix.lower() in RASTER_SUFFIXES or "/" in text:
-            return cls(raster=Path(text))
+        text, found = str(thickness), source_of(thickness)
+        if found.file.exists() or not found.is_plain or found.file.suffix.lower() in RASTER_SUFFIXES or "/" in text:
+            return cls(raster=thickness)
         return cls(column=text)
 
 

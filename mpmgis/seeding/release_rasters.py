@@ -58,7 +58,7 @@ def area_of_raster(
         raise InputError(
             f"--thickness {wanted.column!r}: {path} is a raster and has no columns; give a number of metres or a raster"
         )
-    values, grid = read_raster(path)
+    values, grid = read_raster(path, classes=True)
     values, grid = _on_terrain(values, grid, terrain, path)
     inside = np.isfinite(values) & (values != 0)
     if not inside.any():

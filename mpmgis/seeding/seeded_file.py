@@ -7,7 +7,7 @@ import numpy as np
 
 from ..frames.particle_files import require_format, write_columns
 from ..frames.particles import Frame, Particles
-from ..system import operating_system
+from ..system import source_names
 from ..system.errors import OutputError
 from ..system.messages import log
 from ..system.whole_files import refuse_existing
@@ -87,7 +87,7 @@ def seed_file(
     refuse_existing(path, overwrite)
     _refuse_replacing(path, (dem, release, thickness, surface))
     seed = _planned(terrain, area, options)
-    frame = replace(seed.empty_frame(), dem=operating_system.slashed(terrain.path, path.parent))
+    frame = replace(seed.empty_frame(), dem=source_names.moved(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
 
@@ -163,6 +163,6 @@ def _planned(terrain: Terrain | TerrainFile, area: ReleaseArea, options: dict) -
 def _refuse_replacing(path, inputs):
     """Refuse to replace an input, even with `overwrite`."""
     for given in inputs:
-        named = Path(str(given).partition("|")[0])
+        named = source_names.file_of(given)
         if path.exists() and named.exists() and path.samefile(named):
             raise OutputError(f"{path} is an input and would be replaced; give another `output`")

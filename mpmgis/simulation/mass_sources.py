@@ -16,6 +16,7 @@ from ..seeding.column_seeding import seed_columns
 from ..seeding.release_areas import read_release
 from ..system.errors import InputError, SceneError
 from ..system.messages import log
+from ..system.source_names import file_of
 from ..terrain.hydrograph_file import read_hydrograph
 from ..terrain.release_parts import VERTICAL, polygons_only
 from ..terrain.spatial_inputs import read_area
@@ -115,7 +116,7 @@ def _start(scene, terrain, grid, release):
 
 def _area(scene, table, terrain):
     thickness, surface = table.thickness, getattr(table, "surface", None)
-    if isinstance(thickness, str) and scene.path(thickness).exists():
+    if isinstance(thickness, str) and file_of(scene.path(thickness)).exists():
         thickness = str(scene.path(thickness))
     return read_release(
         scene.path(table.source),

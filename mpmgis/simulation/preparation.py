@@ -21,8 +21,8 @@ from ..solvers.columns.column_solver import ColumnNumerics
 from ..solvers.columns.node_grid import ColumnGrid, require_ground
 from ..solvers.features.lakes import levelled
 from ..solvers.points.point_numerics import PointNumerics
-from ..system.disguised_files import require_local
 from ..system.errors import InputError, SceneError
+from ..system.file_references import require_local
 from ..system.memory import memory_lack
 from ..system.messages import log, logged_once, muted
 from ..terrain.dtm import READ_WHOLE, TerrainFile
@@ -465,7 +465,7 @@ def scene_to_prepare(given: str | Path | Mapping, laws: str | Path | None = None
     else:
         scene = read_scene(given, own)
         for name in scene.files():
-            require_local(scene.path(name.partition("|")[0]), given)
+            require_local(scene.path(name), given)
     if laws is not None:
         use_own_laws(own)
         law = own.laws[scene.friction.law][0](**trial_parameters(scene))

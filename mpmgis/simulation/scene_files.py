@@ -11,6 +11,7 @@ from ..solvers.features.forest_values import ENTRY, forest_values
 from ..solvers.features.lakes import lake_levels
 from ..solvers.features.wall_placement import standing_walls, walls_of
 from ..system.errors import MpmgisError
+from ..system.source_names import file_of
 from ..terrain.raster_input import raster_files
 from ..terrain.spatial_inputs import is_raster, read_placed_raster, read_polygons, read_walls
 
@@ -40,7 +41,7 @@ def input_files(given: str | Path | Mapping, scene: "Scene", laws: str | Path | 
     if laws is not None:
         yield Path(laws)
     for name in scene.files():
-        yield from _with_companions(scene.path(name.partition("|")[0]))
+        yield from _with_companions(file_of(scene.path(name)))
 
 
 def _with_companions(path):
@@ -113,7 +114,7 @@ def _used(table):
 def _spatial_file(path, terrain):
     """Return polygons or the raster at `path`."""
     if is_raster(path):
-        return PlacedFiles(raster=read_placed_raster(path, terrain))
+        return PlacedFiles(raster=read_placed_raster(path, terrain, classes=True))
     return PlacedFiles(features=read_polygons(path, terrain))
 
 
@@ -147,7 +148,7 @@ def _files_by_place(scene: "Scene", source: str | None, parameters: dict, terrai
     values = {
         name: read_placed_raster(scene.path(value), terrain)
         for name, value in parameters.items()
-        if isinstance(value, str) and (Path(value).suffix or scene.path(value).exists())
+        if isinstance(value, str) and (Path(value).suffix or file_of(scene.path(value)).exists())
     }
     where = PlacedFiles() if source is None else _spatial_file(scene.path(source), terrain)
     return PlacedFiles(where.features, where.raster, values)

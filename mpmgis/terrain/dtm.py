@@ -11,6 +11,7 @@ from rasterio.windows import Window
 
 from ..system.errors import GeoreferenceError, InputError, one_line
 from ..system.messages import log
+from ..system.source_names import file_of
 from .elevation import Terrain
 from .georeference import LOCAL, horizontal, name_of, parse_crs, require_metric, same_place, scale_command, warp_command
 from .grid import Grid
@@ -98,8 +99,8 @@ class TerrainFile:
         fill_nodata: str | None = None,
         to_crs: str | None = None,
     ):
-        self._file, self._fills, self.fill = Path(path), fill_nodata == INTERPOLATE, None
-        self.path = str(self._file)
+        self._file, self._fills, self.fill = path, fill_nodata == INTERPOLATE, None
+        self.path = str(path)
         with open_raster(path) as source:
             self._band = band_number(source, path, band)
             crs = _terrain_crs(source, path, crs, to_crs)
@@ -126,8 +127,11 @@ class TerrainFile:
     @cached_property
     def sha256(self) -> str:
         """Hex digest of the whole file."""
-        about = self._file.stat()
-        return _sha256(self._file.resolve(), about.st_size, about.st_mtime_ns, about.st_ino)
+        file = file_of(self._file)
+        if not file.exists():  # in the network
+            return ""
+        about = file.stat()
+        return _sha256(file.resolve(), about.st_size, about.st_mtime_ns, about.st_ino)
 
     def whole(self) -> Terrain:
         """Read all pixels as a Terrain.

@@ -10,20 +10,20 @@ import numpy as np
 import pyproj
 import shapely
 
-from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, GeoreferenceError, InputError, MpmgisError
+from ..system.file_references import require_local
 from ..system.messages import log, muted
-from ..system.optional_libraries import pyogrio
+from ..system.source_names import source_of
+from ..system.zip_archives import members
 from .dtm import WithoutCRS
 from .elevation import Terrain
 from .georeference import horizontal, name_of, same_place, warp_command
 from .grid import Grid
-from .raster_input import open_raster, read_raster
+from .raster_input import RASTER_SUFFIXES, open_raster, read_raster
 from .release_parts import polygons_only
 from .terrain_reprojection import reprojected_raster
-from .vector_table import LAYER, names_of, read_table, require_polygons
+from .vector_table import names_of, open_vector, read_table, require_polygons
 
-RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
 _SAME_METRES = 1e-3  # [m] smaller displacements by a reprojection are not reported
 
 
@@ -37,19 +37,19 @@ def is_raster(path: str | Path) -> bool:
     Raises
     ------
     FormatError
-        A disguised list of other files (`disguised_files.require_undisguised`).
+        A file that leads to others (`file_references.require_local`).
     """
-    text = str(path)
-    if LAYER in text:
-        return False
-    path = Path(text)
-    if path.suffix.lower() in RASTER_SUFFIXES:
+    source = source_of(path)
+    require_local(path)
+    if source.options or source.driver:
+        return bool(source.driver)
+    inside = [] if source.part or source.elsewhere else members(source.file)
+    if any(Path(name).suffix.lower() in RASTER_SUFFIXES for name in (source.part or source.file, *inside)):
         return True
-    require_undisguised(path)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), open_vector(path) as (library, place):
             warnings.simplefilter("ignore")
-            if len(pyogrio().list_layers(path)):
+            if len(library.list_layers(place)):
                 return False
     except Exception:  # not a vector file; it may be a raster
         pass
@@ -361,13 +361,15 @@ def read_area(path: str | Path, terrain: Terrain) -> shapely.Geometry:
     return shapely.union_all([feature.shape for feature in read_polygons(path, terrain)])
 
 
-def read_placed_raster(path: str | Path, terrain: Terrain) -> tuple[np.ndarray, Grid]:
+def read_placed_raster(path: str | Path, terrain: Terrain, classes: bool = False) -> tuple[np.ndarray, Grid]:
     """Read a raster that must be in the terrain's own CRS.
 
     Parameters
     ----------
     path : str or Path
     terrain : Terrain
+    classes : bool
+        The values may be numbers of classes with a colour table, as in a mask.
 
     Returns
     -------
@@ -382,7 +384,7 @@ def read_placed_raster(path: str | Path, terrain: Terrain) -> tuple[np.ndarray, 
         that is asked for.
     FormatError, InputError
     """
-    values, grid = read_raster(path)
+    values, grid = read_raster(path, classes=classes)
     target = terrain.grid.crs
     if grid.crs is not None and target is not None and not same_place(grid.crs, target):
         if terrain.reprojection is not None:

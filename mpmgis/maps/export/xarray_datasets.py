@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import geopandas
 import numpy as np
 import pyproj
-import rasterio
 import rioxarray  # noqa: F401  registers `.rio`, which carries the CRS
 import shapely
 import xarray
@@ -327,7 +326,7 @@ def _cut(length):
 
 def _read_block(paths, band, block_info=None):
     (step, _), *window = block_info[None]["array-location"]
-    with rasterio.open(paths[step]) as source:
+    with open_raster(paths[step]) as source:
         return read_part(source, band, tuple(slice(*part) for part in window))[np.newaxis]
 
 

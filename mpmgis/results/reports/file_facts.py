@@ -25,9 +25,10 @@ from ...frames.frame_digest import check_kept, check_result
 from ...frames.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE, read_record
 from ...frames.run_maps import has_rasters
 from ...scene import read_scene
-from ...system.disguised_files import require_local
 from ...system.errors import FormatError, InputError, MpmgisError, one_line
+from ...system.file_references import require_local
 from ...system.hdf5_reading import opened_whole, require_memory
+from ...system.source_names import file_of, source_of
 from ...terrain.georeference import name_of
 from .map_facts import project_facts, raster_facts, vector_facts
 from .particle_facts import PEAKS, frame_facts, particle_table_facts, third_party_facts
@@ -127,6 +128,7 @@ def inspect(path: str | Path, terms: Declarations | None = None) -> dict:
     Parameters
     ----------
     path : str or Path
+        Or a name of GDAL or QGIS (`source_names`).
     terms : Declarations, optional
         Declarations of the user for files of other codes.
 
@@ -141,8 +143,12 @@ def inspect(path: str | Path, terms: Declarations | None = None) -> dict:
     FormatError
         Missing, empty, damaged, or of an unknown type.
     """
-    path, terms = Path(path), terms or Declarations()
-    return _plain(_facts(path, terms))
+    source, terms = source_of(path), terms or Declarations()
+    if source.is_plain and not source.options:
+        return _plain(_facts(source.file, terms))
+    _reject_unused(path, terms)
+    known = {"bytes": source.file.stat().st_size} if source.file.is_file() else {}
+    return _plain({"file": str(source), **known, **_map_facts(str(source))})
 
 
 def _facts(path, terms):
@@ -297,8 +303,17 @@ def _sidecar_facts(path):
 def _toml_facts(path):
     """Facts about a scene, and whether its files exist."""
     scene = read_scene(path)
-    there = {name: scene.path(name.split("|")[0]).exists() for name in scene.files()}
+    there = {name: _is_there(scene.path(name), path) for name in scene.files()}
     return {"kind": "scene", **scene.as_tables(), "files": there}
+
+
+def _is_there(name, named_by):
+    """Whether the file of a name in a scene exists; False for one elsewhere."""
+    try:
+        require_local(name, named_by)
+    except FormatError:
+        return False
+    return file_of(name).exists()
 
 
 def _style_facts(path):
@@ -353,7 +368,10 @@ def _map_facts(path):
     except FormatError as no_vector:
         try:
             return raster_facts(path)
-        except MpmgisError:
+        except MpmgisError as no_raster:
+            for error in (no_vector, no_raster):
+                if any(cause in str(error) for cause in ("if you trust it", "is locked")):
+                    raise error from None
             raise FormatError(
                 f"{path}: unknown file type: neither particles nor a scene nor a map that GDAL reads"
             ) from no_vector

@@ -6,22 +6,22 @@ from xml.etree import ElementTree
 
 import geopandas
 import numpy as np
-import pyogrio
 import pyproj
 from affine import Affine
 
 from ...seeding.release_areas import USUAL_COLUMNS
-from ...system.disguised_files import require_undisguised
 from ...system.errors import FormatError, MpmgisError, one_line
 from ...system.messages import muted
 from ...system.optional_libraries import needed_for
+from ...system.source_names import file_of, source_of
 from ...system.trusted_files import require_file
-from ...system.zip_archives import opened_zip, require_unpacked, require_zip_fits
+from ...system.zip_archives import opened_zip, require_unpacked
 from ...terrain.dtm import read_terrain
 from ...terrain.georeference import horizontal, name_of
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
-from .particle_facts import is_particle_layer, no_side_files, particle_table_facts
+from ...terrain.vector_table import PARQUET_SUFFIXES, open_vector, unreadable_vector
+from .particle_facts import is_particle_layer, particle_table_facts
 
 LARGEST_PROJECT = 100_000_000  # [bytes] of XML; projects with hundreds of layers have ten
 MOST_LAYERS = 10_000  # of a project; more are a damaged or hostile file
@@ -117,12 +117,12 @@ class _Project:
         """End of the file."""
 
 
-def raster_facts(path: Path, values: bool = True) -> dict:
+def raster_facts(path: str | Path, values: bool = True) -> dict:
     """Return facts about a raster.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
     values : bool
         Whether its cells are read.
 
@@ -216,12 +216,12 @@ def _as_terrain(path):
     return "usable"
 
 
-def vector_facts(path: Path) -> dict:
+def vector_facts(path: str | Path) -> dict:
     """Return facts about a vector file, or about particles if its points are particles.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
 
     Returns
     -------
@@ -232,31 +232,33 @@ def vector_facts(path: Path) -> dict:
     FormatError
         Not a vector file that GDAL reads.
     """
-    require_undisguised(path)
-    require_zip_fits(path)
-    with warnings.catch_warnings(), no_side_files():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             layers = list(_layers(path))
         except MpmgisError:
             raise
         except Exception as error:  # GDAL, Arrow and pandas raise different types
-            reason = one_line(error).replace(str(path), path.name).split(";")[0][:120]
-            raise FormatError(f"{path} is not a vector file that GDAL reads ({reason})") from error
+            raise FormatError(unreadable_vector(file_of(path), error)) from error
     if len(layers) == 1 and is_particle_layer(layers[0][1]):
-        return particle_table_facts(path)
+        return particle_table_facts(file_of(path))
     return {"kind": "vector", "layers": [_layer_facts(name, table) for name, table in layers]}
 
 
 def _layers(path):
     """(name, table) of each layer of a vector file."""
-    if path.suffix.lower() in (".parquet", ".geoparquet"):
-        with needed_for(f"{path}: Parquet", "parquet"):
-            table = geopandas.read_parquet(path)
-        yield path.stem, table
-        return
-    for name, _ in pyogrio.list_layers(path):
-        yield name, pyogrio.read_dataframe(path, layer=name)
+    wanted = dict(source_of(path).options).get("layername")
+    with open_vector(path) as (library, place):
+        if file_of(path).suffix.lower() in PARQUET_SUFFIXES:
+            with needed_for(f"{path}: Parquet", "parquet"):
+                table = geopandas.read_parquet(path)
+            yield file_of(path).stem, table
+            return
+        names = [name for name, _ in library.list_layers(place)]
+        if wanted is not None and wanted not in names:
+            raise FormatError(f"{path}: no layer of this name; there are {', '.join(names[:6]) or 'none'}")
+        for name in names if wanted is None else [wanted]:
+            yield name, library.read_dataframe(place, layer=name)
 
 
 def _layer_facts(name, frame):

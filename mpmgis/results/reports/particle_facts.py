@@ -2,14 +2,12 @@
 
 import json
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pyogrio
 import pyproj
 
 from ...exchange.declarations import Declarations
@@ -29,6 +27,7 @@ from ...system.errors import FormatError, InputError, MpmgisError, one_line
 from ...system.hdf5_reading import opened_whole
 from ...system.optional_libraries import needed_for
 from ...terrain.georeference import name_of
+from ...terrain.vector_table import open_vector
 
 PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # solver maxima: name of the fact
 NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # required columns of a particle table
@@ -287,21 +286,10 @@ def _parquet_table(path):
     return columns, json.loads(notes.get(b"mpmgis", b"{}"))
 
 
-@contextmanager
-def no_side_files() -> Iterator[None]:
-    """Prevent GDAL from writing `.aux.xml` next to a GeoPackage that is only read."""
-    before = pyogrio.get_gdal_config_option("GDAL_PAM_ENABLED")
-    pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": False})
-    try:
-        yield
-    finally:
-        pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": before})
-
-
 def _gpkg_table(path):
-    with no_side_files():
-        table = pyogrio.read_dataframe(path, read_geometry=False)
-        notes = pyogrio.read_info(path)["dataset_metadata"] or {}
+    with open_vector(path) as (library, place):
+        table = library.read_dataframe(place, read_geometry=False)
+        notes = library.read_info(place)["dataset_metadata"] or {}
     return {name: table[name].to_numpy() for name in table.columns}, {k: json.loads(v) for k, v in notes.items()}
 
 
