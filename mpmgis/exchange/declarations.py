@@ -23,7 +23,7 @@ from ..terrain.georeference import LOCAL, crs_of_text, parse_crs
 EAST, NORTH, UP = np.eye(3)
 DIRECTIONS = {"e": EAST, "n": NORTH, "u": UP, "w": -EAST, "s": -NORTH, "d": -UP}
 NAMES = (  # quantities of mpmgis for --columns
-    *("x", "y", "z", "vx", "vy", "vz", "mass", "volume", "radius", "diameter", "id", "active", "time"),
+    *("x", "y", "z", "vx", "vy", "vz", "mass", "volume", "density", "radius", "diameter", "id", "active", "time"),
 )
 VECTORS = {"position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz")}  # for columns of three components
 # smallest and largest value, unit; others are typing errors or other units
