@@ -116,8 +116,7 @@ def list_frames(
         missing declarations.
     """
     terms = terms or Declarations()
-    files = _files(paths, terms.reader)
-    reader = _one_reader(files, terms.reader)
+    files, reader = files_and_reader(paths, terms.reader)
     if reader == OWN:
         _refuse_unknown(files)
         entries = [FrameEntry(path, read_frame(path, with_state=False, with_particles=False)) for path in files]
@@ -129,6 +128,25 @@ def list_frames(
     if reader == OWN and missing_frames(entries):
         _log_kept(entries)
     return tuple(entries)
+
+
+def files_and_reader(paths: Iterable[str | Path], asked: str | None = None) -> tuple[list[Path], str]:
+    """Return the files of particles in files and folders, and the name of the reader of all of them.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+        Files, patterns, folders.
+    asked : str, optional
+        Name of the reader; detected without it.
+
+    Raises
+    ------
+    FormatError, InputError
+        No file, files of several codes, an unknown reader.
+    """
+    files = _files(paths, asked)
+    return files, _one_reader(files, asked)
 
 
 def _log_kept(entries):

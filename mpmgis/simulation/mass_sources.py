@@ -9,7 +9,8 @@ import shapely
 
 from ..conversion.conversion_account import account_of_points
 from ..conversion.initial_points import as_columns, particles_in_window, point_options, points_from
-from ..exchange.readers.reader_list import OWN, reader_of
+from ..exchange.frame_list import files_and_reader
+from ..exchange.readers.reader_list import OWN
 from ..frames.frame_files import read_frame
 from ..frames.particles import Particles
 from ..scene.tables import DENSITY, ReleaseTable
@@ -267,7 +268,7 @@ def columns_of(
     InputError
         The file contains points, or is in another CRS than the terrain.
     """
-    reader = reader_of(path, lenient=True)
+    reader = files_and_reader([path])[1]
     frame = None if reader != OWN else read_frame(path, with_state)
     if frame is None or frame.dimension != 2:
         whose = "" if frame is not None else f" of another code ({reader})"

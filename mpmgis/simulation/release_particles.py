@@ -10,9 +10,9 @@ import numpy as np
 
 from ..exchange.declarations import Declarations
 from ..exchange.frame_georeferencing import missing_declarations, third_party_header, third_party_particles, times_of
-from ..exchange.frame_list import third_party_frames
+from ..exchange.frame_list import files_and_reader, third_party_frames
 from ..exchange.map_coordinates import Ground
-from ..exchange.readers.reader_list import OWN, reader_of
+from ..exchange.readers.reader_list import OWN
 from ..frames.frame_files import read_frame
 from ..scene.tables import OF_PARTICLES
 from ..system.errors import InputError, MpmgisError
@@ -39,9 +39,8 @@ def release_dimension(scene: "Scene") -> int:
         No particles, an unknown reader, keys that the file does not need.
     """
     path, table = scene.path(scene.release.particles), scene.release
-    with _words_of_scene():
-        if reader_of(path, table.reader, lenient=True) != OWN:
-            return 3
+    if _files_and_reader(scene)[1] != OWN:
+        return 3
     given = [key for key in _OF_OTHER_CODES if getattr(table, key) not in (None, OWN)]
     header = read_frame(path, with_state=False, with_particles=False)
     if given:
@@ -66,12 +65,12 @@ def read_release_particles(scene: "Scene", terrain: "Terrain") -> "Frame":
         Damaged; values that neither file nor scene have; several times.
     """
     path, table = scene.path(scene.release.particles), scene.release
+    files, reader = _files_and_reader(scene)
+    if reader == OWN:
+        return read_frame(path)
     with _words_of_scene():
-        reader = reader_of(path, table.reader, lenient=True)
-        if reader == OWN:
-            return read_frame(path)
         terms = _terms(scene)
-        frames, terms = third_party_frames([path], reader, terms, Ground(terrain=terrain))
+        frames, terms = third_party_frames(files, reader, terms, Ground(terrain=terrain))
         frame = frames[0] if len(frames) == 1 else _at_time(path, frames, terms, table.at_time)
         missing = missing_declarations(frame, terms, with_time=False)
         if missing:
@@ -79,6 +78,12 @@ def read_release_particles(scene: "Scene", terrain: "Terrain") -> "Frame":
         header = third_party_header(reader, frame, terms, 0.0)
         about = {name: value for name, value in header.header.items() if name != "count"}
         return replace(header, header=about, particles=third_party_particles(frame, terms))
+
+
+def _files_and_reader(scene):
+    """Return the files of [release] particles and their reader."""
+    with _words_of_scene():
+        return files_and_reader([scene.path(scene.release.particles)], scene.release.reader)
 
 
 def _terms(scene: "Scene") -> Declarations:

@@ -14,6 +14,8 @@ from ..system.errors import FormatError, InputError, MpmgisError, has_control_ch
 from ..system.messages import log
 from ..system.optional_libraries import needed_for, pyogrio
 from ..system.zip_archives import require_zip_fits
+from .csv_features import SUFFIXES as CSV_SUFFIXES
+from .csv_features import read_csv_features
 
 LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words
@@ -103,6 +105,8 @@ def read_table(path: str | Path, kind: str = "Polygon", flag: str = "--release "
         try:
             if source.suffix.lower() in (".parquet", ".geoparquet"):
                 table = _parquet_table(source)
+            elif source.is_file() and source.suffix.lower() in CSV_SUFFIXES:
+                table = VectorTable(*read_csv_features(source))
             else:
                 chosen = _require_layer(source, layer, kind) if layer else _only_layer(source, kind, flag)
                 table = _ogr_table(source, chosen)
