@@ -7,11 +7,13 @@ comma. A first line `sep=;` and lines that begin with # are skipped.
 
 import codecs
 import csv
+import io
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from .errors import FormatError
+from .errors import FormatError, one_line
 from .trusted_files import require_file
 
 BLANK = " "  # delimiter for any number of blanks and tabs
@@ -92,7 +94,7 @@ def separator_line(line: str) -> str | None:
     ----------
     line : str
     """
-    found = _SEPARATOR.fullmatch(line)
+    found = _SEPARATOR.fullmatch(line.rstrip("\r\n"))
     return found[1] if found else None
 
 
@@ -169,23 +171,39 @@ def read_cells(path: str | Path, expected: str, largest: int = LARGEST) -> TextT
     FormatError
         As `read_text`; no header; a row with another number of cells.
     """
-    names, delimiter, rows = [], ",", []
-    for number, line in enumerate(read_text(path, expected, largest).splitlines(), 1):
-        if not line.strip(" ,;\t") or line.lstrip().startswith("#") or (number == 1 and separator_line(line)):
-            continue
-        if not names:
-            delimiter = delimiter_of(line)
-            names = header_cells(line, delimiter)
-            continue
-        cells = cells_of(line, delimiter)
+    lines = io.StringIO(read_text(path, expected, largest), newline=None).readlines()
+    first = next((k for k, line in enumerate(lines) if not _is_left_out(line, k == 0)), None)
+    if first is None:
+        raise FormatError(f"{path} is empty, expected {expected}")
+    delimiter = delimiter_of(lines[first])
+    names, rows = header_cells(lines[first], delimiter), []
+    for number, cells in _rows(path, lines[first + 1 :], delimiter):
         while len(cells) > len(names) and cells[-1] == "":  # spreadsheets end lines with empty cells
             cells.pop()
         if len(cells) != len(names):
-            raise FormatError(f"{path} line {number}: {wrong_count(len(cells), len(names), delimiter)}")
-        rows.append((number, cells))
-    if not names:
-        raise FormatError(f"{path} is empty, expected {expected}")
+            raise FormatError(f"{path} line {first + 1 + number}: {wrong_count(len(cells), len(names), delimiter)}")
+        rows.append((first + 1 + number, cells))
     return TextTable(names, delimiter, rows)
+
+
+def _is_left_out(line: str, is_first: bool) -> bool:
+    """Return whether a line has no cells: it is empty, a comment, or names the delimiter."""
+    return not line.strip(" ,;\t\n") or line.lstrip().startswith("#") or (is_first and separator_line(line) is not None)
+
+
+def _rows(path: str | Path, lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield number of the last line and cells of each row; a quoted cell may have several lines."""
+    if delimiter == BLANK:
+        yield from ((k, cells_of(line, delimiter)) for k, line in enumerate(lines, 1) if not _is_left_out(line, False))
+        return
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    try:
+        for row in reader:
+            cells = [cell.strip() for cell in row]
+            if any(cells) and not cells[0].startswith("#"):
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise FormatError(f"{path} is no table: {one_line(error)[:80]}, near row {reader.line_num}") from error
 
 
 def with_point(cell: str, delimiter: str) -> str:

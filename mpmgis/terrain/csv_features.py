@@ -16,7 +16,7 @@ PLACES = (("x", "y"), ("e", "n"), ("east", "north"), ("easting", "northing"), ("
 LARGEST_CRS = 100_000  # [bytes] of a .prj
 
 
-def read_csv_features(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray | None, pyproj.CRS | None]:
+def read_csv_features(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray, pyproj.CRS | None]:
     """Read the features in a table.
 
     Parameters
@@ -27,15 +27,15 @@ def read_csv_features(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray | N
     -------
     columns : dict of str to array[n]
         float64 where all cells are numbers or empty, else text.
-    geometry : object[n] or None
-        None for a table without geometry.
+    geometry : object[n]
+        None where a cell is empty.
     crs : pyproj.CRS or None
         Of the .prj beside the table.
 
     Raises
     ------
     FormatError
-        No table, with the number of the wrong line.
+        No table, with the number of the wrong line; no geometry.
     """
     table = read_cells(path, "a table with a header and one row per feature")
     cells = np.array([cells for _, cells in table.rows], object).reshape(len(table.rows), len(table.names))
@@ -68,7 +68,9 @@ def _geometry(path, columns, lines):
             if any(values.dtype == object for values in pair):
                 raise FormatError(f"{path}: columns {east} and {north} contain text, expected coordinates")
             return shapely.points(*pair)
-    return None
+    raise FormatError(
+        f"{path} contains no layer with geometry: it has {', '.join(columns)[:200]}; add a column WKT, or x and y"
+    )
 
 
 def _crs_beside(path):

@@ -158,6 +158,18 @@ def test_a_geometry_in_wkt_and_a_crs_beside_it(tmp_path):
         read_table(tmp_path / "t.csv")
 
 
+def test_quoted_cells_may_have_several_lines_and_lines_any_end(tmp_path):
+    (tmp_path / "t.csv").write_bytes(
+        b'\r\n# by hand\rx;y;note\n1,5;2;"first\r\nsecond \xe2\x80\xa8 third"\r3;4;"#"\n;;\n'
+    )
+    table = read_table(tmp_path / "t.csv", "Point")
+    assert [p.x for p in table.geometry] == [1.5, 3.0]
+    assert table.columns["note"].tolist() == ["first\nsecond \u2028 third", "#"]
+    (tmp_path / "t.csv").write_bytes(b'x;y;note\n1;2;"first\nsecond"\n3;4\n')
+    with pytest.raises(FormatError, match="line 4: 2 values for 3 columns"):
+        read_table(tmp_path / "t.csv", "Point")
+
+
 def test_cells_and_signs():
     assert delimiter_of("a b\tc") == "\t" and delimiter_of("a  b") == " " and delimiter_of("a;b,c;d") == ";"
     assert cells_of(' "a;b" ; c ', ";") == ["a;b", "c"] and cells_of("1  2\t3", " ") == ["1", "2", "3"]
