@@ -249,6 +249,22 @@ def test_series_of_nested_groups_have_the_times_around_them(tmp_path, time_on):
             np.testing.assert_array_equal(getattr(particles, name), cloud(40, k)[name])
 
 
+@pytest.mark.parametrize(("offset", "is_refused"), [("none", False), (0.0, False), (5.0, True), ("rows", True)])
+def test_positions_with_an_offset_beside_them_are_refused(tmp_path, offset, is_refused):
+    nested(tmp_path / "deep.h5", (0,), "inner")
+    with h5py.File(tmp_path / "deep.h5", "a") as file:
+        group = file["data/0/particles/debris"]
+        for letter in "xyz" if offset != "none" else "":
+            if offset == "rows":
+                group[f"positionOffset/{letter}"] = np.zeros(40)
+            else:
+                group.create_group(f"positionOffset/{letter}").attrs["value"] = offset
+    if is_refused:
+        assert "positionOffset has to be added" in refused(tmp_path / "deep.h5")
+    else:
+        assert len(list_frames([tmp_path / "deep.h5"], Declarations(**TOLD, density=4.0))) == 1
+
+
 def test_ends_of_paths_name_the_datasets_of_every_step(tmp_path):
     with h5py.File(tmp_path / "steps.h5", "w") as file:
         file["m"] = cloud(40)["mass"]

@@ -50,6 +50,7 @@ MOST_OFFERED = 1000  # arrays outside the group of the particles that --columns 
 STEP_WORDS = ("step", "steps", "timestep", "time_step", "time", "t", "frame", "iteration", "iter", "output", "snapshot")
 DECLARED = ("crs", "origin", "axes")  # attributes of the root, as in a sidecar
 ATTRIBUTES_OF_TIME = ("time", "Time", "TIME", "TimeValue")
+OFFSET = "positionOffset"  # group of openPMD beside `position`
 GADGET_HEADER = "Header"  # group with the time of the file
 _NUMBERED = re.compile(r"(.*?)[-_.#]?(\d{1,15})", re.DOTALL)
 
@@ -430,15 +431,18 @@ def _leaf(path):
 
 def _matches(content: Content, column: str) -> list[tuple[str, Part]]:
     """Return the group and the Part of every array that a column may mean, by its name or the end of its path."""
-    exact, column = column.startswith("/"), column.lstrip("/")
-    head, _, tail = column.rpartition("/")
-    found = []
-    for group, arrays in content.groups.items():
-        here = group == head or (not exact and (not head or group.endswith(f"/{head}")))
-        if here:
-            found += [(group, part) for part in parts_of(tail, arrays)[:1]]
+    found = [(group, part) for group, arrays in content.groups.items() if (part := _part_in(group, arrays, column))]
+    head = column.lstrip("/").rpartition("/")[0]
     whole = [entry for entry in found if entry[0] == head]
     return whole if head and whole else found
+
+
+def _part_in(group: str, arrays: dict[str, Array], column: str) -> Part | None:
+    """Return the Part of an array of a group that a column may mean; None where it means none."""
+    head, _, tail = column.lstrip("/").rpartition("/")
+    if group != head and (column.startswith("/") or (head and not group.endswith(f"/{head}"))):
+        return None
+    return next(iter(parts_of(tail, arrays)), None)
 
 
 def _homes(path: Path, content: Content, terms: Declarations) -> list[str]:
@@ -541,6 +545,7 @@ class _Home:
         whole = [part._replace(array=_joined(group, part.array)) for group, part in parts]
         shapes |= {path: self.content.array(path).shape for path, *_ in whole}
         given = () if self.terms is None or self.terms.times is None else (len(self.terms.times),)
+        self._refuse_offset()
         first = view_of_position(shapes, whole, given, self.content.is_matlab)
         if first is None:
             named = ", ".join(dict.fromkeys(f"{path} {_words(shapes[path])}" for path, *_ in whole))
@@ -550,9 +555,19 @@ class _Home:
     def _part_of_position(self, column):
         """Group and Part of a column of the position."""
         arrays = self.content.groups[self.home]
-        here = [(group, part) for group, part in _matches(self.content, column) if group == self.home]
-        found = here or [(self.home, part) for part in parts_of(column, arrays)[:1]] or _matches(self.content, column)
-        return found[0]
+        here = _part_in(self.home, arrays, column) or next(iter(parts_of(column, arrays)), None)
+        return (self.home, here) if here else _matches(self.content, column)[0]
+
+    def _refuse_offset(self):
+        """Refuse positions with an offset beside them (openPMD) that is not 0: they are not the positions."""
+        for group in self.content.enclosing(self.home):
+            offset = _joined(group, OFFSET)
+            if OFFSET not in self.content.inner(group):
+                continue
+            inner = [_joined(offset, name) for name in self.content.inner(offset)]
+            constant = [_number(self.file[part].attrs.get("value", np.nan)) for part in inner]
+            if self.content.groups[offset] or any(constant):
+                raise InputError(f"{self.path}: {offset} has to be added to the positions, which is not done; add it")
 
     def _require_one(self, quantity, choices):
         """Refuse several arrays that a quantity may be."""
@@ -624,7 +639,8 @@ class _Home:
             for column, place in self._of_group(group, first).items():
                 found.setdefault(column, place)
         if not self.top:  # in a series these are the other frames
-            others = (group for group in self.content.groups if group not in list(self.content.enclosing(self.home)))
+            around = set(self.content.enclosing(self.home))
+            others = (group for group in self.content.groups if group not in around)
             for group in others:
                 if len(found) > MOST_OFFERED:
                     break
