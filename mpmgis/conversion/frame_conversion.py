@@ -25,7 +25,6 @@ from .conversion_options import ColumnOptions, PointOptions
 from .points_to_columns import points_to_columns
 
 if TYPE_CHECKING:
-    from ..exchange.declarations import Declarations
     from ..exchange.frame_list import FrameEntry
     from ..frames.particles import Frame
 
@@ -184,13 +183,13 @@ def dimension_of(request: ConvertRequest) -> int:
     return _entry(request).header.dimension
 
 
-def listed(sources: list, terms: "Declarations") -> Sequence:
+def listed(sources: list, declared: FrameSource) -> Sequence:
     """List the frames in some files, of mpmgis or another code, by time.
 
     Parameters
     ----------
     sources : list of Path
-    terms : Declarations
+    declared : FrameSource
 
     Returns
     -------
@@ -201,8 +200,8 @@ def listed(sources: list, terms: "Declarations") -> Sequence:
     FormatError, InputError
         As `list_frames`; a density for frames that have their own.
     """
-    entries = list_frames(sources, terms)
-    if entries[0].reader == OWN and terms.density is not None:
+    entries = list_frames(sources, declared.terms(), declared.ground())
+    if entries[0].reader == OWN and declared.density is not None:
         raise InputError(f"{entries[0].path} is a frame of mpmgis, which contains its density; leave `density` out")
     return entries
 
@@ -222,7 +221,7 @@ def whole_frame(entry: "FrameEntry") -> "Frame":
 
 def _entry(request):
     """The FrameEntry to convert: the only one, or that at `at_time`."""
-    entries = listed([request.source], request.declared.terms())
+    entries = listed([request.source], request.declared)
     if request.at_time is not None:
         return entry_at(entries, request.at_time)
     if len(entries) > 1:

@@ -106,7 +106,7 @@ def convert_for_solver(
         Before anything is written.
     """
     files = SOLVER_FILES[request.solver]
-    entries = listed(sources, terrain_request.declared.terms())
+    entries = listed(sources, terrain_request.declared)
     named = max(len(sources), len(entries))  # a file given twice is also an error
     if terrain_request.at_time is not None:
         entries, named = (entry_at(entries, terrain_request.at_time),), 1

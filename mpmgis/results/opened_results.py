@@ -240,7 +240,7 @@ def open_frames(request: Results, output: Path | None, why: str = "") -> FrameFl
             raise InputError(f"{path} is an export: {why}; give the folder of its frames")
         if names_rasters(path):
             raise InputError(f"{path} are rasters: {why}; give the code's frames of particles")
-    entries = list_frames(request.frames, request.source.terms())
+    entries = list_frames(request.frames, request.source.terms(), request.source.ground())
     terrain = run_terrain(request.source, entries, output)
     density = release_density(request.source, entries)
     log_unused_options(request.averaging, entries)

@@ -98,7 +98,11 @@ def _of_kind(kind: Any, f: Any) -> Schema:
     checks = f.metadata
     if kind is list:
         count = len(f.default if isinstance(f.default, tuple) else checks["example"])
-        return {"type": "array", "items": {"type": "number"}, "minItems": count, "maxItems": count}
+        items = {"type": "string" if isinstance((checks["example"] or (0,))[0], str) else "number"}
+        length = {"minItems": 1} if f.name == "times" else {"minItems": count, "maxItems": count}
+        return {"type": "array", "items": items, **length}
+    if kind is dict and f.name == "columns":
+        return {"type": "object", "additionalProperties": {"type": "string"}}
     if kind is dict:
         return {
             "type": "object",

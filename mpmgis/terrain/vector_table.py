@@ -23,6 +23,8 @@ from ..system.settled_databases import settled
 from ..system.source_names import LAYER_OPTIONS, SourceName, source_of
 from ..system.zip_archives import require_zip_fits
 from .allowed_drivers import vector_library
+from .csv_features import SUFFIXES as CSV_SUFFIXES
+from .csv_features import read_csv_features
 
 LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words
@@ -155,6 +157,9 @@ def read_table(path: str | Path, kind: str = "Polygon", flag: str = "--release "
                 if source.file.suffix.lower() in PARQUET_SUFFIXES:
                     _require_no_options(chosen, path)
                     table = _parquet_table(source.file)
+                elif source.file.is_file() and source.file.suffix.lower() in CSV_SUFFIXES:
+                    _require_no_options(chosen, path)
+                    table = VectorTable(*read_csv_features(source.file))
                 else:
                     layer = _chosen_layer(library.list_layers(place), file, chosen, kind, flag)
                     table = _ogr_table(place, file, layer, chosen.get("subset"))

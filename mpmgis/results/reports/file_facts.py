@@ -36,6 +36,7 @@ from .particle_facts import PEAKS, frame_facts, particle_table_facts, third_part
 README = "README.txt"
 CLOSE = 1e-6  # [1] tolerance of the mass in README.txt
 _WRITTEN = re.compile(r"(\d+) points, (\S+) kg, .* from (.+), written for (.+) by mpmgis (\S+)\.")
+HDF5_SUFFIXES = (".h5", ".hdf5", ".mat")  # of particles, whose arrays are listed where none has a usual name
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
 
 
@@ -158,7 +159,8 @@ def _facts(path, terms):
         raise FormatError(f"{path}: no such file or folder")
     if path.stat().st_size == 0:
         raise FormatError(f"{path} is empty (0 bytes)")
-    foreign = reader_of(path, terms.reader, lenient=bool(terms.columns) or find_sidecar(path) is not None)
+    described = bool(terms.columns) or find_sidecar(path) is not None or path.suffix.lower() in HDF5_SUFFIXES
+    foreign = reader_of(path, terms.reader, lenient=described)
     if foreign != OWN:
         return {"file": str(path), "bytes": path.stat().st_size, **third_party_facts([path], foreign, terms)}
     _reject_unused(path, terms)
