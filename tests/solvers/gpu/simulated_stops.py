@@ -28,7 +28,7 @@ from mpmgis.solvers.points import point_time_step as entry
 LITTLE = NARROW._replace(room=1)  # arrays for a single block, which nearly every step outgrows
 ENDS = {
     name: getattr(entry, name)
-    for name in ("RUNNING", "REACHED_TIME", "ALL_LEFT", "NOT_FINITE_STATE", "LEAKED", "SCATTERED", "WATCHED_REACHED")
+    for name in ("RUNNING", "REACHED_TIME", "ALL_LEFT", "NOT_FINITE_STATE", "LEAKED", "SCATTERED")
 }
 
 
