@@ -222,7 +222,7 @@ def _read(place, file, layer, subset):
         return read(place, layer=layer, **more)
     except UnicodeDecodeError as error:
         wrong = error
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # pyogrio's errors are of both kinds
         if subset is None:
             raise
         reason = one_line(error)[:120]
