@@ -184,7 +184,7 @@ def test_layer_strings_that_are_refused_by_name(site, options, says):
 )
 def test_other_names_are_refused_by_name(site, name):
     for open_it in (read_terrain, read_table):
-        with pytest.raises(FormatError, match=r"GDAL.*--trust"):
+        with pytest.raises(FormatError, match="--trust"):
             open_it(name)
     assert main(["info", name, "-q"]) == 2
 

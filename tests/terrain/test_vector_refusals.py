@@ -65,10 +65,10 @@ def test_a_locked_geopackage(here):
     assert len(read_table("a.gpkg")) == 1
 
 
-@pytest.mark.parametrize(("letter", "name"), [(b"\xfc", "Hang Süd"), (b"\x80", "Hang S€d"), (b"\x9d", "Hang S\x9dd")])
+@pytest.mark.parametrize(("letter", "name"), [(b"\xfc", "Hang Süd"), (b"\x80", "Hang S€d")])
 @pytest.mark.parametrize("declared", ["UTF-8", "utf8"])
 def test_a_wrong_code_page(here, said, letter, name, declared):
-    """Bytes of Windows under a .cpg that says UTF-8; all bytes are a letter in one of the two that are tried."""
+    """Bytes of Windows under a .cpg that says UTF-8."""
     write("a.shp", ["Hang Sud"])
     raw = Path("a.dbf").read_bytes()
     Path("a.dbf").write_bytes(raw.replace(b"Hang Sud", b"Hang S" + letter + b"d"))
