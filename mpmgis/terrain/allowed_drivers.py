@@ -55,7 +55,10 @@ VECTOR_DRIVERS = {
 VRT = "VRT"  # read where `file_references` finds a plain mosaic
 _KEPT = {*RASTER_DRIVERS, *VECTOR_DRIVERS, VRT, "MEM", "Memory"}  # others may read rasters that are open now
 _NOTHING_WRITTEN = {"CPL_VSIL_GZIP_WRITE_PROPERTIES": "NO"}
-_NO_FUNCTIONS = {"SPATIALITE_LOAD": "NO"}  # views of a database call none; it reads proj.db in the current folder
+_DATABASES = {
+    "SPATIALITE_LOAD": "NO",  # views of a database call no functions; SpatiaLite reads proj.db in the current folder
+    "SQLITE_BUSY_TIMEOUT": "1000",  # [ms] until a locked database is refused
+}
 _NO_NETWORK = {  # a name in a file that a driver follows leads nowhere: no file has this suffix, no proxy answers
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".no-network",
     "GDAL_HTTP_PROXY": "http://127.0.0.1:9",
@@ -68,7 +71,7 @@ _depth = 0
 
 def raster_settings() -> dict[str, str]:
     """Return GDAL's settings for rasters that are read now, for `rasterio.Env`."""
-    return _NOTHING_WRITTEN | _NO_FUNCTIONS | ({} if is_trusted() else _NO_NETWORK)
+    return _NOTHING_WRITTEN | _DATABASES | ({} if is_trusted() else _NO_NETWORK)
 
 
 @contextmanager
@@ -81,7 +84,7 @@ def vector_library() -> Iterator[ModuleType]:
     library = pyogrio()
     from pyogrio.core import _register_drivers
 
-    settings = _NOTHING_WRITTEN | _NO_FUNCTIONS | {"GDAL_PAM_ENABLED": "NO"}
+    settings = _NOTHING_WRITTEN | _DATABASES | {"GDAL_PAM_ENABLED": "NO"}
     with _within:
         if not is_trusted():
             others = [name for name in library.list_drivers() if name not in _KEPT]

@@ -198,7 +198,7 @@ def _unreadable(source, path, error):
         return f"{path} is a folder, expected a raster; give a file in it"
     if what := leads_to(file):
         return f"{path} {what}"
-    if "database is locked" in reason:
+    if "database is locked" in innermost_reason(error):
         return f"{path} is locked by another program, for example by an edit in QGIS; save and close it there"
     mark = next((code for mark, code in _MARKS.items() if head_of(file).startswith(mark)), None)
     if mark is not None:

@@ -33,7 +33,7 @@ PARQUET_SUFFIXES = (".parquet", ".geoparquet")
 _GML = b"opengis.net/gml"  # near the beginning of a GML file
 _READ_ONLY = "/vsicached?file="  # GDAL's prefix of files that it cannot change
 _SURFACES = {15: "PolyhedralSurface", 16: "TIN", 17: "Triangle"}  # by the numbers of ISO WKB; GEOS has none of them
-_NO_CODE_PAGE = ("cp1252", "latin-1")  # tried where a text is not in the encoding that the file declares
+_WINDOWS = "cp1252"  # encoding of a text that is not in the one that the file declares
 _GEOMETRY_TYPES = (
     *("Point", "LineString", "LinearRing", "Polygon"),
     *("MultiPoint", "MultiLineString", "MultiPolygon", "GeometryCollection"),
@@ -227,26 +227,21 @@ def _read(place, file, layer, subset):
         return read(place, layer=layer, **more)
     except UnicodeDecodeError as error:
         wrong = error
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # pyogrio's errors are of both kinds
         if subset is None:
             raise
         reason = one_line(error)[:120]
         raise InputError(
             f"{file}: the subset {subset[:60]!r} is not a condition that GDAL understands ({reason})"
         ) from error
-    for encoding in _NO_CODE_PAGE:
-        try:
-            found = read(place, layer=layer, encoding=encoding, **more)
-        except UnicodeDecodeError:
-            continue
-        declared = Path(file).with_suffix(".cpg")
-        source = f", as {declared.name} says" if declared.is_file() else ""
-        log.info(
-            f"{file}: its text is not in {wrong.encoding}{source}; read as {encoding} (Windows); check names with "
-            "special letters"
-        )
-        return found
-    raise wrong
+    found = read(place, layer=layer, encoding=_WINDOWS, **more)
+    declared = Path(file).with_suffix(".cpg")
+    source = f", as {declared.name} says" if declared.is_file() else ""
+    log.info(
+        f"{file}: its text is not in {wrong.encoding}{source}; read as {_WINDOWS} (Windows); check names with special "
+        "letters"
+    )
+    return found
 
 
 def _shapes(shapes: np.ndarray, file: str | Path) -> np.ndarray:
