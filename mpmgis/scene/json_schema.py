@@ -98,7 +98,8 @@ def _of_kind(kind: Any, f: Any) -> Schema:
     checks = f.metadata
     if kind is list:
         count = len(f.default if isinstance(f.default, tuple) else checks["example"])
-        return {"type": "array", "items": {"type": "number"}, "minItems": count, "maxItems": count}
+        most = {"maxItems": count} if count > 1 else {}  # an example of one entry stands for any number of them
+        return {"type": "array", "items": {"type": "number"}, "minItems": count, **most}
     if kind is dict:
         return {
             "type": "object",

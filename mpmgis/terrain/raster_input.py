@@ -19,8 +19,11 @@ from rasterio.windows import Window
 
 from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, GeoreferenceError, InputError, one_line
+from ..system.messages import log
 from .georeference import horizontal, warp_command
 from .grid import Grid
+from .raster_scale import scale_line
+from .undeclared_nodata import STORED, Role, mask_undeclared
 
 _SMALLEST_PIXEL = 1e-9  # [m, or the map's unit] a smaller side is an invalid georeference
 _FARTHEST = 1e14  # [m, or the map's unit] so is a larger product of coordinate and number of pixels
@@ -29,12 +32,16 @@ ONE_BAND = "extract one: rio stack {path} --bidx N -o one.tif"  # where no optio
 _VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
 
-def read_raster(path: str | Path, band: int | None = None, may_be_empty: bool = False) -> tuple[np.ndarray, Grid]:
+def read_raster(
+    path: str | Path, role: Role, band: int | None = None, may_be_empty: bool = False
+) -> tuple[np.ndarray, Grid]:
     """Read a band of any raster.
 
     Parameters
     ----------
     path : str or Path
+    role : Role
+        What it contains; values that mean nodata without being declared as such are NaN too.
     band : int, optional
         Counted from 1; required where there are several bands.
     may_be_empty : bool
@@ -56,7 +63,9 @@ def read_raster(path: str | Path, band: int | None = None, may_be_empty: bool = 
     path = Path(path)
     with open_raster(path) as source:
         band = band_number(source, path, band, option=ONE_BAND)
-        return band_values(source, path, band, may_be_empty), grid_of(source, path)
+        if line := scale_line(source, path, band):
+            log.info(line)
+        return band_values(source, path, band, role, may_be_empty), grid_of(source, path)
 
 
 def raster_files(path: str | Path) -> list[Path]:
@@ -230,9 +239,16 @@ def band_number(
 
 
 def band_values(
-    source: DatasetReader, path: str | Path, band: int, may_be_empty: bool = False, window: Window | None = None
+    source: DatasetReader,
+    path: str | Path,
+    band: int,
+    role: Role,
+    may_be_empty: bool = False,
+    window: Window | None = None,
 ) -> np.ndarray:
     """Read the values of a band with scale and offset applied, NaN for nodata, mask and infinities.
+
+    Values that mean nodata without being declared as such are reported and NaN too.
 
     Parameters
     ----------
@@ -240,6 +256,8 @@ def band_values(
     path : str or Path
         For messages.
     band : int
+    role : Role
+        What the raster contains.
     may_be_empty : bool
         Nodata everywhere is no error.
     window : rasterio.windows.Window, optional
@@ -266,7 +284,9 @@ def band_values(
     data[~(valid & np.isfinite(data))] = np.nan
     scale, offset = source.scales[band - 1], source.offsets[band - 1]
     if (scale, offset) != (1.0, 0.0):
+        mask_undeclared(data, path, STORED)
         data = data * scale + offset
+    mask_undeclared(data, path, role)
     if not may_be_empty and not np.isfinite(data).any():
         where = ""
         if window is not None:
