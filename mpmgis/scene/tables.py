@@ -537,7 +537,11 @@ class OutputTable:
         "write the bands of each frame as rasters in maps/, and particles for a restart only", False, kind=bool
     )
     raster_cell_size: float | None = _key(
-        "with rasters: their cells [m]; default those of the DTM", None, low=0.0, above=True, example=2.0
+        "with rasters: their cells [m]; default the finer of those of DTM and run",
+        None,
+        low=0.0,
+        above=True,
+        example=2.0,
     )
     raster_min_depth: float | None = _key(
         "with rasters: no speed where the flow is thinner [m]; without it 0.05", None, low=0.0, example=0.1

@@ -93,6 +93,8 @@ class Prepared:
         Velocity gradient of points at the start.
     fill : NodataFill or None
         Of the terrain, where the scene requests it.
+    walled : tuple of WalledRegion
+        Probably undeclared nodata of the terrain.
     """
 
     scene: "Scene"
@@ -105,6 +107,7 @@ class Prepared:
     vertical_stress: np.ndarray | None = None  # float64[n] [Pa]
     affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
     fill: "NodataFill | None" = None
+    walled: "tuple[WalledRegion, ...]" = ()
 
     effects = property(lambda self: self.stages[0].effects)
     decisions = property(lambda self: self.stages[0].decisions)
@@ -113,6 +116,11 @@ class Prepared:
     places = property(lambda self: self.stages[0].places)
     walls = property(lambda self: self.stages[0].walls)
     grid = property(lambda self: self.stages[0].grid)
+
+    @property
+    def coarsest_cells(self) -> float:
+        """Cell size [m] of the stage with the largest cells."""
+        return max(stage.numerics.cell_size for stage in self.stages)
 
     @property
     def particles(self) -> int:
@@ -252,6 +260,7 @@ def prepare_scene(scene: "Scene") -> Prepared:
         start.vertical_stress,
         start.affine,
         fill,
+        walled,
     )
     return with_device(prepared)
 
@@ -305,7 +314,7 @@ def _check_size(name, shape):
 def _start_of_columns(scene, terrain, grid):
     """Return the _Start of a run that begins with columns."""
     sources = read_sources(scene, terrain, grid)
-    _check_release(sources.frame.particles, sources.frame.header, scene)
+    _check_release(sources.frame.particles, sources.frame.header, scene, grid.cell_size)
     report_cliffs(grid.gradients_at(sources.everything), sources.everything)
     return _Start(sources.frame, sources.everything, sources.events, sources.facts, sources.reference_thickness)
 
@@ -313,7 +322,7 @@ def _start_of_columns(scene, terrain, grid):
 def _start_of_points(scene, terrain, grid):
     """Return the _Start of a run that begins with points."""
     start = read_point_start(scene, terrain, grid)
-    _check_release(start.seen.particles, start.frame.header, scene)
+    _check_release(start.seen.particles, start.frame.header, scene, grid.cell_size)
     return _Start(start.frame, start.seen, Events(), {}, None, start.vertical_stress, start.affine)
 
 
@@ -478,11 +487,13 @@ def _some_columns(particles):
     return np.union1d(np.arange(0, len(particles), step), [fastest])
 
 
-def _check_release(particles, header, scene):
+def _check_release(particles, header, scene, cell_size):
     more = "points_per_cell" if scene.solver == "points" else "particles_per_cell"
-    fixes = Fixes("[release] density", "[release] thickness", f"take a smaller [numerics] cell_size or more {more}")
+    finer = "take a smaller [numerics] cell_size"
+    fixes = Fixes("[release] density", "[release] thickness", f"{finer} or more {more}", finer)
     if len(particles):
-        thickness = particles.volume.sum() / particles.area.sum()
-        report_implausible(len(particles), header["density"], thickness, fixes)
+        area = particles.area.sum()
+        across = np.sqrt(area) / cell_size
+        report_implausible(len(particles), header["density"], particles.volume.sum() / area, across, fixes)
     if scene.friction is not None and scene.friction.law in LAWS:
         report_implausible_friction(scene.friction.parameters)

@@ -10,8 +10,12 @@ from .georeference import name_of
 
 SILENT_ACCURACY = 1.0  # [m] a better operation is not reported
 _BALLPARK = "ballpark"  # in PROJ's name of an operation that ignores the datums
+_GEOCENTRIC = (
+    6378137.0,
+    298.257223,
+)  # [m] axis and inverse flattening of GRS 80 and WGS 84: their datums differ by 1 m
 _SAME_AXIS = 1.0  # [m] difference of the semi-major axes of two ellipsoids that count as the same
-_SAME_FLATTENING = 1e-4  # [1] the same, of their inverse flattenings: GRS 80 and WGS 84 differ by 1e-6
+_SAME_FLATTENING = 1e-4  # [1] the same, of their inverse flattenings
 
 
 def transformer_to(
@@ -37,7 +41,7 @@ def transformer_to(
     ------
     GeoreferenceError
         There is no transformation, for example from the CRS of another planet; or PROJ knows no relation between the
-        two datums, and their ellipsoids differ: places would be off by up to 200 m.
+        two datums, and one is not on the ellipsoid of GRS 80 and WGS 84: places would be off by up to 200 m.
     """
     try:
         transformer = pyproj.Transformer.from_crs(crs, target, always_xy=True)
@@ -57,7 +61,7 @@ def _shift_words(transformer, crs, target, place, path):
         return ""
     name = one_line(used.description or "")
     if _BALLPARK in name.lower():
-        if not _same_ellipsoid(crs, target):
+        if not (_is_geocentric(crs) and _is_geocentric(target)):
             raise GeoreferenceError(
                 f"{path} is in {name_of(crs)}, and the relation of its datum ({_datum(crs)}) to that of "
                 f"{name_of(target)} ({_datum(target)}) is not known: places would be off by up to 200 m; give the file "
@@ -74,11 +78,12 @@ def _datum(crs):
     return one_line(crs.datum.name)[:40] if crs.datum is not None else "none"
 
 
-def _same_ellipsoid(first, second):
-    shapes = [crs.ellipsoid for crs in (first, second)]
-    if None in shapes:
-        return False
-    axis, flattening = (
-        [getattr(shape, name) for shape in shapes] for name in ("semi_major_metre", "inverse_flattening")
+def _is_geocentric(crs):
+    """Return whether the ellipsoid of a CRS is that of GRS 80 and WGS 84."""
+    shape = crs.ellipsoid
+    axis, flattening = _GEOCENTRIC
+    return (
+        shape is not None
+        and abs(shape.semi_major_metre - axis) < _SAME_AXIS
+        and abs(shape.inverse_flattening - flattening) < _SAME_FLATTENING
     )
-    return abs(axis[0] - axis[1]) < _SAME_AXIS and abs(flattening[0] - flattening[1]) < _SAME_FLATTENING

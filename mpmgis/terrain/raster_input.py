@@ -19,15 +19,19 @@ from rasterio.windows import Window
 
 from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, GeoreferenceError, InputError, one_line
+from ..system.memory import memory_lack
 from ..system.messages import log
 from .georeference import horizontal, warp_command
 from .grid import Grid
 from .raster_scale import scale_line
 from .undeclared_nodata import STORED, Role, mask_undeclared
+from .virtual_rasters import require_few_reads
 
 _SMALLEST_PIXEL = 1e-9  # [m, or the map's unit] a smaller side is an invalid georeference
 _FARTHEST = 1e14  # [m, or the map's unit] so is a larger product of coordinate and number of pixels
 _GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
+_SURELY_READ = 25_000_000  # [pixels] for which the memory is not checked
+_BYTES_PER_PIXEL = 20  # of a band that is read: numbers, mask, and a copy of both for a moment
 ONE_BAND = "extract one: rio stack {path} --bidx N -o one.tif"  # where no option chooses a band
 _VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
@@ -119,6 +123,7 @@ def open_raster(path: str | Path) -> Iterator[DatasetReader]:
         if path.is_file() and path.stat().st_size == 0:
             raise FormatError(f"{path} is empty (0 bytes), expected a raster")
         require_undisguised(path)
+        require_few_reads(path)
         _require_directory(path)
     with warnings.catch_warnings(), _messages_of_any_bytes():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
@@ -272,8 +277,10 @@ def band_values(
     FormatError
         Truncated or damaged.
     InputError
-        Nodata everywhere.
+        Nodata everywhere, or more cells than the memory can contain.
     """
+    shape = source.shape if window is None else (int(window.height), int(window.width))
+    _require_memory(shape, path)
     try:
         data = source.read(band, out_dtype="float64", window=window)
         valid = source.read_masks(band, window=window) != 0
@@ -295,6 +302,15 @@ def band_values(
             where = f" in the needed rows {first[0]} to {last[0]}, columns {first[1]} to {last[1]}"
         raise InputError(f"{path}: every cell{where} is nodata")
     return data
+
+
+def _require_memory(shape: tuple[int, int], path: str | Path) -> None:
+    """Refuse to read more pixels than the free memory can contain."""
+    if shape[0] * shape[1] > _SURELY_READ and (lack := memory_lack(shape[0] * shape[1] * _BYTES_PER_PIXEL)):
+        raise InputError(
+            f"{path}: {shape[0]} x {shape[1]} cells need {lack}; cut it to the site (rio clip, QGIS: Clip raster by "
+            "extent)"
+        )
 
 
 def transform_of(source: DatasetReader, path: str | Path, local: bool) -> Affine:

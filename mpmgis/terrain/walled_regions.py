@@ -265,5 +265,7 @@ def require_real(regions: "tuple[WalledRegion, ...]", real: "Sequence[float]", p
                 f"{path}: the flow can reach probably undeclared nodata: {region.words()}; declare it (rio edit-info "
                 f"FILE --nodata {region.value:.7g}), or if it is ground: [terrain] real_values = [{region.value:.7g}]"
             )
-        lines.append(f"warning: the flow can reach {region.words()}, which is ground by [terrain] real_values")
+        lines.append(
+            f"warning: the flow can reach constant ground behind walls: {region.words()}; it is ground by [terrain] real_values"
+        )
     return lines

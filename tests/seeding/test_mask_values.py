@@ -64,7 +64,7 @@ def test_each_id_is_one_area(tmp_path, terrain, kind):
     ids = np.zeros((60, 60), kind)
     ids[10:14, 10:20], ids[30:36, 20:30], ids[50:52, 40:44] = 1, 2, 7
     path = write_raster(tmp_path / "ids.tif", ids, NORTH_UP)
-    with pytest.raises(InputError, match="only 0 and 1, 2, 7, i.e. a mask or ids"):
+    with pytest.raises(InputError, match=r"only 0 and 1, 2, 7, i\.e\. a mask or ids"):
         read_release(path, terrain)
     release = read_release(path, terrain, 2.0)
     assert release.area == pytest.approx((40 + 60 + 8) * CELL_AREA)
@@ -78,7 +78,7 @@ def test_metres_are_declared_by_giving_the_raster_twice(tmp_path, terrain):
     path = raster(tmp_path, 0, 3, "int16")
     (part,) = read_release(path, terrain, path).parts
     assert np.nanmax(part.thickness.values) == 3.0 and part.polygon.area == pytest.approx(80 * CELL_AREA)
-    with pytest.raises(InputError, match="only 0 and 255, i.e. a mask"):
+    with pytest.raises(InputError, match=r"only 0 and 255, i\.e\. a mask"):
         read_release(path, terrain, raster(tmp_path, 0, 255, "uint8"))
 
 

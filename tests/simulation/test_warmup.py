@@ -74,8 +74,9 @@ def test_each_long_stage_has_a_message(scene, monkeypatch):
             pass
 
     monkeypatch.setattr(warmup.threading, "Timer", Over)
+    prepared = prepare(scene)
     with collected() as said:
-        warm_up(prepare(scene), first=1)
+        warm_up(prepared, first=1)
     assert [line.split(":")[0] for line in said] == [
         "preparing stage 2 of 3 (points)",
         "preparing stage 3 of 3 (columns)",
