@@ -258,8 +258,10 @@ def _picture_line(source: DatasetReader, path: str | Path, band: int) -> str:
     colour = source.colorinterp[band - 1]
     if colour not in _COLOURS and source.dtypes[band - 1] != "uint8":
         return ""
-    kind = f"the {colour.name} of a picture" if colour in _COLOURS else "8-bit numbers, as a picture or a hillshade has"
-    return f"{path}: band {band} is {kind}; expected elevations in metres: check that this is the DTM"
+    kind = (
+        f"is the {colour.name} of a picture" if colour in _COLOURS else "has 8-bit numbers, as a picture or a hillshade"
+    )
+    return f"{path}: band {band} {kind}; expected elevations in metres: check that this is the DTM"
 
 
 def require_heights(elevation: np.ndarray, path: str | Path) -> None:

@@ -149,9 +149,11 @@ def _regions(elevation: np.ndarray, heights: list) -> Iterator[tuple[float, np.n
     rare, so that only few groups of them are looked at.
     """
     enclosed, walled = _enclosed(elevation, heights)
-    labels, _ = scipy.ndimage.label(enclosed)
+    labels, count = scipy.ndimage.label(enclosed)
+    alone = np.bincount(labels.ravel(), minlength=count + 1) == 1
+    yield from _single_cells(elevation, walled & alone[labels])
     windows = scipy.ndimage.find_objects(labels)
-    for number in np.unique(labels[walled & enclosed]).tolist():
+    for number in np.unique(labels[walled & enclosed & ~alone[labels]]).tolist():
         window = tuple(slice(max(part.start - 1, 0), part.stop + 1) for part in windows[number - 1])
         first = np.array([part.start for part in window])
         heights_here, group = elevation[window], labels[window] == number
@@ -161,6 +163,29 @@ def _regions(elevation: np.ndarray, heights: list) -> Iterator[tuple[float, np.n
                 wall = _lowest_wall(heights_here, pieces == piece, value)
                 if wall is not None:
                     yield value, np.argwhere(pieces == piece) + first, wall
+
+
+def _single_cells(elevation: np.ndarray, cells: np.ndarray) -> Iterator[tuple[float, np.ndarray, float]]:
+    """Yield as `_regions` the cells (bool) without a neighbour of their value; values that are rare are left out.
+
+    All of them at once: noise can have very many. Cells with walls up and down are left out, unless of USUAL.
+    """
+    row, column = np.nonzero(cells)
+    values = elevation[row, column]
+    around = np.full((4, row.size), np.nan)
+    for k, (down, across) in enumerate(((-1, 0), (1, 0), (0, -1), (0, 1))):
+        i, j = row + down, column + across
+        there = (i >= 0) & (i < elevation.shape[0]) & (j >= 0) & (j < elevation.shape[1])
+        around[k, there] = elevation[i[there], j[there]] - values[there]
+    up, down = (np.where(side, around, np.nan) for side in (around > 0, around < 0))
+    lowest = np.where(np.isnan(up).all(axis=0), np.fmax.reduce(down, axis=0), np.fmin.reduce(up, axis=0))
+    usual = np.isin(values, USUAL)
+    one_sided = np.isnan(up).all(axis=0) | np.isnan(down).all(axis=0)
+    known, which, often = np.unique(values, return_inverse=True, return_counts=True)
+    for k in np.flatnonzero((often >= FEWEST) | np.isin(known, USUAL)).tolist():
+        own = (which == k) & (one_sided | usual)
+        for place, wall in zip(np.argwhere(own)[:, 0].tolist(), lowest[own].tolist(), strict=True):
+            yield float(known[k]), np.array([[row[place], column[place]]]), wall
 
 
 def _enclosed(elevation: np.ndarray, heights: list) -> tuple[np.ndarray, np.ndarray]:
@@ -266,6 +291,7 @@ def require_real(regions: "tuple[WalledRegion, ...]", real: "Sequence[float]", p
                 f"FILE --nodata {region.value:.7g}), or if it is ground: [terrain] real_values = [{region.value:.7g}]"
             )
         lines.append(
-            f"warning: the flow can reach constant ground behind walls: {region.words()}; it is ground by [terrain] real_values"
+            f"warning: the flow can reach constant ground behind walls: {region.words()}; it is ground by [terrain] "
+            "real_values"
         )
     return lines
