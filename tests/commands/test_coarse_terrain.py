@@ -75,7 +75,7 @@ def test_rasters_written_by_the_run_have_its_cells(site, capsys):
     scene = SCENE.replace("end_time = 30", "end_time = 5\nrasters = true")
     (site / "rasters.toml").write_text(scene)
     facts(capsys, "run", site / "rasters.toml", "-o", site / "with_rasters", "-q")
-    (path,) = (site / "with_rasters").glob("maps/*_max.tif")
+    (path,) = (site / "with_rasters").glob("maps/rasters/*_max.tif")
     with rasterio.open(path) as file:
         assert file.res == (10, 10)
 
