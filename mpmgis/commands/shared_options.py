@@ -311,7 +311,7 @@ class SizedCellOptions(CellOptions, total=False):
             unit="m",
             flag="--cs-e",
             above=0,
-            usual="the DTM's own cells",
+            usual="the finer of the cells of DTM and run",
             field="CELL",
             label="Cell size",
         ),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..system.disguised_files import require_local
 from ..system.errors import MpmgisError
+from ..system.file_references import require_local
 from ..system.messages import log, muted
 from ..terrain.dtm import TerrainFile
 from ..terrain.elevation import Terrain

@@ -30,6 +30,9 @@ def check_together(scene: Scene, where: str) -> None:
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
     _check_window(scene.terrain.window, where)
+    real = scene.terrain.real_values
+    if real is not None and not (real and all(is_finite(value) for value in real)):
+        raise SceneError(f"{where} [terrain]: real_values = {shown(list(real))}, expected elevations, for example [0]")
     check_stages(scene, where)
     if "points" in scene.solvers:
         check_points(scene, where)

@@ -99,8 +99,10 @@ def _of_kind(kind: Any, f: Any) -> Schema:
     if kind is list:
         count = len(f.default if isinstance(f.default, tuple) else checks["example"])
         items = {"type": "string" if isinstance((checks["example"] or (0,))[0], str) else "number"}
-        length = {"minItems": 1} if f.name == "times" else {"minItems": count, "maxItems": count}
-        return {"type": "array", "items": items, **length}
+        if f.name == "times":
+            return {"type": "array", "items": items, "minItems": 1}
+        most = {"maxItems": count} if count > 1 else {}  # an example of one entry stands for any number of them
+        return {"type": "array", "items": items, "minItems": count, **most}
     if kind is dict and f.name == "columns":
         return {"type": "object", "additionalProperties": {"type": "string"}}
     if kind is dict:

@@ -8,10 +8,10 @@ from dataclasses import MISSING, dataclass, field
 from typing import Any
 
 from ..laws import curvature, entrainment, friction, ground_metric
+from ..terrain.mask_values import THICKEST
 from . import material_table
 
 USE = ("auto", "on", "off")
-THICKEST = 1e4  # [m] of a release; more is a typing error
 FASTEST = 1e3  # [m s-1] of a release; more is a typing error
 HIGHEST_WALL = 1000.0  # [m] of a barrier above the ground, three times the highest dam; memory in 3D grows with it
 DENSITY = 1000.0  # [kg m-3], default
@@ -80,6 +80,12 @@ class TerrainTable:
         kind=str,
         choices=("interpolate",),
         example="interpolate",
+    )
+    real_values: tuple | None = _key(
+        "elevations [m] of constant regions behind walls that are ground; a flow must not reach any other",
+        None,
+        kind=list,
+        example=(0.0,),
     )
 
 
@@ -362,7 +368,7 @@ class EntrainmentTable:
         file=True,
     )
     thickness: float | str | None = _key(
-        "of the erodible ground: number [m] or column name; not for a raster",
+        "of the erodible ground: number [m] or column name; with a raster: it is a mask, and a number",
         None,
         kind=(float, str),
         low=0.0,
@@ -576,7 +582,11 @@ class OutputTable:
         "write the bands of each frame as rasters in maps/, and particles for a restart only", False, kind=bool
     )
     raster_cell_size: float | None = _key(
-        "with rasters: their cells [m]; default those of the DTM", None, low=0.0, above=True, example=2.0
+        "with rasters: their cells [m]; default the finer of those of DTM and run",
+        None,
+        low=0.0,
+        above=True,
+        example=2.0,
     )
     raster_min_depth: float | None = _key(
         "with rasters: no speed where the flow is thinner [m]; without it 0.05", None, low=0.0, example=0.1

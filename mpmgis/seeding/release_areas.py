@@ -11,6 +11,7 @@ from ..system.messages import log, muted
 from ..system.source_names import file_of, source_of
 from ..terrain.dtm import TerrainFile
 from ..terrain.elevation import Terrain
+from ..terrain.mask_values import THICKEST
 from ..terrain.raster_input import RASTER_SUFFIXES, file_sha256
 from ..terrain.release_parts import NORMAL, VERTICAL, ReleaseArea, ReleasePart, require_on_terrain, without_overlaps
 from ..terrain.spatial_inputs import is_raster, repaired, to_terrain
@@ -46,7 +47,7 @@ def read_release(
     FormatError, GeoreferenceError, InputError
         The file is not readable, in an unsuitable CRS, or has no usable area or thickness.
     """
-    from .release_bed import bed_under  # imports the kernels of seeding; not needed for outlines
+    from .release_bed import bed_under, report_heights  # imports the kernels of seeding; not needed for outlines
 
     if surface is not None and thickness is not None:
         raise InputError("--thickness and --surface exclude each other; give only one")
@@ -58,7 +59,7 @@ def read_release(
     record = {}
     for part in features:
         require_on_terrain(part, terrain.grid)
-    bed_under(features, terrain)
+    report_heights(features, bed_under(features, terrain), terrain, path)
     if wanted.raster is not None:
         own = (
             surface_thickness(wanted.raster, terrain, features, record)
@@ -169,10 +170,12 @@ def require_thickness(value: float, where: str) -> float:
     Raises
     ------
     InputError
-        It is not a finite number above 0.
+        It is not a finite number above 0, or above THICKEST.
     """
     if not math.isfinite(value) or value <= 0:
         raise InputError(f"{where}: thickness is {value:g}, expected a number of metres above 0")
+    if value > THICKEST:
+        raise InputError(f"{where}: thickness is {value:g}, expected at most {THICKEST:g} metres; check its unit")
     return value
 
 

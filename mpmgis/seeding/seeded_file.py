@@ -1,5 +1,6 @@
 """Seeding from files: columns from a DTM and release areas (`mpmgis seed`)."""
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +20,12 @@ from .column_seeding import Seed, plan_seed
 from .implausible_values import Fixes, report_implausible
 from .release_areas import read_release
 
-_FIXES = Fixes("`density`", "`thickness`", "give a larger `per_cell` or `count`, a smaller `spacing`, or a finer DTM")
+_FIXES = Fixes(
+    "`density`",
+    "`thickness`",
+    "give a larger `per_cell` or `count`, a smaller `spacing`, or a finer DTM",
+    "give a finer DTM, or in a scene a smaller [numerics] cell_size",
+)
 
 
 @dataclass(frozen=True)
@@ -156,7 +162,8 @@ def _planned(terrain: Terrain | TerrainFile, area: ReleaseArea, options: dict) -
     """Return the Seed of a release on a terrain; implausible values are logged."""
     seed = plan_seed(terrain, area, **options)
     mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
-    report_implausible(seed.count, seed.record["density"], mean_thickness, _FIXES)
+    across = math.sqrt(seed.record["release_area"] / terrain.grid.cell_area)
+    report_implausible(seed.count, seed.record["density"], mean_thickness, across, _FIXES)
     return seed
 
 

@@ -424,7 +424,7 @@ def _require_rasters(prepared):
 
     output = prepared.scene.output
     bands_of(output.raster_products)
-    raster_grid(prepared.terrain.grid, output.raster_cell_size)
+    raster_grid(prepared.terrain.grid, output.raster_cell_size, prepared.coarsest_cells)
 
 
 class _Frames:

@@ -23,6 +23,8 @@ from rasterio.windows import Window
 
 from ..system.errors import FormatError, GeoreferenceError, InputError, innermost_reason, one_line
 from ..system.file_references import TRUST, VRT_SUFFIXES, head_of, leads_to, require_local
+from ..system.memory import memory_lack
+from ..system.messages import log
 from ..system.settled_databases import settled
 from ..system.source_names import SourceName, file_of, source_of
 from ..system.trusted_files import is_trusted
@@ -30,29 +32,34 @@ from ..system.zip_archives import is_zip, members, require_zip_fits
 from .allowed_drivers import RASTER_DRIVERS, VRT, raster_settings
 from .georeference import horizontal, warp_command
 from .grid import Grid
+from .raster_scale import scale_line
+from .undeclared_nodata import STORED, Role, mask_undeclared
+from .virtual_rasters import require_few_reads
 
 _SMALLEST_PIXEL = 1e-9  # [m, or the map's unit] a smaller side is an invalid georeference
 _FARTHEST = 1e14  # [m, or the map's unit] so is a larger product of coordinate and number of pixels
 RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
 _MARKS = {b"\xef\xbb\xbf": "UTF-8", b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}  # byte-order marks of texts
+_SURELY_READ = 25_000_000  # [pixels] for which the memory is not checked
+_BYTES_PER_PIXEL = 20  # of a band that is read: numbers, mask, and a copy of both for a moment
 ONE_BAND = "extract one: rio stack {path} --bidx N -o one.tif"  # where no option chooses a band
 _VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
 
 def read_raster(
-    path: str | Path, band: int | None = None, may_be_empty: bool = False, classes: bool = False
+    path: str | Path, role: Role, band: int | None = None, may_be_empty: bool = False
 ) -> tuple[np.ndarray, Grid]:
     """Read a band of any raster.
 
     Parameters
     ----------
     path : str or Path
+    role : Role
+        What it contains; values that mean nodata without being declared as such are NaN too.
     band : int, optional
         Counted from 1; required where there are several bands.
     may_be_empty : bool
         Nodata everywhere is no error.
-    classes : bool
-        The values may be numbers of classes with a colour table, as in a mask.
 
     Returns
     -------
@@ -68,8 +75,10 @@ def read_raster(
         it `may_be_empty`.
     """
     with open_raster(path) as source:
-        band = band_number(source, path, band, option=ONE_BAND, classes=classes)
-        return band_values(source, path, band, may_be_empty), grid_of(source, path)
+        band = band_number(source, path, band, role, option=ONE_BAND)
+        if line := scale_line(source, path, band):
+            log.info(line)
+        return band_values(source, path, band, role, may_be_empty), grid_of(source, path)
 
 
 def raster_files(path: str | Path) -> list[Path]:
@@ -128,6 +137,7 @@ def open_raster(path: str | Path) -> Iterator[DatasetReader]:
     if source.is_plain:
         source = _raster_in(source, path)
         _require_directory(source.file)
+        require_few_reads(source.file)
     with warnings.catch_warnings(), _messages_of_any_bytes(), Env(**raster_settings()), settled(source.file) as place:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
@@ -272,8 +282,8 @@ def band_number(
     source: DatasetReader,
     path: str | Path,
     band: int | None,
+    role: Role,
     option: str = "choose the band of the elevation with --dem-band N",
-    classes: bool = False,
 ) -> int:
     """Return the number of the band to read, counted from 1.
 
@@ -284,10 +294,10 @@ def band_number(
         For messages.
     band : int or None
         The band that was asked for.
+    role : Role
+        What the raster contains.
     option : str
         How to choose a band, for messages.
-    classes : bool
-        A palette is no error.
 
     Raises
     ------
@@ -300,7 +310,7 @@ def band_number(
         band = 1
     if not 1 <= band <= source.count:
         raise InputError(f"{path}: got band {band}, but it has {source.count} (counted from 1)")
-    if source.colorinterp[band - 1] == rasterio.enums.ColorInterp.palette and not classes:
+    if source.colorinterp[band - 1] == rasterio.enums.ColorInterp.palette and not role.classes:
         raise InputError(
             f"{path} is an image with a palette, whose values are classes, expected numbers in metres; use the raster "
             "it was made from"
@@ -311,9 +321,16 @@ def band_number(
 
 
 def band_values(
-    source: DatasetReader, path: str | Path, band: int, may_be_empty: bool = False, window: Window | None = None
+    source: DatasetReader,
+    path: str | Path,
+    band: int,
+    role: Role,
+    may_be_empty: bool = False,
+    window: Window | None = None,
 ) -> np.ndarray:
     """Read the values of a band with scale and offset applied, NaN for nodata, mask and infinities.
+
+    Values that mean nodata without being declared as such are reported and NaN too.
 
     Parameters
     ----------
@@ -321,6 +338,8 @@ def band_values(
     path : str or Path
         For messages.
     band : int
+    role : Role
+        What the raster contains.
     may_be_empty : bool
         Nodata everywhere is no error.
     window : rasterio.windows.Window, optional
@@ -335,8 +354,10 @@ def band_values(
     FormatError
         Truncated or damaged.
     InputError
-        Nodata everywhere.
+        Nodata everywhere, or more cells than the memory can contain.
     """
+    shape = source.shape if window is None else (int(window.height), int(window.width))
+    _require_memory(shape, path)
     try:
         data = source.read(band, out_dtype="float64", window=window)
         valid = source.read_masks(band, window=window) != 0
@@ -347,7 +368,9 @@ def band_values(
     data[~(valid & np.isfinite(data))] = np.nan
     scale, offset = source.scales[band - 1], source.offsets[band - 1]
     if (scale, offset) != (1.0, 0.0):
+        mask_undeclared(data, path, STORED)
         data = data * scale + offset
+    mask_undeclared(data, path, role)
     if not may_be_empty and not np.isfinite(data).any():
         where = ""
         if window is not None:
@@ -356,6 +379,15 @@ def band_values(
             where = f" in the needed rows {first[0]} to {last[0]}, columns {first[1]} to {last[1]}"
         raise InputError(f"{path}: every cell{where} is nodata")
     return data
+
+
+def _require_memory(shape: tuple[int, int], path: str | Path) -> None:
+    """Refuse to read more pixels than the free memory can contain."""
+    if shape[0] * shape[1] > _SURELY_READ and (lack := memory_lack(shape[0] * shape[1] * _BYTES_PER_PIXEL)):
+        raise InputError(
+            f"{path}: {shape[0]} x {shape[1]} cells need {lack}; cut it to the site (rio clip, QGIS: Clip raster by "
+            "extent)"
+        )
 
 
 def transform_of(source: DatasetReader, path: str | Path, local: bool) -> Affine:

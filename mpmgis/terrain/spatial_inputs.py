@@ -15,13 +15,15 @@ from ..system.file_references import require_local
 from ..system.messages import log, muted
 from ..system.source_names import source_of
 from ..system.zip_archives import members
+from .datum_shift import transformer_to
 from .dtm import WithoutCRS
 from .elevation import Terrain
 from .georeference import horizontal, name_of, same_place, warp_command
 from .grid import Grid
-from .raster_input import RASTER_SUFFIXES, open_raster, read_raster
+from .raster_input import RASTER_SUFFIXES, grid_of, open_raster, read_raster
 from .release_parts import polygons_only
 from .terrain_reprojection import reprojected_raster
+from .undeclared_nodata import Role
 from .vector_table import names_of, open_vector, read_table, require_polygons
 
 _SAME_METRES = 1e-3  # [m] smaller displacements by a reprojection are not reported
@@ -122,8 +124,8 @@ def to_terrain(
         return list(shapes)
     if same_place(crs, target):
         return list(shapes)
-    transformer = transformer_to(horizontal(pyproj.CRS(crs)), target, path)
     before = shapely.get_coordinates(shapes)
+    transformer, shift = transformer_to(horizontal(pyproj.CRS(crs)), target, (*before, (0.0, 0.0))[0], path)
     after = np.column_stack(transformer.transform(*before.T))
     if not np.isfinite(after).all():
         unnamed = "; GeoJSON without a CRS is in degrees" if Path(path).suffix in (".json", ".geojson") else ""
@@ -131,30 +133,8 @@ def to_terrain(
             f"{path} is in {name_of(crs)} and cannot be reprojected to {name_of(target)}; check its CRS{unnamed}"
         )
     if np.abs(after - before).max() > _SAME_METRES:
-        log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
+        log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS{shift}")
     return list(shapely.set_coordinates(shapes, after))
-
-
-def transformer_to(crs: pyproj.CRS, target: pyproj.CRS, path: str | Path) -> pyproj.Transformer:
-    """Return the transformer of coordinates from one CRS to another.
-
-    Parameters
-    ----------
-    crs, target : pyproj.CRS
-    path : str or Path
-        For messages.
-
-    Raises
-    ------
-    GeoreferenceError
-        There is no transformation, for example from the CRS of another planet.
-    """
-    try:
-        return pyproj.Transformer.from_crs(crs, target, always_xy=True)
-    except pyproj.exceptions.ProjError as error:
-        raise GeoreferenceError(
-            f"{path} is in {name_of(crs)} and cannot be reprojected to {name_of(target)}; check its CRS"
-        ) from error
 
 
 def require_lies_on(bounds: Sequence[float], crs: pyproj.CRS | None, terrain: Terrain, path: str | Path) -> None:
@@ -234,7 +214,8 @@ def _crs_and_bounds(path: str | Path) -> tuple:
     """Return (pyproj.CRS or None, bounds) of a vector file or a raster; (None, None) where it cannot be read."""
     try:
         if is_raster(path):
-            grid = read_raster(path)[1]
+            with open_raster(path) as source:
+                grid = grid_of(source, path)
             return grid.crs, grid.bounds
         table = read_table(path)
     except MpmgisError:  # reported later, once the DTM has a CRS
@@ -361,15 +342,15 @@ def read_area(path: str | Path, terrain: Terrain) -> shapely.Geometry:
     return shapely.union_all([feature.shape for feature in read_polygons(path, terrain)])
 
 
-def read_placed_raster(path: str | Path, terrain: Terrain, classes: bool = False) -> tuple[np.ndarray, Grid]:
+def read_placed_raster(path: str | Path, terrain: Terrain, role: Role) -> tuple[np.ndarray, Grid]:
     """Read a raster that must be in the terrain's own CRS.
 
     Parameters
     ----------
     path : str or Path
     terrain : Terrain
-    classes : bool
-        The values may be numbers of classes with a colour table, as in a mask.
+    role : Role
+        What it contains.
 
     Returns
     -------
@@ -384,11 +365,11 @@ def read_placed_raster(path: str | Path, terrain: Terrain, classes: bool = False
         that is asked for.
     FormatError, InputError
     """
-    values, grid = read_raster(path, classes=classes)
+    values, grid = read_raster(path, role)
     target = terrain.grid.crs
     if grid.crs is not None and target is not None and not same_place(grid.crs, target):
         if terrain.reprojection is not None:
-            return reprojected_raster(path, target)
+            return reprojected_raster(path, target, role)
         raise GeoreferenceError(
             f"{path} is in {name_of(grid.crs)}, the DTM in {name_of(target)}; give --to-crs auto, or reproject it: "
             f"{warp_command(path, name_of(target), 'nearest')}"

@@ -209,7 +209,7 @@ def dem_nan_under_the_release(k):
 @recipe("elevations are from")
 def dem_of_other_numbers(k):
     heights = np.full((60, 60), 700.0)
-    heights[3, 3] = -1e30
+    heights[3, 3] = -20_000.0
     k.dem = k.raster("h.tif", heights)
 
 

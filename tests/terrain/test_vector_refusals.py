@@ -15,6 +15,7 @@ from mpmgis.system.errors import FormatError, InputError, MpmgisError
 from mpmgis.system.messages import log
 from mpmgis.terrain.dtm import read_terrain
 from mpmgis.terrain.raster_input import open_raster, read_raster
+from mpmgis.terrain.undeclared_nodata import MASK
 from mpmgis.terrain.vector_table import read_table
 
 WEST, NORTH = 4e5, 5.1002e6
@@ -129,7 +130,7 @@ def test_a_palette_is_a_mask_and_no_terrain(here, kind):
     with rasterio.open("m.tif", "w", dtype=kind, **RASTER) as target:
         target.write(mask, 1)
         target.write_colormap(1, {0: (0, 0, 0, 0), 1: (255, 0, 0, 255)})
-    values, _ = read_raster("m.tif", classes=True)
+    values, _ = read_raster("m.tif", MASK)
     assert (np.nan_to_num(values) == mask).all()
     with pytest.raises(InputError, match="a palette, whose values are classes, expected numbers in metres"):
         read_terrain("m.tif")

@@ -19,12 +19,13 @@ from ... import __version__
 from ...frames.particles import Frame
 from ...laws.quantities import BAND, Quantity
 from ...system.errors import FormatError, InputError
-from ...terrain.dtm import mask_false_heights
+from ...terrain.dtm import require_heights
 from ...terrain.elevation import Terrain
 from ...terrain.georeference import require_metric
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import SparseBands
+from ...terrain.undeclared_nodata import HEIGHTS, mask_undeclared
 from ..averaging.exported_folder import read_part
 from ..averaging.exported_steps import open_steps
 
@@ -357,5 +358,6 @@ def terrain_of(array: xarray.DataArray) -> Terrain:
     if crs is not None:
         require_metric(crs, grid.bounds, name)
     elevation = np.where(np.isfinite(elevation), elevation, np.nan)
-    mask_false_heights(elevation, name)
+    mask_undeclared(elevation, name, HEIGHTS)
+    require_heights(elevation, name)
     return Terrain(grid, elevation, path=name)
