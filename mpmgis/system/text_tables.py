@@ -47,7 +47,7 @@ def decoded_start(head: bytes) -> bytes:
     return head.decode("utf-16", "ignore").encode("utf-8", "ignore")
 
 
-def read_text(path: str | Path, expected: str, largest: int = LARGEST) -> str:
+def file_text(path: str | Path, expected: str, largest: int = LARGEST) -> str:
     """Read the text of a file.
 
     Parameters
@@ -171,7 +171,7 @@ def read_cells(path: str | Path, expected: str, largest: int = LARGEST) -> TextT
     FormatError
         As `read_text`; no header; a row with another number of cells.
     """
-    lines = io.StringIO(read_text(path, expected, largest), newline=None).readlines()
+    lines = io.StringIO(file_text(path, expected, largest), newline=None).readlines()
     first = next((k for k, line in enumerate(lines) if not _is_left_out(line, k == 0)), None)
     if first is None:
         raise FormatError(f"{path} is empty, expected {expected}")

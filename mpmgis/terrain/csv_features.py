@@ -6,9 +6,10 @@ import numpy as np
 import pyproj
 import shapely
 
-from ..system.errors import FormatError, one_line
-from ..system.text_tables import is_number, read_cells, read_text, with_point
+from ..system.errors import FormatError, InputError, one_line
+from ..system.text_tables import file_text, is_number, read_cells, with_point
 from .georeference import crs_of_text
+from .unread_surfaces import unread_kind, unread_line
 
 SUFFIXES = (".csv", ".tsv")
 GEOMETRY = ("wkt", "_wkt")  # names of the column with geometries, in lower case
@@ -36,6 +37,8 @@ def read_csv_features(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray, py
     ------
     FormatError
         No table, with the number of the wrong line; no geometry.
+    InputError
+        A geometry of a kind that is not read.
     """
     table = read_cells(path, "a table with a header and one row per feature")
     cells = np.array([cells for _, cells in table.rows], object).reshape(len(table.rows), len(table.names))
@@ -56,10 +59,12 @@ def _geometry(path, columns, lines):
     words = next((by_name[name] for name in GEOMETRY if name in by_name), None)
     if words is not None:
         made = []
-        for line, word in zip(lines, words, strict=True):
+        for number, (line, word) in enumerate(zip(lines, words, strict=True), 1):
             try:
                 made.append(None if word == "" else shapely.from_wkt(word))
-            except (shapely.errors.GEOSException, TypeError) as error:
+            except (shapely.errors.GEOSException, NotImplementedError, TypeError) as error:
+                if kind := unread_kind(str(word)):
+                    raise InputError(f"{path}: {unread_line(number, kind, path.name)}") from error
                 raise FormatError(f"{path} line {line}: no geometry in WKT ({one_line(error)[:80]})") from error
         return np.array(made, object)
     for east, north in PLACES:
@@ -76,4 +81,4 @@ def _geometry(path, columns, lines):
 def _crs_beside(path):
     """The CRS of the .prj beside the table; None without one."""
     file = path.with_suffix(".prj")
-    return crs_of_text(read_text(file, "a CRS", LARGEST_CRS).strip()) if file.is_file() else None
+    return crs_of_text(file_text(file, "a CRS", LARGEST_CRS).strip()) if file.is_file() else None

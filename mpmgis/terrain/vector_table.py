@@ -25,6 +25,7 @@ from ..system.zip_archives import require_zip_fits
 from .allowed_drivers import vector_library
 from .csv_features import SUFFIXES as CSV_SUFFIXES
 from .csv_features import read_csv_features
+from .unread_surfaces import SURFACES, unread_line
 
 LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words
@@ -32,7 +33,6 @@ FARTHEST = 1e9  # [m, or the map's unit] no place on Earth lies beyond
 PARQUET_SUFFIXES = (".parquet", ".geoparquet")
 _GML = b"opengis.net/gml"  # near the beginning of a GML file
 _READ_ONLY = "/vsicached?file="  # GDAL's prefix of files that it cannot change
-_SURFACES = {15: "PolyhedralSurface", 16: "TIN", 17: "Triangle"}  # by the numbers of ISO WKB; GEOS has none of them
 _WINDOWS = "cp1252"  # encoding of a text that is not in the one that the file declares
 _GEOMETRY_TYPES = (
     *("Point", "LineString", "LinearRing", "Polygon"),
@@ -255,11 +255,8 @@ def _shapes(shapes: np.ndarray, file: str | Path) -> np.ndarray:
             shapely.from_wkb(shape)
         except shapely.errors.GEOSException as error:
             kind = int.from_bytes(shape[1:5], "little" if shape[0] else "big") & 0xFFFF
-            if surface := _SURFACES.get(kind % 1000):
-                raise InputError(
-                    f"{file}: feature {number} is a {surface}, expected a polygon; convert it: ogr2ogr -nlt "
-                    f"MULTIPOLYGON polygons.gpkg {Path(file).name}"
-                ) from error
+            if surface := SURFACES.get(kind % 1000):
+                raise InputError(f"{file}: {unread_line(number, surface, Path(file).name)}") from error
             reason = one_line(error).partition(": ")[2] or one_line(error)
             raise InputError(
                 f"{file}: the geometry of feature {number} is invalid ({reason[:80]}); repair it (QGIS: Fix geometries)"

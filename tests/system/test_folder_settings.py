@@ -42,12 +42,12 @@ WORKERS = """
 from mpmgis.system import worker_processes
 import folder_settings_probe
 with worker_processes.started(1) as workers:
-    class Piece:
-        number = 0
-    ((_, found),) = workers.worked(folder_settings_probe.settings, [Piece()])
+    ((_, found),) = workers.worked(folder_settings_probe.settings, [folder_settings_probe.Piece()])
     print(found)
 """
 MODULE = """
+class Piece:
+    number = 0
 def settings(_):
     import mpmgis.compiled.jit
     from numba.core import config
@@ -84,7 +84,7 @@ def usual(tmp_path_factory):
     ("number", "first"),
     [
         (0, ""),
-        pytest.param(1, "import mpmgis.compiled.law_methods", marks=pytest.mark.thorough),
+        pytest.param(1, "import mpmgis.compiled.called_kernels", marks=pytest.mark.thorough),
         pytest.param(2, "import mpmgis.system, numba", marks=pytest.mark.thorough),
         pytest.param(3, "import mpmgis.system, matplotlib", marks=pytest.mark.thorough),
         pytest.param(4, "import mpmgis.solvers.gpu", marks=pytest.mark.thorough),

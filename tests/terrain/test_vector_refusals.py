@@ -100,6 +100,13 @@ def test_the_feature_with_an_open_ring(here, place):
         read_table("a.geojson")
 
 
+@pytest.mark.parametrize("kind", ["CurvePolygon", "MultiSurface"])
+def test_shapes_with_arcs_in_a_table(here, kind):
+    Path("a.csv").write_text(f'WKT,h\n"{kind} ((0 0, 9 0, 0 9, 0 0))",1\n"POLYGON ((0 0, 9 0, 0 9, 0 0))",1\n')
+    with pytest.raises(InputError, match=rf"feature 1 is a {kind}, expected a polygon; convert it: ogr2ogr -nlt"):
+        read_table("a.csv")
+
+
 @pytest.mark.parametrize("kind", ["TIN", "POLYHEDRALSURFACE"])
 @pytest.mark.parametrize("dimension", ["", " Z"])
 def test_surfaces_of_triangles(here, kind, dimension):
@@ -157,7 +164,7 @@ def test_the_reason_is_that_of_the_library(here):
 def test_any_content_is_refused_in_one_line(here, suffix, content):
     path = Path(f"a{suffix}")
     path.write_bytes(content)
-    for read in (read_table, read_raster, lambda path: open_raster(path).__enter__()):
+    for read in (read_table, lambda path: read_raster(path, MASK), lambda path: open_raster(path).__enter__()):
         with pytest.raises(MpmgisError) as caught:
             read(path)
         assert "\n" not in str(caught.value) and "a" in str(caught.value)
