@@ -2,6 +2,7 @@
 
 import difflib
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import shapely
@@ -27,6 +28,7 @@ def read_release(
     thickness: float | str | Path | None = None,
     thickness_mode: str = NORMAL,
     surface: str | Path | None = None,
+    check: Callable[[float], None] | None = None,
 ) -> ReleaseArea:
     """Read the release areas at `path`, in the terrain's CRS, with their thickness.
 
@@ -41,6 +43,8 @@ def read_release(
     thickness_mode : {"normal", "vertical"}
     surface : str or Path, optional
         Raster of the material's surface [m]: vertical thickness is surface minus bed, clipped at 0.
+    check : callable (float [m2]) -> None, optional
+        Called with the area of all parts before the terrain under them is read; it may refuse a large one.
 
     Raises
     ------
@@ -59,6 +63,8 @@ def read_release(
     record = {}
     for part in features:
         require_on_terrain(part, terrain.grid)
+    if check is not None:
+        check(math.fsum(part.polygon.area for part in features))
     report_heights(features, bed_under(features, terrain), terrain, path)
     if wanted.raster is not None:
         own = (

@@ -30,6 +30,7 @@ from ..system.source_names import SourceName, file_of, source_of
 from ..system.trusted_files import is_trusted
 from ..system.zip_archives import is_zip, members, require_zip_fits
 from .allowed_drivers import RASTER_DRIVERS, VRT, raster_settings
+from .complete_files import require_complete
 from .georeference import horizontal, warp_command
 from .grid import Grid
 from .raster_scale import scale_line
@@ -149,6 +150,8 @@ def open_raster(path: str | Path) -> Iterator[DatasetReader]:
                 raise FormatError(
                     f"{path} contains no band; give one of its subdatasets: {_subdatasets(dataset, source)}"
                 )
+            if not source.part or source.driver:
+                require_complete(dataset, place, path)
             if not is_trusted():
                 _require_own_pixels(dataset, path)
             try:

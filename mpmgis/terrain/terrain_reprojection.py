@@ -20,7 +20,7 @@ from rasterio.vrt import WarpedVRT
 from rasterio.warp import calculate_default_transform, transform_bounds
 from rasterio.windows import Window, from_bounds
 
-from ..system.errors import FormatError, GeoreferenceError, InputError, one_line
+from ..system.errors import FormatError, GeoreferenceError, InputError, innermost_reason
 from ..system.messages import log
 from .datum_shift import transformer_to
 from .georeference import (
@@ -319,7 +319,9 @@ def read_warped(
         with _warped(source, crs, grid, resampling, nodata) as view:
             data = view.read(band, window=window, out_dtype="float64")
     except (RasterioError, OSError, ValueError) as error:
-        raise FormatError(f"{path} cannot be reprojected to {name_of(grid.crs)} ({one_line(error)[:120]})") from error
+        raise FormatError(
+            f"{path} cannot be reprojected to {name_of(grid.crs)} ({innermost_reason(error)[:120]})"
+        ) from error
     data[~np.isfinite(data)] = np.nan
     scale, offset = source.scales[band - 1], source.offsets[band - 1]
     return data if (scale, offset) == (1.0, 0.0) else data * scale + offset

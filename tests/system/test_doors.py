@@ -109,6 +109,7 @@ PLAIN = {
     "system/text_tables": "the door for tables and texts",
     "system/whole_files": OWN,
     "system/zip_archives": FIRST_BYTES,
+    "terrain/complete_files": "the header, to see whether the file ends early",
     "terrain/raster_input": FIRST_BYTES + ", and the digest",
     "terrain/raster_scale": "a sidecar that GDAL has read, to see what stands in it",
     "terrain/virtual_rasters": "names in a virtual raster, after `require_local`",

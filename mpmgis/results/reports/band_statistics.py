@@ -9,7 +9,7 @@ import numpy as np
 from rasterio.io import DatasetReader
 from rasterio.windows import Window
 
-from ...system.errors import FormatError, one_line
+from ...system.errors import FormatError, innermost_reason
 
 MOST_READ = 100_000_000  # [cells] that are read of a raster: about two seconds
 MOST_BLOCKS = 1_000_000  # whose existence is looked up; of more only some are
@@ -64,7 +64,7 @@ def band_statistics(source: DatasetReader, path: str | Path, band: int) -> BandS
             if block.size:
                 low, high, valid = min(low, block.min()), max(high, block.max()), valid + block.size
     except Exception as error:  # rasterio, GDAL and NumPy raise different types for a damaged block
-        raise FormatError(f"{path} is damaged: band {band} cannot be read ({one_line(error)[:100]})") from error
+        raise FormatError(f"{path} is damaged: band {band} cannot be read ({innermost_reason(error)[:100]})") from error
     if not valid:
         return BandStatistics(None, None, 0.0, known / total)
     ends = sorted(float(value) * source.scales[band - 1] + source.offsets[band - 1] for value in (low, high))
