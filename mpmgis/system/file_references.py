@@ -32,11 +32,12 @@ _BEGINNINGS = (
     *(*_TIFF, b"\0\0\0\x0cjP  ", b"\xffO\xffQ", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"),
     *(b"CDF\x01", b"CDF\x02", b"CDF\x05", _HDF5),
 )
-_VIEW = re.compile(rb"create\s+view|IsSeamless|Type\s+LINKED", re.I)  # of a .tab that shows others
-_ASCII_GRID = re.compile(rb"\s*(?:ncols|nrows|xll|yll|cellsize|dx|dy|nodata_value)", re.I)
-_NUMBERS = re.compile(rb"[-+.,;0-9eE \t\r\n]*")  # of an XYZ file
-_BINARY = re.compile(rb"[\0-\x08\x0b\x0c\x0e-\x1f\x80-\xff]")  # no text has it; drivers that follow names read texts
-_WORD = re.compile(rb"[A-Za-z_<>=]{7}")  # which some of them look for anywhere before the first zero byte
+# Patterns are texts: they are compiled when a file needs them.
+_VIEW = rb"(?i)create\s+view|IsSeamless|Type\s+LINKED"  # of a .tab that shows others
+_ASCII_GRID = rb"(?i)\s*(?:ncols|nrows|xll|yll|cellsize|dx|dy|nodata_value)"
+_NUMBERS = rb"[-+.,;0-9eE \t\r\n]*"  # of an XYZ file
+_BINARY = rb"[\0-\x08\x0b\x0c\x0e-\x1f\x80-\xff]"  # no text has it; drivers that follow names read texts
+_WORD = rb"[A-Za-z_<>=]{7}"  # which some of them look for anywhere before the first zero byte
 # What lists of files and services begin with, and what they are; for messages.
 _KINDS = (
     (b"<VRTDataset", "a virtual raster (VRT)"),
@@ -57,12 +58,12 @@ _KINDS = (
     (b"IsisCube", "a label of a raster in other files (ISIS)"),
     (b"DatasetHeader Begin", "a label of a raster in other files (ERS)"),
 )
-_POINTED = re.compile(
+_POINTED = (
     r"((?:https?|ftp|s3)://[^\s\"'<>]+|/vsi[^\s\"'<>]+)|"
     r"<(?:Source(?:Filename|Dataset|Array)?|SrcDataSource|SrcDSN?|\w*File(?:[Nn]ame)?)\b[^<>]*>\s*([^\s<>][^<>]*?)\s*<|"
     r"(?:\^\w+\s*=|DataFile\s*=|href\s*=|\"(?:href|location|url)\"\s*:|\bread\s)\s*\\?\"?([^\s\"'<>\\]+)"
 )
-_NAMESPACE = re.compile(r"//www\.(?:opengis\.net|w3\.org)/")  # names of XML that are no addresses
+_NAMESPACE = r"//www\.(?:opengis\.net|w3\.org)/"  # names of XML that are no addresses
 _TAGS = {  # of a plain mosaic, as gdalbuildvrt and this program write it, with their attributes
     "VRTDataset": {"rasterXSize", "rasterYSize"},
     "SRS": {"dataAxisToSRSAxisMapping", "coordinateEpoch"},
@@ -105,10 +106,8 @@ _TAGS = {  # of a plain mosaic, as gdalbuildvrt and this program write it, with 
     "UseMaskBand": set(),
 }
 _DOMAINS = ("", "mpmgis", "IMAGE_STRUCTURE")  # of metadata that lead nowhere
-_DECLARATION = re.compile(
-    rb"\s*(?:<\?xml version=[\"']1\.0[\"'](?: encoding=[\"'](?:utf-8|us-ascii)[\"'])?\s*\?>)?", re.I
-)
-_NO_PATH = re.compile(r"[<{\"\s]|/vsi|[^/\\:]{2,}:", re.I)  # beginnings of names that GDAL does not take for a path
+_DECLARATION = rb"(?i)\s*(?:<\?xml version=[\"']1\.0[\"'](?: encoding=[\"'](?:utf-8|us-ascii)[\"'])?\s*\?>)?"
+_NO_PATH = r"(?i)[<{\"\s]|/vsi|[^/\\:]{2,}:"  # beginnings of names that GDAL does not take for a path
 
 
 def require_local(name: str | Path, named_by: str | Path = "") -> None:
@@ -145,7 +144,7 @@ def require_local(name: str | Path, named_by: str | Path = "") -> None:
     elif source.file.is_file():
         _require_plain_file(source.file)
     for name, head in _tables_of_mapinfo(source.file):
-        if _VIEW.search(head):
+        if re.search(_VIEW, head):
             raise FormatError(f"{name} is a table of MapInfo that shows other files; give these, or {TRUST}")
 
 
@@ -239,8 +238,8 @@ def leads_to(path: Path) -> str:
     kind = next((kind for word, kind in _KINDS if word in head), None)
     if kind is None:
         return ""
-    names = (next(filter(None, found)) for found in _POINTED.findall(head.decode("utf-8", "replace")))
-    names = list(dict.fromkeys(_short(one_line(name)) for name in names if not _NAMESPACE.search(name)))
+    names = (next(filter(None, found)) for found in re.findall(_POINTED, head.decode("utf-8", "replace")))
+    names = list(dict.fromkeys(_short(one_line(name)) for name in names if not re.search(_NAMESPACE, name)))
     at = f", which points at {', '.join(names[:2])}{' and others' if len(names) > 2 else ''}" if names else ""
     return f"is {kind}{at}; if you trust it, {TRUST}"
 
@@ -298,9 +297,9 @@ def _is_known(head: bytes) -> bool:
     """Return whether a file that begins so is read by the driver of its format and by no other."""
     return (
         head.startswith(_BEGINNINGS)
-        or _ASCII_GRID.match(head) is not None
-        or (len(head) > 0 and _NUMBERS.fullmatch(head) is not None)
-        or (_BINARY.search(head[:4]) is not None and _WORD.search(_text(head)) is None)
+        or re.match(_ASCII_GRID, head) is not None
+        or (len(head) > 0 and re.fullmatch(_NUMBERS, head) is not None)
+        or (re.search(_BINARY, head[:4]) is not None and re.search(_WORD, _text(head)) is None)
     )
 
 
@@ -309,7 +308,7 @@ def _mosaic_sources(place: Path, path: Path) -> list[tuple[Path, str]]:
     if place.stat().st_size > LARGEST_VRT:
         raise FormatError(f"{path} has {place.stat().st_size / 1e6:.0f} MB, expected a list of files below 20 MB")
     raw = place.read_bytes()
-    start = _DECLARATION.match(raw).end()
+    start = re.match(_DECLARATION, raw).end()
     if b"<!" in raw or b"<?" in raw[start:]:
         raise FormatError(f"{path} contains a comment, CDATA or another declaration, which is not read; {TRUST}")
     try:
@@ -341,7 +340,7 @@ def _also(path):
 def _source(place: Path, path: Path, name: str, relative: bool) -> tuple[Path, str]:
     """Return (resolved path, name) of a source of the virtual raster at `place`; refuse one that is not beside it."""
     shown = one_line(name)[:120]
-    if _NO_PATH.match(name) and not (operating_system.WINDOWS and Path(name).is_absolute()):
+    if re.match(_NO_PATH, name) and not (operating_system.WINDOWS and Path(name).is_absolute()):
         elsewhere = source_of(name.strip()).elsewhere or "no path"
         raise FormatError(f"{shown!r}, which {path} refers to, is {elsewhere}; if you trust it, {TRUST}")
     _require_this_computer(name, place)

@@ -5,7 +5,6 @@ database and changes is read instead, after SQLite has applied or undone them th
 """
 
 import shutil
-import sqlite3
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
@@ -35,6 +34,8 @@ def settled(path: Path) -> Iterator[Path]:
     if not (head_of(path).startswith(_MAGIC) and _changes(path)):
         yield path
         return
+    import sqlite3
+
     with tempfile.TemporaryDirectory(prefix="mpmgis_") as folder:
         for _ in range(_TRIES):
             before = _state(path)

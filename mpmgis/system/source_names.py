@@ -14,13 +14,12 @@ from . import operating_system
 SUBDATASETS = ("NETCDF", "GPKG", "GTIFF_DIR")  # drivers whose subdatasets are read
 ZIP = "/vsizip/"  # GDAL's prefix of files in a zip archive
 LAYER_OPTIONS = ("layername", "layerid", "geometrytype", "subset")  # of QGIS, after a |
-_OPTION = re.compile(r"\|(\w+(?::\w+)?)=")
-_DRIVER = re.compile(r"([A-Za-z][A-Za-z0-9_+]+):")
-_VIRTUAL = re.compile(r"/vsi\w+", re.I)
-_NETWORK = re.compile(
-    r"/vsi(?:curl|s3|gs|az|adls|oss|swift|hdfs|webhdfs|kerchunk|std)\w*[/?]|(?:https?|ftps?|s3|gs):/", re.I
-)
-_ONE_SLASH = re.compile(r"\b(https?|ftps?|s3|gs):/(?!/)", re.I)  # a path of Python has lost the second
+# patterns are texts: they are compiled for a name that is no path
+_OPTION = r"\|(\w+(?::\w+)?)="
+_DRIVER = r"([A-Za-z][A-Za-z0-9_+]+):"
+_VIRTUAL = r"(?i)/vsi\w+"
+_NETWORK = r"(?i)/vsi(?:curl|s3|gs|az|adls|oss|swift|hdfs|webhdfs|kerchunk|std)\w*[/?]|(?:https?|ftps?|s3|gs):/"
+_ONE_SLASH = r"(?i)\b(https?|ftps?|s3|gs):/(?!/)"  # a path of Python has lost the second
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class SourceName:
             return f'{self.driver}:"{self.file}":{self.part}'
         if self.part:
             return f"{ZIP}{{{self.file}}}/{self.part}"
-        return f"./{self.file}" if _DRIVER.match(str(self.file)) else str(self.file)
+        return f"./{self.file}" if re.match(_DRIVER, str(self.file)) else str(self.file)
 
     @property
     def is_plain(self) -> bool:
@@ -95,14 +94,14 @@ def source_of(name: str | Path, folder: str | Path = "") -> SourceName:
     base, options = _with_options(text)
     if base != text:
         return replace(source_of(base, folder), options=options)
-    if _NETWORK.match(text) or (_NETWORK.search(text) and _VIRTUAL.match(text)):
-        restored = _ONE_SLASH.sub(r"\1://", text)
+    if re.match(_NETWORK, text) or (re.search(_NETWORK, text) and re.match(_VIRTUAL, text)):
+        restored = re.sub(_ONE_SLASH, r"\1://", text)
         return SourceName(Path(text), elsewhere="in the network or in a database", text=restored)
     if text.lower().startswith(ZIP):
         return _in_archive(text, folder)
-    if virtual := _VIRTUAL.match(text):
+    if virtual := re.match(_VIRTUAL, text):
         return SourceName(Path(text), elsewhere=f"a virtual path of GDAL ({virtual[0]})", text=text)
-    if found := _DRIVER.match(text):
+    if found := re.match(_DRIVER, text):
         return _subdataset(text, found[1], folder)
     return SourceName(folder / Path(text).expanduser())
 
@@ -120,7 +119,7 @@ def _with_options(text):
     The SQL of a subset may contain |.
     """
     found = []
-    for match in _OPTION.finditer(text):
+    for match in re.finditer(_OPTION, text):
         if not (found and found[-1][1].lower() == "subset" and match[1].lower() not in LAYER_OPTIONS):
             found.append(match)
     if not found:
@@ -161,8 +160,10 @@ def _subdataset(text, driver, folder):
             drive = file
             file, _, part = part.partition(":")
             file = f"{drive}:{file}"
-    if _NETWORK.search(file):
-        return SourceName(Path(text), elsewhere="in the network or in a database", text=_ONE_SLASH.sub(r"\1://", text))
+    if re.search(_NETWORK, file):
+        return SourceName(
+            Path(text), elsewhere="in the network or in a database", text=re.sub(_ONE_SLASH, r"\1://", text)
+        )
     if file.startswith("/vsi"):
         return SourceName(Path(text), elsewhere="a subdataset in an archive", text=text)
     return SourceName(folder / Path(file).expanduser(), driver=driver.upper(), part=part)

@@ -11,7 +11,6 @@ from ..system.text_tables import file_text, is_number, read_cells, with_point
 from .georeference import crs_of_text
 from .unread_surfaces import unread_kind, unread_line
 
-SUFFIXES = (".csv", ".tsv")
 GEOMETRY = ("wkt", "_wkt")  # names of the column with geometries, in lower case
 PLACES = (("x", "y"), ("e", "n"), ("east", "north"), ("easting", "northing"), ("e_m", "n_m"))  # as above
 LARGEST_CRS = 100_000  # [bytes] of a .prj

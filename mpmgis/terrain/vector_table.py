@@ -23,13 +23,12 @@ from ..system.settled_databases import settled
 from ..system.source_names import LAYER_OPTIONS, SourceName, source_of
 from ..system.zip_archives import require_zip_fits
 from .allowed_drivers import vector_library
-from .csv_features import SUFFIXES as CSV_SUFFIXES
-from .csv_features import read_csv_features
 from .unread_surfaces import SURFACES, unread_line
 
 LAYER = "|layername="  # as QGIS writes a source with several layers
 KINDS = {"Polygon": "polygons", "LineString": "lines", "Point": "points"}  # of geometry, in words
 FARTHEST = 1e9  # [m, or the map's unit] no place on Earth lies beyond
+CSV_SUFFIXES = (".csv", ".tsv")
 PARQUET_SUFFIXES = (".parquet", ".geoparquet")
 _GML = b"opengis.net/gml"  # near the beginning of a GML file
 _READ_ONLY = "/vsicached?file="  # GDAL's prefix of files that it cannot change
@@ -158,6 +157,8 @@ def read_table(path: str | Path, kind: str = "Polygon", flag: str = "--release "
                     _require_no_options(chosen, path)
                     table = _parquet_table(source.file)
                 elif source.file.is_file() and source.file.suffix.lower() in CSV_SUFFIXES:
+                    from .csv_features import read_csv_features
+
                     _require_no_options(chosen, path)
                     table = VectorTable(*read_csv_features(source.file))
                 else:

@@ -51,6 +51,18 @@ def test_erodible_ground_is_the_same_whatever_is_outside(site, capsys, given):
     assert "at most 1000 metres" in refused(site, capsys, SHORT + EROSION)
 
 
+@pytest.mark.parametrize("table", ["friction", "zones"])
+def test_a_parameter_is_the_same_whatever_is_outside(site, capsys, table):
+    """mu of a raster: cells without a value have the mu of [friction]."""
+    zones = '[[zones]]\nmu = "zones.tif"\n' if table == "zones" else '[[zones]]\nsource = "m.tif"\nmu = "zones.tif"\n'
+    mask(site, 0.0, 1.0, name="m.tif")
+    mask(site, -7.0, 0.45, nodata=-7.0)
+    expected = decisions(site, SHORT + zones, capsys)
+    for outside in (np.nan, -9999.0, -32768.0, -3.4028235e38, 9999.0, 65535.0, 1e20):
+        mask(site, outside, 0.45)
+        assert decisions(site, SHORT + zones, capsys) == expected, outside
+
+
 @pytest.mark.parametrize("value", [0.0, -999.0, -9999.9])
 def test_a_run_into_a_pit_is_refused_unless_it_is_ground(site, capsys, value):
     x, y = distances()

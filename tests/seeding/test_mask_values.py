@@ -135,3 +135,20 @@ def test_more_than_1000_m_is_refused(tmp_path, terrain, thick):
         read_release(mask, terrain, raster(tmp_path, 0.0, thick, "float64"))
     with pytest.raises(InputError, match="at most 1000 metres"):
         read_release(mask, terrain, surface=raster(tmp_path, 1500.0, 1500.0 + thick, "float64"))
+
+
+@pytest.mark.parametrize("outside", OUTSIDE["float32"][1:])
+def test_a_surface_is_the_same_whatever_is_outside(tmp_path, terrain, outside):
+    """The surface is known in 30 x 40 cells around the release, 2 m above the bed at 1500 m, vertical."""
+    if outside in (-1.0, -999.0, -9999.9, 1e-30):
+        pytest.skip("may be an elevation; below the bed it is clipped and reported")
+    bed = terrain.elevation[0, 0]
+    surface = np.full((60, 60), outside, np.float32)
+    surface[10:40, 10:50] = bed + 2.0
+    mask = raster(tmp_path, 0, 1, "uint8")
+    with collected() as said:
+        release = read_release(mask, terrain, surface=write_raster(tmp_path / "s.tif", surface, NORTH_UP))
+    (part,) = release.parts
+    assert part.polygon.area == pytest.approx(80 * CELL_AREA)
+    assert np.nanmax(part.thickness.values) == pytest.approx(2.0, rel=1e-5)
+    assert np.isnan(outside) or any("not declared as nodata" in line for line in said)

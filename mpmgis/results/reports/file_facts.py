@@ -26,7 +26,7 @@ from ...frames.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE, read_re
 from ...frames.run_maps import has_rasters
 from ...scene import read_scene
 from ...system.errors import FormatError, InputError, MpmgisError, one_line
-from ...system.file_references import require_local
+from ...system.file_references import leads_to, require_local
 from ...system.hdf5_reading import opened_whole, require_memory
 from ...system.source_names import file_of, source_of
 from ...terrain.georeference import name_of
@@ -35,6 +35,7 @@ from .particle_facts import PEAKS, frame_facts, particle_table_facts, third_part
 
 README = "README.txt"
 CLOSE = 1e-6  # [1] tolerance of the mass in README.txt
+_NO_FORMAT = "not recognized as being in a supported file format"  # in the error of GDAL where no driver knows a file
 _WRITTEN = re.compile(r"(\d+) points, (\S+) kg, .* from (.+), written for (.+) by mpmgis (\S+)\.")
 HDF5_SUFFIXES = (".h5", ".hdf5", ".mat")  # of particles, whose arrays are listed where none has a usual name
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
@@ -276,7 +277,8 @@ def _read_json(path):
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path} is not valid JSON ({one_line(error)[:80]})") from error
+        what = leads_to(path) or f"is not valid JSON ({one_line(error)[:80]})"
+        raise FormatError(f"{path} {what}") from error
 
 
 def _json_facts(path):
@@ -291,6 +293,8 @@ def _json_facts(path):
         return _sidecar_facts(path)
     if isinstance(content, dict) and content.get("type") in ("FeatureCollection", "Feature"):
         return _map_facts(path)
+    if not (isinstance(content, dict) and "format" in content) and (what := leads_to(path)):
+        raise FormatError(f"{path} {what}")
     return particle_table_facts(path)
 
 
@@ -372,7 +376,7 @@ def _map_facts(path):
             return raster_facts(path)
         except MpmgisError as no_raster:
             for error in (no_vector, no_raster):
-                if any(cause in str(error) for cause in ("if you trust it", "is locked")):
+                if _NO_FORMAT not in str(error):  # a driver knows the file and says what is wrong with it
                     raise error from None
             raise FormatError(
                 f"{path}: unknown file type: neither particles nor a scene nor a map that GDAL reads"
