@@ -103,7 +103,12 @@ def source_of(name: str | Path, folder: str | Path = "") -> SourceName:
         return SourceName(Path(text), elsewhere=f"a virtual path of GDAL ({virtual[0]})", text=text)
     if found := re.match(_DRIVER, text):
         return _subdataset(text, found[1], folder)
-    return SourceName(folder / Path(text).expanduser())
+    return SourceName(folder / _at_home(text))
+
+
+def _at_home(text):
+    """The Path of a text with ~ as the home folder; ~name without such a user stays."""
+    return Path(os.path.expanduser(text))
 
 
 def _is_there(path):
@@ -133,11 +138,11 @@ def _in_archive(text, folder):
     """Return the SourceName of a member of a zip archive: the archive is the first part of the path that is a file."""
     rest = text[len(ZIP) :]
     if braced := re.match(r"/?\{([^}]*)\}/?(.*)", rest):
-        return SourceName(folder / Path(braced[1]).expanduser(), part=braced[2])
+        return SourceName(folder / _at_home(braced[1]), part=braced[2])
     parts = rest.strip("/").split("/")
     for start in ("/", "") if rest.startswith("/") else ("", "/"):
         for count in range(1, len(parts) + 1):
-            path = folder / Path(start + "/".join(parts[:count])).expanduser()
+            path = folder / _at_home(start + "/".join(parts[:count]))
             if path.is_file():
                 return SourceName(path, part="/".join(parts[count:]))
     count = next((k for k, part in enumerate(parts, 1) if part.lower().endswith(".zip")), len(parts))
@@ -166,7 +171,7 @@ def _subdataset(text, driver, folder):
         )
     if file.startswith("/vsi"):
         return SourceName(Path(text), elsewhere="a subdataset in an archive", text=text)
-    return SourceName(folder / Path(file).expanduser(), driver=driver.upper(), part=part)
+    return SourceName(folder / _at_home(file), driver=driver.upper(), part=part)
 
 
 def network_share(path: str | Path) -> str:

@@ -209,6 +209,13 @@ def test_names_of_subdatasets_and_members_are_kept(file, part, by_path):
         assert source_of(str(found)) == found
 
 
+@pytest.mark.parametrize(
+    "name", ["~nobody_of_this_name/a.tif", "NETCDF:~x.nc:dem", "/vsizip/~x.zip/a.tif", "~x|layername=a"]
+)
+def test_homes_of_unknown_users_are_names(name):
+    assert "~" in str(source_of(name).file)
+
+
 def test_existing_files_of_any_name_are_paths(site):
     for name in ("NETCDF:x.nc:dem", "a|layername=b.tif", "http:", "PG:host=1"):
         Path("dtm.tif").rename(name)
