@@ -47,7 +47,7 @@ mpmgis demo -o demo
             "Try it on the shipped site",
             "Simulate",
             "The whole workflow on a sample site (Lava Falls, Grand Canyon): seeds, simulates, makes the maps and "
-            "opens them. It takes under two minutes; the first time it also compiles, up to 40 seconds more.",
+            "opens them. It takes under two minutes; the first time it also compiles, about 50 seconds more.",
             project=True,
             plots=True,
             load="the maps",

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..compiled.jit import set_threads, threads_in_use
 from ..laws.material_choice import wave_speed
 from ..laws.quantities import GRAVITY
 from ..solvers.points.point_numerics import courant_number
@@ -12,7 +13,7 @@ from ..system.memory import available_memory
 from ..system.messages import log
 from .memory_need import MEMORY_SHARE
 from .required_memory import predicted_memory
-from .trial_run import Trial, tried
+from .trial_run import StageWork, first_pace, tried
 from .warmup import warm_up
 
 if TYPE_CHECKING:
@@ -30,13 +31,13 @@ class Prediction(NamedTuple):
     seconds : float [s]
         Wall time of the steps; NaN where it is unknown.
     memory : float [bytes]
-    trial : Trial or None
-        With the time of the steps.
+    trial : tuple of StageWork
+        Empty without a trial.
     """
 
     seconds: float
     memory: float
-    trial: Trial | None = None
+    trial: tuple[StageWork, ...] = ()
 
 
 def predicted(prepared: "Prepared", threads: int) -> Prediction:
@@ -54,11 +55,18 @@ def predicted(prepared: "Prepared", threads: int) -> Prediction:
     -------
     Prediction
     """
-    memory, trial = predicted_memory(prepared), None
-    if memory < MEMORY_SHARE * available_memory():
-        warm_up(prepared)
+    memory, before = predicted_memory(prepared), threads_in_use()
+    if memory >= MEMORY_SHARE * available_memory():
+        return Prediction(math.nan, memory)
+    warm_up(prepared)
+    set_threads(threads)
+    try:
         trial = tried(prepared) or tried(prepared, 1.0)
-    return Prediction(math.nan if trial is None else trial.work / threads, memory, trial)
+        if trial:
+            trial = (trial[0]._replace(pace=first_pace(prepared)), *trial[1:])
+    finally:
+        set_threads(before)
+    return Prediction(sum((stage.seconds for stage in trial), 0.0 if trial else math.nan), memory, trial)
 
 
 def most_particle_steps(prepared: "Prepared") -> float:
@@ -100,13 +108,14 @@ class _Moment(NamedTuple):
 class TimeLeft:
     """The wall time that is left of a run, from its own pace and a trial.
 
-    Steps go on at their pace since the start of the stage, with the work that the trial had from here on. All else,
-    above all frames, takes as long as until now in each simulated second.
+    Steps go on at their pace since the start of the stage, with the work that the trial had from here on. Those of
+    later stages have the pace that the trial measured. All else, above all frames, takes as long as until now in each
+    simulated second.
 
     Parameters
     ----------
     prepared : Prepared
-    trial : Trial, optional
+    trial : tuple of StageWork, optional
         Without it the run is tried after its first second.
     clock : callable
         Returns the wall time [s].
@@ -118,10 +127,10 @@ class TimeLeft:
     """
 
     def __init__(
-        self, prepared: "Prepared", trial: Trial | None = None, clock: Callable[[], float] = perf_counter
+        self, prepared: "Prepared", trial: tuple[StageWork, ...] = (), clock: Callable[[], float] = perf_counter
     ) -> None:
         self.seconds, self._prepared, self._clock, self._began = None, prepared, clock, clock()
-        self._trial, self._is_tried, self._pause, self._first = trial, trial is not None, 0.0, None
+        self._trial, self._is_tried, self._pause, self._first = trial, bool(trial), 0.0, None
 
     def words(self, sequence: "StageSequence") -> str:
         """Return the time left in words; '' in the first second of a stage.
@@ -147,14 +156,15 @@ class TimeLeft:
 
     def _left(self, now, begin):
         """Return the wall time left [s] at a _Moment of the stage that began at `begin` [s], and how sure it is."""
-        first, trial = self._first, self._trial
-        spent, passed = now.now - first.now, now.time - first.time
-        if trial is not None and now.time - begin < trial.stages[now.stage].time[-1]:
-            done = trial.done(now.stage, now.time - begin)
-            since, steps = done - trial.done(now.stage, first.time - begin), now.stepped - first.stepped
-            time_left = trial.time_left(now.stage, now.time - begin)
-            if since > 0.0:
-                return steps * (trial.work - done) / since + (spent - steps) * time_left / passed, "about"
+        first, spent, passed = self._first, now.now - self._first.now, now.time - self._first.time
+        if self._trial and now.time - begin < self._trial[now.stage].time[-1]:
+            stage, later = self._trial[now.stage], self._trial[now.stage + 1 :]
+            done, steps = stage.done(now.time - begin), now.stepped - first.stepped
+            since, ahead = done - stage.done(first.time - begin), sum(one.seconds for one in later)
+            if since > 0.0 and not math.isnan(ahead):
+                lasting = stage.time[-1] - (now.time - begin) + sum(one.time[-1] for one in later)
+                ahead += steps * (stage.work[-1] - done) / since
+                return ahead + (spent - steps) * lasting / passed, "about"
         return spent * (self._prepared.scene.output.end_time - now.time) / passed, "at most"
 
 

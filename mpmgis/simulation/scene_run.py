@@ -1,5 +1,6 @@
 """Simulate a scene into a folder of frames (`mpmgis run`)."""
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -37,7 +38,7 @@ from .warmup import warm_up
 
 if TYPE_CHECKING:
     from .preparation import Prepared
-    from .trial_run import Trial
+    from .trial_run import StageWork
 
 ANEW, RESUMED, FINISHED = range(3)  # how a run starts
 PARTICLES_PER_THREAD = 10_000  # with fewer, threads cost more time than they save
@@ -107,7 +108,7 @@ def use_threads(particles: int, number: int | None = None) -> int:
     return set_threads(number or max(1, min(set_threads(None), particles // PARTICLES_PER_THREAD)))
 
 
-def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[str], bool]) -> "Trial | None":
+def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[str], bool]) -> "tuple[StageWork, ...]":
     """Ask before a run of more than an hour or of most of the memory; return the trial of one that may be so long.
 
     Parameters
@@ -124,7 +125,7 @@ def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[st
     """
     available = available_memory()
     if most_particle_steps(prepared) < SURELY_SHORT:
-        ahead = Prediction(0.0, predicted_memory(prepared))
+        ahead = Prediction(math.nan, predicted_memory(prepared))
     else:
         ahead = predicted(prepared, threads)
         log.info(f"predicted before the first step: {need_words(ahead)}")
@@ -201,7 +202,7 @@ def run(
         folder.refuse_inputs(input_files(scene, prepared.scene, law))
         used = use_threads(max(prepared.particles_of(number) for number in range(len(prepared.stages))), threads)
         trial = require_affordable(prepared, used, confirm)
-        if trial is None:
+        if not trial:
             warm_up(prepared)
     sequence, left, warned = StageSequence(prepared), TimeLeft(prepared, trial), _with_mach_warning(watch)
     sequence.observe = lambda solver, end_time: warned(solver, end_time, left.words(sequence))

@@ -91,7 +91,24 @@ def sample_of(prepared: "Prepared", most: int) -> "tuple[Frame, np.ndarray | Non
         Velocity gradient of points.
     """
     frame = prepared.frame if len(prepared.frame.particles) else prepared.seen
-    middle = np.abs(np.subtract(frame.map_xy(), np.median(frame.map_xy(), axis=1)[:, None])).max(axis=0)
-    few = np.sort(np.argsort(middle, kind="stable")[:most])
+    few = _in_the_middle(frame, most)
     stress, affine = ((None if of is None else of[few]) for of in (prepared.vertical_stress, prepared.affine))
     return replace(frame, particles=frame.particles.take(few), state={}, maxima={}), stress, affine
+
+
+def middle_of(frame: "Frame", most: int) -> "Frame":
+    """Return a frame of the particles in its middle.
+
+    Parameters
+    ----------
+    frame : Frame
+    most : int
+        Largest number of particles.
+    """
+    return replace(frame, particles=frame.particles.take(_in_the_middle(frame, most)), state={}, maxima={})
+
+
+def _in_the_middle(frame, most):
+    """Return int[k]: the particles nearest to the median position, in their order."""
+    distance = np.abs(np.subtract(frame.map_xy(), np.median(frame.map_xy(), axis=1)[:, None])).max(axis=0)
+    return np.sort(np.argsort(distance, kind="stable")[:most])

@@ -181,10 +181,10 @@ def _sweep(path: Path, stem: str, suffix: str = "") -> None:
     Copies that a process on another machine or in another container may still be writing are kept (`writer_process`).
     """
     stem, suffix = _short(stem, suffix)
-    left = re.compile(rf"\.{re.escape(stem)}\.(part|old)({PATTERN}){re.escape(suffix)}(-\w+)?")  # and SQLite's journal
+    left = rf"\.{re.escape(stem)}\.(part|old)({PATTERN}){re.escape(suffix)}(-\w+)?"  # and SQLite's journal
     with suppress(OSError):
         for name in os.listdir(path.parent):
-            found = left.fullmatch(name)
+            found = re.fullmatch(left, name) if name.startswith(f".{stem}.") else None  # few need the slow comparison
             if found is None or not is_left_over(found[2]):
                 continue
             if found[1] == "old":

@@ -16,7 +16,7 @@ from mpmgis.simulation.memory_need import BYTES_PER_SWITCHED
 from mpmgis.simulation.preparation import on_larger_cells, prepare
 from mpmgis.simulation.required_memory import predicted_memory
 from mpmgis.simulation.stage_sequence import StageSequence
-from mpmgis.simulation.trial_run import StageWork, Trial, tried
+from mpmgis.simulation.trial_run import StageWork, first_pace, tried
 from mpmgis.system.messages import collected
 
 STAGE = '[[stage]]\nsolver = "{}"\n'
@@ -68,7 +68,7 @@ def test_of_particles_from_a_file_a_part_has_the_mass_of_all(site, solver):
     for name in ("mass", "volume", "area"):
         if getattr(whole, name) is not None:
             assert getattr(few, name).sum() == pytest.approx(getattr(whole, name).sum(), rel=0.05)
-    assert tried(run).work > 0.0
+    assert tried(run)[0].work[-1] > 0.0
 
 
 def test_a_trial_ends_its_stages_when_the_run_does_and_changes_nothing(site):
@@ -76,10 +76,11 @@ def test_a_trial_ends_its_stages_when_the_run_does_and_changes_nothing(site):
     threads = threads_in_use()
     before = {name: values.copy() for name, values in run.frame.particles.arrays().items()}
     trial = tried(run)
-    assert [stage.time[-1] for stage in trial.stages] == pytest.approx([2.0, 3.0, 7.0])
-    for stage in trial.stages:
+    assert [stage.time[-1] for stage in trial] == pytest.approx([2.0, 3.0, 7.0])
+    for stage in trial:
         assert stage.time[0] == stage.work[0] == 0.0
         assert (np.diff(stage.time) >= 0.0).all() and (np.diff(stage.work) >= 0.0).all() and stage.work[-1] > 0.0
+    assert np.isnan(trial[0].pace) and all(stage.pace > 0.0 for stage in trial[1:])
     assert all(np.array_equal(values, before[name]) for name, values in run.frame.particles.arrays().items())
     assert run.solver().step == 0 and threads_in_use() == threads
 
@@ -89,66 +90,75 @@ def test_a_flow_comes_to_rest_in_the_trial_when_it_does_in_the_run(site):
     run = prepared(site, scene)
     sequence = StageSequence(prepare(site / "scene.toml"))
     rested = [frame.time for frame in sequence][-1]
-    assert rested < 300.0 and tried(run).stages[0].time[-1] == pytest.approx(rested, rel=0.3)
+    assert rested < 300.0 and tried(run)[0].time[-1] == pytest.approx(rested, rel=0.3)
 
 
 def test_a_trial_that_is_broken_off_goes_on_evenly_to_the_end(site):
     run = prepared(site, slide(8.0, 12, 0.5))
     late = iter([0.0, *[2.0 * trial_run.SECONDS] * 99])
-    (stage,) = tried(run, clock=lambda: next(late)).stages
+    (stage,) = tried(run, clock=lambda: next(late))
     assert len(stage.time) == 3 and stage.time[-1] == 12.0
     assert stage.work[1] / stage.time[1] == pytest.approx(stage.work[2] / stage.time[2])
 
 
 def test_cells_that_do_not_fit_between_walls_are_not_tried(site):
-    assert tried(prepared(site, slide(8.0, 12, 0.5, more='edges = "wall"')), factor=1024.0) is None
+    assert tried(prepared(site, slide(8.0, 12, 0.5, more='edges = "wall"')), factor=1024.0) == ()
 
 
-def test_a_prediction_has_the_work_of_the_trial_on_all_threads(site):
+def test_a_prediction_has_the_work_of_the_trial_at_its_pace(site):
     run = staged(site, "time = 2", "time = 5")
-    one, two = predicted(run, 1), predicted(run, 2)
-    assert one.seconds == one.trial.work > 0.0 and two.seconds == two.trial.work / 2
-    assert one.memory == predicted_memory(run)
+    threads, ahead = threads_in_use(), predicted(run, 1)
+    assert (
+        ahead.seconds == pytest.approx(sum(stage.pace * stage.work[-1] for stage in ahead.trial)) and ahead.seconds > 0
+    )
+    assert ahead.memory == predicted_memory(run) and threads_in_use() == threads
 
 
-@pytest.mark.parametrize("text", [SCENE, slide(8.0, 3, 0.5)])
-def test_no_run_has_more_particle_steps_than_the_bound(site, text):
+def test_the_pace_is_wall_time_over_steps_and_particles(site):
+    """A clock that advances by 1 s at each reading is read twice, with 8 steps between."""
+    run, ticks = prepared(site, slide(8.0, 3, 0.5)), iter(range(99))
+    assert first_pace(run, lambda: float(next(ticks))) == pytest.approx(1.0 / (8 * run.particles))
+
+
+@pytest.mark.parametrize("text", [SCENE.replace("cell_size = 10.0", "cell_size = 4.0"), slide(4.0, 3, 0.5)])
+def test_the_work_of_a_trial_is_that_of_the_run_and_below_the_bound(site, text):
     run = prepared(site, text)
-    sequence = StageSequence(run)
+    sequence = StageSequence(prepare(site / "scene.toml"))
     for _ in sequence:
         pass
     assert sequence.particle_steps < most_particle_steps(run) < 100 * sequence.particle_steps
+    assert tried(run)[0].work[-1] == pytest.approx(sequence.particle_steps, rel=0.4)
 
 
 class Course:
     """A run by an artificial clock: steps have the work of a trial, at a pace; frames take as long in every second."""
 
     work = (
-        StageWork(np.array([0.0, 4.0, 10.0]), np.array([0.0, 9.0, 12.0])),
-        StageWork(np.array([0.0, 30.0]), np.array([0.0, 60.0])),
+        StageWork(np.array([0.0, 4.0, 10.0]), np.array([0.0, 9e6, 12e6])),
+        StageWork(np.array([0.0, 30.0]), np.array([0.0, 60e6]), 3e-6),
     )
 
     def __init__(self, pace, frames, stages=2, end_time=40.0):
-        self.trial, self.pace, self.frames = Trial(self.work[:stages]), pace, frames
+        self.trial, self.pace, self.frames = self.work[:stages], (1e-6 * pace, 3e-6), frames
         self.time, self.number, self.paused = 0.0, 0, 0.0
         self.solver, self.past = self, []
         self.prepared = SimpleNamespace(scene=SimpleNamespace(output=SimpleNamespace(end_time=end_time)))
 
     @property
     def stepped(self):
-        since = self.time - 10.0 * self.number
-        return self.pace * (self.trial.done(self.number, since) - self.trial.done(self.number, 0.0)), 0, 0
+        return self.pace[self.number] * self.trial[self.number].done(self.time - 10.0 * self.number), 0, 0
 
     def clock(self):
-        before = 12.0 * self.pace * self.number
+        before = self.number * self.pace[0] * self.trial[0].work[-1]
         return before + self.stepped[0] + self.frames * self.time + self.paused
 
     @property
     def total(self):
-        return self.pace * self.trial.work + self.frames * sum(stage.time[-1] for stage in self.trial.stages)
+        steps = sum(pace * stage.work[-1] for pace, stage in zip(self.pace, self.trial, strict=False))
+        return steps + self.frames * sum(stage.time[-1] for stage in self.trial)
 
     def at(self, time):
-        self.time, self.number = time, int(time >= 10.0 and len(self.trial.stages) > 1)
+        self.time, self.number = time, int(time >= 10.0 and len(self.trial) > 1)
         self.past = [{"time": 10.0}][: self.number]
         return self
 
@@ -188,11 +198,11 @@ def test_the_trial_in_a_run_is_no_work_of_the_run(monkeypatch):
     left.words(course.at(5.0))
     assert left.seconds == pytest.approx(course.total + 7.0)
     left.words(course.at(10.0))
-    assert float(left.words(course.at(30.0)).split()[1]) == pytest.approx(10 * 2.5, rel=0.05)
+    assert float(left.words(course.at(30.0)).split()[1]) == pytest.approx(10 * 6.5, rel=0.05)
 
 
 def test_without_a_trial_and_after_its_end_a_run_lasts_at_most_until_end_time(monkeypatch):
-    monkeypatch.setattr("mpmgis.simulation.cost_prediction.tried", lambda prepared: None)
+    monkeypatch.setattr("mpmgis.simulation.cost_prediction.tried", lambda prepared: ())
     course = Course(1.0, 0.0, stages=1)
     left = TimeLeft(course.prepared, clock=course.clock)
     left.words(course.at(0.0))

@@ -76,7 +76,7 @@ def demo(arguments: argparse.Namespace) -> int:
     from ..demo_site import demo as run_demo
 
     refuse_existing(arguments.output, arguments.overwrite)
-    terminal.note("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, up to 40 seconds)")
+    terminal.note("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, about 50 seconds)")
     # project and picture have no callback: a signal during these takes effect at the end
     with run_progress() as shown, interruptible(shown, frame_progress, done=False) as (watch, progress):
         summary, project, picture = run_demo(

@@ -40,7 +40,7 @@ from ..points.point_rows import (
     Settings,
 )
 from ..points.point_time_step import STEP
-from .device_functions import REGISTERS, Kernel, Part, capped, real
+from .device_functions import Kernel, Part, capped, real
 from .device_records import TouchedBlocks
 from .launch import DEPTH, DT, END, HEIGHT, SOUTH_NOW, STATUS, TOUCHED, WEST_NOW, WIDTH
 
@@ -363,7 +363,7 @@ def _stands_on(barriers, touched, t, column):
     return barriers[min(j, barriers.shape[0] - 1), min(i, barriers.shape[1] - 1), BARRIER] > 0.0
 
 
-@capped(double=REGISTERS)
+@capped(double=104)
 def hold_nodes(
     run: np.ndarray,
     now: np.ndarray,

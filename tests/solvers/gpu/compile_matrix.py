@@ -15,9 +15,10 @@ from law_kernels import CAPABILITIES, PRECISIONS, assembler, texts_of
 LIMIT = 96  # registers of a kernel: 20 warps of 32 threads on a multiprocessor, of its 65536 registers
 # kernels that need more, by what their name begins with, for float32 points (or columns) and for float64 points
 MORE = {
-    "grid_to_points": (112, 166),
-    "move_rare_points": (112, 166),
+    "grid_to_points": (112, 168),
+    "move_rare_points": (112, 176),
     "press_on_ground": (112, 152),
+    "hold_nodes": (LIMIT, 104),
     "hold_at_barriers": (LIMIT, 104),
     "press_on_crests": (LIMIT, 112),
     "weigh_face": (LIMIT, 136),
