@@ -22,6 +22,7 @@ from ..system.messages import details, muted
 from ..system.whole_files import refuse_existing, whole_folder
 from ..terrain.dtm import read_terrain
 from ..terrain.raster_input import read_raster
+from ..terrain.undeclared_nodata import RESULT
 
 SITE = "lava_falls"  # folder of the shipped data
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -125,6 +126,6 @@ def draw(
     terrain = read_terrain(scene.path(scene.terrain.dem), crs=scene.terrain.crs, band=scene.terrain.band)
     release = read_release(scene.path(scene.release.source), terrain, thickness=1.0).polygons  # only its outline
     rasters = Path(gis_folder) / "rasters"
-    speed, grid = read_raster(rasters / f"{name}_max.tif", MAXIMA_BANDS.index("Ut_max") + 1)
-    depth, _ = read_raster(rasters / f"{name}_deposit.tif", DEPOSIT_BANDS.index("h") + 1)
+    speed, grid = read_raster(rasters / f"{name}_max.tif", RESULT, MAXIMA_BANDS.index("Ut_max") + 1)
+    depth, _ = read_raster(rasters / f"{name}_deposit.tif", RESULT, DEPOSIT_BANDS.index("h") + 1)
     write_picture(picture, terrain, grid, speed, np.nan_to_num(depth), release, title, credit, min_depth=0.5)

@@ -22,7 +22,7 @@ class SamplingOptions(TypedDict, total=False):
             flag="--cs-e",
             above=0,
             folded=False,
-            usual="the DTM's own cells",
+            usual="the finer of the cells of DTM and run",
             field="CELL",
             label="Cell size, or auto",
         ),

@@ -162,6 +162,7 @@ class DeclarationOptions(TypedDict, total=False):
         Option(
             "map position of the files' own origin",
             "E,N,H",
+            usual="0,0,0 where the particles then lie on the DTM",
             unit="m",
             label="Another code: map position of its origin, E,N,H",
         ),
@@ -171,7 +172,7 @@ class DeclarationOptions(TypedDict, total=False):
         Option(
             "directions of the files' x, y, z: e east, n north, u up, minus for the opposite; e,u,-n (y is up)",
             "X,Y,Z",
-            usual="e,n,u",
+            usual="e,n,u where the particles then lie on the DTM",
             label="Another code: directions of its x,y,z, for example e,u,-n",
         ),
     ]
@@ -211,8 +212,8 @@ class DeclarationOptions(TypedDict, total=False):
     columns: Annotated[
         tuple[tuple[str, str], ...],
         Option(
-            "the files' columns for x, y, z, vx, vy, vz, mass, volume, radius, diameter, id, active, time, where "
-            "they have other names; with three components each: position, velocity",
+            "the files' columns for x, y, z, vx, vy, vz, mass, volume, density, radius, diameter, id, active, time, "
+            "where they have other names; with three components each: position, velocity",
             "NAME=COL,..",
             default=(),
             label="Another code: its columns, NAME=COLUMN with commas",
@@ -310,7 +311,7 @@ class SizedCellOptions(CellOptions, total=False):
             unit="m",
             flag="--cs-e",
             above=0,
-            usual="the DTM's own cells",
+            usual="the finer of the cells of DTM and run",
             field="CELL",
             label="Cell size",
         ),

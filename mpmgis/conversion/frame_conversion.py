@@ -14,10 +14,10 @@ from ..frames.particle_files import require_format, write_columns
 from ..frames.point_cloud import is_point_cloud, require_point_cloud, write_las
 from ..frames.run_terrain import run_terrain
 from ..maps.averaging.export_resolution import require_cells_within
-from ..system import operating_system
 from ..system.errors import InputError, OutputError
 from ..system.memory import memory_lack
 from ..system.messages import log
+from ..system.source_names import file_of, moved
 from ..system.whole_files import refuse_existing
 from .columns_to_points import columns_to_points
 from .conversion_account import account_of_columns, account_of_points
@@ -25,7 +25,6 @@ from .conversion_options import ColumnOptions, PointOptions
 from .points_to_columns import points_to_columns
 
 if TYPE_CHECKING:
-    from ..exchange.declarations import Declarations
     from ..exchange.frame_list import FrameEntry
     from ..frames.particles import Frame
 
@@ -184,13 +183,13 @@ def dimension_of(request: ConvertRequest) -> int:
     return _entry(request).header.dimension
 
 
-def listed(sources: list, terms: "Declarations") -> Sequence:
+def listed(sources: list, declared: FrameSource) -> Sequence:
     """List the frames in some files, of mpmgis or another code, by time.
 
     Parameters
     ----------
     sources : list of Path
-    terms : Declarations
+    declared : FrameSource
 
     Returns
     -------
@@ -201,8 +200,8 @@ def listed(sources: list, terms: "Declarations") -> Sequence:
     FormatError, InputError
         As `list_frames`; a density for frames that have their own.
     """
-    entries = list_frames(sources, terms)
-    if entries[0].reader == OWN and terms.density is not None:
+    entries = list_frames(sources, declared.terms(), declared.ground())
+    if entries[0].reader == OWN and declared.density is not None:
         raise InputError(f"{entries[0].path} is a frame of mpmgis, which contains its density; leave `density` out")
     return entries
 
@@ -222,7 +221,7 @@ def whole_frame(entry: "FrameEntry") -> "Frame":
 
 def _entry(request):
     """The FrameEntry to convert: the only one, or that at `at_time`."""
-    entries = listed([request.source], request.declared.terms())
+    entries = listed([request.source], request.declared)
     if request.at_time is not None:
         return entry_at(entries, request.at_time)
     if len(entries) > 1:
@@ -280,7 +279,7 @@ def _inputs(request, path, dimension):
 def _refuse_replacing(path, request, terrain):
     """Refuse to replace an input, even with `overwrite`."""
     for given in (request.source, terrain.path):
-        if given and path.exists() and Path(given).exists() and path.samefile(given):
+        if given and path.exists() and file_of(given).exists() and path.samefile(file_of(given)):
             raise OutputError(f"{path} is an input and would be replaced; give another `output`")
 
 
@@ -306,4 +305,4 @@ def require_point_memory(count: float, spacing: float) -> None:
 def _with_terrain(frame, terrain, path):
     """The frame with its terrain's CRS, and with the terrain's path relative to the frame's file."""
     crs = frame.crs if frame.crs is not None else terrain.grid.crs
-    return replace(frame, crs=crs, dem=operating_system.slashed(terrain.path, path.parent), dem_sha256=terrain.sha256)
+    return replace(frame, crs=crs, dem=moved(terrain.path, path.parent), dem_sha256=terrain.sha256)

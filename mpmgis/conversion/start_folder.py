@@ -13,10 +13,10 @@ from ..exchange.writers.writer_list import SOLVER_FILES
 from ..frames.run_terrain import refuse_within, run_terrain
 from ..scene.material_file import EXAMPLE, GivenMaterial, read_material
 from ..seeding.seeded_file import seed_frame
-from ..system import operating_system
 from ..system.errors import InputError, OutputError
 from ..system.memory import memory_lack
 from ..system.messages import log
+from ..system.source_names import file_of, moved
 from ..system.whole_files import refuse_existing, whole_folder
 from .columns_to_points import columns_to_points
 from .conversion_account import account_of_points
@@ -106,7 +106,7 @@ def convert_for_solver(
         Before anything is written.
     """
     files = SOLVER_FILES[request.solver]
-    entries = listed(sources, terrain_request.declared.terms())
+    entries = listed(sources, terrain_request.declared)
     named = max(len(sources), len(entries))  # a file given twice is also an error
     if terrain_request.at_time is not None:
         entries, named = (entry_at(entries, terrain_request.at_time),), 1
@@ -164,8 +164,8 @@ def seed_for_solver(
         refuse_existing(request.output, request.overwrite)
     frame, terrain, name, record = seed_frame(dem, release, **seeding)
     folder = _folder(request, name)
-    refuse_within(folder, Path(dem))
-    refuse_within(folder, Path(str(release).partition("|")[0]))
+    refuse_within(folder, file_of(dem))
+    refuse_within(folder, file_of(release))
     points = _turned(frame, terrain, options or PointOptions(cell=request.cell))
     return _write(request, files, given, [points], terrain, str(release), folder), len(frame.particles), record
 
@@ -265,7 +265,7 @@ def _write(request, files, given, frames, terrain, source, folder):
         if files.finish is not None:
             files.finish(part, times)
         ground = write_terrain(part, box, axis_matrix(files.axes), files.terrain_on_grid)
-        write_sidecar(part / SUFFIX, _terms(files, first, times, operating_system.slashed(terrain.path, folder)))
+        write_sidecar(part / SUFFIX, _terms(files, first, times, moved(terrain.path, folder)))
         facts = _Facts(files, first, times, given, placeholder)
         (part / README).write_text(_readme(facts, source, ground), encoding="utf-8", newline="\n")
     for line in _account(facts):

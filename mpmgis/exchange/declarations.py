@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..system.errors import FormatError, InputError, one_line
+from ..system.text_tables import decoded
 from ..system.trusted_files import require_file
 from ..system.whole_files import whole_file
 from ..terrain.georeference import LOCAL, crs_of_text, parse_crs
@@ -23,7 +24,7 @@ from ..terrain.georeference import LOCAL, crs_of_text, parse_crs
 EAST, NORTH, UP = np.eye(3)
 DIRECTIONS = {"e": EAST, "n": NORTH, "u": UP, "w": -EAST, "s": -NORTH, "d": -UP}
 NAMES = (  # quantities of mpmgis for --columns
-    *("x", "y", "z", "vx", "vy", "vz", "mass", "volume", "radius", "diameter", "id", "active", "time"),
+    *("x", "y", "z", "vx", "vy", "vz", "mass", "volume", "density", "radius", "diameter", "id", "active", "time"),
 )
 VECTORS = {"position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz")}  # for columns of three components
 # smallest and largest value, unit; others are typing errors or other units
@@ -287,7 +288,7 @@ def _content(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST:
             raise FormatError(f"{path} has more than {LARGEST // 1_000_000} MB; it is not a sidecar")
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(decoded(path.read_bytes()))
     except OSError as error:
         raise FormatError(f"{path}: {one_line(error.strerror or error)}") from error
     except (ValueError, RecursionError) as error:

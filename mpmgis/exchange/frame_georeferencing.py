@@ -15,7 +15,7 @@ from .readers.reader_interface import ThirdPartyFrame, require_memory
 PLACE, VELOCITY = ("x", "y", "z"), ("vx", "vy", "vz")
 BYTES_PER_PARTICLE = 250  # [bytes] while a frame is read and rotated
 MOST_COLUMNS_NAMED = 12  # in a message
-_ABOVE_ZERO = ("mass", "volume", "radius", "diameter")
+_ABOVE_ZERO = ("mass", "volume", "density", "radius", "diameter")
 
 
 def require_complete(reader: str, frame: ThirdPartyFrame, terms: Declarations) -> None:
@@ -38,25 +38,27 @@ def require_complete(reader: str, frame: ThirdPartyFrame, terms: Declarations) -
     require_memory(frame.path, frame.count, BYTES_PER_PARTICLE)
 
 
-def missing_declarations(frame: ThirdPartyFrame, terms: Declarations) -> list[str]:
+def missing_declarations(frame: ThirdPartyFrame, terms: Declarations, with_time: bool = True) -> list[str]:
     """List the required values that neither files nor user give, each with its option.
 
     Parameters
     ----------
     frame : ThirdPartyFrame
     terms : Declarations
+    with_time : bool
+        The time of the frame is required.
     """
     named = named_columns(frame, terms)
     missing = _missing_columns(frame, named)
     if _volume_from(named) is None and _particle_volume(frame, terms) is None and "mass" not in named:
         missing.append("the volume of the particles (--particle-volume V, in m3)")
-    if not ("mass" in named and _volume_from(named)) and _density(frame, terms) is None:
+    if not ("mass" in named and _volume_from(named)) and "density" not in named and _density(frame, terms) is None:
         missing.append(f"the density (--density R, in kg m-3{frame.density_hint})")
     if terms.axes is None:
         missing.append(f"the directions of its axes (--axes{frame.axes_hint or ' e,n,u or e,u,-n or ..'})")
     if terms.origin is None:
         missing.append("its origin (--origin E,N,H; 0,0,0 for map coordinates)")
-    if terms.times is None and own_time(frame, terms) is None:
+    if with_time and terms.times is None and own_time(frame, terms) is None:
         missing.append(f"its time ({_time_options(frame)})")
     return missing
 
@@ -179,9 +181,13 @@ def _volume_from(named: Collection[str]) -> str | None:
 def _mass_and_volume(
     frame: ThirdPartyFrame, found: dict[str, np.ndarray], terms: Declarations
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (float64[n] [kg], float64[n] [m3]); NaN where the density is unknown."""
-    density, each, count = _density(frame, terms), _particle_volume(frame, terms), len(found["x"])
-    density = np.nan if density is None else density
+    """Return (float64[n] [kg], float64[n] [m3]); NaN where the density is unknown.
+
+    A declared density comes before that of each particle, and this before one number in the files.
+    """
+    density, each, count = terms.density, _particle_volume(frame, terms), len(found["x"])
+    if density is None:
+        density = found.get("density", np.nan if frame.density is None else frame.density)
     source = _volume_from(found)
     volume = None if each is None else np.full(count, each)
     if source == "volume":
@@ -209,7 +215,7 @@ def named_columns(frame: ThirdPartyFrame, terms: Declarations) -> dict[str, str]
     """
     named = {name: column for name, column in frame.column_map.items() if column in frame.columns}
     for name, column in terms.column_pairs():
-        if column not in frame.columns:
+        if column not in frame.columns and not (name == "time" and frame.time is not None):
             raise InputError(
                 f"{frame.path}: --columns {name}={column}: unknown column; it has {', '.join(frame.columns)[:400]}"
             )

@@ -21,6 +21,7 @@ from ..system.messages import log
 from ..terrain.georeference import name_of, same_place
 from .declarations import Declarations, merged, with_sidecar
 from .frame_georeferencing import require_complete, series_position, third_party_header, third_party_particles, times_of
+from .map_coordinates import Ground, with_map_coordinates
 from .readers.reader_interface import ThirdPartyFrame
 from .readers.reader_list import FOREIGN, OWN, head_of, reader_of
 
@@ -94,7 +95,9 @@ class FrameEntry:
         return read_bed_change(self.path) if self.reader == OWN else {}
 
 
-def list_frames(paths: Iterable[str | Path], terms: Declarations | None = None) -> tuple[FrameEntry, ...]:
+def list_frames(
+    paths: Iterable[str | Path], terms: Declarations | None = None, ground: Ground | None = None
+) -> tuple[FrameEntry, ...]:
     """List the frames in files and folders by time.
 
     Parameters
@@ -103,6 +106,8 @@ def list_frames(paths: Iterable[str | Path], terms: Declarations | None = None) 
         Files, patterns, folders.
     terms : Declarations, optional
         User declarations about files of other codes.
+    ground : Ground, optional
+        DTM of the frames: coordinates on it need no axes and origin.
 
     Raises
     ------
@@ -111,19 +116,37 @@ def list_frames(paths: Iterable[str | Path], terms: Declarations | None = None) 
         missing declarations.
     """
     terms = terms or Declarations()
-    files = _files(paths, terms.reader)
-    reader = _one_reader(files, terms.reader)
+    files, reader = files_and_reader(paths, terms.reader)
     if reader == OWN:
         _refuse_unknown(files)
         entries = [FrameEntry(path, read_frame(path, with_state=False, with_particles=False)) for path in files]
         _refuse_terms(files[0], terms)
     else:
-        entries = _third_party_entries(files, reader, terms)
+        entries = _third_party_entries(files, reader, terms, ground)
     entries.sort(key=lambda entry: (entry.time, entry.path.name))
     _require_one_run(entries)
     if reader == OWN and missing_frames(entries):
         _log_kept(entries)
     return tuple(entries)
+
+
+def files_and_reader(paths: Iterable[str | Path], asked: str | None = None) -> tuple[list[Path], str]:
+    """Return the files of particles in files and folders, and the name of the reader of all of them.
+
+    Parameters
+    ----------
+    paths : iterable of str or Path
+        Files, patterns, folders.
+    asked : str, optional
+        Name of the reader; detected without it.
+
+    Raises
+    ------
+    FormatError, InputError
+        No file, files of several codes, an unknown reader.
+    """
+    files = _files(paths, asked)
+    return files, _one_reader(files, asked)
 
 
 def _log_kept(entries):
@@ -136,8 +159,10 @@ def _log_kept(entries):
         )
 
 
-def _third_party_entries(paths: list[Path], reader: str, terms: Declarations) -> list[FrameEntry]:
-    frames, terms = third_party_frames(paths, reader, terms)
+def _third_party_entries(
+    paths: list[Path], reader: str, terms: Declarations, ground: Ground | None
+) -> list[FrameEntry]:
+    frames, terms = third_party_frames(paths, reader, terms, ground)
     for frame in frames:
         require_complete(reader, frame, terms)
     return [
@@ -147,7 +172,7 @@ def _third_party_entries(paths: list[Path], reader: str, terms: Declarations) ->
 
 
 def third_party_frames(
-    paths: Sequence[Path], reader: str, terms: Declarations
+    paths: Sequence[Path], reader: str, terms: Declarations, ground: Ground | None = None
 ) -> tuple[list[ThirdPartyFrame], Declarations]:
     """Describe the frames in files of another code.
 
@@ -157,12 +182,14 @@ def third_party_frames(
     reader : str
         Name of the code.
     terms : Declarations
+    ground : Ground, optional
+        As for `list_frames`.
 
     Returns
     -------
     frames : list of ThirdPartyFrame
     terms : Declarations
-        Completed by sidecar and files.
+        Completed by sidecar, files and DTM.
 
     Raises
     ------
@@ -171,7 +198,8 @@ def third_party_frames(
     """
     terms = with_sidecar(paths, terms)
     frames = _from_first_particles(FOREIGN[reader].frames(paths, terms))
-    return frames, _with_file_declarations(frames, terms)
+    terms = _with_file_declarations(frames, terms)
+    return frames, with_map_coordinates(min(frames, key=series_position), terms, ground)
 
 
 def _with_file_declarations(frames: list[ThirdPartyFrame], terms: Declarations) -> Declarations:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from .declarations import Declarations
+from .map_coordinates import Ground
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,3 +38,7 @@ class FrameSource:
         """Return the declarations, checked."""
         declared = vars(self.declarations)
         return Declarations.named(declared | {"time_step": declared["frame_step"], "density": self.density}, self.crs)
+
+    def ground(self) -> Ground:
+        """Return the DTM of the frames, where it is given."""
+        return Ground(dem=self.dem, crs=self.crs, band=self.dem_band, to_crs=self.to_crs)

@@ -10,6 +10,7 @@ import numpy as np
 from ..system.errors import FormatError, one_line
 from ..terrain.grid import Grid
 from ..terrain.raster_input import band_values, grid_of, open_raster
+from ..terrain.undeclared_nodata import RESULT
 from .ensemble_folder import MEMBERS, TABLE_FILE, deposit_file, member_files
 
 
@@ -123,7 +124,7 @@ def read_band(path: Path, name: str) -> np.ndarray:
     """
     with open_raster(path) as source:
         names = [text.split(" [")[0] for text in source.descriptions]
-        return band_values(source, path, names.index(name) + 1, may_be_empty=True)
+        return band_values(source, path, names.index(name) + 1, RESULT, may_be_empty=True)
 
 
 def read_members(folder: Path) -> Members:

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import rasterio
 
-from ..system.disguised_files import require_undisguised
+from ..terrain.raster_input import open_raster
 from ..terrain.raster_output import BLOCK
 
 if TYPE_CHECKING:
@@ -88,8 +87,7 @@ class MemberStack:
         number = self.bands.index(band) + 1
         stack = np.empty((len(self.paths), row_end - row, column_end - column), np.float32)
         for values, path in zip(stack, self.paths, strict=True):
-            require_undisguised(path)
-            with rasterio.open(path) as source:
+            with open_raster(path) as source:
                 source.read(number, window=((row, row_end), (column, column_end)), out=values)
                 values[values == np.float32(source.nodata)] = np.nan
         return stack

@@ -11,6 +11,7 @@ import rasterio
 
 from ..laws.quantities import BAND, MEMBER_BANDS, NODATA, Quantity
 from ..system.whole_files import whole_file
+from ..terrain.raster_input import open_raster
 from ..terrain.raster_output import BLOCK, LAYOUT, NAMESPACE, tag_text
 from ..terrain.raster_tags import band_metadata, dataset_metadata
 
@@ -189,7 +190,7 @@ def _values(area: AreaRaster, place: tuple[int, int, int, int]) -> tuple[tuple[s
     top, bottom = max(top, place[0]), min(bottom, place[1])
     left, right = max(left, place[2]), min(right, place[3])
     window = ((top - area.row, bottom - area.row), (left - area.column, right - area.column))
-    with rasterio.open(area.path) as source:
+    with open_raster(area.path) as source:
         read = source.read([MEMBER_BANDS.index(key) + 1 for key in LARGEST], window=window)
         read[read == np.float32(source.nodata)] = np.nan
     cells = slice(top - place[0], bottom - place[0]), slice(left - place[2], right - place[2])

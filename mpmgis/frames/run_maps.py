@@ -8,9 +8,10 @@ from pathlib import Path
 import rasterio
 
 from ..system import operating_system
-from ..system.errors import OutputError
+from ..system.errors import FormatError, OutputError
 from ..system.links import refuse_links
 from ..system.whole_files import output_error, whole_file
+from ..terrain.raster_input import open_raster
 from ..terrain.raster_output import NAMESPACE
 
 MAPS, RASTERS, TERRAIN = "maps", "rasters", "dtm.tif"
@@ -34,9 +35,9 @@ def map_names(folder: str | Path) -> list[str]:
 def _is_of_a_run(path: Path) -> bool:
     """Return whether a run or an export wrote the raster at `path`."""
     try:
-        with rasterio.open(path) as source:
+        with open_raster(path) as source:
             return "digest" in source.tags(ns=NAMESPACE)
-    except rasterio.errors.RasterioError:
+    except FormatError:
         return False
 
 

@@ -5,10 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..system.disguised_files import require_local
 from ..system.errors import GeoreferenceError, InputError, OutputError
+from ..system.file_references import require_local
 from ..system.links import is_above
 from ..system.messages import log
+from ..system.source_names import file_of, joined
 from ..terrain.dtm import read_terrain
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import AUTO, LOCAL, name_of, same_place, warp_command
@@ -56,15 +57,15 @@ def run_terrain(source: Any, entries: Sequence, output: Path | None) -> Terrain:
     if path is None:
         if not header.dem:
             raise InputError(f"{first} names no DTM; give it with `dem`")
-        path = first.parent / header.dem
+        path = joined(first.parent, header.dem)
         require_local(path, first)
-        if not path.exists():
+        if not file_of(path).exists():
             raise InputError(f"{path}, the DTM named in {first.name}, does not exist; give it with `dem`")
         if crs is None and not _carries_crs(path):
             crs = _crs_option(header.crs)
     terrain = read_terrain(path, crs, source.dem_band, to_crs=_target(source, header))
     if output is not None:
-        refuse_within(output, Path(path))
+        refuse_within(output, file_of(path))
     if header.crs is None and terrain.grid.crs is not None:
         log.info(f"the frames have no CRS; that of the DTM, {name_of(terrain.grid.crs)}, is assumed")
     elif not same_place(header.crs, terrain.grid.crs):

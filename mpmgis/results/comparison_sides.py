@@ -20,6 +20,7 @@ from ..maps.export.export_request import Results
 from ..maps.qgis.outlines import mask_outline
 from ..system.errors import GeoreferenceError, InputError
 from ..system.messages import log
+from ..system.source_names import file_of
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import name_of, same_place
 from ..terrain.grid import Grid
@@ -162,7 +163,7 @@ def open_side(path: Path, request: "CompareRequest") -> Result | Outline:
         log.info(f"{path}: its frames are averaged on the cells of their DTM for this comparison")
         how = PLAIN if reader == OWN else request.reading
         return peaks_of(how.results(path, request.dem))
-    plain = Path(str(path).partition("|")[0])
+    plain = file_of(path)
     if plain.is_file() and plain.suffix.lower() == ".h5":
         raise InputError(f"{path} is one frame; give the folder of the run, so that maxima include all frames")
     if plain.suffix.lower() == ".gdb" or (plain.is_file() and not is_raster(path)):

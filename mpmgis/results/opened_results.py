@@ -9,7 +9,13 @@ import numpy as np
 from ..exchange.frame_list import list_frames
 from ..frames.run_terrain import run_terrain, terrain_of_rasters
 from ..maps.averaging.band_products import PRODUCTS
-from ..maps.averaging.export_resolution import export_grid, require_cells_within
+from ..maps.averaging.export_resolution import (
+    default_cell_size,
+    export_grid,
+    report_cells,
+    require_cells_within,
+    run_cell_size,
+)
 from ..maps.averaging.exported_steps import ExportedSteps, is_export, open_steps
 from ..maps.averaging.frame_values import Averaging, cells_of, frame_at_cells
 from ..maps.averaging.placement import Bed
@@ -240,14 +246,17 @@ def open_frames(request: Results, output: Path | None, why: str = "") -> FrameFl
             raise InputError(f"{path} is an export: {why}; give the folder of its frames")
         if names_rasters(path):
             raise InputError(f"{path} are rasters: {why}; give the code's frames of particles")
-    entries = list_frames(request.frames, request.source.terms())
+    entries = list_frames(request.frames, request.source.terms(), request.source.ground())
     terrain = run_terrain(request.source, entries, output)
     density = release_density(request.source, entries)
     log_unused_options(request.averaging, entries)
-    require_cells_within(terrain.grid, request.sampling.cell_size, north_up=True)
+    asked, run_cells = request.sampling.cell_size, run_cell_size(entries)
+    require_cells_within(terrain.grid, asked, north_up=True)
+    grid = export_grid(terrain.grid, default_cell_size(terrain.grid, run_cells) if asked is None else asked)
+    report_cells(grid, terrain.grid, run_cells, asked)
     averaging = Averaging(
         bed=Bed.of(terrain, request.averaging.bed, request.averaging.standoff),
-        grid=export_grid(terrain.grid, request.sampling.cell_size),
+        grid=grid,
         density=density,
         names=(),
         percentile=request.averaging.percentile,

@@ -9,7 +9,7 @@ from .key_checks import checked_value, is_finite, is_number, listed, meant, rang
 from .scene import Scene
 from .solver_checks import check_points
 from .stage_checks import check_stages
-from .tables import FASTEST, ReleaseTable
+from .tables import FASTEST, OF_PARTICLES, ReleaseTable
 
 MOST_FRAMES = 1e6  # of a run; more is a typing error
 
@@ -30,6 +30,9 @@ def check_together(scene: Scene, where: str) -> None:
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
     _check_window(scene.terrain.window, where)
+    real = scene.terrain.real_values
+    if real is not None and not (real and all(is_finite(value) for value in real)):
+        raise SceneError(f"{where} [terrain]: real_values = {shown(list(real))}, expected elevations, for example [0]")
     check_stages(scene, where)
     if "points" in scene.solvers:
         check_points(scene, where)
@@ -80,11 +83,14 @@ def _check_sources(scene: Scene, where: str) -> None:
         got = "both" if release.source else "none"
         raise SceneError(f"{where} [release]: expected either source or particles, got {got}")
     if release.particles is not None:
-        _refuse_unused(release, ("source", "particles", "window"), f"{where} [release]")
-    elif release.window is not None:
-        raise SceneError(
-            f"{where} [release]: window applies to particles only, not to a source with an outline; remove window"
-        )
+        declared = ("density", *OF_PARTICLES) if scene.solver == "points" else ()
+        _refuse_unused(release, ("source", "particles", "window", *declared), f"{where} [release]")
+        _check_declarations(release, f"{where} [release]")
+    for key in ("window", *OF_PARTICLES):
+        if release.particles is None and getattr(release, key) is not None:
+            raise SceneError(
+                f"{where} [release]: {key} applies to particles only, not to a source with an outline; remove {key}"
+            )
     if len(release.velocity) != 2 or not all(is_number(v) and abs(v) <= FASTEST for v in release.velocity):
         raise SceneError(
             f"{where} [release]: velocity = {shown(list(release.velocity))}, expected two numbers [east, north] of "
@@ -92,6 +98,24 @@ def _check_sources(scene: Scene, where: str) -> None:
         )
     if release.speed is not None and any(release.velocity):
         raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
+
+
+def _check_declarations(release: ReleaseTable, where: str) -> None:
+    """Check the kinds of values in the lists and tables about particles of another code."""
+    for key, kind, count in (("origin", is_finite, 3), ("axes", _is_text, 3), ("times", is_finite, None)):
+        given = getattr(release, key)
+        if given is None or (len(given) == (count or len(given)) > 0 and all(map(kind, given))):
+            continue
+        wanted = {"origin": "three numbers [E, N, H]", "axes": 'three words, as ["e", "u", "-n"]'}.get(key, "numbers")
+        raise SceneError(f"{where}: {key} = {shown(list(given))}, expected {wanted}")
+    if release.columns is not None and not all(map(_is_text, release.columns.values())):
+        raise SceneError(f'{where}: columns = {shown(release.columns)}, expected names, as {{mass = "m"}}')
+    if release.at_time is None and (release.times or release.dt or release.fps):
+        raise SceneError(f"{where}: times, dt and fps are for at_time, which chooses a frame; add it, or remove them")
+
+
+def _is_text(value):
+    return isinstance(value, str) and value != ""
 
 
 def _check_window(window: tuple | None, where: str) -> None:
@@ -168,5 +192,8 @@ def _check_places(scene: Scene, where: str) -> None:
 def _refuse_unused(release: ReleaseTable, used: tuple[str, ...], where: str) -> None:
     """Refuse keys of [release] that particles from a file replace."""
     for f in fields(release):
-        if f.name not in used and getattr(release, f.name) != f.default:
-            raise SceneError(f"{where}: particles have a {f.name}; remove {f.name}")
+        if f.name in used or getattr(release, f.name) == f.default:
+            continue
+        if f.name in OF_PARTICLES:
+            raise SceneError(f"{where}: {f.name} is for a run that begins with solver = 'points'; remove it")
+        raise SceneError(f"{where}: particles have a {f.name}; remove {f.name}")

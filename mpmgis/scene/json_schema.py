@@ -98,7 +98,13 @@ def _of_kind(kind: Any, f: Any) -> Schema:
     checks = f.metadata
     if kind is list:
         count = len(f.default if isinstance(f.default, tuple) else checks["example"])
-        return {"type": "array", "items": {"type": "number"}, "minItems": count, "maxItems": count}
+        items = {"type": "string" if isinstance((checks["example"] or (0,))[0], str) else "number"}
+        if f.name == "times":
+            return {"type": "array", "items": items, "minItems": 1}
+        most = {"maxItems": count} if count > 1 else {}  # an example of one entry stands for any number of them
+        return {"type": "array", "items": items, "minItems": count, **most}
+    if kind is dict and f.name == "columns":
+        return {"type": "object", "additionalProperties": {"type": "string"}}
     if kind is dict:
         return {
             "type": "object",

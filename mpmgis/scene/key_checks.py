@@ -13,14 +13,7 @@ from ..laws.own_law import NO_OWN_LAWS, OwnLaws
 from ..system.errors import SceneError, has_control_characters
 from .tables import FrictionTable
 
-KIND_WORDS = {
-    float: "a number",
-    int: "a whole number",
-    str: "text",
-    bool: "true or false",
-    list: "a list of numbers",
-    dict: "a table like {time = 30}",
-}
+KIND_WORDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers"}
 LONGEST = 80  # [characters] of a wrong value in a message
 LEAST_SIMILAR = 0.67  # [1] share of equal letters from which a name is suggested
 
@@ -204,7 +197,7 @@ def checked_value(checks: Mapping[str, Any], value: Any, where: str) -> Any:
         if not math.isfinite(value):
             raise SceneError(f"{where} = {value}, expected a finite number")
     elif not (isinstance(value, kinds) and isinstance(value, bool) == (bool in kinds)):
-        raise SceneError(f"{where} = {shown(value)}, expected {' or '.join(KIND_WORDS[k] for k in kinds)}")
+        raise SceneError(f"{where} = {shown(value)}, expected {' or '.join(_kind_words(k, checks) for k in kinds)}")
     if value == "" and (checks.get("file") or float in kinds):
         names = "a file name" if float not in kinds else "a number or the name of a column or a file"
         raise SceneError(f"{where} is empty, expected {names}")
@@ -221,6 +214,17 @@ def checked_value(checks: Mapping[str, Any], value: Any, where: str) -> Any:
         if high is not None and value > high:
             raise SceneError(f"{where} = {value:g}, expected at most {high:g}")
     return tuple(value) if isinstance(value, list) else value
+
+
+def _kind_words(kind, checks):
+    """The words for a kind of value, with the example of a key that takes words or a table."""
+    example = checks.get("example")
+    if kind is list and isinstance(example, tuple) and isinstance(example[0], str):
+        return "a list of words"
+    if kind is dict:
+        words = (f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v:g}" for k, v in example.items())
+        return f"a table like {{{', '.join(words)}}}"
+    return KIND_WORDS[kind]
 
 
 def shown(value: object) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, OwnLaws
+from ..system.source_names import file_of, joined
 from . import material_table
 from .solver_checks import ONLY
 from .tables import (
@@ -121,15 +122,15 @@ class Scene:
         given = None if self.earth_pressure is None else self.earth_pressure.bed_friction_angle
         return math.degrees(math.atan(self.dry_friction())) if given is None else given
 
-    def path(self, name: str) -> Path:
-        """Return the path that a name in this scene means.
+    def path(self, name: str) -> Path | str:
+        """Return the path that a name in this scene means; a name of GDAL or QGIS stays one (`source_names`).
 
         Parameters
         ----------
         name : str
             As written, absolute or relative to `folder`.
         """
-        return Path(self.folder) / Path(name).expanduser()
+        return joined(self.folder, name)
 
     def tables(self) -> Iterator[tuple[str, Any]]:
         """Yield (name, table) of every table that is there, several of one name for those in LISTED."""
@@ -173,7 +174,7 @@ class Scene:
         return {
             key: value
             for key, (value, kind) in values.items()
-            if isinstance(value, str) and (kind is str or Path(value).suffix or self.path(value).exists())
+            if isinstance(value, str) and (kind is str or Path(value).suffix or file_of(self.path(value)).exists())
         }
 
     def as_tables(self) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Scenes from TOML files and from plain dictionaries."""
 
-import codecs
 import re
 import tomllib
 from collections.abc import Collection
@@ -10,6 +9,7 @@ from typing import Any
 from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, OwnLaws
 from ..system.errors import SceneError, one_line
+from ..system.text_tables import decoded
 from .joint_checks import check_together
 from .key_checks import listed, made_table, meant, shown
 from .scene import Scene, friction_laws
@@ -56,7 +56,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise SceneError(f"{path} is a pipe or a device, expected a file; write the scene into one")
     try:
-        text = _decoded(path.read_bytes())
+        text = decoded(path.read_bytes())
     except FileNotFoundError as error:
         raise SceneError(f"{path}: no such file") from error
     except IsADirectoryError as error:
@@ -80,13 +80,6 @@ def _require_short_keys(path, text):
         )
         if dots > MOST_DOTS:
             raise SceneError(f"{path}, line {number}: a key of {dots + 1} parts; a scene's keys have one or two")
-
-
-def _decoded(raw: bytes) -> str:
-    """Return the text of a file as any editor saves it: UTF-8, with or without byte order mark, or UTF-16 with one."""
-    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return raw.decode("utf-16")
-    return raw.decode("utf-8-sig")
 
 
 def _hint(text: str, error: Exception) -> str:

@@ -1,9 +1,9 @@
 """Checks on the stages of a scene: order, end conditions, and incompatible tables of two solvers."""
 
 from itertools import pairwise
-from pathlib import Path
 
 from ..system.errors import SceneError
+from ..system.source_names import file_of
 from .key_checks import is_finite, shown
 from .scene import Scene
 from .tables import CLIFF, WALLS, StageTable
@@ -68,7 +68,7 @@ def _check_until(stage: StageTable, here: str, last: bool) -> None:
 
 
 def _check_reach(value, here):
-    if not isinstance(value, str) or (value not in (WALLS, CLIFF) and not Path(value.partition("|")[0]).suffix):
+    if not isinstance(value, str) or (value not in (WALLS, CLIFF) and not file_of(value).suffix):
         raise SceneError(
             f"{here}: until reach = {shown(value)}, expected 'barrier', 'cliff' or a file of polygons such as "
             "'area.gpkg'"

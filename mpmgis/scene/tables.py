@@ -8,15 +8,18 @@ from dataclasses import MISSING, dataclass, field
 from typing import Any
 
 from ..laws import curvature, entrainment, friction, ground_metric
+from ..terrain.mask_values import THICKEST
 from . import material_table
 
 USE = ("auto", "on", "off")
-THICKEST = 1e4  # [m] of a release; more is a typing error
 FASTEST = 1e3  # [m s-1] of a release; more is a typing error
 HIGHEST_WALL = 1000.0  # [m] of a barrier above the ground, three times the highest dam; memory in 3D grows with it
 DENSITY = 1000.0  # [kg m-3], default
 CPU, CUDA, AUTO = DEVICES = ("cpu", "cuda", "auto")  # where steps are computed
 WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of polygons
+OF_PARTICLES = (  # keys of [release] for particles of another code
+    *("at_time", "reader", "origin", "axes", "columns", "particle_volume", "times", "dt", "fps", "sidecar"),
+)
 LISTED = ("secondary_release", "zones", "forest", "barrier", "stage")  # tables of which there can be several: [[name]]
 
 
@@ -78,6 +81,12 @@ class TerrainTable:
         choices=("interpolate",),
         example="interpolate",
     )
+    real_values: tuple | None = _key(
+        "elevations [m] of constant regions behind walls that are ground; a flow must not reach any other",
+        None,
+        kind=list,
+        example=(0.0,),
+    )
 
 
 @dataclass(frozen=True)
@@ -88,11 +97,58 @@ class ReleaseTable:
         "release areas: any vector file, or a raster", None, kind=str, example="release.shp", file=True
     )
     particles: str | None = _key(
-        "instead of source: columns that `mpmgis seed` wrote, or points in 3D",
+        "instead of source: columns that `mpmgis seed` wrote; in 3D also points, of mpmgis or another code",
         None,
         kind=str,
         example="a.h5",
         file=True,
+    )
+    at_time: float | None = _key(
+        "particles of another code with several times: this one [s]", None, example=12.5, solver="points"
+    )
+    reader: str | None = _key(
+        "code of the particles, as `--reader`; default detected", None, kind=str, example="matter", solver="points"
+    )
+    origin: tuple | None = _key(
+        "of another code: E, N, H [m] of the origin of its coordinates",
+        None,
+        kind=list,
+        example=(600000, 5170000, 0),
+        solver="points",
+    )
+    axes: tuple | None = _key(
+        "of another code: directions of its x, y, z; default east, north, up where the particles lie on the terrain",
+        None,
+        kind=list,
+        example=("e", "u", "-n"),
+        solver="points",
+    )
+    columns: dict | None = _key(  # noqa: RUF009
+        "of another code: its names of position, velocity, x, vx, mass, volume, density, ...",
+        None,
+        kind=dict,
+        example={"mass": "m"},
+        solver="points",
+    )
+    particle_volume: float | None = _key(
+        "of another code: volume of each particle [m3]", None, low=0.0, above=True, example=0.01, solver="points"
+    )
+    times: tuple | None = _key(
+        "of another code, with at_time: times [s] of its frames", None, kind=list, example=(0, 10), solver="points"
+    )
+    dt: float | None = _key(
+        "or: time from one frame number to the next [s]", None, low=0.0, above=True, example=0.5, solver="points"
+    )
+    fps: float | None = _key(
+        "or: frame numbers per second [s-1]", None, low=0.0, above=True, example=20.0, solver="points"
+    )
+    sidecar: str | None = _key(
+        "of another code: file with these keys; default <name>.georef.json or georef.json beside the particles",
+        None,
+        kind=str,
+        example="a.georef.json",
+        file=True,
+        solver="points",
     )
     window: str | None = _key(
         "with particles: only those in these polygons; the mass of the others is reported",
@@ -312,7 +368,7 @@ class EntrainmentTable:
         file=True,
     )
     thickness: float | str | None = _key(
-        "of the erodible ground: number [m] or column name; not for a raster",
+        "of the erodible ground: number [m] or column name; with a raster: it is a mask, and a number",
         None,
         kind=(float, str),
         low=0.0,
@@ -526,7 +582,11 @@ class OutputTable:
         "write the bands of each frame as rasters in maps/, and particles for a restart only", False, kind=bool
     )
     raster_cell_size: float | None = _key(
-        "with rasters: their cells [m]; default those of the DTM", None, low=0.0, above=True, example=2.0
+        "with rasters: their cells [m]; default the finer of those of DTM and run",
+        None,
+        low=0.0,
+        above=True,
+        example=2.0,
     )
     raster_min_depth: float | None = _key(
         "with rasters: no speed where the flow is thinner [m]; without it 0.05", None, low=0.0, example=0.1

@@ -7,6 +7,7 @@ from ..system.messages import log
 DENSITY = (100.0, 3500.0)  # [kg m-3] loose new snow to dense ore
 THICKNESS = (0.01, 100.0)  # [m] mean, vertical; usual range
 FEWEST_COLUMNS = 50  # fewer do not resolve a flow
+FEWEST_ACROSS = 4.0  # [cells] side of a square of the release's area; fewer do not resolve its outline
 MOST_MU = 1.2  # [1] of friction: tan 50 degrees
 LEAST_XI = 10.0  # [m s-2] of friction: drag of a dense forest
 
@@ -18,13 +19,14 @@ class Fixes(NamedTuple):
     ----------
     density, thickness : str
         Where they are given.
-    more : str
-        How to have more columns.
+    more, finer : str
+        How to have more columns, and smaller cells.
     """
 
     density: str
     thickness: str
     more: str
+    finer: str
 
 
 def report_implausible_friction(parameters: dict) -> None:
@@ -45,7 +47,7 @@ def report_implausible_friction(parameters: dict) -> None:
         log.info(f"[friction] xi = {xi:g} m s-2, usual is {LEAST_XI:g} to 3000; check it and its unit")
 
 
-def report_implausible(count: int, density: float, thickness: float, fixes: Fixes) -> None:
+def report_implausible(count: int, density: float, thickness: float, across: float, fixes: Fixes) -> None:
     """Report what is unusual about a release, in one line each; it is used as it is.
 
     Parameters
@@ -55,6 +57,8 @@ def report_implausible(count: int, density: float, thickness: float, fixes: Fixe
     density : float [kg m-3]
     thickness : float [m]
         Mean vertical thickness.
+    across : float [cells]
+        Side of a square of the release's area.
     fixes : Fixes
     """
     for name, value, unit, (low, high), cure in (
@@ -68,3 +72,8 @@ def report_implausible(count: int, density: float, thickness: float, fixes: Fixe
     if count < FEWEST_COLUMNS:
         columns = "1 column carries" if count == 1 else f"{count} columns carry"
         log.info(f"only {columns} the release, too few to resolve a flow; {fixes.more}")
+    elif across < FEWEST_ACROSS:
+        log.info(
+            f"only {across:.2g} cells are across the release, too few to resolve its outline and its flow; "
+            f"{fixes.finer}"
+        )

@@ -2,18 +2,21 @@
 
 import difflib
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import shapely
 
 from ..system.errors import InputError
 from ..system.messages import log, muted
+from ..system.source_names import file_of, source_of
 from ..terrain.dtm import TerrainFile
 from ..terrain.elevation import Terrain
-from ..terrain.raster_input import file_sha256
+from ..terrain.mask_values import THICKEST
+from ..terrain.raster_input import RASTER_SUFFIXES, file_sha256
 from ..terrain.release_parts import NORMAL, VERTICAL, ReleaseArea, ReleasePart, require_on_terrain, without_overlaps
-from ..terrain.spatial_inputs import RASTER_SUFFIXES, is_raster, repaired, to_terrain
-from ..terrain.vector_table import LAYER, VectorTable, names_of, read_table, require_polygons
+from ..terrain.spatial_inputs import is_raster, repaired, to_terrain
+from ..terrain.vector_table import VectorTable, names_of, read_table, require_polygons
 from .release_rasters import area_of_raster, surface_thickness, thickness_raster, within_thickness
 
 USUAL_COLUMNS = ("thickness", "d0", "relth")  # names of a column with the thickness, lower case
@@ -25,6 +28,7 @@ def read_release(
     thickness: float | str | Path | None = None,
     thickness_mode: str = NORMAL,
     surface: str | Path | None = None,
+    check: Callable[[float], None] | None = None,
 ) -> ReleaseArea:
     """Read the release areas at `path`, in the terrain's CRS, with their thickness.
 
@@ -39,13 +43,15 @@ def read_release(
     thickness_mode : {"normal", "vertical"}
     surface : str or Path, optional
         Raster of the material's surface [m]: vertical thickness is surface minus bed, clipped at 0.
+    check : callable (float [m2]) -> None, optional
+        Called with the area of all parts before the terrain under them is read; it may refuse a large one.
 
     Raises
     ------
     FormatError, GeoreferenceError, InputError
         The file is not readable, in an unsuitable CRS, or has no usable area or thickness.
     """
-    from .release_bed import bed_under  # imports the kernels of seeding; not needed for outlines
+    from .release_bed import bed_under, report_heights  # imports the kernels of seeding; not needed for outlines
 
     if surface is not None and thickness is not None:
         raise InputError("--thickness and --surface exclude each other; give only one")
@@ -57,7 +63,9 @@ def read_release(
     record = {}
     for part in features:
         require_on_terrain(part, terrain.grid)
-    bed_under(features, terrain)
+    if check is not None:
+        check(math.fsum(part.polygon.area for part in features))
+    report_heights(features, bed_under(features, terrain), terrain, path)
     if wanted.raster is not None:
         own = (
             surface_thickness(wanted.raster, terrain, features, record)
@@ -66,7 +74,7 @@ def read_release(
         )
     if own is not None:
         features = [within_thickness(part, own) for part in features]
-    plain = Path(str(path).split(LAYER)[0])
+    plain = file_of(path)
     return ReleaseArea(
         without_overlaps(features),
         VERTICAL if surface is not None else thickness_mode,
@@ -143,16 +151,16 @@ class _Thickness:
     @classmethod
     def parse(cls, thickness, surface):
         if surface is not None:
-            return cls(raster=Path(surface))
+            return cls(raster=surface)
         if thickness is None:
             return cls()
         try:
             return cls(number=require_thickness(float(thickness), "--thickness"))
         except (TypeError, ValueError):
             pass
-        text = str(thickness)
-        if Path(text).exists() or Path(text).suffix.lower() in RASTER_SUFFIXES or "/" in text:
-            return cls(raster=Path(text))
+        text, found = str(thickness), source_of(thickness)
+        if found.file.exists() or not found.is_plain or found.file.suffix.lower() in RASTER_SUFFIXES or "/" in text:
+            return cls(raster=thickness)
         return cls(column=text)
 
 
@@ -168,10 +176,12 @@ def require_thickness(value: float, where: str) -> float:
     Raises
     ------
     InputError
-        It is not a finite number above 0.
+        It is not a finite number above 0, or above THICKEST.
     """
     if not math.isfinite(value) or value <= 0:
         raise InputError(f"{where}: thickness is {value:g}, expected a number of metres above 0")
+    if value > THICKEST:
+        raise InputError(f"{where}: thickness is {value:g}, expected at most {THICKEST:g} metres; check its unit")
     return value
 
 

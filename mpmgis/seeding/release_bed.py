@@ -1,11 +1,13 @@
 """Part of the terrain under a release."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import shapely
 
 from ..system.errors import InputError
+from ..system.messages import log
 from ..terrain.dtm import TerrainFile
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
@@ -35,6 +37,35 @@ def bed_under(parts: Sequence[ReleasePart], terrain: Terrain | TerrainFile) -> T
         for part in parts:
             _require_bed(part, near, terrain.grid, np.array([rows.start, columns.start]))
     return near
+
+
+def report_heights(
+    parts: Sequence[ReleasePart], near: Terrain, terrain: Terrain | TerrainFile, path: str | Path
+) -> None:
+    """Report the elevations under release parts and of the terrain: other units, pictures and pits show in them.
+
+    Parameters
+    ----------
+    parts : sequence of ReleasePart
+    near : Terrain
+        Around the parts, `bed_under`.
+    terrain : Terrain or TerrainFile
+        The whole; the range of a TerrainFile is not known.
+    path : str or Path
+        Of the release, for the message.
+    """
+    lattice = Lattice.of_grid(near.grid)
+    low, high = np.inf, -np.inf
+    for part in parts:
+        outline = Outline.of(part.polygon, lattice)
+        cells = outline.cover().cells() + np.array([outline.window.row, outline.window.column])
+        row, column = cells[np.all((cells >= 0) & (cells < near.grid.shape), axis=1)].T
+        heights = near.elevation[row, column]
+        low, high = min(low, heights.min()), max(high, heights.max())
+    whole = ""
+    if isinstance(terrain, Terrain):
+        whole = f", the terrain between {terrain.extremes[0]:.0f} and {terrain.extremes[1]:.0f} m"
+    log.info(f"{path}: the ground there is between {low:.0f} and {high:.0f} m{whole}")
 
 
 def _require_bed(part: ReleasePart, terrain: Terrain, grid: Grid, first: np.ndarray) -> None:

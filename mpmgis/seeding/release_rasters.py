@@ -13,14 +13,26 @@ from rasterio.enums import Resampling
 
 from ..system.errors import GeoreferenceError, InputError
 from ..system.messages import log
+from ..terrain.datum_shift import transformer_to
 from ..terrain.dtm import TerrainFile
 from ..terrain.elevation import Terrain, bilinear
 from ..terrain.georeference import name_of, same_place, warp_command
 from ..terrain.grid import Grid
+from ..terrain.mask_values import (
+    BYTE_MASK,
+    TRACE,
+    ids_of,
+    inside_of,
+    is_mask,
+    require_metres,
+    require_thin,
+    without_traces,
+)
 from ..terrain.raster_input import read_raster
 from ..terrain.release_parts import ReleasePart, ThicknessRaster, polygons_only
-from ..terrain.spatial_inputs import require_lies_on, transformer_to
+from ..terrain.spatial_inputs import require_lies_on
 from ..terrain.terrain_reprojection import reprojected_raster
+from ..terrain.undeclared_nodata import HEIGHTS, MASK, THICKNESS, Role
 
 # values above the first and closer to the terrain than the second are elevations, given by mistake
 _ELEVATION = 10.0  # [m]
@@ -45,7 +57,7 @@ def area_of_raster(
     Returns
     -------
     parts : list of ReleasePart
-        A single one.
+        One for each id of a mask with several values, else a single one.
     thickness : ThicknessRaster or None
         The values of the raster; None where they are a mask.
 
@@ -58,24 +70,37 @@ def area_of_raster(
         raise InputError(
             f"--thickness {wanted.column!r}: {path} is a raster and has no columns; give a number of metres or a raster"
         )
-    values, grid = read_raster(path)
-    values, grid = _on_terrain(values, grid, terrain, path)
-    inside = np.isfinite(values) & (values != 0)
+    if wanted.number is not None or wanted.raster is not None:
+        values, grid = _on_terrain(path, terrain, MASK)
+        inside = inside_of(values, path)
+        number = math.nan if wanted.number is None else wanted.number
+        return _areas_of_mask(values, inside, grid, Path(path).stem, number), None
+    values, grid = _on_terrain(path, terrain, THICKNESS)
+    inside = without_traces(values, path, TRACE)
     if not inside.any():
         raise InputError(f"{path}: all values are 0 or nodata, expected a mask or a thickness in metres")
-    own, number = None, math.nan
-    if wanted.number is not None:
-        number = wanted.number
-    elif wanted.raster is None:
-        if set(np.unique(values[inside]).tolist()) == {1.0}:
-            raise InputError(
-                f"{path} contains only 0 and 1, i.e. a mask; give --thickness, or thickness in the table of the scene, "
-                f"as a number of metres or a raster"
-            )
-        _refuse_elevations(values, inside, grid, terrain, path)
-        own = ThicknessRaster(_require_no_negative(np.where(inside, values, np.nan), path), grid)
-        log.info(f"{path}: its values are used as thickness in metres")
-    return [ReleasePart(Path(path).stem, _outline(inside, grid), number)], own
+    require_metres(
+        values[inside & (values > 0)],
+        path,
+        "give --thickness, or thickness in the table of the scene, as a number of metres or a raster (this one, if its "
+        "values are metres)",
+    )
+    _refuse_elevations(values, inside, grid, terrain, path)
+    own = ThicknessRaster(_require_no_negative(np.where(inside, values, np.nan), path), grid)
+    require_thin(own.values, path)
+    log.info(
+        f"{path}: its values are used as thickness in metres, {values[inside].min():.4g} to {values[inside].max():.4g} "
+        f"in {np.count_nonzero(inside)} cells"
+    )
+    return [ReleasePart(Path(path).stem, _outline(inside, grid), math.nan)], own
+
+
+def _areas_of_mask(values: np.ndarray, inside: np.ndarray, grid: Grid, name: str, number: float) -> list[ReleasePart]:
+    """Return a part for each of few whole values of a mask, else one of all that is inside."""
+    ids = ids_of(values[inside])
+    if len(ids) < 2 or not is_mask(values[inside]):
+        return [ReleasePart(name, _outline(inside, grid), number)]
+    return [ReleasePart(f"{name} {one:g}", _outline(values == one, grid), number) for one in ids]
 
 
 def _refuse_elevations(
@@ -125,11 +150,13 @@ def thickness_raster(path: str | Path, terrain: Terrain | TerrainFile) -> Thickn
     path : str or Path
     terrain : Terrain or TerrainFile
     """
-    values, grid = read_raster(path)
-    values, grid = _on_terrain(values, grid, terrain, path)
+    values, grid = _on_terrain(path, terrain, THICKNESS)
     _require_no_negative(values, path)
+    require_thin(values, path)
+    if set(ids_of(values[values > 0]).tolist()) == {BYTE_MASK}:
+        raise InputError(f"{path} contains only 0 and {BYTE_MASK:g}, i.e. a mask, expected a thickness in metres")
     with np.errstate(invalid="ignore"):
-        return ThicknessRaster(np.where(values > 0, values, np.nan), grid)
+        return ThicknessRaster(np.where(values >= TRACE, values, np.nan), grid)
 
 
 def surface_thickness(
@@ -149,8 +176,7 @@ def surface_thickness(
     record : dict
         Gets the number of clipped cells and the clipped volume [m3].
     """
-    values, grid = read_raster(path)
-    values, grid = _on_terrain(values, grid, terrain, path, Resampling.bilinear)
+    values, grid = _on_terrain(path, terrain, HEIGHTS, Resampling.bilinear)
     polygons = [part.polygon for part in features]
     finer = grid.cell_size <= terrain.grid.cell_size * (1 + 1e-9)
     rows, columns = around = _pixels_around(grid if finer else terrain.grid, shapely.total_bounds(polygons))
@@ -161,6 +187,7 @@ def surface_thickness(
         thickness, grid = bilinear(values, *grid.rowcol(*points)) - terrain.part(*around).elevation, terrain.grid
     whole = ThicknessRaster(thickness, grid.part(rows.start, columns.start, thickness.shape))
     under = rasterio.features.geometry_mask(polygons, whole.grid.shape, whole.grid.transform, invert=True)
+    require_thin(whole.values[under], path)
     with np.errstate(invalid="ignore"):
         clipped = under & (whole.values < 0)
     count, volume = int(clipped.sum()), float(-whole.values[clipped].sum() * grid.cell_area)
@@ -245,16 +272,13 @@ def _pixels_around(grid: Grid, bounds: tuple[float, float, float, float]) -> tup
 
 
 def _on_terrain(
-    values: np.ndarray,
-    grid: Grid,
-    terrain: Terrain | TerrainFile,
-    path: str | Path,
-    resampling: Resampling = Resampling.nearest,
+    path: str | Path, terrain: Terrain | TerrainFile, role: Role, resampling: Resampling = Resampling.nearest
 ) -> tuple[np.ndarray, Grid]:
-    """Return a raster in the terrain's CRS; another CRS is approximated by an affine over valid pixels.
+    """Read a raster in the terrain's CRS; another CRS is approximated by an affine over valid pixels.
 
     Where no affine fits, it is resampled if the terrain was brought to its CRS by `to_crs`, else refused.
     """
+    values, grid = read_raster(path, role)
     target = terrain.grid.crs
     if grid.crs is None or target is None:
         require_lies_on(grid.bounds, grid.crs, terrain, path)
@@ -267,8 +291,9 @@ def _on_terrain(
     i = np.linspace(rows.min() - 0.5, rows.max() + 0.5, 9)
     j = np.linspace(columns.min() - 0.5, columns.max() + 0.5, 9)
     i, j = (a.ravel() for a in np.meshgrid(i, j))
-    transformer = transformer_to(grid.crs, target, path)
-    x, y = transformer.transform(*grid.xy(i, j))
+    places = grid.xy(i, j)
+    transformer, shift = transformer_to(grid.crs, target, (places[0][0], places[1][0]), path)
+    x, y = transformer.transform(*places)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise GeoreferenceError(
             f"{path} is in {name_of(grid.crs)} and cannot be reprojected to {name_of(target)}; check its CRS"
@@ -279,7 +304,7 @@ def _on_terrain(
     row, column = placed.rowcol(x, y)
     misfit = max(np.abs(row - i).max(), np.abs(column - j).max())
     if misfit > _AFFINE_PIXELS and terrain.reprojection is not None:
-        return reprojected_raster(path, target, resampling)
+        return reprojected_raster(path, target, role, resampling)
     if misfit > _AFFINE_PIXELS:
         code = target.to_epsg() or "n"
         raise GeoreferenceError(
@@ -287,7 +312,7 @@ def _on_terrain(
             f"give --to-crs auto, or reproject it: {warp_command(path, f'EPSG:{code}')}"
         )
     log.info(
-        f"{path}: transformed from {name_of(grid.crs)} to {name_of(target)}, the terrain's CRS (within {misfit:.2g} "
-        "of a pixel)"
+        f"{path}: transformed from {name_of(grid.crs)} to {name_of(target)}, the terrain's CRS{shift} (within "
+        f"{misfit:.2g} of a pixel)"
     )
     return values, placed

@@ -1,5 +1,7 @@
 """Seeding from files: columns from a DTM and release areas (`mpmgis seed`)."""
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,8 +9,9 @@ import numpy as np
 
 from ..frames.particle_files import require_format, write_columns
 from ..frames.particles import Frame, Particles
-from ..system import operating_system
-from ..system.errors import OutputError
+from ..system import source_names
+from ..system.errors import InputError, OutputError
+from ..system.memory import memory_lack
 from ..system.messages import log
 from ..system.whole_files import refuse_existing
 from ..terrain.dtm import READ_WHOLE, TerrainFile, read_terrain
@@ -18,8 +21,15 @@ from ..terrain.spatial_inputs import with_crs_hint
 from .column_seeding import Seed, plan_seed
 from .implausible_values import Fixes, report_implausible
 from .release_areas import read_release
+from .seeding_options import SeedOptions
 
-_FIXES = Fixes("`density`", "`thickness`", "give a larger `per_cell` or `count`, a smaller `spacing`, or a finer DTM")
+_BYTES_PER_COLUMN = 120  # of a frame in memory: 14 numbers and its identity
+_FIXES = Fixes(
+    "`density`",
+    "`thickness`",
+    "give a larger `per_cell` or `count`, a smaller `spacing`, or a finer DTM",
+    "give a finer DTM, or in a scene a smaller [numerics] cell_size",
+)
 
 
 @dataclass(frozen=True)
@@ -82,12 +92,12 @@ def seed_file(
         require_format(output)
         refuse_existing(output, overwrite)
     terrain = with_crs_hint(release, lambda: _terrain(dem, crs, dem_band, fill_nodata, to_crs))
-    area = read_release(release, terrain, thickness, thickness_mode, surface)
+    area = read_release(release, terrain, thickness, thickness_mode, surface, _memory_check(terrain, options))
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
     _refuse_replacing(path, (dem, release, thickness, surface))
     seed = _planned(terrain, area, options)
-    frame = replace(seed.empty_frame(), dem=operating_system.slashed(terrain.path, path.parent))
+    frame = replace(seed.empty_frame(), dem=source_names.moved(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
 
@@ -145,24 +155,44 @@ def seed_frame(
     terrain = with_crs_hint(
         release, lambda: read_terrain(dem, crs=crs, band=dem_band, fill_nodata=fill_nodata, to_crs=to_crs)
     )
-    area = read_release(release, terrain, thickness, thickness_mode, surface)
+    area = read_release(release, terrain, thickness, thickness_mode, surface, _memory_check(terrain, options))
     seed = _planned(terrain, area, options)
     slabs = [particles.arrays() for particles in seed.slabs()]
     particles = Particles(**{name: np.concatenate([slab[name] for slab in slabs]) for name in slabs[0]})
     return replace(seed.empty_frame(), particles=particles), terrain, area.name, seed.record
 
 
+def _memory_check(terrain: Terrain | TerrainFile, options: dict) -> Callable[[float], None]:
+    """Return a function of the release area [m2] that refuses more columns than the free memory can contain.
+
+    Columns that the user asks for (`per_cell`, `count`, `spacing`) are not refused: they are written slab by slab.
+    """
+    asked = any(options.get(name) is not None for name in ("per_cell", "count", "spacing"))
+
+    def check(area):
+        cell = (options.get("cell_size") or terrain.grid.cell_size) ** 2
+        columns = area / cell * SeedOptions().per_cell
+        if not asked and (lack := memory_lack(columns * _BYTES_PER_COLUMN)):
+            raise InputError(
+                f"{terrain.path}: its cells of {math.sqrt(cell):.4g} m make {columns:.3g} columns on {area:.6g} m2, "
+                f"which need {lack}; give `spacing`, `count` or `per_cell`, or a coarser DTM"
+            )
+
+    return check
+
+
 def _planned(terrain: Terrain | TerrainFile, area: ReleaseArea, options: dict) -> Seed:
     """Return the Seed of a release on a terrain; implausible values are logged."""
     seed = plan_seed(terrain, area, **options)
     mean_thickness = seed.record["reference_volume"] / seed.record["release_area"]
-    report_implausible(seed.count, seed.record["density"], mean_thickness, _FIXES)
+    across = math.sqrt(seed.record["release_area"] / terrain.grid.cell_area)
+    report_implausible(seed.count, seed.record["density"], mean_thickness, across, _FIXES)
     return seed
 
 
 def _refuse_replacing(path, inputs):
     """Refuse to replace an input, even with `overwrite`."""
     for given in inputs:
-        named = Path(str(given).partition("|")[0])
+        named = source_names.file_of(given)
         if path.exists() and named.exists() and path.samefile(named):
             raise OutputError(f"{path} is an input and would be replaced; give another `output`")

@@ -9,6 +9,8 @@ import shapely
 
 from ..conversion.conversion_account import account_of_points
 from ..conversion.initial_points import as_columns, particles_in_window, point_options, points_from
+from ..exchange.frame_list import files_and_reader
+from ..exchange.readers.reader_list import OWN
 from ..frames.frame_files import read_frame
 from ..frames.particles import Particles
 from ..scene.tables import DENSITY, ReleaseTable
@@ -16,11 +18,13 @@ from ..seeding.column_seeding import seed_columns
 from ..seeding.release_areas import read_release
 from ..system.errors import InputError, SceneError
 from ..system.messages import log
+from ..system.source_names import file_of
 from ..terrain.hydrograph_file import read_hydrograph
 from ..terrain.release_parts import VERTICAL, polygons_only
 from ..terrain.spatial_inputs import read_area
 from .memory_need import require_memory_for_points
 from .release_events import Events, inlet_of, secondary_releases
+from .release_particles import read_release_particles, release_dimension
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame
@@ -115,7 +119,7 @@ def _start(scene, terrain, grid, release):
 
 def _area(scene, table, terrain):
     thickness, surface = table.thickness, getattr(table, "surface", None)
-    if isinstance(thickness, str) and scene.path(thickness).exists():
+    if isinstance(thickness, str) and file_of(scene.path(thickness)).exists():
         thickness = str(scene.path(thickness))
     return read_release(
         scene.path(table.source),
@@ -265,10 +269,12 @@ def columns_of(
     InputError
         The file contains points, or is in another CRS than the terrain.
     """
-    frame = read_frame(path, with_state)
-    if frame.dimension != 2:
+    reader = files_and_reader([path])[1]
+    frame = None if reader != OWN else read_frame(path, with_state)
+    if frame is None or frame.dimension != 2:
+        whose = "" if frame is not None else f" of another code ({reader})"
         raise InputError(
-            f"{path} contains 3D points, expected columns; `mpmgis seed` writes them, or set solver = 'points'"
+            f"{path} contains 3D points{whose}, expected columns; `mpmgis seed` writes them, or set solver = 'points'"
         )
     return start_on_terrain(frame, path, terrain, density, window)
 
@@ -385,8 +391,8 @@ def read_point_start(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid") -> 
     """
     table, cell_size = scene.release, scene.numerics.cell_size
     path = None if table.particles is None else scene.path(table.particles)
-    if path is not None and read_frame(path, with_state=False, with_particles=False).dimension == 3:
-        return _points_of(path, terrain, cell_size, DENSITY, _window(scene, terrain))
+    if path is not None and release_dimension(scene) == 3:
+        return _points_of(scene, path, terrain, cell_size, DENSITY, _window(scene, terrain))
     return _converted(_columns_of(scene, path, terrain, grid), scene, terrain)
 
 
@@ -425,10 +431,10 @@ def _log_outside(outside, mass):
 
 
 def _points_of(
-    path: str | Path, terrain: "Terrain", cell_size: float, density: float, window: shapely.Polygon | None
+    scene: "Scene", path: Path, terrain: "Terrain", cell_size: float, density: float, window: shapely.Polygon | None
 ) -> PointStart:
-    """Return points from the frame at `path`, those in `window`."""
-    frame = start_on_terrain(read_frame(path), path, terrain, density, window)
+    """Return points from the file of [release] at `path`, those in `window`."""
+    frame = start_on_terrain(read_release_particles(scene, terrain), path, terrain, density, window)
     if window is not None:
         mass = float(frame.particles.mass.sum())
         frame = particles_in_window(frame, window)

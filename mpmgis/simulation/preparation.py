@@ -21,8 +21,8 @@ from ..solvers.columns.column_solver import ColumnNumerics
 from ..solvers.columns.node_grid import ColumnGrid, require_ground
 from ..solvers.features.lakes import levelled
 from ..solvers.points.point_numerics import PointNumerics
-from ..system.disguised_files import require_local
 from ..system.errors import InputError, SceneError
+from ..system.file_references import require_local
 from ..system.memory import memory_lack
 from ..system.messages import log, logged_once, muted
 from ..terrain.dtm import READ_WHOLE, TerrainFile
@@ -30,6 +30,7 @@ from ..terrain.flow_reach import reach_facts, reach_of, release_facts, steepest_
 from ..terrain.nodata_groups import nodata_in_reach
 from ..terrain.release_parts import report_cliffs
 from ..terrain.spatial_inputs import with_crs_hint
+from ..terrain.walled_regions import require_real, walled_in_reach
 from .mass_sources import read_point_start, read_sources
 from .memory_need import MEMORY_SHARE
 from .numerical_parameters import cells_times, default_courant_number, setting
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from ..terrain.elevation import Terrain
     from ..terrain.flow_reach import Reach
     from ..terrain.nodata_fill import NodataFill
+    from ..terrain.walled_regions import WalledRegion
 
 MOST_SAMPLED = 10_000  # columns that are starts of energy lines
 BYTES_PER_PIXEL = 140  # of a DTM that is read as a whole, for preparing a run; measured 135 with cells of a pixel
@@ -91,6 +93,8 @@ class Prepared:
         Velocity gradient of points at the start.
     fill : NodataFill or None
         Of the terrain, where the scene requests it.
+    walled : tuple of WalledRegion
+        Probably undeclared nodata of the terrain.
     """
 
     scene: "Scene"
@@ -103,6 +107,7 @@ class Prepared:
     vertical_stress: np.ndarray | None = None  # float64[n] [Pa]
     affine: np.ndarray | None = None  # float64[n, 3, 3] [s-1]
     fill: "NodataFill | None" = None
+    walled: "tuple[WalledRegion, ...]" = ()
 
     effects = property(lambda self: self.stages[0].effects)
     decisions = property(lambda self: self.stages[0].decisions)
@@ -111,6 +116,11 @@ class Prepared:
     places = property(lambda self: self.stages[0].places)
     walls = property(lambda self: self.stages[0].walls)
     grid = property(lambda self: self.stages[0].grid)
+
+    @property
+    def coarsest_cells(self) -> float:
+        """Cell size [m] of the stage with the largest cells."""
+        return max(stage.numerics.cell_size for stage in self.stages)
 
     @property
     def particles(self) -> int:
@@ -212,7 +222,7 @@ def prepare_scene(scene: "Scene") -> Prepared:
     ----------
     scene : Scene
     """
-    terrain, fill = with_crs_hint(_first_area(scene), lambda: _terrain(scene))
+    terrain, fill, walled = with_crs_hint(_first_area(scene), lambda: _terrain(scene))
     scene = _completed(_with_density(scene), terrain.grid.cell_size)
     alone = [_with_courant_number(one) for one in scene.alone()]
     require_memory(alone, [stage.window is not None for stage in scene.stage] or [False], terrain)
@@ -221,7 +231,7 @@ def prepare_scene(scene: "Scene") -> Prepared:
     require_inflow_over(scene.stage, start.events)
     stages, reached = [], lru_cache(partial(_reached, terrain, start.seen))
     for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
-        stage = _stage(one, terrain, grid, start, reached, number > 0)
+        stage = _stage(one, terrain, grid, start, reached, walled, number > 0)
         stages.append(replace(stage, **read_areas(scene, number, terrain)))
     _log_no_friction(stages)
     frame, lakes = start.frame, stages[0].places.lake_level
@@ -241,6 +251,7 @@ def prepare_scene(scene: "Scene") -> Prepared:
         start.vertical_stress,
         start.affine,
         fill,
+        walled,
     )
     return with_device(prepared)
 
@@ -301,13 +312,13 @@ def _first_area(scene):
 
 
 def _terrain(scene):
-    """Return (the terrain, of which only the window of the scene is read; its NodataFill or None)."""
+    """Return (the terrain, of which only the window of the scene is read; its NodataFill or None; WalledRegions)."""
     table = scene.terrain
     file = TerrainFile(scene.path(table.dem), table.crs, table.band, table.fill_nodata, table.to_crs)
     window = table.window
     if window is None:
         _check_size(file.path, file.grid.shape)
-        return file.whole(), file.fill
+        return file.whole(), file.fill, file.walled
     west, south, east, north = file.grid.bounds
     if window[0] >= east or window[2] <= west or window[1] >= north or window[3] <= south:
         raise SceneError(
@@ -323,7 +334,7 @@ def _terrain(scene):
             f"[terrain] window = [west, south, east, north] extends beyond the DTM to the {', '.join(beyond)}; it is "
             f"clipped there (W {west:.0f}, S {south:.0f}, E {east:.0f}, N {north:.0f})"
         )
-    return file.cropped(window, 0), file.fill
+    return file.cropped(window, 0), file.fill, file.walled
 
 
 def _check_size(name, shape):
@@ -341,7 +352,7 @@ def _check_size(name, shape):
 def _start_of_columns(scene, terrain, grid):
     """Return the _Start of a run that begins with columns."""
     sources = read_sources(scene, terrain, grid)
-    _check_release(sources.frame.particles, sources.frame.header, scene)
+    _check_release(sources.frame.particles, sources.frame.header, scene, grid.cell_size)
     report_cliffs(grid.gradients_at(sources.everything), sources.everything)
     return _Start(sources.frame, sources.everything, sources.events, sources.facts, sources.reference_thickness)
 
@@ -349,12 +360,18 @@ def _start_of_columns(scene, terrain, grid):
 def _start_of_points(scene, terrain, grid):
     """Return the _Start of a run that begins with points."""
     start = read_point_start(scene, terrain, grid)
-    _check_release(start.seen.particles, start.frame.header, scene)
+    _check_release(start.seen.particles, start.frame.header, scene, grid.cell_size)
     return _Start(start.frame, start.seen, Events(), {}, None, start.vertical_stress, start.affine)
 
 
 def _stage(
-    scene: "Scene", terrain: "Terrain", grid: ColumnGrid, start: _Start, reached: Callable, later: bool
+    scene: "Scene",
+    terrain: "Terrain",
+    grid: ColumnGrid,
+    start: _Start,
+    reached: Callable,
+    walled: "tuple[WalledRegion, ...]",
+    later: bool,
 ) -> Stage:
     """Return the Stage of a `scene` of one solver; its effects are decided by the release, also for later stages.
 
@@ -365,6 +382,9 @@ def _stage(
     reach, facts, deciding = _facts(terrain, start.seen, reached, known)
     in_reach = nodata_in_reach(terrain, reach, grid.cell_size)
     require_ground(scene.solver, scene.numerics.edges, in_reach)
+    real = scene.terrain.real_values or ()
+    for line in require_real(walled_in_reach(walled, reach, terrain.grid, grid.cell_size), real, terrain.path):
+        log.info(line)
     for line in in_reach.lines():
         log.info(line)
     facts = facts._replace(**start.facts, hole_in_reach=in_reach.hole)
@@ -465,7 +485,7 @@ def scene_to_prepare(given: str | Path | Mapping, laws: str | Path | None = None
     else:
         scene = read_scene(given, own)
         for name in scene.files():
-            require_local(scene.path(name.partition("|")[0]), given)
+            require_local(scene.path(name), given)
     if laws is not None:
         use_own_laws(own)
         law = own.laws[scene.friction.law][0](**trial_parameters(scene))
@@ -503,11 +523,13 @@ def _some_columns(particles):
     return np.union1d(np.arange(0, len(particles), step), [fastest])
 
 
-def _check_release(particles, header, scene):
+def _check_release(particles, header, scene, cell_size):
     more = "points_per_cell" if scene.solver == "points" else "particles_per_cell"
-    fixes = Fixes("[release] density", "[release] thickness", f"take a smaller [numerics] cell_size or more {more}")
+    finer = "take a smaller [numerics] cell_size"
+    fixes = Fixes("[release] density", "[release] thickness", f"{finer} or more {more}", finer)
     if len(particles):
-        thickness = particles.volume.sum() / particles.area.sum()
-        report_implausible(len(particles), header["density"], thickness, fixes)
+        area = particles.area.sum()
+        across = np.sqrt(area) / cell_size
+        report_implausible(len(particles), header["density"], particles.volume.sum() / area, across, fixes)
     if scene.friction is not None and scene.friction.law in LAWS:
         report_implausible_friction(scene.friction.parameters)

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..system.errors import SceneError
-from ..system.messages import details
+from ..system.messages import details, log
+from ..terrain.walled_regions import walled_lines
 from .effect_cost import effect_costs, under_way
 from .preparation import prepare
 from .scene_run import use_threads
@@ -31,7 +32,10 @@ def scene_decisions(
         Description of each stage and its decisions. A scene without [[stage]] is one stage with the description "".
     """
     with details():
-        stages = prepare(scene_path, laws).stages
+        prepared = prepare(scene_path, laws)
+    for line in walled_lines(prepared.walled, prepared.terrain.path):
+        log.info(line)
+    stages = prepared.stages
     return tuple(("" if stage.table is None else stage.words(), stage.decisions) for stage in stages)
 
 

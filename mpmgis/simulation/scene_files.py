@@ -5,14 +5,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..solvers.features.feature_placement import PlacedFiles, erodible_mass, painted_zones
 from ..solvers.features.features_by_place import KnownByPlace
 from ..solvers.features.forest_values import ENTRY, forest_values
 from ..solvers.features.lakes import lake_levels
 from ..solvers.features.wall_placement import standing_walls, walls_of
 from ..system.errors import MpmgisError
+from ..system.source_names import file_of
+from ..terrain.mask_values import TRACE, inside_of, require_metres, without_traces
 from ..terrain.raster_input import raster_files
 from ..terrain.spatial_inputs import is_raster, read_placed_raster, read_polygons, read_walls
+from ..terrain.undeclared_nodata import MASK, PARAMETER, THICKNESS
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame
@@ -40,7 +45,7 @@ def input_files(given: str | Path | Mapping, scene: "Scene", laws: str | Path | 
     if laws is not None:
         yield Path(laws)
     for name in scene.files():
-        yield from _with_companions(scene.path(name.partition("|")[0]))
+        yield from _with_companions(file_of(scene.path(name)))
 
 
 def _with_companions(path):
@@ -111,10 +116,11 @@ def _used(table):
 
 
 def _spatial_file(path, terrain):
-    """Return polygons or the raster at `path`."""
-    if is_raster(path):
-        return PlacedFiles(raster=read_placed_raster(path, terrain))
-    return PlacedFiles(features=read_polygons(path, terrain))
+    """Return polygons or the mask at `path`: 1 inside, NaN outside."""
+    if not is_raster(path):
+        return PlacedFiles(features=read_polygons(path, terrain))
+    values, grid = read_placed_raster(path, terrain, MASK)
+    return PlacedFiles(raster=(np.where(inside_of(values, path), 1.0, np.nan), grid))
 
 
 def _zones(scene, terrain, grid):
@@ -145,9 +151,9 @@ def _zone_files(scene, zone, terrain):
 def _files_by_place(scene: "Scene", source: str | None, parameters: dict, terrain: "Terrain") -> PlacedFiles:
     """Return polygons or mask of `source`, and rasters that `parameters` (name -> number, column or raster) name."""
     values = {
-        name: read_placed_raster(scene.path(value), terrain)
+        name: read_placed_raster(scene.path(value), terrain, PARAMETER)
         for name, value in parameters.items()
-        if isinstance(value, str) and (Path(value).suffix or scene.path(value).exists())
+        if isinstance(value, str) and (Path(value).suffix or file_of(scene.path(value)).exists())
     }
     where = PlacedFiles() if source is None else _spatial_file(scene.path(source), terrain)
     return PlacedFiles(where.features, where.raster, values)
@@ -176,7 +182,18 @@ def _erodible(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", frame: "Fr
     if not _used(table):
         return None
     path = scene.path(table.source)
-    return erodible_mass(table, _spatial_file(path, terrain), path, grid, frame.header["density"])
+    mask_or_polygons = table.thickness is not None or not is_raster(path)
+    files = _spatial_file(path, terrain) if mask_or_polygons else _erodible_raster(path, terrain)
+    return erodible_mass(table, files, path, grid, frame.header["density"])
+
+
+def _erodible_raster(path, terrain):
+    """Return the raster of thickness of erodible ground at `path`."""
+    values, grid = read_placed_raster(path, terrain, THICKNESS)
+    inside = without_traces(values, path, TRACE)
+    if (values[inside] > 0).any():
+        require_metres(values[inside & (values > 0)], path, "give [entrainment] thickness = metres with it")
+    return PlacedFiles(raster=(np.where(inside, values, np.nan), grid))
 
 
 def _lakes(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", start: "Frame") -> object:

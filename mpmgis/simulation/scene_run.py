@@ -20,7 +20,7 @@ from ..scene.scene_reading import read_toml
 from ..scene.tables import CPU
 from ..solvers.columns.column_state import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.points.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
-from ..system import operating_system
+from ..system import source_names
 from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
@@ -425,7 +425,7 @@ def _require_rasters(prepared):
 
     output = prepared.scene.output
     bands_of(output.raster_products)
-    raster_grid(prepared.terrain.grid, output.raster_cell_size)
+    raster_grid(prepared.terrain.grid, output.raster_cell_size, prepared.coarsest_cells)
 
 
 class _Frames:
@@ -505,9 +505,7 @@ def _with_paths_from(scene, folder):
     """Return the scene with its paths relative to `folder`, where it is written."""
 
     def moved(name):
-        path, bar, layer = name.partition("|")  # file.gpkg|layername=name
-        if not scene.path(path).exists():
-            return name
-        return operating_system.slashed(scene.path(path).resolve(), folder.resolve()) + bar + layer
+        path = scene.path(name)
+        return source_names.moved(path, folder) if source_names.file_of(path).exists() else name
 
     return scene.with_files(moved)

@@ -24,6 +24,7 @@ from ..system.messages import log, muted
 from ..system.whole_files import whole_folder
 from ..terrain.grid import Grid
 from ..terrain.spatial_inputs import read_placed_raster
+from ..terrain.undeclared_nodata import THICKNESS
 from .export_sweep import ExportSetting, ExportSweep
 from .other_code_results import read_other_results
 from .run_measures import NAMES, Errors, State, StudyCells, centre_of, errors_against_exact, errors_of, outcomes
@@ -227,7 +228,7 @@ def _cells(base):
 
 def _thickness(path, terrain, grid):
     """Return the thickness of a raster on the cells of the study, float64[rows, columns] [m]."""
-    values, own = read_placed_raster(path, terrain)
+    values, own = read_placed_raster(path, terrain, THICKNESS)
     return nearest(values, own, grid)
 
 

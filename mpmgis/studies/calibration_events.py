@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ..scene.scene_reading import read_toml
 from ..system.errors import InputError
 from ..terrain.raster_input import read_raster
+from ..terrain.undeclared_nodata import THICKNESS
 from ..terrain.vector_table import read_table
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class Event:
             if path is not None:
                 read_table(path, kind, "")
         if self.deposit is not None:
-            read_raster(self.deposit)
+            read_raster(self.deposit, THICKNESS)
 
 
 def events_of(request: "CalibrateRequest") -> list[Event]:

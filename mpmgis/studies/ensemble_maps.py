@@ -5,7 +5,6 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-import rasterio
 
 from ..frames.member_stack import MemberStack
 from ..laws.quantities import Quantity
@@ -16,6 +15,7 @@ from ..maps.qgis.project import Group, project_document, raster_layer, terrain_g
 from ..maps.qgis.raster_styles import hillshade_pipe, style_document, value_pipe, write_sidecar
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
+from ..terrain.raster_input import open_raster
 from ..terrain.raster_output import write_rows
 from .ensemble_statistics import ARRIVAL, PEAKS, PROBABILITY, WORDS, statistics
 
@@ -94,7 +94,7 @@ class EnsembleMaps:
         return self._read(TERRAIN_FILE, 0)
 
     def _read(self, file, number):
-        with rasterio.open(self.folder / file) as source:
+        with open_raster(self.folder / file) as source:
             top, bottom, left, right = self.window
             values = source.read(number + 1, window=((top, bottom), (left, right)))
             values[values == np.float32(source.nodata)] = np.nan

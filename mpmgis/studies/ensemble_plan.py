@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..compiled.cache_folder import source_digest
-from ..maps.averaging.export_resolution import require_cells_within
+from ..maps.averaging.export_resolution import report_cells, require_cells_within
 from ..scene.key_checks import meant
 from ..scene.scene_reading import read_toml
 from ..simulation.cost_prediction import predicted
@@ -195,7 +195,8 @@ class PlannedRuns:
             raise SceneError("`vary` terrain: the DTMs have different grids; resample them to one grid")
         task, prepared = self.first
         require_cells_within(prepared.terrain.grid, self.request.cell_size, north_up=True)
-        task.averaging(prepared)  # raises for too many cells
+        grid = task.averaging(prepared).grid  # raises for too many cells
+        report_cells(grid, prepared.terrain.grid, prepared.coarsest_cells, self.request.cell_size)
 
     def _task(self, number: int, digest: str, tables: dict, name: str, output: str | Path) -> MemberTask:
         folder, request = Path(self.scene.folder).resolve(), self.request

@@ -18,6 +18,7 @@ from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from ..terrain.observations import cells_within, read_line, read_outline, read_values
 from ..terrain.raster_input import read_raster
+from ..terrain.undeclared_nodata import THICKNESS
 from .calibration_events import Event
 from .ensemble_member import DEPOSITED
 
@@ -73,7 +74,7 @@ class EventOnGrid:
 
     def _deposit(self, path):
         """Return the vertical thickness [m] on the grid; NaN where it is not known, 0 for erosion."""
-        values, own = read_raster(path)
+        values, own = read_raster(path, THICKNESS)
         return np.maximum(nearest(values, own, self.grid), 0.0)
 
     def _line(self):

@@ -1,14 +1,15 @@
 """Read tables with results of other codes, for comparison with a study."""
 
-import csv
 import math
 from pathlib import Path
 from typing import NamedTuple
 
 from ..system.errors import FormatError
+from ..system.text_tables import read_cells, with_point
 from .run_measures import NAMES, Errors
 from .study_table import BESIDE, ERROR_COLUMNS
 
+SECONDS = ("seconds", "seconds_min", "seconds_max")
 _LARGEST = 10_000_000  # [bytes] of a table of results
 
 
@@ -52,42 +53,31 @@ def read_other_results(path: str | Path, measure: str) -> list[OtherRow]:
     FormatError
         With the invalid row.
     """
-    path = Path(path)
-    rows, column = _table(path), ERROR_COLUMNS[measure]
-    names = set(rows[0]) if rows else set()
+    path, column = Path(path), ERROR_COLUMNS[measure]
+    table = read_cells(path, "a CSV with the columns setting and seconds", _LARGEST)
+    names = set(table.names)
+    if not table.rows:
+        raise FormatError(f"{path} has no rows, expected a header and one row per result")
     for wanted in ("setting", "seconds"):
         if wanted not in names:
             raise FormatError(f"{path} has no column {wanted!r}, expected setting, seconds, and {column} or thickness")
     if column not in names and not (measure == "thickness" and "thickness" in names):
         also = ", or thickness with rasters" if measure == "thickness" else ""
         raise FormatError(f"{path} has no column {column!r}; add it{also}")
-    return [_other_row(path, k, row, measure) for k, row in enumerate(rows, 2) if row.get("knob") != BESIDE]
+    rows = ((line, dict(zip(table.names, cells, strict=True))) for line, cells in table.rows)
+    return [_other_row(path, line, row, measure, table.delimiter) for line, row in rows if row.get("knob") != BESIDE]
 
 
-def _table(path):
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise FormatError(f"{path} has {path.stat().st_size / 1e6:.0f} MB, expected a table of results below 10 MB")
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
-    except FileNotFoundError as error:
-        raise FormatError(f"{path}: no such file, expected a CSV with the columns setting and seconds") from error
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise FormatError(f"{path} is not readable text, expected a CSV; save it as CSV UTF-8") from error
-    if not rows:
-        raise FormatError(f"{path} has no rows, expected a header and one row per result")
-    return [{(name or "").strip(): (cell or "").strip() for name, cell in row.items() if name} for row in rows]
-
-
-def _other_row(path, line, row, measure):
+def _other_row(path, line, row, measure, delimiter):
     where = f"{path} line {line}"
     if not row["setting"]:
         raise FormatError(f"{where}: setting is empty, expected a name of this result")
     raster = path.parent / row["thickness"] if row.get("thickness") else None
+    row = row | {name: with_point(row.get(name, ""), delimiter) for name in (*ERROR_COLUMNS.values(), *SECONDS)}
     errors = Errors(*(_number(row, ERROR_COLUMNS[name], where, least=0.0) for name in NAMES))
     if raster is None and math.isnan(getattr(errors, measure)):
         raise FormatError(f"{where}: {ERROR_COLUMNS[measure]} is empty, expected a number")
-    seconds = [_number(row, name, where, above=0.0) for name in ("seconds", "seconds_min", "seconds_max")]
+    seconds = [_number(row, name, where, above=0.0) for name in SECONDS]
     if math.isnan(seconds[0]):
         raise FormatError(f"{where}: seconds is empty, expected the wall time of the time integration")
     seconds = (seconds[0], *(seconds[0] if math.isnan(value) else value for value in seconds[1:]))

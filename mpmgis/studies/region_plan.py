@@ -22,9 +22,9 @@ from ..simulation.cost_prediction import predicted
 from ..simulation.scene_files import input_files
 from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log, muted
+from ..system.source_names import file_of
 from ..terrain.dtm import TerrainFile
 from ..terrain.raster_input import file_sha256
-from ..terrain.vector_table import LAYER
 from .area_run import AreaTask
 from .ensemble_member import MemberTask
 from .ensemble_plan import DIGEST_LENGTH, with_peaks
@@ -93,7 +93,9 @@ class PlannedRegion:
         if terrain.grid.is_rotated:
             raise InputError(f"{terrain.path} is rotated, a region requires rows and columns along east and north")
         thickness = release.thickness
-        of_raster = release.surface is not None or (isinstance(thickness, str) and scene.path(thickness).exists())
+        of_raster = release.surface is not None or (
+            isinstance(thickness, str) and file_of(scene.path(thickness)).exists()
+        )
         areas = read_areas(Path(request.releases), terrain, 1.0 if of_raster else thickness)
         scenarios = ["all"] * len(areas.parts)
         if request.scenario is not None:
@@ -255,9 +257,9 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
 
 def _other_inputs(request, scene, terrain):
     """Return digests of the files that runs read, other than the scene, the DTM and the areas."""
-    areas = Path(str(request.releases).split(LAYER)[0]).resolve()
+    areas = file_of(request.releases).resolve()
     files = {path.resolve() for path in input_files(request.scene, scene, request.law)}
-    files -= {Path(request.scene).resolve(), Path(terrain.path).resolve()}
+    files -= {Path(request.scene).resolve(), file_of(terrain.path).resolve()}
     stem = areas.name.partition(".")[0]
     return sorted(
         file_sha256(path) for path in files if (path.parent, path.name.partition(".")[0]) != (areas.parent, stem)

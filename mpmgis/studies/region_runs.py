@@ -232,7 +232,7 @@ def _write(folder, plan, records):
 def _terrain_layer(plan, maps):
     """Return the path of the DTM for the project; None for a DTM that was reprojected."""
     table = plan.scene.terrain
-    return None if table.to_crs is not None else terrain_path(plan.scene.path(table.dem), table.band, maps)
+    return None if table.to_crs is not None else terrain_path(Path(plan.scene.path(table.dem)), table.band, maps)
 
 
 def _columns(plan, records):

@@ -46,6 +46,21 @@ def one_line(text: object) -> str:
     return " ".join(str(text).split())
 
 
+def innermost_reason(error: BaseException) -> str:
+    """Return the message of the error that led to `error`: the first of a library, which has the cause.
+
+    Parameters
+    ----------
+    error : BaseException
+    """
+    seen = []
+    while error is not None and error not in seen:
+        seen.append(error)
+        error = error.__cause__ or error.__context__
+    texts = [one_line(one) for one in seen]
+    return next((text for text in reversed(texts) if text and "See previous exception" not in text), texts[0])
+
+
 def has_control_characters(text: str) -> bool:
     """Return whether `text` contains control characters (line ends too) or bytes that are not text.
 

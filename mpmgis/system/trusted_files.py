@@ -15,7 +15,7 @@ def trusting(trust: bool = True) -> Iterator[None]:
     """Allow files to refer to other files and to the network within this block.
 
     This holds for the threads of a FramePool that start within the block, not for other processes. The modules
-    `disguised_files` and `hdf5_reading` decide which references are followed.
+    `file_references` and `hdf5_reading` decide which references are followed.
 
     Parameters
     ----------

@@ -52,6 +52,59 @@ def opened_zip(path: str | Path, kind: str) -> Iterator[zipfile.ZipFile]:
         raise FormatError(f"{path} is not a readable {kind} ({one_line(error)[:100]}); it is damaged") from error
 
 
+def members(path: str | Path) -> list[str]:
+    """Return the names of the files in a zip archive; [] for other files.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    FormatError
+        Damaged, or more than MOST_MEMBERS.
+    """
+    if not is_zip(path):
+        return []
+    with opened_zip(path, "zip archive") as archive:
+        return [member.filename for member in archive.infolist() if not member.is_dir()]
+
+
+def is_zip(path: str | Path) -> bool:
+    """Return whether a file begins as a zip archive.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
+    path = Path(path)
+    if not path.is_file():
+        return False
+    with open(path, "rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+def head_of(path: str | Path, name: str, size: int) -> bytes:
+    """Return the first `size` bytes of a member of a zip archive; b"" for one that is not there.
+
+    Parameters
+    ----------
+    path : str or Path
+    name : str
+    size : int [bytes]
+
+    Raises
+    ------
+    FormatError
+        Damaged.
+    """
+    with opened_zip(path, "zip archive") as archive:
+        if name not in archive.namelist():
+            return b""
+        with archive.open(name) as file:
+            return file.read(size)
+
+
 def require_unpacked(where: str, size: int, most: float) -> None:
     """Refuse a member whose declared uncompressed size is too large; zipfile decompresses no more than that.
 
@@ -84,9 +137,8 @@ def require_zip_fits(path: str | Path) -> None:
     ------
     FormatError
     """
-    with open(path, "rb") as file:
-        if file.read(len(MAGIC)) != MAGIC:
-            return
+    if not is_zip(path):
+        return
     with opened_zip(path, "zip archive") as archive:
         require_unpacked_fits(path, sum(member.file_size for member in archive.infolist()))
 

@@ -6,23 +6,29 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
+from rasterio.enums import ColorInterp
 from rasterio.io import DatasetReader
 from rasterio.windows import Window
 
 from ..system.errors import GeoreferenceError, InputError, one_line
 from ..system.messages import log
+from ..system.source_names import file_of
 from .elevation import Terrain
 from .georeference import LOCAL, horizontal, name_of, parse_crs, require_metric, same_place, scale_command, warp_command
 from .grid import Grid
 from .nodata_fill import INTERPOLATE, filled
 from .raster_input import band_number, band_values, crs_of, file_sha256, open_raster, transform_of
-from .terrain_reprojection import METRES, UNIT_METRES, USUAL_NODATA, planned_reprojection, warped_values
+from .raster_scale import scale_line
+from .terrain_reprojection import METRES, UNIT_METRES, planned_reprojection, warped_values
+from .undeclared_nodata import HEIGHTS
+from .walled_regions import largest_steps, walled_lines, walled_regions
 
 _BELOW_EARTH = -12000.0  # [m] no elevation on Earth is lower
 _ABOVE_EARTH = 9500.0  # [m] no elevation on Earth is higher
 STEEP_DEGREES = 85.0  # [deg] steeper cells are hardly natural: wrong units or nodata
 STEEP_SHARE = 0.01  # [1] of the cells; more steep ones are reported
 READ_WHOLE = 25_000_000  # [pixels] up to here a DTM is always read and checked completely: 0.2 GB
+_COLOURS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha)
 _ROWS_AT_ONCE = 512  # whose slopes are computed together, to limit the memory
 
 
@@ -84,6 +90,8 @@ class TerrainFile:
     path : str
     fill : NodataFill or None
         Filled holes of the part that was read last.
+    walled : tuple of WalledRegion
+        Probably undeclared nodata in that part.
 
     Raises
     ------
@@ -98,10 +106,12 @@ class TerrainFile:
         fill_nodata: str | None = None,
         to_crs: str | None = None,
     ):
-        self._file, self._fills, self.fill = Path(path), fill_nodata == INTERPOLATE, None
-        self.path = str(self._file)
+        self._file, self._fills, self.fill, self.walled = path, fill_nodata == INTERPOLATE, None, ()
+        self.path = str(path)
         with open_raster(path) as source:
-            self._band = band_number(source, path, band)
+            self._band = band_number(source, path, band, HEIGHTS)
+            for line in filter(None, (scale_line(source, path, self._band), _picture_line(source, path, self._band))):
+                log.info(line)
             crs = _terrain_crs(source, path, crs, to_crs)
             self.reprojection = None if to_crs is None else planned_reprojection(source, path, self._band, crs, to_crs)
             self.grid = self._grid(source, crs)
@@ -126,8 +136,11 @@ class TerrainFile:
     @cached_property
     def sha256(self) -> str:
         """Hex digest of the whole file."""
-        about = self._file.stat()
-        return _sha256(self._file.resolve(), about.st_size, about.st_mtime_ns, about.st_ino)
+        file = file_of(self._file)
+        if not file.exists():  # in the network
+            return ""
+        about = file.stat()
+        return _sha256(file.resolve(), about.st_size, about.st_mtime_ns, about.st_ino)
 
     def whole(self) -> Terrain:
         """Read all pixels as a Terrain.
@@ -170,19 +183,23 @@ class TerrainFile:
 
     def _values(self, source, window):
         if self.reprojection is None:
-            return band_values(source, self._file, self._band, window=window)
+            return band_values(source, self._file, self._band, HEIGHTS, window=window)
         return warped_values(source, self._file, self._band, self.reprojection, window)
 
     def _terrain(self, grid, window):
         with open_raster(self._file) as source:
             elevation = self._values(source, window)
-        mask_false_heights(elevation, self._file)
+        require_heights(elevation, self._file)
         terrain = Terrain(grid, elevation, self.path, self.sha256, self.reprojection)
         if self._fills:
             terrain, self.fill = filled(terrain)
             for line in self.fill.lines(grid.cell_size):
                 log.info(line)
-        _warn_of_steep_cells(terrain, self._file)
+        steps = largest_steps(terrain.elevation)
+        self.walled = walled_regions(terrain.elevation, grid, steps)
+        for line in walled_lines(self.walled, self._file):
+            log.info(line)
+        _warn_of_steep_cells(terrain, self._file, steps)
         return terrain
 
 
@@ -240,30 +257,34 @@ def _require_metres_up(source: DatasetReader, path: str | Path, band: int) -> No
         log.info(f"{path}: unit {unit!r} is unknown, elevations are assumed to be in metres")
 
 
-def mask_false_heights(elevation: np.ndarray, path: str | Path) -> None:
-    """Set usual but undeclared nodata values to NaN with a message; refuse impossible elevations.
+def _picture_line(source: DatasetReader, path: str | Path, band: int) -> str:
+    """Return a message for a band of a picture: 8 bits, or a colour; "" for other bands."""
+    colour = source.colorinterp[band - 1]
+    if colour not in _COLOURS and source.dtypes[band - 1] != "uint8":
+        return ""
+    kind = (
+        f"is the {colour.name} of a picture" if colour in _COLOURS else "has 8-bit numbers, as a picture or a hillshade"
+    )
+    return f"{path}: band {band} {kind}; expected elevations in metres: check that this is the DTM"
+
+
+def require_heights(elevation: np.ndarray, path: str | Path) -> None:
+    """Refuse elevations outside the range on Earth, and a raster without any.
 
     Parameters
     ----------
     elevation : float64[rows, columns] [m]
-        Changed in place.
+        NaN for nodata.
     path : str or Path
         For messages.
 
     Raises
     ------
     InputError
-        Every cell is nodata, or elevations are outside the range on Earth.
     """
-    for value in USUAL_NODATA:
-        false = elevation == value
-        count = int(false.sum())
-        if count:
-            elevation[false] = np.nan
-            log.info(f"{path}: {count} cells have the value {value:g}, which is not declared as nodata; used as nodata")
-    if not np.isfinite(elevation).any():
+    lowest, highest = (edge.reduce(elevation, axis=None) for edge in (np.fmin, np.fmax))
+    if np.isnan(lowest):
         raise InputError(f"{path}: every cell is nodata")
-    lowest, highest = np.nanmin(elevation), np.nanmax(elevation)
     if lowest < _BELOW_EARTH or highest > _ABOVE_EARTH:
         raise InputError(
             f"{path}: elevations are from {lowest:g} to {highest:g}, expected metres between {_BELOW_EARTH:g} and "
@@ -272,26 +293,21 @@ def mask_false_heights(elevation: np.ndarray, path: str | Path) -> None:
         )
 
 
-def _is_gentler(terrain: Terrain, limit: float) -> bool:
-    """Return whether no slope of a north-up DTM can exceed `limit` [1], from the largest step between two pixels.
+def _is_gentler(terrain: Terrain, steps: tuple[float, float], limit: float) -> bool:
+    """Return whether no slope of a north-up DTM can exceed `limit` [1], from the `largest_steps` between two pixels.
 
     Differences at the rim are at most twice this step, and there are two directions. Much faster than all slopes.
     """
     if terrain.grid.is_rotated:
         return False
-    sides, steps = (abs(terrain.grid.transform.e), abs(terrain.grid.transform.a)), [0.0, 0.0]
-    for first in range(0, terrain.grid.shape[0], _ROWS_AT_ONCE):
-        heights = terrain.elevation[first : first + _ROWS_AT_ONCE + 1]
-        for axis, side in enumerate(sides):
-            step = np.fmax.reduce(np.abs(np.diff(heights, axis=axis)), axis=None, initial=0.0) / side
-            steps[axis] = max(steps[axis], float(step))
-    return 2.0 * math.hypot(*steps) <= limit
+    sides = abs(terrain.grid.transform.e), abs(terrain.grid.transform.a)
+    return 2.0 * math.hypot(*(step / side for step, side in zip(steps, sides, strict=True))) <= limit
 
 
-def _warn_of_steep_cells(terrain, path):
+def _warn_of_steep_cells(terrain, path, steps):
     """Warn where more than 1 % of the cells are steeper than 85 degrees: wrong units or nodata."""
     limit, steep, total = math.tan(math.radians(STEEP_DEGREES)), 0, 0
-    if _is_gentler(terrain, limit):
+    if _is_gentler(terrain, steps, limit):
         return
     rows = terrain.grid.shape[0]
     for first in range(0, rows, _ROWS_AT_ONCE):

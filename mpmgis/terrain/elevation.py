@@ -42,6 +42,11 @@ class Terrain:
         return np.isfinite(self.elevation)
 
     @cached_property
+    def extremes(self) -> tuple[float, float]:
+        """Lowest and highest elevation [m]; NaN without any."""
+        return tuple(float(edge.reduce(self.elevation, axis=None)) for edge in (np.fmin, np.fmax))
+
+    @cached_property
     def gradient(self) -> np.ndarray:
         """Gradient (db/dE, db/dN) [1] at pixel centres by central differences (NHESS Eq 4), float64[rows, columns, 2].
 

@@ -17,6 +17,7 @@ _FAR_FROM_AREA_OF_USE = 0.02  # [1] scale error beyond which coordinates outside
 _SAME_NUMBERS = 1e-3  # [m] two projections whose coordinates differ by less are the same
 _FAR_OUTSIDE = 20.0  # [deg] outside the area of use in latitude or longitude: cannot be meant at any scale error
 _OUTSIDE = 3.0  # [deg] outside the area of use: cannot be meant if the scale error is large too
+LARGEST_SCALE_ERROR = 1e-2  # [1] at the site; with a larger one lengths are no metres
 _LARGEST_SILENT_SCALE_ERROR = 1e-3  # [1] a larger one is reported: UTM has at most this within its zone
 _UNIT_ROUNDING = 1e-12  # [1] a unit that differs by less from the metre is the metre
 _UTM_NORTH = 84.0  # [deg] limits of UTM
@@ -213,8 +214,8 @@ def require_metric(crs: pyproj.CRS, bounds: tuple[float, float, float, float], w
     Raises
     ------
     GeoreferenceError
-        Geographic or geocentric, not in metres (horizontally or vertically), degrees under a projected tag, or
-        coordinates far outside the CRS's area of use.
+        Geographic or geocentric, not in metres (horizontally or vertically), degrees under a projected tag,
+        coordinates far outside the CRS's area of use, or lengths stretched by more than LARGEST_SCALE_ERROR.
     """
     plane = horizontal(crs)
     name = name_of(crs)
@@ -238,6 +239,13 @@ def require_metric(crs: pyproj.CRS, bounds: tuple[float, float, float, float], w
             f"{metric_equivalent(*centre)}"
         )
     scale_error, area_error = _require_place(plane, centre, where, name)
+    if scale_error > LARGEST_SCALE_ERROR:
+        cure = _reprojection(where, *_longitude_latitude(plane, centre))
+        raise GeoreferenceError(
+            f"{where} is in {name}, which stretches lengths here by up to {100 * scale_error:.2f} %, so areas and "
+            f"volumes would be off by {100 * area_error:.2f} %; expected at most {100 * LARGEST_SCALE_ERROR:g} %. "
+            f"{cure}"
+        )
     if scale_error > _LARGEST_SILENT_SCALE_ERROR:
         truer = metric_equivalent(*_longitude_latitude(plane, centre))
         advice = f"; a projection made for this place, for example {truer}, would be truer" if truer != name else ""
@@ -279,6 +287,29 @@ def is_metric(crs: pyproj.CRS) -> bool:
     crs : pyproj.CRS
     """
     return crs.is_projected and all(abs(axis.unit_conversion_factor - 1.0) <= _UNIT_ROUNDING for axis in crs.axis_info)
+
+
+def is_true_to_scale(crs: pyproj.CRS, bounds: tuple[float, float, float, float]) -> bool:
+    """Return whether a projected CRS stretches lengths in the middle of `bounds` by at most LARGEST_SCALE_ERROR.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+    bounds : (float, float, float, float)
+        West, south, east, north in units of the CRS.
+    """
+    longitude, latitude = centre_of(crs, bounds)
+    if not (math.isfinite(longitude) and math.isfinite(latitude)):
+        return True
+    return _distortion(horizontal(crs), longitude, latitude)[0] <= LARGEST_SCALE_ERROR
+
+
+def _distortion(plane: pyproj.CRS, longitude: float, latitude: float) -> tuple[float, float]:
+    """Return (|k - 1|, areal scale - 1) at a place; zeros where PROJ knows none."""
+    factors = pyproj.Proj(plane).get_factors(longitude, latitude)
+    scales = np.array([factors.meridional_scale, factors.parallel_scale])
+    known = np.isfinite(scales).all() and math.isfinite(factors.areal_scale)
+    return (float(np.abs(scales - 1.0).max()), factors.areal_scale - 1.0) if known else (0.0, 0.0)
 
 
 def centre_of(crs: pyproj.CRS, bounds: tuple[float, float, float, float]) -> tuple[float, float]:
@@ -347,10 +378,7 @@ def _require_place(plane: pyproj.CRS, centre: tuple[float, float], where: str, n
             f"{where} is tagged {name}, but its coordinates {_pair(centre)} lie nowhere in it; the tag is false: give "
             f"the file its true CRS (rio edit-info FILE --crs EPSG:n)"
         )
-    factors = pyproj.Proj(plane).get_factors(longitude, latitude)
-    scales = np.array([factors.meridional_scale, factors.parallel_scale])
-    known = np.isfinite(scales).all() and math.isfinite(factors.areal_scale)
-    scale_error, area_error = (float(np.abs(scales - 1.0).max()), factors.areal_scale - 1.0) if known else (0.0, 0.0)
+    scale_error, area_error = _distortion(plane, longitude, latitude)
     outside = _degrees_outside(plane.area_of_use, longitude, latitude)
     if outside > _FAR_OUTSIDE or (outside > _OUTSIDE and scale_error > _FAR_FROM_AREA_OF_USE):
         raise GeoreferenceError(

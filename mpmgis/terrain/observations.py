@@ -10,10 +10,10 @@ from rasterio.features import geometry_mask
 
 from ..system.errors import GeoreferenceError, InputError
 from ..system.messages import log
+from .datum_shift import transformer_to
 from .georeference import horizontal, name_of, same_place
 from .grid import Grid
 from .release_parts import polygons_only
-from .spatial_inputs import transformer_to
 from .vector_table import KINDS, names_of, read_table
 
 QUANTITIES = ("h_max", "Ut_max", "p_max", "t_arrival")  # columns, as the bands of maxima
@@ -141,13 +141,14 @@ def _on_grid(shapes: np.ndarray, crs: pyproj.CRS | None, grid: Grid, path: str |
         return shapes
     if same_place(crs, grid.crs):
         return shapes
-    transformer = transformer_to(horizontal(pyproj.CRS(crs)), grid.crs, path)
-    moved = np.column_stack(transformer.transform(*shapely.get_coordinates(shapes).T))
+    coordinates = shapely.get_coordinates(shapes)
+    transformer, shift = transformer_to(horizontal(pyproj.CRS(crs)), grid.crs, coordinates[0], path)
+    moved = np.column_stack(transformer.transform(*coordinates.T))
     if not np.isfinite(moved).all():
         raise GeoreferenceError(
             f"{path} is in {name_of(crs)} and cannot be reprojected to {name_of(grid.crs)}; check its CRS"
         )
-    log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(grid.crs)}, the CRS of the rasters")
+    log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(grid.crs)}, the CRS of the rasters{shift}")
     return shapely.set_coordinates(shapes.copy(), moved)
 
 

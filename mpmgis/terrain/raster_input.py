@@ -1,11 +1,14 @@
-"""Rasters of any kind as arrays on a Grid, with errors in one line."""
+"""Rasters of any kind as arrays on a Grid, with errors in one line.
+
+Every raster that the program reads is opened by `open_raster`.
+"""
 
 import hashlib
-import re
 import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,28 +16,47 @@ import pyproj
 import rasterio
 from affine import Affine
 from rasterio._err import CPLE_BaseError
+from rasterio.env import Env
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import DatasetReader
 from rasterio.windows import Window
 
-from ..system.disguised_files import require_undisguised
-from ..system.errors import FormatError, GeoreferenceError, InputError, one_line
+from ..system.errors import FormatError, GeoreferenceError, InputError, innermost_reason, one_line
+from ..system.file_references import TRUST, VRT_SUFFIXES, head_of, leads_to, require_local
+from ..system.memory import memory_lack
+from ..system.messages import log
+from ..system.settled_databases import settled
+from ..system.source_names import SourceName, file_of, source_of
+from ..system.trusted_files import is_trusted
+from ..system.zip_archives import is_zip, members, require_zip_fits
+from .allowed_drivers import RASTER_DRIVERS, VRT, raster_settings
+from .complete_files import require_complete
 from .georeference import horizontal, warp_command
 from .grid import Grid
+from .raster_scale import scale_line
+from .undeclared_nodata import STORED, Role, mask_undeclared
+from .virtual_rasters import require_few_reads
 
 _SMALLEST_PIXEL = 1e-9  # [m, or the map's unit] a smaller side is an invalid georeference
 _FARTHEST = 1e14  # [m, or the map's unit] so is a larger product of coordinate and number of pixels
-_GDAL_NAME = re.compile(r"/vsi|[A-Z][A-Z0-9_]+:")  # a virtual path or a subdataset, for example NETCDF:file.nc:height
+RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
+_MARKS = {b"\xef\xbb\xbf": "UTF-8", b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}  # byte-order marks of texts
+_SURELY_READ = 25_000_000  # [pixels] for which the memory is not checked
+_BYTES_PER_PIXEL = 20  # of a band that is read: numbers, mask, and a copy of both for a moment
 ONE_BAND = "extract one: rio stack {path} --bidx N -o one.tif"  # where no option chooses a band
 _VECTOR_SUFFIXES = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".parquet", ".kml", ".gml")
 
 
-def read_raster(path: str | Path, band: int | None = None, may_be_empty: bool = False) -> tuple[np.ndarray, Grid]:
+def read_raster(
+    path: str | Path, role: Role, band: int | None = None, may_be_empty: bool = False
+) -> tuple[np.ndarray, Grid]:
     """Read a band of any raster.
 
     Parameters
     ----------
     path : str or Path
+    role : Role
+        What it contains; values that mean nodata without being declared as such are NaN too.
     band : int, optional
         Counted from 1; required where there are several bands.
     may_be_empty : bool
@@ -53,10 +75,11 @@ def read_raster(path: str | Path, band: int | None = None, may_be_empty: bool = 
         Missing, unreadable, without a georeference, several bands without a band number, or nodata everywhere unless
         it `may_be_empty`.
     """
-    path = Path(path)
     with open_raster(path) as source:
-        band = band_number(source, path, band, option=ONE_BAND)
-        return band_values(source, path, band, may_be_empty), grid_of(source, path)
+        band = band_number(source, path, band, role, option=ONE_BAND)
+        if line := scale_line(source, path, band):
+            log.info(line)
+        return band_values(source, path, band, role, may_be_empty), grid_of(source, path)
 
 
 def raster_files(path: str | Path) -> list[Path]:
@@ -67,7 +90,7 @@ def raster_files(path: str | Path) -> list[Path]:
     path : str or Path
     """
     with open_raster(path) as source:
-        return [Path(name) for name in source.files]
+        return [file_of(name) for name in source.files]
 
 
 def grid_of(source: DatasetReader, path: str | Path) -> Grid:
@@ -90,9 +113,12 @@ def grid_of(source: DatasetReader, path: str | Path) -> Grid:
 def open_raster(path: str | Path) -> Iterator[DatasetReader]:
     """Open a raster for this block; errors and warnings become one line.
 
+    Only the drivers of `allowed_drivers` are used, and files lead nowhere (`file_references`), unless they are trusted.
+
     Parameters
     ----------
     path : str or Path
+        Or a name of GDAL (`source_names`); a zip archive with one raster in it is that raster.
 
     Yields
     ------
@@ -101,36 +127,100 @@ def open_raster(path: str | Path) -> Iterator[DatasetReader]:
     Raises
     ------
     FormatError
-        Missing, empty, no raster, truncated, damaged, or a disguised list of other files.
+        Missing, empty, no raster, truncated, damaged, in a format that is not read, or a file that leads to others.
     """
-    path = Path(path)
-    if not _GDAL_NAME.match(str(path)):
-        if not path.exists():
-            raise FormatError(f"{path}: no such file")
-        if path.is_file() and path.stat().st_size == 0:
-            raise FormatError(f"{path} is empty (0 bytes), expected a raster")
-        require_undisguised(path)
-        _require_directory(path)
-    with warnings.catch_warnings(), _messages_of_any_bytes():
+    source = source_of(path)
+    if not source.elsewhere and not source.file.exists():
+        raise FormatError(f"{path}: no such file")
+    if source.file.is_file() and source.file.stat().st_size == 0:
+        raise FormatError(f"{path} is empty (0 bytes), expected a raster")
+    require_local(path)
+    if source.is_plain:
+        source = _raster_in(source, path)
+        _require_directory(source.file)
+        require_few_reads(source.file)
+    with warnings.catch_warnings(), _messages_of_any_bytes(), Env(**raster_settings()), settled(source.file) as place:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
-            source = rasterio.open(path)
+            dataset = DatasetReader(replace(source, file=place).base, driver=_drivers(source))
         except (RasterioError, OSError, ValueError) as error:
-            if path.is_dir():
-                raise FormatError(f"{path} is a folder, expected a raster; give a file in it") from error
-            reason = _reason(error, path)
-            swapped = "; vector files are for releases, lines and areas: check whether two options are swapped"
-            vector = path.suffix.lower() in _VECTOR_SUFFIXES
-            raise FormatError(
-                f"{path} is not a raster that GDAL can read, or is truncated ({reason}){swapped if vector else ''}"
-            ) from error
-        with source:
-            if source.count == 0:
-                raise FormatError(f"{path} contains no band; give one of its subdatasets (QGIS lists them)")
+            raise FormatError(_unreadable(source, path, error)) from error
+        with dataset:
+            if dataset.count == 0:
+                raise FormatError(
+                    f"{path} contains no band; give one of its subdatasets: {_subdatasets(dataset, source)}"
+                )
+            if not source.part or source.driver:
+                require_complete(dataset, place, path)
+            if not is_trusted():
+                _require_own_pixels(dataset, path)
             try:
-                yield source
+                yield dataset
             except CPLE_BaseError as error:  # any later access to the dataset can raise errors of GDAL
                 raise FormatError(f"{path} is damaged ({_reason(error, path)}); copy or download it again") from error
+
+
+def _drivers(source):
+    """Names of GDAL's drivers that may open a file; None for all."""
+    if is_trusted():
+        return None
+    return [*RASTER_DRIVERS, VRT] if source.file.suffix.lower() in VRT_SUFFIXES else list(RASTER_DRIVERS)
+
+
+def _raster_in(source: SourceName, path: str | Path) -> SourceName:
+    """Return the only raster in a zip archive; `source` for other files."""
+    if source.options or not is_zip(source.file):
+        return source
+    require_zip_fits(source.file)
+    there = [name for name in members(source.file) if Path(name).suffix.lower() in RASTER_SUFFIXES]
+    if len(there) != 1:
+        found = f"{len(there)} rasters ({', '.join(there[:4])})" if there else "no raster"
+        name = there[0] if there else "NAME.tif"
+        raise FormatError(
+            f"{path} contains {found}, expected one; give it as {replace(source, part=name)}, or unpack the archive"
+        )
+    found = replace(source, part=there[0])
+    require_local(str(found))
+    return found
+
+
+def _subdatasets(dataset, source):
+    """The names of the subdatasets, as this program reads them."""
+    names = [str(source_of(name)) for name in dataset.subdatasets]
+    shown = (name.replace(str(source.file.resolve()), str(source.file)) for name in names[:6])
+    return ", ".join(shown) or "there is none"
+
+
+def _require_own_pixels(dataset, path):
+    """Refuse a raster whose overviews or coordinates are in other files, by its tags or those of its .aux.xml."""
+    places = [dataset.tags(ns="OVERVIEWS").get("OVERVIEW_FILE", "")]
+    if dataset.driver not in ("netCDF", VRT):
+        places += [dataset.tags(ns="GEOLOCATION").get(f"{axis}_DATASET", "") for axis in "XY"]
+    if dataset.driver == "HFA":
+        folder = file_of(path).resolve().parent
+        places += [name for name in dataset.files if not Path(name).resolve().is_relative_to(folder)]
+    for place in places:
+        if place and not place.startswith(":::BASE:::"):
+            raise FormatError(f"{path} points at {one_line(place)[:120]}; if you trust it, {TRUST}")
+
+
+def _unreadable(source, path, error):
+    """The message for a file that the drivers do not open."""
+    file, reason = source.file, _reason(error, path)
+    if source.is_plain and file.is_dir():
+        return f"{path} is a folder, expected a raster; give a file in it"
+    if what := leads_to(file):
+        return f"{path} {what}"
+    if "database is locked" in innermost_reason(error):
+        return f"{path} is locked by another program, for example by an edit in QGIS; save and close it there"
+    mark = next((code for mark, code in _MARKS.items() if head_of(file).startswith(mark)), None)
+    if mark is not None:
+        return f"{path} is a text in {mark} with a byte-order mark, expected a raster; save it as plain text (ASCII)"
+    if file.suffix.lower() in _VECTOR_SUFFIXES:
+        reason += "); vector files are for releases, lines and areas: check whether two options are swapped"
+    else:
+        reason += ")" if is_trusted() else "); formats that the formats page does not name need --trust, or convert it"
+    return f"{path} is not a raster that GDAL can read, or is truncated ({reason}"
 
 
 def _require_directory(path: Path) -> None:
@@ -174,13 +264,13 @@ def _messages_of_any_bytes():
 
 
 def file_sha256(path: str | Path) -> str:
-    """Return the hex digest of a file; "" for folders and GDAL virtual paths.
+    """Return the hex digest of a file, of the file of a subdataset, or of an archive; "" for folders and networks.
 
     Parameters
     ----------
     path : str or Path
     """
-    path = Path(path)
+    path = file_of(path)
     if not path.is_file():
         return ""
     with open(path, "rb") as handle:
@@ -188,13 +278,14 @@ def file_sha256(path: str | Path) -> str:
 
 
 def _reason(error, path):
-    return one_line(error).replace(str(path), path.name)[:120]
+    return innermost_reason(error).replace(str(path), Path(path).name)[:120]
 
 
 def band_number(
     source: DatasetReader,
     path: str | Path,
     band: int | None,
+    role: Role,
     option: str = "choose the band of the elevation with --dem-band N",
 ) -> int:
     """Return the number of the band to read, counted from 1.
@@ -206,6 +297,8 @@ def band_number(
         For messages.
     band : int or None
         The band that was asked for.
+    role : Role
+        What the raster contains.
     option : str
         How to choose a band, for messages.
 
@@ -220,9 +313,10 @@ def band_number(
         band = 1
     if not 1 <= band <= source.count:
         raise InputError(f"{path}: got band {band}, but it has {source.count} (counted from 1)")
-    if source.colorinterp[band - 1] == rasterio.enums.ColorInterp.palette:
+    if source.colorinterp[band - 1] == rasterio.enums.ColorInterp.palette and not role.classes:
         raise InputError(
-            f"{path} is an image with a palette, expected numbers in metres; use the raster it was made from"
+            f"{path} is an image with a palette, whose values are classes, expected numbers in metres; use the raster "
+            "it was made from"
         )
     if np.dtype(source.dtypes[band - 1]).kind not in "fiu":
         raise InputError(f"{path}: band {band} has type {source.dtypes[band - 1]}, expected real numbers")
@@ -230,9 +324,16 @@ def band_number(
 
 
 def band_values(
-    source: DatasetReader, path: str | Path, band: int, may_be_empty: bool = False, window: Window | None = None
+    source: DatasetReader,
+    path: str | Path,
+    band: int,
+    role: Role,
+    may_be_empty: bool = False,
+    window: Window | None = None,
 ) -> np.ndarray:
     """Read the values of a band with scale and offset applied, NaN for nodata, mask and infinities.
+
+    Values that mean nodata without being declared as such are reported and NaN too.
 
     Parameters
     ----------
@@ -240,6 +341,8 @@ def band_values(
     path : str or Path
         For messages.
     band : int
+    role : Role
+        What the raster contains.
     may_be_empty : bool
         Nodata everywhere is no error.
     window : rasterio.windows.Window, optional
@@ -254,8 +357,10 @@ def band_values(
     FormatError
         Truncated or damaged.
     InputError
-        Nodata everywhere.
+        Nodata everywhere, or more cells than the memory can contain.
     """
+    shape = source.shape if window is None else (int(window.height), int(window.width))
+    _require_memory(shape, path)
     try:
         data = source.read(band, out_dtype="float64", window=window)
         valid = source.read_masks(band, window=window) != 0
@@ -266,7 +371,9 @@ def band_values(
     data[~(valid & np.isfinite(data))] = np.nan
     scale, offset = source.scales[band - 1], source.offsets[band - 1]
     if (scale, offset) != (1.0, 0.0):
+        mask_undeclared(data, path, STORED)
         data = data * scale + offset
+    mask_undeclared(data, path, role)
     if not may_be_empty and not np.isfinite(data).any():
         where = ""
         if window is not None:
@@ -275,6 +382,15 @@ def band_values(
             where = f" in the needed rows {first[0]} to {last[0]}, columns {first[1]} to {last[1]}"
         raise InputError(f"{path}: every cell{where} is nodata")
     return data
+
+
+def _require_memory(shape: tuple[int, int], path: str | Path) -> None:
+    """Refuse to read more pixels than the free memory can contain."""
+    if shape[0] * shape[1] > _SURELY_READ and (lack := memory_lack(shape[0] * shape[1] * _BYTES_PER_PIXEL)):
+        raise InputError(
+            f"{path}: {shape[0]} x {shape[1]} cells need {lack}; cut it to the site (rio clip, QGIS: Clip raster by "
+            "extent)"
+        )
 
 
 def transform_of(source: DatasetReader, path: str | Path, local: bool) -> Affine:

@@ -27,6 +27,8 @@ class Reprojection:
         Of the file; "" where it names none.
     height_factor : float [1]
         Metres in a unit of the file's heights.
+    shift : str
+        Text on the operation between the datums, where it is less accurate than 1 m.
     """
 
     asked: str
@@ -36,6 +38,7 @@ class Reprojection:
     resampled: bool
     height_unit: str = ""
     height_factor: float = 1.0
+    shift: str = ""
 
     @property
     def word(self) -> str:
@@ -55,8 +58,8 @@ class Reprojection:
         if self.resampled:
             rows, columns = self.grid.shape
             parts.append(
-                f"reprojected from {name_of(self.source)} to {name_of(self.target)}: {rows} x {columns} cells of "
-                f"{self.grid.cell_size:.6g} m, {RESAMPLING}"
+                f"reprojected from {name_of(self.source)} to {name_of(self.target)}{self.shift}: {rows} x {columns} "
+                f"cells of {self.grid.cell_size:.6g} m, {RESAMPLING}"
             )
         if self.height_factor != 1.0:
             parts.append(f"heights converted from {self.height_unit} to metres (times {self.height_factor:.10g})")

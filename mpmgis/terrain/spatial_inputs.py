@@ -10,20 +10,22 @@ import numpy as np
 import pyproj
 import shapely
 
-from ..system.disguised_files import require_undisguised
 from ..system.errors import FormatError, GeoreferenceError, InputError, MpmgisError
+from ..system.file_references import require_local
 from ..system.messages import log, muted
-from ..system.optional_libraries import pyogrio
+from ..system.source_names import source_of
+from ..system.zip_archives import members
+from .datum_shift import transformer_to
 from .dtm import WithoutCRS
 from .elevation import Terrain
 from .georeference import horizontal, name_of, same_place, warp_command
 from .grid import Grid
-from .raster_input import open_raster, read_raster
+from .raster_input import RASTER_SUFFIXES, grid_of, open_raster, read_raster
 from .release_parts import polygons_only
 from .terrain_reprojection import reprojected_raster
-from .vector_table import LAYER, names_of, read_table, require_polygons
+from .undeclared_nodata import Role
+from .vector_table import names_of, open_vector, read_table, require_polygons
 
-RASTER_SUFFIXES = {".tif", ".tiff", ".vrt", ".asc", ".img", ".nc", ".grd", ".hgt", ".bil", ".dem", ".sdat", ".jp2"}
 _SAME_METRES = 1e-3  # [m] smaller displacements by a reprojection are not reported
 
 
@@ -37,19 +39,19 @@ def is_raster(path: str | Path) -> bool:
     Raises
     ------
     FormatError
-        A disguised list of other files (`disguised_files.require_undisguised`).
+        A file that leads to others (`file_references.require_local`).
     """
-    text = str(path)
-    if LAYER in text:
-        return False
-    path = Path(text)
-    if path.suffix.lower() in RASTER_SUFFIXES:
+    source = source_of(path)
+    require_local(path)
+    if source.options or source.driver:
+        return bool(source.driver)
+    inside = [] if source.part or source.elsewhere else members(source.file)
+    if any(Path(name).suffix.lower() in RASTER_SUFFIXES for name in (source.part or source.file, *inside)):
         return True
-    require_undisguised(path)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), open_vector(path) as (library, place):
             warnings.simplefilter("ignore")
-            if len(pyogrio().list_layers(path)):
+            if len(library.list_layers(place)):
                 return False
     except Exception:  # not a vector file; it may be a raster
         pass
@@ -122,8 +124,8 @@ def to_terrain(
         return list(shapes)
     if same_place(crs, target):
         return list(shapes)
-    transformer = transformer_to(horizontal(pyproj.CRS(crs)), target, path)
     before = shapely.get_coordinates(shapes)
+    transformer, shift = transformer_to(horizontal(pyproj.CRS(crs)), target, (*before, (0.0, 0.0))[0], path)
     after = np.column_stack(transformer.transform(*before.T))
     if not np.isfinite(after).all():
         unnamed = "; GeoJSON without a CRS is in degrees" if Path(path).suffix in (".json", ".geojson") else ""
@@ -131,30 +133,8 @@ def to_terrain(
             f"{path} is in {name_of(crs)} and cannot be reprojected to {name_of(target)}; check its CRS{unnamed}"
         )
     if np.abs(after - before).max() > _SAME_METRES:
-        log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS")
+        log.info(f"{path}: reprojected from {name_of(crs)} to {name_of(target)}, the terrain's CRS{shift}")
     return list(shapely.set_coordinates(shapes, after))
-
-
-def transformer_to(crs: pyproj.CRS, target: pyproj.CRS, path: str | Path) -> pyproj.Transformer:
-    """Return the transformer of coordinates from one CRS to another.
-
-    Parameters
-    ----------
-    crs, target : pyproj.CRS
-    path : str or Path
-        For messages.
-
-    Raises
-    ------
-    GeoreferenceError
-        There is no transformation, for example from the CRS of another planet.
-    """
-    try:
-        return pyproj.Transformer.from_crs(crs, target, always_xy=True)
-    except pyproj.exceptions.ProjError as error:
-        raise GeoreferenceError(
-            f"{path} is in {name_of(crs)} and cannot be reprojected to {name_of(target)}; check its CRS"
-        ) from error
 
 
 def require_lies_on(bounds: Sequence[float], crs: pyproj.CRS | None, terrain: Terrain, path: str | Path) -> None:
@@ -234,7 +214,8 @@ def _crs_and_bounds(path: str | Path) -> tuple:
     """Return (pyproj.CRS or None, bounds) of a vector file or a raster; (None, None) where it cannot be read."""
     try:
         if is_raster(path):
-            grid = read_raster(path)[1]
+            with open_raster(path) as source:
+                grid = grid_of(source, path)
             return grid.crs, grid.bounds
         table = read_table(path)
     except MpmgisError:  # reported later, once the DTM has a CRS
@@ -361,13 +342,15 @@ def read_area(path: str | Path, terrain: Terrain) -> shapely.Geometry:
     return shapely.union_all([feature.shape for feature in read_polygons(path, terrain)])
 
 
-def read_placed_raster(path: str | Path, terrain: Terrain) -> tuple[np.ndarray, Grid]:
+def read_placed_raster(path: str | Path, terrain: Terrain, role: Role) -> tuple[np.ndarray, Grid]:
     """Read a raster that must be in the terrain's own CRS.
 
     Parameters
     ----------
     path : str or Path
     terrain : Terrain
+    role : Role
+        What it contains.
 
     Returns
     -------
@@ -382,11 +365,11 @@ def read_placed_raster(path: str | Path, terrain: Terrain) -> tuple[np.ndarray, 
         that is asked for.
     FormatError, InputError
     """
-    values, grid = read_raster(path)
+    values, grid = read_raster(path, role)
     target = terrain.grid.crs
     if grid.crs is not None and target is not None and not same_place(grid.crs, target):
         if terrain.reprojection is not None:
-            return reprojected_raster(path, target)
+            return reprojected_raster(path, target, role)
         raise GeoreferenceError(
             f"{path} is in {name_of(grid.crs)}, the DTM in {name_of(target)}; give --to-crs auto, or reproject it: "
             f"{warp_command(path, name_of(target), 'nearest')}"

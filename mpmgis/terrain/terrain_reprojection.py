@@ -20,13 +20,15 @@ from rasterio.vrt import WarpedVRT
 from rasterio.warp import calculate_default_transform, transform_bounds
 from rasterio.windows import Window, from_bounds
 
-from ..system.errors import FormatError, GeoreferenceError, InputError, one_line
+from ..system.errors import FormatError, GeoreferenceError, InputError, innermost_reason
 from ..system.messages import log
+from .datum_shift import transformer_to
 from .georeference import (
     AUTO,
     centre_of,
     horizontal,
     is_metric,
+    is_true_to_scale,
     metric_equivalent,
     name_of,
     parse_crs,
@@ -37,8 +39,8 @@ from .georeference import (
 from .grid import Grid
 from .raster_input import ONE_BAND, band_number, band_values, crs_of, open_raster, transform_of
 from .reprojection_record import Reprojection
+from .undeclared_nodata import HEIGHTS, STORED, Role, undeclared_value
 
-USUAL_NODATA = (-9999.0, -32768.0, -32767.0, -99999.0)  # values that mean nodata in many files without saying so
 UNIT_METRES = {  # unit type of a band -> metres
     "ft": 0.3048,
     "foot": 0.3048,
@@ -86,8 +88,8 @@ def planned_reprojection(
     crs : pyproj.CRS or None
         Horizontal CRS of the DTM.
     to_crs : str
-        ``auto``: a CRS in metres is kept, otherwise the UTM zone of the DTM's centre, UPS beyond 84 N and 80 S; or
-        ``EPSG:n``.
+        ``auto``: a CRS in metres is kept where it is true to scale, otherwise the UTM zone of the DTM's centre, UPS
+        beyond 84 N and 80 S; or ``EPSG:n``.
 
     Raises
     ------
@@ -104,7 +106,11 @@ def planned_reprojection(
     resampled = not same_place(crs, target)
     grid = metric_grid(own, target, path) if resampled else own
     require_metric(target, grid.bounds, str(path))
-    return Reprojection(to_crs, crs, target, grid, resampled, unit, factor)
+    shift = ""
+    if resampled:
+        west, south, east, north = own.bounds
+        _, shift = transformer_to(crs, target, (0.5 * (west + east), 0.5 * (south + north)), path)
+    return Reprojection(to_crs, crs, target, grid, resampled, unit, factor, shift)
 
 
 def target_of(crs: pyproj.CRS, bounds: tuple[float, float, float, float], path: str | Path, to_crs: str) -> pyproj.CRS:
@@ -133,7 +139,7 @@ def target_of(crs: pyproj.CRS, bounds: tuple[float, float, float, float], path: 
         if target is None or not is_metric(horizontal(target)):
             raise InputError(f"--to-crs got {to_crs}, expected a projected CRS in metres, for example EPSG:32632")
         return horizontal(target)
-    if is_metric(crs):
+    if is_metric(crs) and is_true_to_scale(crs, bounds):
         return crs
     longitude, latitude = centre_of(crs, bounds)
     if not (math.isfinite(longitude) and math.isfinite(latitude) and -90 <= latitude <= 90):
@@ -260,8 +266,12 @@ def warped_values(
     FormatError, InputError
     """
     if not plan.resampled:
-        return band_values(source, path, band, window=window) * plan.height_factor
-    nodata = _source_nodata(source, path, band, plan, window)
+        return band_values(source, path, band, HEIGHTS, window=window) * plan.height_factor
+    nodata, undeclared = _source_nodata(source, path, band, HEIGHTS, _pixels_under(source, plan, window))
+    if undeclared:
+        log.info(
+            f"{path}: {undeclared} cells have the value {nodata:g}, which is not declared as nodata; used as nodata"
+        )
     values = read_warped(source, path, band, plan.source, plan.grid, Resampling.bilinear, nodata, window)
     if not np.isfinite(values).any():
         where = " in the needed part" if window is not None else ""
@@ -309,23 +319,28 @@ def read_warped(
         with _warped(source, crs, grid, resampling, nodata) as view:
             data = view.read(band, window=window, out_dtype="float64")
     except (RasterioError, OSError, ValueError) as error:
-        raise FormatError(f"{path} cannot be reprojected to {name_of(grid.crs)} ({one_line(error)[:120]})") from error
+        raise FormatError(
+            f"{path} cannot be reprojected to {name_of(grid.crs)} ({innermost_reason(error)[:120]})"
+        ) from error
     data[~np.isfinite(data)] = np.nan
     scale, offset = source.scales[band - 1], source.offsets[band - 1]
     return data if (scale, offset) == (1.0, 0.0) else data * scale + offset
 
 
 def reprojected_raster(
-    path: str | Path, target: pyproj.CRS, resampling: Resampling = Resampling.nearest
+    path: str | Path, target: pyproj.CRS, role: Role, resampling: Resampling = Resampling.nearest
 ) -> tuple[np.ndarray, Grid]:
     """Read a raster with one band in another CRS.
 
     Masks and thicknesses keep their values and their area by the nearest pixel; heights are interpolated (bilinear).
+    Values that mean nodata are left out; `read_raster` reports them.
 
     Parameters
     ----------
     path : str or Path
     target : pyproj.CRS
+    role : Role
+        What it contains.
     resampling : rasterio.enums.Resampling
 
     Returns
@@ -339,10 +354,11 @@ def reprojected_raster(
     FormatError, GeoreferenceError, InputError
     """
     with open_raster(path) as source:
-        band = band_number(source, path, None, option=ONE_BAND)
+        band = band_number(source, path, None, role, option=ONE_BAND)
         own = Grid(horizontal(crs_of(source, path)), transform_of(source, path, local=True), source.shape)
         grid = metric_grid(own, target, path)
-        values = read_warped(source, path, band, own.crs, grid, resampling, source.nodatavals[band - 1])
+        nodata, _ = _source_nodata(source, path, band, role, None)
+        values = read_warped(source, path, band, own.crs, grid, resampling, nodata)
     rows, columns = grid.shape
     log.info(
         f"{path}: reprojected from {name_of(own.crs)} to {name_of(target)}, the terrain's CRS: {rows} x {columns} "
@@ -393,23 +409,12 @@ def _source_wkt(crs: pyproj.CRS, bounds: tuple[float, float, float, float]) -> s
 
 
 def _source_nodata(
-    source: DatasetReader, path: Path, band: int, plan: Reprojection, window: Window | None
-) -> float | None:
-    """Return the nodata value of a band: what the file declares, else the usual one in its pixels under `window`."""
-    declared = source.nodatavals[band - 1]
-    values = source.read(band, window=_pixels_under(source, plan, window))
-    found = [value for value in USUAL_NODATA if value != declared and (values == value).any()]
-    if len(found) > (declared is None):
-        raise InputError(
-            f"{path} has cells of {' and of '.join(f'{value:g}' for value in found)}, not declared as nodata; declare "
-            "one value (rio edit-info FILE --nodata N) and replace the others by it"
-        )
-    if declared is None and found:
-        log.info(
-            f"{path}: {int((values == found[0]).sum())} cells have the value {found[0]:g}, which is not declared "
-            "as nodata; used as nodata"
-        )
-    return declared if declared is not None else found[0] if found else None
+    source: DatasetReader, path: str | Path, band: int, role: Role, pixels: Window | None
+) -> tuple[float | None, int]:
+    """Return the nodata value of a band, and how many of its `pixels` have it undeclared."""
+    scaled = (source.scales[band - 1], source.offsets[band - 1]) != (1.0, 0.0)
+    values = source.read(band, window=pixels)
+    return undeclared_value(values, source.nodatavals[band - 1], path, STORED if scaled else role)
 
 
 def _pixels_under(source: DatasetReader, plan: Reprojection, window: Window | None) -> Window | None:

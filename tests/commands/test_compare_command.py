@@ -164,7 +164,7 @@ def write_plain(path, values, grid, nodata=-9999.0):
         "nodata": nodata,
     }
     with rasterio.open(path, "w", **profile) as target:
-        target.write(np.where(np.isfinite(values), values, nodata).astype("float32"), 1)
+        target.write(np.where(np.isfinite(values), values, np.nan if nodata is None else nodata).astype("float32"), 1)
     return path
 
 
@@ -201,10 +201,14 @@ def test_a_difference_of_dems_is_compared_with_the_deposit(export, capsys, tmp_p
     assert "no h_deposit to compare with a difference of DEMs" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "outside", [0.0, np.nan, -9999.0, -32768.0, 9999.0, 65535.0, 1e20, -3.4028235e38, 3.4028235e38]
+)
 @pytest.mark.parametrize("value", [1.0, 255.0])
-def test_a_mask_is_compared_as_the_outline_that_it_is(export, capsys, tmp_path, value):
+def test_a_mask_is_compared_as_the_outline_that_it_is(export, capsys, tmp_path, value, outside):
+    """Whatever is outside, without a word that it is nodata."""
     grid = grid_of()
-    mask = write_plain(tmp_path / "mask.tif", np.where(disc(grid, 170, 200) > 0, value, 0.0), grid)
+    mask = write_plain(tmp_path / "mask.tif", np.where(disc(grid, 170, 200) > 0, value, outside), grid, nodata=None)
     found, said = compared(capsys, export, mask)
     assert "is a mask" in said and found["b"]["kind"] == "outline" and found["observed"] == "b"
     assert found["b"]["area_m2"] == pytest.approx(np.count_nonzero(disc(grid, 170, 200)) * 4.0)

@@ -4,13 +4,15 @@ import os
 import shutil
 
 import h5py
+import numpy as np
 import pytest
 from slope_site import SCENE, write_site
 
 from mpmgis.commands.shell.main import main
 from mpmgis.simulation.preparation import scene_to_prepare
-from mpmgis.system.disguised_files import require_local, require_undisguised
 from mpmgis.system.errors import FormatError, SceneError
+from mpmgis.system.file_references import require_local
+from mpmgis.system.trusted_files import trusting
 from mpmgis.terrain.raster_input import open_raster
 from mpmgis.terrain.spatial_inputs import is_raster
 from mpmgis.terrain.vector_table import read_table
@@ -52,7 +54,7 @@ def test_a_scene_names_no_raster_in_the_network(site, capfd, source):
     (site / "dtm.vrt").write_text(VRT.format(relative=0, source=source))
     (site / "scene.toml").write_text(SCENE.replace("dtm.tif", "dtm.vrt"))
     err = refused(capfd, "run", site / "scene.toml", "-o", site / "out")
-    assert "is in the network or in a database" in err and str(site / "dtm.vrt") in err
+    assert "in the network or in a database" in err and str(site / "dtm.vrt") in err
     assert not (site / "out").exists()
 
 
@@ -69,15 +71,89 @@ def test_what_leads_to_the_network_over_another_file(site):
         require_local(site / "outer.vrt", "scene.toml")
     (site / "inner.vrt").rename(site / "inner.tif")
     (site / "outer.vrt").write_text(VRT.format(relative=1, source="inner.tif"))
-    with pytest.raises(FormatError, match=r"with the suffix \.tif"):
+    with pytest.raises(FormatError, match=r"refers to inner\.tif, which is a virtual raster"):
         require_local(site / "outer.vrt", "scene.toml")
 
 
-def test_names_that_the_text_hides(site):
-    for hidden in ("&#47;vsicurl/http://a/b", "<![CDATA[/vsicurl/http://a/b]]>", "\n  /vsicurl/http://a/b "):
-        (site / "dtm.vrt").write_text(VRT.format(relative=0, source=hidden))
-        with pytest.raises(FormatError, match="is in the network"):
-            require_local(site / "dtm.vrt", "scene.toml")
+@pytest.mark.parametrize(
+    ("hidden", "says"),
+    [
+        ("&#47;vsicurl/http://a/b", "is in the network"),
+        ("\n  /vsicurl/http://a/b ", "is in the network"),
+        ("<![CDATA[/vsicurl/http://a/b]]>", "contains a comment, CDATA"),
+        ("dtm<!-- -->.tif", "contains a comment, CDATA"),
+        ("<b/>dtm.tif", "is more than a mosaic .<b>"),
+        ("&lt;VRTDataset/&gt;", "is no path"),
+        ("{}", "is no path"),
+        ("vrt://dtm.tif", "GDAL's driver vrt"),
+    ],
+)
+def test_names_that_the_text_hides(site, hidden, says):
+    (site / "dtm.vrt").write_text(VRT.format(relative=0, source=hidden))
+    with pytest.raises(FormatError, match=says):
+        require_local(site / "dtm.vrt", "scene.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<VRTDataset ", '<VRTDataset subClass="VRTWarpedDataset" '),
+        ("<VRTDataset ", '<VRTDataset SourceFilename="a" '),
+        ('band="1">', 'band="1" subClass="VRTRawRasterBand">'),
+        ("<SimpleSource>", "<SimpleSource><OpenOptions><OOI key='LISTFILES'>a</OOI></OpenOptions>"),
+        ("<GeoTransform>", "<Metadata domain='OVERVIEWS'><MDI key='OVERVIEW_FILE'>a</MDI></Metadata><GeoTransform>"),
+        ("<GeoTransform>", "<Metadata domain='GEOLOCATION'><MDI key='X_DATASET'>a</MDI></Metadata><GeoTransform>"),
+        ("<SimpleSource>", "<sourcefilename>/etc/hostname</sourcefilename><SimpleSource>"),
+    ],
+)
+def test_a_virtual_raster_that_is_more_than_a_mosaic(site, old, new):
+    text = VRT.format(relative=1, source="dtm.tif")
+    (site / "dtm.vrt").write_text(text)
+    require_local(site / "dtm.vrt")
+    assert old in text
+    (site / "more.vrt").write_text(text.replace(old, new, 1))
+    with pytest.raises(FormatError, match="is more than a mosaic"), open_raster(site / "more.vrt"):
+        pass
+
+
+@pytest.mark.parametrize("place", ["..", "link", "absolute"])
+def test_sources_outside_the_folder(site, place):
+    """Whatever leads there: dots, a link, an absolute path."""
+    (site / "inside").mkdir()
+    name = {"..": "../dtm.tif", "absolute": str(site / "dtm.tif"), "link": "link.tif"}[place]
+    (site / "inside" / "link.tif").symlink_to(site / "dtm.tif")
+    (site / "inside" / "dtm.vrt").write_text(VRT.format(relative=int(place != "absolute"), source=name))
+    with pytest.raises(FormatError, match="not in its folder"), open_raster(site / "inside" / "dtm.vrt"):
+        pass
+    with trusting(), open_raster(site / "inside" / "dtm.vrt") as source:
+        assert source.count == 1
+
+
+def test_a_source_that_is_missing_is_named(site):
+    (site / "dtm.vrt").write_text(VRT.format(relative=1, source="gone.tif"))
+    with pytest.raises(FormatError, match=r"refers to gone\.tif, which does not exist"), open_raster(site / "dtm.vrt"):
+        pass
+
+
+@pytest.mark.parametrize(
+    "words", [b"<MRF_META>", b"PDS_VERSION_ID = PDS3", b"\x01\x02 PDS_VERSION_ID", b"<Dimap_Document>"]
+)
+def test_a_tile_without_a_beginning_that_another_driver_reads(site, words):
+    """A .bil has any bytes: GDAL would try other drivers first."""
+    (site / "tile.hdr").write_text("NROWS 20\nNCOLS 20\nNBANDS 1\nNBITS 16\nBYTEORDER I\nLAYOUT BIL\n")
+    raw = np.full(400, 1500, "<i2").tobytes()
+    for start, fits in ((b"", True), (words, False)):
+        (site / "tile.bil").write_bytes((start + raw)[: len(raw)])
+        (site / f"{fits}.vrt").write_text(VRT.format(relative=1, source="tile.bil"))
+        if fits:
+            with open_raster(site / f"{fits}.vrt") as source:
+                assert (source.read(1) == 1500).all()
+        else:
+            with pytest.raises(FormatError, match=r"refers to tile\.bil, which is"):
+                require_local(site / f"{fits}.vrt")
+
+
+def test_damaged_xml(site):
     (site / "dtm.vrt").write_text(VRT.format(relative=0, source="/vsi&curl/x"))
     with pytest.raises(FormatError, match="not a readable list of files"):
         require_local(site / "dtm.vrt", "scene.toml")
@@ -86,15 +162,14 @@ def test_names_that_the_text_hides(site):
 def test_shapes_in_the_network(site):
     (site / "release.vrt").write_text(OGR.format("/vsicurl/http://127.0.0.1:9/a.gpkg"))
     (site / "scene.toml").write_text(SCENE.replace("release.geojson", "release.vrt"))
-    with pytest.raises(FormatError, match="is in the network"):
+    with pytest.raises(FormatError, match=r"a virtual vector file \(VRT\), which points at /vsicurl/"):
         scene_to_prepare(site / "scene.toml")
 
 
 def test_a_web_service_that_a_scene_names(site):
     (site / "dtm.xml").write_text("<GDAL_WMS><Service name='TMS'/></GDAL_WMS>")
-    require_undisguised(site / "dtm.xml")
-    with pytest.raises(FormatError, match="is a web service"):
-        require_local(site / "dtm.xml", "scene.toml")
+    with pytest.raises(FormatError, match="is a web service"), open_raster(site / "dtm.xml"):
+        pass
 
 
 def test_a_scene_with_virtual_rasters_that_lie_beside_it(site):
@@ -112,26 +187,29 @@ def test_a_scene_with_virtual_rasters_that_lie_beside_it(site):
 def test_a_list_of_files_behind_another_suffix(site, capfd, suffix):
     """A mask or an overview beside a raster is opened as any dataset is."""
     (site / f"dtm.tif{suffix}").write_text(VRT.format(relative=0, source="/etc/hostname"))
-    assert f"dtm.tif{suffix} is a list of other files" in refused(capfd, "info", site / "dtm.tif")
+    assert f"dtm.tif{suffix} is a virtual raster (VRT), which points at /etc/hostname" in refused(
+        capfd, "info", site / "dtm.tif"
+    )
     (site / "scene.toml").write_text(SCENE)
-    assert "rename it to .vrt" in refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+    assert "give --trust" in refused(capfd, "run", site / "scene.toml", "-o", site / "out")
 
 
 def test_shapes_behind_another_suffix(site):
     (site / "release.gpkg").write_text(OGR.format("/etc/hostname"))
     for read in (read_table, is_raster):
-        with pytest.raises(FormatError, match="is a list of other files"):
+        with pytest.raises(FormatError, match="is a virtual vector file"):
             read(site / "release.gpkg")
 
 
-def test_what_the_user_types_may_lie_anywhere(site, capfd):
-    """It is GDAL that answers, not a rule of ours."""
+def test_what_the_user_types_lies_anywhere_only_with_trust(site, capfd):
+    """With it, GDAL answers."""
     (site / "dtm.vrt").write_text(VRT.format(relative=0, source=REMOTE[0]))
-    with open_raster(site / "dtm.vrt") as source:
+    with trusting(), open_raster(site / "dtm.vrt") as source:
         assert source.count == 1
-    release = ("--release", site / "release.geojson", "--thickness", "2")
-    err = refused(capfd, "seed", "--dem", REMOTE[0], *release, "-o", site / "seed.h5")
-    assert "not a raster that GDAL can read" in err
+    seed = ("seed", "--release", site / "release.geojson", "--thickness", "2", "-o", site / "seed.h5", "--dem")
+    for name in REMOTE:
+        assert "in the network" in refused(capfd, *seed, name)
+    assert "not a raster that GDAL can read" in refused(capfd, *seed, REMOTE[0], "--trust")
 
 
 def test_a_dtm_that_frames_name(site, capfd):

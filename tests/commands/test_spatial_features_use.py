@@ -138,8 +138,8 @@ def test_erodible_ground_that_is_none_is_refused(site, capsys):
     write_raster(site / "loose.tif", np.where(x < 300, 0.5, -0.1))
     assert "reaches -0.1" in refused(site, capsys, SCENE + LOOSE.format(kind="tif"))
     write_raster(site / "loose.tif", np.where(x < 300, 0.5, 0.0))
-    line = refused(site, capsys, SCENE + LOOSE.format(kind="tif") + "thickness = 0.5\n")
-    assert "contains its own thickness" in line
+    line = refused(site, capsys, SCENE + LOOSE.format(kind="tif") + 'thickness = "depth"\n')
+    assert "names a column, and a raster has none" in line
     write_raster(site / "loose.tif", np.zeros(x.shape))
     assert "no erodible ground" in refused(site, capsys, SCENE + LOOSE.format(kind="tif"))
     write_shapes(site / "loose.gpkg", [shapely.box(150, 100, 400, 300)], depth=[-0.5])

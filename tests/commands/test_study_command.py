@@ -156,7 +156,7 @@ def test_a_raster_beside_an_exact_answer_is_held_against_it_as_own_runs_are(site
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "has no rows"),
+        ("", "is empty"),
         ("setting,seconds\na,1\n", "has no column 'error_thickness'"),
         ("name,seconds,error_thickness\na,1,0.1\n", "has no column 'setting'"),
         ("setting,seconds,error_thickness\na,0,0.1\n", "line 2: seconds = '0', expected a number above 0"),

@@ -77,7 +77,7 @@ def band(site, file, name):
 
 
 def test_axes_times_mass_and_place_come_out_on_the_map(site, capsys):
-    assert export(site, *TOLD, "--products", "t_vol,Ut_E,Ut_N", "--no-qgis") == 0
+    assert export(site, *TOLD, "--products", "t_vol,Ut_E,Ut_N", "--cs-e", "2", "--no-qgis") == 0
     said = capsys.readouterr().err
     for number, time in ((0, 0), (3, 1.5), (10, 5)):  # two frames a second, as info.txt says
         line = f"particles_f{number}.ply: {time:g} s, 400 particles, 150000 kg, 100 m3 at 1500 kg m-3; 40 % of the mass"
@@ -87,7 +87,10 @@ def test_axes_times_mass_and_place_come_out_on_the_map(site, capsys):
     upright = 1 / np.sqrt(1 + 0.3**2)
     assert thickness.sum() * 4.0 / upright == pytest.approx(COUNT * VOLUME, rel=1e-6)
     row, column = np.nonzero(thickness > 0)
-    assert (column.min(), column.max()) == (12, 21) and (row.min(), row.max()) == (15, 24)  # E 24 to 43, N 31 to 50
+    with rasterio.open(site / "gis" / "rasters" / "matter_0001.tif") as source:
+        east, north = np.array(source.xy(row, column))
+    assert (east.min() - WEST, east.max() - WEST) == (25.0, 43.0)
+    assert (north.min() - SOUTH, north.max() - SOUTH) == (31.0, 49.0)
     wet = thickness > 0
     np.testing.assert_allclose(band(site, "matter_0001.tif", "Ut_E")[0][wet], 8.0, rtol=1e-5)
     np.testing.assert_allclose(band(site, "matter_0001.tif", "Ut_N")[0][wet], 2.0, rtol=1e-5)

@@ -267,7 +267,7 @@ def warnings_of(said):
 def test_frames_too_far_apart_for_eq_17_are_reported(tmp_path, options):
     """5 m cells at 10 m/s: Eq 17 requires 0.5 s. Frames 2 s apart are reported for any --dt-e."""
     far = uniform_run(tmp_path / "far", speed=10.0, interval=2.0)
-    _, said = export(far, output=tmp_path / "far_gis", **options)
+    _, said = export(far, output=tmp_path / "far_gis", cell_size=5.0, **options)
     (warning,) = warnings_of(said)
     assert "up to 2 s apart" in warning and "dt_e = 0.5 s" in warning and "crosses 4 cells" in warning
     assert ("uses each of them once" in warning) == (options.get("time_step", 9.0) in (0.1, "auto"))
@@ -276,7 +276,7 @@ def test_frames_too_far_apart_for_eq_17_are_reported(tmp_path, options):
 @pytest.mark.parametrize("options", [{}, {"time_step": 0.1}, {"time_step": 4.0}])
 def test_frames_close_enough_for_eq_17_are_not(tmp_path, options):
     near = uniform_run(tmp_path / "near", speed=10.0, interval=0.5)
-    _, said = export(near, output=tmp_path / "near_gis", **options)
+    _, said = export(near, output=tmp_path / "near_gis", cell_size=5.0, **options)
     assert not warnings_of(said) and not any("Eq 17" in text for text in said)
     _, said = export(near, output=tmp_path / "finer_gis", cell_size=2.5, **options)  # the same frames, half the cell
     assert len(warnings_of(said)) == 1 and "dt_e = 0.25 s" in warnings_of(said)[0]
@@ -286,7 +286,7 @@ def test_eq_17_has_the_largest_speed_of_all_frames_where_they_are_uneven(tmp_pat
     """Fast in the first second, slow in the next twenty: Eq 17 requires 5 m / 10 m/s, not 5 m / 2 m/s."""
     first, second = sheet_frames(10.0, [0.0, 1.0])
     far = write_frames(tmp_path / "far", terrain(), [first, second, *sheet_frames(2.0, [2.0, 22.0])])
-    _, said = export(far, output=tmp_path / "far_gis")
+    _, said = export(far, output=tmp_path / "far_gis", cell_size=5.0)
     (warning,) = warnings_of(said)
     assert "up to 20 s apart" in warning and "dt_e = 0.5 s" in warning and "mean speed up to 10 m/s" in warning
     assert "crosses 8 cells" in warning

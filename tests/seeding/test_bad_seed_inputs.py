@@ -5,11 +5,13 @@ from pathlib import Path
 import geopandas
 import numpy as np
 import pytest
+import rasterio
 import shapely
 from affine import Affine
 from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, write_dtm, write_raster
 
 from mpmgis.commands.shell.main import main
+from mpmgis.seeding import seeded_file
 
 X, Y = CENTRE
 
@@ -209,7 +211,7 @@ def dem_nan_under_the_release(k):
 @recipe("elevations are from")
 def dem_of_other_numbers(k):
     heights = np.full((60, 60), 700.0)
-    heights[3, 3] = -1e30
+    heights[3, 3] = -20_000.0
     k.dem = k.raster("h.tif", heights)
 
 
@@ -524,3 +526,26 @@ def test_the_good_scene_is_good(tmp_path, capfd, monkeypatch):
     kitchen = Kitchen(tmp_path)
     assert run(capfd, "--dem", kitchen.dem, "--release", kitchen.release, "-q") == (0, [], "area_particles.h5\n")
     assert EAST < X
+
+
+@pytest.mark.parametrize("asked", [None, "--per-cell", "--count", "--spacing"])
+def test_a_release_of_too_many_columns_is_refused_at_once(tmp_path, capsys, monkeypatch, asked):
+    """A sparse DTM of 4 km with cells of 1 cm: 40 million cells under 4000 m2; a number that is asked for is not."""
+    side, pixel = 400_000, 0.01
+    profile = {"driver": "GTiff", "width": side, "height": side, "count": 1, "dtype": "float32", "tiled": True}
+    place = {"crs": "EPSG:32632", "transform": Affine(pixel, 0, 0, 0, -pixel, side * pixel)}
+    sparse = {"blockxsize": 4096, "blockysize": 4096, "sparse_ok": True, "bigtiff": "YES"}
+    with rasterio.open(tmp_path / "d.tif", "w", **profile, **place, **sparse):
+        pass
+    area = shapely.box(1000, 1000, 1000.5, 1000.5) if asked else shapely.box(1000, 1000, 1080, 1050)
+    geopandas.GeoDataFrame({"d0": [2.0]}, geometry=[area], crs="EPSG:32632").to_file(tmp_path / "a.gpkg")
+    limit = 1000 if asked else 10e9
+    monkeypatch.setattr(seeded_file, "memory_lack", lambda needed: "more memory than is free" if needed > limit else "")
+    number = {"--per-cell": ["1"], "--count": ["2500"], "--spacing": ["0.01"]}.get(asked, [])
+    options = ["--dem", str(tmp_path / "d.tif"), "--release", str(tmp_path / "a.gpkg"), "-o", str(tmp_path / "s.h5")]
+    assert main(["seed", *options, *([asked] if asked else []), *number]) == (0 if asked else 2)
+    said = capsys.readouterr().err
+    if not asked:
+        assert "make 6.4e+08 columns on 4000 m2, which need more memory" in said and "give --spacing" in said
+        assert len(said.splitlines()) == 1 or "only those around the release are read" in said
+        assert not (tmp_path / "s.h5").exists()

@@ -11,7 +11,7 @@ from mpmgis.seeding.implausible_values import Fixes, report_implausible
 from mpmgis.simulation.preparation import prepare
 from mpmgis.system.messages import collected
 
-CURES = Fixes("--density", "--thickness", "give more")
+CURES = Fixes("--density", "--thickness", "give more", "give finer")
 SCENE = """
 [terrain]
 dem = "lava_falls_dem_utm12n_10m.tif"
@@ -33,21 +33,24 @@ frame_interval = 1
 
 
 @pytest.mark.parametrize(
-    "count, density, thickness, words",
+    "count, density, thickness, across, words",
     [
-        (50, 100.0, 0.01, []),
-        (10**6, 3500.0, 100.0, []),
-        (50, 99.0, 1.0, ["density of the release: 99 kg m-3"]),
-        (50, 3501.0, 1.0, ["density of the release: 3501 kg m-3"]),
-        (50, 1000.0, 0.0099, ["mean thickness of the release: 0.0099 m"]),
-        (50, 1000.0, 101.0, ["mean thickness of the release: 101 m"]),
-        (49, 1000.0, 1.0, ["only 49 columns carry the release"]),
-        (1, 2e4, 500.0, ["density", "mean thickness", "only 1 column carries the release"]),
+        (50, 100.0, 0.01, 9.0, []),
+        (10**6, 3500.0, 100.0, 9.0, []),
+        (50, 99.0, 1.0, 9.0, ["density of the release: 99 kg m-3"]),
+        (50, 3501.0, 1.0, 9.0, ["density of the release: 3501 kg m-3"]),
+        (50, 1000.0, 0.0099, 9.0, ["mean thickness of the release: 0.0099 m"]),
+        (50, 1000.0, 101.0, 9.0, ["mean thickness of the release: 101 m"]),
+        (49, 1000.0, 1.0, 9.0, ["only 49 columns carry the release"]),
+        (1, 2e4, 500.0, 9.0, ["density", "mean thickness", "only 1 column carries the release"]),
+        (64, 1000.0, 1.0, 4.0, []),
+        (64, 1000.0, 1.0, 2.04, ["only 2 cells are across the release"]),
+        (49, 1000.0, 1.0, 2.04, ["only 49 columns carry the release"]),
     ],
 )
-def test_what_is_reported(count, density, thickness, words):
+def test_what_is_reported(count, density, thickness, across, words):
     with collected() as said:
-        report_implausible(count, density, thickness, CURES)
+        report_implausible(count, density, thickness, across, CURES)
     assert len(said) == len(words)
     assert all(line.startswith(word) and "\n" not in line for line, word in zip(said, words, strict=True))
 

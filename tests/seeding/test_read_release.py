@@ -251,13 +251,13 @@ def test_rasters_of_another_crs_are_placed(tmp_path, terrain):
         rows, columns = np.indices((40, 40))
         back = pyproj.Transformer.from_crs(crs, "EPSG:32632", always_xy=True)
         px, py = back.transform(*(transform * (columns + 0.5, rows + 0.5)))
-        values = np.where((px - X) ** 2 + (py - Y) ** 2 < 50**2, 2.0, 0.0)
+        values = np.where((px - X) ** 2 + (py - Y) ** 2 < 50**2, 2.5, 0.0)
         path = write_raster(tmp_path / "t.tif", values, transform, crs)
         with collected() as said:
             release = read_release(path, terrain, thickness_mode="vertical")
         assert any("transformed from" in line for line in said)
         frame = seed_columns(terrain, release)
-        assert frame.particles.volume.sum() == pytest.approx(2 * np.pi * 50**2, rel=0.03)
+        assert frame.particles.volume.sum() == pytest.approx(2.5 * np.pi * 50**2, rel=0.03)
         mx, my = frame.map_xy()
         np.testing.assert_allclose([mx.mean() - X, my.mean() - Y], 0.0, atol=0.6)
 

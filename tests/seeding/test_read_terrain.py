@@ -17,6 +17,7 @@ from mpmgis.system.messages import collected
 from mpmgis.terrain.dtm import read_terrain
 from mpmgis.terrain.georeference import metric_equivalent, name_of
 from mpmgis.terrain.raster_input import read_raster
+from mpmgis.terrain.undeclared_nodata import HEIGHTS
 
 
 @pytest.mark.parametrize("pixels", PIXELS.values(), ids=PIXELS)
@@ -220,7 +221,7 @@ def test_ascii_grid_with_lower_left_centre(tmp_path):
     )
     terrain = read_terrain(tmp_path / "d.asc", crs="EPSG:32632")
     assert float(terrain.sample(EAST, NORTH)) == 20.0
-    values, grid = read_raster(tmp_path / "d.asc")
+    values, grid = read_raster(tmp_path / "d.asc", HEIGHTS)
     assert values.shape == grid.shape == (3, 4) and grid.crs is None
 
 

@@ -28,7 +28,7 @@ from mpmgis.frames.run_folder import RunFolder
 from mpmgis.laws.quantities import BAND
 from mpmgis.results import answer_files
 from mpmgis.solvers.columns.column_solver import ColumnSolver
-from mpmgis.system import disguised_files, links, operating_system, whole_files
+from mpmgis.system import file_references, links, operating_system, source_names, whole_files
 from mpmgis.system import writer_process as writer
 from mpmgis.system.errors import FormatError, OutputError
 from mpmgis.system.folder_lock import LOCK_FILE, sole_writer
@@ -296,11 +296,9 @@ def test_paths_between_two_drives_are_absolute_and_have_forward_slashes(monkeypa
 
 
 def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
-    from mpmgis.terrain.raster_input import _GDAL_NAME
-
     for name in (r"C:\maps\dtm.tif", "c:/maps/dtm.tif", r"\\host\share\dtm.tif"):
-        assert not _GDAL_NAME.match(name)
-        assert not disguised_files._DRIVER.match(name) and not disguised_files._NETWORK.search(name)
+        found = source_names.source_of(name)
+        assert found.is_plain and str(found.file) == name
 
 
 @pytest.mark.parametrize(
@@ -316,18 +314,18 @@ def test_a_path_with_a_drive_is_no_name_for_gdal_and_no_address():
     ],
 )
 def test_the_share_of_a_path_is_found(name, share):
-    assert disguised_files.network_share(name) == share
+    assert source_names.network_share(name) == share
 
 
 def test_what_others_name_leads_to_no_other_computer(windows, tmp_path):
     """Windows would hand it the user's name and a digest of the password."""
     for name in (r"\\far\share\dtm.tif", "//far/share/dtm.tif"):
         with pytest.raises(FormatError, match="is in the network"):
-            disguised_files._require_local_name(name, tmp_path / "scene.toml")
-    disguised_files._require_local_name("//near/share/dtm.tif", "//near/share/scene.toml")
+            file_references.require_local(name, tmp_path / "scene.toml")
+    file_references.require_local("//near/share/dtm.tif", "//near/share/scene.toml")
     (tmp_path / "list.vrt").write_text("<VRTDataset><SourceFilename>//far/x/a.tif</SourceFilename></VRTDataset>")
     with pytest.raises(FormatError, match="is in the network"):
-        disguised_files.require_local(tmp_path / "list.vrt", tmp_path / "scene.toml")
+        file_references.require_local(tmp_path / "list.vrt", tmp_path / "scene.toml")
 
 
 def test_macos_flushes_through_to_the_disk(monkeypatch, tmp_path):

@@ -15,8 +15,8 @@ from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import Quantity
-from mpmgis.system.disguised_files import require_local, require_undisguised
 from mpmgis.system.errors import FormatError, InputError
+from mpmgis.system.file_references import require_local
 from mpmgis.system.parallel import frame_pool
 from mpmgis.system.trusted_files import is_trusted, trusting
 from mpmgis.terrain.grid import Grid
@@ -139,7 +139,7 @@ def test_another_codes_datasets_are_read_from_other_files(site, kind, capsys):
 
 def test_rasters_behind_another_suffix_and_names_in_the_network(site):
     (site / "hidden.tif").write_text(VRT)
-    for refuse in (require_undisguised, lambda path: require_local(path, "scene.toml")):
+    for refuse in (require_local, lambda path: require_local(path, "scene.toml")):
         with pytest.raises(FormatError, match="give --trust"):
             refuse(site / "hidden.tif")
         with trusting():
@@ -168,7 +168,7 @@ def test_a_scene_may_name_what_the_user_trusts(site, capsys):
 def test_pipes_are_refused_whoever_is_trusted(site):
     os.mkfifo(site / "dtm.fifo")
     with trusting():
-        for refuse in (require_undisguised, lambda path: require_local(path, "scene.toml"), read_table):
+        for refuse in (require_local, lambda path: require_local(path, "scene.toml"), read_table):
             with pytest.raises(FormatError, match="device or pipe"):
                 refuse(site / "dtm.fifo")
 

@@ -62,6 +62,7 @@ LABELS = {
     "result_digest": "digest of the result",
     "frames_are": "its frames are",
     "contents": "its arrays are",
+    "beside": "files beside it",
 }
 BAND_UNITS = {name: band.unit for name, band in BAND.items() if band.unit != "1"}
 WIDEST_VALUE = 110  # [characters] a longer text is cut
@@ -151,7 +152,7 @@ def _rows(items, units, depth=0):
             yield label, ""
             for band, (low, high) in value.items():
                 yield f"  {'  ' * depth}{band}", _range(low, high, BAND_UNITS.get(band, ""))
-        elif key == "to_be_told" and value and not depth:
+        elif key in ("to_be_told", "terrain_notes") and value and not depth:
             yield from zip([label] + [""] * (len(value) - 1), value, strict=True)
         elif isinstance(value, dict):
             yield from _table(label, value, units, depth)

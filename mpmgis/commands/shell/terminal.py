@@ -95,8 +95,8 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trust",
         action="store_true",
-        help="follow links in scenes, frames and files of other codes: network addresses, virtual rasters with another "
-        "suffix, external links and virtual datasets of HDF5 (default: only the file itself and files on this disk)",
+        help="read all formats of GDAL and follow links to other files and to the network: virtual rasters, web "
+        "services, external links of HDF5 (default: only the file itself, in the formats of the formats page)",
     )
 
 

@@ -12,6 +12,7 @@ SYNONYMS = {  # column names in lower case, for general formats
     "id": ("id", "ids", "particle_id", "particleid", "particleids"),
     "mass": ("mass", "masses"),
     "volume": ("volume", "volumes"),
+    "density": ("density", "densities", "rho"),
     **{name: (name,) for name in ("radius", "diameter", "active", "time")},
 }
 

@@ -1,4 +1,4 @@
-"""Text tables with a header and one row per particle: CSV with commas, semicolons, tabs or blanks.
+"""Text tables with a header and one row per particle, in any form of `text_tables`.
 
 A column of times (`time`, or --columns time=COLUMN) separates several times in one file.
 """
@@ -10,14 +10,24 @@ from typing import Any
 import numpy as np
 
 from ...system.errors import FormatError
+from ...system.text_tables import (
+    BLANK,
+    DELIMITERS,
+    cells_of,
+    delimiter_of,
+    header_cells,
+    is_number,
+    separator_line,
+    with_point,
+    wrong_count,
+)
 from .array_columns import plainly_named
 from .mapped_files import mapped
 from .reader_interface import Reader, ThirdPartyFrame
-from .record_parsing import BLANK, Form, read_rows
+from .record_parsing import Form, read_rows
 from .time_tables import frame_of_rows, frames_of_tables, require_few_times, require_rows, rows_of_time, time_column_of
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
-DELIMITERS = (",", ";", "\t")
 LONGEST_HEADER = 1 << 16  # [bytes]
 AT_ONCE = 1 << 24  # [bytes] of a table searched at once
 OWN_COLUMNS = {"z_bed", "z_surface"}  # of a seed that mpmgis wrote
@@ -37,13 +47,16 @@ def header_of(head: bytes) -> Form:
     ValueError
         There is no header.
     """
-    at, names = 0, None
+    at, names, named = 0, None, None
     while True:
         stop = head.find(b"\n", at)
         if stop < 0:
             raise ValueError("no header followed by numbers")
-        line = head[at:stop].decode("utf-8-sig" if at == 0 else "utf-8").strip()
-        if line and not line.startswith("#") and _is_number(_cells(line, _delimiter(line))[0]):
+        line = head[at:stop].decode("utf-8-sig" if at == 0 else "utf-8").strip("\r")
+        if at == 0 and (named := separator_line(line)) is not None:
+            line = ""
+        line = line.strip()
+        if line and not line.startswith("#") and is_number(_first_number(line)):
             break  # numbers: the header was the last comment line
         if line:
             names = line
@@ -53,30 +66,37 @@ def header_of(head: bytes) -> Form:
         at = stop + 1
     if names is None:
         raise ValueError("no header before the numbers")
-    delimiter = _delimiter(names.lstrip("# "))
-    cells = _cells(names.lstrip("# "), delimiter)
-    row = head[at : head.find(b"\n", at)] if head.find(b"\n", at) > 0 else head[at:]
-    decimal = "," if delimiter == ";" and b"," in row else "."
-    if not all(cells) or len(set(cells)) != len(cells):
-        raise ValueError("a column name is empty or occurs twice")
-    return Form(tuple(cells), delimiter, decimal, at)
+    delimiter = named or delimiter_of(names.lstrip("# "))
+    if delimiter not in (*DELIMITERS, BLANK):
+        raise ValueError(f"its columns are separated by {delimiter!r}, expected a comma, semicolon, tab or blanks")
+    cells = header_cells(names.lstrip("# "), delimiter)
+    row = _first_row(head, at)
+    for k in range(len(cells), len(cells_of(row, delimiter)) if row.endswith(delimiter) else 0):
+        cells.append(f"column {k + 1}")  # spreadsheets end lines with empty cells
+    if len(set(cells)) != len(cells):
+        raise ValueError("a column name occurs twice")
+    return Form(tuple(cells), delimiter, _decimal(head, at, delimiter), at)
 
 
-def _delimiter(line):
-    return max(DELIMITERS, key=line.count) if any(sign in line for sign in DELIMITERS) else BLANK
+def _first_row(head, start):
+    """The first row that the first bytes contain wholly; "" without one."""
+    rows = head[start : max(head.rfind(b"\n"), start)].split(b"\n")
+    return next((row.decode("utf-8", "replace").strip("\r") for row in rows if row.strip()), "")
 
 
-def _cells(line, delimiter):
-    cells = line.split() if delimiter == BLANK else line.split(delimiter)
-    return [cell.strip().strip('"').strip() for cell in cells]
+def _first_number(line):
+    delimiter = delimiter_of(line)
+    return with_point(cells_of(line, delimiter)[0], ";")
 
 
-def _is_number(word):
-    try:
-        float(word.replace(",", "."))
-    except ValueError:
-        return False
-    return True
+def _decimal(content: Any, start: int, delimiter: str) -> str:
+    """Return the decimal sign of the rows: a comma where one stands between digits and does not separate columns."""
+    at = content.find(b",", start) if delimiter != "," else -1
+    while at >= 0:
+        if content[at - 1 : at].isdigit() and content[at + 1 : at + 2].isdigit():
+            return ","
+        at = content.find(b",", at + 1)
+    return "."
 
 
 def fits(path: str | Path, head: bytes) -> bool:
@@ -126,11 +146,15 @@ def open_file(path: Path, time_column: str | None = None) -> list[ThirdPartyFram
         No table, a row of another length, invalid numbers in the column of times.
     """
     with mapped(path) as content:
-        head = content[:LONGEST_HEADER]
-    try:
-        form = header_of(head)
-    except ValueError as error:
-        raise FormatError(f"{path} is not a table with a header ({error})") from None
+        try:
+            form = header_of(content[:LONGEST_HEADER])
+        except ValueError as error:
+            raise FormatError(f"{path} is not a table with a header ({error})") from None
+        row = _first_row(content[: 2 * LONGEST_HEADER], form.start)
+        width = len(cells_of(row, form.delimiter)) if row else len(form.columns)
+        if width != len(form.columns):
+            raise FormatError(f"{path}: its first row has {wrong_count(width, len(form.columns), form.delimiter)}")
+        form = form._replace(decimal=_decimal(content, form.start, form.delimiter))
     columns, column_map = form.columns, plainly_named(dict.fromkeys(form.columns, 1))
     if set(columns) >= OWN_COLUMNS:
         raise FormatError(f"{path} is a seed of columns by mpmgis; export its frame (.h5) instead")

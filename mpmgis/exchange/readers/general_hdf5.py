@@ -1,16 +1,16 @@
-"""General HDF5: particles as datasets by name, in the root or in groups one level below.
+"""General HDF5, also of MATLAB v7.3: particles as datasets by name, in groups at any depth.
 
-A dataset is a scalar column (n,) or (n, 1), a vector (n, k), or a table of records whose fields are columns. Names are
-relative to the group of the particles (`position`), or paths (`particles/position`). Groups that differ only by a
-number and have a time, or are named as steps, are the frames of a series. Ambiguous names are an error with the
-candidates.
+A dataset has one time or all times of a recording, with any order of its axes (`array_shapes`); a table of records is a
+group of its fields. Names are those in the group of the particles and in the groups around it, or ends of paths
+(`particles/position`). Groups whose paths differ in one number are the frames of a series, if they have a time or are
+named as steps. Ambiguous names are an error with the candidates.
 
 Files are untrusted. Only values in the file itself are read: no soft or external links, no external storage, no
 virtual datasets. Declared shapes and chunks are compared with the free memory before reading.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -21,51 +21,55 @@ import numpy as np
 
 from ...system.errors import FormatError, InputError, one_line
 from ...system.hdf5_reading import MOST_OBJECTS, opened, reason_elsewhere, reason_not_followed, require_memory
-from ..declarations import POSSIBLE, VECTORS, Declarations, terms_in
-from .array_columns import candidates_named, columns_of, picked
+from ..declarations import COMPONENTS, POSSIBLE, VECTORS, Declarations, terms_in
+from .array_columns import SYNONYMS
+from .array_shapes import View, as_rows, fitting_view, length_of_vector, selection
+from .particle_arrays import (
+    Part,
+    columns_in,
+    is_time,
+    parts_of,
+    positions_in,
+    quantities_in,
+    view_of_position,
+    views_of,
+)
 from .reader_interface import Reader, ThirdPartyFrame, number_of, require_readable
+from .time_tables import require_few_times
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 OFFSETS = (0, 512, 1024, 2048)  # start of HDF5: after a user block, for example of MATLAB
 OWN_FORMATS = "mpmgis-"
-MOST_COMPONENTS = 100  # of an array with a row per particle
-MOST_NAMED = 12  # in a message
+MATLAB = b"MATLAB 7.3"  # in the user block
+MATLAB_TEXT = ("char", "cell", "function_handle", "string")  # classes of datasets that are no numbers
+MATLAB_INNER = "#"  # first letter of groups with the contents of cells and structures
+MOST_DEPTH = 100  # of groups in groups
+MOST_NAMED = 12  # groups in a message
+MOST_LISTED = 300  # datasets in a message
+MOST_OFFERED = 1000  # arrays outside the group of the particles that --columns may name
 STEP_WORDS = ("step", "steps", "timestep", "time_step", "time", "t", "frame", "iteration", "iter", "output", "snapshot")
 DECLARED = ("crs", "origin", "axes")  # attributes of the root, as in a sidecar
+ATTRIBUTES_OF_TIME = ("time", "Time", "TIME", "TimeValue")
+OFFSET = "positionOffset"  # group of openPMD beside `position`
+GADGET_HEADER = "Header"  # group with the time of the file
 _NUMBERED = re.compile(r"(.*?)[-_.#]?(\d{1,15})", re.DOTALL)
 
 
-class Source(NamedTuple):
-    """A column or vector in the file.
+class Array(NamedTuple):
+    """A dataset of numbers, or a field of a table of records.
 
     Attributes
     ----------
     dataset : str
     field : str
-        Of a record; "" for none.
-    rows, components : int
+        "" for none.
+    shape : tuple of int
+        Of the dataset, then of the field.
     """
 
     dataset: str
     field: str
-    rows: int
-    components: int
-
-
-class Group(NamedTuple):
-    """The root or a group in it.
-
-    Attributes
-    ----------
-    name : str
-        "" for the root.
-    arrays : dict of str to Source
-    time : float or None [s]
-    """
-
-    name: str
-    arrays: dict
-    time: float | None
+    shape: tuple
 
 
 class Content(NamedTuple):
@@ -73,19 +77,79 @@ class Content(NamedTuple):
 
     Attributes
     ----------
-    groups : dict of str to Group
-    elsewhere : tuple of str
-        Names of values in other files.
-    density : float or None [kg m-3]
-        Of the root.
+    groups : dict of str to dict of str to Array
+        Arrays by name of the root (""), of every group and of every table of records, by path.
+    children : dict of str to list of str
+        Names of the groups in each group.
+    times, densities : dict of str to float [s], [kg m-3]
+        Single numbers, by the path of their group.
+    elsewhere, cells : tuple of str
+        Paths of values in other files, and in cells of MATLAB.
+    is_matlab : bool
     declared : Declarations or None
         Georeference in the root.
     """
 
     groups: dict
+    children: dict
+    times: dict
+    densities: dict
     elsewhere: tuple
-    density: float | None
+    cells: tuple
+    is_matlab: bool
     declared: object
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Return the shape of each array by its path."""
+        return {_joined(group, name): a.shape for group, arrays in self.groups.items() for name, a in arrays.items()}
+
+    def array(self, path: str) -> Array:
+        """Return an array by its path.
+
+        Parameters
+        ----------
+        path : str
+        """
+        group, _, name = path.rpartition("/")
+        return self.groups[group][name]
+
+    def inner(self, group: str) -> list[str]:
+        """Return the names of the groups in a group.
+
+        Parameters
+        ----------
+        group : str
+        """
+        return self.children.get(group, [])
+
+    def enclosing(self, group: str) -> Iterator[str]:
+        """Yield a group and the groups around it, up to the root.
+
+        Parameters
+        ----------
+        group : str
+        """
+        while True:
+            if group in self.groups:
+                yield group
+            if not group:
+                return
+            group = group.rpartition("/")[0]
+
+
+class Place(NamedTuple):
+    """A column: component of an array.
+
+    Attributes
+    ----------
+    array : Array
+    view : View
+    component : int
+    """
+
+    array: Array
+    view: View
+    component: int
 
 
 def fits(path: Path, head: bytes) -> bool:
@@ -138,10 +202,18 @@ def recognises(path: Path, head: bytes) -> bool:
         return False
     try:
         with _opened(path) as file:
-            groups = _groups(path, file)[0]
+            content = _content_of(path, file, None)
+            homes = (_Home(path, file, content, home, None) for home in _named_homes(content))
+            return any(_has_velocity(home) for home in homes)
     except FormatError:
         return False
-    return any({"position", "velocity"} <= set(_candidates(group)) for group in groups.values())
+
+
+def _has_velocity(home):
+    try:
+        return "velocity" in home.quantities(home.view())
+    except InputError:
+        return False
 
 
 @contextmanager
@@ -173,16 +245,115 @@ def _number(value: Any) -> float | None:
     return float(value.item()) if np.isfinite(value.item()) else None
 
 
-def _content(path: Path, terms: Declarations) -> Content:
+def _joined(group, name):
+    return f"{group}/{name}" if group else name
+
+
+def _shapes(arrays: dict[str, Array]) -> dict[str, tuple[int, ...]]:
+    """Return the shape of each array by its name."""
+    return {name: array.shape for name, array in arrays.items()}
+
+
+# ------------------------------------------------------------------------------------------------------ what is there
+
+
+def _content_of(path: Path, file: h5py.File, terms: Declarations | None) -> Content:
     """Return the content of the file; declarations in `terms` have priority."""
-    with _opened(path) as file:
-        if _text(file.attrs.get("format")).startswith(OWN_FORMATS):
-            raise FormatError(f"{path} is a file of mpmgis; omit --reader hdf5")
-        groups, apart = _groups(path, file)
-        density = _number(file.attrs.get("density", ""))
-        low, high, _ = POSSIBLE["density"]
-        density = density if density is not None and low <= density <= high else None
-        return Content(groups, apart, density, _declared_attributes(path, file.attrs, terms))
+    walk = _Walk(path, file)
+    density = _number(file.attrs.get("density", ""))
+    if density is not None:
+        walk.densities.setdefault("", density)
+    low, high, _ = POSSIBLE["density"]
+    densities = {group: value for group, value in walk.densities.items() if low <= value <= high}
+    if "" not in walk.times and GADGET_HEADER in walk.times:
+        walk.times[""] = walk.times[GADGET_HEADER]
+    declared = None if terms is None else _declared_attributes(path, file.attrs, terms)
+    apart, cells, children = tuple(walk.elsewhere), tuple(walk.cells), {}
+    for group in filter(None, walk.groups):
+        around, _, name = group.rpartition("/")
+        children.setdefault(around, []).append(name)
+    return Content(walk.groups, children, walk.times, densities, apart, cells, walk.is_matlab, declared)
+
+
+class _Walk:
+    """One visit of all groups of a file, without recursion; a group with several names is visited once."""
+
+    def __init__(self, path: Path, file: h5py.File):
+        self.path, self.file, self.left = path, file, MOST_OBJECTS
+        self.groups, self.times, self.densities, self.elsewhere, self.cells = {}, {}, {}, [], []
+        self.is_matlab = file.userblock_size > 0 and _first_bytes(path).startswith(MATLAB)
+        seen, waiting = set(), [("", file)]
+        while waiting:
+            name, group = waiting.pop()
+            about = h5py.h5o.get_info(group.id)
+            if (about.fileno, about.addr) in seen:
+                continue
+            seen.add((about.fileno, about.addr))
+            if name.count("/") >= MOST_DEPTH:
+                raise FormatError(f"{path} has groups in groups, {MOST_DEPTH} deep; it is not a particle file")
+            waiting += reversed([(inner, file[inner]) for inner in self._visit(name, group)])
+
+    def _visit(self, name, group):
+        """Note the arrays of a group; return the names of the groups in it."""
+        inner, self.groups[name] = [], {}
+        time = next((_number(group.attrs[word]) for word in ATTRIBUTES_OF_TIME if word in group.attrs), None)
+        if time is not None:
+            self.times[name] = time
+        for key in group:
+            self.left -= 1
+            if self.left < 0:
+                raise FormatError(f"{self.path} contains more than {MOST_OBJECTS} objects; it is not a particle file")
+            full = _joined(name, key)
+            if reason_not_followed(group.get(key, getlink=True), self.path):
+                self.elsewhere.append(full)
+                continue
+            kind = group.get(key, getclass=True)
+            if kind is h5py.Group and not (self.is_matlab and key.startswith(MATLAB_INNER)):
+                inner.append(full)
+            elif kind is h5py.Dataset:
+                self._note(name, key, full, group[key])
+        return inner
+
+    def _note(self, name, key, full, dataset):
+        """Note the numbers of a dataset."""
+        if reason_elsewhere(dataset.id, self.path):
+            self.elsewhere.append(full)
+            return
+        if dataset.shape is None or not self._has_numbers(full, dataset):
+            return
+        if dataset.dtype.names is not None:
+            kinds = {field: dataset.dtype[field] for field in dataset.dtype.names}
+            fields = {
+                field: Array(full, field, dataset.shape + kind.shape)
+                for field, kind in kinds.items()
+                if kind.base.kind in "fiub"
+            }
+            if fields:
+                self.groups[full] = fields
+            return
+        self.groups[name][key] = Array(full, "", dataset.shape)
+        if dataset.size == 1:
+            goal = self.times if is_time(key) else self.densities if key.lower() in SYNONYMS["density"] else None
+            if goal is not None:
+                require_memory(f"{self.path}: {full}", 1, 8, dataset)
+                number = _number(dataset[()])
+                if number is not None:
+                    goal[name] = number
+
+    def _has_numbers(self, full, dataset):
+        if self.is_matlab:
+            about = dataset.attrs
+            kind = _text(about.get("MATLAB_class"))
+            if kind == "cell" or dataset.dtype.kind == "O":
+                self.cells.append(full)
+            if kind in MATLAB_TEXT or "MATLAB_empty" in about:
+                return False
+        return dataset.dtype.names is not None or dataset.dtype.kind in "fiub"
+
+
+def _first_bytes(path):
+    with open(path, "rb") as file:
+        return file.read(len(MATLAB))
 
 
 def _declared_attributes(path: Path, attrs: Any, terms: Declarations) -> Declarations | None:
@@ -202,73 +373,7 @@ def _declared_attributes(path: Path, attrs: Any, terms: Declarations) -> Declara
     return terms_in(path, content) if content else None
 
 
-def _groups(path: Path, file: h5py.File) -> tuple[dict[str, Group], tuple[str, ...]]:
-    """Return (name -> Group of the root and of every group in it, names of values in other files)."""
-    groups, apart, left = {}, [], [MOST_OBJECTS]
-    inner = []
-    of_file = _time(file.attrs)
-    groups[""] = _group(path, "", file, apart, inner, left)
-    for name in inner:
-        groups[name] = _group(path, name, file[name], apart, [], left)
-    if of_file is None and groups[""].time is None and "Header" in inner:  # as in Gadget files
-        of_file = _time(file["Header"].attrs)
-    if groups[""].time is None:
-        groups[""] = groups[""]._replace(time=of_file)
-    return groups, tuple(apart)
-
-
-def _group(path: Path, name: str, group: h5py.Group, apart: list[str], inner: list[str], left: list[int]) -> Group:
-    """Return the Group of an HDF5 group; names of groups in it are added to `inner`."""
-    arrays, time = {}, _time(group.attrs)
-    for key in group:
-        left[0] -= 1
-        if left[0] < 0:
-            raise FormatError(f"{path} contains more than {MOST_OBJECTS} objects; it is not a particle file")
-        full = f"{name}/{key}" if name else key
-        if reason_not_followed(group.get(key, getlink=True), path):
-            apart.append(full)
-            continue
-        kind = group.get(key, getclass=True)
-        if kind is h5py.Group:
-            inner.append(full)
-        elif kind is h5py.Dataset:
-            dataset = group[key]
-            if reason_elsewhere(dataset.id, path):
-                apart.append(full)
-            elif dataset.size == 1 and key.lower() == "time":
-                require_memory(f"{path}: {full}", 1, 8, dataset)
-                time = _number(dataset[()])
-            else:
-                arrays |= _sources(key, full, dataset)
-    return Group(name, arrays, time)
-
-
-def _time(attrs):
-    for name in ("time", "Time", "TIME"):
-        if name in attrs:
-            return _number(attrs[name])
-    return None
-
-
-def _sources(key: str, full: str, dataset: h5py.Dataset) -> dict[str, Source]:
-    """Return name -> Source of the columns and vectors of numbers in a dataset."""
-    if dataset.shape is None or dataset.ndim not in (1, 2) or dataset.shape[0] == 0:
-        return {}
-    rows, width = dataset.shape[0], dataset.shape[1] if dataset.ndim == 2 else 1
-    if dataset.dtype.names is None:
-        numbers = dataset.dtype.kind in "fiub" and 0 < width <= MOST_COMPONENTS
-        return {key: Source(full, "", rows, width)} if numbers else {}
-    found = {}
-    for field in dataset.dtype.names if dataset.ndim == 1 else ():
-        kind = dataset.dtype[field]
-        if kind.base.kind in "fiub" and len(kind.shape) <= 1 and 0 < int(np.prod(kind.shape)) <= MOST_COMPONENTS:
-            found[field] = Source(full, field, rows, int(np.prod(kind.shape)))
-    return found
-
-
-def _candidates(group: Group) -> dict[str, list[dict[str, str]]]:
-    """Return the quantities of mpmgis and the candidate columns of the group, by name."""
-    return candidates_named({name: source.components for name, source in group.arrays.items()})
+# ------------------------------------------------------------------------------------------- where the particles are
 
 
 def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
@@ -288,163 +393,367 @@ def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
 
 
 def _frames(path, terms):
-    content = _content(path, terms)
-    homes = _particle_groups(path, content, terms)
-    series = _series(homes, content)
-    if len(homes) > 1 and series is None:
-        raise InputError(
-            f"{path} has particles in several groups ({_listed(homes)}); choose one, for example --columns "
-            f"{_example(content.groups[homes[0]])}"
-        )
-    if series is None:
-        return [_frame(path, content, homes[0], terms, content.groups[""].time, number_of(path))]
-    return [_frame(path, content, home, terms, None, number) for number, home in sorted(series.items())]
+    with _opened(path) as file:
+        if _text(file.attrs.get("format")).startswith(OWN_FORMATS):
+            raise FormatError(f"{path} is a file of mpmgis; omit --reader hdf5")
+        content = _content_of(path, file, terms)
+        homes = _homes(path, content, terms)
+        series = _series(homes, content)
+        if len(homes) > 1 and series is None:
+            _refuse_several(path, content, homes, "has particles in several groups")
+        if series is None:
+            return _Home(path, file, content, homes[0], terms).frames(number_of(path))
+        found = [
+            frame
+            for number, (home, top) in sorted(series.items())
+            for frame in _Home(path, file, content, home, terms, top).frames(number)
+        ]
+        if len(found) > len(series) > 1:
+            _refuse_several(path, content, homes, "has several times in each of several groups")
+        return found
 
 
-def _listed(names: list[str]) -> str:
-    """Return names for a message; the root is /."""
-    more = ", .." if len(names) > MOST_NAMED else ""
-    return ", ".join(one_line(name or "/")[:60] for name in names[:MOST_NAMED]) + more
-
-
-def _example(group):
-    columns = next(iter(_candidates(group).get("position", [])), None)
-    if columns is None or not group.name:
-        return "position=GROUP/NAME"
-    first = columns["x"]
-    return f"position={group.name}/{first[:-2]}" if first.endswith(".x") else f"x={group.name}/{first},.."
-
-
-def _particle_groups(path: Path, content: Content, terms: Declarations) -> list[str]:
-    """Return the names of the groups with positions: as declared by the user, else by their array names."""
-    asked = {column.lstrip("/") for name, column in terms.column_pairs() if name in VECTORS["position"]}
-    paths = {full for group in content.groups.values() for full in _columns(group, True)}
-    in_paths = sorted(column for column in asked if "/" in column and column in paths)
-    if not asked:
-        homes = [name for name, group in content.groups.items() if "position" in _candidates(group)]
-    elif len(in_paths) == len(asked):
-        homes = [in_paths[0].split("/", 1)[0]]
-    else:
-        homes = [name for name, group in content.groups.items() if asked - set(in_paths) <= set(_columns(group))]
-    if homes:
-        return homes
-    what = f"no group has all of {', '.join(sorted(asked))}" if asked else "no array is named as a position"
-    arrays = [f"{full} {_shape(s)}" for g in content.groups.values() for full, s in _by_path(g).items()]
-    held = f"it contains {_listed(arrays)}" if arrays else "it contains no rows of numbers"
-    if content.elsewhere:
-        apart = _listed(list(content.elsewhere))
-        held += f"; {apart} are in other files or behind links and are not read without --trust"
-    fix = "; name the datasets with --columns x=..,y=..,z=.. or position=.." if arrays else ""
-    raise InputError(f"{path}: {what}: {held}{fix}")
-
-
-def _shape(source):
-    return f"({source.rows})" if source.components == 1 else f"({source.rows}, {source.components})"
-
-
-def _by_path(group: Group) -> dict[str, Source]:
-    """Return full path -> Source."""
-    return {f"{group.name}/{name}" if group.name else name: source for name, source in group.arrays.items()}
-
-
-def _columns(group: Group, with_paths: bool = False) -> dict[str, tuple[str, int]]:
-    """Return column -> (array, component) of a group, by names, or by full paths."""
-    arrays = _by_path(group) if with_paths else group.arrays
-    return columns_of({name: source.components for name, source in arrays.items()})
-
-
-def _series(homes: list[str], content: Content) -> dict[int, str] | None:
-    """Return number -> group where several groups are the frames of a series; None where they are not."""
-    parts = {name: _NUMBERED.fullmatch(name) for name in homes}
-    if len(homes) == 1:
-        part, group = parts[homes[0]], content.groups[homes[0]]
-        return {int(part[2]): homes[0]} if part and part[1].lower() in STEP_WORDS and group.name else None
-    if not all(parts.values()) or len({part[1] for part in parts.values()}) != 1:
-        return None
-    stem = next(iter(parts.values()))[1].lower()
-    if stem not in STEP_WORDS and any(content.groups[name].time is None for name in homes):
-        return None
-    series = {int(part[2]): name for name, part in parts.items()}
-    return series if len(series) == len(homes) else None
-
-
-def _frame(
-    path: Path, content: Content, home: str, terms: Declarations, time: float | None, number: int | None
-) -> ThirdPartyFrame:
-    """Describe the frame of the particles in the group `home`."""
-    group = content.groups[home]
-    asked = dict(terms.column_pairs())
-    if "time" in asked:
-        raise InputError(f"{path}: HDF5 has one time per file or group; omit time in --columns, give --times")
-    candidates = _candidates(group)
-    for quantity, places in candidates.items():
-        names = VECTORS.get(quantity, (quantity,))
-        if len(places) > 1 and quantity != "id" and not all(name in asked for name in names):
-            choice = " or ".join(", ".join(place.values()) for place in places)
-            raise InputError(f"{path}: {quantity} may be {one_line(choice)[:200]}; choose with --columns")
-    column_map = {name: column for places in candidates.values() for name, column in places[0].items()}
-    sources = _row_sources(path, content, group, asked, column_map)
-    count = next(iter(sources.values())).rows
-    return ThirdPartyFrame(
-        path=path,
-        count=count,
-        columns=tuple(columns_of({name: source.components for name, source in sources.items()})),
-        read=partial(_read, path, sources),
-        column_map=column_map,
-        number=number,
-        time=group.time if group.time is not None else time,
-        density=content.density,
-        declared=content.declared,
+def _refuse_several(path, content, homes, what):
+    raise InputError(
+        f"{path} {what} ({_listed(homes)}); choose one, for example --columns {_example(content, homes[0])}"
     )
 
 
-def _row_sources(
-    path: Path, content: Content, group: Group, asked: dict[str, str], column_map: dict[str, str]
-) -> dict[str, Source]:
-    """Return name -> Source of all arrays with a row per particle.
+def _listed(names: list[str], most: int = MOST_NAMED) -> str:
+    """Return names for a message; the root is /."""
+    more = f", .. ({len(names)} in all)" if len(names) > most else ""
+    return ", ".join(one_line(name or "/")[:120] for name in names[:most]) + more
 
-    They are those of the group by name, of all groups by path, of other groups by unique names.
+
+def _example(content, home):
+    choice = next(iter(positions_in(_shapes(content.groups[home]))), None)
+    if choice is None or not home:
+        return "position=GROUP/NAME"
+    first = choice["x"]
+    return f"position={home}/{first[:-2]}" if first.endswith(".x") else f"x={home}/{first},.."
+
+
+def _named_homes(content: Content) -> list[str]:
+    """Return the groups with a position by the names of their arrays.
+
+    Components x, y, z in a group `position` are the position; those in groups next to it are not.
     """
-    first = asked.get("x") or column_map["x"]
-    everything, times_seen = {}, {}
-    for other in content.groups.values():
-        everything |= _by_path(other)
-        for name in other.arrays:
-            times_seen[name] = times_seen.get(name, 0) + 1
-    single = {name: s for g in content.groups.values() for name, s in g.arrays.items() if times_seen[name] == 1}
-    rooted = {f"/{full}": source for full, source in everything.items()}
-    named = everything | {name: s for name, s in rooted.items() if any(c.startswith(name) for c in asked.values())}
-    named |= single | group.arrays
-    array, _ = columns_of({name: source.components for name, source in named.items()})[first]
-    count = named[array].rows
-    of_rows = {name: source for name, source in named.items() if source.rows == count}
-    short = set(asked.values()) - set(columns_of({name: s.components for name, s in of_rows.items()}))
-    several = [name for name in short if times_seen.get(name, 0) > 1]
-    if several:
-        raise InputError(
-            f"{path}: {several[0]} is in several groups ({_listed([p for p in everything if p.endswith(several[0])])}"
-            "); choose with --columns"
+    homes = [group for group, arrays in content.groups.items() if positions_in(_shapes(arrays))]
+    by_word = {home for home in homes if _leaf(home).lower() in SYNONYMS["position"]}
+    parents = {home.rpartition("/")[0] for home in by_word}
+    return [home for home in homes if home in by_word or home.rpartition("/")[0] not in parents]
+
+
+def _leaf(path):
+    return path.rpartition("/")[2]
+
+
+def _matches(content: Content, column: str) -> list[tuple[str, Part]]:
+    """Return the group and the Part of every array that a column may mean, by its name or the end of its path."""
+    found = [(group, part) for group, arrays in content.groups.items() if (part := _part_in(group, arrays, column))]
+    head = column.lstrip("/").rpartition("/")[0]
+    whole = [entry for entry in found if entry[0] == head]
+    return whole if head and whole else found
+
+
+def _part_in(group: str, arrays: dict[str, Array], column: str) -> Part | None:
+    """Return the Part of an array of a group that a column may mean; None where it means none."""
+    head, _, tail = column.lstrip("/").rpartition("/")
+    if group != head and (column.startswith("/") or (head and not group.endswith(f"/{head}"))):
+        return None
+    return next(iter(parts_of(tail, arrays)), None)
+
+
+def _homes(path: Path, content: Content, terms: Declarations) -> list[str]:
+    """Return the groups with positions: as declared by the user, else by the names of their arrays."""
+    asked = dict.fromkeys(column for name, column in terms.column_pairs() if name in VECTORS["position"])
+    if not asked:
+        homes = _named_homes(content)
+    else:
+        places = [{group for group, _ in _matches(content, column)} for column in asked]
+        homes = [group for group in content.groups if all(group in place for place in places)]
+        if not homes and all(len(place) == 1 for place in places):
+            homes = [next(iter(places[0]))]
+    if homes:
+        return homes
+    what = f"no group has all of {', '.join(sorted(asked))}"
+    if not asked:
+        what = "no array has the name and the shape of a position"
+    raise InputError(f"{path}: {what}: {_held(content)}")
+
+
+def _held(content: Content) -> str:
+    """Return all arrays of numbers with their shapes, and what is not read, for a message."""
+    arrays = [f"{name} {_words(shape)}" for name, shape in content.shapes().items()]
+    held = f"it contains {_listed(arrays, MOST_LISTED)}" if arrays else "it contains no rows of numbers"
+    if content.elsewhere:
+        apart = _listed(list(content.elsewhere))
+        held += f"; {apart} are in other files or behind links and are not read without --trust"
+    if content.cells:
+        held += f"; {_listed(list(content.cells))} are cells of MATLAB and are not read: save arrays of numbers"
+    return held + ("; name the datasets with --columns x=..,y=..,z=.. or position=.." if arrays else "")
+
+
+def _words(shape):
+    return f"({', '.join(map(str, shape))})"
+
+
+def _series(homes: list[str], content: Content) -> dict[int, tuple[str, str]] | None:
+    """Return number -> (group, the numbered group around it) where several groups are the frames of a series.
+
+    None where they are not. A single group with the name of a step has its number, and times of the whole file.
+    """
+    split = [home.split("/") for home in homes]
+    if len(homes) == 1:
+        steps = [found for part in split[0] if (found := _NUMBERED.fullmatch(part)) and found[1].lower() in STEP_WORDS]
+        return {int(steps[-1][2]): (homes[0], "")} if steps else None
+    levels = [k for k, names in enumerate(zip(*split, strict=False)) if len(set(names)) > 1]
+    if len({len(parts) for parts in split}) != 1 or len(levels) != 1:
+        return None
+    found = [_NUMBERED.fullmatch(parts[levels[0]]) for parts in split]
+    if not all(found) or len({part[1] for part in found}) != 1:
+        return None
+    tops = ["/".join(parts[: levels[0] + 1]) for parts in split]
+    timed = all(_time_within(content, home, top) is not None for home, top in zip(homes, tops, strict=True))
+    if found[0][1].lower() not in STEP_WORDS and not timed:
+        return None
+    series = {int(part[2]): place for part, place in zip(found, zip(homes, tops, strict=True), strict=True)}
+    return series if len(series) == len(homes) else None
+
+
+def _time_within(content: Content, home: str, top: str) -> float | None:
+    """Return the time [s] of a group, or of the nearest group around it up to `top`; None without one."""
+    groups = (group for group in content.enclosing(home) if len(group) >= len(top))
+    return next((content.times[group] for group in groups if group in content.times), None)
+
+
+# --------------------------------------------------------------------------------------------------------- one group
+
+
+class _Home:
+    """The group with the positions of the particles.
+
+    Parameters
+    ----------
+    path : Path
+    file : h5py.File
+    content : Content
+    home : str
+        Its path.
+    terms : Declarations or None
+    top : str
+        Times of groups around this one are of other frames.
+    """
+
+    def __init__(self, path: Path, file: h5py.File, content: Content, home: str, terms: Any, top: str = ""):
+        self.path, self.file, self.content, self.home, self.terms, self.top = path, file, content, home, terms, top
+        self.asked = {} if terms is None else dict(terms.column_pairs())
+        self.choices = positions_in(_shapes(content.groups[home]))
+        named = self.choices[0] if self.choices else {}
+        self.position = {name: self.asked.get(name, named.get(name)) for name in VECTORS["position"]}
+
+    def view(self) -> View:
+        """Return the meaning of the axes of the positions; refuse arrays that cannot be positions."""
+        if not all(name in self.asked for name in VECTORS["position"]):
+            self._require_one("position", self.choices)
+        columns = [column for column in self.position.values() if column is not None]
+        parts = [self._part_of_position(column) for column in columns]
+        shapes = {}
+        for group in reversed(list(self.content.enclosing(self.home))):
+            shapes |= _shapes(self.content.groups[group])
+        whole = [part._replace(array=_joined(group, part.array)) for group, part in parts]
+        shapes |= {path: self.content.array(path).shape for path, *_ in whole}
+        given = () if self.terms is None or self.terms.times is None else (len(self.terms.times),)
+        self._refuse_offset()
+        first = view_of_position(shapes, whole, given, self.content.is_matlab)
+        if first is None:
+            named = ", ".join(dict.fromkeys(f"{path} {_words(shapes[path])}" for path, *_ in whole))
+            raise InputError(f"{self.path}: {named}: not positions, (n, 3) or x, y, z: {_held(self.content)}")
+        return first
+
+    def _part_of_position(self, column):
+        """Group and Part of a column of the position."""
+        arrays = self.content.groups[self.home]
+        here = _part_in(self.home, arrays, column) or next(iter(parts_of(column, arrays)), None)
+        return (self.home, here) if here else _matches(self.content, column)[0]
+
+    def _refuse_offset(self):
+        """Refuse positions with an offset beside them (openPMD) that is not 0: they are not the positions."""
+        for group in self.content.enclosing(self.home):
+            offset = _joined(group, OFFSET)
+            if OFFSET not in self.content.inner(group):
+                continue
+            inner = [_joined(offset, name) for name in self.content.inner(offset)]
+            constant = [_number(self.file[part].attrs.get("value", np.nan)) for part in inner]
+            if self.content.groups[offset] or any(constant):
+                raise InputError(f"{self.path}: {offset} has to be added to the positions, which is not done; add it")
+
+    def _require_one(self, quantity, choices):
+        """Refuse several arrays that a quantity may be."""
+        if len(choices) > 1:
+            choice = " or ".join(", ".join(place.values()) for place in choices)
+            raise InputError(f"{self.path}: {quantity} may be {one_line(choice)[:200]}; choose with --columns")
+
+    def quantities(self, first: View) -> dict[str, list[dict[str, str]]]:
+        """Return the quantities of mpmgis and their candidate columns, of the nearest group that has any."""
+        found = {}
+        for group in self.content.enclosing(self.home):
+            here = quantities_in(views_of(_shapes(self.content.groups[group]), first))
+            if vectors := self._velocity_groups(group, first):
+                here.setdefault("velocity", []).extend(vectors)
+            found = here | found
+        found.pop("position", None)
+        return found | ({"position": self.choices} if self.choices else {})
+
+    def _velocity_groups(self, group, first):
+        """Components x, y, z in a group `velocity` in `group`, as candidates of `quantities`."""
+        found = []
+        for name in self.content.inner(group):
+            arrays = self.content.groups[_joined(group, name)]
+            if name.lower() not in SYNONYMS["velocity"] or not set(COMPONENTS) <= set(arrays):
+                continue
+            if all(fitting_view(arrays[letter].shape, first, 1) for letter in COMPONENTS):
+                letters = zip(VECTORS["velocity"], COMPONENTS, strict=True)
+                found.append({ours: f"/{_joined(group, name)}/{letter}" for ours, letter in letters})
+        return found
+
+    def frames(self, number: int | None) -> list[ThirdPartyFrame]:
+        """Describe the frames: one, or one for each time of a recording.
+
+        Parameters
+        ----------
+        number : int or None
+            Of the only frame.
+        """
+        first, asked = self.view(), self.asked
+        candidates = self.quantities(first)
+        for quantity, choices in candidates.items():
+            if quantity != "id" and not all(name in asked for name in VECTORS.get(quantity, (quantity,))):
+                self._require_one(quantity, choices)
+        column_map = {name: column for choices in candidates.values() for name, column in choices[0].items()}
+        wanted = dict.fromkeys((*column_map.values(), *(column for name, column in asked.items() if name != "time")))
+        columns = self._columns(first, wanted)
+        densities, around = self.content.densities, self.content.enclosing(self.home)
+        describe = partial(
+            ThirdPartyFrame,
+            self.path,
+            first.rows,
+            tuple(columns),
+            column_map={name: column for name, column in column_map.items() if column in columns},
+            density=next((densities[group] for group in around if group in densities), None),
+            declared=self.content.declared,
         )
-    return of_rows
+        if first.times is None:
+            return [describe(partial(_read, self.path, columns, 0), number=number, time=self._time())]
+        times = self._times(first.times)
+        return [
+            describe(partial(_read, self.path, columns, k), number=k, time=None if times is None else times[k])
+            for k in range(first.times)
+        ]
+
+    def _columns(self, first, wanted):
+        """Column -> Place of all arrays with a row per particle: by name, by path, and as they are wanted."""
+        found = {}
+        for group in self.content.enclosing(self.home):
+            for column, place in self._of_group(group, first).items():
+                found.setdefault(column, place)
+        if not self.top:  # in a series these are the other frames
+            around = set(self.content.enclosing(self.home))
+            others = (group for group in self.content.groups if group not in around)
+            for group in others:
+                if len(found) > MOST_OFFERED:
+                    break
+                found |= {_joined(group, column): place for column, place in self._of_group(group, first).items()}
+        for column in wanted:
+            if column not in found and (place := self._place(column, first)) is not None:
+                found[column] = place
+        return found
+
+    def _of_group(self, group, first):
+        arrays = self.content.groups[group]
+        views = views_of(_shapes(arrays), first)
+        return {column: Place(arrays[name], views[name], k) for column, (name, k) in columns_in(views).items()}
+
+    def _place(self, column, first):
+        """Place of a column by a path, or by a name that only one group has; None without one that fits."""
+        for around in self.content.enclosing(self.home):
+            head, _, tail = _joined(around, column).rpartition("/")
+            found = self._of_group(head, first).get(tail) if head in self.content.groups else None
+            if found is not None and not column.startswith("/"):
+                return found
+        places = {}
+        for group, part in _matches(self.content, column):
+            tail = column.rpartition("/")[2]
+            place = self._of_group(group, first).get(tail)
+            if place is not None:
+                places[_joined(group, part.array)] = place
+        if len(places) > 1:
+            raise InputError(
+                f"{self.path}: {column} is in several groups ({_listed(list(places))}); choose with --columns"
+            )
+        return next(iter(places.values()), None)
+
+    def _time(self):
+        """Time [s] of the only frame; None where it is unknown."""
+        if "time" not in self.asked:
+            return _time_within(self.content, self.home, self.top)
+        array = self._array_of_time()
+        if length_of_vector(array.shape) != 1 or array.field:
+            raise InputError(
+                f"{self.path}: {self.asked['time']} has shape {_words(array.shape)}, expected one time, or one for "
+                "each time of a recording; give --times"
+            )
+        return _number(self.file[array.dataset][()])
+
+    def _array_of_time(self):
+        found = _matches(self.content, self.asked["time"])
+        if not found:
+            raise InputError(f"{self.path}: --columns time={self.asked['time']}: no such array: {_held(self.content)}")
+        return self.content.groups[found[0][0]][found[0][1].array]
+
+    def _times(self, count):
+        """Times [s] of a recording; None without an array of them."""
+        if "time" in self.asked:
+            arrays = [self._array_of_time()]
+        else:
+            around = [self.content.groups[group] for group in self.content.enclosing(self.home)]
+            arrays = [array for group in around for name, array in group.items() if is_time(name)]
+        array = next((some for some in arrays if length_of_vector(some.shape) == count and not some.field), None)
+        if array is None:
+            return None
+        dataset = self.file[array.dataset]
+        require_memory(f"{self.path}: {array.dataset}", count, 8 + dataset.dtype.itemsize, dataset)
+        times = np.asarray(dataset[()], np.float64).reshape(count)
+        require_few_times(self.path, times)
+        if not np.isfinite(times).all():
+            raise FormatError(f"{self.path}: {array.dataset} has NaN or infinite times")
+        return times.tolist()
 
 
-def _read(path: Path, sources: dict[str, Source], names: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _read(path: Path, columns: dict[str, Place], frame: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    found, whole = {}, {}
     with _opened(path) as file:
-        components = {name: source.components for name, source in sources.items()}
-        return picked(lambda name: _array(path, file, sources[name]), components, names)
+        for name in names:
+            array, view, component = columns[name]
+            if array not in whole:
+                whole[array] = _rows(path, file, array, view, frame)
+            found[name] = whole[array][:, component]
+    return found
 
 
-def _array(path: Path, file: h5py.File, source: Source) -> np.ndarray:
-    """Return float64[rows, components] of a Source."""
-    dataset = file[source.dataset]
-    where = f"{path}: {source.dataset}"
+def _rows(path: Path, file: h5py.File, array: Array, view: View, frame: int) -> np.ndarray:
+    """Return float64[rows, components] of an array at one time."""
+    dataset = file[array.dataset]
+    where = f"{path}: {array.dataset}"
     if not isinstance(dataset, h5py.Dataset) or reason_elsewhere(dataset.id, path):
         raise FormatError(f"{where} has changed since it was opened; repeat when its code has finished writing")
-    if dataset.shape[:1] != (source.rows,):
-        raise FormatError(f"{where} has shape {dataset.shape}, expected {source.rows} rows; the file has changed")
-    require_memory(where, source.rows, 8 * source.components + dataset.dtype.itemsize, dataset)
-    values = dataset.fields(source.field)[()] if source.field else dataset[()]
-    return np.asarray(values, np.float64).reshape(source.rows, source.components)
+    own = dataset.dtype[array.field].shape if array.field and array.field in (dataset.dtype.names or ()) else ()
+    if dataset.shape + own != array.shape:
+        raise FormatError(f"{where} has shape {dataset.shape}, expected {array.shape}; the file has changed")
+    require_memory(where, view.rows, (8 + dataset.dtype.itemsize) * view.components, dataset)
+    index, axes = selection(view, frame), dataset.ndim
+    values = (dataset.fields(array.field) if array.field else dataset)[index[:axes]]
+    return as_rows(values[(..., *index[axes:])] if index[axes:] else values, view)
 
 
 READER = Reader("hdf5", recognises, frames, fits)

@@ -1,4 +1,4 @@
-"""Bytes of a file: memory-mapped, or decompressed from a .gz."""
+"""Bytes of a file: memory-mapped, decompressed from a .gz, or of a text in UTF-16 as UTF-8."""
 
 import mmap
 import zlib
@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from ...system.errors import FormatError, one_line
+from ...system.text_tables import UTF16, decoded, decoded_start
 from .reader_interface import require_memory, require_readable
 
 GZIP = b"\x1f\x8b\x08"
@@ -16,7 +17,7 @@ AT_ONCE = 4_000_000  # [bytes] of a .gz decompressed at a time
 
 @contextmanager
 def mapped(path: str | Path) -> Iterator[mmap.mmap | bytes]:
-    """Open the bytes of a file: a read-only mmap, from which data must be copied; bytes of a .gz.
+    """Open the bytes of a file: a read-only mmap, from which data must be copied; bytes of a .gz or of UTF-16.
 
     Parameters
     ----------
@@ -25,12 +26,15 @@ def mapped(path: str | Path) -> Iterator[mmap.mmap | bytes]:
     Raises
     ------
     FormatError
-        Missing, empty or not readable; a .gz that is damaged, or too large when decompressed.
+        Missing, empty or not readable; a .gz that is damaged, or too large when decompressed; UTF-16 that is no text.
     """
     require_readable(path)
     with open(path, "rb") as file:
-        if file.read(len(GZIP)) == GZIP:
-            about = Path(path).stat()
+        first, about = file.read(len(GZIP)), Path(path).stat()
+        if first.startswith(UTF16):
+            yield _as_utf8(str(path), about.st_size, about.st_mtime_ns)
+            return
+        if first == GZIP:
             yield _unpacked(str(path), about.st_size, about.st_mtime_ns)
             return
         try:
@@ -39,6 +43,16 @@ def mapped(path: str | Path) -> Iterator[mmap.mmap | bytes]:
             raise FormatError(f"{path}: {one_line(error)}") from error
         with content:
             yield content
+
+
+@lru_cache(maxsize=1)  # as below
+def _as_utf8(path: str, size: int, changed: int) -> bytes:
+    """Return the text of a file in UTF-16 as UTF-8; `size` and `changed` identify the version of the file."""
+    require_memory(path, 4 * size, 1)
+    try:
+        return decoded(Path(path).read_bytes()).encode("utf-8")
+    except (OSError, UnicodeError) as error:
+        raise FormatError(f"{path} is no readable text in UTF-16 ({one_line(error)[:60]}); save it as UTF-8") from error
 
 
 @lru_cache(maxsize=1)  # the frames of a file are read one after the other
@@ -73,7 +87,7 @@ def _parts(path: str) -> Iterator[bytes]:
 
 
 def unpacked_head(head: bytes, size: int) -> bytes:
-    """Return the first bytes of a file; a .gz is decompressed as far as possible.
+    """Return the first bytes of a file; a .gz is decompressed as far as possible, UTF-16 becomes UTF-8.
 
     Parameters
     ----------
@@ -81,6 +95,8 @@ def unpacked_head(head: bytes, size: int) -> bytes:
         First bytes as stored.
     size : int [bytes]
     """
+    if head.startswith(UTF16):
+        return decoded_start(head)
     if not head.startswith(GZIP):
         return head
     stream, found = zlib.decompressobj(wbits=31), b""

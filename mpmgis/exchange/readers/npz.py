@@ -9,12 +9,15 @@ from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
-from ...system.errors import FormatError, one_line
+from ...system.errors import FormatError, InputError, one_line
 from ...system.zip_archives import MAGIC, opened_zip, require_unpacked_fits
+from ..declarations import VECTORS, Declarations
 from .array_columns import columns_of, picked, plainly_named
-from .reader_interface import Reader, ThirdPartyFrame, frame_of_each, number_of, require_readable
+from .array_shapes import MOST_COMPONENTS, as_rows, length_of_vector, selection
+from .particle_arrays import columns_in, is_time, parts_of, positions_in, quantities_in, view_of_position, views_of
+from .reader_interface import Reader, ThirdPartyFrame, number_of, require_readable
 
-MOST_COMPONENTS = 100  # of an array with a row per particle
+TIMES = ("t_current", "time", "times", "Time", "TimeValue", "t")  # arrays with the time of a file
 LONGEST_HEADER = 10_000  # [bytes] as the limit of NumPy; a header can declare 4 GB
 
 
@@ -99,8 +102,7 @@ def read_array(path: str | Path, member: Member) -> np.ndarray:
 
     Returns
     -------
-    float64[n, components]
-        Components are all axes after the first.
+    float64 of the shape of the member
 
     Raises
     ------
@@ -115,8 +117,7 @@ def read_array(path: str | Path, member: Member) -> np.ndarray:
         raw = stream.read(size * np.dtype(member.dtype).itemsize)
         stream.read(1)  # zipfile checks the checksum at the end
     values = np.frombuffer(raw, member.dtype, size)
-    values = values.reshape(member.shape, order="F" if member.fortran else "C")
-    return values.astype(np.float64).reshape(member.shape[0] if member.shape else 1, -1)
+    return values.reshape(member.shape, order="F" if member.fortran else "C").astype(np.float64)
 
 
 def read_columns(path: str | Path, members: dict[str, Member], names: Iterable[str]) -> dict[str, np.ndarray]:
@@ -136,7 +137,11 @@ def read_columns(path: str | Path, members: dict[str, Member], names: Iterable[s
     ------
     FormatError
     """
-    return picked(lambda name: read_array(path, members[name]), component_counts(members), names)
+
+    def rows(name: str) -> np.ndarray:
+        return read_array(path, members[name]).reshape(members[name].shape[0], -1)
+
+    return picked(rows, component_counts(members), names)
 
 
 def component_counts(members: dict[str, Member]) -> dict[str, int]:
@@ -184,7 +189,7 @@ def single(path: str | Path, members: dict[str, Member], *names: str) -> float |
     """
     for name in names:
         if name in members and _size(members[name].shape) == 1:
-            value = float(read_array(path, members[name])[0, 0])
+            value = float(read_array(path, members[name]).item())
             return value if np.isfinite(value) else None
     return None
 
@@ -213,10 +218,10 @@ def recognises(path: Path, head: bytes) -> bool:
     if not fits(path, head):
         return False
     try:
-        frame = open_file(path)
-    except FormatError:
+        found = _frames(path, Declarations())
+    except (FormatError, InputError):
         return False
-    return {"x", "vx"} <= set(frame.column_map)
+    return {"x", "vx"} <= set(found[0].column_map)
 
 
 def open_file(path: str | Path, column_map: dict[str, str] | None = None, count: int | None = None) -> ThirdPartyFrame:
@@ -248,8 +253,66 @@ def open_file(path: str | Path, column_map: dict[str, str] | None = None, count:
         read=partial(read_columns, path, members_of_rows),
         column_map=plainly_named(components) if column_map is None else column_map,
         number=number_of(path),
-        time=single(path, members, "t_current", "time", "TimeValue", "t"),
+        time=single(path, members, *TIMES),
     )
 
 
-READER = Reader("npz", recognises, frame_of_each(open_file), fits)
+def frames(paths: Iterable[Path], terms: Declarations) -> list[ThirdPartyFrame]:
+    """Describe the frames in some archives: one of each, or one for each time of a recording.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    terms : Declarations
+
+    Raises
+    ------
+    FormatError
+        Damaged, no particles.
+    InputError
+        A column of times that is none.
+    """
+    return [frame for path in paths for frame in _frames(Path(path), terms)]
+
+
+def _frames(path, terms):
+    members, asked = read_members(path), dict(terms.column_pairs())
+    shapes = {name: member.shape for name, member in members.items()}
+    choice = next(iter(positions_in(shapes)), {}) | {name: asked[name] for name in VECTORS["position"] if name in asked}
+    parts = [part for column in choice.values() for part in parts_of(column, shapes)[:1]]
+    if len(parts) < len(VECTORS["position"]):
+        return [open_file(path)]
+    first = view_of_position(shapes, parts, () if terms.times is None else (len(terms.times),))
+    if first is None:
+        return [open_file(path)]
+    views = views_of(shapes, first)
+    quantities = quantities_in(views)
+    column_map = {name: column for choices in quantities.values() for name, column in choices[0].items()}
+    describe = partial(ThirdPartyFrame, path, first.rows, tuple(columns_in(views)), column_map=column_map)
+    if first.times is None:
+        time = single(path, members, *([asked["time"]] if "time" in asked else TIMES))
+        return [describe(partial(_read_views, path, members, views, 0), number=number_of(path), time=time)]
+    named = [asked["time"]] if "time" in asked else [name for name in members if is_time(name)]
+    lengths = {name: length_of_vector(shapes[name]) for name in named if name in members}
+    of_times = next((name for name, length in lengths.items() if length == first.times), None)
+    times = [None] * first.times
+    if of_times is not None:
+        times = read_array(path, members[of_times]).ravel().tolist()
+        if not np.isfinite(times).all():
+            raise FormatError(f"{path}: {of_times} has NaN or infinite times")
+    reads = [partial(_read_views, path, members, views, k) for k in range(first.times)]
+    return [describe(read, number=k, time=times[k]) for k, read in enumerate(reads)]
+
+
+def _read_views(path, members, views, frame, names):
+    found, whole, places = {}, {}, columns_in(views)
+    for column in names:
+        name, component = places[column]
+        if name not in whole:
+            view = views[name]
+            whole[name] = as_rows(read_array(path, members[name])[selection(view, frame)], view)
+        found[column] = whole[name][:, component]
+    return found
+
+
+READER = Reader("npz", recognises, frames, fits)

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...system.errors import FormatError, one_line
 from ...system.memory import memory_lack
+from ...system.text_tables import decoded
 from ...system.trusted_files import require_file
 from ..declarations import Declarations
 
@@ -253,7 +254,7 @@ def read_settings(path: str | Path) -> dict[str, Any]:
     """
     require_file(path)
     try:
-        settings = json.loads(Path(path).read_text(encoding="utf-8"))
+        settings = json.loads(decoded(Path(path).read_bytes()))
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except (OSError, ValueError, RecursionError) as error:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...system.errors import FormatError, one_line
+from ...system.text_tables import BLANK
 from .mapped_files import mapped
 
 # [bytes] block size of Arrow: more threads gain nothing for smaller texts, and a process that ends just after their
@@ -19,7 +20,6 @@ NO_NUMBER = frozenset(
     {"", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "-NaN", "-nan", "1.#IND", "1.#QNAN", "N/A", "NA", "NULL"}
     | {"NaN", "n/a", "nan", "null"}
 )
-BLANK = " "  # delimiter for any number of blanks and tabs
 
 
 def require_whole(path: str | Path, what: str, got: int | str, wanted: int) -> None:

@@ -8,10 +8,12 @@ import numpy as np
 from affine import Affine
 
 from ...system.errors import InputError
+from ...system.messages import log
 from ...terrain.grid import Grid
 
 POINTS_PER_CELL = 5  # [1] with 5 random points per cell, exp(-5) = 0.7 % of the cells stay empty
 MOST_CELLS = 400_000_000  # [cells] of a raster: one float32 band has 1.6 GB
+SAME_SIZE = 1e-6  # [1] relative difference of two cell sizes that are the same: rounding
 FINEST_CELL = 1e-6  # [m] smallest side of a cell
 
 
@@ -215,6 +217,63 @@ def export_axes(terrain_grid: Grid, north_up: bool = True) -> Grid:
         return Grid(terrain_grid.crs, Affine(1.0, 0.0, west, 0.0, -1.0, north), (1, 1))
     width, height = terrain_grid.sides
     return Grid(terrain_grid.crs, Affine(t.a / width, t.b / height, t.c, t.d / width, t.e / height, t.f), (1, 1))
+
+
+def run_cell_size(entries: Iterable) -> float | None:
+    """Return the cell size [m] of the run that wrote frames, of its coarsest stage; None where it is not known.
+
+    Parameters
+    ----------
+    entries : iterable of FrameEntry
+    """
+    sizes = [entry.header.header.get("cell_size") for entry in entries]
+    return max(sizes) if sizes and None not in sizes else None
+
+
+def default_cell_size(terrain_grid: Grid, run_cells: float | None) -> float | None:
+    """Return the cell size [m] of a product where none is asked for: that of a run with finer cells than its DTM.
+
+    Parameters
+    ----------
+    terrain_grid : Grid
+        Of the DTM.
+    run_cells : float or None [m]
+        Cell size of the run.
+
+    Returns
+    -------
+    float or None
+        None: the cells of the DTM, also where a raster of those of the run would be too large.
+    """
+    if run_cells is None or run_cells >= terrain_grid.cell_size * (1 - SAME_SIZE):
+        return None
+    west, south, east, north = terrain_grid.bounds
+    return run_cells if (east - west) * (north - south) <= MOST_CELLS * run_cells**2 else None
+
+
+def report_cells(grid: Grid, terrain_grid: Grid, run_cells: float | None, asked: float | None) -> None:
+    """Report cells of a product that are coarser than those of its run, and cells of the run that were chosen for it.
+
+    Parameters
+    ----------
+    grid, terrain_grid : Grid
+        Of the product and of the DTM.
+    run_cells : float or None [m]
+        Cell size of the run.
+    asked : float or None [m]
+        Cell size that the user gives.
+    """
+    if run_cells is None:
+        return
+    if grid.cell_size > run_cells * (1 + SAME_SIZE):
+        log.info(
+            f"cells of {grid.cell_size:.4g} m are coarser than those of the run, {run_cells:.4g} m: areas and "
+            f"distances are too large by parts of a cell; use `cell_size={run_cells:.4g}`"
+        )
+    elif asked is None and grid.cell_size < terrain_grid.cell_size * (1 - SAME_SIZE):
+        log.info(
+            f"cells of {grid.cell_size:.4g} m, as the run has; those of the DTM are {terrain_grid.cell_size:.4g} m"
+        )
 
 
 def export_grid(

@@ -123,10 +123,8 @@ class ExportedRun:
         return self._read(file, names, self.flow_window)
 
     def _read(self, file, names, window):
-        import rasterio
-
         bands = [quantity.name for quantity in self.bands_of(file)]
-        with rasterio.open(self.folder / file) as source:
+        with open_raster(self.folder / file) as source:
             return [read_part(source, bands.index(name) + 1, window) if name in bands else None for name in names]
 
     def tags(self, file: str) -> dict[str, str]:
@@ -162,9 +160,7 @@ class ExportedRun:
         float32[rows, columns] [m]
             NaN where there is none.
         """
-        import rasterio
-
-        with rasterio.open(self.folder / self.terrain_file) as source:
+        with open_raster(self.folder / self.terrain_file) as source:
             return read_part(source, 1, self.flow_window)
 
     @cached_property

@@ -10,6 +10,7 @@ import numpy as np
 from ...system.errors import FormatError, InputError
 from ...terrain.raster_input import grid_of, open_raster, read_raster
 from ...terrain.raster_output import NAMESPACE
+from ...terrain.undeclared_nodata import RESULT
 from .frame_values import NOWHERE
 
 _STEP_NAME = re.compile(r"(.+)_\d{4,}\.(?:tif|vrt)")
@@ -59,7 +60,7 @@ class ExportedSteps:
         row, column = np.divmod(np.where(cells == NOWHERE, 0, cells), self.grid.shape[1])
         found = {}
         for name in names:
-            values, _ = read_raster(self.files[step], self.bands.index(name) + 1, may_be_empty=True)
+            values, _ = read_raster(self.files[step], RESULT, self.bands.index(name) + 1, may_be_empty=True)
             found[name] = np.where(cells == NOWHERE, np.nan, values[row, column])
         return found
 

@@ -15,6 +15,7 @@ from ...terrain.elevation import Terrain
 from ...terrain.georeference import name_of, require_metric, same_place, warp_command
 from ...terrain.grid import Grid
 from ...terrain.raster_input import grid_of, open_raster, read_raster
+from ...terrain.undeclared_nodata import RESULT, THICKNESS
 
 PEAK_KINDS = {  # end of the file name -> quantity, factor of its values
     "pft": (Quantity("pft", "m", "peak flow thickness"), 1.0),
@@ -58,7 +59,8 @@ class BandSource:
         (float64[rows, columns], Grid)
             NaN for nodata.
         """
-        values, grid = read_raster(self.path, self.number, may_be_empty=True)
+        role = THICKNESS if self.quantity.name == UNNAMED else RESULT  # without a name: metres, or a mask
+        values, grid = read_raster(self.path, role, self.number, may_be_empty=True)
         if grid.crs is not None:
             with muted():
                 require_metric(grid.crs, grid.bounds, str(self.path))

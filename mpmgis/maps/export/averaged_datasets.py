@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...exchange.frame_list import list_frames
+from ...exchange.map_coordinates import Ground
 from ...exchange.readers.reader_list import OWN
 from ...frames.particles import Frame
 from ...frames.run_terrain import run_terrain
@@ -156,7 +157,7 @@ def open_results(
         if idle:
             raise InputError(f"{folder} is an exported folder with fixed cells; {', '.join(idle)} requires frames")
         return open_export(folder)
-    return _dataset(request, list_frames([folder], request.source.terms()), dem, lazy=True)
+    return _dataset(request, _entries(request, folder, dem), dem, lazy=True)
 
 
 def depth_average(
@@ -181,7 +182,7 @@ def depth_average(
     MpmgisError
     """
     given = isinstance(frame, Frame)
-    entries = (GivenFrame(frame),) if given else list_frames([frame], request.source.terms())
+    entries = (GivenFrame(frame),) if given else _entries(request, frame, dem)
     if len(entries) > 1:
         raise InputError(f"{frame} contains {len(entries)} frames, expected one; mpmgis.open_results averages them all")
     return _dataset(request, entries, dem, lazy=False).isel(time=0)
@@ -215,6 +216,15 @@ def _dataset(request, entries, dem, lazy):
         density=plan.averaging.density,
         min_depth=plan.averaging.min_depth,
     )
+
+
+def _entries(request, path, dem):
+    """The frames at a path on a DTM; an array is none here, because its georeference is not known yet."""
+    source = request.source
+    if isinstance(dem, (str, Path)):
+        source = replace(source, dem=Path(dem))
+    ground = Ground(terrain=dem) if isinstance(dem, Terrain) else source.ground()
+    return list_frames([path], source.terms(), ground)
 
 
 def _terrain_in_memory(dem, entry):

@@ -13,9 +13,12 @@ from ..averaging.export_resolution import (
     automatic_cell_size,
     automatic_time_step,
     choose_steps,
+    default_cell_size,
     export_axes,
     export_grid,
+    report_cells,
     require_cells_within,
+    run_cell_size,
 )
 from ..averaging.frame_values import Averaging, automatic_standoff, fastest_mean, reached, survey_frame
 from ..averaging.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
@@ -50,6 +53,10 @@ def make_plan(
     -------
     ExportPlan
     """
+    asked, run_cells = request.sampling.cell_size, run_cell_size(entries)
+    if asked is None:
+        own = default_cell_size(terrain.grid, run_cells)
+        request = replace(request, sampling=replace(request.sampling, cell_size=own))
     density = release_density(request.source, entries)
     log_unused_options(request.averaging, entries)
     standoff = 0.0 if request.averaging.standoff == AUTO else request.averaging.standoff
@@ -70,6 +77,7 @@ def make_plan(
     require_cells_within(terrain.grid, cell_size, request.sampling.north_up)
     otherwise = "--extent flow" if bounds is None else None
     grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.sampling.north_up, otherwise=otherwise)
+    report_cells(grid, terrain.grid, run_cells, asked)
     time_step = _time_step(request, entries, bed, grid, density, pool)
     steps = choose_steps([entry.time for entry in entries], time_step)
     more = (*(ARROW_BANDS if request.files.qgis else ()), *(("mass",) if bed_change else ()))

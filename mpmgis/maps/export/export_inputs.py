@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...frames.run_terrain import refuse_within
-from ...system.disguised_files import require_local
 from ...system.errors import GeoreferenceError, InputError, MpmgisError
+from ...system.file_references import require_local
 from ...system.messages import log
+from ...system.source_names import file_of, joined
 from ...system.whole_files import refuse_existing
 from ..averaging.maxima import SolverPeaks
 
@@ -103,7 +104,7 @@ def solver_peaks(entry: "FrameEntry") -> SolverPeaks | None:
     return SolverPeaks.of(entry.read_maxima(), entry.time)
 
 
-def release_file(entries: Sequence) -> Path | None:
+def release_file(entries: Sequence) -> Path | str | None:
     """Return the path of the release in the scene beside the frames; None without one.
 
     Parameters
@@ -115,7 +116,7 @@ def release_file(entries: Sequence) -> Path | None:
         source = tomllib.loads(scene.read_text(encoding="utf-8"))["release"]["source"]
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return scene.parent / str(source)
+    return joined(scene.parent, str(source))
 
 
 def release_name(entries: Sequence) -> str:
@@ -126,7 +127,7 @@ def release_name(entries: Sequence) -> str:
     entries : sequence of FrameEntry
     """
     stored, file = entries[0].header.header.get("release"), release_file(entries)
-    return str(stored) if stored else file.stem if file is not None else entries[0].path.resolve().parent.name
+    return str(stored) if stored else file_of(file).stem if file is not None else entries[0].path.resolve().parent.name
 
 
 def release_outlines(entries: Sequence, terrain: "Terrain") -> list | None:
@@ -144,7 +145,7 @@ def release_outlines(entries: Sequence, terrain: "Terrain") -> list | None:
 
     try:
         require_local(file, entries[0].path)
-        return read_outlines(file, terrain) if file.exists() else None
+        return read_outlines(file, terrain) if file_of(file).exists() else None
     except MpmgisError:
         return None
 

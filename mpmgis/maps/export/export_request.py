@@ -15,7 +15,7 @@ from ..averaging.averaging_settings import CellAveraging
 class CellSampling:
     """Cells and time steps."""
 
-    cell_size: float | str | None = None  # [m] or "auto"; None: that of the DTM
+    cell_size: float | str | None = None  # [m] or "auto"; None: the finer of DTM and run
     time_step: float | str | None = None  # [s] or "auto"; None: every frame
     north_up: bool = False
     extent: str | None = None  # "dtm" or "flow"

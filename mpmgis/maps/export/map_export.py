@@ -55,7 +55,7 @@ def export_raster(request: ExportRequest, progress: Callable = lambda done, tota
     """
     request = _as_the_paper(request)
     products = choose_products(request.files.products)
-    entries = list_frames(request.source.frames, request.source.terms())
+    entries = list_frames(request.source.frames, request.source.terms(), request.source.ground())
     _require_points(request, entries)
     output = output_folder(request, entries)
     terrain = run_terrain(request.source, entries, output)
@@ -118,7 +118,7 @@ def peaks_of_frames(results: "Results", progress: Callable = lambda done, total:
         sampling=replace(results.sampling, time_step=math.inf),  # maxima, no steps
         files=ExportFiles(qgis=False),
     )
-    entries = list_frames(request.source.frames, request.source.terms())
+    entries = list_frames(request.source.frames, request.source.terms(), request.source.ground())
     terrain = run_terrain(request.source, entries, None)
     with frame_pool() as pool:
         plan = make_plan(request, entries, terrain, choose_products(()), pool)

@@ -22,7 +22,7 @@ from ...system.whole_files import whole_file
 from ...terrain.raster_output import write_rows
 from ..averaging.band_products import PRODUCTS, RUNNING, choose_products
 from ..averaging.bed_change import eroded_depth
-from ..averaging.export_resolution import export_grid, require_cells_within
+from ..averaging.export_resolution import default_cell_size, export_grid, require_cells_within
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, SolverPeaks
 from ..averaging.placement import Bed
@@ -87,7 +87,7 @@ class RasterWriter:
         output = prepared.scene.output
         bands = bands_of(output.raster_products)
         least = ExportRequest().averaging.min_depth if output.raster_min_depth is None else output.raster_min_depth
-        grid = raster_grid(terrain.grid, output.raster_cell_size)
+        grid = raster_grid(terrain.grid, output.raster_cell_size, prepared.coarsest_cells)
         averaging = Averaging(
             bed=Bed.of(terrain, ExportRequest().averaging.bed, 0.0, clamped=False),
             grid=grid,
@@ -266,14 +266,16 @@ def bands_of(text: str | None) -> tuple[str, ...]:
     return (*products, *(RUNNING_BANDS if RUNNING in names else ()))
 
 
-def raster_grid(terrain_grid: "Grid", cell_size: float | None) -> "Grid":
+def raster_grid(terrain_grid: "Grid", cell_size: float | None, run_cells: float) -> "Grid":
     """Return the grid of the rasters, along the axes of the DTM.
 
     Parameters
     ----------
     terrain_grid : Grid
     cell_size : float or None [m]
-        Of the scene.
+        Of the scene; None: the finer of the cells of DTM and run.
+    run_cells : float [m]
+        Of the run.
 
     Raises
     ------
@@ -283,6 +285,7 @@ def raster_grid(terrain_grid: "Grid", cell_size: float | None) -> "Grid":
     option, otherwise = "raster_cell_size", "cut the terrain with [terrain] window"
     try:
         require_cells_within(terrain_grid, cell_size, False, option)
+        cell_size = default_cell_size(terrain_grid, run_cells) if cell_size is None else cell_size
         return export_grid(terrain_grid, cell_size, north_up=False, option=option, otherwise=otherwise)
     except InputError as error:
         raise SceneError(f"[output] rasters: {error}") from error

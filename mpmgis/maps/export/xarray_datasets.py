@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import geopandas
 import numpy as np
 import pyproj
-import rasterio
 import rioxarray  # noqa: F401  registers `.rio`, which carries the CRS
 import shapely
 import xarray
@@ -20,12 +19,13 @@ from ... import __version__
 from ...frames.particles import Frame
 from ...laws.quantities import BAND, Quantity
 from ...system.errors import FormatError, InputError
-from ...terrain.dtm import mask_false_heights
+from ...terrain.dtm import require_heights
 from ...terrain.elevation import Terrain
 from ...terrain.georeference import require_metric
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import SparseBands
+from ...terrain.undeclared_nodata import HEIGHTS, mask_undeclared
 from ..averaging.exported_folder import read_part
 from ..averaging.exported_steps import open_steps
 
@@ -327,7 +327,7 @@ def _cut(length):
 
 def _read_block(paths, band, block_info=None):
     (step, _), *window = block_info[None]["array-location"]
-    with rasterio.open(paths[step]) as source:
+    with open_raster(paths[step]) as source:
         return read_part(source, band, tuple(slice(*part) for part in window))[np.newaxis]
 
 
@@ -358,5 +358,6 @@ def terrain_of(array: xarray.DataArray) -> Terrain:
     if crs is not None:
         require_metric(crs, grid.bounds, name)
     elevation = np.where(np.isfinite(elevation), elevation, np.nan)
-    mask_false_heights(elevation, name)
+    mask_undeclared(elevation, name, HEIGHTS)
+    require_heights(elevation, name)
     return Terrain(grid, elevation, path=name)

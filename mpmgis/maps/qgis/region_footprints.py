@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import rasterio
 
 from ...frames.region_folder import FOOTPRINTS, write_layer
 from ...frames.region_maps import AreaRaster
 from ...laws.quantities import MEMBER_BANDS
 from ...terrain.grid import Grid
+from ...terrain.raster_input import open_raster
 from .outlines import mask_outline
 
 
@@ -57,6 +57,6 @@ def write_footprints(
 def _largest_depth(area):
     """float32[rows, columns] [m] of the largest depth in the extent of an area; -1 without flow."""
     top, bottom, left, right = area.extent
-    with rasterio.open(area.path) as source:
+    with open_raster(area.path) as source:
         depth = source.read(MEMBER_BANDS.index("h_max") + 1, window=((top, bottom), (left, right)))
         return np.where(depth == np.float32(source.nodata), np.float32(-1.0), np.nan_to_num(depth, nan=-1.0))

@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import rasterio
 
 from ... import __version__
 from ...frames.region_folder import FOOTPRINTS
@@ -15,6 +14,7 @@ from ...frames.region_folder import LAYER as AREAS
 from ...frames.region_maps import LARGEST, AreaRaster
 from ...laws.quantities import BAND, MEMBER_BANDS
 from ...terrain.grid import Grid
+from ...terrain.raster_input import open_raster
 from ..averaging.exported_folder import TYPICAL_PERCENTILE
 from .colours import ACTON_REVERSED, DAVOS_REVERSED, PROBABILITY_LIMITS, Look, look_of
 from .print_layout import print_layout
@@ -70,7 +70,7 @@ class RegionProject:
         for number in chosen:
             area = areas[number]
             top, bottom, left, right = area.extent
-            with rasterio.open(area.path) as source:
+            with open_raster(area.path) as source:
                 bands = [MEMBER_BANDS.index(key) + 1 for key in LARGEST]
                 for key, read in zip(LARGEST, source.read(bands, window=((top, bottom), (left, right))), strict=True):
                     values[key].append(read[(read != np.float32(source.nodata)) & (read > 0.0)])

@@ -32,13 +32,14 @@ from .hazard_files import (
 )
 from .hazard_levels import HazardMatrix, combined_hazard
 from .hazard_scenarios import read_scenarios, scenario_of
-from .hazard_sheet import Print, Sheet, sheet_for
+from .hazard_sheet import METRES_PER_MM, Print, Sheet, sheet_for
 from .zone_outlines import default_area, generalized_zones
 
 RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE = "hazard.tif", "hazard.qml", "hazard.gpkg", "hazard.csv"
 PRINT_FILE, PICTURE_FILE, SHARES_FILE = "hazard.pdf", "hazard.png", "hazard_probability.tif"
 FILES = (RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE, PRINT_FILE, PICTURE_FILE)
 FOLDER = "hazard_map"  # of the output, if none is given
+LARGEST_ON_PAPER = 2.0  # [mm] of a cell in print; outlines of larger ones show more than was computed
 ROWS = 512  # of the terrain that are read at a time, to limit the memory
 
 
@@ -252,8 +253,15 @@ def _facts(request, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
 
 
 def _log(made: HazardMap, sheet: Sheet) -> None:
-    """Report all that could make a level too low, and what generalization changed."""
+    """Report all that could make a level too low, what generalization changed, and cells that are large on paper."""
     cell = made.grid.cell_area
+    on_paper = made.grid.cell_size / (sheet.scale * METRES_PER_MM)
+    if on_paper > LARGEST_ON_PAPER:
+        log.info(
+            f"warning: the cells of {made.grid.cell_size:.4g} m are {on_paper:.2g} mm wide at 1:{sheet.scale:g}, more "
+            f"than {LARGEST_ON_PAPER:g} mm: outlines show more detail than there is; use smaller cells, or a smaller "
+            "scale"
+        )
     for cells, words in (
         (made.hazard.unknown, "are not assessed: a scenario or the DTM has no data there"),
         (made.hazard.partly, "have a level that a scenario without data there could raise"),

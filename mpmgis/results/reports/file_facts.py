@@ -25,16 +25,19 @@ from ...frames.frame_digest import check_kept, check_result
 from ...frames.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE, read_record
 from ...frames.run_maps import has_rasters
 from ...scene import read_scene
-from ...system.disguised_files import require_local
 from ...system.errors import FormatError, InputError, MpmgisError, one_line
+from ...system.file_references import leads_to, require_local
 from ...system.hdf5_reading import opened_whole, require_memory
+from ...system.source_names import file_of, source_of
 from ...terrain.georeference import name_of
 from .map_facts import project_facts, raster_facts, vector_facts
 from .particle_facts import PEAKS, frame_facts, particle_table_facts, third_party_facts
 
 README = "README.txt"
 CLOSE = 1e-6  # [1] tolerance of the mass in README.txt
+_NO_FORMAT = "not recognized as being in a supported file format"  # in the error of GDAL where no driver knows a file
 _WRITTEN = re.compile(r"(\d+) points, (\S+) kg, .* from (.+), written for (.+) by mpmgis (\S+)\.")
+HDF5_SUFFIXES = (".h5", ".hdf5", ".mat")  # of particles, whose arrays are listed where none has a usual name
 LARGEST_CHECKED_RESULT = 20_000_000_000  # [bytes] of frames whose digest is checked
 
 
@@ -127,6 +130,7 @@ def inspect(path: str | Path, terms: Declarations | None = None) -> dict:
     Parameters
     ----------
     path : str or Path
+        Or a name of GDAL or QGIS (`source_names`).
     terms : Declarations, optional
         Declarations of the user for files of other codes.
 
@@ -141,8 +145,12 @@ def inspect(path: str | Path, terms: Declarations | None = None) -> dict:
     FormatError
         Missing, empty, damaged, or of an unknown type.
     """
-    path, terms = Path(path), terms or Declarations()
-    return _plain(_facts(path, terms))
+    source, terms = source_of(path), terms or Declarations()
+    if source.is_plain and not source.options:
+        return _plain(_facts(source.file, terms))
+    _reject_unused(path, terms)
+    known = {"bytes": source.file.stat().st_size} if source.file.is_file() else {}
+    return _plain({"file": str(source), **known, **_map_facts(str(source))})
 
 
 def _facts(path, terms):
@@ -152,7 +160,8 @@ def _facts(path, terms):
         raise FormatError(f"{path}: no such file or folder")
     if path.stat().st_size == 0:
         raise FormatError(f"{path} is empty (0 bytes)")
-    foreign = reader_of(path, terms.reader, lenient=bool(terms.columns) or find_sidecar(path) is not None)
+    described = bool(terms.columns) or find_sidecar(path) is not None or path.suffix.lower() in HDF5_SUFFIXES
+    foreign = reader_of(path, terms.reader, lenient=described)
     if foreign != OWN:
         return {"file": str(path), "bytes": path.stat().st_size, **third_party_facts([path], foreign, terms)}
     _reject_unused(path, terms)
@@ -268,7 +277,8 @@ def _read_json(path):
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path} is not valid JSON ({one_line(error)[:80]})") from error
+        what = leads_to(path) or f"is not valid JSON ({one_line(error)[:80]})"
+        raise FormatError(f"{path} {what}") from error
 
 
 def _json_facts(path):
@@ -283,6 +293,8 @@ def _json_facts(path):
         return _sidecar_facts(path)
     if isinstance(content, dict) and content.get("type") in ("FeatureCollection", "Feature"):
         return _map_facts(path)
+    if not (isinstance(content, dict) and "format" in content) and (what := leads_to(path)):
+        raise FormatError(f"{path} {what}")
     return particle_table_facts(path)
 
 
@@ -297,8 +309,17 @@ def _sidecar_facts(path):
 def _toml_facts(path):
     """Facts about a scene, and whether its files exist."""
     scene = read_scene(path)
-    there = {name: scene.path(name.split("|")[0]).exists() for name in scene.files()}
+    there = {name: _is_there(scene.path(name), path) for name in scene.files()}
     return {"kind": "scene", **scene.as_tables(), "files": there}
+
+
+def _is_there(name, named_by):
+    """Whether the file of a name in a scene exists; False for one elsewhere."""
+    try:
+        require_local(name, named_by)
+    except FormatError:
+        return False
+    return file_of(name).exists()
 
 
 def _style_facts(path):
@@ -353,7 +374,10 @@ def _map_facts(path):
     except FormatError as no_vector:
         try:
             return raster_facts(path)
-        except MpmgisError:
+        except MpmgisError as no_raster:
+            for error in (no_vector, no_raster):
+                if _NO_FORMAT not in str(error):  # a driver knows the file and says what is wrong with it
+                    raise error from None
             raise FormatError(
                 f"{path}: unknown file type: neither particles nor a scene nor a map that GDAL reads"
             ) from no_vector

@@ -6,22 +6,24 @@ from xml.etree import ElementTree
 
 import geopandas
 import numpy as np
-import pyogrio
 import pyproj
 from affine import Affine
 
 from ...seeding.release_areas import USUAL_COLUMNS
-from ...system.disguised_files import require_undisguised
 from ...system.errors import FormatError, MpmgisError, one_line
-from ...system.messages import muted
+from ...system.messages import collected, muted
 from ...system.optional_libraries import needed_for
+from ...system.source_names import file_of, source_of
 from ...system.trusted_files import require_file
-from ...system.zip_archives import opened_zip, require_unpacked, require_zip_fits
+from ...system.zip_archives import opened_zip, require_unpacked
 from ...terrain.dtm import read_terrain
 from ...terrain.georeference import horizontal, name_of
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
-from .particle_facts import is_particle_layer, no_side_files, particle_table_facts
+from ...terrain.raster_scale import scale_of, sidecars
+from ...terrain.vector_table import PARQUET_SUFFIXES, open_vector, unreadable_vector
+from .band_statistics import band_statistics
+from .particle_facts import is_particle_layer, particle_table_facts
 
 LARGEST_PROJECT = 100_000_000  # [bytes] of XML; projects with hundreds of layers have ten
 MOST_LAYERS = 10_000  # of a project; more are a damaged or hostile file
@@ -117,12 +119,12 @@ class _Project:
         """End of the file."""
 
 
-def raster_facts(path: Path, values: bool = True) -> dict:
+def raster_facts(path: str | Path, values: bool = True) -> dict:
     """Return facts about a raster.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
     values : bool
         Whether its cells are read.
 
@@ -154,9 +156,10 @@ def raster_facts(path: Path, values: bool = True) -> dict:
             **_crs_facts(source.crs.to_wkt() if source.crs else None),
             "bands": [_band_facts(path, source, band, values) for band in source.indexes],
             "tags": tags,
+            **({"beside": beside} if (beside := sidecars(source)) else {}),
         }
     if values and len(facts["bands"]) == 1 and not tags and np.prod(facts["cells"]) <= LARGEST_TRIED_TERRAIN:
-        facts["as_terrain"] = _as_terrain(path)
+        facts |= _as_terrain(path)
     return facts
 
 
@@ -179,7 +182,7 @@ def _crs_facts(given):
 
 
 def _band_facts(path, source, band, values):
-    """Name, unit, range and share of valid cells of one band, read block by block."""
+    """Name, unit, scale, range and share of valid cells of one band; of a large raster from a sample of its blocks."""
     description = source.descriptions[band - 1] or f"band {band}"
     name, _, unit = description.partition(" [")
     facts = {
@@ -187,41 +190,38 @@ def _band_facts(path, source, band, values):
         "unit": source.units[band - 1] or unit.rstrip("]"),
         "type": source.dtypes[band - 1],
         "nodata": source.nodatavals[band - 1],
+        **scale_of(source, band),
     }
     if not values:
         return facts
-    low, high, valid = np.inf, -np.inf, 0
-    try:
-        for _, window in source.block_windows(band):
-            block = source.read(band, window=window, masked=True).compressed()
-            block = block[np.isfinite(block)]
-            if block.size:
-                low, high, valid = min(low, block.min()), max(high, block.max()), valid + block.size
-    except Exception as error:  # rasterio, GDAL and NumPy raise different types for a damaged block
-        raise FormatError(f"{path} is damaged: band {band} cannot be read ({one_line(error)[:100]})") from error
-    return facts | {
-        "min": float(low) if valid else None,
-        "max": float(high) if valid else None,
-        "valid_share": valid / (source.width * source.height),
-    }
+    found = band_statistics(source, path, band)
+    facts |= {"min": found.low, "max": found.high, "valid_share": found.valid_share}
+    if found.known_share < 1.0:
+        facts["sampled_share"] = found.known_share
+    return facts
 
 
-@muted()
 def _as_terrain(path):
-    """'usable', or the error message of the commands that would reject it."""
-    try:
-        read_terrain(path)
-    except MpmgisError as error:
-        return one_line(error).removeprefix(f"{path} ").removeprefix(f"{path}: ")
-    return "usable"
+    """`as_terrain`: 'usable', or why the commands would reject it; `terrain_notes`: what they would report."""
+    with muted(), collected() as said:
+        try:
+            read_terrain(path)
+        except MpmgisError as error:
+            return {"as_terrain": _without(path, one_line(error))}
+    notes = [_without(path, line) for line in said]
+    return {"as_terrain": "usable"} | ({"terrain_notes": notes} if notes else {})
 
 
-def vector_facts(path: Path) -> dict:
+def _without(path, line):
+    return line.removeprefix(f"{path} ").removeprefix(f"{path}: ")
+
+
+def vector_facts(path: str | Path) -> dict:
     """Return facts about a vector file, or about particles if its points are particles.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
 
     Returns
     -------
@@ -232,31 +232,33 @@ def vector_facts(path: Path) -> dict:
     FormatError
         Not a vector file that GDAL reads.
     """
-    require_undisguised(path)
-    require_zip_fits(path)
-    with warnings.catch_warnings(), no_side_files():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             layers = list(_layers(path))
         except MpmgisError:
             raise
         except Exception as error:  # GDAL, Arrow and pandas raise different types
-            reason = one_line(error).replace(str(path), path.name).split(";")[0][:120]
-            raise FormatError(f"{path} is not a vector file that GDAL reads ({reason})") from error
+            raise FormatError(unreadable_vector(file_of(path), error)) from error
     if len(layers) == 1 and is_particle_layer(layers[0][1]):
-        return particle_table_facts(path)
+        return particle_table_facts(file_of(path))
     return {"kind": "vector", "layers": [_layer_facts(name, table) for name, table in layers]}
 
 
 def _layers(path):
     """(name, table) of each layer of a vector file."""
-    if path.suffix.lower() in (".parquet", ".geoparquet"):
-        with needed_for(f"{path}: Parquet", "parquet"):
-            table = geopandas.read_parquet(path)
-        yield path.stem, table
-        return
-    for name, _ in pyogrio.list_layers(path):
-        yield name, pyogrio.read_dataframe(path, layer=name)
+    wanted = dict(source_of(path).options).get("layername")
+    with open_vector(path) as (library, place):
+        if file_of(path).suffix.lower() in PARQUET_SUFFIXES:
+            with needed_for(f"{path}: Parquet", "parquet"):
+                table = geopandas.read_parquet(path)
+            yield file_of(path).stem, table
+            return
+        names = [name for name, _ in library.list_layers(place)]
+        if wanted is not None and wanted not in names:
+            raise FormatError(f"{path}: no layer of this name; there are {', '.join(names[:6]) or 'none'}")
+        for name in names if wanted is None else [wanted]:
+            yield name, library.read_dataframe(place, layer=name)
 
 
 def _layer_facts(name, frame):

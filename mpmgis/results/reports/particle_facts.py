@@ -2,14 +2,12 @@
 
 import json
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pyogrio
 import pyproj
 
 from ...exchange.declarations import Declarations
@@ -21,7 +19,9 @@ from ...exchange.frame_georeferencing import (
     times_of,
 )
 from ...exchange.frame_list import third_party_frames
-from ...exchange.readers.record_parsing import Form, read_rows
+from ...exchange.readers.delimited import LONGEST_HEADER, header_of
+from ...exchange.readers.mapped_files import mapped
+from ...exchange.readers.record_parsing import read_rows
 from ...frames.frame_digest import check_content
 from ...frames.frame_files import read_frame, read_maxima
 from ...frames.peaks import largest_peaks
@@ -29,10 +29,10 @@ from ...system.errors import FormatError, InputError, MpmgisError, one_line
 from ...system.hdf5_reading import opened_whole
 from ...system.optional_libraries import needed_for
 from ...terrain.georeference import name_of
+from ...terrain.vector_table import open_vector
 
 PEAKS = {"thickness": "thickness_so_far", "speed": "speed_so_far"}  # solver maxima: name of the fact
 NEEDED = ("x", "y", "z_bed", "mass", "volume", "u", "v", "w")  # required columns of a particle table
-LONGEST_HEAD = 100_000  # [bytes] of the header line of a .csv
 MOST_FRAMES_READ = 12  # of another code; of longer series only the first and the last
 
 
@@ -246,13 +246,15 @@ def _numbers(path, columns, name):
 
 
 def _csv_table(path):
-    with open(path, "rb") as file:
-        head = file.readline(LONGEST_HEAD)
-    columns = tuple(name.strip().strip('"') for name in head.decode("utf-8-sig").strip().split(","))
-    numbers = [name for name in (*NEEDED, "thickness", "area") if name in columns]
-    read = partial(read_rows, path, len(head), None, Form(columns, ","))
+    with mapped(path) as content:
+        try:
+            form = header_of(content[:LONGEST_HEADER])
+        except ValueError as error:
+            raise FormatError(f"{path} is not a table with a header ({error})") from None
+    numbers = [name for name in (*NEEDED, "thickness", "area") if name in form.columns]
+    read = partial(read_rows, path, form.start, None, form)
     try:
-        return dict.fromkeys(columns) | read(numbers), {}
+        return dict.fromkeys(form.columns) | read(numbers), {}
     except FormatError:
         wrong = [name for name in numbers if not _is_read(read, name)]
         if len(wrong) == len(numbers):
@@ -287,21 +289,10 @@ def _parquet_table(path):
     return columns, json.loads(notes.get(b"mpmgis", b"{}"))
 
 
-@contextmanager
-def no_side_files() -> Iterator[None]:
-    """Prevent GDAL from writing `.aux.xml` next to a GeoPackage that is only read."""
-    before = pyogrio.get_gdal_config_option("GDAL_PAM_ENABLED")
-    pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": False})
-    try:
-        yield
-    finally:
-        pyogrio.set_gdal_config_options({"GDAL_PAM_ENABLED": before})
-
-
 def _gpkg_table(path):
-    with no_side_files():
-        table = pyogrio.read_dataframe(path, read_geometry=False)
-        notes = pyogrio.read_info(path)["dataset_metadata"] or {}
+    with open_vector(path) as (library, place):
+        table = library.read_dataframe(place, read_geometry=False)
+        notes = library.read_info(place)["dataset_metadata"] or {}
     return {name: table[name].to_numpy() for name in table.columns}, {k: json.loads(v) for k, v in notes.items()}
 
 

@@ -15,8 +15,8 @@ from ...scene.scene_reading import read_scene
 from ...simulation.run_summary import extremes
 from ...simulation.scene_files import scene_walls
 from ...solvers.features.walls import Wall, half_thickness
-from ...system.disguised_files import require_local
 from ...system.errors import MpmgisError
+from ...system.file_references import require_local
 from ...system.messages import log, muted
 from ...terrain.grid import Grid
 from ..barrier_loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest

@@ -144,12 +144,12 @@ def erodible_mass(
 
 
 def _raster_thickness(table, files, path, x, y):
-    if table.thickness is not None:
-        raise SceneError("[entrainment]: a raster contains its own thickness; remove thickness, or give polygons")
+    if isinstance(table.thickness, str):
+        raise SceneError("[entrainment]: thickness names a column, and a raster has none; give a number of metres")
     thickness = np.nan_to_num(cell_values(*files.raster, x, y))
     if thickness.min() < 0:
         raise InputError(f"{path}: thickness reaches {thickness.min():g}, expected metres from 0 up")
-    return thickness
+    return thickness if table.thickness is None else table.thickness * thickness  # of a mask: 1 inside
 
 
 def _polygon_thickness(table, files, path, x, y):

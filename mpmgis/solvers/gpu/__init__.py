@@ -1,1 +1,3 @@
 """Both steps on a CUDA device with numba-cuda (extra `mpmgis[gpu]`)."""
+
+from ...system import folder_settings  # noqa: F401  before numba is imported
