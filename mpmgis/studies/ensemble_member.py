@@ -18,6 +18,7 @@ from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
 from ..maps.averaging.placement import Bed
 from ..scene import scene_from_tables
+from ..simulation.companion_run import centre_of
 from ..simulation.preparation import prepare_scene
 from ..simulation.scene_run import integrate_into, use_threads
 from ..simulation.stage_sequence import StageSequence
@@ -26,7 +27,6 @@ from ..system.errors import InputError, UnphysicalError, one_line
 from ..system.messages import muted
 from ..system.whole_files import whole_file
 from ..terrain.raster_output import write_rows
-from .run_measures import centre_of
 
 if TYPE_CHECKING:
     from ..simulation.preparation import Prepared

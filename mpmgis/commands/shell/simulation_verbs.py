@@ -223,6 +223,7 @@ def confirmed(question: str) -> bool:
 
 def _print_summary(summary):
     """Print the balances and the cost of a run on stderr."""
+    from ...simulation.companion_run import companion_lines
     from ...simulation.run_summary import account, extreme_lines
 
     terminal.note(f"ended: {summary.reason}")
@@ -232,6 +233,8 @@ def _print_summary(summary):
     if summary.mass is not None:
         for line in extreme_lines(summary.extremes):
             terminal.note(line)
+    for line in companion_lines(summary.companion):
+        terminal.note(line)
     if summary.result_digest:
         terminal.note(f"digest of the result: {summary.result_digest}")
     _print_cost(summary)

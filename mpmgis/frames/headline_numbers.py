@@ -1,0 +1,108 @@
+"""The headline numbers of a run, with their numerical error as `run.json` states it (`companion`), in words."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from ..system.errors import MpmgisError
+from .run_folder import read_record
+
+SQUARE_METRES_PER_HECTARE = 1e4
+ERROR_TAG = "numerical_error"  # of rasters
+
+
+class Headline(NamedTuple):
+    """A headline number of a run.
+
+    Parameters
+    ----------
+    words : str
+    unit : str
+        Of the text.
+    scale : float
+        Value in `run.json`, in m, m2, m3 or m s-1, for one `unit`.
+    """
+
+    words: str
+    unit: str
+    scale: float = 1.0
+
+
+HEADLINES = {
+    "runout": Headline("runout", "m"),
+    "footprint_area": Headline("footprint", "ha", SQUARE_METRES_PER_HECTARE),
+    "thickness_p99": Headline("99th percentile of the largest thickness", "m"),
+    "speed_max": Headline("largest speed", "m/s"),
+    "volume_at_end": Headline("volume at the end", "m3"),
+}
+
+
+def error_lines(companion: dict | None) -> list[str]:
+    """Return a line of text for each headline number: value, that on larger cells, numerical error.
+
+    Parameters
+    ----------
+    companion : dict or None
+        Entry `companion` of a run.json.
+
+    Returns
+    -------
+    list of str
+        The reason where there are no numbers; empty without an entry.
+    """
+    if not companion:
+        return []
+    if "numbers" not in companion:
+        return [f"numerical error unknown: {companion.get('failed', 'no companion run')}"]
+    cells = f"with cells of {companion['cell_size']:g} m"
+    lines = []
+    for name, one in _known(companion):
+        head = HEADLINES[name]
+        value, larger, error = (one[key] / head.scale for key in ("value", "larger_cells", "error"))
+        lines.append(
+            f"{head.words} {_text(value, 4)} {head.unit}; {cells} {_text(larger, 4)} {head.unit}; numerical error "
+            f"about {_text(error, 2)} {head.unit}"
+        )
+    return lines
+
+
+def error_words(companion: dict | None) -> str:
+    """Return the numerical errors of a run in one line; '' where they are unknown.
+
+    Parameters
+    ----------
+    companion : dict or None
+        Entry `companion` of a run.json.
+    """
+    if not companion or "numbers" not in companion:
+        return ""
+    heads = ((HEADLINES[name], one) for name, one in _known(companion))
+    return ", ".join(
+        f"{head.words} {_text(one['value'] / head.scale, 4)} +- {_text(one['error'] / head.scale, 2)} {head.unit}"
+        for head, one in heads
+    )
+
+
+def errors_of_run(folder: Path, digest: str) -> str:
+    """Return `error_words` of the run in a folder; '' where there is no such run.
+
+    Parameters
+    ----------
+    folder : Path
+    digest : str
+        Of its scene.
+    """
+    try:
+        record = read_record(folder)
+        return error_words(record.get("companion")) if digest and record.get("digest") == digest else ""
+    except (MpmgisError, KeyError, TypeError, ValueError):  # a record of another version
+        return ""
+
+
+def _known(companion):
+    """Return (name, numbers) of the headlines that this version knows."""
+    return [(name, companion["numbers"][name]) for name in HEADLINES if name in companion["numbers"]]
+
+
+def _text(value, digits):
+    """Return a number with so many significant digits, never with an exponent below a million million."""
+    return f"{float(f'{value:.{digits}g}'):.12g}"
