@@ -1,5 +1,6 @@
 """The headline numbers of a run, with their numerical error as `run.json` states it (`companion`), in words."""
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,6 +9,7 @@ from .run_folder import read_record
 
 SQUARE_METRES_PER_HECTARE = 1e4
 ERROR_TAG = "numerical_error"  # of rasters
+VALUES = ("value", "larger_cells", "error")  # of a headline number in `companion`
 
 
 class Headline(NamedTuple):
@@ -28,7 +30,7 @@ class Headline(NamedTuple):
 
 
 HEADLINES = {
-    "runout": Headline("runout", "m"),
+    "runout": Headline("runout from the centre of the release", "m"),
     "footprint_area": Headline("footprint", "ha", SQUARE_METRES_PER_HECTARE),
     "thickness_p99": Headline("99th percentile of the largest thickness", "m"),
     "speed_max": Headline("largest speed", "m/s"),
@@ -51,13 +53,14 @@ def error_lines(companion: dict | None) -> list[str]:
     """
     if not companion:
         return []
-    if "numbers" not in companion:
-        return [f"numerical error unknown: {companion.get('failed', 'no companion run')}"]
+    known = _known(companion)
+    if not known:
+        return [f"numerical error unknown: {companion.get('failed', 'run.json is of another version of mpmgis')}"]
     cells = f"with cells of {companion['cell_size']:g} m"
     lines = []
-    for name, one in _known(companion):
+    for name, one in known:
         head = HEADLINES[name]
-        value, larger, error = (one[key] / head.scale for key in ("value", "larger_cells", "error"))
+        value, larger, error = (one[key] / head.scale for key in VALUES)
         lines.append(
             f"{head.words} {_text(value, 4)} {head.unit}; {cells} {_text(larger, 4)} {head.unit}; numerical error "
             f"about {_text(error, 2)} {head.unit}"
@@ -73,9 +76,7 @@ def error_words(companion: dict | None) -> str:
     companion : dict or None
         Entry `companion` of a run.json.
     """
-    if not companion or "numbers" not in companion:
-        return ""
-    heads = ((HEADLINES[name], one) for name, one in _known(companion))
+    heads = ((HEADLINES[name], one) for name, one in _known(companion or {}))
     return ", ".join(
         f"{head.words} {_text(one['value'] / head.scale, 4)} +- {_text(one['error'] / head.scale, 2)} {head.unit}"
         for head, one in heads
@@ -94,13 +95,21 @@ def errors_of_run(folder: Path, digest: str) -> str:
     try:
         record = read_record(folder)
         return error_words(record.get("companion")) if digest and record.get("digest") == digest else ""
-    except (MpmgisError, KeyError, TypeError, ValueError):  # a record of another version
+    except MpmgisError:
         return ""
 
 
 def _known(companion):
-    """Return (name, numbers) of the headlines that this version knows."""
-    return [(name, companion["numbers"][name]) for name in HEADLINES if name in companion["numbers"]]
+    """Return (name, its VALUES) of the headlines whose numbers are there; [] without a cell size."""
+    numbers = companion.get("numbers")
+    if not isinstance(numbers, dict) or not _is_number(companion.get("cell_size")):
+        return []
+    found = ((name, numbers[name]) for name in HEADLINES if isinstance(numbers.get(name), dict))
+    return [(name, one) for name, one in found if all(_is_number(one.get(key)) for key in VALUES)]
+
+
+def _is_number(value):
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _text(value, digits):

@@ -18,6 +18,7 @@ from ..system.messages import muted
 from .cost_prediction import duration_words
 from .numerical_parameters import cost_power
 from .preparation import on_larger_cells
+from .run_summary import stood_still
 from .stage import WET_SHARE
 from .stage_sequence import StageSequence
 
@@ -130,6 +131,8 @@ def companion_run(
         reason.
     """
     began, size = clock(), sequence.prepared.numerics.cell_size
+    if stood_still(sequence.balances()):
+        return {"cell_size": LARGER * size, "failed": "nothing ever moved"}
     try:
         other, seconds = _on_larger_cells(sequence.prepared, observe)
     except Exception as error:  # of any kind: a finished run never fails for its companion
@@ -206,7 +209,7 @@ def companion_lines(companion: dict | None) -> list[str]:
     """
     lines = error_lines(companion)
     smaller = (companion or {}).get("smaller")
-    if smaller:
+    if smaller and len(lines) > 1:
         lines.append(
             f"numerical errors of up to {100 * companion['largest_share']:.0f} %: for {100 * WANTED:.0f} % cells of "
             f"about {smaller['cell_size']:g} m are needed, {duration_words(smaller['seconds'])} of steps; `mpmgis "

@@ -50,7 +50,7 @@ def earlier_run(prepared: "Prepared", record: dict) -> "Prepared | None":
 
 
 def differences(record: dict, scene: "Scene") -> str:
-    """Return the differences between the scene of a `record` and `scene` in words, except end_time and keys WITHOUT_EFFECT.
+    """Return the differences of `scene` from that of a `record` in words, except end_time and keys WITHOUT_EFFECT.
 
     Parameters
     ----------

@@ -249,7 +249,10 @@ def _balances(record, flow):
 
 def _numerical_error(gathered):
     """Lines about the companion run; that of an export from its tag; None where nothing is known."""
-    lines = companion_lines(gathered.record.get("companion"))
+    try:
+        lines = companion_lines(gathered.record.get("companion"))
+    except (KeyError, TypeError, ValueError):  # a record of another version
+        lines = []
     if not lines and len(gathered.flow.times) and not gathered.flow.entries:
         lines = list(filter(None, [gathered.flow.steps.tags.get(ERROR_TAG)]))
     return Lines(tuple(lines)) if lines else None
