@@ -144,7 +144,7 @@ def companion_run(
         for name, value in numbers.items()
     }
     share = max(one["error"] / abs(one["value"]) if one["value"] else 0.0 for one in found.values())
-    if sequence.stepped[2] == sequence.steps:  # all steps of the run were taken now
+    if sequence.stepped[2] >= sequence.steps:  # all steps of the run were taken now
         seconds = sequence.stepped[0]
     return {
         "cell_size": LARGER * size,
@@ -209,7 +209,7 @@ def companion_lines(companion: dict | None) -> list[str]:
     """
     lines = error_lines(companion)
     smaller = (companion or {}).get("smaller")
-    if smaller and len(lines) > 1:
+    if smaller and "numbers" in companion:
         lines.append(
             f"numerical errors of up to {100 * companion['largest_share']:.0f} %: for {100 * WANTED:.0f} % cells of "
             f"about {smaller['cell_size']:g} m are needed, {duration_words(smaller['seconds'])} of steps; `mpmgis "
