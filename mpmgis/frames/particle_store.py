@@ -183,7 +183,7 @@ class ParticleStore:
 
     @property
     def peaks(self) -> np.ndarray:
-        """Running peaks at the nodes, float64[rows, columns, PEAK_ENTRIES]."""
+        """Running peaks at the nodes, float64[rows, columns, entries]; one entry: the thickness alone."""
         return self._peaks
 
     @property

@@ -23,22 +23,22 @@ _ALIGNED = 1e-6  # [spacings] tolerance for nodes of two lattices to coincide, f
 _OTHER = re.compile(r"other(\d+)_")
 
 
-def no_peaks(shape: tuple[int, int], kept: bool = True) -> np.ndarray:
+def no_peaks(shape: tuple[int, int], entries: int = PEAK_ENTRIES) -> np.ndarray:
     """Return the peaks of nodes that no flow has reached.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns of nodes.
-    kept : bool
-        Whether peaks are kept; if not, the array has a single node.
+    entries : int
+        PEAK_ENTRIES, or 1: the thickness alone.
 
     Returns
     -------
-    float64[*shape, PEAK_ENTRIES]
+    float64[*shape, entries]
     """
-    peaks = np.zeros((*(shape if kept else (1, 1)), PEAK_ENTRIES))
-    peaks[..., ARRIVAL] = -1.0
+    peaks = np.zeros((*shape, entries))
+    peaks[..., ARRIVAL:] = -1.0
     return peaks
 
 
@@ -47,15 +47,15 @@ def peaks_state(peaks: np.ndarray) -> dict[str, np.ndarray]:
 
     Parameters
     ----------
-    peaks : float64[rows, columns, PEAK_ENTRIES]
+    peaks : float64[rows, columns, entries]
 
     Returns
     -------
     dict
-        The names PEAK_STATE -> float64[n, PEAK_ENTRIES] peaks, int64[n] flat indices of the nodes.
+        The names PEAK_STATE -> float64[n, entries] peaks, int64[n] flat indices of the nodes.
     """
-    nodes = np.flatnonzero((peaks[..., THICKNESS] > 0.0) | (peaks[..., ARRIVAL] >= 0.0))
-    return dict(zip(PEAK_STATE, (peaks.reshape(-1, PEAK_ENTRIES)[nodes], nodes), strict=True))
+    nodes = np.flatnonzero((peaks[..., THICKNESS] > 0.0) | (peaks[..., ARRIVAL:] >= 0.0).any(axis=-1))
+    return dict(zip(PEAK_STATE, (peaks.reshape(-1, peaks.shape[-1])[nodes], nodes), strict=True))
 
 
 def is_peaks_state(peaks: np.ndarray, state: dict) -> bool:
@@ -63,13 +63,13 @@ def is_peaks_state(peaks: np.ndarray, state: dict) -> bool:
 
     Parameters
     ----------
-    peaks : float64[rows, columns, PEAK_ENTRIES]
+    peaks : float64[rows, columns, entries]
     state : dict
     """
     if not set(PEAK_STATE) <= set(state):
         return False
     values, nodes = (state[name] for name in PEAK_STATE)
-    return values.shape == (len(nodes), PEAK_ENTRIES) and not np.any(nodes >= peaks[..., THICKNESS].size)
+    return values.shape == (len(nodes), peaks.shape[-1]) and not np.any(nodes >= peaks[..., THICKNESS].size)
 
 
 def restore_peaks(peaks: np.ndarray, state: dict) -> None:
@@ -77,13 +77,13 @@ def restore_peaks(peaks: np.ndarray, state: dict) -> None:
 
     Parameters
     ----------
-    peaks : float64[rows, columns, PEAK_ENTRIES]
+    peaks : float64[rows, columns, entries]
         Changed in place.
     state : dict
     """
     peaks[:] = 0.0
-    peaks[..., ARRIVAL] = -1.0
-    peaks.reshape(-1, PEAK_ENTRIES)[state["peak_nodes"]] = state["peaks"]
+    peaks[..., ARRIVAL:] = -1.0
+    peaks.reshape(-1, peaks.shape[-1])[state["peak_nodes"]] = state["peaks"]
 
 
 def maxima_of(peaks: np.ndarray, west: float, south: float, spacing: float, arrival_thickness: float) -> dict:
@@ -91,7 +91,7 @@ def maxima_of(peaks: np.ndarray, west: float, south: float, spacing: float, arri
 
     Parameters
     ----------
-    peaks : float64[rows, columns, PEAK_ENTRIES]
+    peaks : float64[rows, columns, entries]
     west, south : float [m]
         Map position of the first node.
     spacing : float [m]
@@ -106,7 +106,7 @@ def maxima_of(peaks: np.ndarray, west: float, south: float, spacing: float, arri
     """
     j, i = np.nonzero(peaks[..., THICKNESS] > 0)
     window = (slice(j.min(), j.max() + 1), slice(i.min(), i.max() + 1)) if len(j) else (slice(0, 1), slice(0, 1))
-    kept = {name: peaks[(*window, k)].astype(np.float32) for k, name in enumerate(PEAK_NAMES)}
+    kept = {name: peaks[(*window, k)].astype(np.float32) for k, name in enumerate(PEAK_NAMES[: peaks.shape[-1]])}
     corner = west + (window[1].start - 0.5) * spacing, south + (window[0].start - 0.5) * spacing
     kept[TRANSFORM] = np.array([spacing, 0.0, corner[0], 0.0, spacing, corner[1]])
     return kept | {THRESHOLD: float(arrival_thickness)}

@@ -31,7 +31,16 @@ if TYPE_CHECKING:
 FRAME_PATTERN = "frame_*.h5"
 SCENE_FILE, RECORD_FILE, TERRAIN_FILE = "scene.toml", "run.json", "terrain.tif"
 _LISTS = ("effects", "stages", "troubles", "unusable")  # entries of a record that are lists
-_TABLES = ("balances", "mass", "resolution", "scene", "versions", "volume")  # and those that are tables
+_TABLES = (
+    "balances",
+    "companion",
+    "mass",
+    "numbers",
+    "resolution",
+    "scene",
+    "versions",
+    "volume",
+)  # and those that are tables
 BARRIER_FILE = "barriers.csv"
 STAGE_BARRIER_FILE = "barriers_{}.csv"  # of a run in several stages, whose solvers sum different quantities
 FILES = (FRAME_PATTERN, SCENE_FILE, RECORD_FILE, TERRAIN_FILE, BARRIER_FILE, STAGE_BARRIER_FILE.format("*"))

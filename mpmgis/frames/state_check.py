@@ -141,7 +141,7 @@ class StateCheck:
 
         Parameters
         ----------
-        peaks : float64[rows, columns, PEAK_ENTRIES]
+        peaks : float64[rows, columns, entries]
             Peaks of the solver, for type and shape.
         """
         values, where = PEAK_STATE

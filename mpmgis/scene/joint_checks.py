@@ -41,6 +41,8 @@ def check_together(scene: Scene, where: str) -> None:
             f"{where} [numerics]: precision = {numerics.precision!r} requires solver = 'points'; columns are "
             "computed in float64 (float32 would save 5 % of the time): remove it"
         )
+    if numerics.companion:
+        _check_companion(scene, where)
     _check_material(scene, where)
     _check_zones(scene, where)
     _check_places(scene, where)
@@ -67,6 +69,19 @@ def check_together(scene: Scene, where: str) -> None:
         raise SceneError(f"{where} [curvature]: use = {use!r} requires form = 'slope'; remove the table")
     if numerics.form != "swe" and scene.still_water is not None and scene.still_water.use != "off":
         raise SceneError(f"{where} [still_water]: a lake at rest needs [numerics] form = 'swe'")
+
+
+def _check_companion(scene: Scene, where: str) -> None:
+    """Refuse a companion run that has nothing to compare."""
+    if scene.stage:
+        raise SceneError(
+            f"{where} [numerics]: companion = true is for runs of one solver, without [[stage]]; remove it"
+        )
+    if "points" in scene.solvers and not scene.output.maxima:
+        raise SceneError(
+            f"{where} [numerics]: companion = true compares the largest thickness of a 3D run, which is kept only with "
+            "[output] maxima = true; add it, or remove companion"
+        )
 
 
 def _check_sources(scene: Scene, where: str) -> None:

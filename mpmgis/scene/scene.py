@@ -34,6 +34,8 @@ from .tables import (
     ZoneTable,
 )
 
+WITHOUT_EFFECT = ("device", "companion")  # keys of [numerics] on which no result of the run depends
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -190,7 +192,7 @@ class Scene:
     def digest(self, *inputs: str) -> str:
         """Compute the hex digest of the scene and of its further inputs.
 
-        It does not depend on [numerics] device: a run that began on one device can continue on another.
+        It does not depend on WITHOUT_EFFECT: a run that began on one device can continue on another.
 
         Parameters
         ----------
@@ -198,7 +200,7 @@ class Scene:
             Digests of the input files.
         """
         own, tables = [self.own_laws.sha256] if self.own_laws.laws else [], self.as_tables()
-        tables["numerics"] = {key: value for key, value in tables["numerics"].items() if key != "device"}
+        tables["numerics"] = {key: value for key, value in tables["numerics"].items() if key not in WITHOUT_EFFECT}
         text = json.dumps([tables, list(inputs), *own], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -522,6 +522,12 @@ class NumericsTable:
     device: str = _key(
         "cpu; cuda: a GPU of NVIDIA; auto: cuda where there is one and particles are many", "cpu", str, choices=DEVICES
     )
+    companion: bool | None = _key(
+        "afterwards a run on cells twice as large, for the numerical error; default true for columns without [[stage]]",
+        None,
+        kind=bool,
+        example=True,
+    )
     form: str = _key(
         "slope: mass flows on steep ground; swe: water, gentle beds",
         "slope",

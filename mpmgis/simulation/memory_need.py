@@ -7,7 +7,7 @@ from ..system.errors import SceneError
 from ..system.memory import memory_lack
 
 BYTES_PER_COLUMN = 3 * ROW * 8 + 3 * 8 + 2 * 4 + 4 + 160  # rows, ids, keys, order; two frames
-BYTES_PER_NODE = 8 * (1 + 2 + 4) + 2  # bed, gradient, node entries; wet and inside
+BYTES_PER_NODE = 8 * (1 + 2 + 4 + 1) + 2  # bed, gradient, node entries, largest thickness; wet and inside
 BYTES_PER_POINT_BESIDE = 190  # without its rows: ids, keys, order, and the point in two frames
 BYTES_PER_POINT_NODE = 8 * (3 + 2 * GROUND_ENTRIES)  # bed, gradient, ground and its properties
 BYTES_PER_GRID_NODE = 110  # of a grid in plan view while it is built (measured 105 with 1.1e8 nodes, 2026-11-22)

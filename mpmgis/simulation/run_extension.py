@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..frames.run_folder import FRAME_PATTERN
+from ..scene.scene import WITHOUT_EFFECT
 from ..system.errors import InputError, MpmgisError
 from ..system.messages import muted
 from .preparation import prepare_scene
@@ -49,7 +50,7 @@ def earlier_run(prepared: "Prepared", record: dict) -> "Prepared | None":
 
 
 def differences(record: dict, scene: "Scene") -> str:
-    """Return the differences between the scene of a `record` and `scene` in words, except end_time and device.
+    """Return the differences of `scene` from that of a `record` in words, except end_time and keys WITHOUT_EFFECT.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def differences(record: dict, scene: "Scene") -> str:
     scene : Scene
     """
     before, now = (_keys(tables) for tables in (record.get("scene") or {}, scene.as_tables()))
-    ignored = ("[output] end_time", "[numerics] device")
+    ignored = ("[output] end_time", *(f"[numerics] {key}" for key in WITHOUT_EFFECT))
     found = [key for key in {**before, **now} if key not in ignored and before.get(key) != now.get(key)]
     if not found:
         before, now = (keys.get("[output] end_time") for keys in (before, now))

@@ -24,9 +24,11 @@ from ..system import source_names
 from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
+from .companion_run import LARGER, companion_run, has_companion, headline_numbers
 from .cost_prediction import Prediction, TimeLeft, most_particle_steps, need_words, predicted
 from .kernels_ahead import kernels_ahead
 from .memory_need import MEMORY_SHARE
+from .numerical_parameters import cost_power
 from .preparation import prepare
 from .required_memory import predicted_memory
 from .run_device import devices_record, require_devices
@@ -76,6 +78,8 @@ class RunSummary:
         Place and time of the largest thickness and speed.
     unusable : tuple of str
         Warnings about points that have lost their volume.
+    companion : dict or None
+        Numerical errors, see `companion_run`; None without a companion run.
     """
 
     folder: Path
@@ -92,6 +96,7 @@ class RunSummary:
     result_digest: str | None = None
     extremes: dict | None = None
     unusable: tuple = ()
+    companion: dict | None = None
 
 
 def use_threads(particles: int, number: int | None = None) -> int:
@@ -214,17 +219,45 @@ def run(
     log.info(f"{particles}, cells of {prepared.numerics.cell_size:g} m, {threads_word}, {memory}")
     if device != CPU:
         log.info(f"steps: {device}")
+    if has_companion(prepared.scene) and "points" in prepared.scene.solvers:
+        share = LARGER ** -cost_power(prepared.scene)
+        size = LARGER * prepared.numerics.cell_size
+        log.info(
+            f"a companion run on cells of {size:g} m follows, of about {100 * share:.0f} % of the time of the steps"
+        )
     with folder.held():
         start = _restored(folder, sequence) if resume else ANEW
         _warn_of_missing_frames(folder, prepared.scene)
         if start == FINISHED:
-            return _summary(folder, sequence, folder.record()["reason"], 0.0)
-        folder.open(anew=start == ANEW)
-        try:
-            return integrate_into(folder, sequence, start == RESUMED, left, device)
-        except KeyboardInterrupt:
-            log.info(f"{folder.path} contains the results until now; `resume` continues after its last complete frame")
-            raise
+            summary = _summary(folder, sequence, folder.record()["reason"], 0.0)
+        else:
+            folder.open(anew=start == ANEW)
+            try:
+                summary = integrate_into(folder, sequence, start == RESUMED, left, device)
+            except KeyboardInterrupt:
+                log.info(f"{folder.path} has the results until now; `resume` continues after its last complete frame")
+                raise
+        if has_companion(prepared.scene):
+            set_threads(max(1, min(used, int(prepared.particles / LARGER**2) // PARTICLES_PER_THREAD)))
+            summary = replace(summary, companion=_with_companion(folder, sequence, watch))
+        return summary
+
+
+def _with_companion(folder, sequence, watch):
+    """Return the record of the companion run of a finished run; make it, and add it to the folder, if it is missing."""
+    record = folder.record()
+    made = record.get("companion")
+    if made is not None and "failed" not in made:
+        return made
+    size = LARGER * sequence.prepared.numerics.cell_size
+    log.info(f"the run is complete; companion run on cells of {size:g} m, for the numerical error")
+    try:
+        made = companion_run(sequence, record.get("numbers") or {}, lambda solver, end: watch(solver, end, "companion"))
+    except KeyboardInterrupt:
+        log.info("the companion run was stopped; the run is complete, and `resume` makes its companion")
+        return None
+    folder.write_record(**record | {"companion": made})
+    return made
 
 
 def _log_stages(prepared):
@@ -385,6 +418,7 @@ def integrate_into(
             terrain=_record_of_terrain(prepared.terrain),
             nodata=_record_of_nodata(prepared),
             unusable=unusable_lines(_record_of_stages(sequence)),
+            numbers=headline_numbers(sequence) if state == "finished" and not prepared.scene.stage else None,
             **_record_of_stages(sequence),
         )
         return wall

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..maps.averaging.placement import Bed
 from ..results.comparison import nearest
+from ..simulation.companion_run import centre_of
 from ..simulation.cost_prediction import predicted
 from ..simulation.numerical_parameters import crossed, one_at_a_time, parameters_of, reference
 from ..simulation.preparation import prepare, prepare_scene
@@ -27,7 +28,7 @@ from ..terrain.spatial_inputs import read_placed_raster
 from ..terrain.undeclared_nodata import THICKNESS
 from .export_sweep import ExportSetting, ExportSweep
 from .other_code_results import read_other_results
-from .run_measures import NAMES, Errors, State, StudyCells, centre_of, errors_against_exact, errors_of, outcomes
+from .run_measures import NAMES, Errors, State, StudyCells, errors_against_exact, errors_of, outcomes
 from .study_plots import write_plot
 from .study_table import OtherResult, Row, Study
 

@@ -18,6 +18,7 @@ from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
 from ..maps.averaging.placement import Bed
 from ..scene import scene_from_tables
+from ..simulation.companion_run import centre_of, companion_run, has_companion, headline_numbers
 from ..simulation.preparation import prepare_scene
 from ..simulation.scene_run import integrate_into, use_threads
 from ..simulation.stage_sequence import StageSequence
@@ -26,7 +27,6 @@ from ..system.errors import InputError, UnphysicalError, one_line
 from ..system.messages import muted
 from ..system.whole_files import whole_file
 from ..terrain.raster_output import write_rows
-from .run_measures import centre_of
 
 if TYPE_CHECKING:
     from ..simulation.preparation import Prepared
@@ -71,6 +71,8 @@ class MemberTask:
         Keep the frames.
     deposit : bool
         Keep the vertical thickness at the end.
+    companion : bool
+        State the numerical error, from a companion run.
     """
 
     number: int
@@ -84,6 +86,7 @@ class MemberTask:
     min_depth: float
     frames: bool = False
     deposit: bool = False
+    companion: bool = False
 
     def prepared(self) -> "Prepared":
         """Return the prepared run."""
@@ -180,6 +183,8 @@ def run_task(task: MemberTask, look: Callable) -> dict:
     if task.deposit:
         _write_deposit(task, sequence, averaging, tags)
     figures = _figures(prepared, sequence, averaging)
+    if task.companion and has_companion(prepared.scene):
+        figures["companion"] = companion_run(sequence, headline_numbers(sequence), look)
     return {"status": "finished", "reason": sequence.reason, "prepare_seconds": preparing, **figures}
 
 

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -245,7 +245,7 @@ class PlannedRuns:
         return _digest(self.digests)
 
     def tasks(self, output: Path) -> list[MemberTask]:
-        """Return the tasks of all members; identical members share a digest and one run.
+        """Return the tasks of all members; identical members share a digest and one run, the first has a companion.
 
         Parameters
         ----------
@@ -253,10 +253,11 @@ class PlannedRuns:
             Folder for the results of members.
         """
         name = Path(self.request.scene).name
-        return [
+        tasks = (
             self._task(member.number, digest, member.tables, f"{name}, member {member.number}", output)
             for member, digest in zip(self.members, self.digests, strict=True)
-        ]
+        )
+        return [replace(task, companion=task.digest == self.digests[0]) for task in tasks]
 
     def cost(self, tasks: list[MemberTask]) -> tuple[float, float]:
         """Predict the cost of tasks.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from .. import __version__
 from ..frames.ensemble_folder import EnsembleFolder, member_files, read_member
+from ..frames.headline_numbers import ERROR_TAG, error_words
 from ..frames.member_stack import MemberStack
 from ..laws.quantities import MEMBER_BANDS
 from ..simulation.cost_prediction import duration_words
@@ -72,6 +73,8 @@ class EnsembleFound:
         Wall time until the workers were ready, until all members were done, and of the statistics.
     member_seconds, processor_seconds : float [s]
         Sums of the wall and processor times of the members that were run.
+    companion : dict or None
+        Numerical errors of the first member.
     """
 
     folder: Path
@@ -83,6 +86,7 @@ class EnsembleFound:
     map_seconds: float
     member_seconds: float
     processor_seconds: float
+    companion: dict | None = None
 
 
 def ensemble(
@@ -154,6 +158,7 @@ def ensemble(
             *times,
             time.perf_counter() - began,
             *(sum(records[task.digest].get(name, 0.0) for task in to_run) for name in TIMES),
+            records[tasks[0].digest].get("companion"),
         )
         folder.write_record(
             state="finished",
@@ -166,6 +171,7 @@ def ensemble(
             run_seconds=found.run_seconds,
             map_seconds=found.map_seconds,
             member_seconds=found.member_seconds,
+            companion=found.companion,
         )
     return found
 
@@ -323,6 +329,8 @@ def _write_maps(folder, study, products, tasks, records, workers):
         "dem": Path(prepared.terrain.path).name,
         "varied": json.dumps(study.plan.as_tables()["vary"]),
     }
+    errors = error_words(records[tasks[0].digest].get("companion"))
+    tags |= {ERROR_TAG: errors} if errors else {}
     name = folder.path.resolve().name
     with whole_folder(folder.maps, overwrite=True) as part:
         maps = EnsembleMaps(part, name, study.grid, extent, request.min_depth, products.rasters())

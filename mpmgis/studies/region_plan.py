@@ -250,6 +250,7 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
             str(runs),
             None,
             request.min_depth,
+            companion=number == 1,
         )
         tasks.append(AreaTask(number, run, shape, crs, mu, head))
     return tasks

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..frames.ensemble_folder import member_files, read_member
+from ..frames.headline_numbers import ERROR_TAG, error_words
 from ..frames.region_folder import RegionFolder
 from ..frames.region_maps import AreaRaster, write_region_maps
 from ..maps.qgis.region_footprints import write_footprints
@@ -75,6 +76,8 @@ class RegionFound:
         Wall time of the plan with the prediction, until the workers were ready, of the runs, of the maps.
     window_seconds, prepare_seconds, member_seconds : float [s]
         Sums over the areas that were run: choice of the window, seeding, and all together.
+    companion : dict or None
+        Numerical errors of the first area.
     """
 
     folder: Path
@@ -89,6 +92,7 @@ class RegionFound:
     window_seconds: float
     prepare_seconds: float
     member_seconds: float
+    companion: dict | None = None
 
 
 def region(
@@ -144,8 +148,12 @@ def region(
         sums = [sum(records[task.digest].get(name, 0.0) for task in to_run) for name in TIMES]
         repeated = sum(records[task.digest].get("runs", 1) > 1 for task in plan.tasks)
         mapped = time.perf_counter() - began
-        folder.write_record(state="finished", areas=len(plan.tasks), statuses=statuses, repeated=repeated)
-    return RegionFound(folder.path, tuple(files), statuses, before, repeated, planned, started, ran, mapped, *sums)
+        errors = records[plan.tasks[0].digest].get("companion")
+        folder.write_record(
+            state="finished", areas=len(plan.tasks), statuses=statuses, repeated=repeated, companion=errors
+        )
+    times = (planned, started, ran, mapped, *sums)
+    return RegionFound(folder.path, tuple(files), statuses, before, repeated, *times, errors)
 
 
 def _run(plan: PlannedRegion, tasks: list, workers: int, records: dict, look: Callable) -> tuple[float, float]:
@@ -204,6 +212,8 @@ def _write(folder, plan, records):
         if plan.request.scenario is not None:
             rasters.setdefault(f"scenario_{scenario}", []).append(one)
     tags = {"version": __version__, "digest": folder.digest, "min_depth": plan.request.min_depth}
+    errors = error_words(records[plan.tasks[0].digest].get("companion"))
+    tags |= {ERROR_TAG: errors} if errors else {}
     with whole_folder(folder.maps, overwrite=True) as part:
         paths = [
             path.relative_to(part)

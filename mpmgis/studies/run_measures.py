@@ -263,20 +263,3 @@ class StudyCells:
         order = np.argsort(distance, kind="stable")
         heap = np.cumsum(frame.particles.mass[order])
         return float(distance[order[min(np.searchsorted(heap, FAR_SHARE * heap[-1]), len(heap) - 1)]])
-
-
-def centre_of(frame: Frame) -> tuple[float, float]:
-    """Return the centre of mass of a frame on the map.
-
-    Parameters
-    ----------
-    frame : Frame
-
-    Returns
-    -------
-    (float, float) [m]
-        E and N.
-    """
-    x, y = frame.map_xy()
-    mass = frame.particles.mass
-    return float(np.average(x, weights=mass)), float(np.average(y, weights=mass))

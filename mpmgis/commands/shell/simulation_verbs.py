@@ -4,6 +4,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from ...frames.headline_numbers import error_words
 from ...system.errors import InputError
 from ...system.whole_files import refuse_existing
 from ..option import verb_of
@@ -223,6 +224,7 @@ def confirmed(question: str) -> bool:
 
 def _print_summary(summary):
     """Print the balances and the cost of a run on stderr."""
+    from ...simulation.companion_run import companion_lines
     from ...simulation.run_summary import account, extreme_lines
 
     terminal.note(f"ended: {summary.reason}")
@@ -232,6 +234,8 @@ def _print_summary(summary):
     if summary.mass is not None:
         for line in extreme_lines(summary.extremes):
             terminal.note(line)
+    for line in companion_lines(summary.companion):
+        terminal.note(line)
     if summary.result_digest:
         terminal.note(f"digest of the result: {summary.result_digest}")
     _print_cost(summary)
@@ -265,9 +269,12 @@ def _print_cost(summary):
 
 
 def _print_counts(found, what="members"):
-    """Print statuses and cost of the runs on stderr."""
+    """Print statuses, numerical errors of the first and cost of the runs on stderr."""
     counts = ", ".join(f"{number} {status}" for status, number in found.statuses.items())
     terminal.note(f"{what}: {counts}" + (f"; {found.before} of them finished earlier" if found.before else ""))
+    errors = error_words(found.companion)
+    if errors:
+        terminal.note(f"numerical errors of the first of them: {errors}")
     if found.run_seconds:
         terminal.note(
             f"wall time {found.run_seconds:.1f} s for runs of {found.member_seconds:.1f} s, {found.map_seconds:.1f} s "

@@ -10,6 +10,7 @@ import numpy as np
 from ...exchange.frame_list import list_frames
 from ...exchange.map_coordinates import Ground
 from ...exchange.readers.reader_list import OWN
+from ...frames.headline_numbers import ERROR_TAG
 from ...frames.particles import Frame
 from ...frames.run_terrain import run_terrain
 from ...laws.quantities import BAND
@@ -215,6 +216,7 @@ def _dataset(request, entries, dem, lazy):
         title=plan.name,
         density=plan.averaging.density,
         min_depth=plan.averaging.min_depth,
+        **({ERROR_TAG: plan.errors} if plan.errors else {}),
     )
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...frames.headline_numbers import errors_of_run
 from ...system.messages import log
 from ..averaging.band_products import PRODUCTS, RUNNING
 from ..averaging.bed_change import bounds_of
@@ -94,7 +95,10 @@ def make_plan(
     )
     bands = (*products, *(RUNNING_BANDS if RUNNING in request.files.products else ()))
     name = entries[0].path.resolve().parent.name or "frames"
-    return ExportPlan(name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change)
+    errors = errors_of_run(entries[0].path.parent, entries[0].header.digest)
+    return ExportPlan(
+        name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change, errors
+    )
 
 
 def needed_products(products: tuple) -> tuple[str, ...]:

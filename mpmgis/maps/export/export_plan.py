@@ -28,6 +28,8 @@ class ExportPlan:
         The solver's maxima of all steps up to the last frame; None if it stored none.
     bed_change : dict
         Of the last frame.
+    errors : str
+        Numerical errors of the headline numbers of the run; "" where they are unknown.
     """
 
     name: str
@@ -39,6 +41,7 @@ class ExportPlan:
     time_step: float | None
     peaks: SolverPeaks | None = None
     bed_change: dict = field(default_factory=dict)  # of the last frame
+    errors: str = ""
 
     @property
     def frames_text(self) -> str:

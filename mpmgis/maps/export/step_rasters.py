@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ... import __version__
+from ...frames.headline_numbers import ERROR_TAG
 from ...laws.quantities import BAND, Quantity
 from ...system import operating_system
 from ...terrain.raster_output import SparseBands, write_ascii_grid, write_rows
@@ -450,21 +451,26 @@ def run_tags(plan: "ExportPlan") -> dict:
     plan : ExportPlan
     """
     averaging, first = plan.averaging, plan.entries[0]
-    return _tags_of_reprojection(plan.terrain) | {
-        "version": __version__,
-        "digest": first.header.digest,
-        "dem": Path(plan.terrain.path).name,
-        "cs_e": float(f"{averaging.grid.cell_size:.12g}"),  # without rounding errors
-        "dt_e": "every frame" if plan.time_step is None else plan.time_step,
-        "percentile": averaging.percentile,
-        "min_depth": averaging.min_depth,
-        "bed": averaging.bed.kind,
-        "standoff": averaging.bed.standoff,
-        "outside": "in the nearest cell of the rim" if averaging.bed.clamped else "left out",
-        "density": averaging.density,
-        "thickness": "normal to the bed",
-        "frames": plan.frames_text,
-    }
+    errors = {ERROR_TAG: plan.errors} if plan.errors else {}
+    return (
+        _tags_of_reprojection(plan.terrain)
+        | errors
+        | {
+            "version": __version__,
+            "digest": first.header.digest,
+            "dem": Path(plan.terrain.path).name,
+            "cs_e": float(f"{averaging.grid.cell_size:.12g}"),  # without rounding errors
+            "dt_e": "every frame" if plan.time_step is None else plan.time_step,
+            "percentile": averaging.percentile,
+            "min_depth": averaging.min_depth,
+            "bed": averaging.bed.kind,
+            "standoff": averaging.bed.standoff,
+            "outside": "in the nearest cell of the rim" if averaging.bed.clamped else "left out",
+            "density": averaging.density,
+            "thickness": "normal to the bed",
+            "frames": plan.frames_text,
+        }
+    )
 
 
 def exported(

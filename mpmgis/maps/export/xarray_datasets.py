@@ -16,6 +16,7 @@ import shapely
 import xarray
 
 from ... import __version__
+from ...frames.headline_numbers import ERROR_TAG
 from ...frames.particles import Frame
 from ...laws.quantities import BAND, Quantity
 from ...system.errors import FormatError, InputError
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 BLOCK = 2048  # [cells] rows and columns that are read at once
 ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
-TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile")  # of the steps, copied to the dataset
+TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile", ERROR_TAG)  # of the steps, copied to the dataset
 DEPOSIT = "deposit"  # suffix of the bands of the last step's own raster
 _TIME = {"units": "s", "long_name": "time since the start of the run", "axis": "T"}
 _PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # encoding in NetCDF

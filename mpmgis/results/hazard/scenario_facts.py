@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from ...frames.ensemble_folder import read_ensemble_record
+from ...frames.headline_numbers import ERROR_TAG, error_words
 from ...frames.run_folder import read_record
 from ...frames.run_maps import run_of_maps
 from ...maps.averaging.result_bands import Result
@@ -12,7 +13,12 @@ from ...terrain.elevation import Terrain
 from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import NAMESPACE
 
-TAGS = (("release", "release {}"), ("density", "density {} kg/m3"), ("digest", "digest {:.8}"))  # of an export
+TAGS = (  # of an export
+    ("release", "release {}"),
+    ("density", "density {} kg/m3"),
+    ("digest", "digest {:.8}"),
+    (ERROR_TAG, "numerical errors: {}"),
+)
 MOVING_ENERGY = 0.01  # [1] of the peak of kinetic energy; more at the end of a run is reported
 MOVING_SPEED = 0.1  # [m s-1] mean speed; more at the end of a run is reported
 FRICTION_SKIPPED = ("law", "use")  # keys of [friction] that are no parameters
@@ -85,6 +91,8 @@ def _of_record(record):
     yield f"varied: {', '.join(map(str, varied))}" if varied else ""
     yield f"ended: {record['reason']}" if record.get("reason") else ""
     yield f"digest {str(record['digest'])[:8]}" if record.get("digest") else ""
+    errors = error_words(record.get("companion"))
+    yield f"numerical errors: {errors}" if errors else ""
 
 
 def _text(value):

@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from ... import __version__
+from ...frames.headline_numbers import ERROR_TAG
 from ...frames.run_folder import SCENE_FILE, read_record, versions
 from ...frames.run_maps import run_of_maps
 from ...maps.export.band_map import write_band_map
 from ...maps.export.export_inputs import release_outlines
 from ...maps.export.export_request import AnswerRequest
+from ...simulation.companion_run import companion_lines
 from ...simulation.run_summary import account, extreme_lines, peak_lines, resolution_words, volume_words
 from ...system.errors import InputError, MpmgisError, one_line
 from ...system.messages import collected, log
@@ -91,6 +93,7 @@ def report(
             places_section(gathered, Path(folder)),
             section("Runout", *_runout(gathered, Path(folder))),
             *barrier_sections(gathered, Path(folder)),
+            section("Numerical error", _numerical_error(gathered)),
             section("Balances", _balances(gathered.record, gathered.flow), Lines(_checks(gathered.record))),
             section("Warnings", _warnings(gathered)),
             section("Effects, and why", *_effects(gathered.record)),
@@ -242,6 +245,17 @@ def _balances(record, flow):
     except (KeyError, TypeError, ValueError) as error:  # balances of another version
         known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
         return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; it contains:", *known))
+
+
+def _numerical_error(gathered):
+    """Lines about the companion run; that of an export from its tag; None where nothing is known."""
+    try:
+        lines = companion_lines(gathered.record.get("companion"))
+    except (KeyError, TypeError, ValueError):  # a record of another version
+        lines = []
+    if not lines and len(gathered.flow.times) and not gathered.flow.entries:
+        lines = list(filter(None, [gathered.flow.steps.tags.get(ERROR_TAG)]))
+    return Lines(tuple(lines)) if lines else None
 
 
 def _checks(record):

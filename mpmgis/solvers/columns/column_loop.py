@@ -325,7 +325,7 @@ def advance(
         if effects.forest:
             break_forest(nodes, fields, touched, broken, settings, metric)
         update_nodes(
-            NodeArrays(nodes, state.wet, lowered, node_report),
+            NodeArrays(nodes, state.wet, lowered, node_report, state.peaks),
             fields,
             touched,
             kick,

@@ -47,6 +47,7 @@ class NodeArrays(NamedTuple):
     wet: np.ndarray  # uint8[ny + 3, nx + 3]; marks REACHED and ARMED
     lowered: np.ndarray  # float64[touched blocks, BLOCK * BLOCK] [kg m-2]; mass eroded in this step, for `regrade`
     report: np.ndarray  # float64[CHUNKS, NODE_REPORT]
+    peaks: np.ndarray  # float64[ny + 3, nx + 3, entries]; the largest thickness so far, and other entries
 
 
 class NodeLaws(NamedTuple):
@@ -213,7 +214,7 @@ def update_nodes(
         Slots of these names (`ColumnEffects`).
     """
     # arrays come out of the record before the loop: numba drops what a loop writes to arrays that it takes from a tuple
-    nodes, wet, lowered, report = arrays.nodes, arrays.wet, arrays.lowered, arrays.report
+    nodes, wet, lowered, report, peaks = arrays.nodes, arrays.wet, arrays.lowered, arrays.report, arrays.peaks
     rows, columns = nodes.shape[0], nodes.shape[1]
     for c in prange(CHUNKS):
         laws = NodeLaws(friction, zones, cohesion, metric, curvature, entrainment, forest)
@@ -224,6 +225,7 @@ def update_nodes(
             for j in range(j_first, min(j_first + BLOCK, rows)):
                 for i in range(i_first, min(i_first + BLOCK, columns)):
                     eroded = update_node(nodes, fields, wet, j, i, part, dt, settings, laws)
+                    note_thickness(peaks, nodes, j, i, settings)
                     if entrainment.lowering > 0.0:
                         lowered[k, (j - j_first) * BLOCK + i - i_first] = eroded
 
@@ -370,6 +372,20 @@ def regrade(
                 _, node_gradient[j, i, 0], node_gradient[j, i, 1] = bed_at(bed, (i - 1) * dx, (j - 1) * dx, 1.0 / dx)
 
 
+@jit_inline
+def note_thickness(peaks: np.ndarray, nodes: np.ndarray, j: int, i: int, settings: Settings) -> None:
+    """Update the largest thickness [m] at node [j, i].
+
+    Parameters
+    ----------
+    peaks : float64[ny + 3, nx + 3, entries]
+    nodes : float64[ny + 3, nx + 3, 4]
+    j, i : int
+    settings : Settings
+    """
+    peaks[j, i, 0] = max(peaks[j, i, 0], nodes[j, i, NODE_MASS] / (settings.density * settings.dx * settings.dx))
+
+
 @jit_parallel
 def accumulate_peaks(
     peaks: np.ndarray,
@@ -381,14 +397,14 @@ def accumulate_peaks(
     metric: int,
     entrainment: Entrainment,
 ) -> None:
-    """Update the running peaks at the nodes: thickness [m], speed [m s-1], pressure rho U^2 [Pa], first arrival [s].
+    """Update the running peaks at the nodes: speed [m s-1], pressure rho U^2 [Pa], first arrival [s].
 
-    Speed and pressure count where the flow is at least `settings.arrival_thickness` [m] deep, so that empty rims do
+    They count where the flow is at least `settings.arrival_thickness` [m] deep, so that empty rims do
     not.
 
     Parameters
     ----------
-    peaks : float64[ny + 3, nx + 3, 4]
+    peaks : float64[ny + 3, nx + 3, PEAK_ENTRIES]
         An arrival of -1 means never.
     nodes : float64[ny + 3, nx + 3, 4]
     node_gradient : float64[ny + 3, nx + 3, 2] [1]
@@ -424,7 +440,8 @@ def note_node(
 
     Parameters
     ----------
-    peaks, nodes : float64[ny + 3, nx + 3, 4]
+    peaks : float64[ny + 3, nx + 3, PEAK_ENTRIES]
+    nodes : float64[ny + 3, nx + 3, 4]
     node_gradient : float64[ny + 3, nx + 3, 2] [1]
         Of the bed.
     j, i : int
@@ -435,7 +452,6 @@ def note_node(
     """
     density, dx = settings.density, settings.dx
     thickness = nodes[j, i, NODE_MASS] / (density * dx * dx)
-    peaks[j, i, 0] = max(peaks[j, i, 0], thickness)
     if thickness >= settings.arrival_thickness:
         u, v = nodes[j, i, NODE_X], nodes[j, i, NODE_Y]
         if entrainment.kind != NO_EROSION:

@@ -23,7 +23,7 @@ class Settings(NamedTuple):
     wall: bool  # the edges are walls
     holes: bool  # the terrain has cells without elevation
     stop_at_rest: bool  # the stop rules apply
-    keep_peaks: bool  # running peaks are recorded
+    keep_peaks: bool  # running peaks of speed and pressure and the arrival are recorded
 
 
 class ColumnArrays(NamedTuple):
@@ -36,7 +36,7 @@ class ColumnArrays(NamedTuple):
     clock: np.ndarray  # float64[CLOCK]
     counts: np.ndarray  # int64[COUNTS]
     ledger: np.ndarray  # float64[EDGES, OUT_ENTRIES]; outflow over each edge
-    peaks: np.ndarray  # float64[ny + 3, nx + 3, 4]; one entry where not in use
+    peaks: np.ndarray  # float64[ny + 3, nx + 3, entries]; without keep_peaks the thickness alone
     barrier_sums: np.ndarray  # float64[barriers, BARRIER_SUMS + 1]
     left_cells: np.ndarray  # float64[WAYS, blocks, blocks, LEFT_ENTRIES]; where mass left
 

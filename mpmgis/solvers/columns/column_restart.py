@@ -45,8 +45,7 @@ def require_column_state(frame: "Frame", solver: "ColumnState", changing: dict[s
     check.within("the number of wet nodes", state["counts"][kernel.WET], 0, nodes)
     check.array("reached", np.uint8, (ny + 3, (nx + 3 + 7) // 8))
     check.left(solver.left_sums)
-    if solver.numerics.maxima:
-        check.peaks(solver.peaks)
+    check.peaks(solver.peaks)
 
 
 def _require_window(check, kernel, rows, size, counts, last):

@@ -10,7 +10,7 @@ from ...compiled.block_order import REORDER_STEPS
 from ...compiled.jit import ready_threads
 from ...compiled.particle_slices import in_slices
 from ...frames.particles import Particles
-from ...frames.peaks import no_peaks
+from ...frames.peaks import PEAK_ENTRIES, no_peaks
 from ...laws.effect_slots import with_fixed_types
 from ...laws.ground_metric import SLOPE, WATER
 from ...laws.internal_stress import largest_factor
@@ -64,7 +64,7 @@ class ColumnNumerics:
     time_step : float or None [s]
         Length of all steps; None: by the Courant number.
     maxima : bool
-        Record running peaks.
+        Record running peaks of speed and pressure and the arrival too; that of thickness is always there.
     arrival_thickness : float [m]
         Speed, pressure and arrival time are recorded where the flow is at least so thick.
     reference_thickness : float or None [m]
@@ -140,7 +140,7 @@ class ColumnSolver(ColumnState):
         shape = grid.bed.shape
         self._nodes = np.zeros((*shape, 4))
         self._wet = np.zeros(shape, np.uint8)
-        self._peaks = no_peaks(shape, numerics.maxima)
+        self._peaks = no_peaks(shape, PEAK_ENTRIES if numerics.maxima else 1)
         self._ledger = np.zeros((column_report.EDGES, column_report.OUT_ENTRIES))
         self._left = self._no_mass_left(grid)
         self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))

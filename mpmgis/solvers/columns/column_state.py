@@ -57,9 +57,8 @@ class ColumnState(ParticleStore):
     def state(self) -> dict[str, np.ndarray]:
         """Return the state for a restart in addition to the frame's particles: the arrays that change, unmodified."""
         rows, _, _ = self._alive()
-        arrays = {name: array.copy() for name, array in self._changing().items()} | self._left_state()
-        if self.numerics.maxima:
-            arrays |= peaks_state(self._peaks)
+        arrays = {name: array.copy() for name, array in self._changing().items()}
+        arrays |= self._left_state() | peaks_state(self._peaks)
         reached = np.packbits(self._wet & kernel.REACHED, axis=1)
         return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
 
@@ -93,16 +92,13 @@ class ColumnState(ParticleStore):
         self._forget_computed()
         state, ids = frame.state, frame.particles.id
         changing = self._changing()
-        peaks = set(PEAK_STATE) if self.numerics.maxima else set()
-        if not {"rows", "reached", *LEFT_STATE, *peaks, *changing} <= set(state) or ids is None:
+        if not {"rows", "reached", *LEFT_STATE, *PEAK_STATE, *changing} <= set(state) or ids is None:
             at = f"t = {frame.time:g} s"
             raise FormatError(f"the frame at {at} has no state for a restart; start with --overwrite")
         rows = state["rows"]
         shapes = {name: array.shape for name, array in changing.items()}
         shapes |= {"rows": (len(ids), self._rows.shape[1]), "reached": np.packbits(self._wet, axis=1).shape}
-        if (peaks and not is_peaks_state(self._peaks, state)) or any(
-            state[name].shape != shape for name, shape in shapes.items()
-        ):
+        if not is_peaks_state(self._peaks, state) or any(state[name].shape != shape for name, shape in shapes.items()):
             raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
         if not known:
             require_column_state(frame, self, changing)
@@ -113,8 +109,7 @@ class ColumnState(ParticleStore):
         for name, array in changing.items():
             array[:] = state[name]
         self._restore_left(state)
-        if self.numerics.maxima:
-            restore_peaks(self._peaks, state)
+        restore_peaks(self._peaks, state)
         self._counts[column_time_step.ROWS] = len(rows)
         kernel.initial_keys(self._rows[: len(rows)], self._keys, self.grid.cell_size)
 
@@ -152,8 +147,10 @@ class ColumnState(ParticleStore):
             thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m]
             that all but the thickness are of; empty unless enabled.
         """
-        if not self.numerics.maxima:
-            return {}
+        return self.thickest() if self.numerics.maxima else {}
+
+    def thickest(self) -> dict[str, Any]:
+        """Return the largest `thickness` [m] at the nodes, as `maxima` does, also where those are not enabled."""
         grid, inner = self.grid, self._peaks[1:-1, 1:-1]
         return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, self.numerics.arrival_thickness)
 

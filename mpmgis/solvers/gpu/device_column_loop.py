@@ -361,20 +361,19 @@ class DeviceColumns:
         if lowering > 0.0:
             self._all(device_column_nodes.lower_bed, run, touched, fields.bed, self._lowered, lowering)
             self._all(device_column_nodes.regrade, run, touched, fields.bed, fields.gradient, settings)
-        if settings.keep_peaks:
-            self._all(
-                device_column_nodes.note_peaks,
-                run,
-                stage,
-                self._clock,
-                nodes,
-                touched,
-                fields.gradient,
-                self._peaks,
-                settings,
-                effects.metric,
-                effects.entrainment,
-            )
+        self._all(
+            device_column_nodes.note_peaks,
+            run,
+            stage,
+            self._clock,
+            nodes,
+            touched,
+            fields.gradient,
+            self._peaks,
+            settings,
+            effects.metric,
+            effects.entrainment,
+        )
         if settings.wall:
             for along_columns in (False, True):
                 self._all(device_column_nodes.mirror_walls, run, nodes, along_columns)

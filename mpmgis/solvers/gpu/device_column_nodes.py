@@ -19,6 +19,7 @@ from ..columns.column_nodes import (
     mirror_column,
     mirror_row,
     note_node,
+    note_thickness,
     update_node,
 )
 from ..columns.column_records import NodeFields, Settings
@@ -307,7 +308,7 @@ def note_peaks(
     metric: int,
     entrainment: Entrainment,
 ) -> None:
-    """Update the running peaks at the touched nodes (see `column_nodes.accumulate_peaks`).
+    """Update the largest thickness at the touched nodes, and the other running peaks (see `accumulate_peaks`).
 
     Parameters
     ----------
@@ -319,7 +320,7 @@ def note_peaks(
     touched : int32[touched blocks]
         Their places in the window.
     gradient : float64[ny + 3, nx + 3, 2]
-    peaks : float64[ny + 3, nx + 3, 4]
+    peaks : float64[ny + 3, nx + 3, entries]
     settings : Settings
     metric, entrainment
         Slots of these names (`ColumnEffects`).
@@ -329,8 +330,10 @@ def note_peaks(
     for e in range(cuda.grid(1), nodes_of(run), cuda.gridsize(1)):
         j, i = node_at(run, touched, e)
         if j < nodes.shape[0] and i < nodes.shape[1]:
-            time = clock[TIME] + stage[DT]
-            note_node(peaks, nodes, gradient, j, i, time, settings, metric, entrainment)
+            note_thickness(peaks, nodes, j, i, settings)
+            if settings.keep_peaks:
+                time = clock[TIME] + stage[DT]
+                note_node(peaks, nodes, gradient, j, i, time, settings, metric, entrainment)
 
 
 def barrier_nodes(barriers: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -96,7 +96,7 @@ class PointSolver(PointBalances):
         self._zone_values = NO_PLACES if zone_values is None else padded(zone_values)
         self.walls = tuple(walls)
         self._set_barriers()
-        self._peaks = no_peaks(self._ground.shape[:2], numerics.maxima)
+        self._peaks = no_peaks(self._ground.shape[:2] if numerics.maxima else (1, 1))
         self._affine = None if affine is None else np.asarray(affine, float)
         self._load(frame, stress)
         self._press_contacts(frame, stress)
@@ -289,6 +289,10 @@ class PointSolver(PointBalances):
 
         in_slices(fill, n)
         return Particles(position, velocity, mass, volume, id=ids.copy())
+
+    def thickest(self) -> dict[str, np.ndarray]:
+        """Return the largest `thickness` [m] at the nodes, as `maxima` does; empty without `numerics.maxima`."""
+        return self.maxima()
 
     def maxima(self) -> dict[str, np.ndarray]:
         """Return the running peaks where the flow has been, for a frame; empty without `numerics.maxima`."""
