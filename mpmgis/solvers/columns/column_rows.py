@@ -84,7 +84,9 @@ QUADS = 6 * QUAD
     Q_MOMENT_X,  # their first moments about the column, in cells
     Q_MOMENT_Y,
 ) = range(0, 5 * QUAD, QUAD)
-Q_BED = Q_MEAN  # [m] rows of the bed under a column, summed with their weights; in place of the mean
+# Groups of three, in place of the nodes' means and slopes: of groups with a last number that a loop does not read, the
+# compiler cannot vectorise the last ones.
+Q_BED = Q_MEAN  # [m] rows of the bed under a column, summed with their weights
 Q_BED_SLOPE = Q_ALONG_X  # [m] the same with the slopes of the weights
 
 

@@ -181,7 +181,10 @@ def _weigh_bed(moved, place, count, row_length, inverse_dx):
 
 @jit
 def _read_bed(moved, quads, place, count, bed, row_length):
-    """For each column its three bed rows summed over y: with the weights, and with their slopes."""
+    """For each column its three bed rows summed over y: with the weights, and with their slopes.
+
+    The fourth sum of a column is no use; the first one of the next column takes its place.
+    """
     nothing = lanes(0.0, 0.0, 0.0, 0.0)
     for k in range(count):
         t = place[k]
@@ -191,8 +194,8 @@ def _read_bed(moved, quads, place, count, bed, row_length):
             t += row_length
             value = multiply_add(get(moved, L_WY0 + j * BATCH, k), line, value)
             slope = multiply_add(get(moved, L_GY0 + j * BATCH, k), line, slope)
-        store(quads, Q_BED + 4 * k, value)
-        store(quads, Q_BED_SLOPE + 4 * k, slope)
+        store(quads, Q_BED + 3 * k, value)
+        store(quads, Q_BED_SLOPE + 3 * k, slope)
 
 
 @jit

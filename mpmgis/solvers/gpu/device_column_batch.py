@@ -61,6 +61,22 @@ def get_of_four(array: np.ndarray, line: int, index: int, entry: int) -> float:
 
 
 @Part
+def get_of_three(array: np.ndarray, line: int, index: int, entry: int) -> float:
+    """Return one of the three numbers of a group.
+
+    Parameters
+    ----------
+    array : float64[n]
+    line : int
+        Place of the groups in the array.
+    index : int
+        Of the group.
+    entry : int
+    """
+    return array[line + 3 * index + entry]
+
+
+@Part
 def put_four(array: np.ndarray, line: int, index: int, a: float, b: float, c: float, d: float) -> None:
     """Set the four numbers of a group.
 
@@ -136,6 +152,7 @@ _LINES = {
     if name in ("BATCH", "LINES", "QUAD", "QUADS") or (name[:2] in ("L_", "Q_") and isinstance(value, int))
 }
 _FUNCTIONS = {
-    part.function.__name__: part for part in (get, put, get_of_four, put_four, lanes, load, store, multiply_add)
+    part.function.__name__: part
+    for part in (get, put, get_of_four, get_of_three, put_four, lanes, load, store, multiply_add)
 }
 stand_in((column_motion, columns_to_grid, grid_to_columns), _LINES | _FUNCTIONS)
