@@ -146,6 +146,18 @@ def multiply_add(factor: float, value: tuple, total: tuple) -> tuple[float, floa
     )
 
 
+@Part
+def prefetch_row(rows: np.ndarray, order: np.ndarray, place: int) -> None:
+    """Prefetch nothing: other threads of the device work while one waits for a row.
+
+    Parameters
+    ----------
+    rows : float64[n]
+    order : int32[columns]
+    place : int
+    """
+
+
 _LINES = {
     name: value // column_rows.BATCH
     for name, value in vars(column_rows).items()
@@ -153,6 +165,6 @@ _LINES = {
 }
 _FUNCTIONS = {
     part.function.__name__: part
-    for part in (get, put, get_of_four, get_of_three, put_four, lanes, load, store, multiply_add)
+    for part in (get, put, get_of_four, get_of_three, put_four, lanes, load, store, multiply_add, prefetch_row)
 }
 stand_in((column_motion, columns_to_grid, grid_to_columns), _LINES | _FUNCTIONS)
