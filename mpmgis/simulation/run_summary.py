@@ -405,15 +405,16 @@ def _of_points(b):
     lines.append(f"largest vertical thickness {thickest} (mass / (density x cell area), in the frames)")
     share = 100 * b["speed_bound_ratio"]
     waves = f"{b['mach_max']:.2f} times the pressure wave speed"
-    lines.append(f"{_fastest(b)}, {waves}, {share:.0f} % of the free-fall speed from the top of the release")
+    lines.append(f"{_fastest(b)}, {waves}, {share:.0f} % of the speed of its drop height")
     lines.append(
         f"99.9th percentile of the speed by mass: {b['speed_p999']:.1f} m/s at most, in the frame at "
         f"t = {b['speed_p999_time']:.1f} s"
     )
     if share > 100:
         lines.append(
-            f"outside the model: the fastest point had {share:.0f} % of the free-fall speed from the top of the "
-            "release; this is possible only for single points where jets meet: check there, and use a smaller cfl"
+            f"outside the model: the fastest point had {share:.0f} % of the speed that its drop height and the largest "
+            "initial speed allow; this is possible only for single points where jets meet: compare the 99.9th "
+            "percentile above, and use a smaller cfl"
         )
     if b["mass_lifted_onto_ground"] > 0:
         share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..solvers.features.feature_placement import PlacedFiles, erodible_mass, painted_zones
+from ..solvers.features.feature_placement import PlacedFiles, erodible_ground, painted_zones
 from ..solvers.features.features_by_place import KnownByPlace
 from ..solvers.features.forest_values import ENTRY, forest_values
 from ..solvers.features.lakes import lake_levels
@@ -171,12 +171,12 @@ def _barriers(scene, terrain):
 
 
 def _erodible(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", frame: "Frame") -> object:
-    """Return the erodible mass at the nodes [kg m-2]; None without [entrainment]."""
+    """Return the Erodible ground at the nodes; None without [entrainment]."""
     table = scene.entrainment
     if not _used(table):
         return None
     path = scene.path(table.source)
-    return erodible_mass(table, _spatial_file(path, terrain), path, grid, frame.header["density"])
+    return erodible_ground(table, _spatial_file(path, terrain), path, grid, frame.header["density"])
 
 
 def _lakes(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", start: "Frame") -> object:

@@ -230,6 +230,18 @@ def test_a_slow_settling_is_no_flight():
     assert points_to_columns(points, ground).report.detached.count == 0
 
 
+@pytest.mark.parametrize("cell", [0.3, 1.0, 4.0])
+@pytest.mark.parametrize(("share", "lifts"), [(0.99, False), (1.01, True)])
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_a_speed_that_lifts_by_a_tenth_of_a_cell_is_flight(cell, share, lifts, up):
+    """v^2 / (2 g) is the height of a throw."""
+    ground = terrain_of(lambda x, y: 0 * x)
+    points = columns_to_points(columns_on(ground, 2.0, (0.0, 0.0)), ground, PointOptions(spacing=0.5)).frame
+    points, _ = lifted(points, speed=up * share * math.sqrt(2.0 * 9.81 * 0.1 * cell))
+    found = points_to_columns(points, ground, ColumnOptions(point_cell=cell, detached="keep"))
+    assert (found.report.detached.count > 0) == lifts
+
+
 def test_points_that_moved_apart_are_binned():
     """A column whose points were strewn is none any more; --by parent enforces it."""
     ground = terrain_of(slope())
