@@ -71,6 +71,7 @@ PAIRS = (
         "speed across the slope over that along it, in points that become columns",
         "conversion.points_to_columns.NORMAL_SHARE",
     ),
+    ("mass in flight at the end of a stage of points, which becomes columns", "simulation.run_summary.FLIGHT_SHARE"),
     ("an invalid state: one of the above, or not finite", "simulation.step_retry.HALVINGS"),
     ("predicted time", "simulation.scene_run.ASK_SECONDS"),
     ("predicted memory over free memory", "simulation.memory_need.MEMORY_SHARE"),

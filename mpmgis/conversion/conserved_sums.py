@@ -82,8 +82,20 @@ def conservation_error(before: Sums, *after: Sums) -> tuple[float, float]:
     """
     mass = abs(sum(part.mass for part in after) - before.mass) / before.mass
     gap = [sum(part.momentum[axis] for part in after) - before.momentum[axis] for axis in (0, 1)]
-    scale = np.sqrt(2.0 * before.mass * before.kinetic_horizontal)
+    scale = np.sqrt(2.0 * before.mass * before.kinetic)
     return mass, float(np.hypot(*gap) / scale) if scale > 0 else float(np.hypot(*gap))
+
+
+def bed_words(bed: Sums) -> str:
+    """Return one line of text about what the bed takes of a flow that becomes columns.
+
+    Parameters
+    ----------
+    bed : Sums
+        Of the motion across the bed.
+    """
+    momentum = ", ".join(f"{value:.6g}" for value in bed.momentum)
+    return f"the bed takes the motion across it: momentum ({momentum}) kg m s-1, kinetic energy {bed.kinetic:.6g} J"
 
 
 def points_sum(count: np.ndarray, mass: np.ndarray, value: float | np.ndarray = 1.0) -> float:

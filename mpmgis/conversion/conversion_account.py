@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from .columns_to_points import OVERLAP
-from .conserved_sums import conservation_error
+from .conserved_sums import bed_words, conservation_error
 
 if TYPE_CHECKING:
     from .columns_to_points import PointsReport
@@ -124,11 +124,8 @@ def account_of_columns(report: "ColumnsReport", options: "ColumnOptions") -> lis
     how = "of one parent" if report.by == "parent" else f"of a cell of {report.cell_area:g} m2"
     columns = "1 column" if report.after.count == 1 else f"{report.after.count} columns, each"
     lines = [f"{columns} of the points {how}, from {report.before.count} points"]
-    lines += _balance(report.before, report.after, report.outside, report.detached)
-    lines.append(
-        f"not kept: vertical momentum {report.vertical_momentum_lost:.4g} kg m s-1, because columns move along the "
-        f"bed, and kinetic energy {report.kinetic_lost:.4g} J of the motion within columns"
-    )
+    lines += _balance(report.before, report.after, report.outside, report.detached, report.bed)
+    lines.append(f"{bed_words(report.bed)}; {report.kinetic_lost:.4g} J of the motion within columns are lost")
     if report.by == "parent" and options.cell is not None:
         lines.append(f"cells of {options.cell:g} m were not used: the points have parents (--by cell enforces cells)")
     if report.apart and report.by == "cell":

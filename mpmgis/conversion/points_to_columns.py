@@ -1,5 +1,6 @@
 """Convert points to columns: the inverse of Algorithm 2 of MOX report 15/2025."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -27,7 +28,7 @@ _FLAT = 1e-9  # [1] determinant of the points' spread, over its squared trace, b
 class ColumnsReport:
     """Figures of a conversion to columns.
 
-    The masses and horizontal momenta of `after`, `outside` and `detached` add up to those of `before`.
+    The masses and momenta of `after`, `bed`, `outside` and `detached` add up to those of `before`.
 
     Parameters
     ----------
@@ -45,8 +46,8 @@ class ColumnsReport:
         Of the cells that points were gathered in.
     apart : float
         Share of the mass of columns whose points have moved apart, for points with parents, else 0.
-    vertical_momentum_lost : float [kg m s-1]
-        Sum of m (w - u . grad b): a column's velocity is tangent to its bed.
+    bed : Sums
+        Momentum and kinetic energy of the motion across the bed, which the bed takes; without mass.
     kinetic_lost : float [J]
         Of the points' motion about their columns'.
     laid : float [kg]
@@ -60,7 +61,7 @@ class ColumnsReport:
     by: str
     cell_area: float | None
     apart: float
-    vertical_momentum_lost: float
+    bed: Sums
     kinetic_lost: float
     laid: float = 0.0
 
@@ -84,11 +85,16 @@ class Columns:
 
 
 def points_to_columns(
-    frame: Frame, terrain: "Terrain", options: ColumnOptions | None = None, gravity: float = GRAVITY
+    frame: Frame,
+    terrain: "Terrain",
+    options: ColumnOptions | None = None,
+    gravity: float = GRAVITY,
+    slopes: Callable | None = None,
 ) -> Columns:
     """Gather the points of a frame into columns on a terrain.
 
-    A column has the mass, the centre and the horizontal momentum of its points, to rounding. By parent its thickness is
+    A column has the mass, the centre and the momentum of its points tangential to the bed: v - (v . n) n with the
+    normal n of the bed under its centre. It is never faster than the fastest of them. By parent its thickness is
     twice their mean height over the bed (exact for points of `columns_to_points`) and its area their volume over it;
     by cell its area is that of the cell and its thickness that of the mass at the density of the release.
     `state` of the result has `velocity_gradient` float64[n, 2, 2] [s-1].
@@ -101,6 +107,9 @@ def points_to_columns(
     options : ColumnOptions, optional
     gravity : float [m s-2]
         Of the energies in the report.
+    slopes : callable, optional
+        Frame of columns -> float64[m, 2] [1], gradient of the bed of the solver that continues with them, NaN where it
+        has none; default: that of the terrain.
 
     Returns
     -------
@@ -138,9 +147,9 @@ def points_to_columns(
     stays[here[~staying]] = False
     rest = _rest(frame, stays)
     over, groups = over.take(~staying), groups.without(detached)
-    columns, lost = _frame_of(frame, over, groups, by, cell_area, near)
-    report = _report(frame, columns, here[staying], ~on_ground, by, cell_area, apart, lost, gravity)
-    return Columns(columns, rest, replace(report, laid=laid))
+    columns, bed, lost = _frame_of(frame, over, groups, by, cell_area, near, slopes)
+    report = _report(frame, columns, here[staying], ~on_ground, by, cell_area, apart, gravity)
+    return Columns(columns, rest, replace(report, bed=bed, kinetic_lost=lost, laid=laid))
 
 
 def unsettled_share(frame: Frame, terrain: "Terrain", cell: float, normal_share: float) -> float:
@@ -247,11 +256,10 @@ def _rest(frame, stays):
     return replace(frame, particles=frame.particles.take(stays), state=state, maxima={})
 
 
-def _frame_of(frame, over, groups, by, cell_area, terrain):
-    """(the columns as a Frame, (vertical momentum, kinetic energy) that they do not have)."""
+def _frame_of(frame, over, groups, by, cell_area, terrain, slopes):
+    """(the columns as a Frame, Sums that the bed takes, kinetic energy [J] of the motion within columns)."""
     mass = groups.sum(over.mass)
     centre = np.column_stack([groups.sum(over.mass * over.position[:, axis]) / mass for axis in (0, 1)])
-    u, v = (groups.sum(over.mass * over.velocity[:, axis]) / mass for axis in (0, 1))
     density = _density(frame)
     if by == "parent":
         volume, thickness = groups.sum(over.volume), 2.0 * groups.sum(over.mass * over.height) / mass
@@ -260,26 +268,32 @@ def _frame_of(frame, over, groups, by, cell_area, terrain):
     else:
         volume, area = mass / density, np.full(len(groups), cell_area)
         thickness = volume / area
-    bed, slope_east, slope_north = _bed_at(over, groups, mass, centre, terrain)
-    climb = u * slope_east + v * slope_north
+    bed, *slope = _bed_at(over, groups, mass, centre, terrain)
     particles = Particles(
         np.column_stack([centre, bed - frame.origin[2]]),
-        np.column_stack([u, v, climb]),
+        np.zeros((len(groups), 3)),
         mass,
         volume,
         thickness,
         area,
         groups.key.astype(np.uint64) if by == "parent" else np.arange(len(groups), dtype=np.uint64),
     )
-    lost = (
-        float((over.mass * over.velocity[:, 2]).sum() - (mass * climb).sum()),
-        0.5 * float((over.mass * (over.velocity**2).sum(axis=1)).sum() - (mass * (u * u + v * v + climb**2)).sum()),
-    )
     header = {k: v for k, v in frame.header.items() if k != "cell_size" and not k.startswith("converted_")}
     header |= {"density": density, "converted_by": by}
-    state = {"velocity_gradient": _gradients(over, groups, mass, centre, u, v)}
-    columns = replace(frame, particles=particles, dimension=2, solver="convert", header=header, maxima={}, state=state)
-    return columns, lost
+    columns = replace(frame, particles=particles, dimension=2, solver="convert", header=header, maxima={}, state={})
+    slope = np.column_stack(slope)
+    if slopes is not None:
+        own = slopes(columns)
+        slope = np.where(np.isfinite(own), own, slope)
+    normal = np.column_stack([-slope, np.ones(len(groups))]) * slope_cosine(*slope.T)[:, None]
+    mean = np.column_stack([groups.sum(over.mass * over.velocity[:, axis]) / mass for axis in range(3)])
+    across = (mean * normal).sum(axis=1)[:, None] * normal
+    particles.velocity[:, :2] = (mean - across)[:, :2]
+    particles.velocity[:, 2] = (particles.velocity[:, :2] * slope).sum(axis=1)
+    taken = sums_of(mass, mean - particles.velocity, np.zeros(len(groups)), 0.0)._replace(count=0, mass=0.0)
+    within = 0.5 * float((over.mass * (over.velocity**2).sum(axis=1)).sum() - (mass * (mean**2).sum(axis=1)).sum())
+    gradient = _gradients(over, groups, mass, centre, normal)
+    return replace(columns, state={"velocity_gradient": gradient}), taken, within
 
 
 def _density(frame):
@@ -305,10 +319,11 @@ def _bed_at(over, groups, mass, centre, terrain):
     return [np.where(np.isfinite(a), a, b) for a, b in zip(found, means, strict=True)]
 
 
-def _gradients(over, groups, mass, centre, u, v):
+def _gradients(over, groups, mass, centre, normal):
     """float64[m, 2, 2] [s-1]: velocity gradient of each column, the least-squares fit of its points' velocities.
 
-    Where they are above each other, so that no fit is possible, the mean of the points, else 0.
+    Of their tangential part, as the column's velocity. Where they are above each other, so that no fit is possible,
+    the mean of the points, else 0.
     """
     dx, dy = (over.position[:, axis] - groups.spread(centre[:, axis]) for axis in (0, 1))
     xx, xy, yy = (groups.sum(over.mass * a) / mass for a in (dx * dx, dx * dy, dy * dy))
@@ -316,20 +331,23 @@ def _gradients(over, groups, mass, centre, u, v):
     fits = determinant > _FLAT * (xx + yy) ** 2
     inverse = np.divide(1.0, determinant, out=np.zeros(len(groups)), where=fits)
     gradient = np.empty((len(groups), 2, 2))
-    for i, mean in enumerate((u, v)):
-        off = over.mass * (over.velocity[:, i] - groups.spread(mean))
+    of_points = groups.spread(normal)
+    across = (over.velocity * of_points).sum(axis=1)
+    for i in (0, 1):
+        speed = over.velocity[:, i] - across * of_points[:, i]
+        off = over.mass * (speed - groups.spread(groups.sum(over.mass * speed) / mass))
         ax, ay = groups.sum(off * dx) / mass, groups.sum(off * dy) / mass
         gradient[:, i, 0], gradient[:, i, 1] = (ax * yy - ay * xy) * inverse, (ay * xx - ax * xy) * inverse
     own = over.frame.particle_state("affine", 3, 3)
     if own is not None:
-        for i in (0, 1):
-            for j in (0, 1):
-                mean = groups.sum(over.mass * own[over.index, i, j]) / mass
-                gradient[:, i, j] = np.where(fits, gradient[:, i, j], mean)
+        for j in (0, 1):
+            mean = np.column_stack([groups.sum(over.mass * own[over.index, i, j]) / mass for i in range(3)])
+            mean -= (mean * normal).sum(axis=1)[:, None] * normal
+            gradient[:, :, j] = np.where(fits[:, None], gradient[:, :, j], mean[:, :2])
     return gradient
 
 
-def _report(frame, columns, detached, outside, by, cell_area, apart, lost, gravity):
+def _report(frame, columns, detached, outside, by, cell_area, apart, gravity):
     particles = frame.particles
 
     def points(index):
@@ -350,6 +368,6 @@ def _report(frame, columns, detached, outside, by, cell_area, apart, lost, gravi
         by=by,
         cell_area=cell_area,
         apart=apart,
-        vertical_momentum_lost=lost[0],
-        kinetic_lost=lost[1],
+        bed=NOTHING,
+        kinetic_lost=0.0,
     )

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +10,7 @@ from ..frames.particles import Particles
 from ..laws.quantities import GRAVITY
 from ..system.errors import InputError
 from .columns_to_points import columns_to_points, velocity_gradient
-from .conserved_sums import NOTHING, Sums, conservation_error, sums_of
+from .conserved_sums import NOTHING, Sums, bed_words, conservation_error, sums_of
 from .conversion_options import LAY, ColumnOptions
 from .points_to_columns import points_to_columns
 
@@ -35,6 +34,8 @@ class SwitchAccount:
         Of the flow outside the window.
     off : Sums
         Of flow without ground or without a whole cell of the next solver below it, which has left the terrain.
+    bed : Sums
+        Of the motion across the bed, which the bed takes; without mass.
     laid : float [kg]
         Part of `after` that was above the bed, or moved across it, and was moved onto it.
     """
@@ -43,16 +44,17 @@ class SwitchAccount:
     after: Sums
     outside: Sums = NOTHING
     off: Sums = NOTHING
+    bed: Sums = NOTHING
     laid: float = 0.0
 
     def errors(self) -> tuple[float, float]:
         """Return the relative errors of mass and of horizontal momentum [1]."""
-        return conservation_error(self.before, self.after, self.outside, self.off)
+        return conservation_error(self.before, self.after, self.outside, self.off, self.bed)
 
     def as_numbers(self) -> dict:
         """Return the balance as plain numbers for a record."""
         mass, momentum = self.errors()
-        sums = {name: getattr(self, name)._asdict() for name in ("before", "after", "outside", "off")}
+        sums = {name: getattr(self, name)._asdict() for name in ("before", "after", "outside", "off", "bed")}
         return {**sums, "laid_mass": self.laid, "mass_error_relative": mass, "momentum_error_relative": momentum}
 
     def lines(self, outside: str = "booked and gone") -> list[str]:
@@ -78,6 +80,8 @@ class SwitchAccount:
                     f"{what}: {part.mass:.9g} kg ({100 * part.mass / before.mass:.3g} %), momentum ({momentum}) "
                     f"kg m s-1, kinetic energy {part.kinetic:.6g} J"
                 )
+        if self.bed.kinetic:
+            lines.append(bed_words(self.bed))
         if self.laid:
             lines.append(f"{self.laid:.6g} kg above the bed, or moving across it, were moved onto it")
         return lines
@@ -150,6 +154,7 @@ def switch_to_columns(
     holds: Callable,
     beside: "Frame | None" = None,
     gravity: float = GRAVITY,
+    slopes: Callable | None = None,
 ) -> Switched:
     """Gather the points of a frame into columns on a terrain, for the next solver.
 
@@ -165,28 +170,26 @@ def switch_to_columns(
         Columns that continue unchanged.
     gravity : float [m s-2]
         Of the energies in the account.
+    slopes : callable, optional
+        As in `points_to_columns`.
 
     Raises
     ------
     InputError
         Nothing on the terrain.
     """
-    parts = [_gathered(frame, terrain, cell, gravity)] if len(frame.particles) else []
+    before, bare, bed, laid, frames = NOTHING, NOTHING, NOTHING, 0.0, []
+    if len(frame.particles):
+        options = ColumnOptions(by="cell", cell=cell, detached=LAY)
+        gathered = points_to_columns(frame, terrain, options, gravity, slopes)
+        report, frames = gathered.report, [gathered.frame]
+        before, bare, bed, laid = report.before, report.outside, report.bed, report.laid
     if beside is not None and len(beside.particles):
-        beside = replace(beside, state={"velocity_gradient": velocity_gradient(beside)}, maxima={})
-        parts.append((beside, _sums(beside, gravity), NOTHING, 0.0))
-    before, bare = (_total(part[k] for part in parts) for k in (1, 2))
-    columns = _one_frame([part[0] for part in parts])
-    kept, off = _parted(columns, holds, gravity)
-    account = SwitchAccount(before, _sums(kept, gravity), off=_together(off, bare), laid=sum(part[3] for part in parts))
+        frames.append(replace(beside, state={"velocity_gradient": velocity_gradient(beside)}, maxima={}))
+        before = _together(before, _sums(beside, gravity))
+    kept, off = _parted(_one_frame(frames), holds, gravity)
+    account = SwitchAccount(before, _sums(kept, gravity), off=_together(off, bare), bed=bed, laid=laid)
     return Switched(replace(kept, state={}), None, kept.state["velocity_gradient"], None, account)
-
-
-def _gathered(frame, terrain, cell, gravity):
-    """(Frame of columns, Sums of the points before, of those without ground, mass moved onto the bed)."""
-    columns = points_to_columns(frame, terrain, ColumnOptions(by="cell", cell=cell, detached=LAY), gravity)
-    report = columns.report
-    return columns.frame, report.before, report.outside, report.laid
 
 
 def _one_frame(frames):
@@ -246,7 +249,3 @@ def _together(one, other):
         one.kinetic_vertical + other.kinetic_vertical,
         one.potential + other.potential,
     )
-
-
-def _total(sums):
-    return reduce(_together, sums, NOTHING)

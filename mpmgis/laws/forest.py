@@ -17,7 +17,8 @@ STRENGTH = 3  # [Pa] pressure from which on trees break
 SLOW = 4  # [m s-1] largest speed of flow that only loses mass; 0: no limit
 THIN = 5  # [m] largest thickness, normal to the ground, of flow that only loses mass; 0: no limit
 TOO_THICK = 6  # [m] thickness above which the flow breaks trees; 0: no limit
-FOREST_ENTRIES = 7  # number of entries
+SHARE = 7  # [1] share of the node's square with trees; K, c and mu_f above are those of the trees times this share
+FOREST_ENTRIES = 8  # number of entries
 
 
 def forest_breaks(strength: float, too_thick: float, density: float, thickness_normal: float, speed: float) -> bool:

@@ -5,10 +5,12 @@ from math import inf, sqrt
 from ..laws.quantities import GRAVITY
 from ..scene.point_effects import FEWEST_CELLS
 from ..solvers.points.point_volume import PACKED, PACKED_SHARE
+from .stage_end import CALM_SHARE
 
 UNUSABLE = "unusable"  # first word of the message on points that have lost their volume
 _KEPT = {"kept": True}
 AIRBORNE_SHARE = 0.05  # [1] share of the mass that would leave the ground, above which a run of columns reports it
+FLIGHT_SHARE = CALM_SHARE  # share of the mass in flight at the end of a stage of points, above which it is reported
 LEFT_SHARE = 0.01  # of the mass beyond the edge of the terrain, above which the consequence is reported
 SHOWN_SHARE = 1e-5  # of the mass that left at one location, above which the location is reported
 SHOWN_PLACES = 4  # number of reported locations
@@ -183,6 +185,27 @@ def unusable_lines(record: dict) -> list[str]:
     stages = record.get("stages") or [record]
     lost = [(n, stage["volume"]) for n, stage in enumerate(stages, 1) if not stage.get("volume", _KEPT)["kept"]]
     return [f"stage {n}: {volume_words(one)}" if len(stages) > 1 else volume_words(one) for n, one in lost]
+
+
+def flight_lines(stages: list[dict]) -> list[str]:
+    """Return lines of text about stages of points that ended with mass in flight, which columns cannot represent.
+
+    Parameters
+    ----------
+    stages : list of dict
+        Of a run, as in `run.json`.
+    """
+    lines = []
+    for number, stage in enumerate(stages, 1):
+        switch = stage.get("switch", {})
+        laid, whole = switch.get("laid_mass", 0.0), switch.get("before", {}).get("mass", 0.0)
+        if laid > FLIGHT_SHARE * whole:
+            lines.append(
+                f"in flight: stage {number} ended at t = {stage['time']:.4g} s with {100 * laid / whole:.2g} % of the "
+                "mass above the bed or moving across it; this mass was moved onto the bed, so that its place, depth "
+                "and speed are not results of a model; end the stage later, or with until = {calm = 1} alone"
+            )
+    return lines
 
 
 def account(balances: dict, solver: str, mass: dict | None = None) -> list[str]:
@@ -382,15 +405,16 @@ def _of_points(b):
     lines.append(f"largest vertical thickness {thickest} (mass / (density x cell area), in the frames)")
     share = 100 * b["speed_bound_ratio"]
     waves = f"{b['mach_max']:.2f} times the pressure wave speed"
-    lines.append(f"{_fastest(b)}, {waves}, {share:.0f} % of the free-fall speed from the top of the release")
+    lines.append(f"{_fastest(b)}, {waves}, {share:.0f} % of the speed of its drop height")
     lines.append(
         f"99.9th percentile of the speed by mass: {b['speed_p999']:.1f} m/s at most, in the frame at "
         f"t = {b['speed_p999_time']:.1f} s"
     )
     if share > 100:
         lines.append(
-            f"outside the model: the fastest point had {share:.0f} % of the free-fall speed from the top of the "
-            "release; this is possible only for single points where jets meet: check there, and use a smaller cfl"
+            f"outside the model: the fastest point had {share:.0f} % of the speed that its drop height and the largest "
+            "initial speed allow; this is possible only for single points where jets meet: compare the 99.9th "
+            "percentile above, and use a smaller cfl"
         )
     if b["mass_lifted_onto_ground"] > 0:
         share = 100 * b["mass_lifted_onto_ground"] / b["mass_start"]

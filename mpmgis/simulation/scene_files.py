@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..solvers.features.feature_placement import PlacedFiles, erodible_mass, painted_zones
+from ..solvers.features.feature_placement import PlacedFiles, erodible_ground, painted_zones
 from ..solvers.features.features_by_place import KnownByPlace
 from ..solvers.features.forest_values import ENTRY, forest_values
 from ..solvers.features.lakes import lake_levels
@@ -177,14 +177,14 @@ def _barriers(scene, terrain):
 
 
 def _erodible(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", frame: "Frame") -> object:
-    """Return the erodible mass at the nodes [kg m-2]; None without [entrainment]."""
+    """Return the Erodible ground at the nodes; None without [entrainment]."""
     table = scene.entrainment
     if not _used(table):
         return None
     path = scene.path(table.source)
     mask_or_polygons = table.thickness is not None or not is_raster(path)
     files = _spatial_file(path, terrain) if mask_or_polygons else _erodible_raster(path, terrain)
-    return erodible_mass(table, files, path, grid, frame.header["density"])
+    return erodible_ground(table, files, path, grid, frame.header["density"])
 
 
 def _erodible_raster(path, terrain):

@@ -33,7 +33,7 @@ from .preparation import prepare
 from .required_memory import predicted_memory
 from .run_device import devices_record, require_devices
 from .run_extension import can_continue, continue_earlier, differences, earlier_run
-from .run_summary import extremes, unusable_lines
+from .run_summary import extremes, flight_lines, unusable_lines
 from .scene_files import input_files
 from .stage_sequence import StageSequence
 from .warmup import warm_up
@@ -76,8 +76,8 @@ class RunSummary:
         Of all frames.
     extremes : dict or None
         Place and time of the largest thickness and speed.
-    unusable : tuple of str
-        Warnings about points that have lost their volume.
+    warnings : tuple of str
+        About mass in flight that became columns, and points that have lost their volume.
     companion : dict or None
         Numerical errors, see `companion_run`; None without a companion run.
     """
@@ -95,7 +95,7 @@ class RunSummary:
     mass: dict | None = None
     result_digest: str | None = None
     extremes: dict | None = None
-    unusable: tuple = ()
+    warnings: tuple = ()
     companion: dict | None = None
 
 
@@ -359,7 +359,7 @@ def _summary(folder, sequence, reason, wall, expected=None):
         mass,
         folder.result,
         extremes(sequence.balances()),
-        tuple(unusable_lines(_record_of_stages(sequence))),
+        (*flight_lines(sequence.past), *unusable_lines(_record_of_stages(sequence))),
     )
 
 

@@ -244,10 +244,16 @@ class Stage:
         """
         if self.scene.solver == "columns":
             cell = self.cell_of_columns(before.grid.cell_size)
-            return switch_to_columns(frame, terrain, cell, self.grid.holds, beside)
+            return switch_to_columns(frame, terrain, cell, self.grid.holds, beside, self.numerics.gravity, self._slopes)
         options = self.point_options()
         require_memory_for_points(options.predicted_points(frame.particles), options.cell)
         return switch_to_points(frame, terrain, options, self.grid.holds, self.window)
+
+    def _slopes(self, columns):
+        """float64[n, 2] [1]: gradient of its bed under a frame of columns; NaN off its grid."""
+        slopes, held = np.full((len(columns.particles), 2), np.nan), self.grid.holds(columns)
+        slopes[held] = self.grid.gradients_at(replace(columns, particles=columns.particles.take(held)))
+        return slopes
 
     def resolution(self, columns: "Frame") -> "Resolution | None":
         """Return the Resolution on its grid of points; None if no column becomes a point.

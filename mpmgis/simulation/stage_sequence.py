@@ -14,7 +14,7 @@ from ..solvers.columns.bed_changes import with_density
 from ..system.errors import FormatError, InputError, one_line
 from ..system.messages import log
 from .coupled_solver import parts_of
-from .run_summary import resolution_words, stood_still, volume_words
+from .run_summary import flight_lines, resolution_words, stood_still, volume_words
 from .time_integration import TimeIntegration
 
 if TYPE_CHECKING:
@@ -328,6 +328,7 @@ class StageSequence:
         log.info(f"{where}: {why}")
         for line in switched.account.lines("remaining columns" if after.has_columns_outside else "removed"):
             log.info(f"  {line}")
+        self._log_troubles([line for line in flight_lines(self.past) if line not in self.troubles])
         self.checks = self._resolution(after, frame)
         if self.checks:
             log.info(f"  {resolution_words(self.checks['resolution'])}")

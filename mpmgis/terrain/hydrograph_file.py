@@ -93,9 +93,8 @@ def _require_valid_series(path: Path, table: dict[str, np.ndarray], lines: list[
     if time[0] < 0:
         raise FormatError(f"{path} line {lines[0]}: time is {time[0]:g} s, expected 0 or later; runs start at 0")
     for k in np.flatnonzero(np.diff(time) <= 0):
-        raise FormatError(
-            f"{path} line {lines[k + 1]}: time {time[k + 1]:g} s is not after {time[k]:g} s; sort the rows"
-        )
+        fix = "add 0.001 s to the second for a step" if time[k + 1] == time[k] else "sort the rows"
+        raise FormatError(f"{path} line {lines[k + 1]}: time {time[k + 1]:g} s is not after {time[k]:g} s; {fix}")
     if "discharge" in table and len(time) < 2:
         raise FormatError(
             f"{path} line {lines[0]}: only one time, expected at least two; discharge is linear between times"

@@ -39,7 +39,7 @@ from mpmgis.frames.particles import Frame, Particles  # noqa: E402
 from mpmgis.laws.curvature import CURVATURE  # noqa: E402
 from mpmgis.laws.effect_slots import ColumnEffects  # noqa: E402
 from mpmgis.laws.entrainment import entrainment_law  # noqa: E402
-from mpmgis.laws.forest import FOREST_ENTRIES  # noqa: E402
+from mpmgis.laws.forest import FOREST_ENTRIES, SHARE  # noqa: E402
 from mpmgis.laws.friction import friction_law  # noqa: E402
 from mpmgis.laws.ground_metric import WATER  # noqa: E402
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure  # noqa: E402
@@ -107,7 +107,7 @@ def places_on(grid):
     shape = grid.bed.shape
     y, x = np.mgrid[0 : shape[0], 0 : shape[1]] * CELL
     forest = np.zeros((*shape, FOREST_ENTRIES))
-    forest[4:-4, 4:-4, :4] = 30.0, 0.02, 0.02, 3e4
+    forest[4:-4, 4:-4, :4], forest[4:-4, 4:-4, SHARE] = (30.0, 0.02, 0.02, 3e4), 1.0
     barriers = np.zeros((*shape, wall.BARRIER_ENTRIES))
     middle, rows = shape[1] // 2, slice(shape[0] // 3, shape[0] // 2)
     for k, side in ((0, -1.0), (1, 1.0)):

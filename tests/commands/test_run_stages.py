@@ -94,7 +94,7 @@ def test_mass_and_momentum_are_kept_across_each_switch(site):
     for stage, after in zip(told["stages"][:2], told["stages"][1:], strict=True):
         kept = stage["switch"]
         assert abs(kept["mass_error_relative"]) <= 1e-12 and kept["momentum_error_relative"] <= 1e-12
-        parts = [kept[name] for name in ("after", "outside", "off")]
+        parts = [kept[name] for name in ("after", "outside", "off", "bed")]
         assert sum(part["mass"] for part in parts) == pytest.approx(kept["before"]["mass"], rel=1e-12)
         scale = np.hypot(*kept["before"]["momentum"][:2])
         for axis in (0, 1):
@@ -104,6 +104,8 @@ def test_mass_and_momentum_are_kept_across_each_switch(site):
         begun = after["balances"]["mass_start"] if "balances" in after else told["balances"]["mass_start"]
         assert begun == pytest.approx(kept["after"]["mass"], rel=1e-12)
         assert kept["after"]["kinetic_horizontal"] > 0.0 and kept["before"]["momentum"][2] < 0.0
+        flies = kept["laid_mass"] > 0.01 * kept["before"]["mass"]
+        assert flies == any("in flight" in line for line in told["troubles"]) or stage is told["stages"][0]
     assert told["stages"][0]["switch"]["outside"]["mass"] > 0.02 * told["mass"]["released"]
     assert told["stages"][1]["switch"]["outside"]["count"] == 0
 

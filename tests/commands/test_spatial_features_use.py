@@ -110,7 +110,7 @@ def test_a_zone_off_the_terrain_is_refused(site, capsys):
     write_shapes(site / "zones.gpkg", [shapely.box(200, 0, 800, 400)])
     write_shapes(site / "far.gpkg", [shapely.box(20_000, 0, 20_800, 400)])
     far = ZONES.format(mu=0.6).replace("zones.gpkg", "far.gpkg")
-    assert "[[zones]] number 2 covers no node" in refused(site, capsys, SCENE + ZONES.format(mu=0.6) + far)
+    assert "[[zones]] number 2 covers no part" in refused(site, capsys, SCENE + ZONES.format(mu=0.6) + far)
     write_shapes(site / "far.gpkg", [shapely.box(20_000, 0, 20_800, 400), shapely.box(200, 0, 800, 400)])
     assert decisions(site, STIFF + far, capsys)["zones"]["state"] == "on"
 

@@ -57,6 +57,7 @@ def test_the_way_back_is_reported():
     points = columns_to_points(columns_on(GROUND, 2.0), GROUND, PointOptions(cell=1.0)).frame
     for options, word in (
         (ColumnOptions(), "of the points of one parent"),
+        (ColumnOptions(), "the bed takes the motion across it"),
         (ColumnOptions(cell=5.0), "cells of 5 m were not used"),
         (ColumnOptions(by="cell", cell=5.0), "of a cell of 25 m2"),
     ):

@@ -4,7 +4,7 @@ from collections import defaultdict
 
 import pytest
 
-from mpmgis.simulation.run_summary import account, extreme_lines, extremes
+from mpmgis.simulation.run_summary import account, extreme_lines, extremes, flight_lines
 
 
 def balances(**told):
@@ -17,6 +17,15 @@ def test_points_moved_back_onto_the_ground_are_reported():
     said = "% of the mass was more than a cell below the ground"
     assert not any(said in line for line in account(balances(), "points"))
     assert any(line.startswith(f"0.25 {said}") for line in account(balances(mass_lifted_onto_ground=0.5), "points"))
+
+
+def test_mass_in_flight_that_became_columns_is_reported():
+    def stage(laid):
+        return {"time": 14.0, "switch": {"laid_mass": laid, "before": {"mass": 200.0}}}
+
+    assert flight_lines([{"solver": "columns"}, stage(0.0), stage(2.0)]) == []
+    (line,) = flight_lines([stage(1.0), stage(40.0), {"solver": "columns"}])
+    assert line.startswith("in flight: stage 2 ended at t = 14 s with 20 % of the mass above the bed")
 
 
 def test_energy_sinks_of_points_are_reported():

@@ -156,14 +156,38 @@ def test_a_lowered_bed_with_curvature_is_bitwise_the_same_for_any_threads():
     assert one.state["bed"].tobytes() == other.state["bed"].tobytes()
 
 
-def weightless_slab(coefficient, erodible, **laws):
+def weightless_slab(coefficient, erodible, share=1.0, **laws):
     """A slab 2 m thick that slides at 10 m/s over erodible ground, with almost no weight."""
     terrain = terrain_of(level, 600.0, 40.0, DX)
     frame = columns_of(2.0, 50, 250, 0, 40, DX / 4, velocity=(10.0, 0.0))
     shape = ColumnGrid.on(terrain, DX).bed.shape
     law = entrainment_law("ErosionSpeed", coefficient, **laws)
-    places = Places(erodible=np.full(shape, erodible))
+    places = Places(erodible=np.full(shape, erodible), erodible_share=np.full(shape, share))
     return frame, solver_on(terrain, frame, DX, edges="wall", gravity=1e-9, places=places, laws={"entrainment": law})
+
+
+@pytest.mark.parametrize(("step", "steps"), [(0.05, 60), (0.25, 12), (0.05, 5), (0.25, 2), (0.25, 1)])
+def test_a_path_is_short_by_half_a_step_before_each_frame(step, steps):
+    """A thin sheet that friction stops on level ground, a frame every `steps` steps: v^2 / (2 mu g) - v dt / (2 n)."""
+    frame = columns_of(0.001, 20, 60, 0, 40, DX / 4, velocity=(10.0, 0.0))
+    terrain = terrain_of(level, 100.0, 40.0, DX)
+    solver = solver_on(terrain, frame, DX, friction_law("Coulomb", 0.5), edges="wall", time_step=step)
+    for number in range(1, round(3.0 / (step * steps)) + 1):
+        solver.advance(number * step * steps)
+    p, start = solver.frame().particles, frame.particles
+    path = np.average(p.position[:, 0], weights=p.mass) - np.average(start.position[:, 0], weights=start.mass)
+    short = 0.0 if step * steps > 2.1 else 10.0 * step / (2 * steps)
+    assert not p.velocity.any()
+    assert path == pytest.approx(100.0 / (2 * 0.5 * G) - short, abs=0.1 * step)
+
+
+def test_ground_is_eroded_in_proportion_to_the_share_that_is_erodible():
+    taken = []
+    for share in (1.0, 0.25):
+        _, solver = weightless_slab(0.02, 1e9, share)
+        solver.advance(1e9, 1)
+        taken.append(solver.balances()["mass_entrained"])
+    assert taken[1] == pytest.approx(0.25 * taken[0], rel=1e-12) and taken[1] > 0.0
 
 
 @pytest.mark.thorough

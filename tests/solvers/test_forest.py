@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mpmgis.compiled.block_order import CHUNKS
 from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.entrainment import entrainment_law
-from mpmgis.laws.forest import FOREST_ENTRIES, forest_breaks, forest_detrained
+from mpmgis.laws.forest import FOREST_ENTRIES, SHARE, STRENGTH, forest_breaks, forest_detrained
 from mpmgis.laws.friction import friction_law
 from mpmgis.solvers.columns import column_detrainment, column_forest, column_time_step
 from mpmgis.solvers.columns.column_blocks import TouchedBlocks
@@ -33,6 +33,7 @@ def forested(frame, bed, length, width, dx, values, mu=0.0, erosion=0.0, erodibl
     given_values = values(x, y) if callable(values) else np.broadcast_to(values, (*x.shape, len(values)))
     forest = np.zeros((*x.shape, FOREST_ENTRIES))
     forest[..., : given_values.shape[-1]] = np.where(grid.domain_nodes()[..., None], given_values, 0.0)
+    forest[..., SHARE] = (forest[..., STRENGTH] > 0.0).astype(float)
     places = Places(forest=forest, erodible=np.full(x.shape, float(erodible)))
     laws = {"forest": True, "entrainment": entrainment_law("ErosionSpeed", erosion)}
     settings_ = {"density": DENSITY, **numerics}

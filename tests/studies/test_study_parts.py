@@ -275,6 +275,17 @@ def test_errors_of_a_shifted_block():
     assert errors_of([second], [second]) == (0.0, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("times", [1, 3])
+@pytest.mark.parametrize(("film", "error"), [(0.0999, 0.0), (0.1001, 1 / 3)])
+def test_a_film_of_less_than_a_hundredth_is_no_footprint(film, error, times):
+    """Of the largest thickness of the reference at all times; a film of either run."""
+    first = [state([[10.0, 5.0, 0.0]])] * (times - 1)
+    thick, filmy = [*first, state([[10.0, 5.0, 0.0]])], [*first, state([[1.0, 5.0, film]])]
+    assert errors_of(filmy, thick).area == pytest.approx(error)
+    reference = [state([[10.0, 0.0, 0.0]]), state([[0.0, 1.0, film]])]
+    assert errors_of([state([[1.0, 0.0, 0.0]]), state([[0.0, 1.0, 0.0]])], reference).area == pytest.approx(error)
+
+
 def test_cells_without_exact_solution_are_ignored():
     found = errors_against_exact([state([[2, 1, 5]])], np.array([[1.0, 1.0, np.nan]]))
     assert found.thickness == pytest.approx(0.5) and math.isnan(found.area)

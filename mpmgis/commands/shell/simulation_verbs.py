@@ -239,7 +239,7 @@ def _print_summary(summary):
     if summary.result_digest:
         terminal.note(f"digest of the result: {summary.result_digest}")
     _print_cost(summary)
-    for line in summary.unusable:  # last, so that it is seen
+    for line in summary.warnings:  # last, so that it is seen
         terminal.note(line)
 
 

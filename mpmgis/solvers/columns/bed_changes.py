@@ -7,7 +7,7 @@ import numpy as np
 # names in a frame of arrays at the nodes
 MASS = "eroded_mass"  # [kg m-2]
 DETRAINED = "detrained_mass"  # [kg m-2]
-BROKEN = "broken_forest"  # [1]; 1 where forest is broken
+BROKEN = "broken_forest"  # [1]; share of the node's square with broken forest
 # further names in a frame
 TRANSFORM = "transform"  # affine transform of the squares that nodes stand for [m]
 DENSITY = "bed_density"  # [kg m-3]
@@ -23,7 +23,7 @@ def bed_change_of(
     eroded : float64[rows, columns] [kg m-2]
         Per plan area at the nodes, row 0 in the south; a node stands for the square of side `spacing` around it.
     forest : (float64[rows, columns], float64[rows, columns]) or None
-        Mass that stopped in forest [kg m-2], and 1 where forest is broken.
+        Mass that stopped in forest [kg m-2], and the share of the square with broken forest.
     west, south : float [m]
         Map position of the first node.
     spacing : float [m]

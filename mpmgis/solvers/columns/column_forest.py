@@ -16,6 +16,7 @@ from ...laws.forest import (
     DETRAINMENT,
     DRAG,
     FRICTION,
+    SHARE,
     SLOW,
     STRENGTH,
     THIN,
@@ -45,7 +46,7 @@ BRAKING = 4.0  # they only brake: the flow is beyond these limits
     KINETIC,  # [J] its kinetic energy
     POTENTIAL,  # [J] its potential energy, from elevation 0
     RESISTED,  # [J] energy lost to the added resistance
-    BROKEN_NODES,  # number of nodes with broken forest
+    BROKEN_CELLS,  # [cells] area of broken forest
     STOPPED_COLUMNS,  # number of columns that stopped as a whole
     FOREST_SUMS,
 ) = range(7)
@@ -68,7 +69,7 @@ def break_forest(
     fields : NodeFields
     touched : TouchedBlocks
     report : float64[CHUNKS]
-        Becomes the number of nodes that broke.
+        Becomes the area of forest that broke [cells].
     settings : Settings
     metric : int
         Slot of this name (`ColumnEffects`).
@@ -95,7 +96,7 @@ def break_trees(
     settings: Settings,
     metric: int,
 ) -> float:
-    """Mark and break the trees at node [j, i] (see `break_forest`); return 1 where they broke, else 0.
+    """Mark and break the trees at node [j, i] (see `break_forest`); return their area [cells] if they broke, else 0.
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def break_trees(
         state[j, i, TREES] = TAKING if only_detrains else BRAKING
     if forest_breaks(values[j, i, STRENGTH], values[j, i, TOO_THICK], density, thickness, speed):
         state[j, i, TREES] = BROKEN
-        return 1.0
+        return values[j, i, SHARE]
     return 0.0
 
 
@@ -264,7 +265,7 @@ def clear_shares(share: np.ndarray, touched: TouchedBlocks) -> None:
 
 @jit
 def collect_forest(broken: np.ndarray, node_report: np.ndarray, loss: int, sums: np.ndarray) -> None:
-    """Add the chunks' numbers of broken nodes, and the energy lost to trees, in their order.
+    """Add the chunks' areas of broken forest, and the energy lost to trees, in their order.
 
     Parameters
     ----------
@@ -276,4 +277,4 @@ def collect_forest(broken: np.ndarray, node_report: np.ndarray, loss: int, sums:
     """
     for c in range(CHUNKS):
         sums[RESISTED] += node_report[c, loss]
-        sums[BROKEN_NODES] += broken[c]
+        sums[BROKEN_CELLS] += broken[c]

@@ -307,7 +307,7 @@ def update_node(
         if entrainment.kind != NO_EROSION:
             basal_stress = dry + viscous * slowed + density * drag * slowed * slowed
             wanted = dt * erosion_rate(entrainment, density, basal_stress, slowed) / sqrt(c2)
-            covered = min(grid_thickness / wet_thickness, 1.0)  # no erosion at the margin
+            covered = min(grid_thickness / wet_thickness, 1.0) * fields.erodible_share[j, i]  # none at the margin
             most = MOST_GAIN * mass / (dx * dx)
             if min(covered * wanted, erodible[j, i]) > most:
                 report[GREEDY_MASS] += mass

@@ -49,6 +49,7 @@ class NodeFields(NamedTuple):
     inside: np.ndarray  # cells; 1 where there is terrain
     zone_values: np.ndarray  # [..., parameters of the friction law]
     erodible: np.ndarray  # [kg m-2] that can still be taken up
+    erodible_share: np.ndarray  # [1] of a node's square in which it lies
     barriers: np.ndarray  # [..., BARRIER_ENTRIES]
     lake_level: np.ndarray  # cells; [m]
     forest: np.ndarray  # [..., FOREST_ENTRIES] values of the trees; all 0: none

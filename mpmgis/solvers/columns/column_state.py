@@ -10,7 +10,7 @@ from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore
 from ...frames.peaks import PEAK_STATE, is_peaks_state, maxima_of, peaks_state, restore_peaks
 from ...frames.state_check import LEFT_STATE
 from ...laws.entrainment import NO_EROSION
-from ...laws.forest import STRENGTH
+from ...laws.forest import SHARE
 from ...laws.ground_metric import cosine_squared, metric_gradient
 from ...system.errors import FormatError
 from . import column_forest, column_report, column_time_step
@@ -162,7 +162,8 @@ class ColumnState(ParticleStore):
         grid, inner = self.grid, (slice(1, -1), slice(1, -1))
         if self.effects.forest:
             state = self.fields.forest_state[inner]
-            broken = (state[..., column_forest.TREES] == column_forest.BROKEN).astype(float)
+            trees = self.fields.forest[inner][..., SHARE]
+            broken = np.where(state[..., column_forest.TREES] == column_forest.BROKEN, trees, 0.0)
             forest = state[..., column_forest.STOPPED] / grid.cell_size**2, broken
         eroded = np.zeros((grid.bed.shape[0] - 2, grid.bed.shape[1] - 2))
         if erodes:
@@ -256,8 +257,8 @@ class ColumnState(ParticleStore):
             "mass_detrained": float(sums[column_forest.DETRAINED]),
             "mass_at_rest": at_rest,
             "mass_flowing": mass_now - at_rest,
-            "forest_area": float((self.fields.forest[..., STRENGTH] > 0.0).sum()) * cell,
-            "forest_broken_area": float(sums[column_forest.BROKEN_NODES]) * cell,
+            "forest_area": float(self.fields.forest[..., SHARE].sum()) * cell,
+            "forest_broken_area": float(sums[column_forest.BROKEN_CELLS]) * cell,
         }
 
     def _losses(self):

@@ -27,6 +27,8 @@ class Places:
         Parameters of the friction law at the nodes, in the order of the law's fields.
     erodible : float64[ny + 3, nx + 3] [kg m-2], optional
         What the flow can take up from the bed.
+    erodible_share : float64[ny + 3, nx + 3] [1], optional
+        Of a node's square, in which `erodible` lies; default: 1.
     barriers : float64[ny + 3, nx + 3, BARRIER_ENTRIES], optional
         See `column_barriers`; `barrier_entries` makes them of walls.
     barrier_names : tuple of str
@@ -38,6 +40,7 @@ class Places:
 
     zone_values: np.ndarray | None = None
     erodible: np.ndarray | None = None
+    erodible_share: np.ndarray | None = None
     barriers: np.ndarray | None = None
     barrier_names: tuple = ()
     lake_level: np.ndarray | None = None
@@ -58,12 +61,15 @@ class Places:
 
         shape = (1, 1) if self.forest is None else self.forest.shape[:2]
         state = np.zeros((*shape, FOREST_STATE))
+        erodible = present(self.erodible).copy()
+        share = np.ones(erodible.shape) if self.erodible_share is None else present(self.erodible_share)
         return NodeFields(
             bed=spared(grid.bed) if lowers_bed else grid.bed,
             gradient=grid.gradient.copy() if lowers_bed else grid.gradient,
             inside=grid.inside,
             zone_values=present(self.zone_values, 1),
-            erodible=present(self.erodible).copy(),
+            erodible=erodible,
+            erodible_share=share,
             barriers=present(self.barriers, BARRIER_ENTRIES),
             lake_level=present(self.lake_level),
             forest=present(self.forest, FOREST_ENTRIES),

@@ -2,13 +2,25 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import shapely
 
-from ...laws.friction import given_instead, turbulent_coefficient
+from ...laws.friction import DRAG, ROLES, given_instead, turbulent_coefficient
 from ...system.errors import InputError, SceneError
-from .area_values import cell_values, within
+from ...system.messages import log
+from .area_shares import (
+    SAME,
+    Area,
+    covered_nodes,
+    covers_domain,
+    domain_shares,
+    mask_share,
+    raster_means,
+    square_areas,
+    visible_shares,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,10 +50,19 @@ class PlacedFiles:
     values: dict = field(default_factory=dict)
 
 
+class Erodible(NamedTuple):
+    """Erodible ground at the nodes."""
+
+    mass: np.ndarray  # float64[ny + 3, nx + 3] [kg m-2] for each square metre on the map
+    share: np.ndarray  # float64[ny + 3, nx + 3] [1] of the node's square that is erodible
+
+
 def painted_zones(
     scene: "Scene", zones: "Iterable[tuple[int, ZoneTable, PlacedFiles]]", grid: "ColumnGrid"
 ) -> dict[str, np.ndarray]:
-    """Return the parameters of friction at the nodes: those of [friction], then those of every zone in its order.
+    """Return the parameters of friction at the nodes: means of [friction] and of the zones by the areas they cover.
+
+    Later zones lie on earlier ones. The mean of xi is that of 1 / xi, to which its drag is in proportion.
 
     Parameters
     ----------
@@ -61,42 +82,95 @@ def painted_zones(
         A column without polygons or without numbers; values outside their parameter's range; a zone off the terrain.
     """
     law = scene.laws[scene.friction.law][1]
-    x, y = grid.node_points()
     instead = given_instead(scene.friction.law)
-    painted = {name: np.full(x.shape, scene.friction.parameters.get(name, np.nan)) for name in law}
+    areas = {name: ([], []) for name in law}  # of each parameter, and their values
     for number, zone, files in zones:
         covers = False
-        for shape, name, value in _painting(zone, files, x, y):
-            known = np.isfinite(value)
-            covers = covers or (known & shape).any()
+        for area, name, value in _painting(zone, files, grid):
             own = instead[name][1] if name in instead else law[name]
-            _require_in_range(value[known & shape], name, own, f"[[zones]] number {number}")
+            _require_in_range(_values_in(value, area, grid), name, own, f"[[zones]] number {number}")
             if name in instead:
-                name, value = instead[name][0], turbulent_coefficient(np.where(known & shape, value, np.nan))
-            painted[name] = np.where(shape & known, value, painted[name])
+                name, value = instead[name][0], turbulent_coefficient(value)
+            areas[name][0].append(area)
+            areas[name][1].append(value)
+            covers = covers or covers_domain(area, grid)
         if not covers:
-            raise InputError(f"[[zones]] number {number} covers no node of the terrain; check its CRS and its values")
-    return painted
+            raise InputError(f"[[zones]] number {number} covers no part of the terrain; check its CRS and its values")
+        log_area(f"[[zones]] number {number}", files, grid)
+    given = scene.friction.parameters
+    means = {name: _mean(*areas[name], given.get(name, np.nan), grid, ROLES.get(name) == DRAG) for name in law}
+    return {name: np.pad(values, 1, "edge") for name, values in means.items()}
 
 
-def _painting(zone, files, x, y):
-    """Yield (bool nodes, parameter, its values at the nodes) for each feature and parameter of a zone, in order."""
-    rasters = {name: cell_values(*raster, x, y) for name, raster in files.values.items()}
-    constant = {name: np.full(x.shape, value) for name, value in zone.parameters.items() if not isinstance(value, str)}
-    columns = {name: value for name, value in zone.parameters.items() if name not in rasters and name not in constant}
+def _painting(zone, files, grid):
+    """Yield (Area, parameter, its value or its values at the nodes) for each feature and parameter of a zone."""
+    numbers = {name: value for name, value in zone.parameters.items() if not isinstance(value, str)}
+    rasters = {
+        name: raster_means(*raster, grid, reciprocal=ROLES.get(name) == DRAG) for name, raster in files.values.items()
+    }
+    columns = [name for name in zone.parameters if name not in numbers and name not in rasters]
     if files.features is None:
         if columns:
-            name, column = next(iter(columns.items()))
-            raise SceneError(f"[[zones]]: {name} = {column!r} is not a file, and without polygons there are no columns")
-        mask = np.ones(x.shape, bool)
-        if files.raster is not None:
-            mask = np.nan_to_num(cell_values(*files.raster, x, y)) != 0
-        yield from ((mask, name, values) for name, values in {**constant, **rasters}.items())
+            name, given = columns[0], zone.parameters[columns[0]]
+            raise SceneError(f"[[zones]]: {name} = {given!r} is not a file, and without polygons there are no columns")
+        share = mask_share(files.raster, grid) if files.raster is not None else np.ones(square_areas(grid).shape)
+        yield from ((Area(None, share), name, value) for name, value in numbers.items())
+        yield from ((Area(None, share * known), name, mean) for name, (mean, known) in rasters.items())
         return
     for feature in files.features:
-        mask = within(feature.shape, x, y)
-        own = {name: np.full(x.shape, feature.number(column)) for name, column in columns.items()}
-        yield from ((mask, name, values) for name, values in {**constant, **rasters, **own}.items())
+        yield from ((Area(feature.shape), name, value) for name, value in numbers.items())
+        yield from ((Area(feature.shape, known), name, mean) for name, (mean, known) in rasters.items())
+        yield from ((Area(feature.shape), name, feature.number(zone.parameters[name])) for name in columns)
+
+
+def log_area(what: str, files: PlacedFiles, grid: "ColumnGrid", more: str = "") -> None:
+    """Log the area of polygons or of a raster, and how much of it acts on the domain.
+
+    Parameters
+    ----------
+    what : str
+        Name of the table.
+    files : PlacedFiles
+    grid : ColumnGrid
+    more : str
+        At the end of the line.
+    """
+    if files.features is not None:
+        shape = shapely.union_all([feature.shape for feature in files.features])
+        drawn, share = shape.area, domain_shares(shape, grid)
+    elif files.raster is not None:
+        values, placed = files.raster
+        drawn, share = np.count_nonzero(np.nan_to_num(values)) * placed.cell_area, mask_share(files.raster, grid)
+    else:
+        return
+    used = float((share * square_areas(grid)).sum())
+    log.info(f"{what}: {drawn:.6g} m2 are drawn, {used:.6g} m2 of them lie on the terrain and act{more}")
+
+
+def _values_in(value, area, grid):
+    """The value of an area; of a raster those where the area is."""
+    return value[covered_nodes(area, grid)] if isinstance(value, np.ndarray) else np.array([value])
+
+
+def _mean(areas, values, base, grid, reciprocal):
+    """float64[ny + 1, nx + 1]: mean of the visible values over the nodes' squares, with `base` outside the areas.
+
+    NaN where there is none.
+    """
+    shape = square_areas(grid).shape
+    total, share, found = np.zeros(shape), np.zeros(shape), np.full(shape, np.nan)
+    for number, window, part in visible_shares(areas, grid):
+        value = values[number][window] if isinstance(values[number], np.ndarray) else values[number]
+        total[window] += np.where(part > 0.0, part / value if reciprocal else part * value, 0.0)
+        share[window] += part
+        found[window] = np.where(part == 1.0, value, found[window])
+    if np.isfinite(base):
+        rest = np.maximum(1.0 - share, 0.0)
+        total, share = total + (rest / base if reciprocal else rest * base), share + rest
+    mean = np.divide(total, share, out=np.full(shape, np.nan), where=share > 0.0)
+    mean = 1.0 / mean if reciprocal else mean
+    mean = np.where(np.abs(mean - base) <= SAME * np.abs(base), base, mean)
+    return np.where(np.isfinite(found), found, mean)
 
 
 def _require_in_range(values, name, parameter, where):
@@ -106,10 +180,10 @@ def _require_in_range(values, name, parameter, where):
         raise SceneError(f"{where}: {name} reaches {worst:g}, expected {low:g} to {high:g}")
 
 
-def erodible_mass(
+def erodible_ground(
     table: "EntrainmentTable", files: PlacedFiles, path: "Path", grid: "ColumnGrid", flow_density: float
-) -> np.ndarray:
-    """Compute the mass that the flow can take up at the nodes.
+) -> Erodible:
+    """Compute the mass that the flow can take up at the nodes, and log it.
 
     Parameters
     ----------
@@ -123,43 +197,49 @@ def erodible_mass(
 
     Returns
     -------
-    float64[ny + 3, nx + 3] [kg m-2]
-        For each square metre on the map.
+    Erodible
 
     Raises
     ------
     SceneError, InputError
         The thickness is missing, given twice, negative, or nowhere on the terrain.
     """
-    x, y = grid.node_points()
-    thickness_from = _raster_thickness if files.features is None else _polygon_thickness
-    thickness = thickness_from(table, files, path, x, y)
-    inner = grid.domain_nodes()
-    if not thickness[inner].any():
+    thickness, share = (_raster_ground if files.features is None else _polygon_ground)(table, files, path, grid)
+    if not thickness.any():
         raise InputError(f"{path}: no erodible ground on this terrain; check its CRS and its values")
     if table.thickness_mode == "normal":
-        thickness = thickness * np.sqrt(1.0 + (grid.gradient**2).sum(axis=-1))
-    density = table.density if table.density is not None else flow_density
-    return np.where(inner, density * thickness, 0.0)
+        thickness = thickness * np.sqrt(1.0 + (grid.gradient[1:-1, 1:-1] ** 2).sum(axis=-1))
+    mass = (table.density if table.density is not None else flow_density) * thickness
+    log_area("[entrainment]", files, grid, f"; {float((mass * square_areas(grid)).sum()):.6g} kg can be taken up")
+    return Erodible(np.pad(mass, 1), np.pad(share, 1))
 
 
-def _raster_thickness(table, files, path, x, y):
+def _raster_ground(table, files, path, grid):
+    """(mean thickness [m], share with a thickness [1]) at the nodes of the domain, from a raster."""
     if isinstance(table.thickness, str):
         raise SceneError("[entrainment]: thickness names a column, and a raster has none; give a number of metres")
-    thickness = np.nan_to_num(cell_values(*files.raster, x, y))
-    if thickness.min() < 0:
-        raise InputError(f"{path}: thickness reaches {thickness.min():g}, expected metres from 0 up")
-    return thickness if table.thickness is None else table.thickness * thickness  # of a mask: 1 inside
+    values, placed = files.raster
+    values = np.nan_to_num(values)
+    if values.min() < 0:
+        raise InputError(f"{path}: thickness reaches {values.min():g}, expected metres from 0 up")
+    if table.thickness is not None:
+        values = table.thickness * values  # of a mask: 1 inside
+    mean, share = raster_means(np.where(values > 0.0, values, np.nan), placed, grid)
+    return np.nan_to_num(mean) * share, share
 
 
-def _polygon_thickness(table, files, path, x, y):
+def _polygon_ground(table, files, path, grid):
+    """(mean thickness [m], share with a thickness [1]) at the nodes of the domain, from polygons."""
     if table.thickness is None:
         raise SceneError("[entrainment]: polygons need thickness: a number of metres, or a column's name")
-    thickness = np.zeros(x.shape)
+    given, depths = table.thickness, []
     for feature in files.features:
-        given = table.thickness
-        metres = feature.number(given) if isinstance(given, str) else given
-        if metres < 0:
-            raise InputError(f"{path}: '{feature.name}' has thickness {metres:g}, expected metres from 0 up")
-        thickness = np.where(within(feature.shape, x, y), metres, thickness)
-    return thickness
+        depths.append(feature.number(given) if isinstance(given, str) else given)
+        if depths[-1] < 0:
+            raise InputError(f"{path}: '{feature.name}' has thickness {depths[-1]:g}, expected metres from 0 up")
+    thickness, share = np.zeros((2, *square_areas(grid).shape))
+    for number, window, part in visible_shares([Area(feature.shape) for feature in files.features], grid):
+        if depths[number] > 0.0:
+            thickness[window] += part * depths[number]
+            share[window] += part
+    return thickness, np.minimum(share, 1.0)

@@ -9,12 +9,12 @@ from scipy import ndimage
 
 from ...laws.contact_friction import PARAMETERS
 from ...laws.entrainment import NO_EROSION
-from ...laws.forest import STRENGTH
+from ...laws.forest import SHARE
 from ...laws.friction import parameters_of
 from ...scene import mu_least
 from ...system.errors import SceneError
 from ..columns.feature_arrays import Places, barrier_entries
-from .area_values import spread
+from .area_shares import square_areas
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ...terrain.elevation import Terrain
     from ...terrain.flow_reach import Reach
     from ..columns.node_grid import ColumnGrid
+    from .feature_placement import Erodible
     from .walls import Wall, WallNodes
 
 LEAST_OF = ("xi",)  # parameters whose smallest value represents the zones, because it has the largest effect
@@ -38,8 +39,8 @@ class KnownByPlace:
     scene : Scene
     zones : dict
         Parameter of friction -> float64 at the nodes, NaN where it is not given.
-    erodible : float64[ny + 3, nx + 3] [kg m-2]
-        Mass that the flow can take up at the nodes.
+    erodible : Erodible
+        Ground that the flow can take up at the nodes.
     walls : tuple of Wall
     wall_nodes : WallNodes
     lake_level : float64[ny, nx] [m]
@@ -51,7 +52,7 @@ class KnownByPlace:
     grid: "ColumnGrid"
     scene: "Scene"
     zones: dict
-    erodible: np.ndarray | None
+    erodible: "Erodible | None"
     walls: "tuple[Wall, ...]"
     wall_nodes: "WallNodes | None"
     lake_level: np.ndarray | None
@@ -88,14 +89,13 @@ class KnownByPlace:
         if self.zones:
             within_domain = self.grid.domain_nodes()
             self._require_no_gap(reach.below_line(terrain.grid, x, y) & within_domain, x, y)
-            facts["zone_spread"] = max(spread(values, inside & within_domain) for values in self.zones.values())
+            facts["zone_spread"] = max(_spread(values, inside & within_domain) for values in self.zones.values())
         if self.erodible is not None:
-            mass = self.erodible[inside].sum() * self.grid.cell_size**2
+            mass = self.erodible.mass[inside].sum() * self.grid.cell_size**2
             facts["erodible_ratio"] = float(mass / frame.particles.mass.sum())
         if self.forest is not None:
-            trees = self.forest[..., STRENGTH] > 0.0
-            areas = (nodes.sum() * self.grid.cell_size**2 for nodes in (trees, trees & inside))
-            facts["forest_areas"] = tuple(float(area) for area in areas)
+            areas = self.forest[1:-1, 1:-1, SHARE] * square_areas(self.grid)
+            facts["forest_areas"] = float(areas.sum()), float(areas[inside[1:-1, 1:-1]].sum())
         if self.walls:
             facts |= self._wall_facts(terrain, reach, inside | near, x, y, depth)
         if self.lake_level is not None:
@@ -138,9 +138,11 @@ class KnownByPlace:
         barriers, names = None, ()
         if effects.barrier:
             barriers, names = barrier_entries(self.wall_nodes), tuple(wall.name for wall in self.walls)
+        erodes = effects.entrainment.kind != NO_EROSION
         return Places(
             zone_values=self._zone_values(parameters_of(effects.friction)) if effects.zones else None,
-            erodible=self.erodible if effects.entrainment.kind != NO_EROSION else None,
+            erodible=self.erodible.mass if erodes else None,
+            erodible_share=self.erodible.share if erodes else None,
             barriers=barriers,
             barrier_names=names,
             lake_level=self.lake_level if effects.still_water else None,
@@ -207,6 +209,15 @@ def _with_friction(scene, values):
     known = {**table.parameters, **values}
     ordered = {name: known[name] for name in scene.laws[table.law][1] if name in known}
     return replace(scene, friction=replace(table, parameters=ordered))
+
+
+def _spread(values, where):
+    """Return (largest - smallest) / mean of values that are not negative; 0 where there is none, or none above 0."""
+    chosen = values[where]
+    if chosen.size == 0 or not np.isfinite(chosen).any():
+        return 0.0
+    low, high, mean = np.nanmin(chosen), np.nanmax(chosen), np.nanmean(chosen)
+    return float((high - low) / mean) if mean > 0.0 else 0.0
 
 
 def _filled(values):

@@ -6,9 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...laws.forest import DETRAINMENT, DRAG, FOREST_ENTRIES, FRICTION, SLOW, STRENGTH, THIN, TOO_THICK
+from ...laws.forest import DETRAINMENT, DRAG, FOREST_ENTRIES, FRICTION, SHARE, SLOW, STRENGTH, THIN, TOO_THICK
 from ...system.errors import InputError, SceneError
-from .area_values import cell_values, within
+from .area_shares import (
+    Area,
+    covered_nodes,
+    covers_domain,
+    mask_share,
+    raster_lowest,
+    raster_means,
+    square_areas,
+    visible_shares,
+)
+from .feature_placement import log_area
 
 if TYPE_CHECKING:
     from ...scene.tables import ForestTable
@@ -24,15 +34,20 @@ ENTRY = {  # key of [[forest]] -> index among the values of the trees
     "detrainment_thickness": THIN,
     "breaking_thickness": TOO_THICK,
 }
+IN_PROPORTION = [DETRAINMENT, DRAG, FRICTION]  # entries that act by the share of a node's square with trees
+OF_LARGEST = [STRENGTH, SLOW, THIN, TOO_THICK]  # limits, of one forest and of one cell of a raster, without a mean
 
 
 def forest_values(forests: "Iterable[tuple[int, ForestTable, PlacedFiles]]", grid: "ColumnGrid") -> np.ndarray:
     """Compute the values of the trees at the nodes.
 
+    What they do is in proportion to the share of the node's square with trees. Limits are not: where several forests
+    lie in a square they are those of the one that covers most of it, of equal ones that with the least strength.
+
     Parameters
     ----------
     forests : iterable of (int, ForestTable, PlacedFiles)
-        Number in the scene, table and files of each forest. Where several overlap, the last one applies; a node has
+        Number in the scene, table and files of each forest. Where several overlap, the last one applies; there is
         forest where all its values are known.
     grid : ColumnGrid
 
@@ -46,29 +61,46 @@ def forest_values(forests: "Iterable[tuple[int, ForestTable, PlacedFiles]]", gri
     SceneError, InputError
         A column without polygons or without numbers; values outside their range; a forest off the terrain.
     """
-    x, y = grid.node_points()
-    inner = grid.domain_nodes()
-    found = np.zeros((*x.shape, FOREST_ENTRIES))
+    areas, trees = [], []
     for number, table, files in forests:
         where, covers = f"[[forest]] number {number}", False
-        for mask, values in _stands(table, files, x, y, where):
-            trees = inner[mask] & np.isfinite(values).all(axis=-1)
-            _require_trees_in_range(table, values[trees], where)
-            found[mask] = np.where(trees[:, None], values, found[mask])
-            covers = covers or trees.any()
+        for area, values in _stands(table, files, grid, where):
+            _require_trees_in_range(
+                table, values[covered_nodes(area, grid)] if values.ndim > 1 else values[None], where
+            )
+            areas.append(area)
+            trees.append(values)
+            covers = covers or covers_domain(area, grid)
         if not covers:
-            raise InputError(f"{where} covers no node of the terrain; check its CRS and its values")
-    return found
+            raise InputError(f"{where} covers no part of the terrain; check its CRS and its values")
+        log_area(where, files, grid)
+    found = np.zeros((*square_areas(grid).shape, FOREST_ENTRIES))
+    most = np.zeros(found.shape[:2])
+    for number, window, part in visible_shares(areas, grid):
+        values = trees[number][window] if trees[number].ndim > 1 else trees[number]
+        at, most_here = found[window], most[window]
+        larger = (part > most_here) | ((part > 0.0) & (part == most_here) & (values[..., STRENGTH] < at[..., STRENGTH]))
+        for entry in IN_PROPORTION:
+            at[..., entry] += np.where(part > 0.0, part * values[..., entry], 0.0)
+        for entry in OF_LARGEST:
+            at[..., entry] = np.where(larger, values[..., entry], at[..., entry])
+        at[..., SHARE] = np.minimum(at[..., SHARE] + part, 1.0)
+        most[window] = np.maximum(most_here, part)
+    return np.pad(found, ((1, 1), (1, 1), (0, 0)))
 
 
-def _stands(table, files, x, y, where):
-    """Yield (bool nodes, values [n, FOREST_ENTRIES] at these) for each polygon of a table, or for its mask."""
-    values = np.zeros((*x.shape, FOREST_ENTRIES))
-    columns = {}
+def _stands(table, files, grid, where):
+    """Yield (Area, its values [len(ENTRY)], or at the nodes [ny + 1, nx + 1, len(ENTRY)]) of each stand of a table."""
+    values, columns, known = np.zeros(len(ENTRY)), {}, None
+    if files.values:
+        known = np.ones(square_areas(grid).shape)
+        values = np.zeros((*known.shape, len(ENTRY)))
     for key, entry in ENTRY.items():
         given = getattr(table, key)
         if key in files.values:
-            values[..., entry] = cell_values(*files.values[key], x, y)
+            mean, share = raster_means(*files.values[key], grid)
+            at_node = raster_lowest(*files.values[key], grid) if entry in OF_LARGEST else np.nan
+            values[..., entry], known = np.where(np.isfinite(at_node), at_node, mean), np.minimum(known, share)
         elif isinstance(given, str):
             columns[key] = given
         else:
@@ -77,17 +109,14 @@ def _stands(table, files, x, y, where):
         if columns:
             key, column = next(iter(columns.items()))
             raise SceneError(f"{where}: {key} = {column!r} is not a file, and without polygons there are no columns")
-        mask = np.ones(x.shape, bool)
-        if files.raster is not None:
-            mask = np.nan_to_num(cell_values(*files.raster, x, y)) != 0
-        yield mask, values[mask]
+        share = np.ones(square_areas(grid).shape) if files.raster is None else mask_share(files.raster, grid)
+        yield Area(None, share if known is None else share * known), values
         return
     for feature in files.features:
-        mask = within(feature.shape, x, y)
-        own = values[mask]
+        own = values.copy()
         for key, column in columns.items():
-            own[:, ENTRY[key]] = feature.number(column)
-        yield mask, own
+            own[..., ENTRY[key]] = feature.number(column)
+        yield Area(feature.shape, known), own
 
 
 def _require_trees_in_range(table, values, where):

@@ -9,7 +9,7 @@ from scipy import ndimage
 from ...system.errors import InputError, SceneError
 from ...system.messages import log
 from ..columns.feature_arrays import NO_LAKE
-from .area_values import within
+from .area_shares import touched_cells
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
@@ -70,11 +70,9 @@ def _still_levels(table, files, grid):
     if files.features is None:
         yield table.level, None
         return
-    rows, columns = np.indices(grid.inside.shape) + 0.5
-    x, y = grid.x0 + columns * grid.cell_size, grid.y0 + rows * grid.cell_size
     for feature in files.features:
         level = feature.number(table.level) if isinstance(table.level, str) else table.level
-        touched = within(feature.shape, x, y)
+        touched = touched_cells(feature.shape, grid)
         if not touched.any():
             raise InputError(f"{feature.path}: '{feature.name}' covers no cell of the terrain; check its CRS")
         yield level, touched

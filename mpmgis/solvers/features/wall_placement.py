@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import shapely
 
 from ...scene.tables import HIGHEST_WALL
 from ...system.errors import InputError
 from ...system.messages import log
-from .area_values import within
 from .wall_openings import narrow_openings
 from .walls import CORE_CELLS, FACE_CELLS, Wall, half_thickness, wall_nodes
 
@@ -140,7 +140,7 @@ def _require_standing(walls, nodes, grid, frame):
 def _refuse_without_nodes(wall, walls, nodes, grid):
     """Refuse a wall that has no node: other walls have them, or it is not on the terrain."""
     x, y = grid.node_points()
-    owners = nodes.number[within(wall.footprint.buffer(grid.cell_size), x, y) & grid.domain_nodes()]
+    owners = nodes.number[shapely.intersects_xy(wall.footprint.buffer(grid.cell_size), x, y) & grid.domain_nodes()]
     others = ", ".join(f"'{walls[number - 1].name}'" for number in np.unique(owners[owners > 0])[:MOST_NAMED])
     if others:
         raise InputError(

@@ -7,7 +7,7 @@ import numpy as np
 from numba import cuda
 
 from ..columns import column_report as entry
-from ..columns.column_forest import BROKEN_NODES, RESISTED
+from ..columns.column_forest import BROKEN_CELLS, RESISTED
 from ..columns.column_nodes import DEEPEST, FOREST_LOSS
 from ..columns.column_records import Settings
 from ..columns.column_rows import X, Y
@@ -221,7 +221,7 @@ def collect_reports(
     note_fastest(clock, report, rows, order)
     if forest:
         forest_sums[RESISTED] += node_report[0, FOREST_LOSS]
-        forest_sums[BROKEN_NODES] += node_report[0, BROKEN_NOW]
+        forest_sums[BROKEN_CELLS] += node_report[0, BROKEN_NOW]
     _, fired = collect(report, node_report, sums.ledger, clock, counts)
     if barrier:
         for b in range(lost.shape[0]):

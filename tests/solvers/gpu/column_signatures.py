@@ -41,7 +41,7 @@ EFFECTS = ColumnEffects()  # numbers of the same types, whatever the laws
 FIELDS = NodeFields(
     *(np.zeros((1,) * dimensions) for dimensions in (2, 3)),
     np.zeros((1, 1), np.uint8),
-    *(np.zeros((1,) * dimensions) for dimensions in (3, 2, 3, 2, 3, 3, 2, 1, 1)),
+    *(np.zeros((1,) * dimensions) for dimensions in (3, 2, 2, 3, 2, 3, 3, 2, 1, 1)),
 )
 
 LINE = np.zeros(1)

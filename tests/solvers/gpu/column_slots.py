@@ -13,7 +13,7 @@ from mpmgis.laws import friction as laws
 from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.effect_slots import ColumnEffects
 from mpmgis.laws.entrainment import entrainment_law
-from mpmgis.laws.forest import FOREST_ENTRIES
+from mpmgis.laws.forest import FOREST_ENTRIES, SHARE
 from mpmgis.laws.ground_metric import WATER
 from mpmgis.laws.internal_stress import InPlaneViscosity, earth_pressure
 from mpmgis.solvers.columns.column_rows import CXX
@@ -119,7 +119,7 @@ def trees(*values, also_erodible=False, clearing=35.0):
     def places(grid):
         x, y = grid.node_points()
         forest = np.zeros((*x.shape, FOREST_ENTRIES))
-        forest[..., : len(values)] = values
+        forest[..., : len(values)], forest[..., SHARE] = values, 1.0
         forest[(y < clearing) | ~grid.domain_nodes()] = 0.0
         return Places(forest=forest, erodible=np.full(x.shape, 50.0) if also_erodible else None)
 
@@ -181,7 +181,7 @@ def drawn(seed):
         def places(grid):
             x, y = grid.node_points()
             forest = np.zeros((*x.shape, FOREST_ENTRIES))
-            forest[..., :7] = 30.0, 0.02, 0.05, 3e4, 2.0, 0.1, 1.5
+            forest[..., :8] = 30.0, 0.02, 0.05, 3e4, 2.0, 0.1, 1.5, 1.0
             forest[(np.sin(x) > 0.5) | ~grid.domain_nodes()] = 0.0
             held = wall_nodes(
                 [Wall("w", shapely.LineString([(20, 20), (70, 70)]).buffer(0.6), 0.8, mu=0.2)],

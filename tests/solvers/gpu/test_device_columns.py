@@ -64,7 +64,7 @@ def test_the_scenes_contain_what_they_are_for(found):
     for scene in ("forest", "forest breaks", "forest takes all", "forest with limits", "forest, erosion and walls"):
         assert facts[scene]["forest"][column_forest.DETRAINED] > 0.0, scene
     assert facts["forest"]["forest"][column_forest.RESISTED] > 0.0
-    assert facts["forest breaks"]["forest"][column_forest.BROKEN_NODES] > 0.0
+    assert facts["forest breaks"]["forest"][column_forest.BROKEN_CELLS] > 0.0
     assert facts["forest takes all"]["forest"][column_forest.STOPPED_COLUMNS] > 0.0
     assert facts["forest takes all"]["alive"] == 1
 
