@@ -65,6 +65,7 @@ BAND = _table(
     ("eroded", "m", "vertical depth that the flow took from the bed", "float32"),
     ("erosion_rate_max", "m s-1", "largest speed at which the bed receded between two frames, vertical", "float32"),
     ("deposit", "m", "vertical thickness of the material at the end, from mass", "float32"),
+    ("thickness_end", "m", "vertical thickness of the material in the last step, still moving, from mass", "float32"),
     ("detrained", "m", "vertical thickness of the material that stopped in forest, from mass", "float32"),
     ("broken_forest", "1", "share of the cell whose forest is broken", "float32"),
     ("surface_new", "m", "elevation of the ground at the end: bed after erosion plus all deposits", "float32"),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled.jit import set_threads
+from ..frames.flow_end import FlowEnd, recorded_end
 from ..frames.load_table import LoadTable
 from ..frames.peaks import largest_peaks
 from ..frames.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
@@ -76,6 +77,8 @@ class RunSummary:
         Place and time of the largest thickness and speed.
     unusable : tuple of str
         Warnings about points that have lost their volume.
+    end : FlowEnd or None
+        State of the flow at the end; None for a run of a version that did not record it.
     """
 
     folder: Path
@@ -92,6 +95,12 @@ class RunSummary:
     result_digest: str | None = None
     extremes: dict | None = None
     unusable: tuple = ()
+    end: FlowEnd | None = None
+
+    @property
+    def came_to_rest(self) -> bool:
+        """Whether the flow came to rest: only then its last step is a deposit."""
+        return self.end is not None and self.end.came_to_rest
 
 
 def use_threads(particles: int, number: int | None = None) -> int:
@@ -218,7 +227,7 @@ def run(
         start = _restored(folder, sequence) if resume else ANEW
         _warn_of_missing_frames(folder, prepared.scene)
         if start == FINISHED:
-            return _summary(folder, sequence, folder.record()["reason"], 0.0)
+            return _summary(folder, sequence, folder.record()["reason"], 0.0, recorded_end(folder.record()))
         folder.open(anew=start == ANEW)
         try:
             return integrate_into(folder, sequence, start == RESUMED, left, device)
@@ -309,7 +318,7 @@ def _with_mach_warning(watch):
     return watching
 
 
-def _summary(folder, sequence, reason, wall, expected=None):
+def _summary(folder, sequence, reason, wall, end, expected=None):
     solver, steps = sequence.solver, sequence.particle_steps
     mass = sequence.mass_account() if sequence.prepared.scene.stage else None
     return RunSummary(
@@ -327,6 +336,7 @@ def _summary(folder, sequence, reason, wall, expected=None):
         folder.result,
         extremes(sequence.balances()),
         tuple(unusable_lines(_record_of_stages(sequence))),
+        end,
     )
 
 
@@ -366,6 +376,7 @@ def integrate_into(
         folder.write_record(
             state=state,
             reason=sequence.reason,
+            end=None if sequence.end is None else asdict(sequence.end),
             digest=prepared.digest,
             time=solver.time,
             steps=sequence.steps,
@@ -382,6 +393,7 @@ def integrate_into(
             events=prepared.events.record(),
             troubles=sequence.troubles,
             devices=devices,
+            release=_record_of_release(prepared.seen.particles),
             terrain=_record_of_terrain(prepared.terrain),
             nodata=_record_of_nodata(prepared),
             unusable=unusable_lines(_record_of_stages(sequence)),
@@ -402,7 +414,7 @@ def integrate_into(
             if sequence.number != number:
                 number = sequence.number
                 record("running")
-        writer.finish()
+        writer.finish(sequence.end)
     except KeyboardInterrupt:
         writer.finish()
         record("interrupted")
@@ -416,7 +428,7 @@ def integrate_into(
         record("refused")
         raise
     expected = None if resumed or left is None else left.seconds
-    return _summary(folder, sequence, sequence.reason, record("finished"), expected)
+    return _summary(folder, sequence, sequence.reason, record("finished"), sequence.end, expected)
 
 
 def _require_rasters(prepared):
@@ -434,7 +446,7 @@ class _Frames:
     def __init__(self, folder):
         self.add = folder.write_frame
 
-    def finish(self):
+    def finish(self, end=None):
         """Nothing is left to write."""
 
 
@@ -446,6 +458,13 @@ def _frame_writer(folder: RunFolder, prepared: "Prepared", sha256: str, resumed:
 
     terrain = replace(prepared.terrain, path=folder.place / TERRAIN_FILE, sha256=sha256)
     return RasterWriter(folder, prepared, terrain, resumed)
+
+
+def _record_of_release(columns):
+    """Return volume [m3], and mean and largest vertical thickness [m], of all mass that may ever move, as columns."""
+    volume, area = float(columns.volume.sum()), float(columns.area.sum())
+    largest = float(columns.thickness.max(initial=0.0))
+    return {"volume": volume, "mean_thickness": volume / area if area else 0.0, "largest_thickness": largest}
 
 
 def _record_of_terrain(terrain):

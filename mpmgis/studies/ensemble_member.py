@@ -41,6 +41,7 @@ FIGURES = {  # of a member: column of the table -> description
     "Ut_max_m_s": "largest speed along the slope",
     "p_max_Pa": "largest impact pressure",
     "mass_out_share": "share of the mass that left the terrain",
+    "came_to_rest": "1 if the flow came to rest, else 0: then its last step is no deposit",
 }
 
 
@@ -241,6 +242,7 @@ def _figures(prepared, sequence, averaging):
         "Ut_max_m_s": maxima.largest("Ut_max"),
         "p_max_Pa": maxima.largest("p_max"),
         "mass_out_share": float(out / come) if come else 0.0,
+        "came_to_rest": int(sequence.end.came_to_rest),
         "extent": extent,
     }
 
