@@ -12,7 +12,7 @@ from ..compiled.law_functions import use_own_laws
 from ..frames.ensemble_folder import deposit_file, member_files, read_member, write_member
 from ..frames.run_folder import RunFolder
 from ..laws.own_law import NO_OWN_LAWS, load_laws
-from ..laws.quantities import BAND, MEMBER_BANDS, Quantity
+from ..laws.quantities import BAND, MEMBER_BANDS, VOLUME, Quantity
 from ..maps.averaging.export_resolution import export_grid
 from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
@@ -45,7 +45,9 @@ FIGURES = {  # of a member: column of the table -> description
 }
 
 
-DEPOSITED = Quantity("t_deposit", "m", "vertical thickness at the end, mass over the density of the release", "float32")
+DEPOSITED = Quantity(
+    "t_deposit", "m", "vertical thickness at the end, mass over the density of the release", "float32", VOLUME
+)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def test_default_folder_names_and_bands(run2):
         "slide_max.tif",
     ]
     with rasterio.open(folder / "rasters" / "slide_0001.tif") as source:
-        assert source.descriptions == ("h [m]", "t [m]", "Un [m s-1]", "Ut [m s-1]")
+        assert source.descriptions == ("h [m]", "t [m]", "Un [m s-1]", "Ut [m s-1]", "t_vol [m]")
         tags = source.tags(ns="mpmgis")
     assert (tags["time"], tags["frame"], tags["bed"], tags["min_depth"]) == (
         "1.0",

@@ -83,6 +83,8 @@ class FrameValues:
         Cell size of Eq 15: cube root of the mean current volume of points; 0 for columns.
     fastest : float [m s-1]
         Largest depth-averaged horizontal speed where the flow is at least min_depth deep.
+    solver_cell : float [m]
+        Node spacing of the solver that made the frame, or the side of the mean column; 0 if it is unknown.
     moving, kinetic : float [1], float [J]
         Share of the mass that is faster than FLOWING_SPEED, and kinetic energy, of all particles.
     layers : HeightLayers or None
@@ -105,6 +107,7 @@ class FrameValues:
     least: float
     point_side: float
     fastest: float
+    solver_cell: float
     moving: float
     kinetic: float
     layers: HeightLayers | None = None
@@ -149,6 +152,7 @@ def average_frame(frame: Frame, averaging: Averaging) -> FrameValues:
         least=0.0 if column_spacing(frame) is None else least_depth(averaging.min_depth),
         point_side=float(np.cbrt(frame.particles.volume.mean())) if frame.dimension == 3 else 0.0,
         fastest=_fastest(cells, values["h"], averaging.min_depth),
+        solver_cell=column_side(frame) or cells.spacing,
         moving=moving,
         kinetic=kinetic,
         layers=_layers(frame, placed, averaging),

@@ -109,6 +109,8 @@ class Tally:
         Particles, mass [kg], and share of it below the DTM of each frame.
     kinetic_peak : float [J]
         Largest kinetic energy of a frame.
+    solver_cell : float [m]
+        Largest node spacing of a solver; 0 if it is unknown.
     """
 
     outside: tuple = (0, 0.0, "")
@@ -121,6 +123,7 @@ class Tally:
     largest: dict = field(default_factory=dict)
     frames: list = field(default_factory=list)  # (particles, mass [kg], share of it below the bed) of each
     kinetic_peak: float = 0.0
+    solver_cell: float = 0.0
 
     def add(self, name: str, values: "FrameValues") -> None:
         """Add the values of a frame.
@@ -140,6 +143,7 @@ class Tally:
         self.point_side = max(self.point_side, (values.point_side, name))
         self.speeds.append(values.fastest)
         self.kinetic_peak = max(self.kinetic_peak, values.kinetic)
+        self.solver_cell = max(self.solver_cell, values.solver_cell)
 
     def add_step(self, values: "FrameValues") -> None:
         """Add the values of an exported step.
