@@ -90,7 +90,7 @@ PAIRS = (
         "eroded mass, or mass that stopped in forest, in the half cell beyond the edge of the DTM",
         "maps.export.bed_rasters.BEYOND_SHARE",
     ),
-    ("mean speed at the end of a run that becomes a hazard map", "results.hazard.scenario_facts.MOVING_SPEED"),
+    ("share of the mass that is faster than 1 m/s, at the end of a run", "frames.flow_end.FLOWING_SHARE"),
     ("ground of the run-up above or below that at the wall", "results.barrier_loads.LEVEL_SHARE"),
     ("letters of the explanations on a hazard map", "results.hazard.hazard_legend.SIZES.3"),
     ("value below the limit of an intensity class", "results.hazard.guideline_classes.ROUNDING"),

@@ -164,16 +164,16 @@ def band_pages():
     from mpmgis.laws.quantities import BAND, NODATA, PARTICLE
 
     def rows(quantities):
-        return [[f"`{q.name}`", cell(q.unit), q.dtype, cell(q.long_name)] for q in quantities.values()]
+        return [[f"`{q.name}`", cell(q.unit), q.dtype, cell(q.long_name), cell(q.total)] for q in quantities.values()]
 
-    head = ["name", "unit", "type", "description"]
+    head = ["name", "unit", "type", "description", "sum of a raster"]
     text = [
         "## Raster bands",
         f"A band has the description `name [unit]`. Nodata is {NODATA:g}.",
         table(head, rows(BAND)),
         "## Particles",
         "Datasets of the group `particles` in a frame.",
-        table(head, rows(PARTICLE)),
+        table(head[:4], [row[:4] for row in rows(PARTICLE)]),
     ]
     return {"reference/bands": "\n\n".join(text)}
 

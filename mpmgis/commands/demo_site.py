@@ -9,10 +9,10 @@ import numpy as np
 
 from ..exchange.frame_source import FrameSource
 from ..maps.averaging.maxima import MAXIMA_BANDS
+from ..maps.averaging.result_bands import open_result
 from ..maps.export.export_request import ExportRequest
 from ..maps.export.map_export import export_raster
 from ..maps.export.run_picture import write_picture
-from ..maps.export.step_rasters import DEPOSIT_BANDS
 from ..scene import read_scene
 from ..seeding.release_areas import read_release
 from ..simulation.scene_run import RunSummary, run
@@ -109,7 +109,7 @@ def draw(
 ) -> None:
     """Draw the picture of a run from its exported folder.
 
-    It shows hillshade, largest speed, and outlines of release and deposit.
+    It shows hillshade, largest speed, and outlines of release and last step.
 
     Parameters
     ----------
@@ -127,5 +127,8 @@ def draw(
     release = read_release(scene.path(scene.release.source), terrain, thickness=1.0).polygons  # only its outline
     rasters = Path(gis_folder) / "rasters"
     speed, grid = read_raster(rasters / f"{name}_max.tif", RESULT, MAXIMA_BANDS.index("Ut_max") + 1)
-    depth, _ = read_raster(rasters / f"{name}_deposit.tif", RESULT, DEPOSIT_BANDS.index("h") + 1)
-    write_picture(picture, terrain, grid, speed, np.nan_to_num(depth), release, title, credit, min_depth=0.5)
+    result = open_result(gis_folder)
+    depth, _ = result.read(f"h_{result.end.file}")
+    write_picture(
+        picture, terrain, grid, speed, np.nan_to_num(depth), release, title, credit, min_depth=0.5, end=result.end
+    )

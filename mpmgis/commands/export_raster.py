@@ -284,7 +284,7 @@ VERB = Verb(
     ),
     example="""
 mpmgis export-raster results/*.h5
-mpmgis export-raster results/*.h5 --cs-e 1 --dt-e 0.2 --products t_vol,p,maxima -o avalanche_gis
+mpmgis export-raster results/*.h5 --cs-e 1 --dt-e 0.2 --products p,mass,maxima -o avalanche_gis
 mpmgis export-raster matter/particles_f*.ply --dem dtm.tif --axes e,u,-n --origin 600000,5170000,0 --density 1500
 """,
     forms=(

@@ -13,9 +13,13 @@ from ..system.links import refuse_links
 from ..system.whole_files import output_error, whole_file
 from ..terrain.raster_input import open_raster
 from ..terrain.raster_output import NAMESPACE
+from .flow_end import DEPOSIT, LAST
 
 MAPS, RASTERS, TERRAIN = "maps", "rasters", "dtm.tif"
-_FIRST, _SUMMARIES = "_0000.tif", ("max", "deposit", "bed", "surface")  # the first step is the first raster of a run
+_FIRST, _SUMMARIES = (
+    "_0000.tif",
+    ("max", DEPOSIT, LAST, "bed", "surface"),
+)  # the first step is the first raster of a run
 _OWN = re.compile(rf"(.*)_(\d{{4,}}|{'|'.join(_SUMMARIES)})\.(tif|qml)", re.DOTALL)
 _LEFT_OVER = tuple(f"{place}.*.part[0-9]*.{suffix}" for place in ("", f"{RASTERS}/") for suffix in ("tif", "qml"))
 

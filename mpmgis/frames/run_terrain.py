@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..system.errors import GeoreferenceError, InputError, OutputError
+from ..system.errors import GeoreferenceError, InputError, MpmgisError, OutputError
 from ..system.file_references import require_local
 from ..system.links import is_above
 from ..system.messages import log
@@ -14,6 +14,8 @@ from ..terrain.dtm import read_terrain
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import AUTO, LOCAL, name_of, same_place, warp_command
 from ..terrain.raster_input import open_raster
+from ..terrain.raster_output import NAMESPACE
+from .run_folder import TERRAIN_FILE, read_record
 
 
 def refuse_within(output: Path, path: Path) -> None:
@@ -84,6 +86,27 @@ def run_terrain(source: Any, entries: Sequence, output: Path | None) -> Terrain:
     if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
         log.info(f"{path} is not the DTM of the run (its sha256 differs)")
     return terrain
+
+
+def dtm_name(path: str | Path) -> str:
+    """Return the name of the DTM of the user of which a file is a copy: in the folder of a run, or in an export.
+
+    Parameters
+    ----------
+    path : str or Path
+        Path of a DTM, of the copy in the folder of a run, or of the terrain of an export.
+    """
+    path = Path(path)
+    name = ""
+    try:
+        if path.name == TERRAIN_FILE:
+            name = (read_record(path.parent).get("terrain") or {}).get("dem", "")
+        if not name and path.is_file():
+            with open_raster(path) as source:
+                name = source.tags(ns=NAMESPACE).get("dem", "")
+    except (MpmgisError, AttributeError):
+        name = ""
+    return Path(str(name)).name or path.name
 
 
 def _target(source: Any, header: Any) -> str | None:

@@ -208,7 +208,7 @@ def _footprint_band(request, sources):
         other = next(source for source in sources if source.kind != comparison.DIFFERENCE)
         raise InputError(
             f"{other.name} has no h_deposit to compare with a difference of DEMs; expected an export or the folder of "
-            "a run, or give `band`"
+            "a run that came to rest, or give `band` (h_last is the last step of a flow that still moves)"
         )
     return deposit
 

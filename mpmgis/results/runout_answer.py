@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..frames.flow_end import FlowEnd
 from ..maps.averaging.frame_values import cells_of
 from ..maps.export.export_request import AnswerRequest
 from ..system.errors import InputError
@@ -32,6 +33,7 @@ from .runout_plots import write_figures, write_over_time, write_profile, write_r
 
 PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "mass_over_time.csv", "profile.csv"
 FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
+RUNOUT_BANDS = ("h_max", "h_deposit", "h_last")
 WORD = "runout"  # end of the name of the default output folder
 CENTRE_LINE = "centre line of the flow"
 STRAIGHT_OVER_ALONG = 1.5  # [1] straight distance over runout; a toe as far from the line as along it gives 1.41
@@ -99,13 +101,17 @@ def runout(request: RunoutRequest, progress: Callable[[int, int], None] = lambda
     output = answer_output(request, WORD, FILES)
     flow = open_flow(request.results, output, peaks_do=True)
     peaks = peaks_of(request.results, progress)
-    bands, grid = read_peaks(peaks, ("h_max", "h_deposit"))
-    found = found_runout(request, flow, bands, grid)
+    bands, grid = read_peaks(peaks, RUNOUT_BANDS)
+    found = found_runout(request, flow, bands, grid, peaks.end)
     return replace(found, files=_write(request, output, found))
 
 
 def found_runout(
-    request: RunoutRequest, flow: FrameFlow | ExportFlow | RasterFlow, bands: dict[str, np.ndarray], grid: Grid
+    request: RunoutRequest,
+    flow: FrameFlow | ExportFlow | RasterFlow,
+    bands: dict[str, np.ndarray],
+    grid: Grid,
+    end: FlowEnd | None = None,
 ) -> RunoutFound:
     """Return the RunoutFound of largest and last depths, without files.
 
@@ -114,9 +120,11 @@ def found_runout(
     request : RunoutRequest
     flow : FrameFlow, ExportFlow or RasterFlow
     bands : dict of str to float[rows, columns] [m]
-        `h_max` and, if known, `h_deposit`.
+        `h_max` and, if known, `h_deposit` of a flow that came to rest, `h_last` of another.
     grid : Grid
         Of the bands.
+    end : FlowEnd, optional
+        State of the flow in its last step.
 
     Returns
     -------
@@ -129,12 +137,17 @@ def found_runout(
     """
     if "h_max" not in bands:
         raise InputError(f"{flow.name} has no largest depth (h_max, or <name>_pft), which the runout requires")
-    depth, deposit = bands["h_max"], bands.get("h_deposit", np.full(grid.shape, np.nan))
+    depth, unknown = bands["h_max"], np.full(grid.shape, np.nan)
+    deposit = bands.get("h_deposit", unknown)
+    last = bands.get("h_last", deposit)
+    if end is not None and not end.came_to_rest:
+        log.info(f"{flow.name}: the flow did not come to rest ({end.words()}); its runout can grow, and has no deposit")
     mask = footprint(depth, request.threshold)
     if not mask.any():
         raise InputError(
             f"{flow.name}: no cell was ever deeper than `threshold={request.threshold:g}` m; give a lower one"
         )
+    _require_moved(request, flow, mask)
     elevation = heights_under(mask, grid, flow.terrain)
     if not np.isfinite(elevation).any():
         raise InputError(
@@ -164,8 +177,23 @@ def found_runout(
         deposit=energy_line(top, farthest_place(lying & mask, elevation, grid, line), line, flow.terrain, spacing),
         states=states,
         farthest_mass=_farthest_mass(states, line, flow.terrain),
-        profile=_profile(reached, line, flow.terrain, spacing, depth, deposit, grid),
+        profile=_profile(reached, line, flow.terrain, spacing, depth, last, grid),
     )
+
+
+def _require_moved(request, flow, mask):
+    """Refuse a flow that was in all cells of `mask` in its first step: the line would be that of the release's slope.
+
+    A first step after t = 0 can be anywhere in the flow, and proves nothing.
+    """
+    if not len(flow.times) or flow.times[0] > 0:
+        return
+    first = flow.at_cells(np.flatnonzero(mask), ("h",), (0,))["h"][0]
+    if (np.nan_to_num(first) >= request.threshold).all():
+        raise InputError(
+            f"{flow.name}: the flow did not move: all cells that were ever deeper than `threshold="
+            f"{request.threshold:g}` m were so in its first step; there is no runout and no angle"
+        )
 
 
 def _line(
@@ -208,7 +236,7 @@ def _farthest_mass(states: tuple, line: np.ndarray, terrain: Terrain) -> Place |
     return Place(along, float(x[0]), float(y[0]), float(elevation[0]))
 
 
-def _profile(reached, line, terrain, spacing, depth, deposit, grid):
+def _profile(reached, line, terrain, spacing, depth, last, grid):
     """The columns of PROFILE_COLUMNS, from a little above the top to a little beyond the toe."""
     margin = _MARGIN * reached.length
     begin, end = reached.top.along - margin, reached.toe.along + margin
@@ -216,7 +244,7 @@ def _profile(reached, line, terrain, spacing, depth, deposit, grid):
     share = (along - reached.top.along) / reached.length
     falling = np.where((share >= 0) & (share <= 1), reached.top.z - share * reached.drop, np.nan)
     cells = cells_of(grid, x, y)
-    values = [np.where(cells >= 0, band.reshape(-1)[np.maximum(cells, 0)], np.nan) for band in (depth, deposit)]
+    values = [np.where(cells >= 0, band.reshape(-1)[np.maximum(cells, 0)], np.nan) for band in (depth, last)]
     return (along, ground, x, y, elevation, falling, *values)
 
 

@@ -39,7 +39,7 @@ ENERGY_LINE_COLUMNS = (
     ("elevation", "m"),
     ("energy_line", "m"),
     ("h_max", "m"),
-    ("h_deposit", "m"),
+    ("h_last_step", "m"),
 )
 
 

@@ -45,14 +45,14 @@ def write_profile(path: Path, found: RunoutFound) -> None:
 
 
 def write_runout_plot(path: Path, found: RunoutFound) -> None:
-    """Plot the longitudinal profile: terrain, flow and deposit, energy line, path of the centre of mass.
+    """Plot the longitudinal profile: terrain, flow and last step, energy line, path of the centre of mass.
 
     Parameters
     ----------
     path : Path
     found : RunoutFound
     """
-    along, _, _, _, elevation, _, depth, deposit = found.profile
+    along, _, _, _, elevation, _, depth, last = found.profile
     with plot_file(path, (9.0, 6.0), rows=2, heights=(3, 1)) as axes:
         upper, lower = axes[:, 0]
         draw_ground(upper, along, elevation)
@@ -65,7 +65,7 @@ def write_runout_plot(path: Path, found: RunoutFound) -> None:
         )
         legend(upper, loc="upper right")
         _draw_depth(lower, along, depth, FLOW_COLOUR, "largest h, normal")
-        _draw_depth(lower, along, deposit, DEPOSIT_COLOUR, "h of the last frame, normal")
+        _draw_depth(lower, along, last, DEPOSIT_COLOUR, "h of the last frame, normal")
         style_axes(lower, "h [m]", f"distance along the {_source(found)} [m]")
         highest = float(np.nan_to_num(depth).max(initial=1e-3))
         lower.set(xlim=(along[0], along[-1]), ylim=(0, 1.35 * highest))

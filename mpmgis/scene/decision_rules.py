@@ -17,6 +17,10 @@ It returns what `by_number` (auto compares an indicator with a threshold), `as_a
 
 from typing import Any, NamedTuple
 
+LEAST_SLOPE = 0.01  # [1] tangent; on gentler ground friction over the slope says nothing
+MOST_SHOWN, LEAST_SHOWN = 1000.0, 0.001  # numbers of a report beyond these say no more to a reader
+KEEPS_ALL = "below the limit runout, area and depth change by less than 5 %"
+KEEPS_LOAD = "below the limit the load on the bed changes by less than 5 %; runout, area and depth are not checked"
 THRESHOLD = 0.05  # [1] an effect that changes a leading term by less than this is left out, unless stated
 
 Slots = dict[str, Any]  # name of a slot -> the law in it
@@ -55,6 +59,11 @@ class Decision(NamedTuple):
 
 def _distinct(number: float, threshold: float | None) -> str:
     """Return `number` as text, with as many digits as it takes to differ from the `threshold`."""
+    if threshold is None or threshold > LEAST_SHOWN:
+        if abs(number) > MOST_SHOWN:
+            return f"> {MOST_SHOWN:g}" if number > 0 else f"< -{MOST_SHOWN:g}"
+        if 0.0 < abs(number) < LEAST_SHOWN:
+            return f"< {LEAST_SHOWN:g}"
     digits = 3
     while threshold is not None and number != threshold and digits < 9 and float(f"{number:.{digits}g}") == threshold:
         digits += 1
@@ -92,6 +101,30 @@ class TerrainFacts(NamedTuple):
     lake_ratio: float | None = None  # water in lakes over released volume
 
 
+def over_slope(friction_coefficient: float, facts: TerrainFacts) -> float | None:
+    """Return a coefficient of friction over the median slope in reach [1]; None without friction or on level ground.
+
+    Parameters
+    ----------
+    friction_coefficient : float [1]
+    facts : TerrainFacts
+    """
+    if friction_coefficient <= 0.0 or facts.slope_median < LEAST_SLOPE:
+        return None
+    return friction_coefficient / facts.slope_median
+
+
+def number_words(ratio: float | None) -> str:
+    """Return what the number of friction is, for its line; "" without a number.
+
+    Parameters
+    ----------
+    ratio : float or None [1]
+        Result of `over_slope`.
+    """
+    return "" if ratio is None else "; the number is the coefficient of friction over the median slope in reach"
+
+
 def use_of(table: Any) -> str:
     """Return `use` of a scene's table.
 
@@ -108,9 +141,7 @@ def use_of(table: Any) -> str:
     return "auto" if table is None else table.use
 
 
-def by_number(
-    effect: str, use: str, indicator: float, threshold: float, reason: str, runout_change: float | None = None
-) -> Decision:
+def by_number(effect: str, use: str, indicator: float, threshold: float, reason: str, protects: str = "") -> Decision:
     """Decide by a number: on where `indicator` is above `threshold`, unless `use` is on or off.
 
     Parameters
@@ -122,17 +153,16 @@ def by_number(
     indicator, threshold : float [1]
     reason : str
         What the number is, for the report.
-    runout_change : float, optional [1]
-        Estimated relative change in runout if the effect were the other way round.
+    protects : str
+        Which results the threshold protects, for the report.
     """
+    reason = f"{reason}; {protects}" if protects else reason
     on = use == "on" or (use == "auto" and indicator > threshold)
     decided_by = "auto" if use == "auto" else "forced"
-    return Decision(effect, "on" if on else "off", decided_by, float(indicator), threshold, reason, runout_change)
+    return Decision(effect, "on" if on else "off", decided_by, float(indicator), threshold, reason)
 
 
-def as_asked(
-    effect: str, use: str, reason: str, indicator: float | None = None, runout_change: float | None = None
-) -> Decision:
+def as_asked(effect: str, use: str, reason: str, indicator: float | None = None) -> Decision:
     """Decide as the scene asks: on because the scene has the effect, unless `use` is off; no number decides.
 
     Parameters
@@ -145,12 +175,10 @@ def as_asked(
         For the report, where the effect is on.
     indicator : float, optional [1]
         For the report only.
-    runout_change : float, optional [1]
-        Estimated relative change in runout if the effect were the other way round.
     """
     if use == "off":
-        return Decision(effect, "off", "forced", indicator, None, "use = 'off'", runout_change)
-    return Decision(effect, "on", "forced" if use == "on" else "scene", indicator, None, reason, runout_change)
+        return Decision(effect, "off", "forced", indicator, None, "use = 'off'")
+    return Decision(effect, "on", "forced" if use == "on" else "scene", indicator, None, reason)
 
 
 def not_called_for(effect: str, reason: str) -> Decision:

@@ -5,7 +5,7 @@ from math import atan, cos, radians, sqrt, tan
 from ..laws.material_choice import wave_speed
 from ..laws.quantities import GRAVITY
 from ..laws.softening import NONE
-from .decision_rules import Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for
+from .decision_rules import Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, number_words, over_slope
 from .material_table import CONES, least_internal_friction, made_material, made_softening, stiffened
 from .scene import Scene
 from .tables import SofteningTable
@@ -154,7 +154,7 @@ def decide_plasticity(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
     reason = "mu1 over the slope" if table.law == "MuI" else "internal friction, tan(phi), over the slope"
     if table.law == "DruckerPrager":
         reason = f"internal friction, tan(phi), over the slope; {COLLAPSE}"
-    return as_asked("plasticity", "auto", reason, inside / max(facts.slope_median, 1e-6))
+    return as_asked("plasticity", "auto", reason, over_slope(inside, facts))
 
 
 def decide_point_cohesion(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
@@ -268,8 +268,9 @@ def decide_contact(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     if table is None:
         return not_called_for("friction", "no [friction] in the scene: the flow slides freely on its bed")
     values = ", ".join(f"{name} = {value:g}" for name, value in table.parameters.items())
-    ratio = scene.dry_friction() / max(facts.slope_median, 1e-6) if table.parameters else None
-    decision = as_asked("friction", table.use, f"{table.law}: {values}" if values else table.law, ratio)
+    ratio = over_slope(scene.dry_friction(), facts) if table.parameters else None
+    words = f"{table.law}: {values}" if values else table.law
+    decision = as_asked("friction", table.use, f"{words}{number_words(ratio)}", ratio)
     if decision.state == "on":
         slots["contact"] = scene.laws[table.law][0](**table.parameters)
     return decision

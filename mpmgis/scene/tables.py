@@ -598,7 +598,7 @@ class OutputTable:
         "with rasters: no speed where the flow is thinner [m]; without it 0.05", None, low=0.0, example=0.1
     )
     raster_products: str | None = _key(
-        "with rasters: more bands, as `export-raster --products`", None, kind=str, example="p,t_vol"
+        "with rasters: more bands, as `export-raster --products`", None, kind=str, example="p,mass"
     )
     stop_at_rest: bool | None = _key(
         "end early when the flow has come to rest; default: not in swe, nor for a Fluid", None, kind=bool, example=True

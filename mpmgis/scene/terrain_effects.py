@@ -4,7 +4,17 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..laws import curvature, entrainment, ground_metric
-from .decision_rules import THRESHOLD, Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, use_of
+from .decision_rules import (
+    KEEPS_LOAD,
+    THRESHOLD,
+    Decision,
+    Slots,
+    TerrainFacts,
+    as_asked,
+    by_number,
+    not_called_for,
+    use_of,
+)
 from .scene import Scene
 
 METRIC_THRESHOLD = 0.02  # [1] 1 / c^2 - 1: slopes above 8 degrees
@@ -47,7 +57,7 @@ def decide_curvature(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisio
     if use in curvature.PARTS:
         slots["curvature"] = curvature.PARTS[use]
         return by_number("curvature", "on", facts.centrifugal_ratio, THRESHOLD, f"its {use} alone; {reason}")
-    decision = by_number("curvature", use, facts.centrifugal_ratio, THRESHOLD, reason)
+    decision = by_number("curvature", use, facts.centrifugal_ratio, THRESHOLD, reason, KEEPS_LOAD)
     if decision.state == "on":
         slots["curvature"] = curvature.CURVATURE
     return decision
@@ -91,13 +101,13 @@ def decide_flight(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     """
     ratio = facts.detachment_ratio
     over = ratio > FLIGHT_THRESHOLD
-    word = "the flow takes off, which columns cannot follow; a 3D run is recommended" if over else "the flow stays on"
+    word = "the flow takes off: columns do not compute it, a 3D run is recommended" if over else "the flow stays on"
     reason = f"U^2 curvature / (g cos) over convex ground: {word}"
     return Decision("flight_3d", "off", "auto", ratio, FLIGHT_THRESHOLD, reason)
 
 
 def decide_hydrograph(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
-    """Report inflow wherever the scene has some; the number is its volume [m3].
+    """Report inflow wherever the scene has some.
 
     Parameters
     ----------
@@ -110,8 +120,8 @@ def decide_hydrograph(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decisi
     if not facts.inflow:
         return as_asked("hydrograph", table.use, "")
     volume, begins, ends, batches = facts.inflow
-    reason = f"{volume:.6g} m3, which is the number, from {begins:g} to {ends:g} s, in {batches} batches"
-    return as_asked("hydrograph", table.use, reason, volume)
+    reason = f"{volume:.6g} m3 from {begins:g} to {ends:g} s, in {batches} batches"
+    return as_asked("hydrograph", table.use, reason)
 
 
 def decide_secondary_release(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
@@ -145,8 +155,10 @@ def decide_zones(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     """
     if not scene.zones:
         return not_called_for("zones", "no [[zones]] in the scene")
-    if facts.zone_spread is None or not {"friction", "contact"} & set(slots):
+    if facts.zone_spread is None:
         return as_asked("zones", "off", "")
+    if not {"friction", "contact"} & set(slots):
+        return not_called_for("zones", "there is no friction that zones could change")
     reason = "(largest - smallest) / mean of the parameter that differs most in reach"
     decision = as_asked("zones", use_of_several(scene.zones), reason, facts.zone_spread)
     if decision.state == "on":

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled.jit import set_threads
+from ..frames.flow_end import FlowEnd, recorded_end
 from ..frames.load_table import LoadTable
 from ..frames.peaks import largest_peaks
 from ..frames.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
@@ -78,6 +79,8 @@ class RunSummary:
         Place and time of the largest thickness and speed.
     warnings : tuple of str
         About mass in flight that became columns, and points that have lost their volume.
+    end : FlowEnd or None
+        State of the flow at the end; None for a run of a version that did not record it.
     companion : dict or None
         Numerical errors, see `companion_run`; None without a companion run.
     """
@@ -96,7 +99,13 @@ class RunSummary:
     result_digest: str | None = None
     extremes: dict | None = None
     warnings: tuple = ()
+    end: FlowEnd | None = None
     companion: dict | None = None
+
+    @property
+    def came_to_rest(self) -> bool:
+        """Whether the flow came to rest: only then its last step is a deposit."""
+        return self.end is not None and self.end.came_to_rest
 
 
 def use_threads(particles: int, number: int | None = None) -> int:
@@ -229,7 +238,7 @@ def run(
         start = _restored(folder, sequence) if resume else ANEW
         _warn_of_missing_frames(folder, prepared.scene)
         if start == FINISHED:
-            summary = _summary(folder, sequence, folder.record()["reason"], 0.0)
+            summary = _summary(folder, sequence, folder.record()["reason"], 0.0, recorded_end(folder.record()))
         else:
             folder.open(anew=start == ANEW)
             try:
@@ -342,7 +351,7 @@ def _with_mach_warning(watch):
     return watching
 
 
-def _summary(folder, sequence, reason, wall, expected=None):
+def _summary(folder, sequence, reason, wall, end, expected=None):
     solver, steps = sequence.solver, sequence.particle_steps
     mass = sequence.mass_account() if sequence.prepared.scene.stage else None
     return RunSummary(
@@ -360,6 +369,7 @@ def _summary(folder, sequence, reason, wall, expected=None):
         folder.result,
         extremes(sequence.balances()),
         (*flight_lines(sequence.past), *unusable_lines(_record_of_stages(sequence))),
+        end,
     )
 
 
@@ -399,6 +409,7 @@ def integrate_into(
         folder.write_record(
             state=state,
             reason=sequence.reason,
+            end=None if sequence.end is None else asdict(sequence.end),
             digest=prepared.digest,
             time=solver.time,
             steps=sequence.steps,
@@ -415,6 +426,7 @@ def integrate_into(
             events=prepared.events.record(),
             troubles=sequence.troubles,
             devices=devices,
+            release=_record_of_release(prepared.seen.particles),
             terrain=_record_of_terrain(prepared.terrain),
             nodata=_record_of_nodata(prepared),
             unusable=unusable_lines(_record_of_stages(sequence)),
@@ -436,7 +448,7 @@ def integrate_into(
             if sequence.number != number:
                 number = sequence.number
                 record("running")
-        writer.finish()
+        writer.finish(sequence.end)
     except KeyboardInterrupt:
         writer.finish()
         record("interrupted")
@@ -450,7 +462,7 @@ def integrate_into(
         record("refused")
         raise
     expected = None if resumed or left is None else left.seconds
-    return _summary(folder, sequence, sequence.reason, record("finished"), expected)
+    return _summary(folder, sequence, sequence.reason, record("finished"), sequence.end, expected)
 
 
 def _require_rasters(prepared):
@@ -468,7 +480,7 @@ class _Frames:
     def __init__(self, folder):
         self.add = folder.write_frame
 
-    def finish(self):
+    def finish(self, end=None):
         """Nothing is left to write."""
 
 
@@ -480,6 +492,13 @@ def _frame_writer(folder: RunFolder, prepared: "Prepared", sha256: str, resumed:
 
     terrain = replace(prepared.terrain, path=folder.place / TERRAIN_FILE, sha256=sha256)
     return RasterWriter(folder, prepared, terrain, resumed)
+
+
+def _record_of_release(columns):
+    """Return volume [m3], and mean and largest vertical thickness [m], of all mass that may ever move, as columns."""
+    volume, area = float(columns.volume.sum()), float(columns.area.sum())
+    largest = float(columns.thickness.max(initial=0.0))
+    return {"volume": volume, "mean_thickness": volume / area if area else 0.0, "largest_thickness": largest}
 
 
 def _record_of_terrain(terrain):

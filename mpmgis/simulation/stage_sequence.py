@@ -18,6 +18,7 @@ from .run_summary import flight_lines, resolution_words, stood_still, volume_wor
 from .time_integration import TimeIntegration
 
 if TYPE_CHECKING:
+    from ..frames.flow_end import FlowEnd
     from ..frames.particles import Frame
     from .preparation import Prepared
     from .stage import Stage
@@ -95,6 +96,8 @@ class StageSequence:
         Results of finished stages, and the account of the switch after each, in plain numbers.
     reason : str
         Of the end of the run.
+    end : FlowEnd or None
+        State at the end of the run; None before it.
     particle_steps : int
         Number of particles, summed over the steps.
     troubles : list of str
@@ -107,6 +110,7 @@ class StageSequence:
     def __init__(self, prepared: "Prepared", observe: Callable = lambda solver, end: None) -> None:
         self.prepared, self.observe = prepared, observe
         self.number, self.past, self.reason, self.particle_steps, self.troubles = 0, [], "", 0, []
+        self.end: FlowEnd | None = None
         self._peaks_before = {}  # of finished stages, as in frames
         self._bed_before = {}
         self.checks = self._resolution(prepared.stages[0], prepared.seen)
@@ -151,7 +155,7 @@ class StageSequence:
             self.particle_steps += integration.particle_steps
             self._log_stiffness()
             if not integration.switch:
-                self.reason = integration.reason
+                self.reason, self.end = integration.reason, integration.end
                 still = stood_still(self.balances())
                 if still:
                     self._log_troubles([still])

@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from ..frames.flow_end import FLOWING_SHARE, REST_ENERGY, FlowEnd, moving_share, rests
 from ..frames.particle_store import GAIN_STOP
 from ..solvers.columns import column_time_step
 from ..solvers.points import point_loop as point_kernel
@@ -12,16 +11,14 @@ from .coupled_solver import OF_COLUMNS, CoupledSolver
 
 if TYPE_CHECKING:
     from ..frames.particle_store import EnergyLook
-    from ..frames.particles import Particles
     from ..solvers.columns.column_solver import ColumnSolver
 
-REST_SHARE = 0.01  # [1] of its peak kinetic energy, below which a 3D flow is at rest
 REST_SECONDS = 2.0  # [s] for which it must be at rest before the run ends
 STOPPED_AT_REST = 100  # reason to end, in addition to those of the kernel
-STILL_FLOWS = 1.0  # [m s-1] faster material still flows
-FLOWING_SHARE = 0.05  # [1] of the mass that still flows, above which the reason to end mentions it
 END_TIME, ALL_LEFT = "end_time reached", "all mass has left the terrain"
-NEARLY_AT_REST = "nearly at rest: kinetic energy below 1 % of its peak for 2 s"
+NEARLY_AT_REST = (
+    "nearly at rest: kinetic energy below 1 % of its peak for 2 s, and under 5 % of the mass is faster than 1 m/s"
+)
 COLUMN_REASONS = {
     column_time_step.REACHED_TIME: END_TIME,
     column_time_step.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
@@ -34,10 +31,10 @@ COLUMN_REASONS = {
 POINT_REASONS = {point_kernel.REACHED_TIME: END_TIME, STOPPED_AT_REST: NEARLY_AT_REST, point_kernel.ALL_LEFT: ALL_LEFT}
 
 
-def end_reason(stepper: "IntegratedColumns | IntegratedPoints | IntegratedCoupled", code: int) -> str:
-    """Return the reason for the end in words.
+def end_of(stepper: "IntegratedColumns | IntegratedPoints | IntegratedCoupled", code: int) -> FlowEnd:
+    """Return the state of a flow at its end.
 
-    Material that still flows when the flow is nearly at rest is mentioned.
+    A flow that reaches end_time has come to rest if it is at rest then. One that left the terrain has not.
 
     Parameters
     ----------
@@ -45,13 +42,20 @@ def end_reason(stepper: "IntegratedColumns | IntegratedPoints | IntegratedCouple
     code : int
         Key of its END_REASONS.
     """
-    reason = stepper.END_REASONS[code]
-    if reason != NEARLY_AT_REST:
-        return reason
-    particles = stepper.moving()
-    fast = np.einsum("ij,ij->i", particles.velocity, particles.velocity) > STILL_FLOWS**2
-    share = particles.mass[fast].sum() / max(particles.mass.sum(), 1e-300)
-    return f"{reason}; {100 * share:.0f} % of the mass is still faster than 1 m/s" if share > FLOWING_SHARE else reason
+    solver = stepper.solver
+    moving = _moving(solver)
+    if code == stepper.REACHED_TIME and stepper.particles:
+        found = solver.balances()
+        at_rest = rests(moving, found["kinetic_energy"], found["kinetic_energy_peak"])
+    else:
+        at_rest = code in stepper.AT_REST
+    return FlowEnd(float(solver.time), moving, bool(at_rest))
+
+
+def _moving(solver):
+    """Return the share of the mass of a solver that is faster than FLOWING_SPEED [1]."""
+    flow = solver.flow()
+    return moving_share(flow.mass, flow.speed)
 
 
 def stepper_of(
@@ -79,6 +83,7 @@ class IntegratedColumns:
     RUNNING, REACHED_TIME = column_time_step.RUNNING, column_time_step.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = column_time_step.ALL_LEFT, column_time_step.TRIGGER_REACHED
     END_REASONS = COLUMN_REASONS
+    AT_REST = (column_time_step.STOPPED_MOVING, column_time_step.STOPPED_ENERGY, column_time_step.STOPPED_FOOTPRINT)
 
     def __init__(self, solver: "ColumnSolver") -> None:
         self.solver = solver
@@ -87,10 +92,6 @@ class IntegratedColumns:
     def particles(self) -> int:
         """Number of columns on the terrain now."""
         return self.solver.columns
-
-    def moving(self) -> "Particles":
-        """Return the columns that are on the terrain now."""
-        return self.solver.frame().particles
 
     def advance(self, until: float, after: float, max_steps: int, may_stop: bool) -> int:
         """Advance the solver and return the reason of its kernel to stop.
@@ -162,6 +163,7 @@ class IntegratedPoints:
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, None
     END_REASONS = POINT_REASONS
+    AT_REST = (STOPPED_AT_REST,)
 
     def __init__(self, solver: PointSolver) -> None:
         self.solver = solver
@@ -170,10 +172,6 @@ class IntegratedPoints:
     def particles(self) -> int:
         """Number of points on the terrain now."""
         return self.solver.points
-
-    def moving(self) -> "Particles":
-        """Return the points that are on the terrain now."""
-        return self.solver.frame().particles
 
     def advance(self, until: float, after: float, max_steps: int, may_stop: bool) -> int:
         """Advance the solver and return the reason of its kernel to stop.
@@ -256,8 +254,8 @@ def _energy_trouble(solver, last, name):
 
 def _rested(solver, code):
     """Return STOPPED_AT_REST if the points are at rest and may stop, else `code`."""
-    rests = solver.resting_for(REST_SHARE) >= REST_SECONDS
-    return STOPPED_AT_REST if rests and solver.numerics.stop_at_rest else code
+    calm = solver.resting_for(REST_ENERGY) >= REST_SECONDS
+    return STOPPED_AT_REST if calm and solver.numerics.stop_at_rest and _moving(solver) < FLOWING_SHARE else code
 
 
 class IntegratedCoupled:
@@ -271,6 +269,7 @@ class IntegratedCoupled:
     RUNNING, REACHED_TIME = point_kernel.RUNNING, point_kernel.REACHED_TIME
     ALL_LEFT, TRIGGER_REACHED = point_kernel.ALL_LEFT, OF_COLUMNS + column_time_step.TRIGGER_REACHED
     END_REASONS = POINT_REASONS
+    AT_REST = (STOPPED_AT_REST,)
 
     def __init__(self, solver: CoupledSolver) -> None:
         self.solver = solver
@@ -280,10 +279,6 @@ class IntegratedCoupled:
     def particles(self) -> int:
         """Number of points and columns on the terrain now."""
         return self.solver.particles
-
-    def moving(self) -> "Particles":
-        """Return the points that are on the terrain now: they alone determine the end."""
-        return self._points.moving()
 
     def advance(self, until: float, after: float, max_steps: int, may_stop: bool) -> int:
         """Advance both solvers and return the reason to stop.

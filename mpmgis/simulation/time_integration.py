@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from .release_events import Events
 from .stage_end import StageEnd
 from .step_retry import Guard
-from .stepping import end_reason, stepper_of
+from .stepping import end_of, stepper_of
 
 if TYPE_CHECKING:
+    from ..frames.flow_end import FlowEnd
     from ..frames.particles import Frame
     from ..solvers.columns.column_solver import ColumnSolver
     from ..solvers.points.point_solver import PointSolver
@@ -44,6 +45,8 @@ class TimeIntegration:
     ----------
     reason : str
         For the end, after the last frame.
+    end : FlowEnd or None
+        State at the end; None before it.
     switch : str
         Reason for the end of the stage; '' without `stage_end`.
     steps : int
@@ -75,6 +78,7 @@ class TimeIntegration:
         self.resumed, self.events = resumed, events or Events()
         self.stage_end = stage_end or StageEnd()
         self.reason, self.switch, self.steps, self.particle_steps, self.step_seconds = "", "", 0, 0, 0.0
+        self.end: FlowEnd | None = None
         self._stepper, self._observed = stepper_of(solver), 0.0
         self._guard = Guard(solver, self._stepper, self.events, self.stage_end)
 
@@ -89,7 +93,8 @@ class TimeIntegration:
         if self.resumed:
             if events.ended == stepper.REACHED_TIME and solver.time < self.end_time:
                 events.ended = 0  # the run ended at an earlier end_time and is now continued
-            self.reason = end_reason(stepper, events.ended) if events.ended in stepper.END_REASONS else ""
+            if events.ended in stepper.END_REASONS:
+                self._finish(events.ended)
             self._guard.keep(self._frame())
         else:
             events.let_in(solver)
@@ -104,8 +109,13 @@ class TimeIntegration:
             if code == stepper.REACHED_TIME:
                 code = stepper.at_frame(code)
             if code != stepper.REACHED_TIME or until >= self.end_time:
-                self.reason, events.ended = end_reason(stepper, code), code
+                self._finish(code)
             yield from self._frames()
+
+    def _finish(self, code):
+        """Set reason and state of the end; `code` is the reason of the solver."""
+        stepper = self._stepper
+        self.events.ended, self.reason, self.end = code, stepper.END_REASONS[code], end_of(stepper, code)
 
     def _frame_time(self, number):
         """Return the time [s] of a frame; the last frame is exactly at the end, in spite of rounding."""

@@ -12,7 +12,7 @@ from ..compiled.law_functions import use_own_laws
 from ..frames.ensemble_folder import deposit_file, member_files, read_member, write_member
 from ..frames.run_folder import RunFolder
 from ..laws.own_law import NO_OWN_LAWS, load_laws
-from ..laws.quantities import BAND, MEMBER_BANDS, Quantity
+from ..laws.quantities import BAND, MEMBER_BANDS, VOLUME, Quantity
 from ..maps.averaging.export_resolution import export_grid
 from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
@@ -41,10 +41,13 @@ FIGURES = {  # of a member: column of the table -> description
     "Ut_max_m_s": "largest speed along the slope",
     "p_max_Pa": "largest impact pressure",
     "mass_out_share": "share of the mass that left the terrain",
+    "came_to_rest": "1 if the flow came to rest, else 0: then its last step is no deposit",
 }
 
 
-DEPOSITED = Quantity("t_deposit", "m", "vertical thickness at the end, mass over the density of the release", "float32")
+DEPOSITED = Quantity(
+    "t_deposit", "m", "vertical thickness at the end, mass over the density of the release", "float32", VOLUME
+)
 
 
 @dataclass(frozen=True)
@@ -246,6 +249,7 @@ def _figures(prepared, sequence, averaging):
         "Ut_max_m_s": maxima.largest("Ut_max"),
         "p_max_Pa": maxima.largest("p_max"),
         "mass_out_share": float(out / come) if come else 0.0,
+        "came_to_rest": int(sequence.end.came_to_rest),
         "extent": extent,
     }
 

@@ -148,6 +148,7 @@ def ensemble(
             table = folder.write_table(*study.table(records))
         statuses = dict(Counter(records[task.digest]["status"] for task in tasks))
         _require_enough(statuses, records, len(tasks), request.tolerate, table)
+        moving = log_moving([records[task.digest] for task in tasks], "members")
         began = time.perf_counter()
         files = _write_maps(folder, study, products, tasks, records, workers)
         found = EnsembleFound(
@@ -165,6 +166,7 @@ def ensemble(
             plan=ensemble_tables,
             scene=study.tables,
             members=statuses,
+            not_at_rest=len(moving),
             before=before,
             workers=workers,
             start_seconds=found.start_seconds,
@@ -288,6 +290,26 @@ def done_by(
     yield from pool.worked(work, tasks, look, died)
 
 
+def log_moving(records: list, word: str) -> list:
+    """Log how many finished runs of an ensemble or a region did not come to rest, and return their records.
+
+    Parameters
+    ----------
+    records : list of dict
+        Of all runs.
+    word : str
+        What a run is: "members" or "areas".
+    """
+    finished = [record for record in records if record["status"] == "finished"]
+    moving = [record for record in finished if not record["came_to_rest"]]
+    if moving:
+        log.info(
+            f"{len(moving)} of {len(finished)} {word} did not come to rest (`came_to_rest` in the table): their "
+            "runout can grow, and their last step is no deposit; use a later [output] end_time"
+        )
+    return moving
+
+
 def _require_enough(statuses: dict, records: dict, total: int, tolerate: float, table: Path) -> None:
     """Log the members that the statistics omit; raise UnphysicalError or InputError if there are too many."""
     left = {status: count for status, count in statuses.items() if status in LEFT_OUT}
@@ -322,6 +344,7 @@ def _write_maps(folder, study, products, tasks, records, workers):
         "digest": folder.digest,
         "members": len(finished),
         "left_out": len(tasks) - len(finished),
+        "not_at_rest": sum(not records[task.digest]["came_to_rest"] for task in finished),
         "sampling": study.plan.sampling,
         "seed": study.plan.seed,
         "cs_e": study.grid.cell_size,

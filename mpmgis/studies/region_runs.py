@@ -21,7 +21,7 @@ from ..system.messages import log
 from ..system.whole_files import whole_folder
 from .area_run import run_area
 from .ensemble_member import warm_worker, warmed
-from .ensemble_runs import done_by, pool_of, require_affordable
+from .ensemble_runs import done_by, log_moving, pool_of, require_affordable
 from .region_areas import write_areas
 from .region_plan import PlannedRegion
 
@@ -33,6 +33,7 @@ FIGURES = (
     "runout_m",
     "travel_angle_degrees",
     "mass_out_share",
+    "came_to_rest",
     "end_time_s",
     "runs",
     "edge_reached",
@@ -189,6 +190,7 @@ def _report(plan, records):
             log.info(f"area {task.number} is {record['status']}, the maps omit it: {record['reason']}")
         elif record["edge_reached"]:
             log.info(f"area {task.number} still reaches the edge of its window after {record['runs']} runs")
+    log_moving([records[task.digest] for task in plan.tasks], "areas")
     statuses = dict(Counter(records[task.digest]["status"] for task in plan.tasks))
     if "finished" not in statuses:
         first = next(iter(records.values()))["reason"]

@@ -72,7 +72,9 @@ def _plot_work(axes, study):
     _plot_others(axes, study)
     order = np.flatnonzero(study.front)[np.argsort(study.seconds[study.front])]
     axes.plot(study.seconds[order], study.errors[order], color="#555555", linewidth=1.0, zorder=1, label="Pareto front")
-    if study.reference_error > 0.0:
+    if study.reference_error is None:
+        axes.plot([], [], linestyle="none", label="error of the reference: unknown")
+    elif study.reference_error > 0.0:
         axes.axhline(study.reference_error, color="#bbbbbb", linestyle=":", label="error of the reference")
     _finish(axes, "wall time of the time integration [s]", _error_label(study))
     axes.margins(x=0.1, y=0.1)

@@ -1,5 +1,6 @@
 """Table of a study, with results of other codes for comparison, and its conclusions as text."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -194,13 +195,15 @@ class Study:
         ]
 
     @cached_property
-    def reference_error(self) -> float:
-        """Error of the reference itself, from the law (Richardson); 0 if it is exact or without a law."""
-        return self.law.error(self.reference_cell) if self.law and self.reference_cell > 0.0 else 0.0
+    def reference_error(self) -> float | None:
+        """Error of the reference itself, from the law (Richardson); 0 if it is exact, None (unknown) without a law."""
+        if self.reference_cell <= 0.0:
+            return 0.0
+        return None if self.law is None else self.law.error(self.reference_cell)
 
     @cached_property
     def errors(self) -> np.ndarray:
-        """Ranking error, including the error of the reference, float64[n].
+        """Ranking error, including the error of the reference where it is known, float64[n].
 
         An independent error of the reference is already included in the raw errors.
         """
@@ -287,6 +290,11 @@ class Study:
             own = value_words(self.measure, self.reference_error)
             how = "independent of the other errors, included in them" if self.law.independent else "added to all errors"
             lines.append(f"the reference (cells of {self.reference_cell:g} m) has itself an error of {own}: {how}")
+        elif self.reference_error is None:
+            lines.append(
+                f"the error of the reference (cells of {self.reference_cell:g} m) is unknown: all errors are "
+                "differences from it, and can be too small; refine the cells further"
+            )
         if size is not None:
             lines.append(f"cells below {size:g} m are not worthwhile: halving reduces the error by < 25 %")
         return lines
@@ -362,7 +370,7 @@ class Study:
         return [
             ("measure", self.measure),
             ("order", "-" if self.law is None else f"{self.law.order:.2f}"),
-            ("error of the reference", value_words(self.measure, self.reference_error)),
+            ("error of the reference", self._reference_words()),
             ("refinement worthwhile down to", "-" if size is None else f"{size:g} m"),
             ("time over the front", f"{self.over_front[0]:.2f}"),
             (
@@ -370,6 +378,10 @@ class Study:
                 " or ".join(f"{g.setting}: {g.error:.2f} x error, {g.time:.2f} x time" for g in best) or "-",
             ),
         ]
+
+    def _reference_words(self):
+        own = self.reference_error
+        return "unknown" if own is None else value_words(self.measure, own)
 
     def records(self) -> tuple[tuple, list]:
         """Return the full table for a CSV; results of other codes come last.
@@ -402,18 +414,22 @@ class Study:
             outcome.compile_seconds,
             outcome.predicted,
             *errors,
-            self.errors[k],
+            self._with_reference(self.errors[k]),
             outcome.mass_error,
             int(self.front[k]),
             self.over_front[k],
             "; ".join(self._name(other) for other in self.ties(k)),
         )
 
+    def _with_reference(self, error):
+        """Return an error that contains that of the reference; NaN where that is unknown."""
+        return math.nan if self.reference_error is None else error
+
     def _record_beside(self, other, error):
         known = {
             "knob": BESIDE,
             "setting": other.name,
-            "error_with_reference": error,
+            "error_with_reference": self._with_reference(error),
             **dict(zip(("seconds", "seconds_min", "seconds_max"), other.seconds, strict=True)),
             **dict(zip(ERROR_COLUMNS.values(), other.errors, strict=True)),
         }

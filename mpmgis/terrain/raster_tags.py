@@ -26,12 +26,15 @@ SYMBOLS = {
 def meaning(quantity: Quantity) -> str:
     """Return symbol, unit and description of a band, for example "Ũt [m s-1]: slope-parallel speed, length of ...".
 
+    Of thicknesses and masses it says what their sum over the cells is.
+
     Parameters
     ----------
     quantity : Quantity
     """
     head = f"{SYMBOLS.get(quantity.name, quantity.name)} [{quantity.unit}]"
-    return f"{head}: {quantity.long_name}" if quantity.long_name else head
+    described = "; ".join(filter(None, (quantity.long_name, quantity.total)))
+    return f"{head}: {described}" if described else head
 
 
 def dataset_metadata(quantities: Sequence[Quantity], tags: Mapping[str, object]) -> dict[str, str]:

@@ -352,8 +352,8 @@ def test_a_run_its_export_and_the_same_run_drifting_further(capsys, tmp_path):
     assert same["a"]["runout_m"] == same["b"]["runout_m"] > 0
     other, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis" / "rasters")
     assert 0.2 < other["iou"] < 0.95 and other["a"]["runout_m"] > other["b"]["runout_m"]
-    deposit, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis", "--band", "h_deposit")
-    assert deposit["a"]["area_m2"] < other["a"]["area_m2"]
+    last, _ = compared(capsys, tmp_path / "fast", tmp_path / "slow_gis", "--band", "h_last")
+    assert last["a"]["area_m2"] < other["a"]["area_m2"]
     assert not list(tmp_path.glob("*compare*"))
 
 

@@ -1,7 +1,9 @@
 """`mpmgis report --map`: what could make a level too low is known, or reported."""
 
+import csv
 import json
 
+import geopandas
 import numpy as np
 import pytest
 from affine import Affine
@@ -9,6 +11,7 @@ from block_frames import write_block_run
 from test_hazard_map import levels, run, write_dtm, write_peaks
 
 from mpmgis.commands.shell.main import main
+from mpmgis.results.hazard import hazard_sheet
 
 
 def test_a_raster_without_any_value_is_not_free_of_hazard(tmp_path, capsys):
@@ -53,43 +56,49 @@ def test_beyond_an_export_that_the_flow_leaves_nothing_is_known(tmp_path, capsys
     assert (found[x > 400810] == 255).all()
 
 
+def finished(came_to_rest):
+    end = {"time": 10.0, "moving": 0.2, "came_to_rest": came_to_rest}
+    return {"state": "finished", "digest": "b" * 64, "end": end}
+
+
+@pytest.mark.parametrize("exported", [False, True])
 @pytest.mark.parametrize(
     ("record", "words"),
     [
-        (
-            {
-                "state": "finished",
-                "time": 30.0,
-                "balances": {"kinetic_energy": 5e7, "kinetic_energy_peak": 1e8, "mass_now": 2e6},
-            },
-            "ended at t = 30 s with a mean speed of 7.1 m/s",
-        ),
-        ({"state": "interrupted"}, "is interrupted"),
-        (
-            {
-                "state": "finished",
-                "time": 30.0,
-                "balances": {"kinetic_energy": 5e5, "kinetic_energy_peak": 1e8, "mass_now": 2e6},
-            },
-            "",
-        ),
-        (
-            {
-                "state": "finished",
-                "time": 30.0,
-                "balances": {"kinetic_energy": 6e-6, "kinetic_energy_peak": 1e-5, "mass_now": 2e6},
-            },
-            "",
-        ),
+        (finished(False), "the flow did not come to rest: last step, t = 10 s, 100 % still moving"),
+        (finished(True), ""),
+        ({"state": "interrupted", "time": 10.0}, "the run is interrupted at t = 10 s"),
+        (None, "the flow did not come to rest: last step, t = 10 s, 100 % still moving"),
     ],
-    ids=["moving", "interrupted", "nearly at rest", "never moved"],
+    ids=["moving", "at rest", "interrupted", "frames alone"],
 )
-def test_a_run_that_has_not_come_to_rest_is_named(tmp_path, capsys, record, words):
-    frames = write_block_run(tmp_path, (150.0, 450.0), times=(0.0, 10.0), speeds=(0.0, 10.0))
-    (frames / "run.json").write_text(json.dumps(record))
-    assert run("swiss-debris-flow", "--scenario", f"30={frames}", "-o", tmp_path / "map.tif") == 0
+def test_a_run_that_has_not_come_to_rest_is_named_in_red_and_in_every_file(
+    tmp_path, capsys, monkeypatch, record, words, exported
+):
+    """The block moves in its last frame. An export knows the end of its flow from its tags, but not an interruption."""
+    figures = []
+    monkeypatch.setattr(hazard_sheet.Print, "save", lambda self, path, kind: figures.append(self.figure))
+    results = write_block_run(tmp_path, (150.0, 450.0), times=(0.0, 10.0), speeds=(0.0, 10.0))
+    if record is not None:
+        (results / "run.json").write_text(json.dumps(record | {"terrain": {"dem": "/far/away/valley_1m.tif"}}))
+    if exported:
+        assert main(["export-raster", str(results), "--no-qgis", "--cs-e", "5"]) == 0
+        results = tmp_path / "run_gis"
+        words = words and "the flow did not come to rest: last step, t = 10 s, 100 % still moving"
+    capsys.readouterr()
+    assert run("swiss-debris-flow", "--scenario", f"30={results}", "-o", tmp_path / "map") == 0
     said = capsys.readouterr().err
     assert words in said and ("would give later" in said) == bool(words)
+    texts = figures[0].texts
+    red = " ".join(text.get_text() for text in texts if text.get_color() == hazard_sheet.WARNING_COLOUR)
+    assert all(word in red for word in words.split()) and bool(red) == bool(words)
+    named = f"30 years: {words}" if words else ""
+    with (tmp_path / "map" / "hazard.csv").open(newline="") as file:
+        assert {row["unfinished"] for row in csv.DictReader(file)} == {named}
+    zones = geopandas.read_file(tmp_path / "map" / "hazard.gpkg", layer="zones")
+    assert set(zones["unfinished"].fillna("")) == {named}
+    dtm = "terrain.tif" if record is None else "valley_1m.tif"
+    assert any(f"DTM: {dtm}" in text.get_text() for text in texts)
 
 
 @pytest.mark.parametrize(("which", "warns"), [("frame_000001.h5", True), ("frame_000000.h5", False), ("", False)])

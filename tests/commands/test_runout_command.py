@@ -129,11 +129,30 @@ def test_what_cannot_be_answered_is_refused_in_one_line(tmp_path, capsys):
     assert not (tmp_path / "run_runout").exists()
 
 
-def test_a_flow_of_which_the_centre_did_not_move_has_no_angle_of_nan(tmp_path, monkeypatch):
+def test_a_flow_of_which_the_centre_comes_back_has_no_angle_of_nan(tmp_path, monkeypatch):
     labels = []
     from mpmgis.results import runout_plots
 
     monkeypatch.setattr(runout_plots, "legend", lambda axes, **_: labels.extend(axes.get_legend_handles_labels()[1]))
-    folder = write_block_run(tmp_path, (600.0, 600.0), times=(0.0, 10.0))
+    folder = write_block_run(tmp_path, (600.0, 650.0, 600.0))
     assert main(["runout", str(folder), "-o", str(tmp_path / "r.png")]) == 0
     assert "centre of mass" in labels and not any("nan" in label for label in labels)
+
+
+@pytest.mark.parametrize("exported", [False, True])
+def test_a_flow_that_did_not_move_has_no_angle(tmp_path, capsys, exported):
+    """The highest and the lowest cell of a release on a slope give the angle of the slope, which is no runout."""
+    folder = write_block_run(tmp_path, (START, START), times=(0.0, 10.0))
+    if exported:
+        assert main(["export-raster", str(folder), "--no-qgis", "--cs-e", "5"]) == 0
+        folder = tmp_path / "run_gis"
+    capsys.readouterr()
+    assert main(["runout", str(folder), "-o", str(tmp_path / "none")]) == 2
+    assert "the flow did not move" in capsys.readouterr().err and not (tmp_path / "none").exists()
+
+
+def test_a_flow_that_still_moves_has_no_toe_of_a_deposit(tmp_path, capsys):
+    folder = write_block_run(tmp_path, speeds=(0.0, 20.0, 20.0))
+    facts, said = runout(capsys, folder)
+    assert "did not come to rest (last step, t = 20 s, 100 % still moving)" in said
+    assert facts["runout_m"] > 0 and "deposit_runout_m" not in facts

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import rasterio
 
+from mpmgis.frames.flow_end import FlowEnd
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import BAND, NODATA
 from mpmgis.maps.averaging.exported_folder import ExportedRun
@@ -56,8 +57,8 @@ def make_run(folder, crs, name="slide", times=None, shape=(120, 160), step_bands
         step_bands=tuple(BAND[band] for band in step_bands),
         maxima_file=f"rasters/{name}_max.tif",
         maxima_bands=tuple(BAND[band] for band in MAXIMA),
-        deposit_file=f"rasters/{name}_deposit.tif",
-        deposit_bands=tuple(BAND[band] for band in DEPOSIT),
+        last_bands=tuple(BAND[band] for band in DEPOSIT),
+        end=FlowEnd(times[-1], 0.0, True),
         largest=largest,
         min_depth=0.05,
     )

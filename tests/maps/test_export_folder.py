@@ -60,11 +60,11 @@ def test_default_folder_names_and_bands(run2):
         "slide_0000.tif",
         "slide_0001.tif",
         "slide_0002.tif",
-        "slide_deposit.tif",
+        "slide_last.tif",
         "slide_max.tif",
     ]
     with rasterio.open(folder / "rasters" / "slide_0001.tif") as source:
-        assert source.descriptions == ("h [m]", "t [m]", "Un [m s-1]", "Ut [m s-1]")
+        assert source.descriptions == ("h [m]", "t [m]", "Un [m s-1]", "Ut [m s-1]", "t_vol [m]")
         tags = source.tags(ns="mpmgis")
     assert (tags["time"], tags["frame"], tags["bed"], tags["min_depth"]) == (
         "1.0",
@@ -92,7 +92,7 @@ def test_default_folder_names_and_bands(run2):
             "p_max [Pa]",
             "t_arrival [s]",
         )
-    with rasterio.open(folder / "rasters" / "slide_deposit.tif") as source:
+    with rasterio.open(folder / "rasters" / "slide_last.tif") as source:
         assert source.descriptions == ("h [m]", "t [m]", "t_vol [m]")
 
 
@@ -153,13 +153,13 @@ def test_running_maxima_in_the_steps(run3, tmp_path):
     assert np.isnan(first["h_max"]).sum() > np.isnan(last["h_max"]).sum()
 
 
-def test_deposit_is_the_last_step(run3, tmp_path):
+def test_the_last_step_is_that_of_the_last_frame(run3, tmp_path):
     folder, _ = export(run3, products=("t_vol",), output=tmp_path / "out")
-    deposit, tags = bands(folder / "rasters" / "slide_deposit.tif")
+    end, tags = bands(folder / "rasters" / "slide_last.tif")
     last, _ = bands(folder / "rasters" / "slide_0002.tif")
     assert tags["time"] == "2.0"
     for name in ("h", "t", "t_vol"):
-        assert np.array_equal(deposit[name], last[name])
+        assert np.array_equal(end[name], last[name])
 
 
 def test_same_bytes_for_any_number_of_workers(run2, run3, tmp_path):

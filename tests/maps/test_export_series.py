@@ -1,16 +1,21 @@
 """Export of a series of frames: gaps, and the final deposit."""
 
+import json
+import zipfile
+
 import numpy as np
+import pytest
 import rasterio
 from affine import Affine
 
+import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import write_frame
 from mpmgis.frames.particles import Frame, Particles
 
 
-def series(folder, times):
-    """A column of 1 m that grows by 1 m a second, on a level DTM, one frame for each of `times`."""
+def series(folder, times, speeds=None):
+    """A column of 1 m that grows by 1 m a second, on a level DTM, at `times`, with `speeds` [m/s]."""
     profile = {
         "driver": "GTiff",
         "height": 20,
@@ -27,8 +32,9 @@ def series(folder, times):
 
     for number, time in enumerate(times):
         volume = np.array([25.0 * (1 + time)])
+        velocity = np.array([[0.0 if speeds is None else speeds[number], 0.0, 0.0]])
         particles = Particles(
-            np.array([[52.5, 52.5, 0.0]]), np.zeros((1, 3)), 1000 * volume, volume, volume / 25, np.array([25.0])
+            np.array([[52.5, 52.5, 0.0]]), velocity, 1000 * volume, volume, volume / 25, np.array([25.0])
         )
         frame = Frame(particles, time=time, crs=pyproj.CRS(32632), origin=(500000.0, 5000000.0, 0.0), dem="dtm.tif")
         write_frame(folder / f"frame_{number:06d}.h5", frame)
@@ -45,6 +51,36 @@ def test_the_deposit_is_that_of_the_last_frame_whatever_the_steps(tmp_path, caps
     assert main(["export-raster", str(tmp_path / "run"), "-o", str(out), "--dt-e", "1000", "--no-qgis"]) == 0
     assert "the last frame at 3 s" in capsys.readouterr().err
     assert abs(deposit(out) - 4.0) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("speeds", "record", "name", "words"),
+    [
+        ((9.0, 20.0, 0.8), None, "deposit", "deposit"),
+        ((9.0, 20.0, 1.2), None, "last", "last step, t = 3 s, 100 % still moving"),
+        ((0.1, 0.5, 0.9), None, "last", "last step, t = 3 s, 0 % still moving"),
+        ((9.0, 20.0, 1.2), True, "deposit", "deposit"),
+        ((9.0, 20.0, 0.8), False, "last", "last step, t = 3 s, 0 % still moving"),
+    ],
+    ids=["rests", "moves", "accelerates", "its run rests", "its run moves"],
+)
+def test_a_last_step_is_a_deposit_only_at_rest(tmp_path, speeds, record, name, words):
+    """File, tags, layer group and dataset; the record of the run decides where there is one."""
+    series(tmp_path / "run", [0.0, 1.0, 3.0], speeds)
+    if record is not None:
+        end = {"time": 3.0, "moving": 0.5, "came_to_rest": record}
+        found = {"format": "mpmgis-run", "format_version": 1, "state": "finished", "digest": "", "end": end}
+        (tmp_path / "run" / "run.json").write_text(json.dumps(found))
+    assert main(["export-raster", str(tmp_path / "run"), "-o", str(tmp_path / "out"), "-q"]) == 0
+    summaries = {path.name for path in (tmp_path / "out" / "rasters").glob("run_[dl]*.tif")}
+    assert summaries == {f"run_{name}.tif"}
+    for file in (f"run_{name}.tif", "run_max.tif"):
+        with rasterio.open(tmp_path / "out" / "rasters" / file) as source:
+            assert source.tags(ns="mpmgis")["came_to_rest"] == ("true" if name == "deposit" else "false")
+    with zipfile.ZipFile(tmp_path / "out" / "run.qgz") as project:
+        assert f"run: {words}" in project.read("run.qgs").decode()
+    results = mpmgis.open_results(tmp_path / "out")
+    assert f"h_{name}" in results and results.attrs["came_to_rest"] == ("true" if name == "deposit" else "false")
 
 
 def test_a_gap_in_the_series_is_reported(tmp_path, capsys):

@@ -25,7 +25,7 @@ def run(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def report(run):
-    rasters = (run.step_files[5], run.maxima_file, run.deposit_file, run.terrain_file)
+    rasters = (run.step_files[5], run.maxima_file, run.last_file, run.terrain_file)
     return look(run, *rasters, *map(run.stack_file, run.step_bands), run.outlines_file, run.mesh_file)
 
 

@@ -238,7 +238,7 @@ def test_project_without_mesh_and_outlines(tmp_path):
 
 def test_a_run_that_never_flowed_still_opens(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0.0])
-    for file in (run.step_files[0], run.maxima_file, run.deposit_file):
+    for file in (run.step_files[0], run.maxima_file, run.last_file):
         with rasterio.open(run.folder / file, "r+") as raster:
             for band in range(1, raster.count + 1):
                 raster.write(np.full(raster.shape, -9999, dtype="float32"), band)

@@ -96,7 +96,7 @@ def test_steps_that_are_vrts(tmp_path):
 def test_a_single_file_in_qgis(tmp_path):
     run = qgis_run.write_all(qgis_run.make_run(tmp_path, GRID.crs, times=[0.0, 0.5, 1.0]))
     script = Path(__file__).with_name("qgis_panel.py")
-    files = (run.step_files[1], run.maxima_file, run.deposit_file, run.stack_file("Ut"))
+    files = (run.step_files[1], run.maxima_file, run.last_file, run.stack_file("Ut"))
     for file in files[:3]:
         with rasterio.open(run.folder / file) as source:
             bands = list(zip(run.bands_of(file), source.read().astype(float), strict=True))

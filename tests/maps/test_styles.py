@@ -151,7 +151,7 @@ def run(tmp_path_factory):
 
 
 def test_every_raster_has_its_style(run):
-    files = [*run.step_files, run.maxima_file, run.deposit_file, run.terrain_file, *map(run.stack_file, run.step_bands)]
+    files = [*run.step_files, run.maxima_file, run.last_file, run.terrain_file, *map(run.stack_file, run.step_bands)]
     roots = {file: ElementTree.parse((run.folder / file).with_suffix(".qml")).getroot() for file in files}
     for file, root in roots.items():
         kind = "hillshade" if file == run.terrain_file else "singlebandpseudocolor"

@@ -1,9 +1,13 @@
 """One step against a plain loop, and what must hold for any scene: sums, symmetry, threads, edges, rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from affine import Affine
 from column_scenes import G, columns_of, dam_break, node_thickness, relative_l1, seeded, solver_on, terrain_of
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.particles import Frame
@@ -11,6 +15,7 @@ from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.friction import FRICTIONLESS, friction_law, slowed_speed, stress_parts
 from mpmgis.laws.ground_metric import SLOPE, WATER
 from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.columns import column_time_step
 from mpmgis.solvers.columns.column_solver import ColumnSolver
 from mpmgis.system.errors import FormatError, SceneError, UnphysicalError
 from mpmgis.terrain.elevation import Terrain
@@ -259,6 +264,48 @@ def test_stop_rule_ends_a_run_that_rests_and_names_the_rule():
     assert "at rest" in march.reason
     assert frames[-1].time < 300.0
     assert [f.time for f in frames[:-1]] == [10.0 * k for k in range(len(frames) - 1)]
+
+
+def test_a_flow_with_a_part_that_still_slides_is_not_at_rest():
+    """Three bodies: one leaves the terrain, one stops within 10 s, one slides at 2 m/s where the slope is the friction.
+
+    The kinetic energy is then far below 1 % of its peak. A fifth of the mass on the terrain, 2 % of all, still moves.
+    """
+    tangent, spacing = 0.3, 1.25
+    terrain = terrain_of(lambda x, y: tangent * np.maximum(300.0 - x, 0.0), 800, 60, 5)
+    places = ((100, 120, 0.05, 2.0), (400, 480, 0.05, 30.0), (740, 780, 0.9, 30.0))  # west, east, thickness, speed
+    parts = [columns_of(h, west, east, 10, 50, spacing, velocity=(u, 0.0)) for west, east, h, u in places]
+    arrays = [part.particles.arrays() for part in parts]
+    joined = {name: np.concatenate([one[name] for one in arrays]) for name in arrays[0] if name != "id"}
+    joined["id"] = np.arange(len(joined["mass"]))
+    frame = replace(parts[0], particles=replace(parts[0].particles, **joined))
+    solver = solver_on(terrain, frame, 5.0, friction_law("Coulomb", tangent), stop_at_rest=True)
+    march = TimeIntegration(solver, 25.0, 5.0)
+    list(march)
+    balances = solver.balances()
+    assert balances["kinetic_energy"] < 1e-3 * balances["kinetic_energy_peak"]
+    assert march.reason == "end_time reached" and solver.time == 25.0
+    assert march.end.moving == pytest.approx(0.2, abs=0.02) and not march.end.came_to_rest
+
+
+@given(
+    st.lists(st.tuples(*(st.floats(0.0, 1.0, allow_subnormal=False) for _ in range(4))), min_size=1, max_size=60),
+    st.floats(0.05, 5.0),
+)
+def test_no_stop_rule_ends_a_flow_of_which_much_is_fast(states, step):
+    """Any history of kinetic energy, moving and flowing shares, and reached nodes."""
+    clock, counts = np.zeros(column_time_step.CLOCK), np.zeros(column_time_step.COUNTS, np.int64)
+    clock[column_time_step.KINETIC_LOW_SINCE] = -1.0
+    for kinetic, moving, part, wet in states:
+        clock[column_time_step.TIME] += step
+        clock[column_time_step.KINETIC_NOW] = kinetic**8
+        clock[column_time_step.KINETIC_PEAK] = max(clock[column_time_step.KINETIC_PEAK], kinetic**8)
+        clock[column_time_step.MOVING_SHARE], clock[column_time_step.FLOWING_SHARE] = moving, moving * part
+        clock[column_time_step.MOVING_PEAK] = max(clock[column_time_step.MOVING_PEAK], moving)
+        counts[column_time_step.WET] += int(2 * wet)
+        if column_time_step.stop_rule(clock, counts) != column_time_step.RUNNING:
+            assert moving * part < 0.05
+            break
 
 
 def test_friction_above_every_slope_moves_nothing_and_ends_early():

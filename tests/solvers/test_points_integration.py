@@ -13,7 +13,7 @@ from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.material import drucker_prager
-from mpmgis.simulation.stepping import NEARLY_AT_REST, end_reason
+from mpmgis.simulation.stepping import IntegratedPoints
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_blocks import set_places
@@ -181,11 +181,14 @@ def test_points_are_seen_as_columns_of_their_cells():
     assert seen.particles.area.sum() == pytest.approx(16.0)
 
 
-@pytest.mark.parametrize("fast, words", [(0.04, ""), (0.2, "; 20 % of the mass is still faster than 1 m/s")])
-def test_the_reason_to_end_mentions_material_that_still_flows(fast, words):
-    velocity, mass = np.zeros((100, 3)), np.ones(100)
-    velocity[: round(100 * fast), 0] = 5.0
-    stepper = SimpleNamespace(
-        END_REASONS={1: NEARLY_AT_REST}, moving=lambda: SimpleNamespace(velocity=velocity, mass=mass)
+@pytest.mark.parametrize("fast", range(0, 101, 4))
+def test_points_rest_only_if_little_mass_is_fast(fast):
+    """The kinetic energy has been low for long, but `fast` % of the mass moves."""
+    solver = SimpleNamespace(
+        resting_for=lambda share: 60.0,
+        note_deepest=lambda: None,
+        numerics=SimpleNamespace(stop_at_rest=True),
+        flow=lambda: SimpleNamespace(mass=np.ones(100), speed=np.repeat([1.5, 0.5], [fast, 100 - fast])),
     )
-    assert end_reason(stepper, 1) == NEARLY_AT_REST + words
+    stepper = IntegratedPoints(solver)
+    assert (stepper.at_frame(stepper.REACHED_TIME) != stepper.REACHED_TIME) == (fast < 5)

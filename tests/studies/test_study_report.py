@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 from mpmgis.scene import scene_from_tables
 from mpmgis.simulation.numerical_parameters import cells_times, setting
+from mpmgis.studies import study_plots
 from mpmgis.studies.run_measures import Errors, Outcome
 from mpmgis.studies.study_table import RECORD_NAMES, OtherResult, Row, Study
 
@@ -53,12 +55,23 @@ def test_independent_reference_error_is_not_added():
     assert found.errors == pytest.approx(found.raw_errors)
 
 
-def test_errors_without_a_law_are_not_extrapolated():
-    found = study(lambda dx: {8.0: 0.01, 4.0: 0.2, 2.0: 0.03}.get(dx, 0.005))
-    assert found.law is None and found.reference_error == 0.0
+def test_without_a_law_the_error_of_the_reference_is_unknown_everywhere(tmp_path, monkeypatch):
+    """In text, tables and plot; against an exact reference it is 0, whatever the law."""
+    error_of = {8.0: 0.01, 4.0: 0.2, 2.0: 0.03}
+    found = study(lambda dx: error_of.get(dx, 0.005))
+    assert found.law is None and found.reference_error is None
     assert found.errors == pytest.approx(found.raw_errors)
     assert found.choice(0.004) is None
-    assert "follows no power" in found.lines()[0] and dict(found.summary())["order"] == "-"
+    assert "follows no power" in found.lines()[0] and "(cells of 1 m) is unknown" in found.lines()[1]
+    summary = dict(found.summary())
+    assert summary["order"] == "-" and summary["error of the reference"] == "unknown"
+    names, rows = found.records()
+    assert all(np.isnan(row[names.index("error_with_reference")]) for row in rows)
+    labels = []
+    monkeypatch.setattr(Axes, "legend", lambda axes, **_: labels.extend(axes.get_legend_handles_labels()[1]))
+    study_plots.write_plot(tmp_path / "study.png", found)
+    assert "error of the reference: unknown" in labels
+    assert study(lambda dx: error_of.get(dx, 0.005), reference=0.0).reference_error == 0.0
 
 
 def test_choice_is_the_fastest_accurate_setting_else_extrapolated():

@@ -148,7 +148,7 @@ def _rows(items, units, depth=0):
         label = "  " * depth + (str(key) if depth else LABELS.get(key, key.replace("_", " ")))
         if key == "files" and isinstance(value, dict):
             yield label, ", ".join(f"{name} ({'there' if there else 'missing'})" for name, there in value.items())
-        elif key in ("maxima", "deposit") and _are_ranges(value):
+        elif key in ("maxima", "deposit", "last step") and _are_ranges(value):
             yield label, ""
             for band, (low, high) in value.items():
                 yield f"  {'  ' * depth}{band}", _range(low, high, BAND_UNITS.get(band, ""))

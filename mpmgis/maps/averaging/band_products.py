@@ -13,7 +13,7 @@ from ...system.errors import InputError
 from . import binning
 from .cell_averages import Cells
 
-ALWAYS = ("h", "t", "Un", "Ut")  # bands of every step
+ALWAYS = ("h", "t", "Un", "Ut", "t_vol")  # bands of every step
 RUNNING = "maxima"  # stands for the maxima up to each step
 
 
@@ -175,7 +175,7 @@ PRODUCTS = {
 
 
 def choose_products(asked: Iterable[str]) -> tuple[str, ...]:
-    """Return the bands of a step: the four default bands and those asked for, in the order of the table.
+    """Return the bands of a step: the default bands and those asked for, in the order of the table.
 
     Parameters
     ----------

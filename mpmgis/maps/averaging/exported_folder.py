@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from affine import Affine
 
+from ...frames.flow_end import FlowEnd
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
 from ...terrain.raster_output import NAMESPACE
@@ -40,9 +41,11 @@ class ExportedRun:
         One per step, increasing.
     step_files : tuple of str
         One raster per step.
-    step_bands, maxima_bands, deposit_bands : tuple of Quantity
-        Bands of the rasters of a step, of the maxima and of the deposit.
-    maxima_file, deposit_file : str
+    step_bands, maxima_bands, last_bands : tuple of Quantity
+        Bands of the rasters of a step, of the maxima and of the last step.
+    maxima_file : str
+    end : FlowEnd
+        State of the flow in the last step, which names its raster.
     largest : dict of str to float
         Largest absolute finite value of each band over all steps.
     min_depth : float [m]
@@ -60,12 +63,17 @@ class ExportedRun:
     step_bands: tuple
     maxima_file: str
     maxima_bands: tuple
-    deposit_file: str
-    deposit_bands: tuple
+    last_bands: tuple
+    end: FlowEnd
     largest: dict = field(default_factory=dict)
     min_depth: float = 0.05
     bed_bands: tuple = ()
     surface_bands: tuple = ()
+
+    @property
+    def last_file(self) -> str:
+        """Name of the raster of the last step: `_deposit` of a flow that came to rest, else `_last`."""
+        return f"rasters/{self.name}_{self.end.file}.tif"
 
     @property
     def bed_file(self) -> str:
@@ -146,7 +154,7 @@ class ExportedRun:
         """
         known = {
             self.maxima_file: self.maxima_bands,
-            self.deposit_file: self.deposit_bands,
+            self.last_file: self.last_bands,
             self.bed_file: self.bed_bands,
             self.ground_file: self.surface_bands,
         }

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...frames.flow_end import moving_share
 from ...frames.particles import Frame
 from ...terrain.grid import Grid
 from . import cell_places
@@ -82,6 +83,10 @@ class FrameValues:
         Cell size of Eq 15: cube root of the mean current volume of points; 0 for columns.
     fastest : float [m s-1]
         Largest depth-averaged horizontal speed where the flow is at least min_depth deep.
+    solver_cell : float [m]
+        Node spacing of the solver that made the frame, or the side of the mean column; 0 if it is unknown.
+    moving, kinetic : float [1], float [J]
+        Share of the mass that is faster than FLOWING_SPEED, and kinetic energy, of all particles.
     layers : HeightLayers or None
         Of `Averaging.layers`.
     """
@@ -102,6 +107,9 @@ class FrameValues:
     least: float
     point_side: float
     fastest: float
+    solver_cell: float
+    moving: float
+    kinetic: float
     layers: HeightLayers | None = None
 
 
@@ -126,6 +134,7 @@ def average_frame(frame: Frame, averaging: Averaging) -> FrameValues:
     values = cell_values(cells, averaging.names, averaging.min_depth)
     mass = float(frame.particles.mass.sum())
     below, lowest = _below_terrain(frame, placed, averaging.bed.standoff, cells.spacing, mass)
+    moving, kinetic = _motion(frame.particles)
     return FrameValues(
         time=frame.time,
         count=len(frame.particles),
@@ -143,8 +152,17 @@ def average_frame(frame: Frame, averaging: Averaging) -> FrameValues:
         least=0.0 if column_spacing(frame) is None else least_depth(averaging.min_depth),
         point_side=float(np.cbrt(frame.particles.volume.mean())) if frame.dimension == 3 else 0.0,
         fastest=_fastest(cells, values["h"], averaging.min_depth),
+        solver_cell=column_side(frame) or cells.spacing,
+        moving=moving,
+        kinetic=kinetic,
         layers=_layers(frame, placed, averaging),
     )
+
+
+def _motion(particles):
+    """Return the share of the mass that is faster than FLOWING_SPEED [1], and the kinetic energy [J]."""
+    speed2 = np.einsum("ij,ij->i", particles.velocity, particles.velocity, dtype=float)
+    return moving_share(particles.mass, np.sqrt(speed2)), float(0.5 * (particles.mass * speed2).sum())
 
 
 def _layers(frame, placed, averaging):

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...frames.particles import Frame
-from ...laws.quantities import Quantity
+from ...laws.quantities import MASS, Quantity
 from ...terrain.grid import Grid
 from .cell_averages import flat_cells
 from .placement import Bed, Placed, place
 
-OUTSIDE = Quantity("mass_outside", "kg m-2", "mass outside all height intervals, per plan area", "float32")
+OUTSIDE = Quantity("mass_outside", "kg m-2", "mass outside all height intervals, per plan area", "float32", MASS)
 
 
 class HeightLayers(NamedTuple):

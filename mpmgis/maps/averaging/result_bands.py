@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...frames.flow_end import DEPOSIT, LAST, FlowEnd
 from ...frames.region_folder import MAPS, RECORD_FILE
 from ...frames.region_maps import LARGEST
 from ...laws.quantities import Quantity
@@ -15,6 +16,7 @@ from ...terrain.elevation import Terrain
 from ...terrain.georeference import name_of, require_metric, same_place, warp_command
 from ...terrain.grid import Grid
 from ...terrain.raster_input import grid_of, open_raster, read_raster
+from ...terrain.raster_output import NAMESPACE
 from ...terrain.undeclared_nodata import RESULT, THICKNESS
 
 PEAK_KINDS = {  # end of the file name -> quantity, factor of its values
@@ -25,7 +27,7 @@ PEAK_KINDS = {  # end of the file name -> quantity, factor of its values
 # band names of the same quantity in rasters of mpmgis, ISeeSnow and AvaFrame
 SAME_QUANTITY = (("pft", "h_max"), ("pfv", "Ut_max"), ("ppr", "p_max"))
 UNNAMED = "value"  # name of a band without a description
-DEPOSIT = "_deposit"  # suffix of the file of an export's last step, and of the names of its bands here
+LAST_STEPS = (f"_{DEPOSIT}", f"_{LAST}")  # ends of the file of an export's last step, and of its bands here
 STRIP = 1024  # [rows] of the maps of a region that are read at a time
 _PEAK_NAME = re.compile(r"(?:(.*)_)?(pft|pfv|ppr)\.(?:asc|tif|tiff)", re.IGNORECASE)
 
@@ -142,12 +144,15 @@ class Result:
     bands : dict of str to BandSource
     terrain : Path, Terrain or None
         The terrain of the export or of the frames.
+    end : FlowEnd or None
+        State of the flow in its last step, where it is known.
     """
 
     name: str
     kind: str
     bands: dict
     terrain: Path | Terrain | None = None
+    end: FlowEnd | None = None
 
     def read(self, band: str, crs_of: Grid | None = None) -> tuple[np.ndarray, Grid]:
         """Read one band.
@@ -255,14 +260,27 @@ def _exported(folder):
         )
     run = maxima[0].name.removesuffix("_max.tif")
     bands = _named_bands(maxima[0])
-    deposit = inside / f"{run}{DEPOSIT}.tif"
-    if deposit.is_file():
-        bands |= _named_bands(deposit, DEPOSIT)
+    end = None
+    for ending in LAST_STEPS:
+        last = inside / f"{run}{ending}.tif"
+        if last.is_file():
+            bands |= _named_bands(last, ending)
+            end = _end_of(last)
     peaks = _peak_files(inside)
     bands |= _peak_bands(peaks, inside) if peaks else {}
     terrain = inside.parent / "dtm.tif"
     shown = folder if inside != folder else folder.parent
-    return Result(shown.resolve().name, "export", bands, terrain if terrain.is_file() else None)
+    return Result(shown.resolve().name, "export", bands, terrain if terrain.is_file() else None, end)
+
+
+def _end_of(path):
+    """Return the FlowEnd in the tags of the raster of a last step; None without."""
+    with open_raster(path) as source:
+        tags = source.tags(ns=NAMESPACE)
+    try:
+        return FlowEnd(float(tags["time"]), float(tags["still_moving"]), tags["came_to_rest"] == "true")
+    except (KeyError, ValueError):
+        return None
 
 
 def _region_maps(path):
@@ -348,7 +366,7 @@ def _single(path):
     match = _PEAK_NAME.fullmatch(path.name)
     if match:
         return Result(path.stem, "raster", {match[2].lower(): _peak_band(path, match[2].lower())})
-    bands = _named_bands(path, DEPOSIT if path.stem.endswith(DEPOSIT) else "")
+    bands = _named_bands(path, next((ending for ending in LAST_STEPS if path.stem.endswith(ending)), ""))
     terrain = path.parent.parent / "dtm.tif"
     beside = path.parent.name == "rasters" and terrain.is_file()
     return Result(

@@ -26,7 +26,7 @@ from ..averaging.maxima import PRODUCTS_NEEDED, RUNNING_BANDS
 from ..averaging.placement import Bed
 from .export_inputs import log_unused_options, refuse_nowhere, release_density, solver_peaks
 from .export_plan import ExportPlan
-from .step_rasters import ARROW_BANDS, DEPOSIT_BANDS, ISEESNOW_PRODUCTS
+from .step_rasters import ARROW_BANDS, ISEESNOW_PRODUCTS, LAST_BANDS
 
 if TYPE_CHECKING:
     from ...system.parallel import FramePool
@@ -102,13 +102,13 @@ def make_plan(
 
 
 def needed_products(products: tuple) -> tuple[str, ...]:
-    """Return products with those that maxima and deposit are made of, in the order of the table.
+    """Return products with those that maxima and last step are made of, in the order of the table.
 
     Parameters
     ----------
     products : tuple of str
     """
-    return tuple(name for name in PRODUCTS if name in (*products, *PRODUCTS_NEEDED, *DEPOSIT_BANDS))
+    return tuple(name for name in PRODUCTS if name in (*products, *PRODUCTS_NEEDED, *LAST_BANDS))
 
 
 def _extent(request):

@@ -1,5 +1,6 @@
 """Check the inputs of an export before any work: output folder, DTM, density of the release, release outlines."""
 
+import math
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...frames.flow_end import FlowEnd, recorded_end
+from ...frames.run_folder import read_record
 from ...frames.run_terrain import refuse_within
 from ...system.errors import GeoreferenceError, InputError, MpmgisError
 from ...system.file_references import require_local
@@ -102,6 +105,22 @@ def solver_peaks(entry: "FrameEntry") -> SolverPeaks | None:
     entry : FrameEntry
     """
     return SolverPeaks.of(entry.read_maxima(), entry.time)
+
+
+def run_end(entry: "FrameEntry") -> FlowEnd | None:
+    """Return the FlowEnd that a finished run recorded beside its last frame; None for any other frame.
+
+    Parameters
+    ----------
+    entry : FrameEntry
+    """
+    try:
+        record = read_record(entry.path.parent)
+    except MpmgisError:
+        return None
+    end = recorded_end(record)
+    same = end is not None and record.get("digest") == entry.header.digest and math.isclose(end.time, entry.time)
+    return end if same else None
 
 
 def release_file(entries: Sequence) -> Path | str | None:

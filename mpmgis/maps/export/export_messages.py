@@ -62,6 +62,12 @@ def log_export(request: "ExportRequest", plan: "ExportPlan", tally: "Tally") -> 
             f"the frames resolve {tally.column_side:.3g} m: cells of {grid.cell_size:.3g} m show the same flow on a "
             "finer raster and add no detail"
         )
+    if 0.0 < tally.solver_cell < grid.cell_size * (1 - 1e-6):
+        log.info(
+            f"cells of {grid.cell_size:.4g} m are larger than those of the solver, {tally.solver_cell:.4g} m: h, t and "
+            "their maxima are the largest values in each cell and grow with it; their sum is no volume. t_vol is the "
+            "mean; `cell_size` gives smaller cells"
+        )
     side, name = tally.point_side
     if grid.cell_size < side * (1 - 1e-6):
         log.info(

@@ -18,7 +18,7 @@ from ...system.whole_files import refuse_existing, whole_folder
 from ...terrain.raster_output import require_square
 from ..averaging.averaging_settings import CellAveraging
 from ..averaging.band_products import choose_products
-from ..averaging.result_bands import DEPOSIT, BandInMemory, Result
+from ..averaging.result_bands import BandInMemory, Result
 from ..qgis import qgis_files as qgis_folder
 from ..qgis.kml import require_kml, write_kml
 from ..qgis.outlines import StepSpool
@@ -104,7 +104,7 @@ def _as_the_paper(request):
 
 
 def peaks_of_frames(results: "Results", progress: Callable = lambda done, total: None) -> Result:
-    """Compute the maxima and the deposit of frames in memory, with their terrain.
+    """Compute the maxima and the last step of frames in memory, with their terrain.
 
     Parameters
     ----------
@@ -122,14 +122,14 @@ def peaks_of_frames(results: "Results", progress: Callable = lambda done, total:
     terrain = run_terrain(request.source, entries, None)
     with frame_pool() as pool:
         plan = make_plan(request, entries, terrain, choose_products(()), pool)
-        bands, tally = frame_maxima(plan, pool, progress)
+        bands, tally, end = frame_maxima(plan, pool, progress)
     log_export(request, plan, tally)
-    units = {name: BAND[name.removesuffix(DEPOSIT)] for name in bands}
+    units = {name: BAND[name.removesuffix(f"_{end.file}")] for name in bands}
     sources = {
         name: BandInMemory(entries[0].path.parent, units[name]._replace(name=name), values, plan.averaging.grid)
         for name, values in bands.items()
     }
-    return Result(plan.name, "run", sources, terrain)
+    return Result(plan.name, "run", sources, terrain, end)
 
 
 def _release(run, plan):

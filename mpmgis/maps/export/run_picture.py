@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from ...frames.flow_end import FlowEnd
 from ...system.whole_files import whole_file
 from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
@@ -48,13 +49,14 @@ def write_picture(
     terrain: Terrain,
     grid: Grid,
     speed_max: np.ndarray,
-    deposit_depth: np.ndarray,
+    last_depth: np.ndarray,
     release: Sequence | None = None,
     title: str = "",
     credit: str = "",
     min_depth: float = 0.05,
+    end: FlowEnd | None = None,
 ) -> None:
-    """Write a PNG map of a run: largest speed in classes over a hillshade, outlines of release and deposit.
+    """Write a PNG map of a run: largest speed in classes over a hillshade, outlines of release and last step.
 
     Parameters
     ----------
@@ -66,30 +68,33 @@ def write_picture(
         North-up grid of the two rasters.
     speed_max : float[rows, columns] [m s-1]
         Largest speed over the run, NaN without flow.
-    deposit_depth : float[rows, columns] [m]
-        Depth at the end.
+    last_depth : float[rows, columns] [m]
+        Depth in the last step.
     release : sequence of shapely polygons, optional
     title, credit : str
         Above and below the map.
     min_depth : float [m]
-        Smallest depth of a deposit.
+        Smallest depth in the outline of the last step.
+    end : FlowEnd, optional
+        Names the last step; without it "last step".
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     release = list(release or ())
-    view = map_view(terrain, grid, np.isfinite(speed_max) | (deposit_depth >= min_depth), release)
+    view = map_view(terrain, grid, np.isfinite(speed_max) | (last_depth >= min_depth), release)
     figure = Figure(figsize=(1, 1), dpi=DOTS_PER_INCH, facecolor="white")
     FigureCanvasAgg(figure)
     axes = map_axes(figure, view)
     interval = draw_terrain(axes, terrain, view)
     classes = draw_values(axes, grid, speed_max, LOOKS["Ut"])
-    deposit = mask_outline(deposit_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform, smooth=True)
-    draw_outline(axes, [deposit] if deposit is not None else [], DEPOSIT_COLOUR)
+    last = mask_outline(last_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform, smooth=True)
+    draw_outline(axes, [last] if last is not None else [], DEPOSIT_COLOUR)
     draw_outline(axes, release, RELEASE_COLOUR)
     draw_scale_bar(axes, view)
     draw_north_arrow(axes)
-    _draw_legend(axes, classes, bool(release), deposit is not None, min_depth, interval)
+    words = "" if last is None else "last step" if end is None else end.words()
+    _draw_legend(axes, classes, bool(release), words, min_depth, interval)
     if title:
         draw_title(axes, title, 13.0)
     if credit:
@@ -450,7 +455,7 @@ def draw_scale_and_north(axes: "Axes", view: tuple) -> None:
     )
 
 
-def _draw_legend(axes, classes, has_release, has_deposit, min_depth, interval):
+def _draw_legend(axes, classes, has_release, last, min_depth, interval):
     """Draw the legend of colours and lines, to the right of the map."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -463,8 +468,8 @@ def _draw_legend(axes, classes, has_release, has_deposit, min_depth, interval):
     lines = []
     if has_release:
         lines.append(Line2D([], [], color=RELEASE_COLOUR, linewidth=1.6, label="release area"))
-    if has_deposit:
-        label = f"deposit at the end\n(at least {min_depth:g} m deep)"
+    if last:
+        label = f"{last}\n(at least {min_depth:g} m deep)"
         lines.append(Line2D([], [], color=DEPOSIT_COLOUR, linewidth=1.6, label=label))
     if interval:
         lines.append(Line2D([], [], color="#5a4632", alpha=0.6, linewidth=0.8, label=f"contours every {interval:g} m"))

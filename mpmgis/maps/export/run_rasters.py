@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...exchange.frame_list import FrameEntry
+from ...frames.flow_end import FlowEnd
 from ...frames.frame_contents import stored_type
 from ...frames.frame_files import read_frame
 from ...frames.run_maps import MAPS, RASTERS, TERRAIN, map_names, remove_summaries
@@ -37,7 +38,7 @@ from .step_rasters import (
     absorb_peaks,
     exported,
     run_tags,
-    write_deposit,
+    write_last_step,
     write_maxima,
     write_step,
     write_terrain,
@@ -172,29 +173,36 @@ class RasterWriter:
         with whole_file(path) as part:
             write_rows(part, self.plan.averaging.grid, [BAND[name] for name in self.plan.bands], tags, rows_of)
 
-    def finish(self) -> None:
-        """Write the newest frame, and maxima, deposit and what became of the bed, of all frames so far."""
+    def finish(self, end: FlowEnd | None = None) -> None:
+        """Write the newest frame, and maxima, last step and what became of the bed, of all frames so far.
+
+        Parameters
+        ----------
+        end : FlowEnd, optional
+            Of a run that is finished.
+        """
         if self._last is None:  # the run ended before its first frame
             return
         self._keep()
         frame, values = self._last
+        end = FlowEnd(values.time, values.moving, end is not None and end.came_to_rest)
         peaks = SolverPeaks.of(frame.maxima, frame.time)
         plan = replace(self.plan, steps=tuple(range(len(self.plan.entries))), peaks=peaks, bed_change=frame.bed_change)
         grid, name, rasters = plan.averaging.grid, plan.name, self._place / RASTERS
         absorb_peaks(plan.averaging, peaks, self.maxima)
         with whole_file(rasters / f"{name}_max.tif") as part:
-            write_maxima(plan, part, self.maxima, self.tally, False)
-        with whole_file(rasters / f"{name}_deposit.tif") as part:
-            write_deposit(plan, part, values, False)
-        write_bed_rasters(plan, rasters, values, run_tags(plan), False, self._rate)
-        self._write_styles(plan)
-        log.info(f"rasters of {self.folder.frames} steps, maxima and deposit: {self._place}")
+            write_maxima(plan, part, self.maxima, self.tally, end, False)
+        with whole_file(rasters / f"{name}_{end.file}.tif") as part:
+            write_last_step(plan, part, values, end, False)
+        write_bed_rasters(plan, rasters, values, end, run_tags(plan), False, self._rate)
+        self._write_styles(plan, end)
+        log.info(f"rasters of {self.folder.frames} steps, maxima and {end.words()}: {self._place}")
         log_export(ExportRequest(sampling=CellSampling(cell_size=grid.cell_size)), plan, self.tally)
 
-    def _write_styles(self, plan):
+    def _write_styles(self, plan, end):
         """Write a style for QGIS next to each raster."""
         files = [f"{plan.name}_{step:04d}.tif" for step in range(self.folder.frames)]
-        run = exported(plan, self._place, files, self.maxima, self.tally)
+        run = exported(plan, self._place, files, self.maxima, self.tally, end)
         for file, text in raster_styles(run):
             with whole_file((self._place / file).with_suffix(".qml")) as part:
                 part.write_text(text, encoding="utf-8", newline="\n")

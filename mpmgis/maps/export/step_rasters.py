@@ -1,4 +1,4 @@
-"""Write the rasters of an export: one pass over the frames writes the steps, then maxima and deposit are written."""
+"""Write the rasters of an export: one pass over the frames writes the steps; then maxima and last step follow."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ... import __version__
+from ...frames.flow_end import FlowEnd, rests
 from ...frames.headline_numbers import ERROR_TAG
+from ...frames.run_terrain import dtm_name
 from ...laws.quantities import BAND, Quantity
 from ...system import operating_system
 from ...terrain.raster_output import SparseBands, write_ascii_grid, write_rows
@@ -19,10 +21,9 @@ from ..averaging.exported_folder import ExportedRun
 from ..averaging.frame_values import average_frame
 from ..averaging.height_layers import layer_quantities
 from ..averaging.maxima import MAXIMA_BANDS, PEAKS, Peak, RunningMaxima
-from ..averaging.result_bands import DEPOSIT
 from ..qgis.outlines import StepOutline, shown_particles, step_outline
 from .bed_rasters import SURFACE_BANDS, bed_bands, write_bed_rasters
-from .export_inputs import refuse_nowhere, release_name, solver_peaks
+from .export_inputs import refuse_nowhere, release_name, run_end, solver_peaks
 
 if TYPE_CHECKING:
     from ...exchange.frame_list import FrameEntry
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from .export_plan import ExportPlan
     from .export_request import ExportRequest
 
-DEPOSIT_BANDS = ("h", "t", "t_vol")
+LAST_BANDS = ("h", "t", "t_vol")
 ARROW_BANDS = ("Ut_E", "Ut_N")  # components of the arrows of the mesh
 TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
 # ISeeSnow: peak flow thickness [m], peak flow velocity [m s-1], peak pressure [kPa]
@@ -107,6 +108,10 @@ class Tally:
         Largest absolute value of each band over the steps.
     frames : list of (int, float, float)
         Particles, mass [kg], and share of it below the DTM of each frame.
+    kinetic_peak : float [J]
+        Largest kinetic energy of a frame.
+    solver_cell : float [m]
+        Largest node spacing of a solver; 0 if it is unknown.
     """
 
     outside: tuple = (0, 0.0, "")
@@ -118,6 +123,8 @@ class Tally:
     speeds: list = field(default_factory=list)  # [m s-1] largest mean speed on the map of each frame
     largest: dict = field(default_factory=dict)
     frames: list = field(default_factory=list)  # (particles, mass [kg], share of it below the bed) of each
+    kinetic_peak: float = 0.0
+    solver_cell: float = 0.0
 
     def add(self, name: str, values: "FrameValues") -> None:
         """Add the values of a frame.
@@ -136,6 +143,8 @@ class Tally:
         self.column_side = max(self.column_side, values.column_side)
         self.point_side = max(self.point_side, (values.point_side, name))
         self.speeds.append(values.fastest)
+        self.kinetic_peak = max(self.kinetic_peak, values.kinetic)
+        self.solver_cell = max(self.solver_cell, values.solver_cell)
 
     def add_step(self, values: "FrameValues") -> None:
         """Add the values of an exported step.
@@ -193,18 +202,29 @@ def write_rasters(
                 if spool is not None:
                     spool.add(values.index, values.values, shapes.outline, shapes.shown)
             progress(frame + 1, len(plan.entries))
-    write_maxima(plan, rasters / f"{plan.name}_max.tif", maxima, tally, request.files.cog)
+    end = _end_of_frames(plan, values, tally)
+    write_maxima(plan, rasters / f"{plan.name}_max.tif", maxima, tally, end, request.files.cog)
     # of the last frame, whatever the steps
-    write_deposit(plan, rasters / f"{plan.name}_deposit.tif", values, request.files.cog)
+    write_last_step(plan, rasters / f"{plan.name}_{end.file}.tif", values, end, request.files.cog)
     write_terrain(plan, folder / "dtm.tif", request.files.cog)
-    tally.largest |= write_bed_rasters(plan, rasters, values, run_tags(plan), request.files.cog)
+    tally.largest |= write_bed_rasters(plan, rasters, values, end, run_tags(plan), request.files.cog)
     if second is not None:
         _write_iseesnow(plan, rasters, second)
-    return exported(plan, folder, writer.files, maxima, tally), tally
+    return exported(plan, folder, writer.files, maxima, tally, end), tally
 
 
-def frame_maxima(plan: "ExportPlan", pool: "FramePool", progress: Callable) -> tuple[dict, Tally]:
-    """Compute maxima and deposit of the frames of a plan in memory.
+def _end_of_frames(plan, values, tally):
+    """Return the FlowEnd of the last frame, with `values`: as its run recorded it, else from the energy of all frames.
+
+    The record of the run decides only whether the flow came to rest, and only if the frame is its last one.
+    """
+    recorded = run_end(plan.entries[-1])
+    at_rest = rests(values.moving, values.kinetic, tally.kinetic_peak) if recorded is None else recorded.came_to_rest
+    return FlowEnd(values.time, values.moving, at_rest)
+
+
+def frame_maxima(plan: "ExportPlan", pool: "FramePool", progress: Callable) -> tuple[dict, Tally, FlowEnd]:
+    """Compute maxima and last step of the frames of a plan in memory.
 
     Parameters
     ----------
@@ -215,8 +235,8 @@ def frame_maxima(plan: "ExportPlan", pool: "FramePool", progress: Callable) -> t
 
     Returns
     -------
-    (dict of str to float32[rows, columns], Tally)
-        Bands as in an export, those of the deposit with the suffix DEPOSIT; NaN where there was no flow.
+    (dict of str to float32[rows, columns], Tally, FlowEnd)
+        Bands as in an export, those of the last step with the ending of its file; NaN where there was no flow.
     """
     averaging, grid = plan.averaging, plan.averaging.grid
     rows, columns = grid.shape
@@ -225,8 +245,9 @@ def frame_maxima(plan: "ExportPlan", pool: "FramePool", progress: Callable) -> t
         _absorb(plan, frame, values, tally, maxima, None)
         progress(frame + 1, len(plan.entries))
     bands = {name: maxima.rows(name, 0, rows, columns) for name in MAXIMA_BANDS}
-    last = SparseBands(grid, values.index, [(values.values[name], PRODUCTS[name].empty) for name in DEPOSIT_BANDS])
-    return bands | {name + DEPOSIT: last(band, 0, rows) for band, name in enumerate(DEPOSIT_BANDS)}, tally
+    end = _end_of_frames(plan, values, tally)
+    last = SparseBands(grid, values.index, [(values.values[name], PRODUCTS[name].empty) for name in LAST_BANDS])
+    return bands | {f"{name}_{end.file}": last(band, 0, rows) for band, name in enumerate(LAST_BANDS)}, tally, end
 
 
 def _absorb(plan, frame, values, tally, maxima, second):
@@ -355,7 +376,7 @@ def _write_layers(plan, folder, step, entry, values, cog):
     write_rows(folder / "layers" / f"{plan.name}_{step:04d}.tif", grid, layer_quantities(edges), tags, rows_of, cog)
 
 
-def write_maxima(plan: "ExportPlan", path: Path, maxima: RunningMaxima, tally: Tally, cog: bool) -> None:
+def write_maxima(plan: "ExportPlan", path: Path, maxima: RunningMaxima, tally: Tally, end: FlowEnd, cog: bool) -> None:
     """Write the maxima of a run.
 
     Parameters
@@ -364,12 +385,13 @@ def write_maxima(plan: "ExportPlan", path: Path, maxima: RunningMaxima, tally: T
     path : Path
     maxima : RunningMaxima
     tally : Tally
+    end : FlowEnd
     cog : bool
         Cloud-optimised file.
     """
     columns = plan.averaging.grid.shape[1]
     tags = run_tags(plan) | _maxima_tags(plan, plan.peaks)
-    tags |= {"particles_outside": tally.outside[0], "mass_outside": tally.outside[1]}
+    tags |= {"particles_outside": tally.outside[0], "mass_outside": tally.outside[1]} | end.tags()
     write_rows(
         path,
         plan.averaging.grid,
@@ -380,8 +402,8 @@ def write_maxima(plan: "ExportPlan", path: Path, maxima: RunningMaxima, tally: T
     )
 
 
-def write_deposit(plan: "ExportPlan", path: Path, values: "FrameValues", cog: bool) -> None:
-    """Write the deposit.
+def write_last_step(plan: "ExportPlan", path: Path, values: "FrameValues", end: FlowEnd, cog: bool) -> None:
+    """Write the raster of the last step, the deposit of a flow that came to rest.
 
     Parameters
     ----------
@@ -389,15 +411,18 @@ def write_deposit(plan: "ExportPlan", path: Path, values: "FrameValues", cog: bo
     path : Path
     values : FrameValues
         Of the last frame.
+    end : FlowEnd
     cog : bool
         Cloud-optimised file.
     """
-    bands = [(values.values[name], PRODUCTS[name].empty) for name in DEPOSIT_BANDS]
+    bands = [(values.values[name], PRODUCTS[name].empty) for name in LAST_BANDS]
     write_rows(
         path,
         plan.averaging.grid,
-        [BAND[name] for name in DEPOSIT_BANDS],
+        [BAND[name] for name in LAST_BANDS],
         run_tags(plan)
+        | {"name": end.words()}
+        | end.tags()
         | {"time": values.time, "particles_outside": values.outside, "mass_outside": values.mass_outside},
         SparseBands(plan.averaging.grid, values.index, bands),
         cog,
@@ -414,7 +439,7 @@ def write_terrain(plan: "ExportPlan", path: Path, cog: bool) -> None:
     cog : bool
         Cloud-optimised file.
     """
-    grid, tags = plan.averaging.grid, {"dem": Path(plan.terrain.path).name, "dem_sha256": plan.terrain.sha256}
+    grid, tags = plan.averaging.grid, {"dem": dtm_name(plan.terrain.path), "dem_sha256": plan.terrain.sha256}
     tags |= _tags_of_reprojection(plan.terrain)
     rows_of = partial(_elevation, plan.terrain, grid)
     write_rows(path, grid, [TERRAIN_BAND], tags, rows_of, cog)
@@ -458,7 +483,7 @@ def run_tags(plan: "ExportPlan") -> dict:
         | {
             "version": __version__,
             "digest": first.header.digest,
-            "dem": Path(plan.terrain.path).name,
+            "dem": dtm_name(plan.terrain.path),
             "cs_e": float(f"{averaging.grid.cell_size:.12g}"),  # without rounding errors
             "dt_e": "every frame" if plan.time_step is None else plan.time_step,
             "percentile": averaging.percentile,
@@ -474,7 +499,7 @@ def run_tags(plan: "ExportPlan") -> dict:
 
 
 def exported(
-    plan: "ExportPlan", folder: Path, step_files: Iterable, maxima: RunningMaxima, tally: Tally
+    plan: "ExportPlan", folder: Path, step_files: Iterable, maxima: RunningMaxima, tally: Tally, end: FlowEnd
 ) -> ExportedRun:
     """Describe the rasters of a plan.
 
@@ -486,6 +511,7 @@ def exported(
         Names in the folder `rasters`.
     maxima : RunningMaxima
     tally : Tally
+    end : FlowEnd
     """
     largest = tally.largest | {name: maxima.largest(name) for name in MAXIMA_BANDS}
     return ExportedRun(
@@ -498,10 +524,10 @@ def exported(
         step_bands=tuple(BAND[name] for name in plan.bands),
         maxima_file=f"rasters/{plan.name}_max.tif",
         maxima_bands=tuple(BAND[name] for name in MAXIMA_BANDS),
-        deposit_file=f"rasters/{plan.name}_deposit.tif",
-        deposit_bands=tuple(BAND[name] for name in DEPOSIT_BANDS),
+        last_bands=tuple(BAND[name] for name in LAST_BANDS),
+        end=end,
         largest={name: value for name, value in largest.items() if name in BAND},
         min_depth=plan.averaging.min_depth,
-        bed_bands=tuple(BAND[name] for name in bed_bands(plan.bed_change)),
+        bed_bands=tuple(BAND[name] for name in bed_bands(plan.bed_change, end)),
         surface_bands=tuple(BAND[name] for name in SURFACE_BANDS if plan.bed_change),
     )

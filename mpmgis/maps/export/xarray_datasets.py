@@ -16,6 +16,7 @@ import shapely
 import xarray
 
 from ... import __version__
+from ...frames.flow_end import DEPOSIT, LAST
 from ...frames.headline_numbers import ERROR_TAG
 from ...frames.particles import Frame
 from ...laws.quantities import BAND, Quantity
@@ -25,7 +26,7 @@ from ...terrain.elevation import Terrain
 from ...terrain.georeference import require_metric
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
-from ...terrain.raster_output import SparseBands
+from ...terrain.raster_output import NAMESPACE, SparseBands
 from ...terrain.undeclared_nodata import HEIGHTS, mask_undeclared
 from ..averaging.exported_folder import read_part
 from ..averaging.exported_steps import open_steps
@@ -35,8 +36,8 @@ if TYPE_CHECKING:
 
 BLOCK = 2048  # [cells] rows and columns that are read at once
 ELEVATION = Quantity("elevation", "m", "terrain elevation", "float32")
+END_TAGS = ("came_to_rest", "still_moving")  # of the maxima and the last step, copied to the dataset
 TAGS = ("digest", "dem", "density", "min_depth", "bed", "percentile", ERROR_TAG)  # of the steps, copied to the dataset
-DEPOSIT = "deposit"  # suffix of the bands of the last step's own raster
 _TIME = {"units": "s", "long_name": "time since the start of the run", "axis": "T"}
 _PACKED = {"zlib": True, "complevel": 4, "dtype": "float32"}  # encoding in NetCDF
 
@@ -265,7 +266,7 @@ def _computed_block(names, compute):
 
 
 def open_export(folder: str | Path) -> xarray.Dataset:
-    """Open an export folder: bands of the steps, maxima, deposit and terrain, all lazy.
+    """Open an export folder: bands of the steps, maxima, last step and terrain, all lazy.
 
     Parameters
     ----------
@@ -283,14 +284,19 @@ def open_export(folder: str | Path) -> xarray.Dataset:
     }
     for path in steps.files[1:]:
         _bands(path, steps.grid)
-    for kind, suffix in (("max", ""), (DEPOSIT, f"_{DEPOSIT}")):
+    about = {key: steps.tags[key] for key in TAGS if key in steps.tags}
+    for kind, suffix in (("max", ""), (DEPOSIT, f"_{DEPOSIT}"), (LAST, f"_{LAST}")):
         path = first.with_name(f"{steps.name}_{kind}.tif")
-        for band, quantity in _bands(path, steps.grid) if path.exists() else ():
+        if not path.exists():
+            continue
+        for band, quantity in _bands(path, steps.grid):
             variables[quantity.name + suffix] = quantity, _lazy_bands([path], band, shape)[0]
+        with open_raster(path) as source:
+            tags = source.tags(ns=NAMESPACE)
+        about |= {key: tags[key] for key in END_TAGS if key in tags}
     if steps.terrain.exists():
         _bands(steps.terrain, steps.grid)
         variables[ELEVATION.name] = ELEVATION, _lazy_bands([steps.terrain], 1, shape)[0]
-    about = {key: steps.tags[key] for key in TAGS if key in steps.tags}
     return gridded(steps.grid, variables, steps.times, title=steps.name, **about)
 
 

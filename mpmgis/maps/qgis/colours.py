@@ -112,6 +112,7 @@ LOOKS = {
     "eroded": Look("eroded depth (vertical)", "m", LAJOLLA, "size"),
     "erosion_rate_max": Look("largest rate of erosion (vertical)", "mm/s", LAJOLLA, "size", (), 1e3),
     "deposit": Look("deposit (vertical)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
+    "thickness_end": Look("last step, still moving (vertical)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
     "detrained": Look("stopped in forest (vertical)", "m", LAJOLLA, "depth", DEPTH_LIMITS),
     "broken_forest": Look("broken forest", "1: all of the cell", HAWAII_REVERSED, "size", (1,)),
     "surface_new": Look("ground at the end", "m", NUUK, "rate"),

@@ -38,7 +38,7 @@ FRAME_RATE = 8  # [s-1] frames of the temporal controller
 
 
 def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
-    """Write the project: animation, maxima, deposit, outlines and terrain, with styles, times and a map title.
+    """Write the project: animation, maxima, last step, outlines and terrain, with styles, times and a map title.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
         animation_group(run, clock, version),
         _outlines(run),
         _maxima(run),
-        _deposit(run),
+        _last_step(run),
         _bed(run),
         _terrain(run),
     ]
@@ -111,9 +111,9 @@ def _maxima(run):
     return Group(f"{run.name}: maxima over all steps", rows, shown=False, unfolded=False, exclusive=True)
 
 
-def _deposit(run):
-    rows = _rows(run, "deposit", run.deposit_file, run.deposit_bands)
-    return Group(f"{run.name}: deposit (last step)", rows, shown=False, unfolded=False, exclusive=True)
+def _last_step(run):
+    rows = _rows(run, run.end.file, run.last_file, run.last_bands)
+    return Group(f"{run.name}: {run.end.words()}", rows, shown=False, unfolded=False, exclusive=True)
 
 
 def _terrain(run):

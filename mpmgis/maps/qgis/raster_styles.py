@@ -274,7 +274,7 @@ def style_document(pipe: Element, temporal: Element | None = None) -> str:
 
 
 def write_styles(run: ExportedRun) -> None:
-    """Write a .qml next to each raster of a run: steps, maxima, deposit, stacks and terrain.
+    """Write a .qml next to each raster of a run: steps, maxima, last step, stacks and terrain.
 
     Each raster shows its first band; all bands of a kind have the limits of the run. QGIS ignores times in a style
     that it loads automatically; they are for Load Style.
@@ -306,7 +306,7 @@ def raster_styles(run: ExportedRun) -> Iterator[tuple[str, str]]:
     step = style_document(value_pipe(run.step_bands[0], run, 1))
     yield from ((file, step) for file in run.step_files)
     yield run.maxima_file, style_document(value_pipe(run.maxima_bands[0], run, 1))
-    yield run.deposit_file, style_document(value_pipe(run.deposit_bands[0], run, 1))
+    yield run.last_file, style_document(value_pipe(run.last_bands[0], run, 1))
     yield run.terrain_file, style_document(hillshade_pipe())
     if run.bed_bands:
         yield run.bed_file, style_document(value_pipe(run.bed_bands[0], run, 1))

@@ -103,7 +103,7 @@ def _rasters(run, cog):
     known = (
         {
             "maxima": (run.maxima_file, "maxima over all steps", run.maxima_bands, ["data"]),
-            "deposit": (run.deposit_file, "deposit, last step", run.deposit_bands, ["data"]),
+            run.end.file: (run.last_file, run.end.words(), run.last_bands, ["data"]),
             "terrain": (run.terrain_file, "terrain", (), ["data", "elevation"]),
         }
         | _bed(run)

@@ -31,7 +31,7 @@ from .zone_outlines import Generalized, polygons
 SHIPPED = Path(__file__).with_name("hazard_matrices.toml")
 NOT_ASSESSED_COLOUR, NOT_ASSESSED_WORDS = "#8c8c8c", "not assessed: no data"
 LEAST, MOST = 0.1, 0.9  # [1] shares of runs between which an outline is uncertain
-HEADINGS = ("level", "name", "meaning", "area_m2", "zone_area_m2", "scenarios", "matrix", "source")
+HEADINGS = ("level", "name", "meaning", "area_m2", "zone_area_m2", "scenarios", "unfinished", "matrix", "source")
 BAND_PEN = ("40,40,40,255", 0.3, "dash")  # of uncertain outlines in QGIS: colour, width [mm], style
 
 
@@ -65,6 +65,10 @@ class HazardMap:
     least: float
     title: str
     facts: tuple = ()
+
+    def unfinished(self) -> list[str]:
+        """Return a line for each scenario that ended before its flow was at rest: its levels can be too low."""
+        return [f"{one.years:g} years: {one.unfinished}" for one in self.scenarios if one.unfinished]
 
     def areas(self) -> np.ndarray:
         """Return the plan area of the cells of each level.
@@ -344,7 +348,7 @@ def write_hazard_table(path: Path, made: HazardMap) -> None:
     path : Path
     made : HazardMap
     """
-    rows = []
+    rows, unfinished = [], "; ".join(made.unfinished())
     for number, (level, area) in enumerate(zip(made.matrix.levels, made.areas(), strict=True), 1):
         zone = made.zones.zones[number - 1]
         years = [f"{scenario.years:g}" for scenario in made.scenarios if _gives(made, scenario, number).any()]
@@ -356,10 +360,11 @@ def write_hazard_table(path: Path, made: HazardMap) -> None:
                 float(area),
                 0.0 if zone is None else zone.area,
                 ", ".join(dict.fromkeys(years)),
+                unfinished,
                 made.matrix.name,
                 made.matrix.source,
             )
         )
     gap = float(np.count_nonzero(made.hazard.unknown) * made.grid.cell_area)
-    rows.append((NOT_ASSESSED, "not assessed", NOT_ASSESSED_WORDS, gap, math.nan, "", made.matrix.name, ""))
+    rows.append((NOT_ASSESSED, "not assessed", NOT_ASSESSED_WORDS, gap, math.nan, "", unfinished, made.matrix.name, ""))
     write_records(path, HEADINGS, rows)

@@ -77,7 +77,7 @@ class Column:
         self.y += 1.6
         self._lines(textwrap.wrap(words, self.letters(HEADING * 1.06, self.width)), HEADING, weight="bold")
 
-    def text(self, words: str, least: float = 0.0) -> int:
+    def text(self, words: str, least: float = 0.0, **look: Any) -> int:
         """Write a wrapped text; leave out what would come too close to the lower edge.
 
         Parameters
@@ -85,6 +85,7 @@ class Column:
         words : str
         least : float [mm]
             Least distance to the lower edge.
+        **look : properties of the Text
 
         Returns
         -------
@@ -96,7 +97,7 @@ class Column:
         shown = lines
         if len(lines) > room:
             shown = [*lines[: room - 1], lines[room - 1][:-4] + " ..."] if room else []
-        self._lines(shown, self.size)
+        self._lines(shown, self.size, **look)
         return len(lines) - len(shown)
 
     def fit(self, texts: Sequence[str], room: float) -> None:
@@ -134,7 +135,7 @@ class Column:
         for line in lines:
             at = self.place(x, self.y)
             self.figure.text(
-                *at, line, fontsize=size, color=INK, va="top", transform=self.figure.dpi_scale_trans, **look
+                *at, line, va="top", transform=self.figure.dpi_scale_trans, **{"fontsize": size, "color": INK, **look}
             )
             self.y += size * SPACING * POINT
 

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from ... import __version__
-from ...frames.run_terrain import terrain_of_rasters
+from ...frames.run_terrain import dtm_name, terrain_of_rasters
 from ...system.errors import InputError
 from ...system.messages import log
 from ...terrain.elevation import Terrain
@@ -236,7 +236,7 @@ def _facts(request, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
         ("guideline", f"{matrix.source}{unread}"),
         ("note", matrix.note),
         ("no scenario", ", ".join(f"{period.name} ({period.words()})" for period in missing)),
-        ("DTM", "" if terrain is None else Path(str(terrain.path)).name),
+        ("DTM", "" if terrain is None else dtm_name(terrain.path)),
         ("CRS", name_of(scenarios[0].grid.crs)),
         *((f"{scenario.years:g} years", scenario.facts) for scenario in scenarios),
         ("cells", f"{scenarios[0].grid.cell_size:g} m; reached from a depth of {depth:g} m"),
@@ -282,16 +282,19 @@ def _log(made: HazardMap, sheet: Sheet) -> None:
 
 def _writers(made: HazardMap, terrain: Terrain | None, sheet: Sheet) -> dict:
     printed = Print(made, terrain, sheet)
+    unfinished = "; ".join(made.unfinished())
     tags = {
         "version": __version__,
+        "unfinished": unfinished or "none",
         "scenarios": "; ".join(scenario.words() for scenario in made.scenarios),
         "date": datetime.date.today().isoformat(),
         "scale": f"1:{made.scale:g}",
     }
+    of_zones = {"program": f"mpmgis {__version__}", "date": tags["date"], "unfinished": unfinished}
     writers = {
         RASTER_FILE: lambda path: write_hazard_raster(path, made, tags),
         STYLE_FILE: lambda path: write_hazard_style(path, made.matrix),
-        ZONES_FILE: lambda path: write_zones(path, made, {"program": f"mpmgis {__version__}", "date": tags["date"]}),
+        ZONES_FILE: lambda path: write_zones(path, made, of_zones),
         TABLE_FILE: lambda path: write_hazard_table(path, made),
         PRINT_FILE: lambda path: printed.save(path, "pdf"),
         PICTURE_FILE: lambda path: printed.save(path, "png"),

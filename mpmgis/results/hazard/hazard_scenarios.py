@@ -19,7 +19,7 @@ from ..comparison import joint_grid, nearest
 from ..opened_results import peaks_of
 from .hazard_levels import HazardMatrix, Period, levels_of
 from .intensity_answer import bands_of
-from .scenario_facts import end_of_run, facts_of
+from .scenario_facts import facts_of, unfinished_words
 
 INSET = 0.49  # [cells] from the centre of a cell to the outermost places where other rasters are read
 WHOLE = ("export", "run")  # kinds of results in which nodata is a cell without flow
@@ -48,6 +48,8 @@ class Scenario:
     members : int
     whole : bool
         Whether the rasters hold all of the flow, so that cells beyond them are dry.
+    unfinished : str
+        Why its levels can be too low: the run was stopped, or its flow still moves; "" for a flow at rest.
     """
 
     years: float
@@ -61,6 +63,7 @@ class Scenario:
     facts: str = ""
     members: int = 1
     whole: bool = False
+    unfinished: str = ""
 
     def words(self) -> str:
         """Return return period and name as text."""
@@ -204,11 +207,12 @@ def _scenario(request: Any, years: float, path: Path, period: Period, highest: i
     results = replace(request.results, source=replace(request.results.source, frames=(path,)))
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
     result = peaks_of(results, progress, ("min_depth",), of_rasters)
-    end = end_of_run(path)
+    end = unfinished_words(path, result.end)
     if end:
-        log.info(f"{path} {end}: levels that its flow would give later are not in the map")
+        log.info(f"{path}: {end}; levels that its flow would give later are not in the map")
     level, known, grid, whole = _levels(result, period, request.results)
-    return Scenario(years, path, period, grid, level, known, None, result.terrain, facts_of(path, result), whole=whole)
+    facts = facts_of(path, result)
+    return Scenario(years, path, period, grid, level, known, None, result.terrain, facts, whole=whole, unfinished=end)
 
 
 def _levels(result, period, results):
@@ -251,7 +255,7 @@ def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest
     record = read_ensemble_record(path)
     _refuse_options_of_frames(request.results, path)
     rasters = sorted((path / MEMBERS).glob("*_max.tif"))
-    _require_finished(path, record, len(rasters))
+    end = _unfinished_members(path, record, len(rasters))
     level = known = counts = grid = None
     whole = True
     for done, raster in enumerate(rasters, 1):
@@ -267,7 +271,7 @@ def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest
         progress(done, len(rasters))
     shares = (counts / len(rasters)).astype(np.float32)
     terrain = next(iter(sorted(path.glob("maps/dtm.tif"))), None)
-    return Scenario(years, path, period, grid, level, known, shares, terrain, facts_of(path), len(rasters), whole)
+    return Scenario(years, path, period, grid, level, known, shares, terrain, facts_of(path), len(rasters), whole, end)
 
 
 def _refuse_options_of_frames(results, path):
@@ -277,7 +281,8 @@ def _refuse_options_of_frames(results, path):
         raise InputError(f"{path} is an ensemble, whose rasters are already averaged; {words} requires frames")
 
 
-def _require_finished(path: Path, record: dict, count: int) -> None:
+def _unfinished_members(path: Path, record: dict, count: int) -> str:
+    """Refuse an ensemble that has not finished; return how many members gave no result or did not come to rest."""
     if not count:
         raise FormatError(f"{path} is an ensemble without members ({MEMBERS}/*_max.tif); run it again")
     if record.get("state") != "finished":
@@ -286,3 +291,9 @@ def _require_finished(path: Path, record: dict, count: int) -> None:
     lost = sum(members.values()) - members.get("finished", 0) if isinstance(members, dict) else 0
     if lost:
         log.info(f"{path}: {lost} members of the ensemble gave no result and are not in the map")
+    moving = record.get("not_at_rest") or 0
+    words = [
+        f"{lost} members gave no result" if lost else "",
+        f"{moving} of {count} members did not come to rest" if moving else "",
+    ]
+    return "; ".join(filter(None, words))

@@ -40,6 +40,7 @@ HEADINGS = 5.0  # [mm] height of a heading of the column
 FOOT = EDGE + 24.0  # [mm] under the explanations, for scale and north
 TITLES = (13.0, 11.0, 9.0, 7.5)  # [points] of the title: the largest with which it fits
 DOTS_PER_INCH = 200  # of the picture, and of the hillshade in the PDF
+WARNING_COLOUR = "#c00000"  # red, of scenarios that are not finished
 BAND_COLOUR = "#202020"  # of the bands in which an outline is uncertain
 METRES_PER_MM = 1e-3  # on the map at scale 1
 
@@ -237,18 +238,21 @@ def _draw_column(
 ) -> None:
     """Legend, matrix, scenarios and sources from the top; scale and north at the foot."""
     column = Column(figure, sheet.width - EDGE - sheet.column, EDGE + TITLE, sheet.column, sheet.height)
+    for words in made.unfinished():  # first, so that it never lacks room
+        column.text(f"NOT FINISHED, levels can be too low: {words}", color=WARNING_COLOUR, weight="bold")
     _draw_legend(column, made, interval)
     draw_matrix(column, made.matrix, {scenario.period.name for scenario in made.scenarios})
     facts = made.facts + (
         (("relief", "no terrain was given: no hillshade, gaps of the terrain unknown"),) if without_terrain else ()
     )
     scenarios = [scenario.words() for scenario in made.scenarios]
+    colours = [WARNING_COLOUR if scenario.unfinished else INK for scenario in made.scenarios]
     sources = [f"{name}: {words}" for name, words in facts]
     room = sheet.height - FOOT - column.y - 2 * HEADINGS
     column.fit((*scenarios, *sources), room)
     column.heading("Scenarios")
     least = FOOT + HEADINGS + min(column.needed(sources), 0.5 * room)
-    lost = sum(column.text(words, least) for words in scenarios)
+    lost = sum(column.text(words, least, color=colour) for words, colour in zip(scenarios, colours, strict=True))
     column.heading("Sources and parameters")
     lost += sum(column.text(words, FOOT) for words in sources)
     if lost:

@@ -32,7 +32,7 @@ _FIXES = {  # by missing band
     "h_max": "expected an export, or rasters named <name>_pft",
     "Ut_max": "expected an export, or rasters named <name>_pft and <name>_pfv, given by the beginning of their names",
     "p_max": "expected an export, rasters named <name>_ppr [kPa], or `density` and <name>_pfv",
-    "h_deposit": "expected an export with its last step",
+    "h_deposit": "expected an export of a flow that came to rest; another one has no deposit",
 }
 
 

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from ...frames.ensemble_folder import read_ensemble_record
+from ...frames.flow_end import FlowEnd
 from ...frames.headline_numbers import ERROR_TAG, error_words
 from ...frames.run_folder import read_record
 from ...frames.run_maps import run_of_maps
@@ -19,8 +20,6 @@ TAGS = (  # of an export
     ("digest", "digest {:.8}"),
     (ERROR_TAG, "numerical errors: {}"),
 )
-MOVING_ENERGY = 0.01  # [1] of the peak of kinetic energy; more at the end of a run is reported
-MOVING_SPEED = 0.1  # [m s-1] mean speed; more at the end of a run is reported
 FRICTION_SKIPPED = ("law", "use")  # keys of [friction] that are no parameters
 
 
@@ -54,28 +53,22 @@ def _record_at(path):
         return {}
 
 
-def end_of_run(path: Path) -> str:
-    """Return how a run ended that had not come to rest; "" for others, and where nothing is known of it.
-
-    It moves if its kinetic energy is above MOVING_ENERGY of its peak, and its mass faster than MOVING_SPEED in the
-    mean.
+def unfinished_words(path: Path, end: FlowEnd | None) -> str:
+    """Return why a run can give too low levels: it was stopped, or did not come to rest; "" for any other.
 
     Parameters
     ----------
     path : Path
-        Folder of the run.
+        Folder of the run, or other results.
+    end : FlowEnd or None
+        State of the flow in its last step, where it is known.
     """
     record = _record_at(path)
     if record.get("state") not in (None, "finished"):
-        return f"is {record['state']}"
-    names = ("kinetic_energy", "kinetic_energy_peak", "mass_now")
-    energy, peak, mass = ((record.get("balances") or {}).get(name) for name in names)
-    if not all(isinstance(value, int | float) for value in (energy, peak, mass)) or mass <= 0:
+        return f"the run is {record['state']} at t = {record.get('time', math.nan):.4g} s"
+    if end is None or end.came_to_rest:
         return ""
-    speed = math.sqrt(2.0 * energy / mass)
-    if energy <= MOVING_ENERGY * peak or speed <= MOVING_SPEED:
-        return ""
-    return f"ended at t = {record.get('time', math.nan):.4g} s with a mean speed of {speed:.2g} m/s"
+    return f"the flow did not come to rest: {end.words()}"
 
 
 def _of_record(record):
@@ -83,7 +76,7 @@ def _of_record(record):
     release, friction = scene.get("release") or {}, scene.get("friction") or {}
     thickness, density = release.get("thickness"), release.get("density")
     yield f"release {Path(str(release['source'])).name}" if release.get("source") else ""
-    yield f"thickness {thickness:g} m" if isinstance(thickness, int | float) else ""
+    yield f"thickness {thickness:g} m" if isinstance(thickness, int | float) else _measured(record, thickness)
     yield f"density {density:g} kg/m3" if isinstance(density, int | float) else ""
     numbers = (f"{name} {_text(value)}" for name, value in friction.items() if name not in FRICTION_SKIPPED)
     yield " ".join([str(friction.get("law", "")), *numbers]).strip()
@@ -93,6 +86,17 @@ def _of_record(record):
     yield f"digest {str(record['digest'])[:8]}" if record.get("digest") else ""
     errors = error_words(record.get("companion"))
     yield f"numerical errors: {errors}" if errors else ""
+
+
+def _measured(record, source):
+    """Return thickness and volume that a run took from a column or a raster; "" of a version without their record."""
+    found = record.get("release")
+    names = ("mean_thickness", "largest_thickness", "volume")
+    if not isinstance(found, dict) or not all(isinstance(found.get(name), int | float) for name in names):
+        return ""
+    mean, largest, volume = (found[name] for name in names)
+    named = f" from {Path(str(source)).name!r}" if source else ""
+    return f"vertical thickness{named} {mean:.3g} m on average, {largest:.3g} m at most, volume {volume:.4g} m3"
 
 
 def _text(value):

@@ -259,7 +259,7 @@ def _export_facts(path, projects, rasters):
     name = projects[0].stem if projects else rasters[0].stem.rsplit("_", 1)[0]
     steps = [raster for raster in rasters if raster.stem.rsplit("_", 1)[-1].isdigit()]
     facts = {"kind": "export", "name": name, "project": projects[0].name if projects else None, "steps": len(steps)}
-    summaries = {"maxima": f"{name}_max.tif", "deposit": f"{name}_deposit.tif"}
+    summaries = {"maxima": f"{name}_max.tif", "deposit": f"{name}_deposit.tif", "last step": f"{name}_last.tif"}
     for what, file in summaries.items():
         if path / "rasters" / file in rasters:
             about = raster_facts(path / "rasters" / file)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from ...frames.flow_end import FlowEnd
 from ...frames.load_table import read_barrier_table
 from ...frames.run_folder import BARRIER_FILE, SCENE_FILE, STAGE_BARRIER_FILE
 from ...maps.averaging.frame_values import cells_of
@@ -60,6 +61,8 @@ class Gathered:
     runout : RunoutFound or None
     notes : tuple of str
         Messages while the results were read.
+    end : FlowEnd or None
+        State of the flow in its last step, where it is known.
     """
 
     flow: FrameFlow | ExportFlow | RasterFlow
@@ -69,6 +72,7 @@ class Gathered:
     scene: str
     runout: RunoutFound | None
     notes: tuple
+    end: FlowEnd | None = None
 
 
 def barrier_sections(gathered: Gathered, folder: Path) -> Iterator[Section]:

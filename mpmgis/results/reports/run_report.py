@@ -11,6 +11,7 @@ from ... import __version__
 from ...frames.headline_numbers import ERROR_TAG
 from ...frames.run_folder import SCENE_FILE, read_record, versions
 from ...frames.run_maps import run_of_maps
+from ...frames.run_terrain import dtm_name
 from ...maps.export.band_map import write_band_map
 from ...maps.export.export_inputs import release_outlines
 from ...maps.export.export_request import AnswerRequest
@@ -33,7 +34,8 @@ MAPS = (  # band of the result, style of the map, title
     ("h_max", "h_max", "Largest flow depth"),
     ("Ut_max", "Ut_max", "Largest speed along the slope"),
     ("p_max", "p_max", "Largest impact pressure"),
-    ("h_deposit", "h", "Depth in the last frame"),
+    ("h_deposit", "h", "Depth of the deposit"),
+    ("h_last", "h", "Depth in the last step"),
 )
 USED_OF_RASTERS = ("density", "min_depth")  # options of frames, for the pressure and the maps
 PASCAL_PER_KILOPASCAL = 1000.0
@@ -127,13 +129,13 @@ def _gather(request: ReportRequest, output: Path, progress: Callable) -> Gathere
         values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.source.density)
         asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
         try:
-            runout = found_runout(asked, flow, values, grid)
+            runout = found_runout(asked, flow, values, grid, result.end)
         except MpmgisError as error:  # a report without runout
             if request.line is not None:
                 raise
             log.info(f"no runout: {error}")
             runout = None
-    return Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)))
+    return Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)), result.end)
 
 
 def _of_the_run(flow):
@@ -163,6 +165,7 @@ def _key_figures(request, gathered):
         ("volume of the first frame at the density of the release", first / (flow.density or np.nan), "m3"),
         ("density of the release", flow.density, "kg m-3"),
         ("last frame at", float(flow.times[-1]) if len(flow.times) else None, "s"),
+        ("last step", None if gathered.end is None else gathered.end.words(), ""),
     ]
     if "h_max" in peaks:
         reached = np.count_nonzero(footprint(peaks["h_max"], request.threshold)) * gathered.grid.cell_area
@@ -171,7 +174,8 @@ def _key_figures(request, gathered):
         ("h_max", "m", 1.0, "flow depth"),
         ("Ut_max", "m/s", 1.0, "speed along the slope"),
         ("p_max", "kPa", 1 / PASCAL_PER_KILOPASCAL, "impact pressure"),
-        ("h_deposit", "m", 1.0, "depth in the last frame"),
+        ("h_deposit", "m", 1.0, "depth of the deposit"),
+        ("h_last", "m", 1.0, "depth in the last step"),
     ):
         words += _direction(band, flow)
         if band in peaks:
@@ -184,7 +188,7 @@ def _key_figures(request, gathered):
 
 def _direction(band, flow):
     """Direction of the depth of a band; "" for rasters of other codes, where it is unknown."""
-    depth = band in ("h_max", "h_deposit")
+    depth = band in ("h_max", "h_deposit", "h_last")
     return " (normal to the slope)" if depth and (flow.entries or len(flow.times)) else ""
 
 
@@ -216,6 +220,7 @@ def _maps(gathered, folder):
         if values is not None and np.isfinite(values).any():
             path = folder / f"{band}.png"
             write_band_map(path, flow.terrain, gathered.grid, values, look, title, release, flow.min_depth)
+            title += f", {gathered.end.moving_words()}" if band == "h_last" and gathered.end else ""
             title += _direction(band, flow)
             yield Picture(path.read_bytes(), f"{title}, on cells of {gathered.grid.cell_size:g} m")
 
@@ -324,7 +329,7 @@ def _origin(gathered):
     wall = record.get("wall_seconds")
     rows = [
         *_source_rows(flow),
-        ("terrain", Path(flow.terrain.path).name),
+        ("terrain", dtm_name(flow.terrain.path)),
         ("sha256 of the terrain", flow.terrain.sha256),
         ("CRS", "local" if flow.terrain.grid.crs is None else flow.terrain.grid.crs.name),
         ("digest of the result", record.get("result_digest") or ""),

@@ -8,6 +8,7 @@ import numpy as np
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.jit import jit, jit_borrowing, jit_inline
 from ...compiled.simd_lanes import get, get_of_four, get_of_three, put
+from ...frames.flow_end import FLOWING_SPEED
 from ...laws.curvature import TURN, turned_velocity
 from ...laws.entrainment import NO_EROSION, Entrainment
 from ...laws.ground_metric import SLOPE, WATER, cosine_squared, metric_gradient
@@ -24,7 +25,6 @@ from .column_report import (
     ENTRAINED_POTENTIAL,
     FASTEST2,
     FLOWING,
-    FLOWING_SPEED,
     HELD_SPEED,
     KINETIC,
     LIMITED,

@@ -35,7 +35,6 @@ EDGES = 5  # west, south, east, north, nodata
 OUT_ENTRIES = 6  # mass [kg], momentum east and north [kg m s-1], kinetic and potential energy [J], number of columns
 REPORT = OUT + EDGES * OUT_ENTRIES
 MOVING_SPEED = 0.05  # [m s-1] slower counts as at rest
-FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
 THINNEST = 1000.0  # [1] a column keeps at least a thousandth of the thickness of the grid: negligible push, finite area
 AREA_FACTOR_MIN = 0.1  # [1] by which an area shrinks in one step, at least
 AREA_FACTOR_MAX = 10.0  # [1] by which an area grows in one step, at most

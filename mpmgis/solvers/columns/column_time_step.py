@@ -4,6 +4,7 @@ import numpy as np
 
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit
+from ...frames import flow_end
 from ...laws.ground_metric import metric_gradient
 from .column_blocks import BLOCK, SortedColumns, TouchedBlocks, first_node
 from .column_nodes import (
@@ -56,7 +57,7 @@ from .column_rows import GX, GY, NODE_MASS, U, V, X, Y
     RUNNING,  # the largest number of steps is done
     REACHED_TIME,
     STOPPED_MOVING,  # almost no mass moves any more
-    STOPPED_ENERGY,  # the kinetic energy has been low for STILL_TIME
+    STOPPED_ENERGY,  # the kinetic energy has been low for STILL_TIME, and little mass flows
     STOPPED_FOOTPRINT,  # the reached area grows no more, and little mass flows
     ALL_LEFT,  # there are no columns
     NOT_FINITE_STATE,  # the state of a column is not finite
@@ -75,7 +76,7 @@ from .column_rows import GX, GY, NODE_MASS, U, V, X, Y
     KINETIC_LOW_SINCE,  # [s], -1 while the energy is not low
     MOVING_SHARE,  # [1] share of the mass that is faster than MOVING_SPEED
     MOVING_PEAK,  # [1] largest so far
-    FLOWING_SHARE,  # [1] share of the mass that is faster than FLOWING_SPEED
+    FLOWING_SHARE,  # [1] share of the mass on the terrain that is faster than FLOWING_SPEED
     FOOTPRINT_MARK_TIME,  # [s] of the last look at the reached area
     FOOTPRINT_MARK,  # number of reached nodes then
     BOUND_WORST,  # [1] max of |U|^2 over its physical bound, over the run
@@ -134,13 +135,14 @@ from .column_rows import GX, GY, NODE_MASS, U, V, X, Y
     BAD,  # columns that are not finite
     COUNTS,
 ) = range(11)
-# a flow is at rest where one of three rules applies
+# a flow is at rest where one of three rules applies; by none of them with more than 5 % of its mass flowing
 STILL_SHARE = 0.01  # [1] of the largest share of moving mass so far, or of the largest kinetic energy so far
 STILL_TIME = 2.0  # [s] for which the kinetic energy has to be that low
 FOOTPRINT_TIME = 10.0  # [s] between two looks at the reached area
 FOOTPRINT_GROWTH = 0.001  # [1] growth of the reached area between two looks below which it has stopped
 FOOTPRINT_KINETIC = 0.5  # [1] of the largest kinetic energy so far: above that the flow is not slowing yet
-FOOTPRINT_FLOWING = 0.05  # [1] share of the mass that may still flow then
+LITTLE_FLOWS = flow_end.FLOWING_SHARE  # [1]
+TINY_MASS = 1e-300  # [kg] against a division by zero after all mass has left
 
 
 @jit
@@ -222,7 +224,10 @@ def collect(
     clock[DEPTH_WORST] = max(clock[DEPTH_WORST], clock[DEPTH_NOW])
     clock[KINETIC_PEAK] = max(clock[KINETIC_PEAK], clock[KINETIC_NOW])
     clock[MOVING_SHARE] = moving / total_mass
-    clock[FLOWING_SHARE] = flowing / total_mass
+    left = 0.0
+    for edge in range(EDGES):
+        left += ledger[edge, 0]
+    clock[FLOWING_SHARE] = flowing / max(total_mass - left, flowing, TINY_MASS)
     clock[MOVING_PEAK] = max(clock[MOVING_PEAK], clock[MOVING_SHARE])
     return alive_before - counts[ALIVE], triggered > 0.0
 
@@ -316,7 +321,7 @@ def stop_rule(clock: np.ndarray, counts: np.ndarray) -> int:
     if clock[KINETIC_PEAK] > 0.0 and clock[KINETIC_NOW] < STILL_SHARE * clock[KINETIC_PEAK]:
         if clock[KINETIC_LOW_SINCE] < 0.0:
             clock[KINETIC_LOW_SINCE] = time
-        elif time - clock[KINETIC_LOW_SINCE] >= STILL_TIME:
+        elif time - clock[KINETIC_LOW_SINCE] >= STILL_TIME and clock[FLOWING_SHARE] < LITTLE_FLOWS:
             return STOPPED_ENERGY
     else:
         clock[KINETIC_LOW_SINCE] = -1.0
@@ -324,6 +329,6 @@ def stop_rule(clock: np.ndarray, counts: np.ndarray) -> int:
         grown = counts[WET] - clock[FOOTPRINT_MARK]
         clock[FOOTPRINT_MARK_TIME], clock[FOOTPRINT_MARK] = time, float(counts[WET])
         slowing = clock[KINETIC_NOW] <= FOOTPRINT_KINETIC * clock[KINETIC_PEAK]
-        if slowing and grown < FOOTPRINT_GROWTH * counts[WET] and clock[FLOWING_SHARE] < FOOTPRINT_FLOWING:
+        if slowing and grown < FOOTPRINT_GROWTH * counts[WET] and clock[FLOWING_SHARE] < LITTLE_FLOWS:
             return STOPPED_FOOTPRINT
     return RUNNING
