@@ -232,6 +232,18 @@ def get(typingctx: Any, array: types.Type, line: types.Type, index: types.Type) 
     return array.dtype(array, types.intp, types.intp), codegen
 
 
+def _entry_of_group(size):
+    """Code of `get_of_four` and `get_of_three`: load one number of a group of `size`."""
+
+    def codegen(context, builder, signature, arguments):
+        group = _place(context, builder, signature.args[0], *arguments[:3], step=size)
+        within = ir.Constant(ir.IntType(32), signature.args[3].literal_value)
+        place = builder.gep(group, [ir.Constant(ir.IntType(32), 0), within], inbounds=True)
+        return builder.load(place, align=_bytes(signature.args[0]))
+
+    return codegen
+
+
 @_meaning(lambda array, line, index, entry: array.reshape(-1)[line + 4 * index + entry])
 def get_of_four(
     typingctx: Any, array: types.Type, line: types.Type, index: types.Type, entry: types.Type
@@ -248,14 +260,26 @@ def get_of_four(
     """
     if not isinstance(entry, types.IntegerLiteral):
         return None
-    within = ir.Constant(ir.IntType(32), entry.literal_value)
+    return array.dtype(array, types.intp, types.intp, entry), _entry_of_group(4)
 
-    def codegen(context, builder, signature, arguments):
-        group = _place(context, builder, signature.args[0], *arguments[:3], step=4)
-        at = builder.gep(group, [ir.Constant(ir.IntType(32), 0), within], inbounds=True)
-        return builder.load(at, align=_bytes(array))
 
-    return array.dtype(array, types.intp, types.intp, entry), codegen
+@_meaning(lambda array, line, index, entry: array.reshape(-1)[line + 3 * index + entry])
+def get_of_three(
+    typingctx: Any, array: types.Type, line: types.Type, index: types.Type, entry: types.Type
+) -> tuple | None:
+    """Return array.flat[line + 3 index + entry]; without bounds checks.
+
+    Parameters
+    ----------
+    array : float32[...] or float64[...], C-contiguous
+    line : int
+    index : int
+    entry : int
+        A literal 0 to 2.
+    """
+    if not isinstance(entry, types.IntegerLiteral):
+        return None
+    return array.dtype(array, types.intp, types.intp, entry), _entry_of_group(3)
 
 
 @_meaning(lambda array, line, index, value: _set(array, line + index, value))

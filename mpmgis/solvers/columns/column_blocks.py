@@ -7,6 +7,7 @@ import numpy as np
 from ...compiled.block_order import CHUNKS, GONE, rank_blocks
 from ...compiled.jit import jit, jit_inline, jit_parallel, prange
 from .column_rows import X, Y
+from .spline_weights import INDEX_MASK
 
 BLOCK = 8  # nodes along a block's side
 TILE = BLOCK + 2  # a column of the block reaches two nodes further
@@ -99,26 +100,46 @@ def initial_keys(rows: np.ndarray, keys: np.ndarray, dx: float) -> tuple[int, in
     return west, south, east, north
 
 
+@jit_inline
+def _place_in_window(key, west, south, width):
+    """Place of a block in the window of blocks with columns."""
+    return (((key >> 16) - south) * width + (key & 0xFFFF) - west) & INDEX_MASK
+
+
 @jit_parallel
 def _count(keys, n, pieces, window, size, histogram):
     west, south, width = window.west, window.south, window.width
     for c in prange(pieces):
         for b in range(size):
             histogram[c, b] = 0
+        key, same = GONE, 0  # a sum in memory waits for the one before: columns in a row with one key are added at once
         for p in range(c * n // pieces, (c + 1) * n // pieces):
-            if keys[p] != GONE:
-                histogram[c, ((keys[p] >> 16) - south) * width + (keys[p] & 0xFFFF) - west] += 1
+            if keys[p] == key:
+                same += 1
+                continue
+            if key != GONE:
+                histogram[c, _place_in_window(key, west, south, width)] += same
+            key, same = keys[p], 1
+        if key != GONE:
+            histogram[c, _place_in_window(key, west, south, width)] += same
 
 
 @jit_parallel
 def _scatter(keys, n, pieces, window, histogram, order):
     west, south, width = window.west, window.south, window.width
     for c in prange(pieces):
+        key, b, q = GONE, 0, 0  # as in `_count`; q: next free place of that key's block
         for p in range(c * n // pieces, (c + 1) * n // pieces):
-            if keys[p] != GONE:
-                b = ((keys[p] >> 16) - south) * width + (keys[p] & 0xFFFF) - west
-                order[histogram[c, b]] = p
-                histogram[c, b] += 1
+            if keys[p] != key:
+                if key != GONE:
+                    histogram[c, b] = q
+                key = keys[p]
+                if key != GONE:
+                    b = _place_in_window(key, west, south, width)
+                    q = histogram[c, b]
+            if key != GONE:
+                order[q & INDEX_MASK] = p
+                q += 1
 
 
 @jit

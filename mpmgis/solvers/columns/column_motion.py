@@ -7,7 +7,7 @@ import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the functions of laws)
 from ...compiled.jit import jit, jit_borrowing, jit_inline
-from ...compiled.simd_lanes import get, get_of_four, put
+from ...compiled.simd_lanes import get, get_of_four, get_of_three, put
 from ...laws.curvature import TURN, turned_velocity
 from ...laws.entrainment import NO_EROSION, Entrainment
 from ...laws.ground_metric import SLOPE, WATER, cosine_squared, metric_gradient
@@ -406,15 +406,15 @@ def _turn(scratch, moved, quads, count, times, bound, settings, metric, turns):
     bound_bed, bound_energy, wave_factor = bound.bed, bound.energy, bound.wave_factor
     inverse_dx = 1.0 / dx
     for k in range(count):
-        row0, row1 = get_of_four(quads, Q_BED, k, 0), get_of_four(quads, Q_BED, k, 1)
-        row2 = get_of_four(quads, Q_BED, k, 2)
+        row0, row1 = get_of_three(quads, Q_BED, k, 0), get_of_three(quads, Q_BED, k, 1)
+        row2 = get_of_three(quads, Q_BED, k, 2)
         wx0, wx1, wx2 = get(moved, L_WX0, k), get(moved, L_WX1, k), get(moved, L_WX2, k)
         bed_here = wx0 * row0 + wx1 * row1 + wx2 * row2
         slope_x = get(moved, L_GX0, k) * row0 + get(moved, L_GX1, k) * row1 + get(moved, L_GX2, k) * row2
         slope_y = (
-            wx0 * get_of_four(quads, Q_BED_SLOPE, k, 0)
-            + wx1 * get_of_four(quads, Q_BED_SLOPE, k, 1)
-            + wx2 * get_of_four(quads, Q_BED_SLOPE, k, 2)
+            wx0 * get_of_three(quads, Q_BED_SLOPE, k, 0)
+            + wx1 * get_of_three(quads, Q_BED_SLOPE, k, 1)
+            + wx2 * get_of_three(quads, Q_BED_SLOPE, k, 2)
         )
         slope_x, slope_y = slope_x * inverse_dx, slope_y * inverse_dx
         u, v = get(moved, L_U, k), get(moved, L_V, k)
@@ -452,9 +452,9 @@ def _take_up(scratch, moved, quads, count, ahead, settings, metric):
     """Complete the work of the weight by that on mass that was taken up, and compute the energy of that mass."""
     per_area = 0.5 * settings.gravity / settings.density
     for k in range(count):
-        bed_here = get(moved, L_WX0, k) * get_of_four(quads, Q_BED, k, 0)
-        bed_here += get(moved, L_WX1, k) * get_of_four(quads, Q_BED, k, 1)
-        bed_here += get(moved, L_WX2, k) * get_of_four(quads, Q_BED, k, 2)
+        bed_here = get(moved, L_WX0, k) * get_of_three(quads, Q_BED, k, 0)
+        bed_here += get(moved, L_WX1, k) * get_of_three(quads, Q_BED, k, 1)
+        bed_here += get(moved, L_WX2, k) * get_of_three(quads, Q_BED, k, 2)
         slope_x, slope_y = get(moved, L_GX, k), get(moved, L_GY, k)
         mass, grown, area = get(scratch, L_MASS, k), get(moved, L_MASS, k), get(moved, L_AREA, k)
         taken = (grown - mass) * settings.gravity

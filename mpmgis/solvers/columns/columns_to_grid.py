@@ -50,6 +50,7 @@ from .column_rows import (
     LINES,
     QUAD,
     QUADS,
+    prefetch_row,
     take_rows,
 )
 from .spline_bed import bed_at
@@ -245,14 +246,16 @@ def _impulses(scratch, quads, place, count, i_block, j_block, dt, settings, visc
 
 
 @jit
-def _spread(scratch, quads, place, count, tile):
-    """Add each column's nine products to the block's tile.
+def _spread(scratch, quads, place, count, tile, rows, order, first):
+    """Add each column's nine products to the block's tile; prefetch the rows of columns to come.
 
     Columns from the two halves of the batch take turns: neighbours add to the same nodes, and would wait for each
     other's sums.
     """
     half = (count + 1) // 2
     for k in range(half):
+        prefetch_row(rows, order, first + 2 * k)
+        prefetch_row(rows, order, first + 2 * k + 1)
         _spread_one(scratch, quads, place, k, tile)
         if k + half < count:
             _spread_one(scratch, quads, place, k + half, tile)
@@ -322,11 +325,11 @@ def particles_to_grid(
             j_block = (block[a] // window.width + window.south) * BLOCK
             for first in range(start[a], start[a + 1], BATCH):
                 count = min(BATCH, start[a + 1] - first)
-                take_rows(rows, order, first, count, order.size, scratch, True)
+                take_rows(rows, order, first, count, scratch, True)
                 stiff += pressure_impulses(
                     scratch, quads, place, count, i_block, j_block, bed, lake_level, dt, settings, laws
                 )
-                _spread(scratch, quads, place, count, tile)
+                _spread(scratch, quads, place, count, tile, rows, order, first)
         report[c, STIFF] = stiff
 
 

@@ -72,6 +72,7 @@ from .column_rows import (
     Q_MOMENT_Y,
     QUADS,
     ROW,
+    prefetch_row,
     take_rows,
 )
 from .spline_weights import INDEX_MASK, weights
@@ -80,6 +81,7 @@ from .spline_weights import INDEX_MASK, weights
 class Batch(NamedTuple):
     """Arrays of a batch of columns (see `column_rows.BATCH`)."""
 
+    rows: np.ndarray  # float64[columns, ROW]; all columns, to prefetch those of the next batch
     scratch: np.ndarray  # float64[LINES]; columns before the step, and what is computed of them
     moved: np.ndarray  # float64[LINES]; columns after the step
     quads: np.ndarray  # float64[QUADS]; groups of four numbers of each column
@@ -130,10 +132,14 @@ def _slope_and_moment(first, middle, last, offset, moment):
 
 
 @jit
-def _read_nodes(scratch, quads, place, count, nodes, row_length):
-    """Mean, slopes and first moments of the nodes' four entries around each column; `row_length` numbers a row."""
+def _read_nodes(scratch, quads, place, count, nodes, row_length, rows, order, first):
+    """Mean, slopes and first moments of the nodes' four entries around each column; `row_length` numbers a row.
+
+    The rows of columns to come are prefetched.
+    """
     nothing = lanes(0.0, 0.0, 0.0, 0.0)
     for k in range(count):
+        prefetch_row(rows, order, first + k)
         t0 = place[k]
         t1 = t0 + row_length
         t2 = t1 + row_length
@@ -181,7 +187,10 @@ def _weigh_bed(moved, place, count, row_length, inverse_dx):
 
 @jit
 def _read_bed(moved, quads, place, count, bed, row_length):
-    """For each column its three bed rows summed over y: with the weights, and with their slopes."""
+    """For each column its three bed rows summed over y: with the weights, and with their slopes.
+
+    The fourth sum of a column is no use; the first one of the next column takes its place.
+    """
     nothing = lanes(0.0, 0.0, 0.0, 0.0)
     for k in range(count):
         t = place[k]
@@ -191,8 +200,8 @@ def _read_bed(moved, quads, place, count, bed, row_length):
             t += row_length
             value = multiply_add(get(moved, L_WY0 + j * BATCH, k), line, value)
             slope = multiply_add(get(moved, L_GY0 + j * BATCH, k), line, slope)
-        store(quads, Q_BED + 4 * k, value)
-        store(quads, Q_BED_SLOPE + 4 * k, slope)
+        store(quads, Q_BED + 3 * k, value)
+        store(quads, Q_BED_SLOPE + 3 * k, slope)
 
 
 @jit
@@ -280,12 +289,12 @@ def grid_to_particles(
         clear_report(part, part)
         laws = MotionLaws(metric, curvature, entrainment)
         scratch, moved, quads = np.empty(LINES), np.empty(LINES), np.empty(QUADS)
-        batch = Batch(scratch, moved, quads, np.empty(BATCH, np.int64), np.empty(BATCH, np.int64))
+        batch = Batch(rows, scratch, moved, quads, np.empty(BATCH, np.int64), np.empty(BATCH, np.int64))
         end = start[bounds[c + 1]]
         first = start[bounds[c]]
         while first < end:
             count = min(BATCH, end - first)
-            take_rows(rows, order, first, count, end, scratch, False)
+            take_rows(rows, order, first, count, scratch, False)
             move_batch(keys, order, first, count, batch, grid, part, part, times, bound, settings, laws)
             _give_rows(rows, order, first, count, moved)
             first += count
@@ -368,7 +377,7 @@ def move_batch(
     inverse_dx = 1.0 / dx
     (ny, nx), row_length = grid.inside.shape, grid.bed.shape[1]
     _weigh(scratch, place, count, row_length, inverse_dx)
-    _read_nodes(scratch, quads, place, count, grid.nodes, 4 * row_length)
+    _read_nodes(scratch, quads, place, count, grid.nodes, 4 * row_length, batch.rows, order, first)
     factors, thin = move(scratch, moved, quads, count, dx, times.dt, entrainment)
     part[HELD_STRETCH] += factors
     part[HELD_THIN] += thin

@@ -61,6 +61,22 @@ def get_of_four(array: np.ndarray, line: int, index: int, entry: int) -> float:
 
 
 @Part
+def get_of_three(array: np.ndarray, line: int, index: int, entry: int) -> float:
+    """Return one of the three numbers of a group.
+
+    Parameters
+    ----------
+    array : float64[n]
+    line : int
+        Place of the groups in the array.
+    index : int
+        Of the group.
+    entry : int
+    """
+    return array[line + 3 * index + entry]
+
+
+@Part
 def put_four(array: np.ndarray, line: int, index: int, a: float, b: float, c: float, d: float) -> None:
     """Set the four numbers of a group.
 
@@ -130,12 +146,25 @@ def multiply_add(factor: float, value: tuple, total: tuple) -> tuple[float, floa
     )
 
 
+@Part
+def prefetch_row(rows: np.ndarray, order: np.ndarray, place: int) -> None:
+    """Prefetch nothing: other threads of the device work while one waits for a row.
+
+    Parameters
+    ----------
+    rows : float64[n]
+    order : int32[columns]
+    place : int
+    """
+
+
 _LINES = {
     name: value // column_rows.BATCH
     for name, value in vars(column_rows).items()
     if name in ("BATCH", "LINES", "QUAD", "QUADS") or (name[:2] in ("L_", "Q_") and isinstance(value, int))
 }
 _FUNCTIONS = {
-    part.function.__name__: part for part in (get, put, get_of_four, put_four, lanes, load, store, multiply_add)
+    part.function.__name__: part
+    for part in (get, put, get_of_four, get_of_three, put_four, lanes, load, store, multiply_add, prefetch_row)
 }
 stand_in((column_motion, columns_to_grid, grid_to_columns), _LINES | _FUNCTIONS)

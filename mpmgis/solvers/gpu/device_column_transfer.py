@@ -393,7 +393,7 @@ def grid_to_columns(
     scratch, moved = cuda.local.array(LINES, float64), cuda.local.array(LINES, float64)
     quads = cuda.local.array(QUADS, float64)
     place, stays = cuda.local.array(1, int64), cuda.local.array(1, int64)
-    batch = Batch(scratch, moved, quads, place, stays)
+    batch = Batch(rows, scratch, moved, quads, place, stays)
     thread, threads, fastest_at = int32(cuda.threadIdx.x), int32(cuda.blockDim.x), int32(-1)
     part, mine = marks[thread], reports[cuda.grid(1)]
     part[STIFF] = 0.0
