@@ -185,7 +185,7 @@ def test_files_and_record_of_a_run(chain):
 
 def test_files_and_tags_of_an_export(chain):
     told = names("An export")
-    for name in ("0000", "max", "deposit"):
+    for name in ("0000", "max", "last"):
         with rasterio.open(chain / "results_gis" / "rasters" / f"results_{name}.tif") as raster:
             assert set(raster.tags(ns="mpmgis")) <= told
             assert {band.split(" [")[0] for band in raster.descriptions} <= told

@@ -11,7 +11,9 @@ from ..maps.averaging.result_bands import SAME_QUANTITY
 from ..system.errors import InputError
 from ..terrain.grid import Grid
 
-FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "h_deposit")  # in order of preference
+# the last step of a flow that still moves is compared with the deposit of another; both names are printed
+LAST_STEPS = tuple((f"{name}_deposit", f"{name}_last") for name in ("h", "t", "t_vol"))
+FOOTPRINT_BANDS = ("pft", "h_max", "h", "t_vol", "h_deposit", "h_last")  # in order of preference
 SMALLEST_COUNTS = ("Un_min",)  # bands whose peak is their smallest value
 PERCENTILE = 99.0  # [%] high value that does not depend on a single cell
 MOST_CELLS = 100_000_000  # of the grid on which two footprints are compared, to limit the memory
@@ -74,7 +76,7 @@ def matched_bands(first: Sequence, second: Sequence) -> list[tuple]:
 
 
 def _twins(name):
-    return [other for group in SAME_QUANTITY if name in group for other in group if other != name]
+    return [other for group in (*SAME_QUANTITY, *LAST_STEPS) if name in group for other in group if other != name]
 
 
 def kind_of_raster(values: np.ndarray) -> str:

@@ -333,7 +333,7 @@ class CohesionTable:
     """A yield stress at the bed, in addition to [friction]."""
 
     yield_stress: float = _key("[Pa]", low=0.0, high=1e7, example=100.0)
-    use: str = _key("auto: on above 0.5 % of the load of the release", "auto", str, choices=USE)
+    use: str = _key("auto: on above 0.2 % of the load of the release", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)

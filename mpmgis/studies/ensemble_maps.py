@@ -47,7 +47,7 @@ class EnsembleMaps:
     extent: tuple | None
     min_depth: float
     bands: dict = field(default_factory=dict)
-    terrain_file: str = TERRAIN_FILE
+    shown_terrain_file: str = TERRAIN_FILE
 
     @property
     def project_file(self) -> str:

@@ -14,12 +14,14 @@ import shapely
 
 from .. import __version__
 from ..compiled.cache_folder import source_digest
+from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import GRAVITY
-from ..scene import scene_from_tables
+from ..scene import mu_least, scene_from_tables
 from ..scene.scene_reading import read_toml
 from ..simulation.cost_prediction import predicted
 from ..simulation.scene_files import input_files
+from ..solvers.features.features_by_place import with_friction
 from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log, muted
 from ..system.source_names import file_of
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
 
 SAMPLES = 3  # number of areas whose runs are prepared for the prediction
 LEAST_MU = 0.1  # [1] smallest slope of the energy line
-USUAL_MU = 0.2  # [1] slope of the energy line, if [friction] has no number mu
+USUAL_MU = 0.2  # [1] slope of the energy line, where the law has no friction coefficient
 
 
 @dataclass(frozen=True)
@@ -211,12 +213,36 @@ def _scenarios(values, name):
     return texts
 
 
-def _mu(request, scene):
+def _slope(request, scene):
     """Return the slope of the energy line of the first window."""
-    if request.angle is not None:
-        return math.tan(math.radians(request.angle))
-    mu = getattr(scene.friction, "mu", None)
-    return max(LEAST_MU, float(mu)) if isinstance(mu, (int, float)) else USUAL_MU
+    return first_mu(scene) if request.angle is None else math.tan(math.radians(request.angle))
+
+
+def first_mu(scene: "Scene") -> float:
+    """Return the slope of the energy line of the first window: the least friction of the scene, at least LEAST_MU.
+
+    Zones count with their numbers, and with LEAST_MU where a column or a raster has them. A law whose friction vanishes
+    with the load, as Bingham's, gives USUAL_MU.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    float [1]
+    """
+    table = scene.friction
+    if table is None or table.use == "off":
+        return LEAST_MU
+    zones = [zone.parameters for zone in scene.zones if zone.use != "off"]
+    if any(isinstance(value, str) for values in zones for value in values.values()):
+        return LEAST_MU
+    scenes = [scene, *(with_friction(scene, values) for values in zones)]
+    complete = [one for one in scenes if set(one.friction.parameters) >= set(scene.laws[table.law][1])]
+    least = min((mu_least(one) for one in complete), default=LEAST_MU)
+    has_mu = scene.friction_value(friction.DRY) is not None or least > 0.0
+    return max(LEAST_MU, least) if has_mu else USUAL_MU
 
 
 def _head(release):
@@ -229,7 +255,7 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
     """Return an AreaTask for each area; equal areas share a digest and one run."""
     name, folder = Path(request.scene).name, Path(scene.folder).resolve()
     law = None if request.law is None else str(Path(request.law).resolve())
-    tables, mu, head = with_peaks(scene, request.min_depth), _mu(request, scene), _head(scene.release)
+    tables, mu, head = with_peaks(scene, request.min_depth), _slope(request, scene), _head(scene.release)
     crs = None if areas.crs is None else areas.crs.to_wkt()
     known = [__version__, source_digest(), request.min_depth, mu, crs, terrain.sha256]
     known += _other_inputs(request, scene, terrain)

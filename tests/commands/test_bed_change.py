@@ -81,17 +81,17 @@ def test_the_export_has_what_the_bed_lost_and_got(eroded, tmp_path, cell):
         with rasterio.open(output / "rasters" / f"results_{word}.tif") as file:
             bands |= dict(zip([text.split(" ")[0] for text in file.descriptions], file.read(masked=True), strict=True))
             area, tags = abs(file.transform.a * file.transform.e), file.tags(ns="mpmgis")
-    assert set(bands) == {"eroded", "erosion_rate_max", "deposit", "bed_new", "surface_new"}
+    assert set(bands) == {"eroded", "erosion_rate_max", "thickness_end", "bed_new", "surface_new"}  # it still moves
     lost = float(bands["eroded"].sum()) * area * BED_DENSITY
     assert lost == pytest.approx(record(eroded)["balances"]["mass_entrained"], rel=1e-5)  # float32
     assert float(tags["bed_density"]) == BED_DENSITY
     assert (bands["erosion_rate_max"] >= 0).all() and bands["erosion_rate_max"].max() > 0
-    kept = float(bands["deposit"].sum()) * area * 1000.0
+    kept = float(bands["thickness_end"].sum()) * area * 1000.0
     assert kept == pytest.approx(record(eroded)["balances"]["mass_now"], rel=1e-3)
     with rasterio.open(output / "dtm.tif") as file:
         bed = file.read(1, masked=True)
     np.testing.assert_allclose(bands["bed_new"], bed - bands["eroded"], atol=1e-3)
-    np.testing.assert_allclose(bands["surface_new"], bands["bed_new"] + bands["deposit"], atol=1e-3)
+    np.testing.assert_allclose(bands["surface_new"], bands["bed_new"] + bands["thickness_end"], atol=1e-3)
     assert (output / "rasters" / "results_bed.qml").exists() and (output / "rasters" / "results_surface.qml").exists()
     with zipfile.ZipFile(output / "results.qgz") as project:
         text = project.read("results.qgs").decode()

@@ -128,14 +128,14 @@ def test_the_export_has_the_mass_that_stopped(forested, tmp_path, cell):
         with rasterio.open(tmp_path / "maps" / "rasters" / f"results_{word}.tif") as file:
             bands |= dict(zip([text.split(" ")[0] for text in file.descriptions], file.read(masked=True), strict=True))
             area = abs(file.transform.a * file.transform.e)
-    assert set(bands) >= {"eroded", "deposit", "detrained", "broken_forest", "surface_new", "bed_new"}
+    assert set(bands) >= {"eroded", "thickness_end", "detrained", "broken_forest", "surface_new", "bed_new"}
     b = record(forested)["balances"]
     stopped = float(bands["detrained"].astype(float).sum()) * area * 1000.0
     assert stopped == pytest.approx(b["mass_detrained"], rel=1e-5)  # float32
     broken = float(bands["broken_forest"].astype(float).sum()) * area
     assert broken == pytest.approx(b["forest_broken_area"], rel=1e-5)
     raised = bands["surface_new"] - bands["bed_new"]
-    np.testing.assert_allclose(raised, bands["deposit"] + bands["detrained"], atol=1e-4)
+    np.testing.assert_allclose(raised, bands["thickness_end"] + bands["detrained"], atol=1e-4)
 
 
 def _arrays(site):

@@ -72,7 +72,7 @@ def test_seed_takes_what_the_command_takes(site, caplog):
 def test_an_export_is_opened_lazily_with_all_that_is_in_it(site):
     results = mpmgis.open_results(site / "results_gis")
     assert results.rio.crs == pyproj.CRS.from_epsg(32632) and results.attrs["Conventions"] == "CF-1.8"
-    assert {"h", "t", "Un", "Ut", "t_vol", "mass", "h_max", "t_arrival", "h_deposit", "elevation"} <= set(results)
+    assert {"h", "t", "Un", "Ut", "t_vol", "mass", "h_max", "t_arrival", "h_last", "elevation"} <= set(results)
     assert all(hasattr(results[name].data, "dask") for name in results)
     assert results.h.dims == ("time", "y", "x") and results.h.attrs["units"] == "m"
     assert results.time.values.tolist() == [0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0]
@@ -82,7 +82,7 @@ def test_an_export_is_opened_lazily_with_all_that_is_in_it(site):
     assert np.array_equal(step.fillna(-9999.0).values, stored)
     assert float(results.x[11]) == x and float(results.y[7]) == y
     assert float(results.h_max.max()) >= float(results.h.max())
-    assert np.array_equal(results.h_deposit, results.h.isel(time=-1))
+    assert np.array_equal(results.h_last, results.h.isel(time=-1)) and results.attrs["came_to_rest"] == "false"
 
 
 def test_stacks_are_opened_as_steps_are(site):

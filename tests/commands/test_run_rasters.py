@@ -140,14 +140,14 @@ def test_a_renamed_folder_keeps_the_name_of_its_rasters(site, caplog):
     (site / "longer.toml").write_text(scene.replace("end_time = 30", "end_time = 40"))
     again = ["run", str(site / "longer.toml"), "--resume", "-o", str(after)]
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemError):
-        patch.setattr(run_rasters.RasterWriter, "finish", lambda writer: (_ for _ in ()).throw(SystemError("killed")))
+        patch.setattr(run_rasters.RasterWriter, "finish", lambda *_: (_ for _ in ()).throw(SystemError("killed")))
         run_into(site / "longer.toml", after, resume=True)
     rasters = after / "maps" / "rasters"
-    assert not list(rasters.glob("*_max.*")) and not list(rasters.glob("*_deposit.*"))
+    assert not list(rasters.glob("*_max.*")) and not list(rasters.glob("*_last.*"))
     with caplog.at_level("INFO", "mpmgis"):
         assert main(again) == 0
     assert "the rasters keep the name that the folder had before: before" in caplog.messages
-    names = [*(f"before_{step:04d}.tif" for step in range(9)), "before_deposit.tif", "before_max.tif"]
+    names = [*(f"before_{step:04d}.tif" for step in range(9)), "before_last.tif", "before_max.tif"]
     assert sorted(path.name for path in rasters.glob("*.tif")) == names
 
 

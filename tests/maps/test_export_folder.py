@@ -146,8 +146,8 @@ def test_running_maxima_in_the_steps(run3, tmp_path):
     peaks, _ = bands(folder / "rasters" / "slide_max.tif")
     last, _ = bands(folder / "rasters" / "slide_0002.tif")
     first, _ = bands(folder / "rasters" / "slide_0000.tif")
-    assert list(last)[4:] == ["h_max", "t_max", "Un_max", "Ut_max"]
-    for name in list(last)[4:]:
+    assert list(last)[5:] == ["h_max", "t_max", "Un_max", "Ut_max"]
+    for name in list(last)[5:]:
         assert np.array_equal(last[name], peaks[name], equal_nan=True)
     assert np.array_equal(first["h_max"][first["h"] > 0], first["h"][first["h"] > 0])
     assert np.isnan(first["h_max"]).sum() > np.isnan(last["h_max"]).sum()

@@ -56,6 +56,23 @@ def test_outline_is_valid_and_has_the_area_of_its_cells(mask):
     assert cells_outline(np.flatnonzero(mask), grid).equals_exact(outline)
 
 
+@given(arrays(bool, st.tuples(st.integers(1, 14), st.integers(1, 14)), fill=st.booleans()), st.integers(2, 9))
+@settings(max_examples=80, deadline=None)
+def test_an_outline_leaves_out_small_parts_and_holes(mask, least):
+    """Against the whole outline, ring by ring; if all parts are small, the largest one remains."""
+    place = Affine(1.0, 0, 0.0, 0, -1.0, 0.0)
+    whole, found = (mask_outline(mask, place, least=size) for size in (0, least))
+    if not mask.any():
+        assert found is None
+        return
+    shells = [shapely.Polygon(part.exterior) for part in whole.geoms]
+    large = [part for part, shell in zip(whole.geoms, shells, strict=True) if shell.area >= least]
+    kept = large or [max(whole.geoms, key=lambda part: shapely.Polygon(part.exterior).area)]
+    holes = [[ring for ring in part.interiors if shapely.Polygon(ring).area >= least] for part in kept]
+    parts = [shapely.Polygon(part.exterior, rings) for part, rings in zip(kept, holes, strict=True)]
+    assert found.is_valid and found.equals(shapely.MultiPolygon(parts))
+
+
 def test_outline_equals_gdal_polygonize():
     mask = np.random.default_rng(7).random((60, 80)) < 0.6
     transform = Affine(2.0, 0, 100.0, 0, -2.0, 50.0)

@@ -151,6 +151,9 @@ def test_the_default_footprint_is_of_peak_thickness():
     pairs = matched_bands(("Ut_max", "h_max", "h_deposit"), ("Ut_max", "h_max", "h_deposit"))
     assert footprint_bands(pairs) == ("h_max", "h_max")
     assert footprint_bands(pairs, "h_deposit") == ("h_deposit", "h_deposit")
+    moving = matched_bands(("h_max", "h_deposit"), ("h_max", "h_last", "t_last"))
+    assert moving == [("h_max", "h_max"), ("h_deposit", "h_last"), (None, "t_last")]
+    assert footprint_bands(moving, "h_deposit") == footprint_bands(moving, "h_last") == ("h_deposit", "h_last")
     assert footprint_bands(matched_bands(("h_max", "Ut_max"), ("pft", "pfv")), "pfv") == ("Ut_max", "pfv")
     assert footprint_bands(matched_bands(("h_max", "Ut_max"), ()), complete=False) == ("h_max", None)
     assert footprint_bands(matched_bands((), ("h_max",)), complete=False) == (None, "h_max")

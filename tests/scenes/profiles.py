@@ -44,8 +44,9 @@ def maxima(folder):
 
 
 def deposit(folder):
-    """Path of the export's last step as deposit."""
-    return one(folder, "*_deposit.tif")
+    """Path of the export's last step: its deposit, or that of a flow that did not come to rest."""
+    names = ("*_deposit.tif", "*_last.tif")
+    return one(folder, next(name for name in names if any((Path(folder) / "rasters").glob(name))))
 
 
 def one(folder, pattern):

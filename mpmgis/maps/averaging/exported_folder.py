@@ -50,6 +50,10 @@ class ExportedRun:
         Largest absolute finite value of each band over all steps.
     min_depth : float [m]
         Depth below which velocities are nodata; outlines enclose the cells at least this deep.
+    around_file : str
+        Terrain around the flow on the cells of the DTM; "" where `terrain_file` already shows it.
+    layer_files, layer_bands : tuple of str, tuple of Quantity
+        Rasters of layers of height, one per step, and their bands; empty without layers.
     bed_bands, surface_bands : tuple of Quantity
         Bands of `bed_file` and `ground_file`; empty without erosion, where there are no such files.
     """
@@ -69,6 +73,14 @@ class ExportedRun:
     min_depth: float = 0.05
     bed_bands: tuple = ()
     surface_bands: tuple = ()
+    around_file: str = ""
+    layer_files: tuple = ()
+    layer_bands: tuple = ()
+
+    @property
+    def shown_terrain_file(self) -> str:
+        """Name of the raster of the terrain on maps: with ground on every side of the flow."""
+        return self.around_file or self.terrain_file
 
     @property
     def last_file(self) -> str:
@@ -158,7 +170,7 @@ class ExportedRun:
             self.bed_file: self.bed_bands,
             self.ground_file: self.surface_bands,
         }
-        return known.get(file, self.step_bands)
+        return known.get(file, self.layer_bands if file in self.layer_files else self.step_bands)
 
     def read_terrain(self) -> np.ndarray:
         """Read the elevation on `flow_grid`.

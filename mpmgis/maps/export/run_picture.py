@@ -15,7 +15,7 @@ from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
 from ..averaging.exported_folder import TYPICAL_PERCENTILE
 from ..qgis.colours import LOOKS, ColourClass, Look, colour_classes, round_up
-from ..qgis.outlines import mask_outline
+from ..qgis.outlines import LEAST_PART, mask_outline
 from ..qgis.raster_styles import contour_interval
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def write_picture(
     axes = map_axes(figure, view)
     interval = draw_terrain(axes, terrain, view)
     classes = draw_values(axes, grid, speed_max, LOOKS["Ut"])
-    last = mask_outline(last_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform, smooth=True)
+    last = mask_outline(last_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform, True, LEAST_PART)
     draw_outline(axes, [last] if last is not None else [], DEPOSIT_COLOUR)
     draw_outline(axes, release, RELEASE_COLOUR)
     draw_scale_bar(axes, view)

@@ -1,7 +1,7 @@
 """Write the rasters of an export: one pass over the frames writes the steps; then maxima and last step follow."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 LAST_BANDS = ("h", "t", "t_vol")
 ARROW_BANDS = ("Ut_E", "Ut_N")  # components of the arrows of the mesh
+AROUND_FILE = "dtm_around.tif"
+MOST_AROUND = 4_000_000  # [cells] of a DTM that a map shows whole
 TERRAIN_BAND = Quantity("elevation", "m", "terrain elevation", "float32")
 # ISeeSnow: peak flow thickness [m], peak flow velocity [m s-1], peak pressure [kPa]
 ISEESNOW = {"pft": Peak("t_vol", True), "pfv": Peak("Ut", True), "ppr": Peak("p", True)}
@@ -198,7 +200,7 @@ def write_rasters(
             if frame in step_of:
                 tally.add_step(values)
                 write_step(plan, writer, step_of[frame], entry, values, maxima, peaks)
-                _write_layers(plan, folder, step_of[frame], entry, values, request.files.cog)
+                tally.largest |= _write_layers(plan, folder, step_of[frame], entry, values, tally, request.files.cog)
                 if spool is not None:
                     spool.add(values.index, values.values, shapes.outline, shapes.shown)
             progress(frame + 1, len(plan.entries))
@@ -210,7 +212,10 @@ def write_rasters(
     tally.largest |= write_bed_rasters(plan, rasters, values, end, run_tags(plan), request.files.cog)
     if second is not None:
         _write_iseesnow(plan, rasters, second)
-    return exported(plan, folder, writer.files, maxima, tally, end), tally
+    run = exported(plan, folder, writer.files, maxima, tally, end)
+    if not request.files.qgis:
+        return run, tally
+    return replace(run, around_file=_write_around(plan, folder, maxima, request.files.cog)), tally
 
 
 def _end_of_frames(plan, values, tally):
@@ -363,17 +368,27 @@ def write_step(
     writer.write(step, tags, rows_of, at_once=bool(running))
 
 
-def _write_layers(plan, folder, step, entry, values, cog):
-    """Density and pressure of a step by height over the bed, where they are asked for."""
+def _write_layers(plan, folder, step, entry, values, tally, cog):
+    """Write density and pressure of a step by height over the bed, if asked for; return the largest value by band."""
     grid, edges = plan.averaging.grid, plan.averaging.layers
     if not edges:
-        return
+        return {}
     tags = run_tags(plan) | {"time": values.time, "step": step, "frame": entry.path.name}
     tags["layers"] = ",".join(f"{edge:g}" for edge in edges)
     found = values.layers
-    rows_of = SparseBands(grid, found.index, [(band.astype(np.float32), 0.0) for band in found.bands()])
+    bands, quantities = [band.astype(np.float32) for band in found.bands()], layer_quantities(edges)
+    rows_of = SparseBands(grid, found.index, [(band, 0.0) for band in bands])
     (folder / "layers").mkdir(exist_ok=True)
-    write_rows(folder / "layers" / f"{plan.name}_{step:04d}.tif", grid, layer_quantities(edges), tags, rows_of, cog)
+    write_rows(folder / _layer_file(plan, step), grid, quantities, tags, rows_of, cog)
+    names = [quantity.name for quantity in quantities]
+    return {
+        name: max(tally.largest.get(name, 0.0), float(np.fmax.reduce(np.abs(band), initial=0.0)))
+        for name, band in zip(names, bands, strict=True)
+    }
+
+
+def _layer_file(plan, step):
+    return f"layers/{plan.name}_{step:04d}.tif"
 
 
 def write_maxima(plan: "ExportPlan", path: Path, maxima: RunningMaxima, tally: Tally, end: FlowEnd, cog: bool) -> None:
@@ -445,6 +460,39 @@ def write_terrain(plan: "ExportPlan", path: Path, cog: bool) -> None:
     write_rows(path, grid, [TERRAIN_BAND], tags, rows_of, cog)
 
 
+def _write_around(plan, folder, maxima, cog):
+    """Write the terrain around the flow on the cells of the DTM, for the map; return the name of its file.
+
+    It is all of the DTM, or of a large one what is within one length of the flow. "": `dtm.tif` shows it already.
+    """
+    grid, terrain = plan.averaging.grid, plan.terrain
+    rows, columns = terrain.grid.shape
+    top, bottom, left, right = 0, rows, 0, columns
+    if rows * columns > MOST_AROUND:
+        top, bottom, left, right = _window_around(maxima, grid, terrain.grid)
+    if grid.shape == terrain.grid.shape and grid.transform == terrain.grid.transform:
+        return ""
+    part = terrain.grid.part(top, left, (bottom - top, right - left))
+    tags = {"dem": dtm_name(terrain.path), "dem_sha256": terrain.sha256} | _tags_of_reprojection(terrain)
+    write_rows(folder / AROUND_FILE, part, [TERRAIN_BAND], tags, partial(_elevation, terrain, part), cog)
+    return AROUND_FILE
+
+
+def _window_around(maxima, grid, of_dtm):
+    """Return (top, bottom, left, right) of the cells of the DTM within one length of the flow of its bounds."""
+    row, column = np.divmod(np.flatnonzero(maxima.seen["h_max"]), grid.shape[1])
+    x, y = grid.xy(row, column)
+    length = float(np.hypot(np.ptp(x), np.ptp(y)))
+    corners_x = np.array([x.min() - length, x.max() + length, x.min() - length, x.max() + length])
+    corners_y = np.array([y.min() - length, y.min() - length, y.max() + length, y.max() + length])
+    rows, columns = of_dtm.rowcol(corners_x, corners_y)
+    (top, bottom), (left, right) = (
+        (max(int(at.min()), 0), min(int(at.max()) + 2, size))
+        for at, size in zip((rows, columns), of_dtm.shape, strict=True)
+    )
+    return top, bottom, left, right
+
+
 def _elevation(terrain, grid, band, first, last):
     return terrain.rows_on(grid, first, last)
 
@@ -514,6 +562,7 @@ def exported(
     end : FlowEnd
     """
     largest = tally.largest | {name: maxima.largest(name) for name in MAXIMA_BANDS}
+    layers = layer_quantities(plan.averaging.layers) if plan.averaging.layers else []
     return ExportedRun(
         folder=folder,
         name=plan.name,
@@ -526,8 +575,10 @@ def exported(
         maxima_bands=tuple(BAND[name] for name in MAXIMA_BANDS),
         last_bands=tuple(BAND[name] for name in LAST_BANDS),
         end=end,
-        largest={name: value for name, value in largest.items() if name in BAND},
+        largest={name: value for name, value in largest.items() if name in {*BAND, *(q.name for q in layers)}},
         min_depth=plan.averaging.min_depth,
         bed_bands=tuple(BAND[name] for name in bed_bands(plan.bed_change, end)),
         surface_bands=tuple(BAND[name] for name in SURFACE_BANDS if plan.bed_change),
+        layer_files=tuple(_layer_file(plan, step) for step in range(len(plan.steps))) if layers else (),
+        layer_bands=tuple(layers),
     )

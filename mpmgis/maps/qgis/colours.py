@@ -34,6 +34,7 @@ OPACITY = 0.75  # [1] of a flow over the hillshade
 NORMAL_SIGN = "+ away from it, - into it"
 PROBABILITY = "P_"  # prefix of probability bands
 STATISTIC = re.compile(r"max|min|mean|arrival|p\d+(\.\d+)?")  # last part of a band's name
+BY_HEIGHT = re.compile(r"(rho|p)_-?[\d.]+_-?[\d.]+")  # names of bands of layers of height
 
 
 class Look(NamedTuple):
@@ -138,7 +139,8 @@ def symbol(name: str) -> str:
 def look_of(quantity: Quantity) -> Look:
     """Return the display style of a band; a band outside the table is shown by size.
 
-    Probabilities have their own classes; an ensemble statistic (`h_mean`, `p_p95`) has the look of its quantity.
+    Probabilities have their own classes; an ensemble statistic (`h_mean`, `p_p95`) or a layer of height
+    (`p_0_1`) has the look of its quantity.
 
     Parameters
     ----------
@@ -146,7 +148,8 @@ def look_of(quantity: Quantity) -> Look:
     """
     if quantity.name.startswith(PROBABILITY):
         return Look(quantity.long_name, "", ACTON_REVERSED, "size", PROBABILITY_LIMITS)
-    of = LOOKS.get(quantity.name.rpartition("_")[0])
+    by_height = BY_HEIGHT.fullmatch(quantity.name)
+    of = LOOKS.get(by_height[1] if by_height else quantity.name.rpartition("_")[0])
     plain = Look(quantity.long_name, quantity.unit.replace(" s-1", "/s"), LAJOLLA, "size")
     return LOOKS.get(quantity.name, plain if of is None else of._replace(words=quantity.long_name))
 

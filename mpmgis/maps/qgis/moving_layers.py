@@ -57,6 +57,18 @@ def animation_group(run: ExportedRun, clock: Clock, version: tuple) -> Group:
     return Group(f"{run.name}: animation ({clock.label})", [*_arrows(run, clock, names), *vectors, *fields, *rasters])
 
 
+def layers_group(run: ExportedRun, clock: Clock) -> Group:
+    """Return the group of density and pressure by height over the bed, over time (QGIS 3.38 or later); empty without.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    clock : Clock
+    """
+    rows = [_stacked_layer(run, clock, quantity, shown=k == 0) for k, quantity in enumerate(run.layer_bands)]
+    return Group(f"{run.name}: layers of height over the bed", rows, shown=False, unfolded=False, exclusive=True)
+
+
 def vector_layer(run: ExportedRun, name: str, shown: bool) -> Layer:
     """Return a layer of the GeoPackage.
 

@@ -39,6 +39,7 @@ SHOWN = ("ids", "place", "velocity")  # of particles, that are stored
 PARTICLES_SHOWN = 300  # [particles] per step, about
 BATCH = 32_000_000  # [bytes] of geometry in memory
 UTC = 100  # GDAL's code for UTC
+LEAST_PART = 4  # [cells] smaller parts of the flow, and smaller holes in it, are not outlined
 POINTS = 0  # geometry type of QGIS
 POLYGONS = 2  # geometry type of QGIS
 
@@ -149,8 +150,9 @@ class StepSpool:
 def write_outlines(run: ExportedRun, steps: StepSpool, release: Sequence | None = None) -> None:
     """Write the GeoPackage of a run.
 
-    Layers: `outline` (of the cells at least `run.min_depth` deep at each step, with depth, speed and area), `envelope`
-    (of all steps together), `release`, `particles` (about 300 per step, the same in all steps) and `layer_styles`.
+    Layers: `outline` (of the cells at least `run.min_depth` deep at each step, with depth, speed and the area of all of
+    these cells; parts and holes of fewer than LEAST_PART cells are not outlined), `envelope` (of all steps together),
+    `release`, `particles` (about 300 per step, the same in all steps) and `layer_styles`.
     Empty layers are omitted. Times are `t_s` (simulated seconds) and `t_qgis` to `t_qgis_end`
     (stretched, see `map_clock`).
 
@@ -224,7 +226,9 @@ def geometry_type(layer: str) -> tuple[int, str]:
     return (POINTS, "Point") if layer == "particles" else (POLYGONS, "Polygon")
 
 
-def mask_outline(mask: np.ndarray, transform: Affine, smooth: bool = False) -> shapely.MultiPolygon | None:
+def mask_outline(
+    mask: np.ndarray, transform: Affine, smooth: bool = False, least: int = 0
+) -> shapely.MultiPolygon | None:
     """Return the valid polygons around the True cells of a mask, with holes.
 
     Parameters
@@ -234,6 +238,8 @@ def mask_outline(mask: np.ndarray, transform: Affine, smooth: bool = False) -> s
         Of the mask.
     smooth : bool
         Without the stairs of the grid, with the same area (see `smoothing`).
+    least : int
+        Parts and holes of fewer cells are left out; if all parts are smaller, the largest one remains.
 
     Returns
     -------
@@ -245,10 +251,10 @@ def mask_outline(mask: np.ndarray, transform: Affine, smooth: bool = False) -> s
         return None
     part = np.zeros((rows[-1] - rows[0] + 3, columns[-1] - columns[0] + 3), np.int32)
     part[1:-1, 1:-1] = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    return _outline(part, moved_corner(transform, int(rows[0]), int(columns[0])), smooth)
+    return _outline(part, moved_corner(transform, int(rows[0]), int(columns[0])), smooth, least)
 
 
-def cells_outline(index: np.ndarray, grid: Grid, smooth: bool = False) -> shapely.MultiPolygon | None:
+def cells_outline(index: np.ndarray, grid: Grid, smooth: bool = False, least: int = 0) -> shapely.MultiPolygon | None:
     """Return the valid polygons around some cells of a grid; memory follows the extent of the flow.
 
     Parameters
@@ -256,7 +262,7 @@ def cells_outline(index: np.ndarray, grid: Grid, smooth: bool = False) -> shapel
     index : int64[k]
         Flat numbers of the cells.
     grid : Grid
-    smooth : bool
+    smooth, least : bool, int
         As in `mask_outline`.
 
     Returns
@@ -270,10 +276,10 @@ def cells_outline(index: np.ndarray, grid: Grid, smooth: bool = False) -> shapel
     first, left = int(row.min()), int(column.min())
     part = np.zeros((int(row.max()) - first + 3, int(column.max()) - left + 3), np.int32)
     part[row - first + 1, column - left + 1] = 1
-    return _outline(part, moved_corner(grid.transform, first, left), smooth)
+    return _outline(part, moved_corner(grid.transform, first, left), smooth, least)
 
 
-def _outline(part, transform, smooth):
+def _outline(part, transform, smooth, least):
     """MultiPolygon around the cells of int32[rows + 2, columns + 2] that are 1; `transform` is of the inner ones."""
     mask_rings.label_parts(part, np.empty(part.size // 2 + 2, np.int32))
     corners = np.empty((mask_rings.count_corners(part), 2))
@@ -282,11 +288,21 @@ def _outline(part, transform, smooth):
     of_ring = np.repeat(np.arange(count), np.diff(ends[:count], prepend=0))
     lines = shapely.linearrings(corners[:, ::-1], indices=of_ring)
     order = np.lexsort((area[:count] < 0, parts[:count]))  # shell of each part, then its holes
-    lines, owner = lines[order], parts[order] - 1
+    order = _large_rings(order, parts, area, 2 * least) if least > 1 else order
+    lines, owner = lines[order], np.unique(parts[order], return_inverse=True)[1]
     polygons = smooth_parts(lines, owner) if smooth else shapely.polygons(lines, indices=owner)
     outline = shapely.multipolygons(polygons)
     t = transform
     return shapely.transform(outline, lambda at: at @ np.array([[t.a, t.d], [t.b, t.e]]) + [t.c, t.f])
+
+
+def _large_rings(order, parts, area, least):
+    """Return the part of the `order` of rings whose `area` is at least `least`, without holes of parts left out."""
+    shells = order[area[order] > 0]
+    kept = shells[area[shells] >= least]
+    kept = kept if kept.size else shells[[np.argmax(area[shells])]]
+    large = (np.abs(area[order]) >= least) | np.isin(order, kept)
+    return order[large & np.isin(parts[order], parts[kept])]
 
 
 def step_outline(
@@ -309,7 +325,7 @@ def step_outline(
         None without cells at least `min_depth` deep.
     """
     deep = is_deep(depth, min_depth)
-    outline = cells_outline(index[deep], grid, smooth=True)
+    outline = cells_outline(index[deep], grid, smooth=True, least=LEAST_PART)
     if outline is None:
         return None
     return StepOutline(shapely.to_wkb(outline), np.count_nonzero(deep), float(depth[deep].max()), _largest(speed[deep]))
@@ -402,7 +418,7 @@ def _envelope_layer(run):
     """[(WKB, columns)] of the cells that were ever at least `min_depth` deep."""
     (depth,) = run.read(run.maxima_file, ("h_max",))
     mask = is_deep(depth, run.min_depth)
-    outline = mask_outline(mask, run.flow_grid.transform, smooth=True)
+    outline = mask_outline(mask, run.flow_grid.transform, smooth=True, least=LEAST_PART)
     if outline is None:
         return []
     columns = {

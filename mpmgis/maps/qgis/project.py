@@ -15,7 +15,7 @@ from ... import __version__
 from ...system.errors import InputError
 from ..averaging.exported_folder import ExportedRun
 from .map_clock import Clock, stamp
-from .moving_layers import MOVING, animation_group, vector_layer
+from .moving_layers import MOVING, animation_group, layers_group, vector_layer
 from .outlines import layer_names
 from .print_layout import print_layout
 from .project_layers import (
@@ -34,6 +34,7 @@ from .project_layers import (
 from .raster_styles import contour_interval, contour_pipe, hillshade_pipe
 from .xml_markup import node, qgis_document, reference_system
 
+FIRST_SHOWN = ("release", "envelope")  # so that the first view shows where the flow starts and goes
 FRAME_RATE = 8  # [s-1] frames of the temporal controller
 
 
@@ -59,6 +60,7 @@ def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
         _outlines(run),
         _maxima(run),
         _last_step(run),
+        layers_group(run, clock),
         _bed(run),
         _terrain(run),
     ]
@@ -97,7 +99,7 @@ def parse_version(text: str) -> tuple[int, int]:
 
 def _outlines(run):
     names = [name for name in layer_names(run.folder / run.outlines_file) if name not in MOVING]
-    rows = [vector_layer(run, name, shown=name == "release") for name in names]
+    rows = [vector_layer(run, name, shown=name in FIRST_SHOWN) for name in names]
     return Group("release and envelope", rows[::-1], unfolded=False)
 
 
@@ -146,7 +148,7 @@ def terrain_group(run: ExportedRun) -> Group:
     interval = contour_interval(float(np.ptp(heights)) if heights.size else 0.0)
     pipes = {f"contours every {interval:g} m": contour_pipe(interval), "hillshade": hillshade_pipe()}
     rows = [
-        Layer(title, map_layer(run, "raster", f"terrain_{k}", run.terrain_file, title, "gdal", None, pipe), True)
+        Layer(title, map_layer(run, "raster", f"terrain_{k}", run.shown_terrain_file, title, "gdal", None, pipe), True)
         for k, (title, pipe) in enumerate(pipes.items())
     ]
     rows[-1].maplayer.append(elevation(TERRAIN_COLOUR))

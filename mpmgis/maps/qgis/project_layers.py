@@ -262,6 +262,6 @@ def project_elevation(run: ExportedRun, part: str) -> Element:
     part : str
         Of the id of the layer.
     """
-    layer = {"layer": layer_id(run, part), "layerSource": f"./{run.terrain_file}", "layerProvider": "gdal"}
+    layer = {"layer": layer_id(run, part), "layerSource": f"./{run.shown_terrain_file}", "layerProvider": "gdal"}
     provider = node("TerrainProvider", layer | {"layerName": "hillshade", "offset": 0, "scale": 1})
     return node("ElevationProperties", None, node("terrainProvider", {"type": "raster"}, provider))

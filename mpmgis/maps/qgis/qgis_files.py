@@ -16,17 +16,19 @@ if TYPE_CHECKING:
 
 
 def write_stacks(run: "ExportedRun") -> None:
-    """Write a VRT for each band of the steps; band k + 1 refers to step k by relative path.
+    """Write a VRT for each band of the steps and of layers of height; band k + 1 refers to step k by relative path.
 
     Parameters
     ----------
     run : ExportedRun
     """
     decimals = Clock.of(run.times).decimals
-    for source_band, quantity in enumerate(run.step_bands, start=1):
+    stacked = [(run.step_files, *numbered) for numbered in enumerate(run.step_bands, start=1)]
+    stacked += [(run.layer_files, *numbered) for numbered in enumerate(run.layer_bands, start=1)]
+    for files, source_band, quantity in stacked:
         root = _dataset(run, quantity)
         for k in range(len(run.times)):
-            root.append(_band(run, k, source_band, quantity, decimals))
+            root.append(_band(files[k], run.times[k], source_band, quantity, k, decimals))
         ElementTree.indent(root)
         (run.folder / run.stack_file(quantity)).write_text(
             ElementTree.tostring(root, encoding="unicode"), encoding="utf-8", newline="\n"
@@ -49,18 +51,18 @@ def _metadata(tags):
     return node("Metadata", None, *(node("MDI", {"key": key}, text=value) for key, value in tags.items()))
 
 
-def _band(run, k, source_band, quantity, decimals):
+def _band(file, time, source_band, quantity, k, decimals):
     return node(
         "VRTRasterBand",
         {"dataType": "Float32", "band": k + 1},
-        node("Description", text=f"{quantity.band} at t = {run.times[k]:.{decimals}f} s"),
-        _metadata(band_metadata(quantity, run.times[k])),
+        node("Description", text=f"{quantity.band} at t = {time:.{decimals}f} s"),
+        _metadata(band_metadata(quantity, time)),
         node("NoDataValue", text=NODATA),
         node("UnitType", text=quantity.unit),
         node(
             "SimpleSource",
             None,
-            node("SourceFilename", {"relativeToVRT": 1}, text=run.step_files[k]),
+            node("SourceFilename", {"relativeToVRT": 1}, text=file),
             node("SourceBand", text=source_band),
         ),
     )

@@ -276,8 +276,8 @@ def style_document(pipe: Element, temporal: Element | None = None) -> str:
 def write_styles(run: ExportedRun) -> None:
     """Write a .qml next to each raster of a run: steps, maxima, last step, stacks and terrain.
 
-    Each raster shows its first band; all bands of a kind have the limits of the run. QGIS ignores times in a style
-    that it loads automatically; they are for Load Style.
+    Each raster shows its first band, layers of height the pressure of the lowest; all bands of a kind have the limits
+    of the run. QGIS ignores times in a style that it loads automatically; they are for Load Style.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def write_styles(run: ExportedRun) -> None:
     clock = Clock.of(run.times)
     for file, text in raster_styles(run):
         write_sidecar(run, file, text)
-    for quantity in run.step_bands:
+    for quantity in (*run.step_bands, *run.layer_bands):
         pipe = value_pipe(quantity, run, 1)
         write_sidecar(run, run.stack_file(quantity), style_document(pipe, bands_over_time(clock)))
 
@@ -307,7 +307,10 @@ def raster_styles(run: ExportedRun) -> Iterator[tuple[str, str]]:
     yield from ((file, step) for file in run.step_files)
     yield run.maxima_file, style_document(value_pipe(run.maxima_bands[0], run, 1))
     yield run.last_file, style_document(value_pipe(run.last_bands[0], run, 1))
-    yield run.terrain_file, style_document(hillshade_pipe())
+    yield from (
+        (file, style_document(hillshade_pipe())) for file in dict.fromkeys((run.terrain_file, run.shown_terrain_file))
+    )
+    yield from ((file, style_document(value_pipe(run.layer_bands[1], run, 2))) for file in run.layer_files)
     if run.bed_bands:
         yield run.bed_file, style_document(value_pipe(run.bed_bands[0], run, 1))
         yield run.ground_file, style_document(hillshade_pipe())

@@ -107,7 +107,9 @@ def _rasters(run, cog):
             "terrain": (run.terrain_file, "terrain", (), ["data", "elevation"]),
         }
         | _bed(run)
+        | _around(run)
         | steps
+        | _layers(run)
     )
     return {
         key: {
@@ -118,6 +120,21 @@ def _rasters(run, cog):
         }
         | ({"bands": [_band(quantity) for quantity in bands]} if bands else {})
         for key, (file, title, bands, roles) in known.items()
+    }
+
+
+def _around(run):
+    """Raster of the terrain around the flow, where there is one."""
+    if not run.around_file:
+        return {}
+    return {"terrain_around": (run.around_file, "terrain around the flow", (), ["data", "elevation"])}
+
+
+def _layers(run):
+    """Rasters of layers of height over the bed, one per step."""
+    return {
+        f"layers_{step:04d}": (file, f"layers of height, t = {time:g} s", run.layer_bands, ["data"])
+        for step, (file, time) in enumerate(zip(run.layer_files, run.times, strict=False))
     }
 
 

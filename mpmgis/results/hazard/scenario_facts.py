@@ -96,7 +96,7 @@ def _measured(record, source):
         return ""
     mean, largest, volume = (found[name] for name in names)
     named = f" from {Path(str(source)).name!r}" if source else ""
-    return f"vertical thickness{named} {mean:.3g} m on average, {largest:.3g} m at most, volume {volume:.4g} m3"
+    return f"vertical thickness{named} {mean:.3g} m on average, {largest:.3g} m at most, volume {volume:.0f} m3"
 
 
 def _text(value):

@@ -64,7 +64,7 @@ class KnownByPlace:
             return mu_least(self.scene)
         ends = {name: {np.nanmin(values), np.nanmax(values)} for name, values in self.zones.items()}
         corners = itertools.product(*([(name, value) for value in sorted(found)] for name, found in ends.items()))
-        return min(mu_least(_with_friction(self.scene, dict(corner))) for corner in corners)
+        return min(mu_least(with_friction(self.scene, dict(corner))) for corner in corners)
 
     def facts(self, terrain: "Terrain", reach: "Reach", frame: "Frame", depth: float) -> dict[str, Any]:
         """Return the entries of `TerrainFacts` on spatial features.
@@ -126,7 +126,7 @@ class KnownByPlace:
         for name, values in self.zones.items():
             chosen = values[inside] if np.isfinite(values[inside]).any() else values
             representative[name] = float(np.nanmin(chosen) if name in LEAST_OF else np.nanmean(chosen))
-        return _with_friction(self.scene, representative)
+        return with_friction(self.scene, representative)
 
     def on_grid(self, effects: "ColumnEffects") -> Places:
         """Return the spatial features of a depth-averaged run in which `effects` are on.
@@ -203,8 +203,15 @@ class KnownByPlace:
         return float(np.maximum(self.lake_level - mean, 0.0).sum() * self.grid.cell_size**2)
 
 
-def _with_friction(scene, values):
-    """Return `scene` with these parameters of friction, in the order of its law."""
+def with_friction(scene: "Scene", values: dict) -> "Scene":
+    """Return a scene with these parameters of friction, in the order of its law.
+
+    Parameters
+    ----------
+    scene : Scene
+    values : dict of str to float
+        By name of the parameter.
+    """
     table = scene.friction
     known = {**table.parameters, **values}
     ordered = {name: known[name] for name in scene.laws[table.law][1] if name in known}

@@ -99,14 +99,15 @@ def volume(folder, side, time):
 
 def compared(folder):
     """Rows (quantity, mpmgis, Matter, difference) for the deposits and for all times."""
-    peak, deposit = told_by_compare(folder), told_by_compare(folder, "--band", "t_vol_deposit")
+    last = "t_vol_deposit" if profiles.deposit(folder / "ours_gis").stem.endswith("deposit") else "t_vol_last"
+    peak, deposit = told_by_compare(folder), told_by_compare(folder, "--band", last)
     rows = [("overlap of the footprints (IoU), all times", f"{peak['iou']:.3f}", "", "")]
     rows.append(("overlap of the deposits (IoU)", f"{deposit['iou']:.3f}", "", ""))
     rows.append(_row("area of the deposit [m2]", deposit["a"]["area_m2"], deposit["b"]["area_m2"]))
     fronts = (deposit[side]["runout_at"][0] - ORIGIN[0] for side in "ab")
     rows.append(_row("front of the deposit, E [m]", *fronts))
     for band in peak["bands"]:
-        if band["a"] in ("h_max", "Ut_max", "h_deposit", "t_vol_deposit"):
+        if band["a"] in ("h_max", "Ut_max", "h_deposit", "h_last", last):
             rows.append(
                 _row(f"{band['a']} [{band['unit']}], of 99 % of the cells at most", band["p99_a"], band["p99_b"])
             )
