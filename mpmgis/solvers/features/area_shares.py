@@ -231,12 +231,15 @@ def raster_means(
         The mean is NaN where the share is 0.
     """
     known = np.isfinite(values)
+    whole = known.all()
     with np.errstate(divide="ignore"):
-        filled = np.where(known, 1.0 / values if reciprocal else values, 0.0)
+        filled = 1.0 / values if reciprocal else values
+    if not whole:
+        filled = np.where(known, filled, 0.0)
     squares = _Squares.of(nodes)
     t = grid.transform
     sums = _along_axes if t.b == 0.0 and t.d == 0.0 else _sampled
-    share, total = sums((known.astype(float), filled), grid, squares)
+    share, total = sums((np.ones((1, 1)) if whole else known.astype(float), filled), grid, squares)
     share = _rounded(share)
     mean = np.divide(total, share, out=np.full(share.shape, np.nan), where=share > 0.0)
     mean = 1.0 / mean if reciprocal else mean
@@ -296,11 +299,15 @@ def _rounded(share):
 
 
 def _along_axes(rasters, grid, squares):
-    """Means of rasters over the squares: along one axis after the other, by the lengths that overlap."""
+    """Means of rasters over the squares: along one axis after the other, by the lengths that overlap.
+
+    A raster of one number has it everywhere.
+    """
     t = grid.transform
     rows = _overlaps((t.f - squares.south) + t.e * np.arange(grid.shape[0] + 1), squares.y)
     columns = _overlaps((t.c - squares.west) + t.a * np.arange(grid.shape[1] + 1), squares.x)
-    return [np.asarray(rows @ raster @ columns.T) for raster in rasters]
+    ones = np.outer(rows.sum(axis=1), columns.sum(axis=1))
+    return [raster * ones if raster.size == 1 else np.asarray(rows @ raster @ columns.T) for raster in rasters]
 
 
 def _overlaps(cells, squares):
@@ -327,7 +334,7 @@ def _sampled(rasters, grid, squares):
             row, column = _cells_of(squares, grid, x, y)
             there = _on_raster(squares, grid, x, y)
             for total, raster in zip(sums, rasters, strict=True):
-                total += np.where(there, raster[row, column], 0.0)
+                total += np.where(there, raster if raster.size == 1 else raster[row, column], 0.0)
     return [total / SAMPLES**2 for total in sums]
 
 
