@@ -22,7 +22,9 @@ def sheet_of(scenarios, title, paper="A4", facts=20):
     level[5:35, 5:95] = 4
     grid, nothing = Grid(pyproj.CRS.from_user_input(CRS), NORTH_UP, level.shape), np.zeros(level.shape, bool)
     matrix = choose_matrix("swiss-flood")
-    named = [SimpleNamespace(words=lambda words=words: words, period=matrix.periods[0]) for words in scenarios]
+    named = [
+        SimpleNamespace(words=lambda words=words: words, period=matrix.periods[0], unfinished="") for words in scenarios
+    ]
     made = HazardMap(
         matrix,
         grid,
