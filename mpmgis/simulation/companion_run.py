@@ -132,7 +132,7 @@ def companion_run(
     """
     began, size = clock(), sequence.prepared.numerics.cell_size
     if stood_still(sequence.balances()):
-        return {"cell_size": LARGER * size, "failed": "nothing ever moved"}
+        return {"cell_size": LARGER * size, "failed": "there was no flow"}
     try:
         other, seconds = _on_larger_cells(sequence.prepared, observe)
     except Exception as error:  # of any kind: a finished run never fails for its companion

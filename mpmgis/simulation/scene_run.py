@@ -244,7 +244,9 @@ def run(
             try:
                 summary = integrate_into(folder, sequence, start == RESUMED, left, device)
             except KeyboardInterrupt:
-                log.info(f"{folder.path} has the results until now; `resume` continues after its last complete frame")
+                log.info(
+                    f"{folder.path} contains the results until now; `resume` continues after its last complete frame"
+                )
                 raise
         if has_companion(prepared.scene):
             set_threads(max(1, min(used, int(prepared.particles / LARGER**2) // PARTICLES_PER_THREAD)))

@@ -69,7 +69,8 @@ def write_case(folder, bed, thickness, bounds, pixel, scene, exact=None, cell=No
     write_raster(folder / "release.tif", lambda x, y: np.where((h := thickness(x, y)) > 0, h, np.nan), *bounds, pixel)
     if exact is not None:
         write_raster(folder / "exact.tif", exact, *bounds, cell, means=True)
-    head = '[terrain]\ndem = "dtm.tif"\ncrs = "local"\n[release]\nsource = "release.tif"\nthickness_mode = "vertical"\n'
+    head = '[terrain]\ndem = "dtm.tif"\ncrs = "local"\n[release]\nsource = "release.tif"\nthickness = "release.tif"\n'
+    head += 'thickness_mode = "vertical"\n'
     (folder / "scene.toml").write_text(scene.replace("[terrain]\n[release]\n", head))
 
 

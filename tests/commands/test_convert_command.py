@@ -211,7 +211,7 @@ def test_a_third_party_frame_without_mass_or_parents(tmp_path, monkeypatch, caps
 
 def exported(folder, capsys):
     """Bands of the exported step by name."""
-    assert main(["export-raster", str(folder), "--no-qgis", "-q", "--extent", "dtm", "--products", "t_vol"]) == 0
+    assert main(["export-raster", str(folder), "--no-qgis", "-q", "--extent", "dtm", "--cs-e", "10"]) == 0
     capsys.readouterr()
     step = next((folder.parent / f"{folder.name}_gis/rasters").glob("*_0000.tif"))
     with rasterio.open(step) as raster:

@@ -51,8 +51,10 @@ def calls():
                 yield path.relative_to(package).as_posix(), ast.unparse(node.func), keywords
 
 
-# of the compiler's cache, whose folder and checksums are looked at before; of this program's own processes, over pipes
+# of the compiler's cache, whose folder and checksums are looked at before; of this program's own processes, over pipes;
+# installed libraries, which are imported without the settings in the current folder
 OWN = {
+    ("system/folder_settings.py", "self._loader.exec_module"),
     ("compiled/checked_cache.py", "pickle.loads"),
     ("system/worker_processes.py", "pickle.loads"),
     ("system/worker_processes.py", "pickle.dumps"),

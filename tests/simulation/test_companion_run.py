@@ -165,5 +165,7 @@ def test_a_3d_run_has_a_companion_on_request(tmp_path, capsys):
     scene = slide(8.0, 2, 1, more="companion = true") + "maxima = true\n"
     assert run(write_block_site(tmp_path), scene) == 0
     said = capsys.readouterr().err
-    assert said.index("a companion run on cells of 16 m follows: about 6 % more time") < said.index("ended")
+    assert said.index("a companion run on cells of 16 m follows, of about 6 % of the time of the steps") < said.index(
+        "ended"
+    )
     assert json.loads((tmp_path / "results" / "run.json").read_text())["companion"]["numbers"]["runout"]["value"] > 0.0
