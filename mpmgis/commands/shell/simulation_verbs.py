@@ -229,7 +229,7 @@ def _print_summary(summary):
 
     terminal.note(f"ended: {summary.reason}")
     if summary.end is not None and not summary.came_to_rest:
-        terminal.note(f"the flow did not come to rest: the {summary.end.words()}; the last step is no deposit")
+        terminal.note(f"the flow did not come to rest: {summary.end.moving_words()}; its last step is no deposit")
     terminal.note(f"t = {summary.time:.1f} s after {summary.steps} steps, {summary.frames} frames")
     for line in account(summary.balances, summary.solver, summary.mass):
         terminal.note(line)

@@ -255,7 +255,7 @@ def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest
     record = read_ensemble_record(path)
     _refuse_options_of_frames(request.results, path)
     rasters = sorted((path / MEMBERS).glob("*_max.tif"))
-    end = _unfinished_members(path, record, len(rasters))
+    end = unfinished_members(path, record, len(rasters))
     level = known = counts = grid = None
     whole = True
     for done, raster in enumerate(rasters, 1):
@@ -281,8 +281,18 @@ def _refuse_options_of_frames(results, path):
         raise InputError(f"{path} is an ensemble, whose rasters are already averaged; {words} requires frames")
 
 
-def _unfinished_members(path: Path, record: dict, count: int) -> str:
-    """Refuse an ensemble that has not finished; return how many members gave no result or did not come to rest."""
+def unfinished_members(path: Path, record: dict, count: int) -> str:
+    """Refuse an ensemble that has not finished; return how many members gave no result or did not come to rest.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the ensemble.
+    record : dict
+        Its record.
+    count : int
+        Number of members with rasters.
+    """
     if not count:
         raise FormatError(f"{path} is an ensemble without members ({MEMBERS}/*_max.tif); run it again")
     if record.get("state") != "finished":
