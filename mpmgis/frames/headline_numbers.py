@@ -76,7 +76,7 @@ def error_words(companion: dict | None) -> str:
     companion : dict or None
         Entry `companion` of a run.json.
     """
-    heads = ((HEADLINES[name], one) for name, one in _known(companion or {}))
+    heads = ((HEADLINES[name], one) for name, one in _known(companion))
     return ", ".join(
         f"{head.words} {_text(one['value'] / head.scale, 4)} +- {_text(one['error'] / head.scale, 2)} {head.unit}"
         for head, one in heads
@@ -101,6 +101,8 @@ def errors_of_run(folder: Path, digest: str) -> str:
 
 def _known(companion):
     """Return (name, its VALUES) of the headlines whose numbers are there; [] without a cell size."""
+    if not isinstance(companion, dict):
+        return []
     numbers = companion.get("numbers")
     if not isinstance(numbers, dict) or not _is_number(companion.get("cell_size")):
         return []

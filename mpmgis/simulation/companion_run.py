@@ -1,8 +1,8 @@
 """State the numerical error of a run: the same run on cells twice as large, and how far its numbers are away.
 
-The error of a scheme falls with a power of the cell size that is near 1 for flows over terrain, so that the difference
-between the two is about the error of the finer one (Roache 1994, J. Fluids Eng. 116:405). `tests/bench` compares the
-stated errors with those against a run on cells four times smaller.
+Over terrain the error is about proportional to the cell size, so that the difference between the two is about the error
+of the finer one (Roache 1994, J. Fluids Eng. 116:405). `tests/bench/companion.py` compares the stated errors with those
+against runs on cells four times smaller.
 """
 
 from collections.abc import Callable
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 LARGER = 2.0  # [1] size of the cells over that of the run
-SAFETY = 1.5  # [1] stated error over the difference to the run on larger cells
-ORDER = 1.0  # [1] power of the cell size with which the error is taken to fall
+SAFETY = 1.0  # [1] stated error over the difference to the run on larger cells; 1 for errors of first order
 LEAST_CELLS = 0.5  # [cells] least error of a length: it ends at nodes
 LEAST_SHARE = 0.01  # [1] least error of other numbers that are no sums
 LEAST_OF_SUM = 0.001  # [1] least error of a volume
@@ -193,8 +192,7 @@ def stated_error(name: str, value: float, larger: float, cell_size: float) -> fl
 
 def _smaller_cells(prepared, share, seconds):
     """Return the cell size [m] with errors of WANTED, and the wall time [s] of its steps; `seconds` are the run's."""
-    finer = (share / WANTED) ** (1.0 / ORDER)
-    size = float(f"{prepared.numerics.cell_size / finer:.2g}")
+    size = float(f"{prepared.numerics.cell_size * WANTED / share:.2g}")
     more = (prepared.numerics.cell_size / size) ** cost_power(prepared.scene)
     return {"cell_size": size, "seconds": seconds * more}
 
