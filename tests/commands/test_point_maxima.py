@@ -122,8 +122,8 @@ def test_stages_of_other_cells_keep_a_lattice_each_and_export_as_one(site, capsy
     kept = last(site / "finer").maxima
     assert [float(lattice["transform"][0]) for lattice in lattices_of(kept)] == [4.0, 6.0]
     assert "other1_thickness" in kept and "other2_thickness" not in kept
-    one, _, _ = exported(site, "staged", capsys)
-    two, tags, _ = exported(site, "finer", capsys)
+    one, _, _ = exported(site, "staged", capsys, "--cs-e", "4")
+    two, tags, _ = exported(site, "finer", capsys, "--cs-e", "4")
     assert tags["maxima_solver"].split(", ") == list(BANDS)
     both = np.isfinite(one["Ut_max"]) & np.isfinite(two["Ut_max"])
     assert both.sum() > 0.85 * np.isfinite(one["Ut_max"]).sum()
