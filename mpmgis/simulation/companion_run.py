@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 LARGER = 2.0  # [1] size of the cells over that of the run
-SAFETY = 1.0  # [1] stated error over the difference to the run on larger cells; 1 for errors of first order
+SAFETY = 1.25  # [1] stated error over the difference to the run on larger cells; 1 is exact for errors of first order
 LEAST_CELLS = 0.5  # [cells] least error of a length: it ends at nodes
 LEAST_SHARE = 0.01  # [1] least error of other numbers that are no sums
 LEAST_OF_SUM = 0.001  # [1] least error of a volume
