@@ -64,6 +64,7 @@ def test_the_report_of_a_run_is_complete(tmp_path, capsys):
         "Maps",
         "Places",
         "Runout",
+        "Numerical error",
         "Balances",
         "Warnings",
         "Effects, and why",
