@@ -94,9 +94,7 @@ def test_the_rasters_are_those_of_an_export(site, name, cell_size):
         assert got[file][1] == bands and got[file][3] == place
         # the scenes differ in `rasters`; numerical errors are known after the run
         different = {key for key in {*tags, *got[file][2]} if tags.get(key) != got[file][2].get(key)}
-        assert different <= {"digest", "frames", "numerical_error"}, (
-            file
-        )  # scenes differ in `rasters`; errors come after
+        assert different <= {"digest", "frames", "numerical_error"}, file
     records = [json.loads((folder / part / "run.json").read_text()) for part in ("flow", "own/flow")]
     assert records[0]["result_digest"] == records[1]["result_digest"] and records[0]["frames"] == records[1]["frames"]
     kept = sorted(path.name for path in (folder / "own" / "flow").glob("frame_*.h5"))
