@@ -113,7 +113,6 @@ def test_steep_kinks_of_the_bed_bear_as_much_as_the_limits_say(degrees, off):
         assert ratios == pytest.approx([1.0, 1.0], abs=off)
 
 
-@pytest.mark.slow
 def test_the_ground_beside_a_cliff_bears_as_much_as_the_limits_say():
     """A step of 4 cells under still mud, on the ground that the run has: a ramp between two cells of the terrain.
     Patches of 1.5 to 2.5 cells, from one cell beside the edge on, are up to 16 % off (page of limits)."""
