@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...frames.headline_numbers import errors_of_run
+from ...frames.run_terrain import dtm_name
 from ...system.messages import log
 from ..averaging.band_products import PRODUCTS, RUNNING
 from ..averaging.bed_change import bounds_of
@@ -96,8 +97,9 @@ def make_plan(
     bands = (*products, *(RUNNING_BANDS if RUNNING in request.files.products else ()))
     name = entries[0].path.resolve().parent.name or "frames"
     errors = errors_of_run(entries[0].path.parent, entries[0].header.digest)
+    dem = dtm_name(terrain.path)
     return ExportPlan(
-        name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change, errors
+        name, tuple(entries), tuple(steps), averaging, bands, terrain, time_step, peaks, bed_change, errors, dem
     )
 
 

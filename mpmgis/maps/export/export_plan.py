@@ -30,6 +30,8 @@ class ExportPlan:
         Of the last frame.
     errors : str
         Numerical errors of the headline numbers of the run; "" where they are unknown.
+    dem : str
+        Name of the DTM of the user.
     """
 
     name: str
@@ -42,6 +44,7 @@ class ExportPlan:
     peaks: SolverPeaks | None = None
     bed_change: dict = field(default_factory=dict)  # of the last frame
     errors: str = ""
+    dem: str = ""
 
     @property
     def frames_text(self) -> str:

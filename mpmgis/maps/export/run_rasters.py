@@ -16,6 +16,7 @@ from ...frames.flow_end import FlowEnd
 from ...frames.frame_contents import stored_type
 from ...frames.frame_files import read_frame
 from ...frames.run_maps import MAPS, RASTERS, TERRAIN, map_names, remove_summaries
+from ...frames.run_terrain import dtm_name
 from ...laws.quantities import BAND
 from ...system.errors import FormatError, InputError, SceneError
 from ...system.messages import log
@@ -97,7 +98,8 @@ class RasterWriter:
             min_depth=least,
         )
         name = _name_of(folder, resumed)
-        self.plan = RunPlan(name, (), (), averaging, bands, terrain, None, interval=output.frame_interval)
+        dem, interval = dtm_name(terrain.path), output.frame_interval
+        self.plan = RunPlan(name, (), (), averaging, bands, terrain, None, dem=dem, interval=interval)
         self.maxima, self.tally = RunningMaxima(grid.shape[0] * grid.shape[1], averaging.min_depth), Tally()
         self._bed, self._rate, self._last = None, None, None
         self._kept_at, self._kept_for = time.perf_counter(), 0.0

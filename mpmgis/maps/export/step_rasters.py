@@ -11,7 +11,6 @@ import numpy as np
 from ... import __version__
 from ...frames.flow_end import FlowEnd, rests
 from ...frames.headline_numbers import ERROR_TAG
-from ...frames.run_terrain import dtm_name
 from ...laws.quantities import BAND, Quantity
 from ...system import operating_system
 from ...terrain.raster_output import SparseBands, write_ascii_grid, write_rows
@@ -28,6 +27,7 @@ from .export_inputs import refuse_nowhere, release_name, run_end, solver_peaks
 if TYPE_CHECKING:
     from ...exchange.frame_list import FrameEntry
     from ...system.parallel import FramePool
+    from ...terrain.grid import Grid
     from ..averaging.frame_values import Averaging, FrameValues
     from ..averaging.maxima import SolverPeaks
     from ..qgis.outlines import StepSpool
@@ -444,8 +444,8 @@ def write_last_step(plan: "ExportPlan", path: Path, values: "FrameValues", end: 
     )
 
 
-def write_terrain(plan: "ExportPlan", path: Path, cog: bool) -> None:
-    """Write the elevation of the cells.
+def write_terrain(plan: "ExportPlan", path: Path, cog: bool, grid: "Grid | None" = None) -> None:
+    """Write the elevation of cells.
 
     Parameters
     ----------
@@ -453,9 +453,11 @@ def write_terrain(plan: "ExportPlan", path: Path, cog: bool) -> None:
     path : Path
     cog : bool
         Cloud-optimised file.
+    grid : Grid, optional
+        Default: that of the export.
     """
-    grid, tags = plan.averaging.grid, {"dem": dtm_name(plan.terrain.path), "dem_sha256": plan.terrain.sha256}
-    tags |= _tags_of_reprojection(plan.terrain)
+    grid = plan.averaging.grid if grid is None else grid
+    tags = {"dem": plan.dem, "dem_sha256": plan.terrain.sha256} | _tags_of_reprojection(plan.terrain)
     rows_of = partial(_elevation, plan.terrain, grid)
     write_rows(path, grid, [TERRAIN_BAND], tags, rows_of, cog)
 
@@ -465,16 +467,14 @@ def _write_around(plan, folder, maxima, cog):
 
     It is all of the DTM, or of a large one what is within one length of the flow. "": `dtm.tif` shows it already.
     """
-    grid, terrain = plan.averaging.grid, plan.terrain
-    rows, columns = terrain.grid.shape
+    grid, of_dtm = plan.averaging.grid, plan.terrain.grid
+    if grid.shape == of_dtm.shape and grid.transform == of_dtm.transform:
+        return ""
+    rows, columns = of_dtm.shape
     top, bottom, left, right = 0, rows, 0, columns
     if rows * columns > MOST_AROUND:
-        top, bottom, left, right = _window_around(maxima, grid, terrain.grid)
-    if grid.shape == terrain.grid.shape and grid.transform == terrain.grid.transform:
-        return ""
-    part = terrain.grid.part(top, left, (bottom - top, right - left))
-    tags = {"dem": dtm_name(terrain.path), "dem_sha256": terrain.sha256} | _tags_of_reprojection(terrain)
-    write_rows(folder / AROUND_FILE, part, [TERRAIN_BAND], tags, partial(_elevation, terrain, part), cog)
+        top, bottom, left, right = _window_around(maxima, grid, of_dtm)
+    write_terrain(plan, folder / AROUND_FILE, cog, of_dtm.part(top, left, (bottom - top, right - left)))
     return AROUND_FILE
 
 
@@ -531,7 +531,7 @@ def run_tags(plan: "ExportPlan") -> dict:
         | {
             "version": __version__,
             "digest": first.header.digest,
-            "dem": dtm_name(plan.terrain.path),
+            "dem": plan.dem,
             "cs_e": float(f"{averaging.grid.cell_size:.12g}"),  # without rounding errors
             "dt_e": "every frame" if plan.time_step is None else plan.time_step,
             "percentile": averaging.percentile,
