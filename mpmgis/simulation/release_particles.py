@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from ..scene import Scene
     from ..terrain.elevation import Terrain
 
-_OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")  # of the command, in messages
 _OF_OTHER_CODES = ("density", *OF_PARTICLES)
+_OPTIONS = "|".join((*_OF_OTHER_CODES, "window")).replace("_", "-")
+_OPTION = re.compile(rf"--({_OPTIONS})\b")  # of the command, in messages; others, as --trust, `run` has too
 
 
 def release_dimension(scene: "Scene") -> int:
