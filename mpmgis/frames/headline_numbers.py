@@ -4,10 +4,9 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from ..system.errors import MpmgisError
-from .run_folder import read_record
+from ..laws.quantities import SQUARE_METRES_PER_HECTARE
+from .run_folder import record_of
 
-SQUARE_METRES_PER_HECTARE = 1e4
 ERROR_TAG = "numerical_error"  # of rasters
 VALUES = ("value", "larger_cells", "error")  # of a headline number in `companion`
 
@@ -92,11 +91,7 @@ def errors_of_run(folder: Path, digest: str) -> str:
     digest : str
         Of its scene.
     """
-    try:
-        record = read_record(folder)
-        return error_words(record.get("companion")) if digest and record.get("digest") == digest else ""
-    except MpmgisError:
-        return ""
+    return error_words(record_of(folder, digest).get("companion")) if digest else ""
 
 
 def _known(companion):

@@ -13,7 +13,7 @@ import rasterio
 
 from .. import __version__
 from ..system import operating_system
-from ..system.errors import FormatError, OutputError, one_line
+from ..system.errors import FormatError, MpmgisError, OutputError, one_line
 from ..system.folder_lock import LOCK_FILE, sole_writer
 from ..system.links import input_at, refuse_links, remove, require_free, status
 from ..system.whole_files import MARK, is_left_over, output_error, refuse_existing, whole_file
@@ -490,6 +490,22 @@ def _is_of_a_run(file: Path) -> bool:
     except (OSError, ValueError, RecursionError):
         return True
     return isinstance(record, dict) and record.get("format") == _FORMAT
+
+
+def record_of(folder: str | Path, digest: str) -> dict:
+    """Return the record of the run in `folder`; empty if it is damaged, missing, or of another scene.
+
+    Parameters
+    ----------
+    folder : str or Path
+    digest : str
+        Of the scene.
+    """
+    try:
+        record = read_record(folder)
+    except MpmgisError:
+        return {}
+    return record if record.get("digest") == digest else {}
 
 
 def read_record(folder: str | Path, fix: str = "remove it") -> dict:

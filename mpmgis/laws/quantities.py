@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 NODATA = -9999.0
 GRAVITY = 9.81  # [m s-2], the one constant
+SQUARE_METRES_PER_HECTARE = 1e4
 MEMBER_BANDS = ("h_max", "Ut_max", "p_max", "t_arrival")  # of the raster of one run of an ensemble or a region
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import shapely
 
-from ..laws.quantities import Quantity
+from ..laws.quantities import SQUARE_METRES_PER_HECTARE, Quantity
 from ..maps.export.run_picture import (
     DOTS_PER_INCH,
     INK,
@@ -38,7 +38,6 @@ CLASSES = {1: "only A", 2: "only B", 3: "both"}  # number in classes.tif: words
 ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # distinct for colour-blind readers and in grey
 OPACITY = 0.8  # [1] of the classes over the hillshade
 LINE_COLOUR = "#101010"
-SQUARE_METRES_PER_HECTARE = 1e4
 LEGEND_LETTERS = 30  # in a line of the legend
 
 

@@ -3,7 +3,8 @@
 import math
 from typing import Any
 
-SQUARE_METRES_PER_HECTARE = 1e4
+from ...laws.quantities import SQUARE_METRES_PER_HECTARE
+
 SERIES_HEADINGS = ("point", "arrival [s]", "largest h [m]", "at [s]", "largest Ut [m/s]", "at [s]")
 LOAD_HEADINGS = (
     "time [s]",

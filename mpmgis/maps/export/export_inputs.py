@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...frames.flow_end import FlowEnd, recorded_end
-from ...frames.run_folder import read_record
+from ...frames.run_folder import record_of
 from ...frames.run_terrain import refuse_within
 from ...system.errors import GeoreferenceError, InputError, MpmgisError
 from ...system.file_references import require_local
@@ -114,13 +114,8 @@ def run_end(entry: "FrameEntry") -> FlowEnd | None:
     ----------
     entry : FrameEntry
     """
-    try:
-        record = read_record(entry.path.parent)
-    except MpmgisError:
-        return None
-    end = recorded_end(record)
-    same = end is not None and record.get("digest") == entry.header.digest and math.isclose(end.time, entry.time)
-    return end if same else None
+    end = recorded_end(record_of(entry.path.parent, entry.header.digest))
+    return end if end is not None and math.isclose(end.time, entry.time) else None
 
 
 def release_file(entries: Sequence) -> Path | str | None:

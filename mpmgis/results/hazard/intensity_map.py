@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...laws.quantities import SQUARE_METRES_PER_HECTARE
 from ...maps.export.run_picture import (
     INK,
     OPACITY,
@@ -21,7 +22,6 @@ from ...terrain.grid import Grid
 from .guideline_classes import Guideline
 
 DOTS_PER_INCH = 120  # small files that are sharp on a screen
-SQUARE_METRES_PER_HECTARE = 1e4
 LEFT_OF_SOURCE = 0.85  # [inch] left margin of the line below the map
 RIGHT_OF_SOURCE = 0.1  # [inch] right margin of the line below the map
 LETTER = 0.052  # [inch] mean width of a letter of that line

@@ -12,6 +12,7 @@ from ...frames.headline_numbers import ERROR_TAG
 from ...frames.run_folder import SCENE_FILE, read_record, versions
 from ...frames.run_maps import run_of_maps
 from ...frames.run_terrain import dtm_name
+from ...laws.quantities import SQUARE_METRES_PER_HECTARE
 from ...maps.export.band_map import write_band_map
 from ...maps.export.export_inputs import release_outlines
 from ...maps.export.export_request import AnswerRequest
@@ -39,7 +40,6 @@ MAPS = (  # band of the result, style of the map, title
 )
 USED_OF_RASTERS = ("density", "min_depth")  # options of frames, for the pressure and the maps
 PASCAL_PER_KILOPASCAL = 1000.0
-SQUARE_METRES_PER_HECTARE = 1e4
 _EFFECT_COLUMNS = {  # key of a decision: heading
     "effect": "effect",
     "state": "state",
