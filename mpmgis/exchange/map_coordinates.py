@@ -42,23 +42,20 @@ class Ground:
     to_crs: str | None = None
     terrain: Terrain | None = None
 
-    def below(self, bounds: tuple[float, float, float, float], terms: Declarations) -> Terrain | None:
-        """Return the part of the DTM in some bounds; None where they are not on it.
+    def opened(self, terms: Declarations) -> Terrain | TerrainFile:
+        """Return the terrain, or the file of the DTM, of which nothing is read yet but its georeference.
 
         Parameters
         ----------
-        bounds : (float, float, float, float) [m]
-            West, south, east, north.
         terms : Declarations
             With the CRS of the particles.
         """
         if self.terrain is not None:
-            return self.terrain if _overlap(bounds, self.terrain.grid.bounds) else None
+            return self.terrain
         to_crs = self.to_crs
         if to_crs == AUTO and terms.crs is not None and terms.crs.to_epsg():
             to_crs = f"EPSG:{terms.crs.to_epsg()}"
-        file = TerrainFile(self.dem, self.crs, self.band, to_crs=to_crs)
-        return file.cropped(bounds, MARGIN) if _overlap(bounds, file.grid.bounds) else None
+        return TerrainFile(self.dem, self.crs, self.band, to_crs=to_crs)
 
 
 def _overlap(bounds, others):
@@ -97,9 +94,12 @@ def with_map_coordinates(frame: ThirdPartyFrame, terms: Declarations, ground: Gr
     complete = replace(terms, axes=terms.axes or USUAL_AXES, origin=terms.origin or USUAL_ORIGIN)
     with muted():
         try:
-            if len(own) == 0 or not _is_on(ground, own, complete):
+            if len(own) == 0:
                 return terms
-            if terms.axes is None and any(_is_on(ground, own, other) for other in _other_ups(complete)):
+            source = ground.opened(complete)
+            if not _is_on(source, own, complete):
+                return terms
+            if terms.axes is None and any(_is_on(source, own, other) for other in _other_ups(complete)):
                 return terms
         except MpmgisError:  # of the DTM: raised again when it is read
             return terms
@@ -121,12 +121,13 @@ def _other_ups(terms):
             yield replace(terms, axes=axes)
 
 
-def _is_on(ground, own, terms):
+def _is_on(source, own, terms):
     """True if particles with these axes and origin are in the bounds of the DTM and near its ground."""
     x, y, z = (own @ axis_matrix(terms.axes) + np.asarray(terms.origin, float)).T
-    terrain = ground.below((x.min(), y.min(), x.max(), y.max()), terms)
-    if terrain is None:
+    bounds = x.min(), y.min(), x.max(), y.max()
+    if not _overlap(bounds, source.grid.bounds):
         return False
+    terrain = source if isinstance(source, Terrain) else source.cropped(bounds, MARGIN)
     west, south, east, north = terrain.grid.bounds
     inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
     if inside.mean() < INSIDE:

@@ -98,7 +98,7 @@ def area_of_raster(
 def _areas_of_mask(values: np.ndarray, inside: np.ndarray, grid: Grid, name: str, number: float) -> list[ReleasePart]:
     """Return a part for each of few whole values of a mask, else one of all that is inside."""
     ids = ids_of(values[inside])
-    if len(ids) < 2 or not is_mask(values[inside]):
+    if len(ids) < 2 or not is_mask(ids):
         return [ReleasePart(name, _outline(inside, grid), number)]
     return [ReleasePart(f"{name} {one:g}", _outline(values == one, grid), number) for one in ids]
 

@@ -169,7 +169,7 @@ def read_cells(path: str | Path, expected: str, largest: int = LARGEST) -> TextT
     Raises
     ------
     FormatError
-        As `read_text`; no header; a row with another number of cells.
+        As `file_text`; no header; a row with another number of cells.
     """
     lines = io.StringIO(file_text(path, expected, largest), newline=None).readlines()
     first = next((k for k, line in enumerate(lines) if not _is_left_out(line, k == 0)), None)

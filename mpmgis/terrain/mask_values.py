@@ -22,7 +22,8 @@ def is_mask(values: np.ndarray) -> bool:
     values : float64[n]
         Of the cells inside.
     """
-    return len(ids_of(values)) <= FEW and bool(np.all(values == np.floor(values)))
+    ids = ids_of(values)
+    return len(ids) <= FEW and bool(np.all(ids == np.floor(ids)))
 
 
 def ids_of(values: np.ndarray) -> np.ndarray:

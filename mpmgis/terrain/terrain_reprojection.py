@@ -37,7 +37,7 @@ from .georeference import (
     same_place,
 )
 from .grid import Grid
-from .raster_input import ONE_BAND, band_number, band_values, crs_of, open_raster, transform_of
+from .raster_input import ONE_BAND, band_number, band_values, crs_of, grid_of, open_raster, transform_of
 from .reprojection_record import Reprojection
 from .undeclared_nodata import HEIGHTS, STORED, Role, undeclared_value
 
@@ -355,7 +355,7 @@ def reprojected_raster(
     """
     with open_raster(path) as source:
         band = band_number(source, path, None, role, option=ONE_BAND)
-        own = Grid(horizontal(crs_of(source, path)), transform_of(source, path, local=True), source.shape)
+        own = grid_of(source, path)
         grid = metric_grid(own, target, path)
         nodata, _ = _source_nodata(source, path, band, role, None)
         values = read_warped(source, path, band, own.crs, grid, resampling, nodata)

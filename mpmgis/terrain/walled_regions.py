@@ -196,13 +196,10 @@ def _enclosed(elevation: np.ndarray, heights: list) -> tuple[np.ndarray, np.ndar
             size = np.abs(np.diff(rows, axis=axis))
             wall = size >= height
             slope = (size > 0) & ~wall  # NaN is neither
-            down, across = (slope.shape[0], slice(None)), (slope.shape[0], slice(None))
-            ends = (slice(first, first + down[0]), slice(None)), (slice(first + 1, first + 1 + down[0]), slice(None))
-            if axis == 1:
-                ends = (
-                    (slice(first, first + across[0]), slice(None, -1)),
-                    (slice(first, first + across[0]), slice(1, None)),
-                )
+            last = first + slope.shape[0]
+            ends = np.s_[first:last, :-1], np.s_[first:last, 1:]
+            if axis == 0:
+                ends = np.s_[first:last], np.s_[first + 1 : last + 1]
             for end in ends:
                 enclosed[end] &= ~slope
                 walled[end] |= wall

@@ -450,8 +450,10 @@ def _leaf(path):
 
 def _matches(content: Content, column: str) -> list[tuple[str, Part]]:
     """Return the group and the Part of every array that a column may mean, by its name or the end of its path."""
-    found = [(group, part) for group, arrays in content.groups.items() if (part := _part_in(group, arrays, column))]
-    head = column.lstrip("/").rpartition("/")[0]
+    head, groups = column.lstrip("/").rpartition("/")[0], content.groups
+    if column.startswith("/"):  # a whole path means one group
+        groups = {head: groups[head]} if head in groups else {}
+    found = [(group, part) for group, arrays in groups.items() if (part := _part_in(group, arrays, column))]
     whole = [entry for entry in found if entry[0] == head]
     return whole if head and whole else found
 
@@ -609,8 +611,10 @@ class _Home:
         """Components x, y, z in a group `velocity` in `group`, as candidates of `quantities`."""
         found = []
         for name in self.content.inner(group):
+            if name.lower() not in SYNONYMS["velocity"]:
+                continue
             arrays = self.content.groups[_joined(group, name)]
-            if name.lower() not in SYNONYMS["velocity"] or not set(COMPONENTS) <= set(arrays):
+            if not set(COMPONENTS) <= set(arrays):
                 continue
             if all(fitting_view(arrays[letter].shape, first, 1) for letter in COMPONENTS):
                 letters = zip(VECTORS["velocity"], COMPONENTS, strict=True)
