@@ -63,6 +63,16 @@ def refused(path, terrain, **release):
     return str(caught.value)
 
 
+def test_a_file_that_leads_elsewhere_names_the_option_that_run_has(tmp_path, terrain):
+    """`--trust` is no key of [release]; without its dashes nobody could follow the message."""
+    path = tmp_path / "cloud.h5"
+    with h5py.File(path, "w") as file:
+        for name in ("x", "y", "z"):
+            file[name] = h5py.ExternalLink("/elsewhere/other.h5", name)
+    with pytest.raises(MpmgisError, match="--trust"):
+        start(path, terrain, reader="hdf5")
+
+
 @pytest.mark.parametrize("name", CODES)
 def test_every_reader_starts_a_run(name, tmp_path, terrain):
     reader, write, options = CODES[name]
