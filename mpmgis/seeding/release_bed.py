@@ -57,9 +57,7 @@ def report_heights(
     lattice = Lattice.of_grid(near.grid)
     low, high = np.inf, -np.inf
     for part in parts:
-        outline = Outline.of(part.polygon, lattice)
-        cells = outline.cover().cells() + np.array([outline.window.row, outline.window.column])
-        row, column = cells[np.all((cells >= 0) & (cells < near.grid.shape), axis=1)].T
+        row, column = _cells_of(part, lattice, near.grid.shape).T
         heights = near.elevation[row, column]
         low, high = min(low, heights.min()), max(high, heights.max())
     whole = ""
@@ -68,14 +66,18 @@ def report_heights(
     log.info(f"{path}: the ground there is between {low:.0f} and {high:.0f} m{whole}")
 
 
+def _cells_of(part, lattice, shape, first=0):
+    """Return the cells (row, column) of `lattice` that a part touches, of those in the `shape` from cell `first` on."""
+    outline = Outline.of(part.polygon, lattice)
+    cells = outline.cover().cells() + np.array([outline.window.row, outline.window.column])
+    return cells[np.all((cells >= first) & (cells < first + np.array(shape)), axis=1)]
+
+
 def _require_bed(part: ReleasePart, terrain: Terrain, grid: Grid, first: np.ndarray) -> None:
     """Refuse a part over cells without an elevation; `terrain` begins at the cell `first` of the whole `grid`."""
-    outline = Outline.of(part.polygon, Lattice.of_grid(grid))
-    cells = outline.cover().cells() + np.array([outline.window.row, outline.window.column])
-    here = cells - first
-    inside = np.all((here >= 0) & (here < terrain.grid.shape), axis=1)
-    cells, here = cells[inside], here[inside]
-    bad = cells[~terrain.valid[here[:, 0], here[:, 1]]]
+    cells = _cells_of(part, Lattice.of_grid(grid), terrain.grid.shape, first)
+    row, column = (cells - first).T
+    bad = cells[~terrain.valid[row, column]]
     if len(bad):
         named = ", ".join(f"({row}, {column})" for row, column in sorted(map(tuple, bad.tolist()))[:3])
         more = f" and {len(bad) - 3} more" if len(bad) > 3 else ""

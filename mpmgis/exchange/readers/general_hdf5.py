@@ -28,6 +28,7 @@ from .particle_arrays import (
     Part,
     columns_in,
     is_time,
+    last_part,
     parts_of,
     positions_in,
     quantities_in,
@@ -439,13 +440,9 @@ def _named_homes(content: Content) -> list[str]:
     Components x, y, z in a group `position` are the position; those in groups next to it are not.
     """
     homes = [group for group, arrays in content.groups.items() if positions_in(_shapes(arrays))]
-    by_word = {home for home in homes if _leaf(home).lower() in SYNONYMS["position"]}
+    by_word = {home for home in homes if last_part(home).lower() in SYNONYMS["position"]}
     parents = {home.rpartition("/")[0] for home in by_word}
     return [home for home in homes if home in by_word or home.rpartition("/")[0] not in parents]
-
-
-def _leaf(path):
-    return path.rpartition("/")[2]
 
 
 def _matches(content: Content, column: str) -> list[tuple[str, Part]]:

@@ -112,8 +112,8 @@ def view_of_position(
     View or None
         None where the arrays cannot be positions.
     """
-    rows = {length_of_vector(shape) for name, shape in shapes.items() if _leaf(name).lower() in _NAMES_OF_ROWS}
-    times = {length_of_vector(shape) for name, shape in shapes.items() if is_time(_leaf(name))} | set(time_counts)
+    rows = {length_of_vector(shape) for name, shape in shapes.items() if last_part(name).lower() in _NAMES_OF_ROWS}
+    times = {length_of_vector(shape) for name, shape in shapes.items() if is_time(last_part(name))} | set(time_counts)
     first = next(iter(parts))
     numbers = [part.component for part in parts if part.array == first.array and part.component is not None]
     width = 1 if first.component is None else 3 if first.is_letter else None
@@ -125,8 +125,14 @@ def view_of_position(
     return view
 
 
-def _leaf(name):
-    return name.rpartition("/")[2]
+def last_part(path: str) -> str:
+    """Return the last part of a path of an HDF5 file: the name of an array or group.
+
+    Parameters
+    ----------
+    path : str
+    """
+    return path.rpartition("/")[2]
 
 
 def views_of(shapes: Mapping[str, Shape], first: View) -> dict[str, View]:
@@ -140,7 +146,7 @@ def views_of(shapes: Mapping[str, Shape], first: View) -> dict[str, View]:
     """
     found = {}
     for name, shape in shapes.items():
-        view = fitting_view(shape, first, _WIDTHS.get(_leaf(name).lower()))
+        view = fitting_view(shape, first, _WIDTHS.get(last_part(name).lower()))
         if view is not None:
             found[name] = view
     return found
