@@ -8,6 +8,11 @@ import numpy as np
 FLOWING_SPEED = 1.0  # [m s-1] slower is creep, which changes no deposit
 FLOWING_SHARE = 0.05  # [1] of the mass on the terrain; a flow of which more is faster than FLOWING_SPEED is not at rest
 REST_ENERGY = 0.01  # [1] of the largest kinetic energy so far; a flow with more is not at rest
+# reasons for the end of a run
+END_TIME, NOTHING_LEFT = "end_time reached", "all mass has left the terrain"
+NEARLY_AT_REST = (
+    "nearly at rest: kinetic energy below 1 % of its peak for 2 s, and under 5 % of the mass is faster than 1 m/s"
+)
 DEPOSIT, LAST = "deposit", "last"  # ends of the file names of a last step, of a flow at rest and of one that moves
 
 

@@ -1,13 +1,21 @@
-"""Particle arrays, energies and sums common to both solvers."""
+"""What both solvers have in common: arrays, frames, restart, energies and sums."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..compiled.block_order import GONE, LEFT_BLOCK, LEFT_ENTRIES, LEFT_MASS
 from ..compiled.particle_slices import copied, taken
+from ..system.errors import FormatError
+from .peaks import PEAK_STATE, is_peaks_state, no_peaks, restore_peaks
+from .state_arrays import PARTICLES, array_table, grown_arrays, made_arrays
 from .state_check import LEFT_STATE
+
+if TYPE_CHECKING:
+    from .particles import Frame
 
 GAIN_STOP = 0.1  # [1] largest accepted gain of energy since the last look, over kinetic energy and work
 REST_SHARE = 0.01  # [1] of the largest kinetic energy so far: a flow with less is at rest; least reference for gains
@@ -97,16 +105,54 @@ def least_kinetic(peak: float, mass: float, gravity: float, cell_size: float) ->
 
 
 class ParticleStore:
-    """Rows, ids and keys of particles; clock and counts.
+    """What the solvers of columns and of points have in common: their arrays, steps, frames and restart.
+
+    A solver has `_particles`, `thickest` and `state` of a frame; and for `restore` `_shapes_of_parts`, types and shapes
+    of what the state holds of particles and nodes, `_require_state`, which checks values, and `_restore_own`.
 
     Attributes
     ----------
     kernel : module
         Module of the compiled loop; its constants are the indices in rows, clock and counts.
+    record : class
+        Of the arrays that steps change, see `state_arrays`.
+    name : str
+        Of the solver and of its particles, "columns" or "points".
+    own_state : tuple of str
+        Further names in the state of a frame, whose lengths are those of the flow.
     """
 
-    kernel = None
+    kernel: Any = None
+    record: Any = None
+    name = ""
+    own_state: tuple[str, ...] = ()
+    _keeps_peaks = True  # whether the state of a frame has running peaks
     _computed = MappingProxyType({})  # name -> what was computed from the present state
+
+    def _make_arrays(self, sizes: dict[str, int], real: Any = float) -> None:
+        """Make the arrays of a run with `sizes` by name, before its start."""
+        arrays = made_arrays(self.record, real, sizes)
+        self._arrays = arrays._replace(peaks=no_peaks(arrays.peaks.shape[:2], arrays.peaks.shape[2]))
+        self._clock, self._counts = self._arrays.clock, self._arrays.counts
+        self._order = np.zeros(sizes[PARTICLES], np.int32)
+
+    @property
+    def arrays(self) -> Any:
+        """Arrays that steps change, as they are now: a `record`."""
+        self._fetch()
+        return self._arrays
+
+    def _block_sizes(self):
+        """Return the lengths of sums by blocks of cells."""
+        rows, columns = self.grid.inside.shape
+        return {"block_rows": rows // LEFT_BLOCK + 1, "block_columns": columns // LEFT_BLOCK + 1}
+
+    def _fetch(self):
+        """Make the arrays of the host current; those of steps on the processor always are."""
+
+    def _before_change(self):
+        """Forget what depends on arrays, settings and effects, because the host is about to change some of them."""
+        self._forget_computed()
 
     @property
     def time(self) -> float:
@@ -118,6 +164,11 @@ class ParticleStore:
         """Number of steps taken."""
         return int(self._counts[self.kernel.STEP])
 
+    @property
+    def particles(self) -> int:
+        """Number of particles on the terrain now."""
+        return int(self._counts[self.kernel.ALIVE])
+
     def wait(self, until: float) -> None:
         """Set the time to `until` on a terrain without particles.
 
@@ -125,6 +176,7 @@ class ParticleStore:
         ----------
         until : float [s]
         """
+        self._before_change()
         self._clock[self.kernel.TIME] = until
 
     def share_step(self, share: float) -> None:
@@ -135,6 +187,7 @@ class ParticleStore:
         share : float [1]
             Length of a step over its normal length.
         """
+        self._before_change()
         whole = self._whole_step
         self._settings = self._settings._replace(**{name: share * value for name, value in whole.items()})
 
@@ -158,8 +211,8 @@ class ParticleStore:
 
     def _seen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what `_alive` does, valid until the next step only: without copies where no particle has left."""
-        n = self._counts[self.kernel.ROWS]
-        arrays = self._rows[:n], self._ids[:n], self._keys[:n]
+        n, now = self._counts[self.kernel.ROWS], self.arrays
+        arrays = now.rows[:n], now.ids[:n], now.keys[:n]
         return self._once("seen", lambda: self._on_terrain(arrays)) if self._have_left() else arrays
 
     def _have_left(self) -> bool:
@@ -167,53 +220,163 @@ class ParticleStore:
         return self._counts[self.kernel.ALIVE] != self._counts[self.kernel.ROWS]
 
     def _on_terrain(self, arrays):
-        here = np.flatnonzero(arrays[2] != self.kernel.GONE)
+        here = np.flatnonzero(arrays[2] != GONE)
         return tuple(taken(array, here) for array in arrays)
 
-    def _counts_of_rows(self) -> np.ndarray:
-        """Return counts for a restart, whose rows are contiguous: independent of the history of the run."""
-        counts = self._counts.copy()
-        counts[self.kernel.ROWS] = counts[self.kernel.ALIVE]
-        return counts
-
-    def _no_mass_left(self, grid: Any) -> np.ndarray:
-        """Return empty sums of the outflow by blocks of the cells of `grid`, see `block_order`."""
-        rows, columns = (n // self.kernel.LEFT_BLOCK + 1 for n in grid.inside.shape)
-        return np.zeros((self.kernel.WAYS, rows, columns, self.kernel.LEFT_ENTRIES))
-
-    @property
-    def peaks(self) -> np.ndarray:
-        """Running peaks at the nodes, float64[rows, columns, entries]; one entry: the thickness alone."""
-        return self._peaks
-
-    @property
-    def left_sums(self) -> np.ndarray:
-        """Sums of the outflow, float64[ways, block rows, block columns, entries], see `block_order`."""
-        return self._left
-
-    def _left_state(self) -> dict[str, np.ndarray]:
-        """Return the sums of the blocks with outflow, for a restart."""
-        sums = self._left.reshape(-1, self._left.shape[-1])
-        blocks = np.flatnonzero(sums[:, 0])
-        return dict(zip(LEFT_STATE, (blocks, sums[blocks]), strict=True))
-
-    def _restore_left(self, state):
-        """Restore the result of `_left_state`."""
-        blocks, sums = (state[name] for name in LEFT_STATE)
-        self._left[:] = 0.0
-        self._left.reshape(-1, self._left.shape[-1])[blocks] = sums
+    def _place_of(self, first):
+        """Return [E, N] [m] of the place at clock entries `first` and following."""
+        return [float(self._clock[first]) + self.grid.x0, float(self._clock[first + 1]) + self.grid.y0]
 
     def _require_room(self, count):
         """Extend the arrays to at least `count` rows."""
-        there = len(self._rows)
-        if count <= there:
-            return
-        more = max(count, int(1.5 * there)) - there
-        self._rows, self._ids, self._keys = (
-            np.concatenate([array, np.zeros((more, *array.shape[1:]), array.dtype)])
-            for array in (self._rows, self._ids, self._keys)
+        there = len(self._arrays.rows)
+        if count > there:
+            self._arrays = grown_arrays(self._arrays, max(count, int(1.5 * there)))
+            self._order = np.zeros(len(self._arrays.rows), np.int32)
+
+    # ----------------------------------------------------------------------------------------------------------- frames
+
+    def frame(self) -> "Frame":
+        """Return the present particles as a Frame with the state for a restart.
+
+        Columns lie on the bed and move along it.
+        """
+        header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
+        return replace(
+            self._start,
+            particles=self._particles(),
+            time=self.time,
+            step=self.step,
+            solver=self.name,
+            header=header,
+            maxima=self.maxima(),
+            state=self.state(),
+            bed_change=self.bed_change(),
         )
-        self._order = np.zeros(len(self._rows), np.int32)
+
+    def parts(self) -> "tuple[Frame, Frame | None]":
+        """Return the present frame, and None: there are no columns outside a window."""
+        return self.frame(), None
+
+    def maxima(self) -> dict[str, Any]:
+        """Return the running peaks at the nodes that the flow reached, as in a frame (`peaks`); empty unless enabled.
+
+        Row 0 is in the south.
+        """
+        return self.thickest() if self.numerics.maxima else {}
+
+    def bed_change(self) -> dict[str, np.ndarray]:
+        """Return how the flow changed its bed so far, as in a frame; empty where it cannot."""
+        return {}
+
+    # ----------------------------------------------------------------------------------------------- state of a restart
+
+    def _changing(self):
+        """Return the arrays that the state of a frame holds whole, by their names in it."""
+        table = array_table(self.record)
+        kept = {array.kept: getattr(self.arrays, name) for name, array in table.items() if array.kept}
+        return {name: array for name, array in kept.items() if self._keeps(name)}
+
+    def _keeps(self, name):
+        """Return whether the state of a frame of this scene has the array `name` of the table."""
+        return True
+
+    def _whole_state(self):
+        """Return copies of `_changing`.
+
+        The counts are those of contiguous rows: independent of the history of the run.
+        """
+        state = {name: array.copy() for name, array in self._changing().items()}
+        state["counts"][self.kernel.ROWS] = state["counts"][self.kernel.ALIVE]
+        return state
+
+    def _left_state(self) -> dict[str, np.ndarray]:
+        """Return the sums of the blocks with outflow, for a restart."""
+        sums = self.arrays.left_cells.reshape(-1, LEFT_ENTRIES)
+        blocks = np.flatnonzero(sums[:, LEFT_MASS])
+        return dict(zip(LEFT_STATE, (blocks, sums[blocks]), strict=True))
+
+    def restore(self, frame: "Frame", known: bool = False) -> None:
+        """Continue from a frame of this run with its state, bitwise identical to a run without interruption.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of a run on the processor or on a device.
+        known : bool
+            The state never left this process and is not checked.
+
+        Raises
+        ------
+        FormatError
+            The frame has no state, or that of another run.
+        """
+        self._before_change()
+        state, ids = frame.state, frame.particles.id
+        changing, at = self._changing(), f"the frame at t = {frame.time:g} s"
+        peaks = PEAK_STATE if self._keeps_peaks else ()
+        parts = self._shapes_of_parts(0 if ids is None else len(ids))
+        missing = {*LEFT_STATE, *peaks, *self.own_state, *parts, *changing} - set(state)
+        if ids is None or missing:
+            what = f": {min(missing)} is missing" if state and missing else ""
+            raise FormatError(f"{at} has no state for a restart{what}; start with --overwrite")
+        expected = {name: (array.dtype, array.shape) for name, array in changing.items()} | parts
+        for name, (dtype, shape) in expected.items():
+            if state[name].dtype != dtype or state[name].shape != shape:
+                raise FormatError(
+                    f"{at} is of another scene: its {name} is {state[name].dtype}{list(state[name].shape)}, expected "
+                    f"{np.dtype(dtype)}{list(shape)}; start with --overwrite"
+                )
+        if peaks and not is_peaks_state(self._arrays.peaks, state):
+            raise FormatError(f"{at} is of another scene: its peaks are of other nodes; start with --overwrite")
+        if not known:
+            self._require_state(frame, changing)
+        count = len(ids)
+        self._require_room(count)
+        arrays = self._arrays
+        arrays.rows[:count], arrays.ids[:count] = state["rows"], ids
+        for name, array in changing.items():
+            array[:] = state[name]
+        blocks, sums = (state[name] for name in LEFT_STATE)
+        arrays.left_cells[:] = 0.0
+        arrays.left_cells.reshape(-1, LEFT_ENTRIES)[blocks] = sums
+        if peaks:
+            restore_peaks(arrays.peaks, state)
+        self._counts[self.kernel.ROWS] = count
+        self._restore_own(state)
+
+    def started(self) -> dict[str, Any]:
+        """Return the numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
+        return {"mass": self.mass_start, "energy": list(self.energy_start)}
+
+    def start_from(self, started: dict[str, Any]) -> None:
+        """Count from the start of another solver: this one was made of a later frame of the same run.
+
+        Parameters
+        ----------
+        started : dict
+            Result of its `started`.
+        """
+        self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
+
+    # ----------------------------------------------------------------------------------------------------------- errors
+
+    def energy_trouble(self, last: EnergyLook) -> str:
+        """Return a message with E and N about energy gained since an earlier look; '' for none.
+
+        Parameters
+        ----------
+        last : EnergyLook
+        """
+        share, made = self.energy_look().gained_since(last)
+        if share <= GAIN_STOP:
+            return ""
+        east, north, speed = self.fastest()
+        return (
+            f"E {east:.1f} N {north:.1f}: the {self.name} gained {made:.3g} J out of nothing since t = {last.time:.3f} "
+            f"s, {100 * share:.2g} % of their kinetic energy then and the work since (at most {100 * GAIN_STOP:g} %); "
+            f"the fastest has {speed:.3g} m/s; take a smaller cfl"
+        )
 
 
 def named_sums(names: Sequence[str], rows: np.ndarray, sums: Sequence[str]) -> dict[str, dict[str, float]]:

@@ -12,10 +12,11 @@ from ..frames.particle_store import Flow
 from ..frames.particles import Particles
 from ..frames.peaks import combined_peaks
 from ..solvers.columns import column_time_step
-from ..solvers.points import point_loop as point_kernel
+from ..solvers.points.point_balances import PointBalances, reason_at_rest
 from ..system.errors import FormatError
 
 if TYPE_CHECKING:
+    from ..frames.particle_store import EnergyLook
     from ..frames.particles import Frame
     from ..solvers.columns.column_solver import ColumnSolver
     from ..solvers.columns.node_grid import CellWindow
@@ -25,7 +26,6 @@ EXCHANGE_SECONDS = 0.1  # [s] simulated time between two checks for columns that
 PREFIX = "outside_"  # of the arrays of the columns in the state of a frame
 SHOWN_ID = 1 << 60  # first id of points that stand for columns in a frame
 SHOWN_BITS = 16  # of the id of such a point: its number in its column
-RUNNING, REACHED_TIME, ALL_LEFT = point_kernel.RUNNING, point_kernel.REACHED_TIME, point_kernel.ALL_LEFT
 OF_COLUMNS = 1000  # added to the reasons of columns to stop, which differ from those of points
 _TIME = 1e-9  # [s] and [exchanges] rounding error of a time
 
@@ -78,6 +78,10 @@ class CoupledSolver:
         self.exchanged_mass, self.exchanged_columns, self.exchanged_energy = 0.0, 0, 0.0
         self._next_id = len(points.frame().particles)
 
+    RUNNING, REACHED_TIME, ALL_LEFT = PointBalances.RUNNING, PointBalances.REACHED_TIME, PointBalances.ALL_LEFT
+    TRIGGER_REACHED = OF_COLUMNS + column_time_step.TRIGGER_REACHED
+    END_REASONS, AT_REST = PointBalances.END_REASONS, PointBalances.AT_REST
+
     effects = property(lambda self: self.points_solver.effects)
     numerics = property(lambda self: self.points_solver.numerics)
     speed_max = property(lambda self: max(self.points_solver.speed_max, self._column_speed()))
@@ -87,12 +91,12 @@ class CoupledSolver:
     grid = property(lambda self: self.columns_solver.grid)
 
     def _column_speed(self):
-        return self.columns_solver.speed_max if self.columns_solver.columns else 0.0
+        return self.columns_solver.speed_max if self.columns_solver.particles else 0.0
 
     @property
     def particles(self) -> int:
         """Number of points and columns on the terrain now."""
-        return self.points_solver.points + self.columns_solver.columns
+        return self.points_solver.particles + self.columns_solver.particles
 
     # ------------------------------------------------------------------------------------------------- between steps
 
@@ -148,7 +152,7 @@ class CoupledSolver:
 
     # -------------------------------------------------------------------------------------------------------- marching
 
-    def advance(self, until: float, after: float, max_steps: int) -> int:
+    def advance(self, until: float, after: float = np.inf, max_steps: int = 1 << 62, may_stop: bool = True) -> int:
         """Advance both solvers to `until`.
 
         Parameters
@@ -158,6 +162,8 @@ class CoupledSolver:
             Next time that will be requested; the step before `until` is chosen for it.
         max_steps : int
             Largest number of steps of the points.
+        may_stop : bool
+            Not used: rest is checked at the times of frames.
 
         Returns
         -------
@@ -168,29 +174,29 @@ class CoupledSolver:
         first = self.step
         while self.time < until - _TIME:
             if not self.particles:
-                return ALL_LEFT
+                return self.ALL_LEFT
             exchange = _next_exchange(self.time)
             target = exchange if exchange < until - _TIME else until
             then = min(after if target == until else until, _next_exchange(target))
             code = self._integrate_points(target, then, max_steps - (self.step - first))
-            if code == REACHED_TIME:
+            if code == self.REACHED_TIME:
                 code = self._integrate_columns(target)
-            if code != REACHED_TIME:
+            if code != self.REACHED_TIME:
                 return code
             if abs(target - exchange) < _TIME:
                 self._exchange()
             if self.step - first >= max_steps and target != until:
-                return RUNNING
-        return REACHED_TIME
+                return self.RUNNING
+        return self.REACHED_TIME
 
     def _integrate_points(self, target, then, max_steps):
         solver = self.points_solver
         if solver.time >= target - _TIME:
-            return REACHED_TIME
-        code = solver.advance(target, then, max(max_steps, 1)) if solver.points else ALL_LEFT
-        if code == ALL_LEFT:
+            return self.REACHED_TIME
+        code = solver.advance(target, then, max(max_steps, 1)) if solver.particles else self.ALL_LEFT
+        if code == self.ALL_LEFT:
             solver.wait(target)
-            return REACHED_TIME
+            return self.REACHED_TIME
         return code
 
     def _integrate_columns(self, target):
@@ -198,12 +204,12 @@ class CoupledSolver:
         code = solver.advance(target, may_stop=False)
         if code == column_time_step.ALL_LEFT:
             solver.wait(target)
-            return REACHED_TIME
+            return self.REACHED_TIME
         return code if code == column_time_step.REACHED_TIME else OF_COLUMNS + code
 
     def _exchange(self):
         """Convert columns that entered the window to points."""
-        taken = self.columns_solver.take_out(self.inside) if self.columns_solver.columns else None
+        taken = self.columns_solver.take_out(self.inside) if self.columns_solver.particles else None
         if taken is None:
             return
         frame = self.as_points(taken)
@@ -228,11 +234,9 @@ class CoupledSolver:
 
     def flow(self) -> Flow:
         """Return the present Flow of both solvers."""
-        parts = [solver.flow() for solver, count in self._both() if count]
+        both = self.points_solver, self.columns_solver
+        parts = [solver.flow() for solver in both if solver.particles]
         return Flow(*(np.concatenate(values) for values in zip(*parts, strict=True)))
-
-    def _both(self):
-        return (self.points_solver, self.points_solver.points), (self.columns_solver, self.columns_solver.columns)
 
     def frame(self) -> "Frame":
         """Return the present frame of points, which contains the columns outside the window as points.
@@ -331,6 +335,42 @@ class CoupledSolver:
         """
         rests = self.points_solver.resting_for(share)
         return rests if self.columns_solver.energy()[0] <= share * self.points_solver.kinetic_peak else 0.0
+
+    def at_frame(self, code: int) -> int:
+        """Return STOPPED_AT_REST if the flow is at rest at the time of a frame, else `code`.
+
+        Parameters
+        ----------
+        code : int
+            Reason to stop.
+        """
+        self.points_solver.note_deepest()
+        return reason_at_rest(self, code)
+
+    def trouble(self, code: int) -> str:
+        """Return a message with E and N about an error; '' for none.
+
+        Parameters
+        ----------
+        code : int
+            Reason to stop.
+        """
+        of_columns = code >= OF_COLUMNS
+        return self.columns_solver.trouble(code - OF_COLUMNS) if of_columns else self.points_solver.trouble(code)
+
+    def energy_look(self) -> "tuple[EnergyLook, EnergyLook]":
+        """Return the present energies of points and of columns, for comparison with later ones."""
+        return self.points_solver.energy_look(), self.columns_solver.energy_look()
+
+    def energy_trouble(self, last: "tuple[EnergyLook, EnergyLook]") -> str:
+        """Return a message with E and N about energy that either solver gained since `last`; '' for none.
+
+        Parameters
+        ----------
+        last : (EnergyLook, EnergyLook)
+            Earlier result of `energy_look`.
+        """
+        return self.points_solver.energy_trouble(last[0]) or self.columns_solver.energy_trouble(last[1])
 
     def balances(self) -> dict:
         """Return the balances of the points with the masses of both; `outside_columns` has those of the columns."""

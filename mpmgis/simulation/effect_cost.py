@@ -88,7 +88,7 @@ def under_way(
         Nothing is on the terrain before `end_time`.
     """
     events.let_in(solver)
-    while not solver.columns:
+    while not solver.particles:
         if events.next_time(solver.time) >= end_time:
             raise SceneError("nothing moves before [output] end_time, so that no step can be measured")
         solver.wait(events.next_time(solver.time))
@@ -96,11 +96,11 @@ def under_way(
     start, began = solver.frame(), clock()
     while solver.step < UNDER_WAY_STEPS and clock() - began < UNDER_WAY_SECONDS and solver.time < end_time:
         before = solver.step
-        solver.advance(min(end_time, events.next_time(solver.time)), 10, may_stop=False)
+        solver.advance(min(end_time, events.next_time(solver.time)), max_steps=10, may_stop=False)
         events.let_in(solver)
         if solver.step == before:  # it has come to rest, or all mass has left
             break
-    return solver.frame() if solver.columns else start
+    return solver.frame() if solver.particles else start
 
 
 def effect_costs(solver: "ColumnSolver", start: "Frame", clock: Callable[[], float] = perf_counter) -> EffectCosts:
@@ -130,7 +130,7 @@ def effect_costs(solver: "ColumnSolver", start: "Frame", clock: Callable[[], flo
     with_all = 0.5 * (best[FIRST] + best[AGAIN])
     shares = {name: 1.0 - best[name] / with_all for name in variants}
     noise = abs(best[FIRST] - best[AGAIN]) / with_all
-    return EffectCosts(shares, noise, with_all, solver.columns, solver.time)
+    return EffectCosts(shares, noise, with_all, solver.particles, solver.time)
 
 
 def _quickest(solver: "ColumnSolver", steps: dict, start: "Frame", clock: Callable) -> dict:
@@ -150,9 +150,9 @@ def _seconds_per_step(solver: "ColumnSolver", effects: ColumnEffects, start: "Fr
     solver.restore(start)
     whole, solver.effects = solver.effects, effects
     try:
-        solver.advance(float("inf"), UNTIMED_STEPS, may_stop=False)
+        solver.advance(float("inf"), max_steps=UNTIMED_STEPS, may_stop=False)
         began, step = clock(), solver.step
-        solver.advance(float("inf"), STEPS, may_stop=False)
+        solver.advance(float("inf"), max_steps=STEPS, may_stop=False)
         spent, taken = clock() - began, solver.step - step
     finally:
         solver.effects = whole

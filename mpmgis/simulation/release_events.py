@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..terrain.inflow import Hydrograph
     from .coupled_solver import CoupledSolver
 
-LARGEST_REASON = 100  # for the end of a time integration (`stepping.STOPPED_AT_REST`)
+LARGEST_REASON = 100  # for the end of a time integration (`point_balances.STOPPED_AT_REST`)
 
 # Number of the layer, 0 to 7, of a column of an inlet by its place on the lattice: half of the matrix of ordered dither
 # (Bayer 1973). The columns of a layer are evenly distributed, and eight layers fill the lattice once.

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from ..frames.flow_end import END_TIME
 from ..frames.run_folder import FRAME_PATTERN
 from ..scene.scene import WITHOUT_EFFECT
 from ..system.errors import InputError, MpmgisError
 from ..system.messages import muted
 from .preparation import prepare_scene
 from .stage_sequence import stage_number
-from .stepping import END_TIME
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame

@@ -19,7 +19,7 @@ from ..scene import scene_text
 from ..scene.point_effects import MACH_THRESHOLD
 from ..scene.scene_reading import read_toml
 from ..scene.tables import CPU
-from ..solvers.columns.column_state import BARRIER_SUMS as COLUMN_BARRIER_SUMS
+from ..solvers.columns.column_balances import BARRIER_SUMS as COLUMN_BARRIER_SUMS
 from ..solvers.points.point_balances import BARRIER_SUMS as POINT_BARRIER_SUMS
 from ..system import source_names
 from ..system.errors import InputError, SceneError, UnphysicalError

@@ -12,10 +12,8 @@ if TYPE_CHECKING:
     import shapely
 
     from ..frames.particle_store import Flow
-    from ..solvers.columns.column_solver import ColumnSolver
-    from ..solvers.points.point_solver import PointSolver
     from ..terrain.elevation import Terrain
-    from .coupled_solver import CoupledSolver
+    from .stepping import FlowSolver
 
 CHECK_SECONDS = 0.25  # [s] simulated time between two checks of the flow, also after a restart
 NEAR_DEPTHS = 3.0  # [flow depths] distance within which the flow is near a feature
@@ -139,12 +137,12 @@ class StageEnd:
             due.append((math.floor(time / CHECK_SECONDS + _TIME) + 1) * CHECK_SECONDS)
         return min(due, default=math.inf)
 
-    def over(self, solver: "ColumnSolver | PointSolver | CoupledSolver") -> str:
+    def over(self, solver: "FlowSolver") -> str:
         """Return the reason why the stage is over now, in words; '' while it is not.
 
         Parameters
         ----------
-        solver : ColumnSolver, PointSolver or CoupledSolver
+        solver : FlowSolver
         """
         if solver.time >= self.time - _TIME:
             return f"t = {self.time:g} s"

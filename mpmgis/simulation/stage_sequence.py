@@ -91,7 +91,7 @@ class StageSequence:
     ----------
     number : int
         Of the current stage, from 0.
-    solver : ColumnSolver, PointSolver or CoupledSolver
+    solver : FlowSolver
     past : list of dict
         Results of finished stages, and the account of the switch after each, in plain numbers.
     reason : str
@@ -174,7 +174,7 @@ class StageSequence:
         stage, solver = self.stage, self.solver
         if stage.scene.solver != "points":
             return
-        points = solver.parts()[0] if stage.has_columns_outside else solver.frame()
+        points, _ = solver.parts()
         volume = stage.volume(points, self.prepared.terrain).as_numbers()
         if volume["kept"]:
             log.info(volume_words(volume))
@@ -201,7 +201,7 @@ class StageSequence:
 
     def _with_bed(self, frame):
         """Return `frame` with the density of the eroded bed; for points, with the bed change of the columns before."""
-        if self.stage.scene.solver != "columns" or not frame.bed_change:
+        if not frame.bed_change:
             return replace(frame, bed_change=self._bed_before)
         bed = self.stage.scene.entrainment
         density = (bed and bed.density) or self.stage.numerics.density
@@ -309,7 +309,7 @@ class StageSequence:
         """Switch the flow to the solver of the next stage."""
         before, solver, terrain = self.stage, self.solver, self.prepared.terrain
         after = self.prepared.stages[self.number + 1]
-        frame, beside = solver.parts() if before.has_columns_outside else (solver.frame(), None)
+        frame, beside = solver.parts()
         where = f"t = {frame.time:g} s: stage {self.number + 2}, of {after.scene.solver}, begins"
         try:
             switched = after.switched_from(before, replace(frame, maxima={}), terrain, beside)

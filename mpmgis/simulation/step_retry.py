@@ -12,12 +12,9 @@ from ..system.errors import UnphysicalError
 
 if TYPE_CHECKING:
     from ..frames.particles import Frame
-    from ..solvers.columns.column_solver import ColumnSolver
-    from ..solvers.points.point_solver import PointSolver
-    from .coupled_solver import CoupledSolver
     from .release_events import Events
     from .stage_end import StageEnd
-    from .stepping import IntegratedColumns, IntegratedCoupled, IntegratedPoints
+    from .stepping import FlowSolver
 
 HALVINGS = 5  # of the time step, before a run is stopped
 
@@ -27,9 +24,7 @@ class Guard:
 
     Parameters
     ----------
-    solver : ColumnSolver, PointSolver or CoupledSolver
-    stepper : IntegratedColumns, IntegratedPoints or IntegratedCoupled
-        Interface of the solver.
+    solver : FlowSolver
     events : Events
     stage_end : StageEnd
 
@@ -39,14 +34,8 @@ class Guard:
         Failures that were resolved with smaller steps, one line each.
     """
 
-    def __init__(
-        self,
-        solver: "ColumnSolver | PointSolver | CoupledSolver",
-        stepper: "IntegratedColumns | IntegratedPoints | IntegratedCoupled",
-        events: "Events",
-        stage_end: "StageEnd",
-    ) -> None:
-        self._solver, self._stepper, self._events, self._stage_end = solver, stepper, events, stage_end
+    def __init__(self, solver: "FlowSolver", events: "Events", stage_end: "StageEnd") -> None:
+        self._solver, self._events, self._stage_end = solver, events, stage_end
         self._kept, self._calm_since, self._halvings, self._first = None, -1.0, 0, ""
         self._energies = None  # of the last valid state
         self.resolved = []
@@ -66,7 +55,7 @@ class Guard:
             )
         ids = SimpleNamespace(id=frame.particles.id)
         self._kept = SimpleNamespace(time=frame.time, state=frame.state, particles=ids)
-        self._energies = self._stepper.energy_look()
+        self._energies = self._solver.energy_look()
         self._calm_since, self._halvings, self._first = self._stage_end.calm_since, 0, ""
 
     def trouble(self, code: int, at_frame: bool) -> str:
@@ -79,10 +68,10 @@ class Guard:
         at_frame : bool
             It is the time of a frame: the energy is checked too.
         """
-        trouble = self._stepper.trouble(code)
-        if trouble or not at_frame or self._energies is None or not self._stepper.particles:
+        trouble = self._solver.trouble(code)
+        if trouble or not at_frame or self._energies is None or not self._solver.particles:
             return trouble
-        return self._stepper.energy_trouble(self._energies)
+        return self._solver.energy_trouble(self._energies)
 
     def go_back(self, trouble: str) -> None:
         """Return to the last valid state, with half the step.

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 from .release_events import Events
 from .stage_end import StageEnd
 from .step_retry import Guard
-from .stepping import end_of, stepper_of
+from .stepping import end_of
 
 if TYPE_CHECKING:
     from ..frames.flow_end import FlowEnd
     from ..frames.particles import Frame
-    from ..solvers.columns.column_solver import ColumnSolver
-    from ..solvers.points.point_solver import PointSolver
-    from .coupled_solver import CoupledSolver
+    from .stepping import FlowSolver
 
 SLICE_SECONDS = 0.25  # [s] wall time between two checks of progress and Ctrl+C
 
@@ -29,7 +27,7 @@ class TimeIntegration:
 
     Parameters
     ----------
-    solver : ColumnSolver, PointSolver or CoupledSolver
+    solver : FlowSolver
     end_time : float [s]
     frame_interval : float [s]
     observe : callable, optional
@@ -65,7 +63,7 @@ class TimeIntegration:
 
     def __init__(
         self,
-        solver: "ColumnSolver | PointSolver | CoupledSolver",
+        solver: "FlowSolver",
         end_time: float,
         frame_interval: float,
         observe: Callable | None = None,
@@ -79,8 +77,8 @@ class TimeIntegration:
         self.stage_end = stage_end or StageEnd()
         self.reason, self.switch, self.steps, self.particle_steps, self.step_seconds = "", "", 0, 0, 0.0
         self.end: FlowEnd | None = None
-        self._stepper, self._observed = stepper_of(solver), 0.0
-        self._guard = Guard(solver, self._stepper, self.events, self.stage_end)
+        self._observed = 0.0
+        self._guard = Guard(solver, self.events, self.stage_end)
 
     @property
     def troubles(self) -> list[str]:
@@ -88,12 +86,12 @@ class TimeIntegration:
         return self._guard.resolved
 
     def __iter__(self) -> "Iterator[Frame]":
-        solver, events, stepper = self.solver, self.events, self._stepper
+        solver, events = self.solver, self.events
         events.arm(solver)
         if self.resumed:
-            if events.ended == stepper.REACHED_TIME and solver.time < self.end_time:
+            if events.ended == solver.REACHED_TIME and solver.time < self.end_time:
                 events.ended = 0  # the run ended at an earlier end_time and is now continued
-            if events.ended in stepper.END_REASONS:
+            if events.ended in solver.END_REASONS:
                 self._finish(events.ended)
             self._guard.keep(self._frame())
         else:
@@ -106,16 +104,16 @@ class TimeIntegration:
             code = self._advance(until, self._time_after(number))
             if self.switch:
                 return
-            if code == stepper.REACHED_TIME:
-                code = stepper.at_frame(code)
-            if code != stepper.REACHED_TIME or until >= self.end_time:
+            if code == solver.REACHED_TIME:
+                code = solver.at_frame(code)
+            if code != solver.REACHED_TIME or until >= self.end_time:
                 self._finish(code)
             yield from self._frames()
 
     def _finish(self, code):
         """Set reason and state of the end; `code` is the reason of the solver."""
-        stepper = self._stepper
-        self.events.ended, self.reason, self.end = code, stepper.END_REASONS[code], end_of(stepper, code)
+        self.events.ended, self.reason = code, self.solver.END_REASONS[code]
+        self.end = end_of(self.solver, code)
 
     def _frame_time(self, number):
         """Return the time [s] of a frame; the last frame is exactly at the end, in spite of rounding."""
@@ -132,7 +130,7 @@ class TimeIntegration:
 
     def _frames(self):
         """Yield the present frame, with the state of the events; none if there is no particle."""
-        if self._stepper.particles:
+        if self.solver.particles:
             frame = self._frame()
             self._guard.keep(frame)
             yield frame
@@ -146,36 +144,36 @@ class TimeIntegration:
 
         `after` is the time of the next frame.
         """
-        solver, events, stepper, steps = self.solver, self.events, self._stepper, 10
+        solver, events, steps = self.solver, self.events, 10
         after = after if after > until else math.inf
         while True:
             over = events.over(solver.time)
             target = self._target(until, solver.time)
             then = self._target(after if target == until else until, target)
-            began, step, particles = wall_clock.perf_counter(), solver.step, stepper.particles
-            code = stepper.advance(target, then, steps, over)
+            began, step, particles = wall_clock.perf_counter(), solver.step, solver.particles
+            code = solver.advance(target, then, steps, over)
             spent, taken = wall_clock.perf_counter() - began, solver.step - step
             self.steps += taken
             self.particle_steps += taken * particles
             self.step_seconds += spent
-            if code == stepper.RUNNING:
+            if code == solver.RUNNING:
                 steps = int(min(max(taken * min(SLICE_SECONDS / max(spent, 1e-4), 4.0), 1), 1e6))
-            trouble = self._guard.trouble(code, code == stepper.REACHED_TIME and target == until)
+            trouble = self._guard.trouble(code, code == solver.REACHED_TIME and target == until)
             if trouble:
                 self._guard.go_back(trouble)
                 continue
-            if code == stepper.ALL_LEFT and not over:
+            if code == solver.ALL_LEFT and not over:
                 solver.wait(target)
-                code = stepper.REACHED_TIME
-            if code == stepper.TRIGGER_REACHED:
+                code = solver.REACHED_TIME
+            if code == solver.TRIGGER_REACHED:
                 events.release(solver)
-            if code == stepper.REACHED_TIME:
+            if code == solver.REACHED_TIME:
                 events.let_in(solver)
-                if solver.time < self.end_time and stepper.particles:
+                if solver.time < self.end_time and solver.particles:
                     self.switch = self.stage_end.over(solver)
-            done = bool(self.switch) or (code == stepper.REACHED_TIME and target == until)
+            done = bool(self.switch) or (code == solver.REACHED_TIME and target == until)
             self._look(done)
-            if done or code not in (stepper.RUNNING, stepper.TRIGGER_REACHED, stepper.REACHED_TIME):
+            if done or code not in (solver.RUNNING, solver.TRIGGER_REACHED, solver.REACHED_TIME):
                 return code
 
     def _target(self, until, time):

@@ -123,13 +123,13 @@ def time_steps():
     terrain = terrain_of(lambda x, y: 0.5 * (size - x) + 5 * np.sin(x / 50) * np.cos(y / 60), size, size, DX)
     frame = columns_of(2.0, 100, 100 + PER_SIDE * DX / 4, 100, 100 + PER_SIDE * DX / 4, DX / 4)
     solver = solver_on(terrain, frame, DX, friction_law("Coulomb", 0.2))
-    solver.advance(1e9, 5)
+    solver.advance(1e9, max_steps=5)
     start = solver.frame()
     for _ in sys.stdin:
         solver.restore(start, known=True)
-        solver.advance(1e9, 2)
+        solver.advance(1e9, max_steps=2)
         began = time.process_time()
-        solver.advance(1e9, STEPS)
+        solver.advance(1e9, max_steps=STEPS)
         print((time.process_time() - began) / STEPS / len(frame.particles) * 1e9, flush=True)
 
 

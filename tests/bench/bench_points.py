@@ -87,9 +87,10 @@ def plain_nanoseconds():
 def memory(solver):
     """Bytes per point of the solver's arrays of points, of the buffers for sorting them, and of its tiles and nodes if
     blocks are full (512 points)."""
-    arrays, real = (solver._rows, solver._ids, solver._keys, solver._order), solver._rows.itemsize
+    now = solver.arrays
+    arrays, real = (now.rows, now.ids, now.keys, solver._order), now.rows.itemsize
     blocks = (TILE_SIZE + 2 * BLOCK_SIZE) * real / 512
-    return sum(array.nbytes for array in arrays) / solver.points + STRIP * real + 2 * 8 + blocks
+    return sum(array.nbytes for array in arrays) / solver.particles + STRIP * real + 2 * 8 + blocks
 
 
 def rows():

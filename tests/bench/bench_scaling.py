@@ -33,13 +33,13 @@ def nanoseconds(side, threads):
         for _ in range(repeats):
             if solver is None or columns < LARGE:
                 solver = scene(side)
-                solver.advance(1e9, 5)
+                solver.advance(1e9, max_steps=5)
             set_threads(used)
             began = time.perf_counter()
-            solver.advance(1e9, steps)
+            solver.advance(1e9, max_steps=steps)
             best[used] = min(best.get(used, np.inf), (time.perf_counter() - began) / (steps * columns) * 1e9)
-    if solver.columns != columns:
-        raise RuntimeError(f"{columns - solver.columns} columns left the terrain; the figure is too low")
+    if solver.particles != columns:
+        raise RuntimeError(f"{columns - solver.particles} columns left the terrain; the figure is too low")
     return best
 
 

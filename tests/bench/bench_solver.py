@@ -31,11 +31,11 @@ def scene(per_side, dx=5.0, time_step=None):
 def nanoseconds(solver):
     """Least ns per particle and step over the repeats, after a warm-up."""
     n = len(solver.frame().particles)
-    solver.advance(1e9, 5)
+    solver.advance(1e9, max_steps=5)
     best = np.inf
     for _ in range(REPEATS):
         began = time.perf_counter()
-        solver.advance(1e9, STEPS)
+        solver.advance(1e9, max_steps=STEPS)
         best = min(best, time.perf_counter() - began)
     return best / (STEPS * n) * 1e9
 
@@ -53,7 +53,7 @@ def numpy_nanoseconds(solver):
         "mass": p.mass,
         "area": p.area,
         "kappa": np.zeros(n),
-        "gradient": solver._rows[:, 10:12].T.copy(),
+        "gradient": solver.arrays.rows[:, 10:12].T.copy(),
     }
     times = []
     floor = solver._settings.thickness_floor
@@ -100,5 +100,6 @@ def rows():
     floor = BYTES / copy_rate() * 1e9
     yield "memory floor of a step", floor, "ns/particle/step", f"{BYTES} bytes at this machine's copy rate", None
     solver = scene(1000)
-    used = sum(a.nbytes for a in (solver._rows, solver._ids, solver._keys, solver._order)) + 1e6 * 8 * (STRIP + 2)
+    now = solver.arrays
+    used = sum(a.nbytes for a in (now.rows, now.ids, now.keys, solver._order)) + 1e6 * 8 * (STRIP + 2)
     yield "solver memory, grid apart", used / 1e6, "bytes/particle", "300 bytes required", used / 1e6 / 300

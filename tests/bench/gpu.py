@@ -365,7 +365,7 @@ def run_scene(solver, precision):
     with tempfile.TemporaryDirectory() as folder:
         run = write_run(solver, SCENE_SECONDS, SCENE_SECONDS / SCENE_FRAMES, folder)
     return {
-        "points": solver.points,
+        "points": solver.particles,
         "precision": precision,
         "steps": solver.step,
         "seconds": run.seconds,

@@ -298,7 +298,4 @@ def test_small_changes_of_a_made_up_state_never_crash(runs, prepared):
             with suppress(FormatError):
                 sequence.restore(replace(frame, state=frame.state | {array: values}))
                 solver = sequence.solver
-                if name == "points":
-                    solver.advance(solver.time + 0.05, solver.time + 0.1, 5)
-                else:
-                    solver.advance(solver.time + 0.05, 5)
+                solver.advance(solver.time + 0.05, solver.time + 0.1, 5)

@@ -110,8 +110,8 @@ def test_an_effect_that_does_nothing_changes_no_bit(name):
     def after(laws, places):
         law = friction_law("Voellmy", 0.2, 800.0)
         solver = solver_on(terrain, frame, 5.0, law, places=Places(**places), laws=laws, maxima=True)
-        solver.advance(10.0, 20)
-        return solver._alive()[0].tobytes() + solver.peaks.tobytes()
+        solver.advance(10.0, max_steps=20)
+        return solver._alive()[0].tobytes() + solver.arrays.peaks.tobytes()
 
     if name == "curvature":
         pytest.skip("its parts are in tests/solvers/test_curvature_parts.py")

@@ -2,10 +2,11 @@
 
 from mpmgis.compiled import law_functions
 from mpmgis.laws.effect_slots import ColumnEffects
+from mpmgis.solvers.columns.column_arrays import ColumnArrays
 from mpmgis.solvers.columns.column_blocks import BlockWindow, SortedColumns, TouchedBlocks
 from mpmgis.solvers.columns.column_motion import MotionLaws, SpeedBound, StepTimes
 from mpmgis.solvers.columns.column_nodes import NodeArrays, NodeLaws
-from mpmgis.solvers.columns.column_records import ColumnArrays, NodeFields, Settings
+from mpmgis.solvers.columns.column_records import NodeFields, Settings
 from mpmgis.solvers.columns.columns_to_grid import StressLaws
 from mpmgis.solvers.columns.grid_to_columns import Batch, FlatGrid
 

@@ -107,7 +107,7 @@ def spin_in_bowl(dx, **numerics):
     p = disc.particles
     p.velocity[:, 0], p.velocity[:, 1] = -omega * p.position[:, 1], omega * p.position[:, 0]
     solver = solver_on(terrain, disc, dx, metric=WATER, **numerics)
-    solver._rows[:, row.CXY], solver._rows[:, row.CYX] = -omega, omega
+    solver.arrays.rows[:, row.CXY], solver.arrays.rows[:, row.CYX] = -omega, omega
     before = _spin(solver)
     solver.advance(2 * np.pi / omega)
     after = _spin(solver)

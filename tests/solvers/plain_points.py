@@ -131,7 +131,7 @@ def couple(nodes, ground, dx, dt, density, gravity, mu, xi, slack):
 
 def yields_of(solver):
     """float64[rows, columns] [m]: yield of the ground at the solver's start, -1 where nothing lies on it."""
-    start = solver._yields[0]
+    start = solver.arrays.yields[0]
     return np.where(start[..., 1] == 1.0, start[..., 0], -1.0)
 
 

@@ -48,7 +48,7 @@ def results(name):
     make, steps = MADE[name]
     solver = make()
     solver.advance(1e9, max_steps=steps)
-    here = {part: getattr(solver, f"_{part}") for part in NAMES}
+    here = {part: getattr(solver.arrays, part) for part in NAMES}
     return here | {"time": np.array([solver.time]), "energy": np.array(solver.energy())}
 
 

@@ -150,16 +150,6 @@ def test_a_block_that_hits_a_wall_gets_no_energy_and_gives_its_momentum(mu, azim
     assert solver.balances()["momentum_error_relative"] <= 1e-10
 
 
-def test_a_run_goes_on_from_a_frame_as_if_it_had_not_stopped():
-    """The yield of faces with friction is part of the state."""
-    whole, first, again = (still_water(0.3, mu=0.5) for _ in range(3))
-    integrate_to(whole, 0.1, 0.2)
-    first.advance(0.1, 0.2)
-    again.restore(first.frame())
-    integrate_to(again, 0.2)
-    np.testing.assert_array_equal(sorted_points(again).position, sorted_points(whole).position)
-
-
 @pytest.mark.slow
 def test_a_pool_that_washes_against_a_wall_stays_before_it():
     """20 s, 5 cells deep, without viscosity: the load on the wall is that of water at rest (measured 0.993)."""

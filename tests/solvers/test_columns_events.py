@@ -357,7 +357,7 @@ def test_a_run_goes_on_from_any_frame_to_the_same_bits():
 def test_a_run_that_had_ended_when_it_was_killed_has_nothing_left_to_do():
     def resting():
         solver, events = avalanche(stop_at_rest=True)
-        solver._rows[:, kernel.U] = 0.0
+        solver.arrays.rows[:, kernel.U] = 0.0
         return solver, events
 
     solver, events = resting()

@@ -180,7 +180,7 @@ def lake(bump, reference, spacing_shift=0.0):
     solver = solver_on(terrain, frame, dx, metric=WATER, edges="wall", still_water=law, places=places)
     fastest = 0.0
     for _ in range(20):
-        solver.advance(1e9, 50)
+        solver.advance(1e9, max_steps=50)
         fastest = max(fastest, solver.speed_max)
     return fastest, np.sqrt(G * level)
 

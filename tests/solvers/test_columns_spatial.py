@@ -10,9 +10,7 @@ import shapely.affinity
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
 
 from mpmgis.compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
-from mpmgis.compiled.jit import set_threads
 from mpmgis.laws.barrier import CORE, CORNER, FACE, deflected, weir_discharge
-from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.entrainment import entrainment_law, erosion_rate
 from mpmgis.laws.friction import at_node, friction_law
 from mpmgis.laws.ground_metric import WATER
@@ -118,44 +116,6 @@ def test_the_impulse_on_a_wall_is_the_momentum_that_the_flow_lost():
     assert taken["impulse_east"] == pytest.approx(lost, rel=1e-10)
 
 
-def test_walls_are_bitwise_the_same_for_any_threads_and_after_a_restart():
-    results = []
-    for threads in (1, 2):
-        set_threads(threads)
-        solver = channel(5.0)
-        solver.advance(6.0)
-        results.append(solver.frame())
-    set_threads(None)
-    again = channel(5.0)
-    again.advance(3.0)
-    middle = again.frame()
-    fresh = channel(5.0)
-    fresh.restore(middle)
-    fresh.advance(6.0)
-    again.advance(6.0)
-    for one, other in ((results[0], results[1]), (again.frame(), fresh.frame())):
-        assert one.particles.position.tobytes() == other.particles.position.tobytes()
-        assert one.state["barriers"].tobytes() == other.state["barriers"].tobytes()
-
-
-def test_a_lowered_bed_with_curvature_is_bitwise_the_same_for_any_threads():
-    """Nodes read the bed of their neighbours for its bending: none may be lowered before all have read it."""
-    results = []
-    for threads in (1, 2):
-        set_threads(threads)
-        terrain = terrain_of(lambda x, y: 0.36 * (400 - x) + 4 * np.sin(x / 20) * np.cos(y / 18), 400, 200, DX)
-        frame = columns_of(2.0, 40, 100, 60, 120, DX / 4)
-        places = Places(erodible=np.full(ColumnGrid.on(terrain, DX).bed.shape, 500.0))
-        laws = {"entrainment": entrainment_law("ErosionEnergy", 500.0, 1e-3), "curvature": CURVATURE}
-        solver = solver_on(terrain, frame, DX, friction_law("Voellmy", 0.15, 800.0), places=places, laws=laws)
-        solver.advance(1e9, 40)
-        results.append(solver.frame())
-    set_threads(None)
-    one, other = results
-    assert one.particles.position.tobytes() == other.particles.position.tobytes()
-    assert one.state["bed"].tobytes() == other.state["bed"].tobytes()
-
-
 def weightless_slab(coefficient, erodible, share=1.0, **laws):
     """A slab 2 m thick that slides at 10 m/s over erodible ground, with almost no weight."""
     terrain = terrain_of(level, 600.0, 40.0, DX)
@@ -185,7 +145,7 @@ def test_ground_is_eroded_in_proportion_to_the_share_that_is_erodible():
     taken = []
     for share in (1.0, 0.25):
         _, solver = weightless_slab(0.02, 1e9, share)
-        solver.advance(1e9, 1)
+        solver.advance(1e9, max_steps=1)
         taken.append(solver.balances()["mass_entrained"])
     assert taken[1] == pytest.approx(0.25 * taken[0], rel=1e-12) and taken[1] > 0.0
 
@@ -218,19 +178,6 @@ def test_no_more_is_taken_than_lies_there_and_the_bed_sinks_by_it():
     assert left.min() == 0.0
     assert sunk.max() == pytest.approx(400.0 / 1600.0, rel=1e-12)
     np.testing.assert_allclose(sunk, (400.0 - left) / 1600.0, atol=1e-12)
-
-
-@pytest.mark.thorough
-def test_erosion_restarts_bitwise():
-    _, whole = weightless_slab(0.02, 400.0, lowering=1.0 / 1600.0)
-    whole.advance(5.0)
-    middle = whole.frame()
-    whole.advance(8.0)
-    _, fresh = weightless_slab(0.02, 400.0, lowering=1.0 / 1600.0)
-    fresh.restore(middle)
-    fresh.advance(8.0)
-    assert whole.frame().particles.mass.tobytes() == fresh.frame().particles.mass.tobytes()
-    assert whole.fields.bed.tobytes() == fresh.fields.bed.tobytes()
 
 
 def test_laws_of_zones_agree_with_compiled():
@@ -305,7 +252,7 @@ def test_v10_two_lakes_at_two_levels_rest_while_a_dry_valley_is_none():
     assert not lake_cells(grid.bed[1:-1, 1:-1], 12.0, water)[0].any()  # it was not filled so high
     places = Places(lake_level=lake_level)
     solver = solver_on(terrain, frame, DX, metric=WATER, still_water=True, places=places, edges="wall")
-    solver.advance(1e9, 1000)
+    solver.advance(1e9, max_steps=1000)
     assert np.linalg.norm(solver.frame().particles.velocity, axis=1).max() <= 1e-12
 
 

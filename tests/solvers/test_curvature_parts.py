@@ -22,7 +22,7 @@ def state_after(curvature, mu):
     terrain = terrain_of(lambda x, y: 0.002 * (x - 60.0) ** 2 + 0.05 * y, 100.0, 60.0, 5.0)
     frame = columns_of(1.0, 10.0, 40.0, 20.0, 40.0, 2.5, velocity=(8.0, -3.0))
     solver = solver_on(terrain, frame, 5.0, friction_law("Coulomb", mu), curvature=curvature, time_step=0.1)
-    solver.advance(1.0, 3)
+    solver.advance(1.0, max_steps=3)
     return solver._alive()[0].tobytes()
 
 

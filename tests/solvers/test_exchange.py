@@ -60,7 +60,7 @@ def test_points_that_come_into_a_flow_are_counted_as_if_from_the_start():
     before = (own.mass[:, None] * own.velocity).sum(axis=0)
     solver.insert(frame, stress, affine)
     now = solver.frame().particles
-    assert len(now) == 1024 and solver.points == 1024
+    assert len(now) == 1024 and solver.particles == 1024
     np.testing.assert_allclose(
         (now.mass[:, None] * now.velocity).sum(axis=0), before + 64e3 * np.array([0.0, 2.0, -1.0]), rtol=1e-12
     )
@@ -115,7 +115,7 @@ def test_points_off_the_terrain_are_refused():
     solver = solver_of(*block((28, 28, 0)))
     with pytest.raises(SceneError, match="outside the terrain"):
         solver.insert(block((70, 10, 0))[0])
-    assert solver.points == 512
+    assert solver.particles == 512
 
 
 def test_columns_that_are_taken_out_were_never_there():

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from opening_scenes import basin, discharge_of_columns, discharge_of_points, walled_columns
 
 from mpmgis.compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
-from mpmgis.compiled.jit import set_threads
 from mpmgis.laws.barrier import let_through, opening_discharge
 from mpmgis.laws.ground_metric import WATER
 from mpmgis.solvers.features.wall_openings import narrow_openings
@@ -153,26 +152,6 @@ def test_a_slit_dam_retains_mass_and_passes_the_same_through_mirrored_slits():
     assert abs(solver.balances()["mass_error_relative"]) <= 1e-12
     closed = 0.5 * 1000.0 * G * 4.0**2 * 40.0 * 5.0  # N s, hydrostatic on the whole width
     assert 0.4 * closed < taken["impulse_east"] < 1.05 * closed
-
-
-@pytest.mark.thorough
-def test_openings_are_bitwise_the_same_for_any_threads_and_after_a_restart():
-    frames = []
-    for threads in (1, 2):
-        set_threads(threads)
-        solver = slit_dam()[0]
-        solver.advance(1.0)
-        middle = solver.frame()
-        solver.advance(2.0)
-        frames.append(solver.frame())
-    set_threads(None)
-    again = slit_dam()[0]
-    again.restore(middle)
-    again.advance(2.0)
-    frames.append(again.frame())
-    for other in frames[1:]:
-        assert frames[0].particles.position.tobytes() == other.particles.position.tobytes()
-        assert frames[0].state["barriers"].tobytes() == other.state["barriers"].tobytes()
 
 
 def test_flow_along_a_wall_passes_its_end():

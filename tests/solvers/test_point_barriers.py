@@ -45,7 +45,7 @@ def test_an_impact_gives_the_wall_the_momentum_that_the_flow_loses(mu):
     """H8: 20 m/s, two cells deep; nothing behind the wall, momentum to round-off, force of the order rho v^2 h."""
     solver = struck(height=40.0, mu=mu)  # twice as high as 20 m/s splash
     position, balances = sorted_points(solver).position, solver.balances()
-    assert solver.points == len(position) and balances["momentum_error_relative"] <= 1e-10
+    assert solver.particles == len(position) and balances["momentum_error_relative"] <= 1e-10
     assert position[:, 0].max() < 30.0 + 0.3 * DX  # pressed a quarter of a cell into the face by the impact
     dam = balances["barriers"]["dam"]
     assert dam["overtopped_mass"] == 0.0

@@ -155,7 +155,7 @@ def test_thickness_and_arrival_are_those_of_numpy_in_every_step(seed, dx, single
     expected = peak_names.no_peaks(tuple(n + 1 for n in solver.grid.inside.shape))
     lone = 0.5625 * frame.particles.mass.max() / (DENSITY * dx * dx)
     end, doubtful = 0.4 * np.sqrt(dx / GRAVITY), np.zeros(expected.shape[:2], bool)
-    while solver.time < end and solver.points:
+    while solver.time < end and solver.particles:
         thickness = thickness_now(solver)
         solver.advance(end, max_steps=1)
         expected[..., 0] = np.maximum(expected[..., 0], thickness)
@@ -279,5 +279,5 @@ def test_what_leaves_over_an_edge_leaves_its_peaks():
     solver = points_on(FLAT, frame, 1.0, SAND, coulomb_contact(0.0), maxima=True)
     solver.advance(1.0)
     found = on_nodes(solver)
-    assert solver.points == 0
+    assert solver.particles == 0
     assert found[10, -1, 1] == pytest.approx(20.0, rel=0.1) and found[10, -2, 0] > 1.5

@@ -5,12 +5,10 @@ import pytest
 from column_scenes import terrain_of
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.compiled.jit import set_threads
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.material import elastic
 from mpmgis.laws.material_choice import wave_speed
-from mpmgis.simulation.stepping import stepper_of
 from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_rows import S7
 from mpmgis.system.errors import FormatError, SceneError
@@ -41,7 +39,7 @@ def test_a_point_pulled_apart_without_end_fills_no_more_than_its_stencil(tmp_pat
     """Before, points that flew off a cliff had volumes of 1e34 m3, in frames that could not be read."""
     solver = flying()
     free = sorted_points(solver).volume
-    solver._rows[..., S7] = np.linspace(0.0, 200.0, len(free))  # ln of the stretch of each
+    solver.arrays.rows[..., S7] = np.linspace(0.0, 200.0, len(free))  # ln of the stretch of each
     volume = sorted_points(solver).volume
     np.testing.assert_allclose(np.sort(volume), np.minimum(free * np.exp(np.linspace(0.0, 200.0, len(free))), 27.0))
     write_frame(tmp_path / "a.h5", solver.frame())
@@ -93,16 +91,16 @@ def test_points_over_nodata_have_left_and_their_place_is_known():
 def test_walls_keep_the_points_in():
     solver = flying(velocity=(40.0, 0.0, 0.0), edges="wall")
     integrate_to(solver, 1.5)
-    assert solver.points == 512
+    assert solver.particles == 512
     assert solver.balances()["momentum_error_relative"] <= 1e-10
     assert sorted_points(solver).position[:, 0].max() <= 60.0
 
 
-def sliding(mu, cell=1.0, high=5):
+def sliding(mu, cell=1.0, high=5, **numerics):
     """V3's block of `high` cells on 30 degrees."""
     corner = (20.0, 15.0, 120.0 - 20.0 * np.tan(np.radians(30)))
     frame = block_of((10 * cell, 6 * cell, high * cell), 0.5 * cell, corner, density=850.0, turned=np.radians(30))
-    return points_on(plane(30), frame, cell, ICE, coulomb_contact(mu))
+    return points_on(plane(30), frame, cell, ICE, coulomb_contact(mu), **numerics)
 
 
 def along(solver):
@@ -159,34 +157,6 @@ def test_energy_goes_into_friction_on_the_bed():
     assert 0.0 <= free.balances()["energy_lost"] <= 1e-3 * sum(free.energy_start)
 
 
-def test_the_same_bits_for_any_number_of_threads_and_slices():
-    answers = []
-    for threads, slices in ((1, 1 << 40), (2, 7)):
-        set_threads(threads)
-        solver = sliding(0.3)
-        while solver.advance(0.5, 1.0, slices) == kernel.RUNNING:
-            pass
-        answers.append(solver.state())
-    set_threads(None)
-    for name in ("rows", "clock", "ledger"):
-        assert np.array_equal(answers[0][name], answers[1][name]), name
-
-
-def test_a_restart_goes_on_to_the_bit():
-    whole, first = sliding(0.3), sliding(0.3)
-    for solver in (whole, first):
-        solver.advance(0.3, 0.6)
-    again = sliding(0.3)
-    again.restore(first.frame())
-    for solver in (whole, again):
-        integrate_to(solver, 0.6)
-    a, b = whole.state(), again.state()
-    assert np.array_equal(sorted_points(whole).position, sorted_points(again).position)
-    assert set(a) == set(b)
-    for name, values in a.items():
-        assert np.asarray(values).tobytes() == np.asarray(b[name]).tobytes(), name
-
-
 def test_frames_are_met_exactly_and_steps_follow_the_courant_number():
     solver = sliding(0.0)
     integrate_to(solver, 0.1, 0.2, 0.25)
@@ -224,5 +194,5 @@ def test_points_too_far_apart_end_the_run_in_words():
     frame.particles.position[-1] = 41.0, 43.0, 8e6
     solver = points_on(FLAT, frame, 1.0, ICE)
     assert solver.advance(0.1, 0.2) == kernel.SCATTERED
-    trouble = stepper_of(solver).trouble(kernel.SCATTERED)
+    trouble = solver.trouble(kernel.SCATTERED)
     assert trouble.startswith("E 41.0 N 43.0: points fly up to 8000000 m") and "larger cells" in trouble

@@ -5,12 +5,10 @@ import pytest
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, plane, points_on
 
-from mpmgis.compiled.jit import set_threads
 from mpmgis.laws.contact_friction import coulomb_contact, voellmy_contact
 from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.material import elastic
 from mpmgis.solvers.columns.node_grid import ColumnGrid
-from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
 
@@ -81,24 +79,6 @@ def test_without_drag_voellmys_law_is_coulombs():
         integrate_to(solver, 0.5)
         answers.append(along(solver))
     assert answers[0] == pytest.approx(answers[1], rel=1e-4)
-
-
-@pytest.mark.thorough
-def test_drag_gives_the_same_bits_for_any_number_of_threads_and_slices_and_after_a_restart():
-    answers = []
-    for threads, slices in ((1, 1 << 40), (2, 7)):
-        set_threads(threads)
-        solver, _ = slab(1.0, 0.7, long=12.0, wide=8.0)
-        while solver.advance(0.2, 0.4, slices) == kernel.RUNNING:
-            pass
-        if threads == 2:
-            solver, first = slab(1.0, 0.7, long=12.0, wide=8.0)[0], solver
-            solver.restore(first.frame())
-        integrate_to(solver, 0.4)
-        answers.append(solver.state())
-    set_threads(None)
-    for name in ("rows", "clock"):
-        assert np.array_equal(answers[0][name], answers[1][name]), name
 
 
 @pytest.mark.slow

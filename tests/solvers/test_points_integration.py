@@ -13,9 +13,9 @@ from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.material import drucker_prager
-from mpmgis.simulation.stepping import IntegratedPoints
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.points import point_loop as kernel
+from mpmgis.solvers.points.point_balances import STOPPED_AT_REST, reason_at_rest
 from mpmgis.solvers.points.point_blocks import set_places
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_rows import PX
@@ -91,7 +91,7 @@ def test_all_that_leaves_ends_the_run():
 def test_an_unphysical_run_stops_with_its_place():
     solver = heap()
     east, north = solver.frame().particles.position[7, :2]
-    solver._rows[7, PX] = np.nan
+    solver.arrays.rows[7, PX] = np.nan
     solver._forget_computed()
     with pytest.raises(UnphysicalError, match="not finite") as error:
         list(TimeIntegration(solver, 5.0, 1.0))
@@ -104,7 +104,7 @@ def test_an_unphysical_run_stops_with_its_place():
 def test_points_that_leak_through_the_ground_stop_the_run_and_are_found():
     solver = heap()
     low = solver.frame().particles.position[:40] - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 3.0)
-    set_places(solver._rows[:40], solver._keys[:40], low, 1.0, solver._lowest)
+    set_places(solver.arrays.rows[:40], solver.arrays.keys[:40], low, 1.0, solver._lowest)
     solver._forget_computed()
     with pytest.raises(UnphysicalError, match="below the ground") as error:
         list(TimeIntegration(solver, 5.0, 1.0))
@@ -117,7 +117,7 @@ def test_up_to_four_points_of_a_small_scene_are_no_leak(count, stops):
     solver = heap()
     low = solver.frame().particles.position[:count] - solver._corner_from((0.0, 0.0, 0.0))
     low[:, 2] = -1.3
-    set_places(solver._rows[:count], solver._keys[:count], low, 1.0, solver._lowest)
+    set_places(solver.arrays.rows[:count], solver.arrays.keys[:count], low, 1.0, solver._lowest)
     assert (solver.advance(0.05, max_steps=1) == kernel.LEAKED) == stops
     assert solver.balances()["clips"]["lifted_onto_ground"] == count
 
@@ -131,7 +131,7 @@ def test_what_is_laid_back_onto_the_ground_is_in_the_balance_of_momentum():
     frame = block_of((4, 4, 4), 0.5, (29, 28, 3), velocity=(-8.0, 0.0, 0.0))
     solver = PointSolver(frame, valley, PointEffects(SAND, contact=coulomb_contact(0.0)), PointNumerics(1.0))
     low = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 6.0)
-    set_places(solver._rows[: len(low)], solver._keys[: len(low)], low, 1.0, solver._lowest)
+    set_places(solver.arrays.rows[: len(low)], solver.arrays.keys[: len(low)], low, 1.0, solver._lowest)
     assert solver.advance(0.05) == kernel.LEAKED
     balances = solver.balances()
     assert balances["mass_lifted_onto_ground"] > 0.0
@@ -186,9 +186,7 @@ def test_points_rest_only_if_little_mass_is_fast(fast):
     """The kinetic energy has been low for long, but `fast` % of the mass moves."""
     solver = SimpleNamespace(
         resting_for=lambda share: 60.0,
-        note_deepest=lambda: None,
         numerics=SimpleNamespace(stop_at_rest=True),
         flow=lambda: SimpleNamespace(mass=np.ones(100), speed=np.repeat([1.5, 0.5], [fast, 100 - fast])),
     )
-    stepper = IntegratedPoints(solver)
-    assert (stepper.at_frame(stepper.REACHED_TIME) != stepper.REACHED_TIME) == (fast < 5)
+    assert (reason_at_rest(solver, kernel.REACHED_TIME) == STOPPED_AT_REST) == (fast < 5)

@@ -9,14 +9,12 @@ from column_scenes import terrain_of
 from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.compiled.jit import set_threads
 from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import in_precision
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.laws.softening import Softening
 from mpmgis.solvers.points import grid_to_points, point_batch, point_edges, point_rows
-from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_rows import Edges, StepFactors
 from mpmgis.system.errors import FormatError
 
@@ -87,28 +85,6 @@ def test_a_creep_of_a_millimetre_a_second_moves():
         integrate_to(solver, 1.0)
         moved.append((sorted_points(solver).position - start)[:, 0].mean())
     assert moved[1] == pytest.approx(moved[0], rel=0.02) and moved[0] >= 1e-3
-
-
-@pytest.mark.thorough
-def test_the_same_bits_for_any_number_of_threads_slices_and_restarts():
-    answers = []
-    for threads, slices in ((1, 1 << 40), (2, 7)):
-        set_threads(threads)
-        solver = sliding("float32")
-        while solver.advance(0.3, 0.5, slices) == kernel.RUNNING:
-            pass
-        answers.append(solver)
-    set_threads(None)
-    again = sliding("float32")
-    again.restore(answers[0].frame())
-    for solver in (*answers, again):
-        integrate_to(solver, 0.5)
-    one, two, resumed = (solver.state() for solver in (*answers, again))
-    assert one["rows"].dtype == np.float32
-    for name in ("rows", "keys", "clock", "ledger"):
-        assert np.array_equal(one[name], two[name]), name
-    assert np.array_equal(one["clock"], resumed["clock"])
-    assert np.array_equal(sorted_points(answers[0]).position, sorted_points(again).position)
 
 
 def test_a_frame_of_the_other_precision_is_not_resumed_from():

@@ -46,12 +46,12 @@ class Points(PointBalances):
     """Balances of given rows, without a run."""
 
     def __init__(self, rows, keys, lowest, material):
-        self._rows, self._keys, self._lowest = rows, keys, lowest
+        self.moving, self._lowest = (rows, None, keys), lowest
         self.numerics = SimpleNamespace(cell_size=DX, gravity=GRAVITY, density=DENSITY)
         self.effects = SimpleNamespace(material=material)
 
     def _seen(self):
-        return self._rows, None, self._keys
+        return self.moving
 
 
 @settings(max_examples=25, deadline=None)

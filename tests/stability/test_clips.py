@@ -9,7 +9,7 @@ from test_guard import SOIL
 from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.friction import friction_law
 from mpmgis.simulation.run_summary import CLIP_SHARE, CLIPPED, account
-from mpmgis.solvers.columns import column_rows, column_state
+from mpmgis.solvers.columns import column_balances, column_rows
 from mpmgis.solvers.points import point_balances
 from mpmgis.solvers.points.point_blocks import set_places
 
@@ -30,7 +30,7 @@ def test_a_usual_flow_is_held_nowhere_and_its_steps_are_counted():
     solver.advance(1.0)
     balances = solver.balances()
     assert balances["particle_steps"] == solver.step * 400
-    assert set(balances["clips"]) == set(column_state.CLIPS)
+    assert set(balances["clips"]) == set(column_balances.CLIPS)
     assert max(balances["clips"].values()) <= CLIP_SHARE * balances["particle_steps"]
 
 
@@ -44,7 +44,7 @@ def test_a_usual_flow_is_held_nowhere_and_its_steps_are_counted():
 )
 def test_what_is_done_to_one_column_is_counted(name, column, value):
     solver = heap()
-    rows = solver._rows
+    rows = solver.arrays.rows
     if name == "thinnest_column":
         rows[100, column] = value
     else:  # halves that move towards each other: in one step they would pass through each other
@@ -57,7 +57,7 @@ def test_what_is_done_to_one_column_is_counted(name, column, value):
 def test_walls_hold_columns_and_points_and_count_them():
     solver = heap((30.0, 0.0), edges="wall", cfl=0.9)
     solver.advance(1.0)
-    assert set(solver.balances()["clips"]) == set(column_state.CLIPS)
+    assert set(solver.balances()["clips"]) == set(column_balances.CLIPS)
     block = block_of((4.0, 4.0, 4.0), 0.5, (30.0, 8.0, 0.0), velocity=(20.0, 0.0, 0.0))
     walled = points_on(flat(), block, 1.0, SOIL, coulomb_contact(0.3), edges="wall")
     integrate_to(walled, 0.5)
@@ -70,7 +70,7 @@ def test_points_under_the_ground_are_counted_one_by_one():
     solver._settings = solver._settings._replace(leak_stop=1.0)
     place = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0))
     place[0, 2] -= 3.0
-    set_places(solver._rows, solver._keys, place, 1.0, solver._lowest)
+    set_places(solver.arrays.rows, solver.arrays.keys, place, 1.0, solver._lowest)
     solver.advance(1.0, 2.0, 1)
     assert solver.balances()["clips"]["lifted_onto_ground"] == 1
 
@@ -80,12 +80,12 @@ def test_the_account_names_clips_above_their_share_and_no_others():
     solver.advance(0.5)
     balances = solver.balances()
     steps = balances["particle_steps"]
-    for name in column_state.CLIPS:
+    for name in column_balances.CLIPS:
         for share, told in ((0.5 * CLIP_SHARE, False), (2.0 * CLIP_SHARE, True)):
-            clips = dict.fromkeys(column_state.CLIPS, 0.0) | {name: share * steps}
+            clips = dict.fromkeys(column_balances.CLIPS, 0.0) | {name: share * steps}
             lines = [line for line in account(balances | {"clips": clips}, "columns") if line.startswith("clipped: ")]
             assert [CLIPPED[name] in line for line in lines] == [True] * told
-    assert set(CLIPPED) == set(column_state.CLIPS) | set(point_balances.CLIPS)
+    assert set(CLIPPED) == set(column_balances.CLIPS) | set(point_balances.CLIPS)
 
 
 def test_the_account_names_corrections_of_volumes_with_their_energy():

@@ -15,8 +15,8 @@ from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.simulation import time_integration as marching
 from mpmgis.simulation.step_retry import Guard
-from mpmgis.simulation.stepping import IntegratedColumns
 from mpmgis.simulation.time_integration import TimeIntegration
+from mpmgis.solvers.columns.column_solver import ColumnSolver
 from mpmgis.system.errors import UnphysicalError
 
 SOIL = drucker_prager(stiff_for(6.0), 0.6 * stiff_for(6.0), 30.0, 1e4)
@@ -77,7 +77,7 @@ def test_going_back_is_the_same_for_any_slices_threads_and_restarts(name, monkey
 def test_what_no_step_helps_ends_the_run_with_place_and_cause():
     """Exit code 3 after steps of 1/32; no problem is reported as solved."""
     solver = block(0.3)
-    solver._rows[5, 4] = np.nan
+    solver.arrays.rows[5, 4] = np.nan
     march = TimeIntegration(solver, 1.0, 0.5)
     with pytest.raises(UnphysicalError) as error:
         list(march)
@@ -99,7 +99,7 @@ def test_without_a_frame_to_go_back_to_the_run_ends_with_place_and_cause():
 def test_solved_problems_are_in_the_messages_and_the_record(tmp_path, monkeypatch, capsys):
     """One artificial problem at the first frame after the start: exit code 0, a line, and the same line in run.json."""
     site, troubles = write_site(tmp_path), ["E 400100.0 N 5100200.0: made up"]
-    monkeypatch.setattr(IntegratedColumns, "energy_trouble", lambda side, last: troubles.pop(0) if troubles else "")
+    monkeypatch.setattr(ColumnSolver, "energy_trouble", lambda side, last: troubles.pop(0) if troubles else "")
     assert run(site, SCENE.replace("end_time = 30", "end_time = 20")) == 0
     words = "E 400100.0 N 5100200.0: made up: continued from t = 0.000 s on with steps of 1/2"
     assert words in capsys.readouterr().err

@@ -215,7 +215,7 @@ def rest(steps):
     """A pile held by friction on a slope of 10 degrees, for the given number of steps."""
     solver = columns_on(falling(10), columns_of(0.2, 50, 70, 40, 60, 2.5), mu=0.9)
     before = by_id(solver)
-    solver.advance(1e12, steps)
+    solver.advance(1e12, max_steps=steps)
     after = by_id(solver)
     assert solver.step == steps
     assert np.array_equal(after.position, before.position) and np.array_equal(after.mass, before.mass)

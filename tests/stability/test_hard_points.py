@@ -85,7 +85,7 @@ def test_a_flow_over_a_vertical_cliff_flies_and_lands(material):
 def test_a_layer_far_thinner_than_a_cell(material):
     """H2, H25: 1 cm on cells of 1 m, one point per column: it slides as a point, g sin cos t (V3), within 2 %."""
     solver = points_of_columns(lambda x, y: -0.5 * x, columns_of(0.01, 5, 10, 5, 15, 0.5), material, mu=0.0)
-    assert solver.points == 200
+    assert solver.particles == 200
     Watch(solver).march(1.0)
     p = solver.frame().particles
     assert p.velocity[:, 0].mean() == pytest.approx(G * 0.5 / 1.25, rel=0.02)
@@ -160,7 +160,7 @@ def test_one_point_alone_flies_as_a_stone(material, precision):
     there = start + np.array([1.5, 0.0, 1.0 - 0.5 * G * 0.5 * 0.501])
     np.testing.assert_allclose(place, there, atol=ROUNDED[precision])
     Watch(solver).march(2.0)
-    assert solver.points == 1
+    assert solver.particles == 1
 
 
 def test_points_of_next_to_no_mass_are_carried(precision):
@@ -190,7 +190,7 @@ def test_an_impact_on_a_wall(material, speed):
     solver = thrown(material, (speed, 0.0, 0.0), lengths=(8.0, 6.0, 2.0), corner=(30.0, 7.0, 0.0), mu=0.0, edges="wall")
     Watch(solver).march(24.0 / speed)
     p = solver.frame().particles
-    assert solver.points == 16 * 12 * 4 and in_the_map(solver)[:, 0].max() < 40.0
+    assert solver.particles == 16 * 12 * 4 and in_the_map(solver)[:, 0].max() < 40.0
     assert np.average(p.velocity[:, 0], weights=p.mass) < 0.2 * speed
 
 

@@ -33,7 +33,7 @@ def plant(solver, name, gain, after):
         code = advance(*given, **named)
         if solver.time > after:
             rows = int(solver._counts[solver.kernel.ROWS])
-            solver._rows[:rows, MOTION[name]] *= np.sqrt(1.0 + gain)
+            solver.arrays.rows[:rows, MOTION[name]] *= np.sqrt(1.0 + gain)
         return code
 
     solver.advance = planting

@@ -1,37 +1,35 @@
-"""State of the depth-averaged solver: for a restart, and as sums, energies and balances."""
+"""Mass, energy, speeds and places of the columns of a run, and its balances."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...compiled.particle_slices import in_slices
+from ...frames.flow_end import END_TIME, NEARLY_AT_REST, NOTHING_LEFT
 from ...frames.outflow_places import left_places
 from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
-from ...frames.peaks import PEAK_STATE, is_peaks_state, maxima_of, peaks_state, restore_peaks
-from ...frames.state_check import LEFT_STATE
+from ...frames.peaks import maxima_of
 from ...laws.entrainment import NO_EROSION
 from ...laws.forest import SHARE
 from ...laws.ground_metric import cosine_squared, metric_gradient
-from ...system.errors import FormatError
 from . import column_forest, column_report, column_time_step
 from . import column_loop as kernel
 from .bed_changes import bed_change_of
-from .column_restart import require_column_state
-
-if TYPE_CHECKING:
-    from ...frames.particles import Frame
+from .column_arrays import INSERTED_KINETIC, INSERTED_POTENTIAL
 
 # outflow over an edge [kg, kg m s-1, J]; potential energy is relative to elevation 0
 LEDGER = ("mass", "momentum_east", "momentum_north", "kinetic_energy", "potential_energy", "particles")
 # sums of a barrier [N s, N s, N s, kg, N]; the force is the largest of a single step
 BARRIER_SUMS = ("normal_impulse", "impulse_east", "impulse_north", "overtopped_mass", "peak_normal_force")
-# what came in after the start
-(
-    INSERTED_COLUMNS,  # number of columns
-    INSERTED_KINETIC,  # [J] their kinetic energy when they came in
-    INSERTED_POTENTIAL,  # [J] their potential energy
-    INSERTED,
-) = range(4)
+END_REASONS = {  # reason of the kernel to stop -> that of the end of a run
+    column_time_step.REACHED_TIME: END_TIME,
+    column_time_step.STOPPED_MOVING: "at rest: less than 1 % of the peak moving mass is faster than 0.05 m/s",
+    column_time_step.STOPPED_ENERGY: NEARLY_AT_REST,
+    column_time_step.STOPPED_FOOTPRINT: (
+        "nearly at rest: the footprint grew by less than 0.1 % in 10 s, and under 5 % of the mass is faster than 1 m/s"
+    ),
+    column_time_step.ALL_LEFT: NOTHING_LEFT,
+}
 LOSSES = {  # energy losses of a flow, and their clock entries
     "ground": column_time_step.FRICTION_TOTAL,
     "eroded_mass": column_time_step.MERGING_TOTAL,
@@ -51,82 +49,23 @@ CLIPS = {  # limits on the state of columns, and the clock entries that count th
 }
 
 
-class ColumnState(ParticleStore):
-    """State of columns for a restart, and its balances; the base of `column_solver.ColumnSolver`."""
+class ColumnBalances(ParticleStore):
+    """Quantities of the columns of a run, from their rows and its clock; the base of `column_solver.ColumnSolver`."""
 
-    def state(self) -> dict[str, np.ndarray]:
-        """Return the state for a restart in addition to the frame's particles: the arrays that change, unmodified."""
-        rows, _, _ = self._alive()
-        arrays = {name: array.copy() for name, array in self._changing().items()}
-        arrays |= self._left_state() | peaks_state(self._peaks)
-        reached = np.packbits(self._wet & kernel.REACHED, axis=1)
-        return arrays | {"rows": rows, "reached": reached, "counts": self._counts_of_rows()}
+    RUNNING, REACHED_TIME = column_time_step.RUNNING, column_time_step.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = column_time_step.ALL_LEFT, column_time_step.TRIGGER_REACHED
+    END_REASONS = END_REASONS
+    AT_REST = (column_time_step.STOPPED_MOVING, column_time_step.STOPPED_ENERGY, column_time_step.STOPPED_FOOTPRINT)
 
-    def _changing(self):
-        """Return the arrays of the state by name, without rows and reached nodes, as far as this scene has them."""
-        arrays = {"ledger": self._ledger, "clock": self._clock, "counts": self._counts, "inserted": self._inserted}
-        if self.effects.barrier:
-            arrays["barriers"] = self._barrier_sums
-        if self.effects.entrainment.kind != NO_EROSION:
-            arrays["erodible"] = self.fields.erodible
-            if self.effects.entrainment.lowering > 0.0:
-                arrays |= {"bed": self.fields.bed, "gradient": self.fields.gradient}
-        if self.effects.forest:
-            arrays |= {"forest": self.fields.forest_state, "forest_sums": self.fields.forest_sums}
-        return arrays
-
-    def restore(self, frame: "Frame", known: bool = False) -> None:
-        """Go on from a frame of this run that carries its state: bitwise as if there had been no break.
+    def at_frame(self, code: int) -> int:
+        """Return the reason to stop at the time of a frame: `code`, as columns check for rest in every step.
 
         Parameters
         ----------
-        frame : Frame
-        known : bool
-            The state never left this process and is not checked.
-
-        Raises
-        ------
-        FormatError
-            No state in it, or the state of another run.
+        code : int
+            Reason of the kernel to stop.
         """
-        self._forget_computed()
-        state, ids = frame.state, frame.particles.id
-        changing = self._changing()
-        if not {"rows", "reached", *LEFT_STATE, *PEAK_STATE, *changing} <= set(state) or ids is None:
-            at = f"t = {frame.time:g} s"
-            raise FormatError(f"the frame at {at} has no state for a restart; start with --overwrite")
-        rows = state["rows"]
-        shapes = {name: array.shape for name, array in changing.items()}
-        shapes |= {"rows": (len(ids), self._rows.shape[1]), "reached": np.packbits(self._wet, axis=1).shape}
-        if not is_peaks_state(self._peaks, state) or any(state[name].shape != shape for name, shape in shapes.items()):
-            raise FormatError(f"the frame at t = {frame.time:g} s is of another scene; start with --overwrite")
-        if not known:
-            require_column_state(frame, self, changing)
-        self._require_room(len(rows))
-        self._wet &= np.uint8(255 - kernel.REACHED)
-        self._rows[: len(rows)], self._ids[: len(rows)] = rows, ids
-        self._wet[np.unpackbits(state["reached"], axis=1, count=self._wet.shape[1]) == 1] = kernel.REACHED
-        for name, array in changing.items():
-            array[:] = state[name]
-        self._restore_left(state)
-        restore_peaks(self._peaks, state)
-        self._counts[column_time_step.ROWS] = len(rows)
-        kernel.initial_keys(self._rows[: len(rows)], self._keys, self.grid.cell_size)
-
-    def started(self) -> dict[str, Any]:
-        """Return the numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
-        return {"mass": self.mass_start, "energy": list(self.energy_start), "first_new_id": self._first_new_id}
-
-    def start_from(self, started: dict[str, Any]) -> None:
-        """Count from the start of another solver: this one was made of a later frame of the same run.
-
-        Parameters
-        ----------
-        started : dict
-            Result of its `started`.
-        """
-        self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
-        self._first_new_id = started["first_new_id"]
+        return code
 
     def flow(self) -> Flow:
         """Return the flow now."""
@@ -136,22 +75,13 @@ class ColumnState(ParticleStore):
         mass, x, y = rows[:, kernel.MASS].copy(), rows[:, kernel.X] + self.grid.x0, rows[:, kernel.Y] + self.grid.y0
         return Flow(x, y, u, v, speed, mass / (self.numerics.density * rows[:, kernel.AREA]), mass)
 
-    def maxima(self) -> dict[str, Any]:
-        """Return the running peaks at the nodes that the flow reached, with the affine of their cells.
-
-        Row 0 is in the south.
-
-        Returns
-        -------
-        dict
-            thickness [m], speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m]
-            that all but the thickness are of; empty unless enabled.
-        """
-        return self.thickest() if self.numerics.maxima else {}
-
     def thickest(self) -> dict[str, Any]:
-        """Return the largest `thickness` [m] at the nodes, as `maxima` does, also where those are not enabled."""
-        grid, inner = self.grid, self._peaks[1:-1, 1:-1]
+        """Return the largest `thickness` [m] at the nodes, as `maxima` does, also where those are not enabled.
+
+        With them: speed [m s-1], pressure [Pa], arrival_time [s] (-1: never), and the `arrival_thickness` [m] that all
+        but the thickness are of.
+        """
+        grid, inner = self.grid, self.arrays.peaks[1:-1, 1:-1]
         return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, self.numerics.arrival_thickness)
 
     def bed_change(self) -> dict[str, np.ndarray]:
@@ -204,10 +134,10 @@ class ColumnState(ParticleStore):
         """Return mass, energy and outflow so far as plain numbers [kg, J, kg m s-1], with relative errors."""
         rows, _, _ = self._seen()
         mass_now = float(rows[:, kernel.MASS].sum())
-        mass_out = float(self._ledger[:, 0].sum())
+        mass_out = float(self.arrays.ledger[:, 0].sum())
         clock = self._clock
         released = float(clock[column_time_step.TOTAL_MASS] - clock[column_time_step.ENTRAINED_TOTAL])
-        over_edges = named_sums(EDGE_NAMES, self._ledger, LEDGER)
+        over_edges = named_sums(EDGE_NAMES, self.arrays.ledger, LEDGER)
         forest = self._forest_balance(mass_now)
         return {
             "mass_start": self.mass_start,
@@ -220,7 +150,7 @@ class ColumnState(ParticleStore):
             )
             / (clock[column_time_step.TOTAL_MASS] or 1.0),
             "outflow": {edge: sums for edge, sums in over_edges.items() if sums["particles"] > 0},
-            "left_places": left_places(self.grid, self._left),
+            "left_places": left_places(self.grid, self.arrays.left_cells),
             **self._energy_balance(),
             "speed_max_now": float(clock[column_time_step.SPEED]),
             "speed_bound_ratio": float(np.sqrt(clock[column_time_step.BOUND_WORST])),
@@ -238,7 +168,7 @@ class ColumnState(ParticleStore):
             "clips": {name: float(clock[entry]) for name, entry in CLIPS.items()},
             "thickness_clamps": int(clock[column_time_step.CLAMPED_TOTAL]),
             "viscosity_capped_share_max": float(clock[column_time_step.STIFF_WORST]),
-            "barriers": named_sums(self.places.barrier_names, self._barrier_sums, BARRIER_SUMS),
+            "barriers": named_sums(self.places.barrier_names, self.arrays.barrier_sums, BARRIER_SUMS),
             "footprint_area": float(self._counts[column_time_step.WET]) * self.grid.cell_size**2,
             **forest,
         }
@@ -270,7 +200,8 @@ class ColumnState(ParticleStore):
 
     def _energy_gone(self):
         """Return kinetic and potential energy [J] of the mass that left the terrain or stopped in forest."""
-        ledger, sums, datum = self._ledger, self.fields.forest_sums, self.numerics.gravity * float(self.grid.bed.min())
+        ledger, sums = self.arrays.ledger, self.fields.forest_sums
+        datum = self.numerics.gravity * float(self.grid.bed.min())
         kinetic, potential = float(ledger[:, 3].sum()), float(ledger[:, 4].sum() - ledger[:, 0].sum() * datum)
         if self.effects.forest:
             kinetic += float(sums[column_forest.KINETIC])
@@ -284,7 +215,7 @@ class ColumnState(ParticleStore):
         """
         clock, kinetic = self._clock, self.energy()[0]
         work, taken = clock[column_time_step.WORK_TOTAL], sum(self._losses().values())
-        put_in = self.energy_start[0] + self._inserted[INSERTED_KINETIC]
+        put_in = self.energy_start[0] + self.arrays.inserted[INSERTED_KINETIC]
         made = kinetic + self._energy_gone()[0] - work - put_in
         gravity, cell_size = self.numerics.gravity, self.numerics.cell_size
         least = least_kinetic(
@@ -306,7 +237,8 @@ class ColumnState(ParticleStore):
         (kinetic, potential), (kinetic_start, potential_start) = self.energy(), self.energy_start
         datum = gravity * float(self.grid.bed.min())
         kinetic_out, potential_out = self._energy_gone()
-        kinetic_later, potential_later = (float(self._inserted[k]) for k in (INSERTED_KINETIC, INSERTED_POTENTIAL))
+        inserted = self.arrays.inserted
+        kinetic_later, potential_later = float(inserted[INSERTED_KINETIC]), float(inserted[INSERTED_POTENTIAL])
         taken = float(
             clock[column_time_step.ENTRAINED_POTENTIAL_TOTAL] - clock[column_time_step.ENTRAINED_TOTAL] * datum
         )
@@ -329,35 +261,30 @@ class ColumnState(ParticleStore):
             "energy_error_relative": (lost - sum(lost_to.values())) / (put_in or 1.0),
         }
 
-    def _place_of(self, entry):
-        """Return [E, N] [m] of the place that the clock keeps from `entry` on."""
-        return [float(self._clock[entry]) + self.grid.x0, float(self._clock[entry + 1]) + self.grid.y0]
-
     def fastest(self) -> tuple[float, float, float]:
         """Return map E, N [m] and speed [m s-1] of the fastest column."""
         flow = self.flow()
         k = int(np.argmax(flow.speed))
         return float(flow.x[k]), float(flow.y[k]), float(flow.speed[k])
 
-    def trouble(self) -> tuple[float, float, int, float, float]:
-        """Return where and why a run stopped because of its state.
+    def trouble(self, code: int) -> str:
+        """Return a message with E and N about an error; '' for none.
 
-        Returns
-        -------
-        float, float [m]
-            Map E, N.
-        int
-            Number of columns that are not finite.
-        float [1]
-            Largest speed over its bound.
-        float [1]
-            Share of the mass at more than twice the bound.
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
         """
-        clock = self._clock
-        return (
-            float(clock[column_time_step.BOUND_NOW_X]) + self.grid.x0,
-            float(clock[column_time_step.BOUND_NOW_Y]) + self.grid.y0,
-            int(self._counts[column_time_step.BAD]),
-            float(np.sqrt(clock[column_time_step.BOUND_NOW])),
-            float(clock[column_time_step.WILD_NOW]),
-        )
+        clock, place = self._clock, self._place_of(column_time_step.BOUND_NOW_X)
+        if code == column_time_step.NOT_FINITE_STATE:
+            bad = int(self._counts[column_time_step.BAD])
+            what = f"{bad} columns have a position or area that is not finite; take a smaller cfl or larger cells"
+        elif code == column_time_step.TOO_FAST:
+            ratio, share = np.sqrt(clock[column_time_step.BOUND_NOW]), clock[column_time_step.WILD_NOW]
+            what = (
+                f"{100 * share:.0f} % of the mass is over twice, at worst {ratio:.1f} times, as fast as its drop in "
+                "height allows; a cliff there is beyond a depth-averaged model, elsewhere take a smaller cfl"
+            )
+        else:
+            return ""
+        return f"E {place[0]:.1f} N {place[1]:.1f}: {what}"

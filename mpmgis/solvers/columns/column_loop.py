@@ -11,23 +11,13 @@ is one ghost node outside each edge. Weights are quadratic B-splines (Steffen et
 
 import numpy as np
 
-from ...compiled.block_order import (
-    CHUNKS,
-    GONE,
-    LEFT_BLOCK,
-    LEFT_ENTRIES,
-    REORDER_STEPS,
-    STRIP,
-    WAYS,
-    book_left,
-    reorder,
-    split_evenly,
-)
+from ...compiled.block_order import CHUNKS, GONE, REORDER_STEPS, STRIP, book_left, reorder, split_evenly
 from ...compiled.jit import jit
 from ...laws.effect_slots import ColumnEffects
 from ...laws.internal_stress import largest_factor
 from .column_areas import grid_areas, settle_areas
-from .column_barriers import BARRIER_LOSS, BARRIER_SUMS, collect_barriers, hold_at_barriers
+from .column_arrays import ColumnArrays
+from .column_barriers import BARRIER_LOSS, collect_barriers, hold_at_barriers
 from .column_blocks import (
     BLOCK,
     TILE,
@@ -55,7 +45,7 @@ from .column_nodes import (
     regrade,
     update_nodes,
 )
-from .column_records import ColumnArrays, NodeFields, Settings
+from .column_records import NodeFields, Settings
 from .column_report import REPORT
 from .column_rows import AREA, GX, GY, MASS, ROW, U, V, X, Y
 from .column_time_step import (
@@ -96,17 +86,13 @@ from .spline_bed import beds_at
 __all__ = [  # used by the solver through this module
     "AREA",
     "ARMED",
-    "BARRIER_SUMS",
     "BLOCK",
     "GONE",
     "GX",
     "GY",
-    "LEFT_BLOCK",
-    "LEFT_ENTRIES",
     "MASS",
     "REACHED",
     "ROW",
-    "WAYS",
     "WET",
     "U",
     "V",

@@ -1,4 +1,4 @@
-"""Records on which the loop over columns works: settings, fields at the nodes, and arrays that change."""
+"""Records on which the loop over columns works: settings, and fields at the nodes."""
 
 from typing import NamedTuple
 
@@ -24,21 +24,6 @@ class Settings(NamedTuple):
     holes: bool  # the terrain has cells without elevation
     stop_at_rest: bool  # the stop rules apply
     keep_peaks: bool  # running peaks of speed and pressure and the arrival are recorded
-
-
-class ColumnArrays(NamedTuple):
-    """Arrays of a run that change; the solver owns them, and kernels work in them."""
-
-    rows: np.ndarray  # float64[columns, ROW]
-    ids: np.ndarray  # uint64[columns]
-    keys: np.ndarray  # int32[columns]; block of each column, GONE for one that has left
-    wet: np.ndarray  # uint8[ny + 3, nx + 3]; marks of the nodes
-    clock: np.ndarray  # float64[CLOCK]
-    counts: np.ndarray  # int64[COUNTS]
-    ledger: np.ndarray  # float64[EDGES, OUT_ENTRIES]; outflow over each edge
-    peaks: np.ndarray  # float64[ny + 3, nx + 3, entries]; without keep_peaks the thickness alone
-    barrier_sums: np.ndarray  # float64[barriers, BARRIER_SUMS + 1]
-    left_cells: np.ndarray  # float64[WAYS, blocks, blocks, LEFT_ENTRIES]; where mass left
 
 
 class NodeFields(NamedTuple):

@@ -12,10 +12,10 @@ from ...frames.state_check import StateCheck
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
-    from .column_state import ColumnState
+    from .column_solver import ColumnSolver
 
 
-def require_column_state(frame: "Frame", solver: "ColumnState", changing: dict[str, np.ndarray]) -> None:
+def require_column_state(frame: "Frame", solver: "ColumnSolver", changing: dict[str, np.ndarray]) -> None:
     """Raise FormatError unless a frame has a valid state of a solver.
 
     Parameters
@@ -44,8 +44,8 @@ def require_column_state(frame: "Frame", solver: "ColumnState", changing: dict[s
     nodes = (ny + 3) * (nx + 3)
     check.within("the number of wet nodes", state["counts"][kernel.WET], 0, nodes)
     check.array("reached", np.uint8, (ny + 3, (nx + 3 + 7) // 8))
-    check.left(solver.left_sums)
-    check.peaks(solver.peaks)
+    check.left(solver.arrays.left_cells)
+    check.peaks(solver.arrays.peaks)
 
 
 def _require_window(check, kernel, rows, size, counts, last):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,17 +10,20 @@ from ...compiled.block_order import REORDER_STEPS
 from ...compiled.jit import ready_threads
 from ...compiled.particle_slices import in_slices
 from ...frames.particles import Particles
-from ...frames.peaks import PEAK_ENTRIES, no_peaks
+from ...frames.peaks import PEAK_ENTRIES, peaks_state
+from ...frames.state_arrays import PARTICLES
 from ...laws.effect_slots import with_fixed_types
 from ...laws.ground_metric import SLOPE, WATER
 from ...laws.internal_stress import largest_factor
 from ...laws.quantities import GRAVITY
 from ...system.errors import SceneError
 from . import column_loop as kernel
-from . import column_report, column_time_step
-from .column_records import ColumnArrays, Settings
+from . import column_time_step
+from .column_arrays import INSERTED_COLUMNS, KEPT_FIELDS, ColumnArrays, changing_fields
+from .column_balances import ColumnBalances
+from .column_records import Settings
+from .column_restart import require_column_state
 from .column_rows import CXX
-from .column_state import INSERTED, INSERTED_COLUMNS, ColumnState
 from .feature_arrays import Places
 from .node_grid import ColumnGrid
 
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
     from ...frames.particles import Frame
     from ...laws.effect_slots import ColumnEffects
     from ...terrain.elevation import Terrain
+    from .column_records import NodeFields
     from .node_grid import CellWindow
 
 NO_WINDOW = (1 << 16, 1 << 16, -1, -1)  # west, south, east, north of the blocks with columns if there are none
@@ -85,7 +89,7 @@ class ColumnNumerics:
     reference_thickness: float | None = None
 
 
-class ColumnSolver(ColumnState):
+class ColumnSolver(ColumnBalances):
     """Solver that advances the columns of a frame over a terrain.
 
     Parameters
@@ -108,7 +112,7 @@ class ColumnSolver(ColumnState):
         The frame has points, effects do not go together, or a column starts where there is no whole cell of terrain.
     """
 
-    kernel = kernel
+    kernel, record, name = kernel, ColumnArrays, "columns"
 
     def __init__(
         self,
@@ -125,36 +129,26 @@ class ColumnSolver(ColumnState):
         self.effects, self.numerics, self._start = with_fixed_types(effects), numerics, frame
         self.grid = ColumnGrid.on(terrain, numerics.cell_size) if grid is None else grid
         self.places = places or Places()
-        self.fields = self.places.fields(self.grid, effects.entrainment.lowering > 0.0)
+        self._fields = self.places.fields(self.grid, effects.entrainment.lowering > 0.0)
         if effects.metric == WATER and effects.curvature:
             raise SceneError("[curvature] requires form = 'slope'; remove it, or set use = 'off'")
         self._load(frame, gradient)
 
     def _load(self, frame, gradient):
         """Set the state of a run that starts with the columns of `frame`; there may be none yet."""
-        grid, numerics = self.grid, self.numerics
-        self._rows = np.zeros((0, kernel.ROW))
-        self._ids = np.zeros(0, np.uint64)
-        self._keys = np.zeros(0, np.int32)
-        self._order = np.zeros(0, np.int32)
-        shape = grid.bed.shape
-        self._nodes = np.zeros((*shape, 4))
-        self._wet = np.zeros(shape, np.uint8)
-        self._peaks = no_peaks(shape, PEAK_ENTRIES if numerics.maxima else 1)
-        self._ledger = np.zeros((column_report.EDGES, column_report.OUT_ENTRIES))
-        self._left = self._no_mass_left(grid)
-        self._barrier_sums = np.zeros((len(self.places.barrier_names), kernel.BARRIER_SUMS + 1))
-        self._clock = np.zeros(column_time_step.CLOCK)
+        grid, numerics, (rows, columns) = self.grid, self.numerics, self.grid.bed.shape
+        sizes = {PARTICLES: 0, "node_rows": rows, "node_columns": columns, "barriers": len(self.places.barrier_names)}
+        sizes["peaks"] = PEAK_ENTRIES if numerics.maxima else 1
+        self._make_arrays(sizes | self._block_sizes())
+        self._nodes = np.zeros((rows, columns, 4))
         self._clock[column_time_step.TIME] = frame.time
         self._clock[column_time_step.BOUND_BED] = grid.bed.min()
-        self._counts = np.zeros(column_time_step.COUNTS, np.int64)
         self._counts[column_time_step.WEST : column_time_step.NORTH + 1] = NO_WINDOW
-        self._inserted = np.zeros(INSERTED)
         ids = frame.particles.id if frame.particles.id is not None else np.arange(len(frame.particles))
         self._first_new_id = int(ids.max()) + 1 if len(ids) else 0
         self.bed_start = self._add(frame, ids)
         if gradient is not None:
-            self._rows[: len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
+            self._arrays.rows[: len(ids), CXX : CXX + 4] = np.reshape(gradient, (-1, 4))
         self.mass_start = float(self._clock[column_time_step.TOTAL_MASS])
         self._settings = self._made_settings(frame.particles)
         self._whole_step = {name: getattr(self._settings, name) for name in SHORTENED}
@@ -223,12 +217,13 @@ class ColumnSolver(ColumnState):
         SceneError
             A column starts where there is no whole cell of terrain.
         """
-        first, n = int(self._first_new_id + self._inserted[INSERTED_COLUMNS]), len(frame.particles)
+        self._before_change()
+        inserted = self._arrays.inserted
+        first, n = int(self._first_new_id + inserted[INSERTED_COLUMNS]), len(frame.particles)
         bed = self._add(frame, np.arange(first, first + n))
         count = int(self._counts[column_time_step.ROWS])
-        kinetic, potential = self._energy_of(self._rows[count - n : count], bed)
-        self._inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
-        self._forget_computed()
+        kinetic, potential = self._energy_of(self._arrays.rows[count - n : count], bed)
+        inserted += n, kinetic, potential + self._settle(window, LAID_OVER if slab else 0.0)
 
     def _add(self, frame, ids):
         """Append the columns of `frame` and update the clock; return the bed under them [m]."""
@@ -240,13 +235,13 @@ class ColumnSolver(ColumnState):
             return bed
         self._require_room(first + n)
         new = slice(first, first + n)
-        rows, keys = self._rows[new], self._keys[new]
+        rows, keys = self._arrays.rows[new], self._arrays.keys[new]
         rows[:] = 0.0
         rows[:, kernel.X], rows[:, kernel.Y] = x, y
         rows[:, kernel.U], rows[:, kernel.V] = particles.velocity[:, 0], particles.velocity[:, 1]
         rows[:, kernel.MASS], rows[:, kernel.AREA] = particles.mass, particles.area
         rows[:, kernel.GX], rows[:, kernel.GY] = gradient_x, gradient_y
-        self._ids[new] = ids
+        self._arrays.ids[new] = ids
         west, south, east, north = kernel.initial_keys(rows, keys, self.grid.cell_size)
         seen = counts[column_time_step.WEST : column_time_step.NORTH + 1]
         seen[:] = min(seen[0], west), min(seen[1], south), max(seen[2], east), max(seen[3], north)
@@ -300,10 +295,11 @@ class ColumnSolver(ColumnState):
         )[0]
         lost = float(rows[out, kernel.MASS].sum()), self._energy_of(rows[out], bed)
         n, counts = self._counts[column_time_step.ROWS], self._counts
-        gone = np.flatnonzero(self._keys[:n] != kernel.GONE)[out]
-        self._keys[gone] = kernel.GONE
+        self._before_change()
+        keys = self._arrays.keys
+        gone = np.flatnonzero(keys[:n] != kernel.GONE)[out]
+        keys[gone] = kernel.GONE
         counts[column_time_step.ALIVE] -= len(gone)
-        self._forget_computed()
         counts[column_time_step.SINCE_REORDER] = REORDER_STEPS  # drop them from memory at the next step
         self._clock[column_time_step.TOTAL_MASS] -= lost[0]
         self.mass_start -= lost[0]
@@ -343,8 +339,8 @@ class ColumnSolver(ColumnState):
         ny, nx = self.grid.inside.shape
         walls = np.array((0, 0, nx + 2, ny + 2) if self._settings.wall else NO_WALLS)
         thickest, fastest, lifted = kernel.settle_areas(
-            self._rows[:n],
-            self._keys[:n],
+            self._arrays.rows[:n],
+            self._arrays.keys[:n],
             kernel.GONE,
             window.marked,
             window.row,
@@ -356,7 +352,7 @@ class ColumnSolver(ColumnState):
             self.effects.metric == SLOPE,
         )
         if thickest > self._clock[column_time_step.DEPTH_WORST]:
-            rows, keys = self._rows[:n], self._keys[:n]
+            rows, keys = self._arrays.rows[:n], self._arrays.keys[:n]
             thickness = np.where(keys != kernel.GONE, rows[:, kernel.MASS] / rows[:, kernel.AREA], 0.0)
             k = int(np.argmax(thickness))
             self._clock[column_time_step.DEEPEST_X : column_time_step.DEEPEST_TIME + 1] = (
@@ -379,8 +375,9 @@ class ColumnSolver(ColumnState):
         thickness : float or None [m]
             Only thicker flow counts; None, or less than what counts as flow: any flow.
         """
-        self._wet[nodes] |= np.uint8(kernel.ARMED * number)
-        self.fields.trigger_thickness[number - 1] = max(thickness or 0.0, self._settings.wet_thickness)
+        self._before_change()
+        self._arrays.wet[nodes] |= np.uint8(kernel.ARMED * number)
+        self._fields.trigger_thickness[number - 1] = max(thickness or 0.0, self._settings.wet_thickness)
 
     def fired(self, number: int, nodes: tuple[np.ndarray, np.ndarray]) -> bool:
         """Return whether the flow has reached an armed area; if so, it is armed no more.
@@ -392,27 +389,31 @@ class ColumnSolver(ColumnState):
         nodes : (int[n], int[n])
             As for `arm`.
         """
-        if (self._wet[nodes] // kernel.ARMED == number).all():
+        if (self.arrays.wet[nodes] // kernel.ARMED == number).all():
             return False
-        self._wet[nodes] &= np.uint8(kernel.REACHED)
+        self._before_change()
+        self._arrays.wet[nodes] &= np.uint8(kernel.REACHED)
         return True
 
     @property
-    def columns(self) -> int:
-        """Number of columns on the terrain now."""
-        return int(self._counts[column_time_step.ALIVE])
+    def fields(self) -> "NodeFields":
+        """Fields at the nodes and in the cells, as they are now."""
+        self._fetch()
+        return self._fields
 
     @property
     def speed_max(self) -> float:
         """Largest horizontal speed now [m s-1]."""
         return float(self._clock[column_time_step.SPEED])
 
-    def advance(self, until: float, max_steps: int = 1 << 62, may_stop: bool = True) -> int:
+    def advance(self, until: float, after: float = np.inf, max_steps: int = 1 << 62, may_stop: bool = True) -> int:
         """Advance to a time or by a number of steps.
 
         Parameters
         ----------
         until : float [s]
+        after : float [s]
+            Not used: the length of a step is chosen when it begins.
         max_steps : int
         may_stop : bool
             Without it the stop rules are off (more inflow follows).
@@ -422,7 +423,7 @@ class ColumnSolver(ColumnState):
         int
             Reason to stop (`column_time_step`).
         """
-        if not self.columns:
+        if not self.particles:
             return column_time_step.ALL_LEFT
         self._forget_computed()
         settings = self._settings if may_stop else self._settings._replace(stop_at_rest=False)
@@ -433,48 +434,19 @@ class ColumnSolver(ColumnState):
         return self._arguments(np.inf, 1, self._settings)
 
     def _arguments(self, until, max_steps, settings):
-        arrays, order, nodes = self._arrays(), self._order, self._nodes
+        arrays, order, nodes = self.arrays, self._order, self._nodes
         return arrays, order, nodes, until, max_steps, settings, self.fields, self.effects
 
     def _take_steps(self, until, max_steps, settings):
         ready_threads()
         return kernel.advance(*self._arguments(until, max_steps, settings))
 
-    def _arrays(self):
-        """Return the present arrays of the run that change."""
-        return ColumnArrays(
-            self._rows,
-            self._ids,
-            self._keys,
-            self._wet,
-            self._clock,
-            self._counts,
-            self._ledger,
-            self._peaks,
-            self._barrier_sums,
-            self._left,
-        )
-
-    def frame(self) -> "Frame":
-        """Return the present columns as a Frame: z is the bed, velocities are tangent to it.
+    def _particles(self):
+        """Return the present Particles: z is the bed, velocities are tangent to it.
 
         After the first step areas are limited to a factor of SHOWN_RANGE of those of the grid: a column that was
         stretched to a hundred cells is a thin line on the ground, not a square of that area. Masses are exact.
         """
-        header = {"density": self.numerics.density, "cell_size": self.grid.cell_size}
-        return replace(
-            self._start,
-            particles=self._particles(),
-            time=self.time,
-            step=self.step,
-            solver="columns",
-            header=header,
-            maxima=self.maxima(),
-            state=self.state(),
-            bed_change=self.bed_change(),
-        )
-
-    def _particles(self):
         rows, ids, _ = self._seen()
         grid, origin, n = self.grid, self._start.origin, len(rows)
         corner = grid.corner_from(origin)
@@ -494,3 +466,46 @@ class ColumnSolver(ColumnState):
             area = np.clip(area, seen / SHOWN_RANGE, seen * SHOWN_RANGE)
         volume = mass / self.numerics.density
         return Particles(position, velocity, mass, volume, volume / area, area, ids.copy())
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return the state for a restart in addition to the frame's particles: the arrays that change, unmodified."""
+        rows, _, _ = self._alive()
+        reached = np.packbits(self.arrays.wet & kernel.REACHED, axis=1)
+        state = self._whole_state() | self._left_state() | peaks_state(self.arrays.peaks)
+        return state | {"rows": rows, "reached": reached}
+
+    def _changing(self):
+        fields = {KEPT_FIELDS.get(name, name): getattr(self.fields, name) for name in changing_fields(self.effects)}
+        return super()._changing() | fields
+
+    def _keeps(self, name):
+        return name != "barriers" or self.effects.barrier
+
+    def _shapes_of_parts(self, count):
+        arrays = self._arrays
+        reached = (len(arrays.wet), -(-arrays.wet.shape[1] // 8))
+        return {"rows": (float, (count, kernel.ROW)), "reached": (np.uint8, reached)}
+
+    def _require_state(self, frame, changing):
+        require_column_state(frame, self, changing)
+
+    def _restore_own(self, state):
+        count, (rows, keys, wet) = len(state["rows"]), (self._arrays.rows, self._arrays.keys, self._arrays.wet)
+        wet &= np.uint8(255 - kernel.REACHED)
+        wet[np.unpackbits(state["reached"], axis=1, count=wet.shape[1]) == 1] = kernel.REACHED
+        kernel.initial_keys(rows[:count], keys, self.grid.cell_size)
+
+    def started(self) -> dict[str, Any]:
+        """Return the numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
+        return super().started() | {"first_new_id": self._first_new_id}
+
+    def start_from(self, started: dict[str, Any]) -> None:
+        """Count from the start of another solver: this one was made of a later frame of the same run.
+
+        Parameters
+        ----------
+        started : dict
+            Result of its `started`.
+        """
+        super().start_from(started)
+        self._first_new_id = started["first_new_id"]

@@ -40,8 +40,6 @@ from .device_column_transfer import FASTEST_AT
 from .device_functions import Kernel, Part
 from .launch import STATUS
 
-GROUP = 16  # reports that a thread sums
-
 
 class RunSums(NamedTuple):
     """Clock, counts and sums of a run, on the device."""

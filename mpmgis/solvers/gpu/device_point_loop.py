@@ -12,8 +12,6 @@ After any change of the host arrays (insertion, restart, other laws) make a new 
 Arrays whose size depends on the flow grow when a step does not fit: nothing of the step is done before that is known.
 """
 
-from itertools import pairwise
-
 import numpy as np
 from numba import cuda
 
@@ -25,11 +23,12 @@ from ...system.errors import SceneError
 from ..points import point_time_step as entry
 from ..points.bed_drag import BLOCK_COLUMNS, COLUMN_MASSES
 from ..points.grid_to_points import NO_WINDOW
+from ..points.point_arrays import PointArrays
 from ..points.point_barriers import BLOCK_FLOW
 from ..points.point_ground import Ground
 from ..points.point_layers import LAYER_ENTRIES
 from ..points.point_nodes import NODE_REPORT
-from ..points.point_records import ColumnSums, ContactLaws, PointPlaces, PointState, Site
+from ..points.point_records import ColumnSums, ContactLaws, PointPlaces, Site
 from ..points.point_report import BLOCK_EAST, BLOCK_NORTH, BLOCK_SOUTH, BLOCK_TALL, BLOCK_WEST
 from ..points.point_rows import BLOCK, BLOCK_SIZE, TILE_SIZE, Settings, Surface
 from . import (
@@ -44,11 +43,11 @@ from . import (
     rare_points,
 )
 from .device_records import MotionLaws, PointMap, PointsInBlocks, RarePoints, TouchedBlocks
+from .device_run import DeviceRun
 from .launch import (
     ACTIVE,
     AFTER,
     DEPTH,
-    NEEDS_ROOM,
     NOW_ENTRIES,
     ROOM_ACTIVE,
     ROOM_DEPTH,
@@ -61,22 +60,19 @@ from .launch import (
     TOUCHED,
     UNTIL,
     Launch,
-    checked,
-    default_launch,
 )
-from .launch_graph import Repeated
 
 LAST_STEP = 1 << 24  # numbers of steps, kept with the yield of the ground, are exact in float32 up to here
 EXACT = 2.0**52  # whole numbers below it are exact in float64: sums of outflow pass between host and device unchanged
 LEAST_MASS = 1e-300  # [kg] keeps units of outflow off 0
 
 
-class DevicePoints:
+class DevicePoints(DeviceRun):
     """The points of a run on the device.
 
     Parameters
     ----------
-    state : PointState
+    state : PointArrays
     places : PointPlaces
     settings : Settings
     effects : PointEffects
@@ -87,7 +83,7 @@ class DevicePoints:
 
     def __init__(
         self,
-        state: PointState,
+        state: PointArrays,
         places: PointPlaces,
         settings: Settings,
         effects: PointEffects,
@@ -96,19 +92,17 @@ class DevicePoints:
         self._barred = effects.barrier and len(state.barrier_sums) > 0
         if not self._barred:
             effects = effects._replace(barrier=False)
-        self._launch = checked(launch or default_launch())
         self._real = state.rows.dtype.type
+        super().__init__(state, entry, self._real, launch, STAGE_ENTRIES)
         contact = in_precision(effects.contact, self._real)
-        self.state, self._settings, self._effects = state, settings, effects._replace(contact=contact)
+        self._settings, self._effects = settings, effects._replace(contact=contact)
         self._node_settings = in_precision(settings, self._real)
         self._drags = contact.kind == VOELLMY
         self._upload(places)
         self._make_reports()
         self._run = np.zeros(RUN_ENTRIES, np.int64)
-        self._stage = np.zeros(STAGE_ENTRIES)
-        self._d_run, self._d_stage = cuda.to_device(self._run), cuda.to_device(self._stage)
+        self._d_run = cuda.to_device(self._run)
         self._now = self._to_device(np.zeros(NOW_ENTRIES))
-        self._steps = Repeated(self._step)
         self._grow()
 
     def _to_device(self, values):
@@ -152,9 +146,7 @@ class DevicePoints:
 
     def _make_reports(self):
         """Make the reports of all threads, and the arrays in which they are summed."""
-        threads = self._launch.workers * self._launch.width
-        self._pieces = cuda.to_device(np.zeros((self._launch.scanners * self._launch.width, 2), np.int64))
-        threads, *fewer = self._summed(threads)
+        threads, *fewer = self._launches.report_counts()
         self._node_sums = [self._to_device(np.zeros((threads, NODE_REPORT)))]
         self._node_sums += [cuda.to_device(np.zeros((n, NODE_REPORT))) for n in fewer]
         self._marks = cuda.device_array((threads, device_point_steps.RARE_MARKS), self._real)
@@ -164,17 +156,10 @@ class DevicePoints:
         nothing[[BLOCK_EAST, BLOCK_NORTH, BLOCK_TALL, device_point_steps.STAY2_OF_ALL]] = -1.0
         self._point_sums = [cuda.to_device(np.tile(nothing, (n, 1))) for n in (threads, *fewer)]
 
-    @staticmethod
-    def _summed(rows):
-        """Return the numbers of rows of reports, from those of all threads to one."""
-        numbers = [rows]
-        while numbers[-1] > 1:
-            numbers.append(-(-numbers[-1] // device_point_reports.GROUP))
-        return numbers
-
     def _grow(self):
         """Make arrays in which the present step fits, with half as much in addition."""
-        run, old, few = self._run, self._run.copy(), self._launch.room
+        run, old, sizes = self._run, self._run.copy(), self._launches.sizes
+        few = sizes.room
         for room, needed, least in (
             (ROOM_PLACES, SIZE, 16 * few),
             (ROOM_ACTIVE, ACTIVE, few),
@@ -207,12 +192,11 @@ class DevicePoints:
             self._masses = cuda.device_array((size if self._drags else 1, BLOCK_COLUMNS), self._real)
             self._flows = cuda.device_array((size if self._barriers.opens else 1, BLOCK_FLOW), self._real)
         if run[ROOM_DEPTH] != old[ROOM_DEPTH]:
-            threads = min(self._launch.couplers, self._launch.workers * self._launch.width) if self._drags else 1
+            threads = min(sizes.couplers, sizes.workers * sizes.width) if self._drags else 1
             levels = int(run[ROOM_DEPTH]) * BLOCK if self._drags else 1
             self._layers = cuda.device_array((threads, levels, LAYER_ENTRIES), self._real)
         run[STATUS] = 0
         self._d_run.copy_to_device(run)
-        self._steps.forget()
 
     def _touched_blocks(self):
         """Return the record of the present arrays that kernels of nodes take."""
@@ -246,30 +230,12 @@ class DevicePoints:
         SceneError
             More than LAST_STEP steps of float32 points.
         """
-        state, first = self.state, int(self.state.counts[entry.STEP])
-        self._clock.copy_to_device(state.clock)
-        self._counts.copy_to_device(state.counts)
         self._stage[UNTIL], self._stage[AFTER] = until, after
-        self._d_stage.copy_to_device(self._stage)
-        self._run[STATUS] = 0
-        self._d_run.copy_to_device(self._run)
-        while state.counts[entry.STEP] - first < max_steps:
-            self._require_exact_steps()
-            self._steps(min(self._launch.batch, int(max_steps - (state.counts[entry.STEP] - first))))
-            self._d_run.copy_to_host(self._run)
-            self._counts.copy_to_host(state.counts)
-            if self._run[STATUS] == NEEDS_ROOM:
-                self._grow()
-            elif self._run[STATUS] != 0:
-                break
-        self._clock.copy_to_host(state.clock)
-        if self._run[STATUS] != 0:
-            return int(self._run[STATUS])
-        return entry.REACHED_TIME if state.clock[entry.TIME] >= until else entry.RUNNING
+        return self._take_batches(until, max_steps, self._run, self._d_run)
 
-    def _require_exact_steps(self):
+    def _before_batch(self):
         """Raise SceneError if the numbers of the next steps are not exact in the precision of the points."""
-        if self._real is np.float32 and self.state.counts[entry.STEP] + self._launch.batch >= LAST_STEP:
+        if self._real is np.float32 and self.state.counts[entry.STEP] + self._launches.sizes.batch >= LAST_STEP:
             raise SceneError(
                 f"device = 'cuda' with precision = 'float32' takes at most {LAST_STEP} steps, which are reached at "
                 f"t = {self.state.clock[entry.TIME]:g} s; continue with --resume --device cpu"
@@ -288,24 +254,6 @@ class DevicePoints:
         state.barrier_sums[...] = self._barriers.sums.copy_to_host()
         state.face_yields[...] = self._barriers.faces.yields.copy_to_host()
 
-    def _all(self, kernel, *arguments):
-        """Launch a kernel whose threads share the work."""
-        kernel.of(self._real)[self._launch.workers, self._launch.width, self._steps.stream](*arguments)
-
-    def _pieces_of(self, kernel, *arguments):
-        """Launch a kernel each of whose threads has a piece of the window."""
-        kernel.of(self._real)[self._launch.scanners, self._launch.width, self._steps.stream](*arguments)
-
-    def _scan(self, values, points):
-        """Sum `values` at the places of the window before each piece of it."""
-        self._pieces_of(device_point_sort.sum_pieces, self._d_run, values, self._pieces)
-        scanners = min(device_point_sort.SCANNERS, len(self._pieces))
-        device_point_sort.scan_pieces.of(self._real)[1, scanners, self._steps.stream](self._d_run, self._pieces, points)
-
-    def _one(self, kernel, *arguments):
-        """Launch a kernel of one thread."""
-        kernel.of(self._real)[1, 1, self._steps.stream](*arguments)
-
     def _step(self):
         """Launch the kernels of one step."""
         self._sort()
@@ -316,28 +264,25 @@ class DevicePoints:
 
     def _sort(self):
         run, lowest = self._d_run, self._lowest
-        self._one(device_point_sort.begin_step, run, self._d_stage, self._now, self._clock, self._counts)
-        self._all(device_point_sort.clear_window, run, self._histogram, self._flags)
-        self._all(
+        self._launches.one(device_point_sort.begin_step, run, self._d_stage, self._now, self._clock, self._counts)
+        self._launches.all(device_point_sort.clear_window, run, self._histogram, self._flags)
+        self._launches.all(
             device_point_sort.count_points, run, self._counts, self._rows, self._keys, self._histogram, self._cells
         )
-        self._scan(self._histogram, True)
-        self._pieces_of(device_point_sort.rank_places, run, self._histogram, self._pieces, self._block, self._start)
-        self._all(device_point_sort.scatter_points, run, self._counts, self._keys, self._histogram, self._loose)
-        self._all(device_point_sort.rank_points, run, self._start, self._loose, self._cells, self._mixed, self._order)
-        self._all(device_point_sort.mark_touched, run, self._block, lowest, self._flags)
-        self._scan(self._flags, False)
-        self._pieces_of(
-            device_point_sort.rank_touched,
-            run,
-            self._flags,
-            self._pieces,
-            lowest,
-            self._slots,
-            self._touched,
-            self._sources,
+        self._launches.scan(run, self._histogram, True)
+        self._launches.pieces(device_point_sort.rank_places, run, self._histogram, self._block, self._start)
+        self._launches.all(
+            device_point_sort.scatter_points, run, self._counts, self._keys, self._histogram, self._loose
         )
-        self._all(
+        self._launches.all(
+            device_point_sort.rank_points, run, self._start, self._loose, self._cells, self._mixed, self._order
+        )
+        self._launches.all(device_point_sort.mark_touched, run, self._block, lowest, self._flags)
+        self._launches.scan(run, self._flags, False)
+        self._launches.pieces(
+            device_point_sort.rank_touched, run, self._flags, lowest, self._slots, self._touched, self._sources
+        )
+        self._launches.all(
             device_point_sort.link_blocks,
             run,
             self._block,
@@ -349,32 +294,35 @@ class DevicePoints:
         )
 
     def _reorder(self):
-        run, rows, ids, keys = self._d_run, self._rows, self._ids, self._keys
-        self._one(device_point_sort.decide_order, run, self._counts)
-        for first in range(0, rows.shape[1], device_point_sort.STRIP):
-            self._all(device_point_sort.take_strip, run, rows, ids, keys, self._order, self._strip, self._names, first)
-            self._all(device_point_sort.give_strip, run, rows, ids, keys, self._strip, self._names, first)
-        self._all(device_point_sort.note_order, run, self._counts, self._order)
+        arrays = self._rows, self._ids, self._keys, self._order, self._strip, self._names
+        self._launches.reorder(self._d_run, self._counts, *arrays)
 
     def _sum_to_nodes(self):
-        run, settings, launch = self._d_run, self._node_settings, self._launch
-        device_points_to_grid.points_to_grid.of(self._real)[
-            8 * launch.workers, launch.groups * device_points_to_grid.GROUP, self._steps.stream
-        ](run, self._rows, self._order, self._start, self._tiles)
-        self._all(device_point_nodes.gather_nodes, run, self._tiles, self._sources, self._nodes)
+        run, settings, sizes = self._d_run, self._node_settings, self._launches.sizes
+        self._launches.blocks(
+            device_points_to_grid.points_to_grid,
+            8 * sizes.workers,
+            sizes.groups * device_points_to_grid.GROUP,
+            run,
+            self._rows,
+            self._order,
+            self._start,
+            self._tiles,
+        )
+        self._launches.all(device_point_nodes.gather_nodes, run, self._tiles, self._sources, self._nodes)
         if self._drags:
-            self._all(
+            self._launches.all(
                 device_point_nodes.weigh_contact, run, self._nodes, self._touched, self._ground, self._masses, settings
             )
             self._spread(self._masses, self._column_sums.mass)
         if self._barriers.opens:
-            self._all(device_barriers.weigh_flow, run, self._nodes, self._flows)
+            self._launches.all(device_barriers.weigh_flow, run, self._nodes, self._flows)
             self._spread(self._flows, self._column_sums.flow)
-        self._all(device_point_nodes.move_nodes, run, self._now, self._nodes, settings)
+        self._launches.all(device_point_nodes.move_nodes, run, self._now, self._nodes, settings)
 
     def _spread(self, masses, columns):
         """Sum `masses` of blocks' node columns into `columns` of the ground."""
-        self._all(device_point_nodes.spread_contact, self._d_run, masses, self._touched_blocks(), columns)
+        self._launches.all(device_point_nodes.spread_contact, self._d_run, masses, self._touched_blocks(), columns)
 
     def _contact(self):
         """Apply ground, barriers, walls and layers; then update peaks, and choose the length of the next step."""
@@ -384,7 +332,7 @@ class DevicePoints:
         nodes, touched, yields = self._nodes, self._touched, self._yields
         reports, free, barred = self._node_sums[0], self._free, self._barriers
         faces, booked = barred.faces, barred.booked
-        self._all(
+        self._launches.all(
             device_point_nodes.find_contacts,
             run,
             nodes,
@@ -398,25 +346,31 @@ class DevicePoints:
         )
         if self._drags:
             kernel = device_point_nodes.couple_layers
-            self._all(kernel, run, now, blocks, site, sums.mass, self._layers, reports, settings, laws)
+            self._launches.all(kernel, run, now, blocks, site, sums.mass, self._layers, reports, settings, laws)
         kernel = device_point_nodes.press_on_ground
-        self._all(kernel, run, now, counts, blocks, free, site, yields, reports, settings, laws)
+        self._launches.all(kernel, run, now, counts, blocks, free, site, yields, reports, settings, laws)
         if self._barred and len(faces.values):
-            self._all(device_barriers.share_face_rows, run, blocks, faces, settings)
-            self._all(device_barriers.weigh_face_rows, run, now, counts, blocks, site, faces, settings)
-            self._all(device_barriers.weigh_face_columns, run, now, counts, blocks, site, faces, yields, settings)
-            self._all(device_barriers.settle_faces, run, now, blocks, site, faces, settings, laws)
-            self._all(device_barriers.book_faces, run, counts, blocks, site, faces, yields, booked, reports, settings)
+            self._launches.all(device_barriers.share_face_rows, run, blocks, faces, settings)
+            self._launches.all(device_barriers.weigh_face_rows, run, now, counts, blocks, site, faces, settings)
+            self._launches.all(
+                device_barriers.weigh_face_columns, run, now, counts, blocks, site, faces, yields, settings
+            )
+            self._launches.all(device_barriers.settle_faces, run, now, blocks, site, faces, settings, laws)
+            self._launches.all(
+                device_barriers.book_faces, run, counts, blocks, site, faces, yields, booked, reports, settings
+            )
         if self._barred:
             kernel = device_barriers.press_on_crests
-            self._all(kernel, run, barred.columns, blocks, barred.values, booked, reports, settings)
-        self._all(device_point_nodes.hold_nodes, run, now, blocks, free, site, sums, booked, reports, settings, laws)
+            self._launches.all(kernel, run, barred.columns, blocks, barred.values, booked, reports, settings)
+        self._launches.all(
+            device_point_nodes.hold_nodes, run, now, blocks, free, site, sums, booked, reports, settings, laws
+        )
         if self._barred:
             kernel = device_barriers.hold_at_barriers
-            self._all(kernel, run, now, barred.columns, blocks, site, sums, booked, reports, settings, laws)
-        self._all(device_point_nodes.finish_nodes, run, nodes, touched, free, ground, reports, settings)
+            self._launches.all(kernel, run, now, barred.columns, blocks, site, sums, booked, reports, settings, laws)
+        self._launches.all(device_point_nodes.finish_nodes, run, nodes, touched, free, ground, reports, settings)
         if follows_density(effects.material):
-            self._all(
+            self._launches.all(
                 device_point_density.correct_density,
                 run,
                 counts,
@@ -431,16 +385,16 @@ class DevicePoints:
                 laws.barrier,
             )
         if self._drags:
-            self._all(device_point_nodes.clear_contact, run, touched, sums.mass)
+            self._launches.all(device_point_nodes.clear_contact, run, touched, sums.mass)
         if barred.opens:
-            self._all(device_point_nodes.clear_contact, run, touched, sums.flow)
+            self._launches.all(device_point_nodes.clear_contact, run, touched, sums.flow)
         if settings.keep_peaks:
-            self._all(device_point_nodes.note_peaks, run, now, blocks, ground.nodes, self._peaks, settings)
-        self._add_up(device_point_reports.sum_node_reports, self._node_sums)
+            self._launches.all(device_point_nodes.note_peaks, run, now, blocks, ground.nodes, self._peaks, settings)
+        self._launches.add_up(device_point_reports.sum_node_reports, run, self._node_sums)
         if self._barred:
-            self._all(device_barriers.sum_booked, run, barred.booked, barred.start, barred.report)
-            self._all(device_barriers.collect_barriers, run, self._d_stage, barred.report, barred.sums)
-        self._one(
+            self._launches.all(device_barriers.sum_booked, run, barred.booked, barred.start, barred.report)
+            self._launches.all(device_barriers.collect_barriers, run, self._d_stage, barred.report, barred.sums)
+        self._launches.one(
             device_point_reports.choose_step,
             run,
             self._d_stage,
@@ -458,8 +412,10 @@ class DevicePoints:
         below = PointMap(self._planes, self._lowest, self._inside)
         surface = Surface(ground, self._lowest, self._inside)
         rare, reports = RarePoints(self._rare, self._rare_blocks, self._marks, self._mark_counts), self._point_sums[0]
-        self._all(device_grid_to_points.grid_to_points, run, self._scales, points, nodes, below, rare, domain, laws)
-        self._all(
+        self._launches.all(
+            device_grid_to_points.grid_to_points, run, self._scales, points, nodes, below, rare, domain, laws
+        )
+        self._launches.all(
             rare_points.move_rare_points,
             run,
             self._scales,
@@ -471,8 +427,8 @@ class DevicePoints:
             self._node_settings,
             laws,
         )
-        self._all(rare_points.begin_reports, run, rare.marks, rare.counts, reports, settings)
-        self._all(
+        self._launches.all(rare_points.begin_reports, run, rare.marks, rare.counts, reports, settings)
+        self._launches.all(
             rare_points.settle_rare_points,
             run,
             points,
@@ -485,7 +441,7 @@ class DevicePoints:
             settings,
         )
         if self._barred and len(self._barriers.faces.values):
-            self._all(
+            self._launches.all(
                 device_barriers.keep_before_faces,
                 run,
                 self._counts,
@@ -498,8 +454,8 @@ class DevicePoints:
                 reports,
                 self._node_settings,
             )
-        self._add_up(device_point_reports.sum_point_reports, self._point_sums)
-        self._one(
+        self._launches.add_up(device_point_reports.sum_point_reports, run, self._point_sums)
+        self._launches.one(
             device_point_reports.finish_step,
             run,
             stage,
@@ -512,11 +468,6 @@ class DevicePoints:
             self._lowest,
             settings,
         )
-
-    def _add_up(self, kernel, sums):
-        """Sum the reports of all threads, from one array of `sums` to the next."""
-        for many, few in pairwise(sums):
-            kernel.of(self._real)[few.shape[0], few.shape[1], self._steps.stream](self._d_run, many, few)
 
 
 def left_units(left_cells: np.ndarray, mass: float, cells: tuple[int, int], dx: float) -> np.ndarray:

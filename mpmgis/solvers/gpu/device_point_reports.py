@@ -33,8 +33,6 @@ from .device_point_steps import DENSE, GRADIENT, PUSH, SHIFT, STAY_POINT, STEP, 
 from .device_point_steps import STAY2_OF_ALL as STAY2
 from .launch import AFTER, DT, END, STATUS, UNTIL
 
-GROUP = 16  # reports that a thread block sums
-
 
 @in_double
 def sum_node_reports(run: np.ndarray, reports: np.ndarray, sums: np.ndarray) -> None:

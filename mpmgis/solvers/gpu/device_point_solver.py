@@ -1,13 +1,6 @@
-"""The 3D solver with its points on a CUDA device.
+"""The 3D solver with its points on a CUDA device."""
 
-The arrays of the host are those of `PointSolver`. They are copied from the device when they are read after a step, and
-to it before a step once they were changed: a frame costs one copy, a step none.
-"""
-
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from ...laws.material import Material
 from ...laws.material_choice import SHORT_STATE, state_count
@@ -20,7 +13,6 @@ if TYPE_CHECKING:
     from ...frames.particles import Frame
     from ...laws.effect_slots import PointEffects
     from ...terrain.elevation import Terrain
-    from ..features.walls import Wall
     from ..points.point_numerics import PointNumerics
 
 ROW_COPIES = 1.4  # copies of the rows on the device: the rows themselves, and strips of the sort
@@ -46,13 +38,13 @@ def device_memory(points: int, precision: str, material: Material) -> float:
     return points * (ROW_COPIES * numbers * size + BYTES_PER_POINT) + blocks + BYTES_OF_REPORTS
 
 
-class DevicePointSolver(PointSolver):
-    """Time integration of points with the steps on a CUDA device.
+class DevicePointSolver(OnDevice, PointSolver):
+    """PointSolver with the steps on a CUDA device.
 
     Parameters
     ----------
     frame, terrain, effects, numerics, stress, zone_values, walls, affine
-        Those of `PointSolver`.
+        As for `PointSolver`.
 
     Raises
     ------
@@ -60,85 +52,24 @@ class DevicePointSolver(PointSolver):
         There is no device, or it has too little memory; otherwise as in `PointSolver`.
     """
 
-    _device, _ahead = None, False  # DevicePoints, and whether its arrays are newer than those of the host
-    _rows, _ids, _keys, _ledger, _left, _peaks, _yields, _barrier_sums, _face_yields = (OnDevice() for _ in range(9))
-
     def __init__(
         self,
         frame: "Frame",
         terrain: "Terrain",
         effects: "PointEffects",
         numerics: "PointNumerics",
-        stress: np.ndarray | None = None,
-        zone_values: np.ndarray | None = None,
-        walls: "Sequence[Wall]" = (),
-        affine: np.ndarray | None = None,
+        *given: Any,
+        **named: Any,
     ) -> None:
         require_device(device_memory(len(frame.particles), numerics.precision, effects.material), "points")
-        super().__init__(frame, terrain, effects, numerics, stress, zone_values, walls, affine)
-
-    def download(self) -> None:
-        """Copy what the device has computed into the arrays of the host."""
-        if self._ahead:
-            self._ahead = False
-            self._device.download()
-
-    def _forget(self):
-        """Leave the device with what it has computed, because the host is about to change arrays or settings."""
-        self.download()
-        self._device = None
+        super().__init__(frame, terrain, effects, numerics, *given, **named)
 
     def _take_steps(self, until, after, max_steps):
-        if self._device is None:
-            self._device = self._on_device()
-        self._ahead = True
-        return self._device.advance(until, after, max_steps)
+        return self._begin_steps(self._settings).advance(until, after, max_steps)
 
-    def _on_device(self):
+    def _on_device(self, settings):
         """Make the DevicePoints of the present arrays."""
         from . import device_laws  # noqa: F401  (kernels call functions of laws)
         from .device_point_loop import DevicePoints
 
-        return DevicePoints(self._kernel_state(), self._kernel_places(), self._settings, self._effects)
-
-    def _give_impulses(self):
-        self._forget()
-        super()._give_impulses()
-
-    def _update_mass_limits(self):
-        self._forget()
-        super()._update_mass_limits()
-
-    def share_step(self, share: float) -> None:
-        """Use steps of a share of their normal length, see `ParticleStore.share_step`.
-
-        Parameters
-        ----------
-        share : float [1]
-        """
-        self._forget()
-        super().share_step(share)
-
-    def restore(self, frame: "Frame", known: bool = False) -> None:
-        """Continue from a frame of this run, see `PointSolver.restore`; the frame may be of a run on the processor.
-
-        Parameters
-        ----------
-        frame : Frame
-        known : bool
-            Whether the state never left this process.
-        """
-        self._forget()
-        super().restore(frame, known)
-
-    def insert(self, frame: "Frame", stress: np.ndarray | None = None, affine: np.ndarray | None = None) -> None:
-        """Insert the points of a frame, see `PointSolver.insert`.
-
-        Parameters
-        ----------
-        frame : Frame
-        stress : float64[n, 6], optional [Pa]
-        affine : float64[n, 3, 3], optional [s-1]
-        """
-        self._forget()
-        super().insert(frame, stress, affine)
+        return DevicePoints(self._arrays, self._kernel_places(), settings, self._effects)

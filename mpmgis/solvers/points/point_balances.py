@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from ...compiled.particle_slices import in_slices
+from ...frames.flow_end import END_TIME, FLOWING_SHARE, NEARLY_AT_REST, NOTHING_LEFT, REST_ENERGY, moving_share
 from ...frames.outflow_places import left_places
 from ...frames.particle_store import EDGE_NAMES, EnergyLook, Flow, ParticleStore, least_kinetic, named_sums
 from ...laws.material_choice import follows_density
@@ -12,6 +13,7 @@ from ...terrain.elevation import bilinear
 from . import point_rows as row
 from . import point_sums as sums
 from . import point_time_step as entry
+from .point_arrays import KINETIC_MOST, LOW_SINCE
 from .point_barriers import IMPULSE_X, IMPULSE_Z
 from .point_blocks import places_of
 
@@ -35,6 +37,9 @@ BARRIER_SUMS = (  # sums of the loads on a barrier
     "overtopped_mass",  # [kg] that passed above its crest
     "peak_normal_force",  # [N] largest force into its faces in a single step
 )
+REST_SECONDS = 2.0  # [s] for which it must be at rest before the run ends
+STOPPED_AT_REST = 100  # reason to end, in addition to those of the kernel
+END_REASONS = {entry.REACHED_TIME: END_TIME, STOPPED_AT_REST: NEARLY_AT_REST, entry.ALL_LEFT: NOTHING_LEFT}
 LOSSES = {  # energy losses of a flow, and their clock entries
     "ground": entry.GROUND_LOSS,
     "barriers": entry.BARRIER_LOSS,
@@ -75,12 +80,14 @@ def exceeded_by(share: float, values: np.ndarray, mass: np.ndarray) -> float:
 
 
 class PointBalances(ParticleStore):
-    """Quantities of the points of a run, from their rows and its clock."""
+    """Quantities of the points of a run, from their rows and its clock; the base of `point_solver.PointSolver`.
 
-    @property
-    def points(self) -> int:
-        """Number of points on the terrain now."""
-        return int(self._counts[entry.ALIVE])
+    Rest is checked only at the times of frames, so that a restart gives the same.
+    """
+
+    RUNNING, REACHED_TIME = entry.RUNNING, entry.REACHED_TIME
+    ALL_LEFT, TRIGGER_REACHED = entry.ALL_LEFT, None
+    END_REASONS, AT_REST = END_REASONS, (STOPPED_AT_REST,)
 
     @property
     def speed_max(self) -> float:
@@ -95,7 +102,7 @@ class PointBalances(ParticleStore):
     @property
     def kinetic_peak(self) -> float:
         """Largest kinetic energy [J] over the calls of `resting_for`."""
-        return float(self._rest[0])
+        return float(self._arrays.rest[KINETIC_MOST])
 
     def resting_for(self, share: float) -> float:
         """Return how long the kinetic energy has been below a share of its peak, at the calls of this method [s].
@@ -104,13 +111,13 @@ class PointBalances(ParticleStore):
         ----------
         share : float [1]
         """
-        rest, kinetic = self._rest, float(self._sums()[sums.KINETIC])
-        rest[0] = max(rest[0], kinetic)
-        if kinetic >= share * rest[0]:
-            rest[1] = -1.0
-        elif rest[1] < 0.0:
-            rest[1] = self.time
-        return self.time - rest[1] if rest[1] >= 0.0 else 0.0
+        rest, kinetic = self._arrays.rest, float(self._sums()[sums.KINETIC])
+        rest[KINETIC_MOST] = max(rest[KINETIC_MOST], kinetic)
+        if kinetic >= share * rest[KINETIC_MOST]:
+            rest[LOW_SINCE] = -1.0
+        elif rest[LOW_SINCE] < 0.0:
+            rest[LOW_SINCE] = self.time
+        return self.time - rest[LOW_SINCE] if rest[LOW_SINCE] >= 0.0 else 0.0
 
     def _places(self, rows, keys):
         """Compute the places of points, float64[n, 3] [m], from the corner of the domain at its lowest level."""
@@ -170,9 +177,20 @@ class PointBalances(ParticleStore):
         self._note_thickness()
         clock[[entry.SPEED_P999, entry.SPEED_P999_TIME]] = exceeded_by(FASTEST_SHARE, speed, mass), self.time
 
+    def at_frame(self, code: int) -> int:
+        """Return STOPPED_AT_REST if the points are at rest at the time of a frame, else `code`.
+
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
+        """
+        self.note_deepest()
+        return reason_at_rest(self, code)
+
     def note_deepest(self) -> None:
         """Record a new largest thickness and a new largest 99.9th percentile of the speed, which a restart needs."""
-        if self.points:
+        if self.particles:
             self._note_thickness()
             speed = self._speed_p999()
             if speed > self._clock[entry.SPEED_P999]:
@@ -223,14 +241,14 @@ class PointBalances(ParticleStore):
 
     def balances(self) -> dict[str, Any]:
         """Return mass, momentum, energy and outflow so far as plain numbers, with relative errors."""
-        clock, ledger = self._clock, self._ledger
+        clock, ledger = self._clock, self.arrays.ledger
         mass_now, mass_out = self._mass_now(), float(ledger[:, 0].sum())
         kinetic, potential, stored = self.energy()
         momentum = self._sums()[sums.MOMENTUM_X : sums.MOMENTUM_Z + 1] + ledger[:, 1:4].sum(axis=0)
         given = clock[entry.IMPULSE_GROUND_X : entry.IMPULSE_GROUND_Z + 1].copy()
         given[:2] += clock[entry.IMPULSE_WALL_X : entry.IMPULSE_WALL_Y + 1]
         given[2] -= clock[entry.IMPULSE_GRAVITY]
-        given -= self._barrier_sums[:, IMPULSE_X : IMPULSE_Z + 1].sum(axis=0)
+        given -= self.arrays.barrier_sums[:, IMPULSE_X : IMPULSE_Z + 1].sum(axis=0)
         parts = clock[entry.IMPULSE_GROUND_X : entry.IMPULSE_GRAVITY + 1]  # sums may cancel, their rounding does not
         held = self._sums()[sums.MOMENTUM_ABS]
         corrected = self._energy_of_corrections()
@@ -249,7 +267,7 @@ class PointBalances(ParticleStore):
             "outflow": {
                 edge: left for edge, left in named_sums(EDGE_NAMES, ledger, LEDGER).items() if left["particles"] > 0
             },
-            "left_places": left_places(self.grid, self._left),
+            "left_places": left_places(self.grid, self.arrays.left_cells),
             "energy_start": sum(self.energy_start),
             "energy_lifted": float(clock[entry.LIFTED_ENERGY]),
             "energy_returned": float(clock[entry.RETURNED]),
@@ -281,12 +299,8 @@ class PointBalances(ParticleStore):
             "point_steps_without_tension": int(clock[entry.TIP_TOTAL]),
             "point_steps_strained_far": int(clock[entry.FAR_TOTAL]),
             "mass_lifted_onto_ground": float(clock[entry.LIFTED_MASS]),
-            "barriers": named_sums([wall.name for wall in self.walls], self._barrier_sums, BARRIER_SUMS),
+            "barriers": named_sums([wall.name for wall in self.walls], self.arrays.barrier_sums, BARRIER_SUMS),
         }
-
-    def _place_of(self, first):
-        """Return [E, N] [m] of the place at clock entries `first` and following."""
-        return [float(self._clock[first]) + self.grid.x0, float(self._clock[first + 1]) + self.grid.y0]
 
     def _speed_over_fall(self):
         """Return the ratio [1] of the largest speed to its bound.
@@ -306,7 +320,7 @@ class PointBalances(ParticleStore):
         gradients of points to the ground, which is not part of their kinetic energy.
         """
         kinetic, potential, stored = self.energy()
-        out, taken = self._ledger[:, 4:6].sum(axis=0), sum(self._clock[k] for k in LOSSES.values())
+        out, taken = self.arrays.ledger[:, 4:6].sum(axis=0), sum(self._clock[k] for k in LOSSES.values())
         lifted, returned = self._clock[entry.LIFTED_ENERGY], self._clock[entry.RETURNED]
         corrected = self._energy_of_corrections()
         kinetic_in, potential_in, stored_in = self.energy_start
@@ -331,22 +345,54 @@ class PointBalances(ParticleStore):
         x, y, z = places[np.argmax(places[:, 2])]
         return float(x + self.grid.x0), float(y + self.grid.y0), float(z)
 
-    def trouble(self) -> tuple[float, float, int, float]:
-        """Return where a run stopped, and why.
+    def trouble(self, code: int) -> str:
+        """Return a message with E and N about an error; '' for none.
 
-        Returns
-        -------
-        (float [m], float [m], int, float [1])
-            Place E, N on the map, number of points that are not finite, share of the mass that was moved onto the
-            ground.
+        Parameters
+        ----------
+        code : int
+            Reason of the kernel to stop.
         """
-        clock, (rows, _, keys) = self._clock, self._seen()
-        bad = int(self._counts[entry.BAD])
-        x, y = clock[entry.BAD_AT_X], clock[entry.BAD_AT_Y]
-        if not bad:
-            places = self._places(rows, keys)
-            place = places[:, :2]
-            above = places[:, 2] - self._height_under(place)
-            x, y = place[int(np.argmin(np.abs(above)))]  # points that were just moved onto the ground
-        share = float(clock[entry.LIFTED_MASS] / clock[entry.TOTAL_MASS])
-        return float(x) + self.grid.x0, float(y) + self.grid.y0, bad, share
+        if code == entry.SCATTERED:
+            east, north, height = self.highest()
+            what = (
+                f"points fly up to {height:.0f} m above the lowest ground, too far apart for the cells; take larger "
+                "cells, a smaller cfl or a stiffer material"
+            )
+        elif code == entry.NOT_FINITE_STATE:
+            (east, north), bad = self._place_of(entry.BAD_AT_X), int(self._counts[entry.BAD])
+            what = f"{bad} points have a place or speed that is not finite; take a smaller cfl"
+        elif code == entry.LEAKED:
+            east, north = self._lowest_place()
+            share = self._clock[entry.LIFTED_MASS] / self._clock[entry.TOTAL_MASS]
+            what = (
+                f"points with {100 * share:.2g} % of the mass are more than a cell below the ground; take a smaller "
+                "cfl, smaller cells or a stiffer material"
+            )
+        else:
+            return ""
+        return f"E {east:.1f} N {north:.1f}: {what}"
+
+    def _lowest_place(self):
+        """Return E, N [m] of the point nearest to the ground: one that was just moved onto it."""
+        rows, _, keys = self._seen()
+        places = self._places(rows, keys)
+        place = places[:, :2]
+        above = places[:, 2] - self._height_under(place)
+        x, y = place[int(np.argmin(np.abs(above)))]
+        return x + self.grid.x0, y + self.grid.y0
+
+
+def reason_at_rest(solver: Any, code: int) -> int:
+    """Return STOPPED_AT_REST if the points of a solver are at rest and may stop, else `code`.
+
+    Parameters
+    ----------
+    solver : PointSolver or CoupledSolver
+    code : int
+        Reason of the kernel to stop.
+    """
+    if solver.resting_for(REST_ENERGY) < REST_SECONDS or not solver.numerics.stop_at_rest:
+        return code
+    flow = solver.flow()
+    return STOPPED_AT_REST if moving_share(flow.mass, flow.speed) < FLOWING_SHARE else code

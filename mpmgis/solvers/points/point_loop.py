@@ -10,17 +10,7 @@ nodes, which no point exceeds.
 import numpy as np
 
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
-from ...compiled.block_order import (
-    CHUNKS,
-    GONE,
-    LEFT_BLOCK,
-    LEFT_ENTRIES,
-    REORDER_STEPS,
-    STRIP,
-    WAYS,
-    reorder,
-    split_evenly,
-)
+from ...compiled.block_order import CHUNKS, REORDER_STEPS, STRIP, reorder, split_evenly
 from ...compiled.jit import jit
 from ...laws.contact_friction import VOELLMY
 from ...laws.effect_slots import PointEffects
@@ -28,6 +18,7 @@ from ...laws.material import FLUID
 from .bed_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
 from .grid_to_points import grid_to_points
 from .ground_contact import press_on_ground
+from .point_arrays import PointArrays
 from .point_barriers import BLOCK_FLOW, COLUMN_FLOW, POINT_BARRIER_SUMS, SHARE, collect_point_barriers, weigh_flow
 from .point_blocks import EAST, NORTH, SORT_PIECES, SOUTH, TALL, WEST, link_blocks, rows_and_columns, sort_by_block
 from .point_crests import press_on_crests
@@ -37,7 +28,7 @@ from .point_ground import Ground
 from .point_layers import couple_layers
 from .point_nodes import NODE_REPORT, gather_nodes, hold_nodes, move_nodes
 from .point_peaks import COLUMN_SUMS, accumulate_point_peaks
-from .point_records import ColumnSums, FaceArrays, NodeReports, PointPlaces, PointState, Site
+from .point_records import ColumnSums, FaceArrays, NodeReports, PointPlaces, Site
 from .point_report import REPORT
 from .point_rows import (
     BLOCK,
@@ -79,10 +70,6 @@ from .points_to_grid import points_to_grid
 
 __all__ = [  # used by the solver through this module, as those of `column_loop`
     "BLOCK",
-    "GONE",
-    "LEFT_BLOCK",
-    "LEFT_ENTRIES",
-    "WAYS",
     "Settings",
     "advance",
     "rows_and_columns",
@@ -147,7 +134,7 @@ def _work_on_faces(places, state):
 
 @jit
 def advance(
-    state: PointState,
+    state: PointArrays,
     places: PointPlaces,
     order: np.ndarray,
     until: float,
@@ -162,7 +149,7 @@ def advance(
 
     Parameters
     ----------
-    state : PointState
+    state : PointArrays
     places : PointPlaces
     order : int32[n]
         Work array for indices of the points.

@@ -12,22 +12,6 @@ from ...laws.contact_friction import Contact
 from .point_ground import Ground
 
 
-class PointState(NamedTuple):
-    """Arrays of a run that change; they belong to the host and keep their identity."""
-
-    rows: np.ndarray  # float[n, ROW_SHORT or ROW_LONG]
-    ids: np.ndarray  # uint64[n]
-    keys: np.ndarray  # int64[n] block of each point
-    clock: np.ndarray  # float64[CLOCK]
-    counts: np.ndarray  # int64[COUNTS]
-    ledger: np.ndarray  # float64[edges, entries] what left over each edge
-    left_cells: np.ndarray  # float64[WAYS, blocks, blocks, LEFT_ENTRIES] where it left
-    peaks: np.ndarray  # float64[rows, columns, entries] running maxima at the node columns
-    yields: np.ndarray  # float64[2, rows, columns, YIELD_ENTRIES] of the ground, of two steps by turns
-    barrier_sums: np.ndarray  # float64[barriers, POINT_BARRIER_SUMS + 1]
-    face_yields: np.ndarray  # float64[2, faces + 2, levels + 2, YIELD_ENTRIES] of smooth faces, with a rim
-
-
 class PointPlaces(NamedTuple):
     """Ground and map of a run."""
 

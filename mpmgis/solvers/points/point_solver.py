@@ -9,13 +9,13 @@ import numpy as np
 
 from ...compiled.jit import ready_threads
 from ...compiled.particle_slices import in_slices
-from ...frames.particle_store import EDGE_NAMES
 from ...frames.particles import Particles
-from ...frames.peaks import maxima_of, no_peaks, peaks_state, restore_peaks
-from ...frames.state_check import LEFT_STATE, YIELD_STATE
+from ...frames.peaks import maxima_of, peaks_state
+from ...frames.state_arrays import PARTICLES
+from ...frames.state_check import YIELD_STATE
 from ...laws.effect_slots import in_precision, with_fixed_types
 from ...laws.material_choice import SHORT_STATE, follows_density, state_at_stress, state_count
-from ...system.errors import FormatError, SceneError
+from ...system.errors import SceneError
 from ..columns.node_grid import ColumnGrid
 from . import point_loop as kernel
 from . import point_rows as row
@@ -24,11 +24,11 @@ from .face_arrays import NO_FACES
 from .ground_contact import YIELD, YIELD_ENTRIES, YIELD_STEP
 from .ground_folds import folded_ground, padded
 from .ground_nodes import barrier_nodes, ground_nodes, press_faces, press_ground
-from .point_balances import LEDGER, PointBalances
-from .point_barriers import POINT_BARRIER_SUMS
+from .point_arrays import LOW_SINCE, PointArrays
+from .point_balances import PointBalances
 from .point_blocks import EAST, lowest_blocks, set_places, window_of
 from .point_numerics import PRECISIONS, kernel_settings, mass_limits
-from .point_records import PointPlaces, PointState
+from .point_records import PointPlaces
 from .point_restart import require_point_state
 from .point_rows import volume_ratios
 from .point_sums import MOMENTUM_X, MOMENTUM_Z
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 STENCIL_CELLS = 27.0  # [cells] volume of the stencil of a point: a larger volume of a point is not resolved
 TIME_ROUNDING = 1e-9  # [1] relative rounding error of a time
+OF_POINTS = (PARTICLES, "numbers")  # lengths of the arrays of points alone
 NO_PLACES = np.zeros((1, 1, 1))  # for spatially varying values where there are none
 
 
@@ -71,7 +72,8 @@ class PointSolver(PointBalances):
         The frame has columns, or points start outside the terrain's whole cells; the ground is too rough.
     """
 
-    kernel = kernel
+    kernel, record, name = kernel, PointArrays, "points"
+    own_state = YIELD_STATE
 
     def __init__(
         self,
@@ -96,25 +98,24 @@ class PointSolver(PointBalances):
         self._zone_values = NO_PLACES if zone_values is None else padded(zone_values)
         self.walls = tuple(walls)
         self._set_barriers()
-        self._peaks = no_peaks(self._ground.shape[:2] if numerics.maxima else (1, 1))
         self._affine = None if affine is None else np.asarray(affine, float)
+        self._make_arrays(self._sizes(len(frame.particles)), self._real)
         self._load(frame, stress)
         self._press_contacts(frame, stress)
 
     def _set_ground(self):
-        """Set elevation above the lowest level, slopes, folds and yields at all nodes that points can reach."""
+        """Set elevation above the lowest level, slopes and folds at all nodes that points can reach."""
         grid, dx = self.grid, self.numerics.cell_size
         self.floor, self._ground = ground_nodes(grid, dx)
         terrain_height = padded(grid.bed[..., None] - self.floor)[..., 0]
         self._known_ground = folded_ground(self._ground, terrain_height, dx, self.numerics.clearance)
-        self._yields = np.zeros((2, *self._ground.shape[:2], YIELD_ENTRIES))
         self._lowest = lowest_blocks(self._ground[..., 0], dx)
 
     def _set_barriers(self):
-        """Set the barriers at node columns and their faces; the sums of their loads start at zero."""
-        self._barriers, self._faces, levels = NO_PLACES, NO_FACES, 0
+        """Set the barriers at node columns and their faces, and the number of levels of these."""
+        self._barriers, self._faces, self._levels = NO_PLACES, NO_FACES, 0
         if self.walls:
-            self._barriers, self._faces, levels = barrier_nodes(
+            self._barriers, self._faces, self._levels = barrier_nodes(
                 self.walls,
                 self.grid,
                 self.floor,
@@ -122,8 +123,23 @@ class PointSolver(PointBalances):
                 self._known_ground.folds,
                 follows_density(self.effects.material),
             )
-        self._barrier_sums = np.zeros((len(self.walls), POINT_BARRIER_SUMS + 1))
-        self._face_yields = np.zeros((2, len(self._faces) + 2, levels + 2, YIELD_ENTRIES))
+
+    def _sizes(self, count):
+        """Return the lengths of the arrays of a run of `count` points, by name."""
+        rows, columns = self._ground.shape[:2]
+        peaks = (rows, columns) if self.numerics.maxima else (1, 1)
+        short = state_count(self.effects.material) == SHORT_STATE
+        return self._block_sizes() | {
+            PARTICLES: count,
+            "numbers": row.ROW_SHORT if short else row.ROW_LONG,
+            "node_rows": rows,
+            "node_columns": columns,
+            "peak_rows": peaks[0],
+            "peak_columns": peaks[1],
+            "barriers": len(self.walls),
+            "face_rows": len(self._faces) + 2,
+            "face_levels": self._levels + 2,
+        }
 
     def _corner_from(self, origin):
         """Return the origin of places, relative to the map place `origin` (E, N, H), float64[3] [m]."""
@@ -131,7 +147,6 @@ class PointSolver(PointBalances):
 
     def _load(self, frame, stress):
         """Set the initial state of a run that starts with the points of `frame`."""
-        self._forget_computed()
         particles, material, numerics = frame.particles, self.effects.material, self.numerics
         place = particles.position - self._corner_from(frame.origin)
         off = ~self.grid.covers(*place[:, :2].T)
@@ -141,16 +156,9 @@ class PointSolver(PointBalances):
                 f"{int(off.sum())} of {len(off)} points start outside the terrain's whole cells, the first at "
                 f"E {x:.1f} N {y:.1f}; move them, use a larger DTM or set [terrain] fill_nodata = 'interpolate'"
             )
-        n, width = len(particles), row.ROW_SHORT if state_count(material) == SHORT_STATE else row.ROW_LONG
-        self._rows = np.zeros((n, width), self._real)
-        self._ids = np.zeros(n, np.uint64)
-        self._keys = np.zeros(n, np.int64)
-        self._order = np.zeros(n, np.int32)
-        self._ids[:] = particles.id if particles.id is not None else np.arange(n)
-        self._clock, self._counts = np.zeros(entry.CLOCK), np.zeros(entry.COUNTS, np.int64)
-        self._rest = np.array([0.0, -1.0])  # peak of the kinetic energy [J]; when it became low [s] or -1
-        self._ledger = np.zeros((len(EDGE_NAMES), len(LEDGER)))
-        self._left = self._no_mass_left(self.grid)
+        n, rows, keys = len(particles), self._arrays.rows, self._arrays.keys
+        self._arrays.ids[:] = particles.id if particles.id is not None else np.arange(n)
+        self._arrays.rest[LOW_SINCE] = -1.0
         self._counts[entry.ROWS] = self._counts[entry.ALIVE] = n
         self._clock[entry.TIME] = frame.time
         self.mass_start = float(particles.mass.astype(self._real).sum(dtype=float))
@@ -164,16 +172,15 @@ class PointSolver(PointBalances):
         self._settings = kernel_settings(numerics, material, inside, self._heaviest, self.mass_start)
         self._whole_step = {name: getattr(self._settings, name) for name in ("cfl", "fixed_dt")}
         self._lay_on_ground(place, particles.mass)
-        rows = self._rows
-        set_places(rows, self._keys, place, 1.0 / numerics.cell_size, self._lowest)
+        set_places(rows, keys, place, 1.0 / numerics.cell_size, self._lowest)
         rows[:, row.PX : row.PZ + 1] = particles.velocity * particles.mass[:, None]
         rows[:, row.MASS] = particles.mass
         known = np.zeros((1, 6)) if stress is None else np.asarray(stress, float)
         self._stress = np.broadcast_to(known, (n, 6))
         for column, values in zip(row.STATE, state_at_stress(material, tuple(known.T)), strict=True):
-            if column < width:
+            if column < rows.shape[1]:
                 rows[:, column] = values
-        window_of(self._keys, self._lowest, self._counts[entry.WINDOW_FIRST :])
+        window_of(keys, self._lowest, self._counts[entry.WINDOW_FIRST :])
         self._note_start(place, speed, particles.mass)
         self.energy_start = self.energy()
         self._energy_whole = sum(self.energy_start) + self._turning_energy(particles.mass)
@@ -192,11 +199,13 @@ class PointSolver(PointBalances):
 
     def _update_mass_limits(self):
         """Update the settings that depend on the heaviest point and on the mass."""
+        self._before_change()
         self._settings = self._settings._replace(**mass_limits(self.numerics, self._heaviest, self.mass_start))
 
     def _give_impulses(self):
         """Compute what stress and velocity gradient add to the nodes in the next step, whose length is known."""
-        clock, rows, dx = self._clock, self._rows, self.numerics.cell_size
+        self._before_change()
+        clock, rows, dx = self._clock, self._arrays.rows, self.numerics.cell_size
         push = clock[entry.STEP_NOW] * 4.0 / (dx * self.numerics.density) * rows[:, row.MASS]
         xx, yy, zz, xy, xz, yz = self._stress.T
         turning = np.zeros((1, 3, 3)) if self._affine is None else self._affine * (dx * rows[:, row.MASS, None, None])
@@ -206,7 +215,7 @@ class PointSolver(PointBalances):
                 rows[:, column + k] = turning[:, k, axis] - push * part
         self._stress = self._affine = None
 
-    def advance(self, until: float, after: float = np.inf, max_steps: int = 1 << 62) -> int:
+    def advance(self, until: float, after: float = np.inf, max_steps: int = 1 << 62, may_stop: bool = True) -> int:
         """Advance to a time or by a number of steps; return the reason to stop (see `point_time_step`).
 
         Parameters
@@ -216,6 +225,8 @@ class PointSolver(PointBalances):
         after : float [s]
             The next time that will be requested: the length of the step after `until` is chosen in the step before it.
         max_steps : int
+        may_stop : bool
+            Not used: points check for rest at the times of frames.
         """
         self._forget_computed()
         clock = self._clock
@@ -236,44 +247,13 @@ class PointSolver(PointBalances):
         return self._arguments(np.inf, np.inf, 1)
 
     def _arguments(self, until, after, max_steps):
-        state, places = self._kernel_state(), self._kernel_places()
-        return state, places, self._order, until, after, max_steps, self._settings, self._effects
-
-    def _kernel_state(self):
-        """Return the arrays that a step changes, as PointState."""
-        return PointState(
-            self._rows,
-            self._ids,
-            self._keys,
-            self._clock,
-            self._counts,
-            self._ledger,
-            self._left,
-            self._peaks,
-            self._yields,
-            self._barrier_sums,
-            self._face_yields,
-        )
+        places, order = self._kernel_places(), self._order
+        return self.arrays, places, order, until, after, max_steps, self._settings, self._effects
 
     def _kernel_places(self):
         """Return ground and map, as PointPlaces."""
         return PointPlaces(
             self._known_ground, self._lowest, self.grid.inside, self._zone_values, self._barriers, self._faces
-        )
-
-    def frame(self) -> "Frame":
-        """Return the present points as a Frame."""
-        header = {"density": self.numerics.density, "cell_size": self.numerics.cell_size}
-        return replace(
-            self._start,
-            particles=self._particles(),
-            time=self.time,
-            step=self.step,
-            dimension=3,
-            solver="points",
-            header=header,
-            maxima=self.maxima(),
-            state=self.state(),
         )
 
     def _particles(self):
@@ -292,16 +272,12 @@ class PointSolver(PointBalances):
 
     def thickest(self) -> dict[str, np.ndarray]:
         """Return the largest `thickness` [m] at the nodes, as `maxima` does; empty without `numerics.maxima`."""
-        return self.maxima()
-
-    def maxima(self) -> dict[str, np.ndarray]:
-        """Return the running peaks where the flow has been, for a frame; empty without `numerics.maxima`."""
         numerics, grid = self.numerics, self.grid
         if not numerics.maxima:
             return {}
         ny, nx = grid.inside.shape
         first = row.GHOSTS
-        inner = self._peaks[first : first + ny + 1, first : first + nx + 1]
+        inner = self.arrays.peaks[first : first + ny + 1, first : first + nx + 1]
         return maxima_of(inner, grid.x0, grid.y0, grid.cell_size, numerics.arrival_thickness)
 
     def _volumes(self, rows, mass):
@@ -321,84 +297,45 @@ class PointSolver(PointBalances):
         begun = {"stress": self._stress, "affine": self._affine}  # before the first step converts them to impulses
         state = {"rows": rows, "keys": keys} | {name: array for name, array in begun.items() if array is not None}
         state |= self._left_state() | self._yield_state()
-        state |= peaks_state(self._peaks) if self.numerics.maxima else {}
-        state |= {name: array.copy() for name, array in self._changing().items()}
-        return state | {"counts": self._counts_of_rows()}
-
-    @property
-    def yields(self) -> np.ndarray:
-        """Yield of the ground at node columns, of two steps: float64[2, rows, columns, YIELD_ENTRIES]."""
-        return self._yields
+        state |= peaks_state(self.arrays.peaks) if self.numerics.maxima else {}
+        return state | self._whole_state()
 
     def _press_contacts(self, frame, stress):
         """Set ground below points that start with `stress`, and faces beside them, to equilibrium with it."""
         place, step = frame.particles.position - self._corner_from(frame.origin), self.step
-        last, stressed = self._yields[step % 2], stress is not None
+        last, stressed = self._arrays.yields[step % 2], stress is not None
         press_ground(last, step, place, frame.particles.mass, stressed, self._ground, self._settings)
         if stressed and len(self._faces):
-            last = self._face_yields[step % 2]
+            last = self._arrays.face_yields[step % 2]
             press_faces(last, step, place, np.asarray(stress), self._barriers, self._faces, self._settings)
 
     def _yield_state(self):
         """Return the yield of the ground after the last step, at the node columns below the flow."""
-        last = self._yields[self.step % 2]
+        last = self.arrays.yields[self.step % 2]
         columns = np.flatnonzero(last[..., YIELD_STEP] == self.step + 1)
         return dict(zip(YIELD_STATE, (columns, last[..., YIELD].ravel()[columns]), strict=True))
 
-    def _restore_yields(self, state):
-        """Restore the result of `_yield_state`."""
-        columns, yields = (state[name] for name in YIELD_STATE)
-        self._yields[:] = 0.0
-        last = self._yields[self.step % 2].reshape(-1, YIELD_ENTRIES)
+    def _keeps(self, name):
+        return {"barriers": bool(self.walls), "face_yields": len(self._faces) > 0}.get(name, True)
+
+    @property
+    def _keeps_peaks(self):
+        return self.numerics.maxima
+
+    def _shapes_of_parts(self, count):
+        return {"rows": (self._real, (count, self._arrays.rows.shape[1])), "keys": (np.int64, (count,))}
+
+    def _require_state(self, frame, changing):
+        require_point_state(frame, self, changing)
+
+    def _restore_own(self, state):
+        count, (columns, yields) = len(state["rows"]), (state[name] for name in YIELD_STATE)
+        keys, all_yields = self._arrays.keys[:count], self._arrays.yields
+        keys[:] = state["keys"]
+        all_yields[:] = 0.0
+        last = all_yields[self.step % 2].reshape(-1, YIELD_ENTRIES)
         last[columns, YIELD], last[columns, YIELD_STEP] = yields, self.step + 1
-
-    def _changing(self):
-        """Return name -> array of the state other than the rows, as far as this scene has it."""
-        arrays = {"clock": self._clock, "counts": self._counts, "ledger": self._ledger, "rest": self._rest}
-        arrays |= {"barriers": self._barrier_sums} if self.walls else {}
-        return arrays | ({"face_yields": self._face_yields} if len(self._faces) else {})
-
-    def restore(self, frame: "Frame", known: bool = False) -> None:
-        """Continue from a frame of this run with its state, bitwise identical to a run without interruption.
-
-        Parameters
-        ----------
-        frame : Frame
-        known : bool
-            Whether the state never left this process; it is checked otherwise.
-
-        Raises
-        ------
-        FormatError
-            The frame has no state, or that of another run.
-        """
-        self._forget_computed()
-        state, ids, at = frame.state, frame.particles.id, f"t = {frame.time:g} s"
-        if not {"rows", "keys", *LEFT_STATE, *YIELD_STATE, *self._changing()} <= set(state) or ids is None:
-            raise FormatError(f"the frame at {at} carries no state to resume from; start with --overwrite")
-        rows, n = state["rows"], len(ids)
-        if rows.dtype != self._real or rows.shape != (n, self._rows.shape[1]) or n > len(self._rows):
-            raise FormatError(
-                f"the frame at {at} is of another scene: its rows are {rows.dtype}{list(rows.shape)}, expected "
-                f"{np.dtype(self._real)}[at most {len(self._rows)}, {self._rows.shape[1]}]; start with --overwrite"
-            )
-        for name, array in self._changing().items():
-            if state[name].shape != array.shape:
-                raise FormatError(
-                    f"the frame at {at} is of another version of mpmgis: '{name}' has the shape "
-                    f"{list(state[name].shape)}, expected {list(array.shape)}; start with --overwrite"
-                )
-        if not known:
-            require_point_state(frame, self, self._changing(), self._rows)
-        self._rows[:n], self._ids[:n], self._keys[:n] = rows, ids, state["keys"]
-        for name, array in self._changing().items():
-            array[:] = state[name]
-        self._restore_left(state)
-        self._restore_yields(state)
-        if self.numerics.maxima:
-            restore_peaks(self._peaks, state)
-        self._counts[entry.ROWS] = n
-        window_of(self._keys[:n], self._lowest, self._counts[entry.WINDOW_FIRST :])
+        window_of(keys, self._lowest, self._counts[entry.WINDOW_FIRST :])
         self._stress, self._affine = state.get("stress"), state.get("affine")
 
     def insert(self, frame: "Frame", stress: np.ndarray | None = None, affine: np.ndarray | None = None) -> None:
@@ -417,10 +354,13 @@ class PointSolver(PointBalances):
         SceneError
             Points outside the terrain.
         """
+        self._before_change()
         new = copy(self)
         new._affine = None if affine is None else np.asarray(affine, float)
+        sizes = self._sizes(len(frame.particles))
+        new._make_arrays({**dict.fromkeys(sizes, 1), **{name: sizes[name] for name in OF_POINTS}}, self._real)
         new._load(replace(frame, time=self.time), stress)
-        if self.points:
+        if self.particles:
             if self._stress is None:
                 new._clock[entry.STEP_NOW] = self._clock[entry.STEP_NOW]
                 new._give_impulses()
@@ -433,14 +373,14 @@ class PointSolver(PointBalances):
                 self._stress = np.concatenate([self._stress, new._stress])
             self._append(new)
         else:
-            self._rows, self._ids, self._keys, self._order = new._rows, new._ids, new._keys, new._order
+            points, self._order = new._arrays, new._order
+            self._arrays = self._arrays._replace(rows=points.rows, ids=points.ids, keys=points.keys)
             self._stress, self._affine = new._stress, new._affine
             self._counts[entry.ROWS] = len(frame.particles)
             self._counts[entry.WINDOW_FIRST :] = new._counts[entry.WINDOW_FIRST :]
         self._press_contacts(frame, stress)
         clock = self._clock
         self._counts[entry.ALIVE] += len(frame.particles)
-        self._forget_computed()
         clock[[entry.TOTAL_MASS, entry.MASS_NOW]] += new.mass_start
         clock[entry.LIFTED_MASS] += new._clock[entry.LIFTED_MASS]
         for largest in (entry.FASTEST, entry.SHEAR, entry.HIGHEST, entry.START_SPEED):
@@ -465,31 +405,26 @@ class PointSolver(PointBalances):
         counts, count = self._counts, len(new._order)
         first = int(counts[entry.ROWS])
         self._require_room(first + count)
-        for own, more in ((self._rows, new._rows), (self._ids, new._ids), (self._keys, new._keys)):
-            own[first : first + count] = more
+        for name in ("rows", "ids", "keys"):
+            getattr(self._arrays, name)[first : first + count] = getattr(new._arrays, name)
         counts[entry.ROWS] += count
         window, others = (some[entry.WINDOW_FIRST :] for some in (counts, new._counts))
         window[:] = np.where(np.arange(len(window)) < EAST, np.minimum(window, others), np.maximum(window, others))
 
     def started(self) -> dict[str, Any]:
-        """Return the initial sums of the solver as plain numbers (see `start_from`)."""
-        return {
-            "mass": self.mass_start,
-            "energy": list(self.energy_start),
-            "momentum": self._momentum_start.tolist(),
-            "energy_whole": self._energy_whole,
-            "heaviest": self._heaviest,
-        }
+        """Return the numbers of the start that the solver counts from, as plain numbers (see `start_from`)."""
+        momentum = {"momentum": self._momentum_start.tolist()}
+        return super().started() | momentum | {"energy_whole": self._energy_whole, "heaviest": self._heaviest}
 
     def start_from(self, started: dict[str, Any]) -> None:
-        """Set the initial sums to those of `started`: this solver was made from a later frame of the same run.
+        """Count from the start of another solver: this one was made of a later frame of the same run.
 
         Parameters
         ----------
         started : dict
-            The result of `started` of the solver of the run's start.
+            Result of its `started`.
         """
-        self.mass_start, self.energy_start = started["mass"], tuple(started["energy"])
+        super().start_from(started)
         self._momentum_start, self._energy_whole = np.array(started["momentum"]), started["energy_whole"]
         self._heaviest = started.get("heaviest", self._heaviest)  # such points may have left since
         self._update_mass_limits()

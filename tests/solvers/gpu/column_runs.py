@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 from column_slots import erodible, made, pile
+from compared_runs import after, continued, difference
 
 from mpmgis.laws.entrainment import entrainment_law
 from mpmgis.solvers.columns import column_time_step
@@ -24,13 +25,6 @@ def solver_of(kind, **more):
     return made(kind, frame=pile(spacing=5.0), **LAWS | more)
 
 
-def after(solver, *times):
-    """The solver, advanced through `times` of frames."""
-    for time in times:
-        solver.advance(time)
-    return solver
-
-
 def values(solver):
     """All that a frame of the solver holds, by name, and its balances; columns in the order of their ids."""
     frame = solver.frame()
@@ -42,30 +36,9 @@ def values(solver):
     return particles.arrays() | frame.maxima | change | clock | {name: np.array([balances[name]]) for name in names}
 
 
-def difference(one, other):
-    """Largest difference of `values`, over the largest value of each."""
-    return max(
-        float(np.abs(np.asarray(a, float) - b).max(initial=0.0) / max(np.abs(b).max(initial=0.0), 1e-300))
-        for a, b in ((one[name], other[name]) for name in one)
-        if np.asarray(a).dtype.kind == "f" and np.isfinite(b).all()
-    )
-
-
-def same(one, other):
-    """Whether two `values` have the same bits."""
-    return all(np.array_equal(one[name], other[name], equal_nan=True) for name in one)
-
-
 def compared(run):
     """Largest difference of the `values` of the solvers of both kinds after `run`."""
     return difference(*(values(run(solver_of(kind))) for kind in reversed(KINDS)))
-
-
-def resumed(kind, frame):
-    """`values` at the END of a run of `kind` that continues from `frame`."""
-    solver = solver_of(kind)
-    solver.restore(frame)
-    return values(after(solver, END))
 
 
 def inserted(solver):
@@ -100,29 +73,23 @@ def released(solver):
     while code != column_time_step.TRIGGER_REACHED and solver.time < 5.0:
         assert not solver.fired(1, nodes)
         code = solver.advance(5.0, max_steps=2)
-    assert solver.fired(1, nodes) and not (solver._wet[nodes] // 2).any()
+    assert solver.fired(1, nodes) and not (solver.arrays.wet[nodes] // 2).any()
     return after(solver, solver.time + 0.2)
 
 
 def allowed_to_stop(solver):
     """Rest ends a run only where it may."""
-    solver._rows[:, 2:8] = 0.0
+    solver.arrays.rows[:, 2:8] = 0.0
     solver._clock[column_time_step.MOVING_PEAK] = 1e9
-    assert solver.advance(1.0, 2, may_stop=False) == column_time_step.RUNNING
-    assert solver.advance(1.0, 2, may_stop=True) == column_time_step.STOPPED_MOVING
+    assert solver.advance(1.0, max_steps=2, may_stop=False) == column_time_step.RUNNING
+    assert solver.advance(1.0, max_steps=2, may_stop=True) == column_time_step.STOPPED_MOVING
     return solver
 
 
 def main():
     """All runs."""
-    on_processor, on_device = (values(after(solver_of(kind), FIRST, END)) for kind in KINDS)
-    frames = {kind: after(solver_of(kind), FIRST).frame() for kind in KINDS}
-    found = {
-        "as_on_the_processor": difference(on_device, on_processor),
-        "from_processor_to_device": difference(resumed(DeviceColumnSolver, frames[ColumnSolver]), on_processor),
-        "from_device_to_processor": difference(resumed(ColumnSolver, frames[DeviceColumnSolver]), on_processor),
-        "same_bits_after_resuming": same(resumed(DeviceColumnSolver, frames[DeviceColumnSolver]), on_device),
-    }
+    found, same_bits = continued(solver_of, values, KINDS, FIRST, END)
+    found["same_bits_after_resuming"] = same_bits
     runs = inserted, taken_out, with_half_the_step, released
     found |= {run.__name__: compared(run) for run in runs}
     found["allowed_to_stop"] = difference(

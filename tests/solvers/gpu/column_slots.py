@@ -73,7 +73,7 @@ def made(kind=ColumnSolver, bed=rough, frame=None, places=None, cell_size=DX, gr
     places = places(ColumnGrid.on(terrain, cell_size)) if callable(places) else places
     solver = kind(frame, terrain, ColumnEffects(**slots), ColumnNumerics(cell_size, **numerics), places)
     if gradient:
-        solver._rows[:, CXX : CXX + 4] = 0.1 * np.sin(np.arange(4 * len(solver._rows))).reshape(-1, 4)
+        solver.arrays.rows[:, CXX : CXX + 4] = 0.1 * np.sin(np.arange(4 * len(solver.arrays.rows))).reshape(-1, 4)
     return solver
 
 
@@ -137,15 +137,15 @@ def armed(kind=ColumnSolver):
 def fast(kind=ColumnSolver, which=slice(None, None, 3), speed=45.0):
     """Some columns are faster than their drop allows."""
     solver = made(kind)
-    solver._rows[which, 2] = speed
+    solver.arrays.rows[which, 2] = speed
     return solver
 
 
 def spread(kind=ColumnSolver):
     """Columns with areas that the thickness clamp resets."""
     solver = made(kind, clamp=1.5)
-    solver._rows[::4, 9] *= 6.0
-    solver._rows[1::4, 9] *= 0.1
+    solver.arrays.rows[::4, 9] *= 6.0
+    solver.arrays.rows[1::4, 9] *= 0.1
     return solver
 
 

@@ -6,6 +6,7 @@ Prints JSON: largest differences by name; `same_bits` by name.
 import json
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import shapely
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parents[2]), str(HERE.parents[1] / "bench")]
 
+from compared_runs import after, continued, difference  # noqa: E402
 from gpu import slab  # noqa: E402
 
 from mpmgis.laws.contact_friction import coulomb_contact  # noqa: E402
@@ -27,7 +29,7 @@ from mpmgis.solvers.points.point_solver import PointSolver  # noqa: E402
 POINTS = 32
 EFFECTS = PointEffects(drucker_prager(6.7e6, 4e6, 35.0, 500.0), contact=coulomb_contact(0.4))
 FIRST, END = 0.008, 0.016  # [s], of frames
-NEVER = 1e9
+KINDS = PointSolver, DevicePointSolver
 
 
 def made(kind, walls=(), empty=False):
@@ -47,13 +49,6 @@ def dam(west=9.2, mu=0.4):
     return (Wall("dam", shapely.box(west, -50.0, west + 4.0, 80.0), height=20.0, mu=mu),)
 
 
-def after(solver, *times):
-    """The solver, advanced through `times` of frames."""
-    for until, following in zip(times, (*times[1:], NEVER), strict=True):
-        solver.advance(until, following)
-    return solver
-
-
 def values(solver):
     """All that a frame of the solver holds, by name, and its energy; points in the order of their ids."""
     frame = solver.frame()
@@ -63,59 +58,16 @@ def values(solver):
     return particles.arrays() | frame.maxima | {"yields": frame.state["yields"]} | at_walls | sums
 
 
-def difference(one, other):
-    """Largest difference of `values`, over the largest value of each."""
-    return max(
-        float(np.abs(np.asarray(a, float) - b).max(initial=0.0) / max(np.abs(b).max(initial=0.0), 1e-300))
-        for a, b in ((one[name], other[name]) for name in one)
-        if np.asarray(a).dtype.kind == "f" and np.isfinite(b).all()
-    )
-
-
-def same(one, other):
-    """Whether two `values` have the same bits."""
-    return all(np.array_equal(one[name], other[name], equal_nan=True) for name in one)
-
-
-def frame_of(kind, walls=()):
-    """The frame at FIRST of a run of `kind` to END, which chooses the step after it."""
-    solver = made(kind, walls)
-    solver.advance(FIRST, END)
-    return solver.frame()
-
-
-def resumed(kind, frame, walls=()):
-    """`values` at the END of a run of `kind` that continues from `frame`."""
-    solver = made(kind, walls)
-    solver.restore(frame)
-    return values(after(solver, END))
-
-
-def continued(walls=()):
-    """(largest differences by name, same bits after resuming) of runs with `walls`, in one part or from a frame."""
-    kinds = PointSolver, DevicePointSolver
-    on_processor, on_device = (values(after(made(kind, walls), FIRST, END)) for kind in kinds)
-    frames = {kind: frame_of(kind, walls) for kind in kinds}
-    there = resumed(DevicePointSolver, frames[PointSolver], walls)
-    back = resumed(PointSolver, frames[DevicePointSolver], walls)
-    found = {
-        "as_on_the_processor": difference(on_device, on_processor),
-        "from_processor_to_device": difference(there, on_processor),
-        "from_device_to_processor": difference(back, on_processor),
-    }
-    return found, same(resumed(DevicePointSolver, frames[DevicePointSolver], walls), on_device)
-
-
 def main():
     """All runs."""
     smaller, begun_empty = [], []
-    for kind in (PointSolver, DevicePointSolver):
+    for kind in KINDS:
         solver = after(made(kind), FIRST)
         solver.share_step(0.5)
         smaller.append(values(after(solver, END)))
         begun_empty.append(values(filled(kind)))
-    found, same_bits = continued()
-    at_walls, same_bits_at_walls = continued(dam())
+    found, same_bits = continued(made, values, KINDS, FIRST, END)
+    at_walls, same_bits_at_walls = continued(partial(made, walls=dam()), values, KINDS, FIRST, END)
     found |= {f"{name}_with_a_barrier": value for name, value in at_walls.items()}
     found |= {
         "with_half_the_step": difference(*reversed(smaller)),
@@ -140,7 +92,7 @@ def filled(kind):
 def inserted():
     """Largest difference after the points are inserted once more during the run."""
     found = []
-    for kind in (PointSolver, DevicePointSolver):
+    for kind in KINDS:
         solver = after(made(kind), FIRST)
         more = slab(POINTS)[1]
         more.particles.position[:, 0] += 4.0

@@ -14,14 +14,14 @@ from launch_order import shuffled
 from mpmgis.compiled.block_order import GONE
 from mpmgis.solvers.columns import column_rows as row
 from mpmgis.solvers.columns import column_time_step as entry
-from mpmgis.solvers.columns.column_records import ColumnArrays
+from mpmgis.solvers.columns.column_arrays import changing_fields
 from mpmgis.solvers.gpu import device_column_loop
-from mpmgis.solvers.gpu.device_column_loop import CHANGING_FIELDS, DeviceColumns
+from mpmgis.solvers.gpu.device_column_loop import DeviceColumns
 from mpmgis.solvers.gpu.launch import ACTIVE, Launch
 
 NARROW, WIDE = Launch(2, 8, 1, 2, 1, 3), Launch(3, 16, 1, 3, 1, 5)
 REPEATED = "slide", "outflow west and south", "lowered bed", "barriers and walls", "forest, erosion and walls"
-NAMES = ("rows", "ids", "keys", "wet", "clock", "counts", "ledger", "peaks", "barrier_sums", "left")
+NAMES = ("rows", "ids", "keys", "wet", "clock", "counts", "ledger", "peaks", "barrier_sums", "left_cells")
 PLACES = (  # of what is largest: of nodes with values that differ by rounding another may be taken
     entry.DEEPEST_X,
     entry.DEEPEST_Y,
@@ -45,8 +45,7 @@ ENERGIES = (
 
 def device_of(solver, launch=NARROW):
     """DeviceColumns of the arrays of `solver`."""
-    state = ColumnArrays(*(getattr(solver, f"_{name}") for name in NAMES))
-    return DeviceColumns(state, solver._settings, solver.fields, solver.effects, launch)
+    return DeviceColumns(solver.arrays, solver._settings, solver.fields, solver.effects, launch)
 
 
 def advanced(solver, steps, until=1e9, launch=NARROW, pauses=1):
@@ -73,9 +72,9 @@ def scaled(a, b):
 def by_id(solver):
     """Rows, ids and keys of the columns that have not left; their order in memory differs between CPU and device."""
     n = solver._counts[entry.ROWS]
-    here = np.flatnonzero(solver._keys[:n] != GONE)
-    here = here[np.argsort(solver._ids[here])]
-    return solver._rows[here], solver._ids[here], solver._keys[here]
+    here = np.flatnonzero(solver.arrays.keys[:n] != GONE)
+    here = here[np.argsort(solver.arrays.ids[here])]
+    return solver.arrays.rows[here], solver.arrays.ids[here], solver.arrays.keys[here]
 
 
 def difference(one, other):
@@ -83,7 +82,7 @@ def difference(one, other):
     (a, ids, keys), (b, other_ids, other_keys) = by_id(one), by_id(other)
     exact = {"ids": bool(np.array_equal(ids, other_ids)), "keys": bool(np.array_equal(keys, other_keys))}
     exact |= {
-        name: bool(np.array_equal(getattr(one, f"_{name}"), getattr(other, f"_{name}"))) for name in ("counts", "wet")
+        name: bool(np.array_equal(getattr(one.arrays, name), getattr(other.arrays, name))) for name in ("counts", "wet")
     }
     here = {"inexact": [name for name, same in exact.items() if not same]}
     if here["inexact"]:
@@ -98,9 +97,9 @@ def difference(one, other):
     }
     for name, numbers in groups.items():
         here[name] = scaled(b[:, list(numbers)], a[:, list(numbers)])
-    for name in ("ledger", "peaks", "barrier_sums", "left"):
-        here[name] = scaled(getattr(other, f"_{name}"), getattr(one, f"_{name}"))
-    for name in CHANGING_FIELDS:
+    for name in ("ledger", "peaks", "barrier_sums", "left_cells"):
+        here[name] = scaled(getattr(other.arrays, name), getattr(one.arrays, name))
+    for name in changing_fields(one.effects):
         here[name] = scaled(getattr(other.fields, name), getattr(one.fields, name))
     clock, there = one._clock, other._clock
     here["energies"] = scaled(there[list(ENERGIES)], clock[list(ENERGIES)])
@@ -129,8 +128,8 @@ def facts(solver):
         "KICK_BEFORE",
     )
     here = {name: float(clock[getattr(entry, name)]) for name in names}
-    here |= {"out": [float(mass) for mass in solver._ledger[:, 0]], "alive": int(solver._counts[entry.ALIVE])}
-    held = solver._barrier_sums.tolist()
+    here |= {"out": [float(mass) for mass in solver.arrays.ledger[:, 0]], "alive": int(solver._counts[entry.ALIVE])}
+    held = solver.arrays.barrier_sums.tolist()
     return here | {"forest": [float(value) for value in sums], "held": held, "steps": solver.step}
 
 
@@ -144,7 +143,7 @@ def compared(make, steps):
 
 def bits(solver):
     """All that changes, as bytes."""
-    changing = [getattr(solver, f"_{name}") for name in NAMES] + list(solver.fields)
+    changing = [getattr(solver.arrays, name) for name in NAMES] + list(solver.fields)
     return b"".join(array.tobytes() for array in changing)
 
 
@@ -167,7 +166,8 @@ def other_launch(make, steps):
     """Whether the motion is the same with another number of threads (sums of reports may differ in the last bits)."""
     (one, _), other = on_device(make, steps), make()
     advanced(other, steps, launch=WIDE)
-    return {"same": one._rows.tobytes() + one._keys.tobytes() == other._rows.tobytes() + other._keys.tobytes()}
+    first, second = (solver.arrays.rows.tobytes() + solver.arrays.keys.tobytes() for solver in (one, other))
+    return {"same": first == second}
 
 
 def grown(make, steps):
@@ -213,10 +213,10 @@ def reasons():
     device = device_of(solver)
     here["reached"] = device.advance(0.25, 10) == entry.REACHED_TIME and solver.time == 0.25
     gone = made()
-    gone._counts[entry.ALIVE], gone._keys[:] = 0, GONE
+    gone._counts[entry.ALIVE], gone.arrays.keys[:] = 0, GONE
     here["left"] = advanced(gone, 3) == entry.ALL_LEFT
     broken = made()
-    broken._rows[5, row.U] = np.nan
+    broken.arrays.rows[5, row.U] = np.nan
     here["not finite"] = advanced(broken, 3) == entry.NOT_FINITE_STATE and bool(broken._counts[entry.BAD])
     here["one step"] = broken.step == 1
     return here

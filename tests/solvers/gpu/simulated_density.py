@@ -153,12 +153,12 @@ def corrected(make, precision, steps=1):
     One step contains the correction and the stress that follows from its first part.
     """
     one, (other, found) = begun(make(precision)), on_device(make, precision, steps)
-    least = float(one._rows[:, row.S0].min())
+    least = float(one.arrays.rows[:, row.S0].min())
     reason = one.advance(1e9, max_steps=steps)
     here = difference(one, other) if found == reason else {"exact": False}
     here["least before"], barriers = least, one._barriers
     here["gained"] = one.balances()["energy_of_volume_corrections"]
-    here["yield"] = float(one._yields[one.step % 2, ..., YIELD].max())
+    here["yield"] = float(one.arrays.yields[one.step % 2, ..., YIELD].max())
     here["folds"] = int(one._known_ground.folds.shape[0] > 1)
     if one.walls:
         part = barriers[..., FILLED]

@@ -46,7 +46,8 @@ MATERIALS = {
 # Kirchhoff stress [Pa] (xx, yy, zz, xy, xz, yz) of every other point at the start: sheared under pressure, or pulled
 STRESSES = np.array([[-1e5, -1e5, -2e5, 5e4, 5e5, 0.0], [6e5, 5e5, 7e5, 0.0, 1e5, 5e4]])
 NARROW = Launch(2, 8, 1, 2, 4, 3)
-NAMES = ("rows", "ids", "keys", "clock", "counts", "ledger", "left", "peaks", "yields", "barrier_sums", "face_yields")
+LOADS = "barrier_sums", "face_yields"
+NAMES = ("rows", "ids", "keys", "clock", "counts", "ledger", "left_cells", "peaks", "yields", *LOADS)
 WIDE = Launch(3, 16, 2, 3, 8, 5)
 
 
@@ -95,7 +96,7 @@ def at_cliff(precision, contact=COULOMB):
 def into_wall(precision):
     """Points that run into a wall on the eastern edge, some of them already beyond it."""
     solver = slab(precision, x=198.4, velocity=(40.0, 0.0, 0.0), edges="wall")
-    solver._rows[::4, row.X] = 4.0 + 0.2  # the edge is at 4 in its block
+    solver.arrays.rows[::4, row.X] = 4.0 + 0.2  # the edge is at 4 in its block
     return solver
 
 
@@ -112,15 +113,15 @@ def along_wall(precision):
 def out_of_domain(precision):
     """Points of which some leave over the southern edge in the first step."""
     solver = slab(precision, x=100.0, velocity=(0.0, -60.0, 0.0))
-    solver._keys[:] = solver._keys & ((1 << 42) - 1)  # the block row of the edge, at 4 in it
-    solver._rows[:, row.Y] = np.linspace(4.02, 4.45, len(solver._rows))
+    solver.arrays.keys[:] = solver.arrays.keys & ((1 << 42) - 1)  # the block row of the edge, at 4 in it
+    solver.arrays.rows[:, row.Y] = np.linspace(4.02, 4.45, len(solver.arrays.rows))
     return restarted(solver)
 
 
 def under_ground(precision):
     """Some of the points are more than a cell below the ground."""
     solver = slab(precision)
-    solver._rows[::5, row.Z] = 0.55
+    solver.arrays.rows[::5, row.Z] = 0.55
     return restarted(solver)
 
 
@@ -128,7 +129,7 @@ def restarted(solver):
     """`solver` with the window of its changed keys."""
     from mpmgis.solvers.points.point_blocks import window_of
 
-    window_of(solver._keys, solver._lowest, solver._counts[entry.WINDOW_FIRST :])
+    window_of(solver.arrays.keys, solver._lowest, solver._counts[entry.WINDOW_FIRST :])
     return solver
 
 
@@ -148,7 +149,7 @@ def with_zones(solver):
 
 def device_of(solver, launch=NARROW):
     """DevicePoints of the arrays of `solver`."""
-    return DevicePoints(solver._kernel_state(), solver._kernel_places(), solver._settings, solver._effects, launch)
+    return DevicePoints(solver.arrays, solver._kernel_places(), solver._settings, solver._effects, launch)
 
 
 def begun(solver):
@@ -176,9 +177,9 @@ def on_device(make, precision, steps):
 def by_id(solver):
     """Rows, ids and keys of the points that have not left; their order in memory differs between CPU and device."""
     n = solver._counts[entry.ROWS]
-    here = np.flatnonzero(solver._keys[:n] != GONE)
-    here = here[np.argsort(solver._ids[here])]
-    return solver._rows[here].astype(float), solver._ids[here], solver._keys[here]
+    here = np.flatnonzero(solver.arrays.keys[:n] != GONE)
+    here = here[np.argsort(solver.arrays.ids[here])]
+    return solver.arrays.rows[here].astype(float), solver.arrays.ids[here], solver.arrays.keys[here]
 
 
 def difference(one, other):
@@ -195,8 +196,8 @@ def difference(one, other):
         scale = 1.0 if name == "place" else np.abs(a[:, columns]).max(initial=1e-300)
         scale = max(scale, 1e-3 * np.abs(a[:, groups["momentum"]]).max(initial=0.0)) if name == "affine" else scale
         here[name] = float(np.abs(a[:, columns] - b[:, columns]).max(initial=0.0) / scale)
-    for name in ("peaks", "yields", "ledger", "left", "barrier_sums", "face_yields"):
-        x, y = getattr(one, f"_{name}"), getattr(other, f"_{name}")
+    for name in ("peaks", "yields", "ledger", "left_cells", "barrier_sums", "face_yields"):
+        x, y = getattr(one.arrays, name), getattr(other.arrays, name)
         x, y = (x[..., YIELD], y[..., YIELD]) if name.endswith("yields") else (x, y)
         here[name] = float(np.abs(x - y).max(initial=0.0) / max(np.abs(x).max(initial=0.0), 1e-300))
     clock, there = one._clock, other._clock
@@ -235,8 +236,8 @@ def difference(one, other):
     here["exact"] = bool(
         all(np.array_equal(mine, theirs) for mine, theirs in zip(names, others, strict=True))
         and np.array_equal(one._counts, other._counts)
-        and np.array_equal(one._yields[..., YIELD_STEP], other._yields[..., YIELD_STEP])
-        and np.array_equal(one._face_yields[..., YIELD_STEP], other._face_yields[..., YIELD_STEP])
+        and np.array_equal(one.arrays.yields[..., YIELD_STEP], other.arrays.yields[..., YIELD_STEP])
+        and np.array_equal(one.arrays.face_yields[..., YIELD_STEP], other.arrays.face_yields[..., YIELD_STEP])
     )
     fastest = slice(entry.FASTEST_X, entry.FASTEST_TIME + 1)
     here["fastest"] = float(np.abs(clock[fastest] - there[fastest]).max())
@@ -244,12 +245,12 @@ def difference(one, other):
         name: float(clock[getattr(entry, name)]) for name in ("LIFTED_TOTAL", "WALL_TOTAL", "LIMITED_TOTAL")
     }
     here["torn"] = float(clock[entry.TIP_TOTAL])
-    here["out"] = float(one._ledger[:, 0].sum())
+    here["out"] = float(one.arrays.ledger[:, 0].sum())
     here["alive"] = int(one._counts[entry.ALIVE])
-    here["loads"] = one._barrier_sums[:, :POINT_BARRIER_SUMS].tolist()
+    here["loads"] = one.arrays.barrier_sums[:, :POINT_BARRIER_SUMS].tolist()
     here["faces"], here["faces_yield"] = (
         int((one._faces[:, FACE_BARRIER] > 0.0).sum()),
-        float(one._face_yields[..., YIELD].max()),
+        float(one.arrays.face_yields[..., YIELD].max()),
     )
     return here
 
@@ -266,7 +267,7 @@ def with_material(laws, precision):
     steps = 3 if laws[0].kind == FLUID else 2  # it expands in the third
     here, solver = compared(partial(stressed, laws=laws), precision, steps), begun(stressed(precision, laws))
     solver.advance(1e9, max_steps=1)
-    rows = solver._rows
+    rows = solver.arrays.rows
     here["yield at once"] = int((rows[:, row.S6] > 0.0).sum()) if rows.shape[1] > row.S6 else 0
     here["torn at once"], here["least state"] = float(solver._clock[entry.TIP_TOTAL]), float(rows[:, row.S0].min())
     return here
@@ -274,7 +275,7 @@ def with_material(laws, precision):
 
 def bits(solver):
     """All that changes, as bytes."""
-    return b"".join(getattr(solver, f"_{name}").tobytes() for name in NAMES)
+    return b"".join(getattr(solver.arrays, name).tobytes() for name in NAMES)
 
 
 def permuted(make, precision, steps):
@@ -296,7 +297,8 @@ def other_launch(make, precision, steps):
     """Whether the motion is the same with another number of threads (sums of reports may differ in the last bits)."""
     (one, _), other = on_device(make, precision, steps), make(precision)
     advanced(other, steps, launch=WIDE._replace(groups=1))
-    return {"same": one._rows.tobytes() + one._keys.tobytes() == other._rows.tobytes() + other._keys.tobytes()}
+    first, second = (solver.arrays.rows.tobytes() + solver.arrays.keys.tobytes() for solver in (one, other))
+    return {"same": first == second}
 
 
 def reasons():
@@ -307,7 +309,7 @@ def reasons():
     here["reached"] = device.advance(2.5 * solver._clock[entry.STEP_NOW], np.inf, 10) == entry.REACHED_TIME
     here["time"] = solver.time
     gone = slab("float64")
-    gone._counts[entry.ALIVE], gone._keys[:] = 0, GONE
+    gone._counts[entry.ALIVE], gone.arrays.keys[:] = 0, GONE
     here["left"] = advanced(gone, 3) == entry.ALL_LEFT
     late = begun(slab("float32"))
     late._counts[entry.STEP] = LAST_STEP - 1

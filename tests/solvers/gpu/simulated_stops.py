@@ -35,14 +35,14 @@ ENDS = {
 def not_finite(value, column, edges, precision):
     """A flow of which one point has a `value` that is no number."""
     solver = slab(precision, x=198.4 if edges == "wall" else 12.0, edges=edges)
-    solver._rows[5, column] = value
+    solver.arrays.rows[5, column] = value
     return solver
 
 
 def sunk(precision):
     """A flow that lies below the ground as a whole."""
     solver = slab(precision)
-    solver._rows[:, row.Z] = 0.55
+    solver.arrays.rows[:, row.Z] = 0.55
     return restarted(solver)
 
 
@@ -56,11 +56,11 @@ def thrown(precision, contact=COULOMB, velocity=(2e3, 500.0, 0.0), step=0.02):
 def scattered(precision):
     """Two flows far apart, thrown so high that their window has too many blocks."""
     solver = slab(precision)
-    rows, mass = solver._rows, solver._rows[:, row.MASS]
+    rows, mass = solver.arrays.rows, solver.arrays.rows[:, row.MASS]
     rows[:, row.PX : row.PY + 1], rows[:, row.PZ] = 0.0, 1e5 * mass
     for column in (row.AXX, row.AXY, row.AXZ):
         rows[:, column : column + 3] = 0.0
-    solver._keys[::2] += (6 << 42) + (44 << 21)
+    solver.arrays.keys[::2] += (6 << 42) + (44 << 21)
     solver = begun(restarted(solver))
     solver._clock[entry.STEP_NOW] = 20.0
     return solver

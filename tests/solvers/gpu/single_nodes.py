@@ -108,12 +108,12 @@ class SingleNodes(PointSolver):
     """A 3D solver for float32 points whose ground, contact, layers and density are in single precision."""
 
     def _take_steps(self, until, after, max_steps):
-        state, places = in_float32(self._kernel_state(), CHANGED), in_float32(self._kernel_places(), FIXED)
+        state, places = in_float32(self.arrays, CHANGED), in_float32(self._kernel_places(), FIXED)
         ground = places.ground
         ground = ground._replace(nodes=ground.nodes.astype(np.float32), exact=ground.exact.astype(np.float32))
         effects = self._effects._replace(contact=law(self._effects.contact))
         places = places._replace(ground=ground)
         reason = advance()(state, places, self._order, until, after, max_steps, self._settings, effects)
         for name in CHANGED:
-            getattr(self, f"_{name}")[...] = getattr(state, name)
+            getattr(self.arrays, name)[...] = getattr(state, name)
         return reason

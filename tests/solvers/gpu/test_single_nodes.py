@@ -90,6 +90,6 @@ def test_a_fluid_that_is_too_dense_expands_alike(monkeypatch, deep):
 
     double, single = both(monkeypatch, [point_scenes], run)
     assert type(single) is SingleNodes and single.step == double.step > 32
-    assert single._clock[CORRECTED_TOTAL] == double._clock[CORRECTED_TOTAL] > 0.5 * len(double._rows)
+    assert single._clock[CORRECTED_TOTAL] == double._clock[CORRECTED_TOTAL] > 0.5 * len(double.arrays.rows)
     for value in (lambda s: s.energy()[0], lambda s: s.balances()["energy_of_volume_corrections"]):
         assert value(single) == pytest.approx(value(double), rel=1e-3)
