@@ -17,6 +17,7 @@ import yaml
 from packaging.requirements import Requirement
 
 import mpmgis
+from mpmgis.maps.qgis.xml_markup import TEMPLATES
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -32,7 +33,7 @@ NO_BACKEND = ("Could not find a version", "No matching distribution", "Connectio
 IN_THE_WHEEL = (
     *("py.typed", "__init__.pyi", "ARCHITECTURE.md", "docs/limits.md", "docs/tutorial.md", "docs/formats.md"),
     *("docs/theory.md", "docs/index.md", "docs/api/index.md", "docs/guide/run-2d.md", "docs/reference/index.md"),
-    "reports/guidelines.toml",
+    *("results/hazard/guidelines.toml", "results/hazard/hazard_matrices.toml"),
     *("qgis_plugin/mpmgis_qgis/metadata.txt", "qgis_plugin/mpmgis_qgis/icon.svg", "qgis_plugin/mpmgis_qgis/LICENSE"),
     *("sample_data/lava_falls/scene.toml", "sample_data/lava_falls/lava_falls_release.shp"),
     "sample_data/lava_falls/lava_falls_dem_utm12n_10m.tif",
@@ -157,7 +158,8 @@ def test_the_wheel_holds_all_that_the_package_is_and_names_no_machine(wheel, che
     modules = {path.relative_to(checkout).as_posix() for path in (checkout / "mpmgis").rglob("*.py")}
     pages = {path.relative_to(checkout).as_posix() for path in (checkout / "mpmgis").rglob("*.md")}
     site = {f"mpmgis/sample_data/lava_falls/{path.name}" for path in (checkout / "sample_data/lava_falls").iterdir()}
-    assert modules | pages | site | {f"mpmgis/{name}" for name in IN_THE_WHEEL} <= set(files)
+    templates = {f"mpmgis/maps/qgis/templates/{path.name}" for path in TEMPLATES.iterdir()}
+    assert modules | pages | site | templates | {f"mpmgis/{name}" for name in IN_THE_WHEEL} <= set(files)
     others = {name for name in files if not name.startswith("mpmgis/")}
     assert all(name.startswith(f"mpmgis-{mpmgis.__version__}.dist-info/") for name in others)
     assert any(name.endswith("/LICENSE") for name in others)

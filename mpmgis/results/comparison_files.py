@@ -19,8 +19,7 @@ from ..maps.export.run_picture import (
     map_axes,
     map_view,
 )
-from ..maps.qgis.raster_styles import style_document
-from ..maps.qgis.xml_markup import node
+from ..maps.qgis.raster_styles import CLASS_OPACITY, class_pipe, style_document
 from ..system.csv_rows import write_records
 from ..system.whole_files import whole_file
 from ..terrain.elevation import Terrain
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
 CLASSES = {1: "only A", 2: "only B", 3: "both"}  # number in classes.tif: words
 ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # distinct for colour-blind readers and in grey
-OPACITY = 0.8  # [1] of the classes over the hillshade
 LINE_COLOUR = "#101010"
 LEGEND_LETTERS = 30  # in a line of the legend
 
@@ -104,14 +102,9 @@ def write_classes_style(path: Path) -> None:
     path : Path
     """
     colours = dict(zip(CLASSES, (ONLY_FIRST, ONLY_SECOND, BOTH), strict=True))
-    entries = [
-        node("paletteEntry", {"value": number, "color": colours[number], "alpha": 255, "label": word})
-        for number, word in CLASSES.items()
-    ]
-    shown = {"type": "paletted", "band": 1, "opacity": OPACITY, "alphaBand": -1, "nodataColor": ""}
-    renderer = node("rasterrenderer", shown, node("colorPalette", None, *entries))
+    classes = [(number, word, colours[number]) for number, word in CLASSES.items()]
     with whole_file(path) as part:
-        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8", newline="\n")
+        part.write_text(style_document(class_pipe(classes)), encoding="utf-8", newline="\n")
 
 
 class MapSide(NamedTuple):
@@ -188,7 +181,7 @@ def _draw_classes(axes: "Axes", grid: Grid, masks: tuple) -> None:
     first, second = masks
     image = np.zeros((*grid.shape, 4))
     for where, colour in ((first & ~second, ONLY_FIRST), (second & ~first, ONLY_SECOND), (first & second, BOTH)):
-        image[where] = to_rgba(colour, OPACITY)
+        image[where] = to_rgba(colour, CLASS_OPACITY)
     draw_image(axes, grid, image)
 
 
@@ -213,7 +206,13 @@ def _draw_legend(axes: "Axes", sides: tuple, both_area: float, has_line: bool, i
     from matplotlib.patches import Patch
 
     entries = [
-        Patch(facecolor=colour, alpha=OPACITY, edgecolor=INK, linewidth=0.4, label=f"{_wrapped(text)}\n{_area(area)}")
+        Patch(
+            facecolor=colour,
+            alpha=CLASS_OPACITY,
+            edgecolor=INK,
+            linewidth=0.4,
+            label=f"{_wrapped(text)}\n{_area(area)}",
+        )
         for text, area, colour in (
             ("both", both_area, BOTH),
             (f"only A, {sides[0].name}", sides[0].alone, ONLY_FIRST),

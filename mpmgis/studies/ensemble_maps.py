@@ -11,7 +11,7 @@ from ..laws.quantities import Quantity
 from ..maps.averaging.exported_folder import TYPICAL_PERCENTILE, moved_corner
 from ..maps.export.band_map import write_band_map
 from ..maps.qgis.colours import look_of
-from ..maps.qgis.project import Group, project_document, raster_layer, terrain_group, title_settings, write_archive
+from ..maps.qgis.project import Group, project_document, raster_layer, terrain_group, write_archive
 from ..maps.qgis.raster_styles import hillshade_pipe, style_document, value_pipe, write_sidecar
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
@@ -171,7 +171,7 @@ def _write_project(maps, tags):
         for raster, bands in maps.bands.items()
     ]
     label = f"{maps.name}: {tags['members']} runs"
-    write_archive(maps, project_document(maps, [*groups, terrain_group(maps)], _view(maps), title_settings(label)))
+    write_archive(maps, project_document(maps, [*groups, terrain_group(maps)], _view(maps), label))
 
 
 def _view(maps):

@@ -8,16 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from . import operating_system
 from .errors import OutputError
 from .links import open_own, status
-from .writer_process import PATTERN, new_token, written_by
 
 LOCK_FILE = ".lock"
+PATIENCE = 0.1  # [s] a process that ends its lock may take
 # errors of file systems without locks; macOS has two numbers for one of them, Windows returns EINVAL
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL)
 _FIRST = b"p"  # first byte of the file
-_HOLDER = re.compile(rf"process \d+( on [^,]*)?(, ({PATTERN}))?", re.DOTALL)  # of this and earlier versions
+_HOLDER = re.compile(r"process \d+( on .*)?", re.DOTALL)
 _LONGEST = 1000  # [bytes] read from the file
 
 
@@ -25,12 +24,8 @@ _LONGEST = 1000  # [bytes] read from the file
 def sole_writer(folder: str | Path) -> "Iterator[Hold]":
     """Lock an existing folder for this block.
 
-    The lock is a system lock on the file LOCK_FILE, not the existence of this file: the file of a killed process does
-    not block other processes. Where the file system has no locks, the folder is locked as long as the process named
-    in the file may be alive.
-
-    The library filelock provides the system locks (flock, LockFileEx). It gets the descriptor of the file opened
-    here, so that the holder can be reported and a removed or replaced folder is detected.
+    The lock is that of `filelock.FileLock` on the file LOCK_FILE: the file of a killed process does not block other
+    processes. It is removed at the end. Where the file system has no locks, nothing is locked.
 
     Parameters
     ----------
@@ -45,81 +40,47 @@ def sole_writer(folder: str | Path) -> "Iterator[Hold]":
     OutputError
         Another process, or another run of this process, has locked it; LOCK_FILE is a link or another file.
     """
-    hold = Hold(Path(folder))
+    import filelock  # 30 ms, needed only by commands that write a run
+
+    path = Path(folder) / LOCK_FILE
+    holder = _holder(path)
+    lock = filelock.FileLock(path, timeout=PATIENCE, on_acquired=_sign)
+    try:
+        lock.acquire()
+    except filelock.Timeout as error:
+        raise OutputError(
+            f"{folder} is being written by {holder or 'another process'}; wait for it to end, or give another -o"
+        ) from error
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+    hold = Hold(Path(folder), os.lstat(path))
     try:
         yield hold
     finally:
-        hold.release()
+        if hold.is_there():
+            with suppress(OSError):  # Windows cannot remove open files; there `release` does it
+                path.unlink()
+        lock.release()
 
 
 class Hold:
-    """Exclusive lock on a folder until `release`.
+    """Exclusive lock on a folder.
 
     Parameters
     ----------
     folder : Path
-
-    Raises
-    ------
-    OutputError
-        As `sole_writer`.
+    file : os.stat_result
+        Of the file that is locked.
     """
 
-    def __init__(self, folder: Path):
-        self.folder, self._path = folder, folder / LOCK_FILE
-        self._handle = self._locked()
-        os.ftruncate(self._handle, 0)
-        os.lseek(self._handle, 0, os.SEEK_SET)
-        os.write(self._handle, f"process {os.getpid()} on {socket.gethostname()}, {new_token()}".encode())
+    def __init__(self, folder: Path, file: os.stat_result):
+        self._folder, self._file = folder, file
 
-    def _locked(self) -> int:
-        """Return the descriptor of the locked lock file; try again if its holder has just released and removed it."""
-        while True:
-            handle = open_own(self._path)
-            try:
-                holder = _read(handle)
-                self._require_own(holder)
-                self._lock(handle, holder)
-                if self._is(handle):
-                    return handle
-            except BaseException:
-                os.close(handle)
-                raise
-            os.close(handle)
-
-    def _require_own(self, holder):
-        """Refuse a file of this name that is not a lock of this program."""
-        if holder and _HOLDER.fullmatch(holder) is None:
-            raise OutputError(f"{self._path} was not written by mpmgis; move it away, or give another -o")
-
-    def _lock(self, handle, holder):
-        from filelock import lock_descriptor  # 30 ms, needed only by commands that write a run
-
-        try:
-            locked = lock_descriptor(handle, blocking=False)
-        except OSError as error:
-            if error.errno not in _NO_LOCKS:
-                raise
-            self._lock_by_name(holder)
-        else:
-            if not locked:
-                raise self._held(holder, "wait for it to end")
-
-    def _lock_by_name(self, holder: str) -> None:
-        """Lock where the file system has no locks: refuse while the process named in the file may be alive."""
-        found = _HOLDER.fullmatch(holder)
-        if found is not None and found[3] is not None and not written_by(found[3]).is_over():
-            raise self._held(holder, f"wait for it to end, remove {self._path} if it has ended")
-
-    def _held(self, holder: str, fix: str) -> OutputError:
-        """Return the error that names the holder of the lock."""
-        who = holder.partition(",")[0] or "another process"
-        return OutputError(f"{self.folder} is being written by {who}; {fix}, or give another -o")
-
-    def _is(self, handle: int) -> bool:
-        """Return whether the path of the lock is still the file that is open as `handle`."""
-        found = status(self._path)
-        return found is not None and os.path.samestat(found, os.fstat(handle))
+    def is_there(self) -> bool:
+        """Return whether the path of the lock is still the file that is locked."""
+        found = status(self._folder / LOCK_FILE)
+        return found is not None and os.path.samestat(found, self._file)
 
     def require_folder(self) -> None:
         """Raise OutputError if the folder was removed, moved or replaced.
@@ -128,30 +89,32 @@ class Hold:
         ------
         OutputError
         """
-        if not self._is(self._handle):
-            raise OutputError(f"{self.folder} was removed or replaced while it was written; run the command again")
-
-    def release(self) -> None:
-        """Remove the file while it is locked, then unlock it."""
-        own = self._is(self._handle)
-        if own:
-            with suppress(OSError):
-                os.ftruncate(self._handle, 0)  # without a holder, also where it cannot be removed
-                self._path.unlink()
-        os.close(self._handle)
-        if own and operating_system.WINDOWS:  # Windows cannot remove open files
-            with suppress(OSError):
-                self._path.unlink()
+        if not self.is_there():
+            raise OutputError(f"{self._folder} was removed or replaced while it was written; run the command again")
 
 
-def _read(handle: int) -> str:
-    """Return the text of the lock file.
+def _holder(path):
+    """Return who is named in the lock file, which is created if missing; refuse one that mpmgis did not write.
 
     On Windows the first byte cannot be read while another process has locked it.
     """
+    handle = open_own(path)
     try:
-        text = os.read(handle, _LONGEST)
-    except PermissionError:
-        os.lseek(handle, len(_FIRST), os.SEEK_SET)
-        text = _FIRST + os.read(handle, _LONGEST)
-    return text.decode("utf-8", "replace")
+        try:
+            text = os.read(handle, _LONGEST)
+        except PermissionError:
+            os.lseek(handle, len(_FIRST), os.SEEK_SET)
+            text = _FIRST + os.read(handle, _LONGEST)
+    finally:
+        os.close(handle)
+    holder = text.decode("utf-8", "replace")
+    if holder and _HOLDER.fullmatch(holder) is None:
+        raise OutputError(f"{path} was not written by mpmgis; move it away, or give another -o")
+    return holder
+
+
+def _sign(handle):
+    """Write this process into the locked file."""
+    os.ftruncate(handle, 0)
+    os.lseek(handle, 0, os.SEEK_SET)
+    os.write(handle, f"process {os.getpid()} on {socket.gethostname()}".encode())

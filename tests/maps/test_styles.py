@@ -14,6 +14,7 @@ from mpmgis.laws.quantities import BAND, Quantity
 from mpmgis.maps.qgis import colours, raster_styles
 from mpmgis.maps.qgis.colours import LOOKS, class_limits, colour_classes, look_of, ramp_colours, round_up
 from mpmgis.maps.qgis.map_clock import Clock
+from mpmgis.maps.qgis.xml_markup import TEMPLATES, filled, node
 
 
 def test_every_band_has_a_look():
@@ -176,3 +177,16 @@ def test_colours_ignore_a_single_outlier(tmp_path):
     assert run.typical["h"] < 5.0
     assert class_limits(LOOKS["h"], run.typical["h"]) == colours.DEPTH_LIMITS
     assert run.typical["Un"] == run.typical["Un_max"] == run.typical["Un_min"]
+
+
+def test_values_of_a_template_are_text_and_elements_are_elements():
+    text = 'a <b> & "c"\nd'
+    root = filled("rules.qml", key=text, rules=[node("rule", {"label": text}), node("rule")], symbols=())
+    rules = root.find("renderer-v2/rules")
+    assert rules.get("key") == rules[0].get("label") == text and [rule.tag for rule in rules] == ["rule", "rule"]
+    assert not any((element.text or "").isspace() or (element.tail or "").isspace() for element in root.iter())
+
+
+def test_every_template_is_used():
+    code = "".join(path.read_text(encoding="utf-8") for path in TEMPLATES.parent.glob("*.py"))
+    assert [path.name for path in TEMPLATES.iterdir() if f'"{path.name}"' not in code] == []

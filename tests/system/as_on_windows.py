@@ -4,8 +4,10 @@ An emulation, not Windows: what is refused here is what Microsoft documents to b
 mpmgis/docs/limits.md.
 """
 
+import contextlib
 import errno
 import fcntl
+import functools
 import os
 import re
 import shutil
@@ -35,6 +37,26 @@ PATCHED = ("replace", "rename", "unlink", "open", "fsync", "read", "close")
 DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
+class WindowsFileLock:
+    """`filelock.FileLock` as it is on Windows: the file is removed once it is closed."""
+
+    def __init__(self, lock, path, timeout, on_acquired):
+        self._lock, self._path, self._on_acquired, self._handle = lock, path, on_acquired, None
+
+    def acquire(self):
+        handle = os.open(self._path, os.O_RDWR | os.O_CREAT)
+        if not self._lock(handle):
+            os.close(handle)
+            raise filelock.Timeout(str(self._path))
+        self._on_acquired(handle)
+        self._handle = handle
+
+    def release(self):
+        os.close(self._handle)
+        with contextlib.suppress(OSError):
+            os.unlink(self._path)
+
+
 class Windows:
     """What is refused below the folder `root`, by a monkeypatch's `patch`.
 
@@ -62,7 +84,7 @@ class Windows:
         for name in PATCHED:
             patch.setattr(os, name, getattr(self, f"_{name}"))
         patch.setattr(os, "remove", self._unlink)
-        patch.setattr(filelock, "lock_descriptor", self._lock)
+        patch.setattr(filelock, "FileLock", functools.partial(WindowsFileLock, self._lock))
         patch.setattr(operating_system, "WINDOWS", True)
         patch.setattr(operating_system, "PROCESSES", Path(root) / "no processes")
         patch.setattr(operating_system, "PATIENCE_SECONDS", 0.05)
@@ -143,9 +165,8 @@ class Windows:
 
     # ---------------------------------------------------------------------------------------------------------- locks
 
-    def _lock(self, descriptor, *, blocking=True):
+    def _lock(self, descriptor):
         """LockFileEx on the first byte: for others it can be neither locked nor read, a file without it neither."""
-        assert not blocking
         file = self._file(descriptor)
         if file in self._locked:
             return False

@@ -558,7 +558,6 @@ def test_a_folder_has_one_writer_on_windows(windows, tmp_path):
             refusal = pytest.raises(OutputError, match=f"is being written by process {os.getpid()} on ")
             with refusal, sole_writer(tmp_path):
                 raise AssertionError("the block must not run")
-        assert writer.written_by((tmp_path / LOCK_FILE).read_text().rpartition(", ")[2]) == writer.this_process()
     assert ("unlink", str(tmp_path / LOCK_FILE)) in windows.refused  # it was open, and goes once it is closed
     assert not list(tmp_path.iterdir())
     with sole_writer(tmp_path):
@@ -568,7 +567,7 @@ def test_a_folder_has_one_writer_on_windows(windows, tmp_path):
 def test_a_lock_that_another_program_looks_at_stays_and_blocks_nothing(windows, tmp_path):
     with sole_writer(tmp_path):
         looker = open(tmp_path / LOCK_FILE, "rb")  # noqa: SIM115
-    assert (tmp_path / LOCK_FILE).read_bytes() == b""
+    assert (tmp_path / LOCK_FILE).exists()
     with sole_writer(tmp_path):
         looker.close()
     assert not list(tmp_path.iterdir())
@@ -600,18 +599,6 @@ def test_a_link_that_comes_between_the_look_and_the_opening_is_seen(windows, tmp
     monkeypatch.setattr(links, "refuse_link", too_late)
     with pytest.raises(OutputError, match=r"another name \(hard link\)"):
         links.open_own(tmp_path / LOCK_FILE)
-
-
-def test_file_systems_of_macos_without_locks_are_known(tmp_path, monkeypatch):
-    from mpmgis.system import folder_lock
-
-    def refuse(handle, blocking):
-        raise OSError(errno.ENOTSUP, "not supported")
-
-    assert errno.ENOTSUP in folder_lock._NO_LOCKS  # there it is another number than EOPNOTSUPP
-    monkeypatch.setattr("filelock.lock_descriptor", refuse)
-    with sole_writer(tmp_path), pytest.raises(OutputError, match="is being written by"), sole_writer(tmp_path):
-        raise AssertionError("the block must not run")
 
 
 # ---------------------------------------------------------------------------------------------------------- the verbs
@@ -693,7 +680,7 @@ def test_a_run_continues_after_a_kill(windows, site, monkeypatch):
         f"{writer.Writer(child.pid, writer.host(), writer.boot(), operating_system.process_start(child.pid))}-0123abcd"
     )
     child.communicate(b"\n")
-    (cut / LOCK_FILE).write_text(f"process {child.pid} on here, {left}")
+    (cut / LOCK_FILE).write_text(f"process {child.pid} on here")
     (cut / f".frame_000009.part{left}.h5").write_text("half")
     assert main([*run, str(cut), "--resume"]) == 0
     assert contents(cut) == contents(site / "whole")

@@ -15,10 +15,9 @@ from .outlines import geometry_type, layer_names, vector_renderer
 from .project_layers import Group, Layer, map_layer
 from .raster_styles import bands_over_time, one_step, value_pipe, value_shader
 from .vector_styles import feature_times
-from .xml_markup import node
+from .xml_markup import filled, node
 
 TIME_BY_BAND = (3, 38)  # first QGIS version that animates the bands of one layer
-ARROW_GRID = 18  # [pixels] between velocity arrows on the screen
 VECTOR_TITLES = {
     "outline": "outline of the flow",
     "envelope": "envelope of all steps",
@@ -135,21 +134,9 @@ def mesh_layer(run: ExportedRun, clock: Clock, names: list[str], quantity: Quant
     """
     look, number = look_of(quantity), names.index(dataset_title(run, quantity.name))
     shader = value_shader(look, run.typical.get(quantity.name, 0.0), run.min_depth)
-    scalar = {
-        "group": number,
-        "min-val": shader.get("minimumValue"),
-        "max-val": shader.get("maximumValue"),
-        "opacity": OPACITY,
-        "interpolation-method": "none",
-        "min-max-value-type": "user-defined",
-    }
     title = look.layer_name(quantity.name)
-    settings = node(
-        "mesh-renderer-settings",
-        None,
-        node("active-dataset-group", {"scalar": number, "vector": -1}),
-        node("scalar-settings", scalar, shader),
-    )
+    limits = {"lowest": shader.get("minimumValue"), "highest": shader.get("maximumValue")}
+    settings = filled("mesh_values.xml", group=number, opacity=OPACITY, shader=shader, **limits)
     return Layer(title, _mesh(run, clock, names, f"mesh_{quantity.name}", title, settings), shown, unfolded=shown)
 
 
@@ -157,46 +144,15 @@ def _arrows(run, clock, names):
     """The mesh as arrows only; no layer without a mesh or a velocity vector."""
     if VELOCITY not in names:
         return []
-    vector = names.index(VELOCITY)
-    arrow = node(
-        "vector-arrow-settings",
-        {"arrow-head-width-ratio": 0.3, "arrow-head-length-ratio": 0.4},
-        node("shaft-length", {"method": "minmax", "min": 1, "max": 6}),
-    )
-    drawn = {
-        "group": vector,
-        "symbology": 0,
-        "line-width": 0.3,
-        "color": "20,20,20,255",
-        "coloring-method": 0,
-        "filter-min": -1,
-        "filter-max": -1,
-        "user-grid-enabled": 1,
-        "user-grid-width": ARROW_GRID,
-        "user-grid-height": ARROW_GRID,
-    }
-    settings = node(
-        "mesh-renderer-settings",
-        None,
-        node("active-dataset-group", {"scalar": -1, "vector": vector}),
-        node("vector-settings", drawn, arrow),
-    )
+    settings = filled("mesh_arrows.xml", group=names.index(VELOCITY))
     title = "velocity arrows"
     return [Layer(title, _mesh(run, clock, names, "mesh_velocity", title, settings), True)]
 
 
 def _mesh(run, clock, names, part, title, settings) -> Element:
     """`maplayer` of the mesh; the list of its groups is required, or QGIS ignores the renderer settings."""
-    temporal = node(
-        "temporal",
-        {
-            "temporal-active": 1,
-            "matching-method": 0,
-            "reference-time": BASE_TEXT,
-            "start-time-extent": stamp(clock.begins[0]),
-            "end-time-extent": stamp(clock.ends[-1]),
-        },
-    )
+    start, end = stamp(clock.begins[0]), stamp(clock.ends[-1])
+    temporal = filled("mesh_times.xml", base=BASE_TEXT, start=start, end=end)
     maplayer = map_layer(run, "mesh", part, run.mesh_file, title, "mdal", temporal, settings)
     maplayer.extend(node("name-to-global-index", {"name": n, "global-index": k}) for k, n in enumerate(names))
     return maplayer

@@ -7,6 +7,7 @@ groups before its renderer settings. All paths are relative, so the folder can b
 
 import re
 import zipfile
+from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -32,10 +33,9 @@ from .project_layers import (
     tree_row,
 )
 from .raster_styles import contour_interval, contour_pipe, hillshade_pipe
-from .xml_markup import node, qgis_document, reference_system
+from .xml_markup import filled, qgis_document, reference_system
 
 FIRST_SHOWN = ("release", "envelope")  # so that the first view shows where the flow starts and goes
-FRAME_RATE = 8  # [s-1] frames of the temporal controller
 
 
 def write_project(run: ExportedRun, qgis_min: str = "3.38") -> None:
@@ -156,14 +156,18 @@ def terrain_group(run: ExportedRun) -> Group:
 
 
 def _project(run, clock, groups):
-    start, end = stamp(clock.begins[0]), stamp(clock.ends[-1])
-    times = {"timeStep": clock.step, "timeStepUnit": "s", "frameRate": FRAME_RATE, "cumulativeTemporalRange": 0}
-    view = _view(run)
-    settings = node(
-        "ProjectTimeSettings", times, node("TemporalRange", None, node("start", text=start), node("end", text=end))
+    times, view = {"start": stamp(clock.begins[0]), "end": stamp(clock.ends[-1])}, _view(run)
+    parts = [filled("project_times.xml", step=clock.step, **times), project_elevation(run, "terrain_1")]
+    page = _page(run, view, groups)
+    return project_document(
+        run,
+        groups,
+        view,
+        map_title(run, clock, groups),
+        parts if page is None else [*parts, page],
+        corner=emptier_corner(run),
+        controller=[filled("time_controller.xml", **times)],
     )
-    parts = [settings, project_elevation(run, "terrain_1"), _page(run, view, groups)]
-    return project_document(run, groups, view, _animation_settings(run, clock, groups), parts)
 
 
 def _page(run, view, groups):
@@ -203,7 +207,13 @@ def _short(text):
 
 
 def project_document(
-    run: ExportedRun, groups: list[Group], view: tuple, settings: dict, parts: list | tuple = ()
+    run: ExportedRun,
+    groups: list[Group],
+    view: tuple,
+    title: str,
+    parts: Sequence[Element] = (),
+    corner: int = 0,
+    controller: Sequence[Element] = (),
 ) -> Element:
     """Return the element `qgis` of a project.
 
@@ -214,35 +224,30 @@ def project_document(
     groups : list of Group
     view : (float, float, float, float) [m]
         West, south, east, north of the initial view.
-    settings : dict
-        Additional settings for `_properties`.
-    parts : list of Element or None
+    title : str
+        Of the map.
+    parts : sequence of Element
         Additional children, for example `ProjectTimeSettings`.
+    corner : int
+        Of the scale bar, 0 lower left, 3 lower right.
+    controller : sequence of Element
+        Settings of the temporal controller.
     """
-    west, south, east, north = view
-    corners = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
-    canvas = node(
-        "mapcanvas",
-        {"name": "theMapCanvas"},
-        node("units", text="meters"),
-        node("extent", None, *(node(side, text=repr(value)) for side, value in corners.items())),
-        node("destinationsrs", None, reference_system(run.grid.crs)),
-    )
-    return node(
-        "qgis",
-        {"version": "3.22.0", "projectname": run.name},
-        node("title", text=run.name),
-        node("projectCrs", None, reference_system(run.grid.crs)),
-        node("layer-tree-group", None, *(tree_row(group) for group in groups)),
-        canvas,
-        node("projectlayers", None, *(layer.maplayer for group in groups for layer in layers_of(group))),
-        _properties(settings),
-        node(
-            "ProjectViewSettings",
-            {"UseProjectScales": 0},
-            node("DefaultViewExtent", corners, reference_system(run.grid.crs)),
-        ),
-        *parts,
+    west, south, east, north = map(repr, view)
+    return filled(
+        "project.qgs",
+        name=run.name,
+        crs=reference_system(run.grid.crs),
+        tree=map(tree_row, groups),
+        layers=(layer.maplayer for group in groups for layer in layers_of(group)),
+        west=west,
+        south=south,
+        east=east,
+        north=north,
+        label=title,
+        corner=corner,
+        controller=controller,
+        parts=parts,
     )
 
 
@@ -275,18 +280,6 @@ def emptier_corner(run: ExportedRun) -> int:
     low = y < y.min() + np.ptp(y) / 3
     right = x[low] > 0.5 * (x.min() + x.max())
     return 0 if np.mean(right) >= 0.5 else 3
-
-
-def _animation_settings(run, clock, groups):
-    """Settings of an animated project: temporal controller, and a title that says what is shown."""
-    return title_settings(map_title(run, clock, groups)) | {
-        "ScaleBar": {"Enabled": ("bool", "true"), "Placement": ("int", emptier_corner(run))},
-        "TemporalControllerWidget": {
-            "NavigationMode": ("int", 1),
-            "StartDateTime": ("QString", stamp(clock.begins[0])),
-            "EndDateTime": ("QString", stamp(clock.ends[-1])),
-        },
-    }
 
 
 def map_title(run: ExportedRun, clock: Clock, groups: list[Group]) -> str:
@@ -326,38 +319,3 @@ def _shown_time(run, clock):
     begins = ",".join(map(str, clock.begins))
     last = f"coalesce(array_last(array_filter(array({begins}), @element <= {frame} + 0.5)), {clock.begins[0]})"
     return f"format_number({last} / {float(clock.stretch)}, {clock.decimals})"
-
-
-def title_settings(label: str) -> dict:
-    """Return the settings of a map title.
-
-    Parameters
-    ----------
-    label : str
-    """
-    return {
-        "TitleLabel": {
-            "Enabled": ("bool", "true"),
-            "Placement": ("int", 4),
-            "BackgroundColor": ("QString", "255,255,255,200"),
-            "Label": ("QString", label),
-        }
-    }
-
-
-def _properties(more):
-    """Project settings: CRS in use, relative paths, scale bar, and `more`, {scope: {key: (type, value)}}."""
-    settings = {
-        "SpatialRefSys": {"ProjectionsEnabled": ("int", 1)},
-        "Paths": {"Absolute": ("bool", "false")},
-        "ScaleBar": {"Enabled": ("bool", "true"), "Placement": ("int", 0)},
-        **more,
-    }
-    return node(
-        "properties",
-        None,
-        *(
-            node(scope, None, *(node(key, {"type": kind}, text=value) for key, (kind, value) in entries.items()))
-            for scope, entries in settings.items()
-        ),
-    )

@@ -15,7 +15,7 @@ from ...terrain.raster_output import write_geotiff
 from ..averaging.exported_folder import ExportedRun
 from .colours import look_of
 from .raster_styles import contour_interval, contour_pipe, hillshade_pipe, style_document, value_pipe, write_sidecar
-from .xml_markup import node, options, reference_system
+from .xml_markup import filled, node, reference_system
 
 SURFACE = Quantity("surface", "m", "highest surface of the flow: terrain and largest flow depth", "float32")
 TITLE = "surface max [m]: terrain and largest flow depth"
@@ -245,12 +245,7 @@ def elevation(colour: str) -> Element:
     colour : str
         Of the line: red, green, blue and opacity from 0 to 255, with commas.
     """
-    pen = {"line_color": colour, "line_width": 0.5, "line_width_unit": "MM"}
-    line = node("layer", {"class": "SimpleLine", "enabled": 1, "pass": 0, "locked": 0}, *options(pen))
-    symbol = node("symbol", {"type": "line", "name": "", "alpha": 1}, line)
-    settings = {"enabled": 1, "mode": "RepresentsElevationSurface", "symbology": "Line"}
-    settings |= {"band": 1, "zoffset": 0, "zscale": 1}
-    return node("elevation", settings, node("profileLineSymbol", None, symbol))
+    return filled("elevation.xml", colour=colour)
 
 
 def project_elevation(run: ExportedRun, part: str) -> Element:
@@ -262,6 +257,4 @@ def project_elevation(run: ExportedRun, part: str) -> Element:
     part : str
         Of the id of the layer.
     """
-    layer = {"layer": layer_id(run, part), "layerSource": f"./{run.shown_terrain_file}", "layerProvider": "gdal"}
-    provider = node("TerrainProvider", layer | {"layerName": "hillshade", "offset": 0, "scale": 1})
-    return node("ElevationProperties", None, node("terrainProvider", {"type": "raster"}, provider))
+    return filled("project_terrain.xml", id=layer_id(run, part), source=f"./{run.shown_terrain_file}")

@@ -4,7 +4,7 @@ Class limits are the same for all steps of a run, so that frames can be compared
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -13,7 +13,9 @@ from ...laws.quantities import Quantity
 from ..averaging.exported_folder import ExportedRun
 from .colours import OPACITY, Look, colour_classes, look_of, round_up
 from .map_clock import Clock, stamp
-from .xml_markup import node, options, qgis_document
+from .xml_markup import filled, node, qgis_document
+
+CLASS_OPACITY = 0.8  # [1] of whole numbers over the hillshade
 
 
 def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> Element:
@@ -28,27 +30,17 @@ def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> E
     band : int
         From 1.
     """
-    shader = value_shader(look, typical, min_depth)
-    return node(
-        "rasterrenderer",
-        {
-            "type": "singlebandpseudocolor",
-            "band": band,
-            "opacity": OPACITY,
-            "alphaBand": -1,
-            "nodataColor": "",
-            "classificationMin": shader.get("minimumValue"),
-            "classificationMax": shader.get("maximumValue"),
-        },
-        node(
-            "minMaxOrigin",
-            None,
-            node("limits", text="None"),
-            node("extent", text="WholeRaster"),
-            node("statAccuracy", text="Exact"),
-        ),
-        node("rastershader", None, shader),
-    )
+    rgb = [",".join(str(int(c[i : i + 2], 16)) for i in (1, 3, 5)) + ",255" for c in look.ramp]
+    stops = ":".join(f"{k / (len(rgb) - 1):.6g};{rgb[k]}" for k in range(1, len(rgb) - 1))
+    given = {"band": band, "opacity": OPACITY, "first": rgb[0], "last": rgb[-1], "stops": stops}
+    if look.shown == "signed":
+        bound = round_up(typical * look.factor) / look.factor
+        given |= {"lowest": f"{-bound:g}", "highest": f"{bound:g}", "unit": look.unit.partition(";")[0]}
+        style = filled("signed.qml", items=_ramp_items(look, bound), **given)
+    else:
+        classes = colour_classes(look, typical, min_depth)
+        style = filled("classes.qml", items=_class_items(classes), highest=f"{classes[-2].upper:g}", **given)
+    return next(style.iter("rasterrenderer"))
 
 
 def value_shader(look: Look, typical: float, min_depth: float) -> Element:
@@ -61,82 +53,22 @@ def value_shader(look: Look, typical: float, min_depth: float) -> Element:
     min_depth : float [m]
         These three as in `value_renderer`.
     """
-    return _signed_shader(look, typical) if look.shown == "signed" else _class_shader(look, typical, min_depth)
+    return next(value_renderer(look, typical, min_depth, 1).iter("colorrampshader"))
 
 
-def _class_shader(look, typical, min_depth):
-    """`colorrampshader` of classes: each item is an upper bound, the last one infinite."""
-    classes = colour_classes(look, typical, min_depth)
-    shader = node(
-        "colorrampshader",
-        {
-            "colorRampType": "DISCRETE",
-            "classificationMode": 1,
-            "clip": 0,
-            "minimumValue": 0,
-            "maximumValue": f"{classes[-2].upper:g}",
-            "labelPrecision": 2,
-        },
-        gradient(look.ramp),
-    )
+def _class_items(classes):
+    """Yield the items of classes: each is an upper bound, the last one infinite."""
     for entry in classes:
-        shader.append(
-            node(
-                "item",
-                {
-                    "value": "inf" if math.isinf(entry.upper) else f"{entry.upper:g}",
-                    "color": entry.colour or "#ffffff",
-                    "alpha": 255 if entry.colour else 0,
-                    "label": entry.label,
-                },
-            )
-        )
-    return shader
+        upper = "inf" if math.isinf(entry.upper) else f"{entry.upper:g}"
+        drawn = {"color": entry.colour or "#ffffff", "alpha": 255 if entry.colour else 0}
+        yield node("item", {"value": upper} | drawn | {"label": entry.label})
 
 
-def _signed_shader(look, typical):
-    """`colorrampshader` of a continuous ramp that is symmetric about zero, with a bar as its legend."""
-    bound = round_up(typical * look.factor) / look.factor
-    shader = node(
-        "colorrampshader",
-        {
-            "colorRampType": "INTERPOLATED",
-            "classificationMode": 1,
-            "clip": 0,
-            "minimumValue": f"{-bound:g}",
-            "maximumValue": f"{bound:g}",
-            "labelPrecision": 2,
-        },
-        gradient(look.ramp),
-    )
+def _ramp_items(look, bound):
+    """Yield the items of a continuous ramp that is symmetric about zero."""
     for value, colour in zip(np.linspace(-bound, bound, len(look.ramp)), look.ramp, strict=True):
         label = f"{value * look.factor:.3g}"
-        shader.append(node("item", {"value": f"{value:.9g}", "color": colour, "alpha": 255, "label": label}))
-    legend = {
-        "useContinuousLegend": 1,
-        "orientation": 2,
-        "direction": 0,
-        "minimumLabel": "",
-        "maximumLabel": "",
-        "prefix": "",
-        "suffix": f" {look.unit.partition(';')[0]}",
-    }
-    shader.append(node("rampLegendSettings", legend))
-    return shader
-
-
-def gradient(ramp: tuple) -> Element:
-    """Return the element `colorramp` with which the user can edit the colours.
-
-    Parameters
-    ----------
-    ramp : tuple of str
-        Colours, #rrggbb.
-    """
-    rgb = [",".join(str(int(c[i : i + 2], 16)) for i in (1, 3, 5)) + ",255" for c in ramp]
-    stops = ":".join(f"{k / (len(ramp) - 1):.6g};{rgb[k]}" for k in range(1, len(ramp) - 1))
-    values = {"color1": rgb[0], "color2": rgb[-1], "discrete": "0", "rampType": "gradient", "stops": stops}
-    return node("colorramp", {"name": "[source]", "type": "gradient"}, *options(values))
+        yield node("item", {"value": f"{value:.9g}", "color": colour, "alpha": 255, "label": label})
 
 
 def value_pipe(quantity: Quantity, run: ExportedRun, band: int) -> Element:
@@ -155,27 +87,7 @@ def value_pipe(quantity: Quantity, run: ExportedRun, band: int) -> Element:
 
 def hillshade_pipe() -> Element:
     """Return the element `pipe` of a terrain as a multidirectional hillshade, light under other colours."""
-    return node(
-        "pipe",
-        None,
-        _smooth_heights(),
-        node(
-            "rasterrenderer",
-            {
-                "type": "hillshade",
-                "band": 1,
-                "azimuth": 315,
-                "angle": 45,
-                "zfactor": 1,
-                "multidirection": 1,
-                "opacity": 1,
-                "alphaBand": -1,
-                "nodataColor": "",
-            },
-        ),
-        node("brightnesscontrast", {"brightness": 70, "contrast": -20, "gamma": 1}),
-        node("resamplingStage", text="provider"),
-    )
+    return next(filled("hillshade.qml").iter("pipe"))
 
 
 def contour_interval(relief: float) -> float:
@@ -196,38 +108,23 @@ def contour_pipe(interval: float) -> Element:
     ----------
     interval : float [m]
     """
-    return node(
-        "pipe",
-        None,
-        _smooth_heights(),
-        node(
-            "rasterrenderer",
-            {
-                "type": "contour",
-                "band": 1,
-                "contour-interval": f"{interval:g}",
-                "contour-index-interval": f"{5 * interval:g}",
-                "downscale": 4,
-                "opacity": 0.6,
-                "alphaBand": -1,
-                "nodataColor": "",
-            },
-            node("symbols", None, _contour_symbol("contour", 0.1), _contour_symbol("index", 0.25)),
-        ),
-        node("resamplingStage", text="provider"),
+    style = filled("contours.qml", interval=f"{interval:g}", index=f"{5 * interval:g}")
+    return next(style.iter("pipe"))
+
+
+def class_pipe(classes: Iterable[tuple]) -> Element:
+    """Return the element `pipe` of a band of whole numbers: a colour for each.
+
+    Parameters
+    ----------
+    classes : iterable of (int, str, str)
+        Number, label, colour #rrggbb.
+    """
+    entries = (
+        node("paletteEntry", {"value": number, "color": colour, "alpha": 255, "label": label})
+        for number, label, colour in classes
     )
-
-
-def _smooth_heights():
-    """`provider` part of a pipe that interpolates heights between cells, for smooth display when zoomed in."""
-    methods = {"zoomedInResamplingMethod": "cubic", "zoomedOutResamplingMethod": "bilinear"}
-    return node("provider", None, node("resampling", {"enabled": "true", "maxOversampling": 2} | methods))
-
-
-def _contour_symbol(name, width):
-    line = {"line_color": "90,70,50,255", "line_width": width, "line_width_unit": "MM"}
-    layer = node("layer", {"class": "SimpleLine", "enabled": 1, "pass": 0, "locked": 0}, *options(line))
-    return node("symbol", {"type": "line", "name": name, "alpha": 1}, layer)
+    return next(filled("palette.qml", entries=entries, opacity=CLASS_OPACITY).iter("pipe"))
 
 
 def bands_over_time(clock: Clock) -> Element:

@@ -18,7 +18,7 @@ from ...terrain.raster_input import open_raster
 from ..averaging.exported_folder import TYPICAL_PERCENTILE
 from .colours import ACTON_REVERSED, DAVOS_REVERSED, PROBABILITY_LIMITS, Look, look_of
 from .print_layout import print_layout
-from .project import project_document, title_settings, write_archive
+from .project import project_document, write_archive
 from .project_layers import Group, Layer, map_layer
 from .raster_styles import hillshade_pipe, style_document, value_renderer, write_sidecar
 from .vector_styles import OUTLINE, RELEASE, outline_renderer
@@ -122,7 +122,7 @@ def write_region_project(project: RegionProject) -> list[Path]:
     shown = [polygons[0], *(group.rows[0] for group in groups[1:] if group.shown)]
     notes = f"Computed with mpmgis {__version__} (Material Point Method). Each area is a run of its own."
     page = print_layout(project, view, Group("map", shown), title, notes)
-    write_archive(project, project_document(project, groups, view, title_settings(title), [page]))
+    write_archive(project, project_document(project, groups, view, title, [page]))
     styles = [_style(project, file, looked) for name in project.areas for file, looked in _files(project, name).items()]
     return [project.folder / project.project_file, *styles]
 

@@ -9,13 +9,12 @@ from xml.etree.ElementTree import Element
 from ...system.errors import OutputError, one_line
 from ..averaging.exported_folder import ExportedRun
 from .colours import LOOKS, colour_classes
-from .xml_markup import node, options, qgis_document
+from .xml_markup import filled, node, qgis_document
 
 # Pens: colour (red, green, blue, opacity), width [mm], line style.
 OUTLINE = ("10,10,10,255", 0.5, "solid")
 ENVELOPE = ("10,10,10,255", 0.4, "dash")
 RELEASE = ("0,70,200,255", 0.6, "solid")
-_RENDERER = {"symbollevels": 0, "enableorderby": 0, "forceraster": 0}  # attributes of every renderer
 
 
 def outline_renderer(pen: tuple) -> Element:
@@ -26,8 +25,8 @@ def outline_renderer(pen: tuple) -> Element:
     pen : (str, float, str)
         Colour, width [mm] and line style.
     """
-    symbol = node("symbol", {"type": "fill", "name": "0", "alpha": 1}, _line(*pen))
-    return node("renderer-v2", _RENDERER | {"type": "singleSymbol"}, node("symbols", None, symbol))
+    colour, width, style = pen
+    return next(filled("outline.qml", colour=colour, width=width, style=style).iter("renderer-v2"))
 
 
 def speed_renderer(run: ExportedRun) -> Element:
@@ -44,7 +43,7 @@ def speed_renderer(run: ExportedRun) -> Element:
     for k, entry in enumerate(classes):
         above = [] if lower is None else [f"speed > {lower:g}"]
         below = [] if math.isinf(entry.upper) else [f"speed <= {entry.upper:g}"]
-        rules.append((" AND ".join(above + below), entry.label, _dot(k, entry.colour)))
+        rules.append((" AND ".join(above + below), entry.label, _symbol("dot_symbol.xml", k, entry.colour)))
         lower = entry.upper
     return _rule_renderer("speed", rules)
 
@@ -60,7 +59,10 @@ def class_renderer(attribute: str, classes: list[tuple]) -> Element:
     """
     return _rule_renderer(
         attribute,
-        [(f'"{attribute}" = {number}', label, _filled(k, colour)) for k, (number, label, colour) in enumerate(classes)],
+        [
+            (f'"{attribute}" = {number}', label, _symbol("area_symbol.xml", k, colour))
+            for k, (number, label, colour) in enumerate(classes)
+        ],
     )
 
 
@@ -70,30 +72,18 @@ def _rule_renderer(key, rules):
         node("rule", {"key": f"{key}_{k}", "filter": condition, "symbol": k, "label": label})
         for k, (condition, label, _) in enumerate(rules)
     ]
-    return node(
-        "renderer-v2",
-        _RENDERER | {"type": "RuleRenderer"},
-        node("rules", {"key": key}, *entries),
-        node("symbols", None, *(symbol for _, _, symbol in rules)),
-    )
+    style = filled("rules.qml", key=key, rules=entries, symbols=[symbol for _, _, symbol in rules])
+    return next(style.iter("renderer-v2"))
+
+
+def _symbol(template, number, colour):
+    rgb = ",".join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))
+    return filled(template, name=number, colour=rgb)
 
 
 def feature_times() -> Element:
     """Return the element `temporal` of a vector layer with features visible from `t_qgis` to `t_qgis_end`."""
-    return node(
-        "temporal",
-        {
-            "enabled": 1,
-            "mode": 2,
-            "startField": "t_qgis",
-            "endField": "t_qgis_end",
-            "durationField": "",
-            "fixedDuration": 0,
-            "durationUnit": "s",
-            "accumulate": 0,
-            "limitMode": 0,
-        },
-    )
+    return filled("feature_times.xml")
 
 
 def vector_style_document(renderer: Element, geometry: int) -> str:
@@ -114,38 +104,6 @@ def vector_style_document(renderer: Element, geometry: int) -> str:
             node("layerGeometryType", text=geometry),
         )
     )
-
-
-def _line(colour, width, style):
-    pen = {"line_color": colour, "line_width": width, "line_width_unit": "MM", "line_style": style}
-    pen |= {"joinstyle": "round", "capstyle": "round"}
-    return node("layer", {"class": "SimpleLine", "enabled": 1, "pass": 0, "locked": 0}, *options(pen))
-
-
-def _filled(name, colour):
-    fill = {"color": f"{_rgb(colour)},255", "style": "solid", "outline_style": "solid"}
-    fill |= {"outline_color": "40,40,40,255", "outline_width": 0.15, "outline_width_unit": "MM", "joinstyle": "round"}
-    layer = node("layer", {"class": "SimpleFill", "enabled": 1, "pass": 0, "locked": 0}, *options(fill))
-    return node("symbol", {"type": "fill", "name": name, "alpha": 0.8}, layer)
-
-
-def _rgb(colour):
-    return ",".join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))
-
-
-def _dot(name, colour):
-    marker = {
-        "name": "circle",
-        "color": f"{_rgb(colour)},255",
-        "size": 1.6,
-        "size_unit": "MM",
-        "outline_color": "40,40,40,255",
-        "outline_width": 0.15,
-        "outline_width_unit": "MM",
-        "outline_style": "solid",
-    }
-    layer = node("layer", {"class": "SimpleMarker", "enabled": 1, "pass": 0, "locked": 0}, *options(marker))
-    return node("symbol", {"type": "marker", "name": name, "alpha": 1}, layer)
 
 
 def write_layer_styles(path: Path, styles: dict) -> None:

@@ -1,12 +1,26 @@
-"""Make XML elements for QGIS and GDAL files, with the standard library."""
+"""Make XML elements for QGIS and GDAL files, with the standard library.
 
+What all files of a kind have in common is in the folder `templates`, with a `$name` where a file has its own value.
+The .qml files there are styles of QGIS, the .qgs is a project and the .qpt a print layout; .xml files are parts of
+these. Settings of symbols are there twice: as `Option` for QGIS 3.44 and as `prop` for QGIS 3.22.
+"""
+
+import re
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 if TYPE_CHECKING:
     from pyproj import CRS
 
-
+TEMPLATES = Path(__file__).with_name("templates")
+_SPACE = re.compile(r"(?<=>)\s+|\s+(?=<)")  # between elements
+_ESCAPED = str.maketrans(
+    {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
+)
 QGIS_HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 LOCAL_FRAME = (
     'ENGCRS["local frame in metres",EDATUM["local frame"],CS[Cartesian,2],'
@@ -46,19 +60,31 @@ def qgis_document(root: ElementTree.Element) -> str:
     return QGIS_HEAD + ElementTree.tostring(root, encoding="unicode")
 
 
-def options(values: dict) -> list[ElementTree.Element]:
-    """Return the settings of a symbol layer in both forms: of QGIS 3.44 and of QGIS 3.22.
+def filled(name: str, /, **values: object) -> ElementTree.Element:
+    """Return the root element of a template with a value in each of its places.
 
     Parameters
     ----------
-    values : dict of str to str
+    name : str
+        File in the folder of templates.
+    **values : Element, iterable of Element, or object
+        Elements are inserted as children, other values as text (by str).
     """
-    newer = node(
-        "Option",
-        {"type": "Map"},
-        *(node("Option", {"type": "QString", "name": k, "value": v}) for k, v in values.items()),
-    )
-    return [newer, *(node("prop", {"k": k, "v": v}) for k, v in values.items())]
+    return ElementTree.fromstring(_template(name).substitute({key: _markup(value) for key, value in values.items()}))
+
+
+@cache
+def _template(name):
+    """The Template without white space between elements."""
+    return Template(_SPACE.sub("", (TEMPLATES / name).read_text(encoding="utf-8")))
+
+
+def _markup(value):
+    if isinstance(value, ElementTree.Element):
+        return ElementTree.tostring(value, encoding="unicode")
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return "".join(map(_markup, value))
+    return str(value).translate(_ESCAPED)
 
 
 def reference_system(crs: "CRS | None") -> ElementTree.Element:

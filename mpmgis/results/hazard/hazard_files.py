@@ -15,9 +15,8 @@ from rasterio.enums import ColorInterp
 
 from ...laws.quantities import Quantity
 from ...maps.qgis.outlines import POLYGONS, mask_outline
-from ...maps.qgis.raster_styles import style_document
+from ...maps.qgis.raster_styles import class_pipe, style_document
 from ...maps.qgis.vector_styles import class_renderer, outline_renderer, vector_style_document, write_layer_styles
-from ...maps.qgis.xml_markup import node
 from ...system.csv_rows import write_records
 from ...system.errors import InputError
 from ...system.optional_libraries import GEOPACKAGE
@@ -203,17 +202,8 @@ def write_hazard_style(path: Path, matrix: HazardMatrix) -> None:
     path : Path
     matrix : HazardMatrix
     """
-    entries = [
-        node("paletteEntry", {"value": number, "color": colour, "alpha": 255, "label": label})
-        for number, label, colour in _entries(matrix)
-    ]
-    renderer = node(
-        "rasterrenderer",
-        {"type": "paletted", "band": 1, "opacity": 0.8, "alphaBand": -1, "nodataColor": ""},
-        node("colorPalette", None, *entries),
-    )
     with whole_file(path) as part:
-        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8", newline="\n")
+        part.write_text(style_document(class_pipe(_entries(matrix))), encoding="utf-8", newline="\n")
 
 
 def write_shares(path: Path, made: HazardMap, tags: dict) -> None:

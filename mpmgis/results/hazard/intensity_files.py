@@ -9,9 +9,8 @@ import rasterio
 from rasterio.enums import ColorInterp
 
 from ...maps.qgis.outlines import POLYGONS, mask_outline
-from ...maps.qgis.raster_styles import style_document
+from ...maps.qgis.raster_styles import class_pipe, style_document
 from ...maps.qgis.vector_styles import class_renderer, vector_style_document, write_layer_styles
-from ...maps.qgis.xml_markup import node
 from ...system.csv_rows import write_records
 from ...system.optional_libraries import GEOPACKAGE
 from ...system.whole_files import whole_file
@@ -71,19 +70,13 @@ def write_class_style(path: Path, guideline: Guideline) -> None:
     path : Path
     guideline : Guideline
     """
-    entries = [
-        node(
-            "paletteEntry", {"value": k, "color": entry.colour, "alpha": 255, "label": f"{entry.name}: {entry.words()}"}
-        )
-        for k, entry in enumerate(guideline.classes, start=1)
-    ]
-    renderer = node(
-        "rasterrenderer",
-        {"type": "paletted", "band": 1, "opacity": 0.8, "alphaBand": -1, "nodataColor": ""},
-        node("colorPalette", None, *entries),
-    )
     with whole_file(path) as part:
-        part.write_text(style_document(node("pipe", None, renderer)), encoding="utf-8", newline="\n")
+        part.write_text(style_document(class_pipe(_entries(guideline))), encoding="utf-8", newline="\n")
+
+
+def _entries(guideline):
+    """(number, label, colour) of each class."""
+    return [(k, f"{entry.name}: {entry.words()}", entry.colour) for k, entry in enumerate(guideline.classes, start=1)]
 
 
 def write_class_polygons(path: Path, grid: Grid, numbers: np.ndarray, guideline: Guideline, areas: np.ndarray) -> None:
@@ -106,10 +99,7 @@ def write_class_polygons(path: Path, grid: Grid, numbers: np.ndarray, guideline:
     columns = {name: [row[k] for row in rows] for k, name in enumerate(HEADINGS)}
     crs = None if grid.crs is None else grid.crs.to_wkt()
     table = geopandas.GeoDataFrame(columns, geometry=[row[-1] for row in rows], crs=crs)
-    classes = [
-        (k, f"{entry.name}: {entry.words()}", entry.colour) for k, entry in enumerate(guideline.classes, start=1)
-    ]
-    style = vector_style_document(class_renderer("class", classes), POLYGONS)
+    style = vector_style_document(class_renderer("class", _entries(guideline)), POLYGONS)
     with whole_file(path) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a missing CRS is allowed
         table.to_file(part, layer="intensity", driver="GPKG", engine="pyogrio", dataset_options=GEOPACKAGE)
