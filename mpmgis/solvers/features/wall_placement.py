@@ -148,8 +148,8 @@ def _wall_notes(walls, nodes, grid, in_3d):
         if 2.0 * half < 2.0 * (FACE_CELLS + CORE_CELLS - 1.0) * size:
             thick = 2.0 * (FACE_CELLS + CORE_CELLS) * size
             text += (
-                f"; it is {2.0 * half:.3g} m thick, thinner than a cell, and its nodes are {thick:g} m across (3 cells), the "
-                "least that stops a flow on this grid"
+                f"; it is {2.0 * half:.3g} m thick, thinner than a cell, and its nodes are {thick:g} m across (3 "
+                "cells), the least that stops a flow on this grid"
             )
         yield Note("barrier", text, own[1:-1, 1:-1])
         buried = np.mean((nodes.crest - grid.bed)[own] <= 0.0)
