@@ -12,6 +12,8 @@ from slope_site import SCENE, contents, record, run, slide, write_block_site, wr
 import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.headline_numbers import HEADLINES, error_lines, error_words
+from mpmgis.maps.averaging.result_bands import open_result
+from mpmgis.results.hazard.scenario_facts import facts_of
 from mpmgis.simulation import companion_run
 from mpmgis.simulation.companion_run import (
     LEAST_CELLS,
@@ -70,6 +72,9 @@ def test_maps_report_and_results_carry_the_errors(site):
     assert main(["export-raster", str(site / "results"), "-o", str(site / "gis"), "-q"]) == 0
     with rasterio.open(site / "gis" / "rasters" / "results_max.tif") as source:
         assert source.tags(ns="mpmgis")["numerical_error"] == words
+    assert f"numerical errors: {words}" in facts_of(site / "results")  # on the sheet of a hazard map
+    exported = open_result(site / "gis" / "rasters" / "results_max.tif")
+    assert f"numerical errors: {words}" in facts_of(site / "gis" / "rasters" / "results_max.tif", exported)
     for folder in ("results", "gis"):
         assert mpmgis.open_results(site / folder).attrs["numerical_error"] == words
         assert main(["report", str(site / folder), "-o", str(site / "report.html"), "--overwrite", "-q"]) == 0
