@@ -1,6 +1,7 @@
 """Folder of an ensemble: plan, record, table and results of the members."""
 
 import json
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,9 +13,11 @@ from ..system.folder_lock import LOCK_FILE, sole_writer
 from ..system.links import input_at, input_inside, refuse_links, remove
 from ..system.trusted_files import require_file
 from ..system.whole_files import output_error, refuse_other, whole_file
+from .flow_end import DEPOSIT, LAST
 from .run_folder import versions
 
 PLAN_FILE, RECORD_FILE, TABLE_FILE, MEMBERS, MAPS = "plan.toml", "ensemble.json", "members.csv", "members", "maps"
+_WORD = re.compile(f"_(max|{DEPOSIT}|{LAST})$")  # after the digest, in the name of a raster
 FINAL = ("finished", "unphysical")  # final states of a member: a repetition gives the same
 
 
@@ -122,7 +125,7 @@ class EnsembleFolder:
         """
         kept = set(digests)
         for entry in self.members.iterdir():
-            if entry.name.split(".")[0].removesuffix("_max").removesuffix("_deposit") in kept:
+            if _WORD.sub("", entry.name.split(".")[0]) in kept:
                 continue
             remove(entry)
 
@@ -236,8 +239,8 @@ def member_files(folder: str | Path, digest: str) -> tuple[Path, Path, Path]:
     return folder / f"{digest}.json", folder / f"{digest}_max.tif", folder / digest
 
 
-def deposit_file(folder: str | Path, digest: str) -> Path:
-    """Return the path of the deposit of the member with a digest.
+def last_step_file(folder: str | Path, digest: str, came_to_rest: bool) -> Path:
+    """Return the path of the raster of the last step of the member with a digest; it has the name of its only band.
 
     Parameters
     ----------
@@ -245,11 +248,13 @@ def deposit_file(folder: str | Path, digest: str) -> Path:
         Folder of the members' results.
     digest : str
         Digest of the member.
+    came_to_rest : bool
+        Only then the last step is a deposit.
     """
-    return Path(folder) / f"{digest}_deposit.tif"
+    return Path(folder) / f"{digest}_{DEPOSIT if came_to_rest else LAST}.tif"
 
 
-def read_member(folder: str | Path, digest: str, frames: bool = False, deposit: bool = False) -> dict | None:
+def read_member(folder: str | Path, digest: str, frames: bool = False, last: bool = False) -> dict | None:
     """Read the record of a member in a final state.
 
     Parameters
@@ -260,8 +265,8 @@ def read_member(folder: str | Path, digest: str, frames: bool = False, deposit: 
         Digest of the member.
     frames : bool
         Its frames are needed.
-    deposit : bool
-        Its deposit is needed.
+    last : bool
+        The raster of its last step is needed.
 
     Returns
     -------
@@ -278,7 +283,8 @@ def read_member(folder: str | Path, digest: str, frames: bool = False, deposit: 
         return None
     if record["status"] == "finished" and not (raster.is_file() and (kept.is_dir() or not frames)):
         return None
-    if record["status"] == "finished" and deposit and not deposit_file(folder, digest).is_file():
+    wanted = last and record["status"] == "finished"
+    if wanted and not last_step_file(folder, digest, bool(record.get("came_to_rest"))).is_file():
         return None
     return record
 

@@ -11,7 +11,7 @@ from ..system.errors import FormatError, one_line
 from ..terrain.grid import Grid
 from ..terrain.raster_input import band_values, grid_of, open_raster
 from ..terrain.undeclared_nodata import RESULT
-from .ensemble_folder import MEMBERS, TABLE_FILE, deposit_file, member_files
+from .ensemble_folder import MEMBERS, TABLE_FILE, last_step_file, member_files
 
 
 @dataclass(frozen=True)
@@ -74,15 +74,23 @@ class Members:
         """
         return member_files(self.folder / MEMBERS, self.rows[k]["digest"])[1]
 
-    def deposit(self, k: int) -> Path:
-        """Return the path of the deposit of a member.
+    def last_thickness(self, k: int) -> np.ndarray:
+        """Read the vertical thickness of the last step of a member, a deposit if it came to rest.
 
         Parameters
         ----------
         k : int
             Number of the member, from 0.
+
+        Returns
+        -------
+        float64[rows, columns] [m]
+            NaN without flow.
         """
-        return deposit_file(self.folder / MEMBERS, self.rows[k]["digest"])
+        row = self.rows[k]
+        path = last_step_file(self.folder / MEMBERS, row["digest"], row["came_to_rest"] == "1")
+        with open_raster(path) as source:
+            return band_values(source, path, 1, RESULT, may_be_empty=True)
 
     def band(self, k: int, name: str) -> np.ndarray:
         """Read a band of the maxima of a member.

@@ -73,13 +73,14 @@ def error_words(companion: dict | None) -> str:
     Parameters
     ----------
     companion : dict or None
-        Entry `companion` of a run.json.
+        Entry `companion` of a run.json, or of the record of many runs: then it also says of which one it is.
     """
     heads = ((HEADLINES[name], one) for name, one in _known(companion))
-    return ", ".join(
+    words = ", ".join(
         f"{head.words} {_text(one['value'] / head.scale, 4)} +- {_text(one['error'] / head.scale, 2)} {head.unit}"
         for head, one in heads
     )
+    return f"{words} ({companion['of']})" if words and isinstance(companion.get("of"), str) else words
 
 
 def errors_of_run(folder: Path, digest: str) -> str:

@@ -45,6 +45,8 @@ class AreaRaster(NamedTuple):
         First row, end, first column, end of the flow, counted in the raster.
     frequency : float [a-1]
         Events a year.
+    came_to_rest : bool
+        Whether its flow did.
     """
 
     number: int
@@ -53,12 +55,23 @@ class AreaRaster(NamedTuple):
     column: int
     extent: tuple  # first row, end, first column, end, counted in the raster
     frequency: float = 0.0
+    came_to_rest: bool = True
 
     @property
     def place(self) -> tuple[int, int, int, int]:
         """First row, end, first column, end of the flow on the DTM."""
         top, bottom, left, right = self.extent
         return self.row + top, self.row + bottom, self.column + left, self.column + right
+
+
+def not_at_rest(areas: Iterable[AreaRaster]) -> int:
+    """Return the number of areas whose flow did not come to rest.
+
+    Parameters
+    ----------
+    areas : iterable of AreaRaster
+    """
+    return sum(not area.came_to_rest for area in areas)
 
 
 def write_region_maps(
@@ -85,7 +98,7 @@ def write_region_maps(
     areas : iterable of AreaRaster
     min_depth : float [m]
     tags : dict
-        Metadata of the rasters.
+        Metadata of the rasters; the numbers of areas and of those that did not come to rest are added.
     frequency : bool
         Write the map of frequencies and probabilities, too.
 
@@ -95,6 +108,8 @@ def write_region_maps(
         Paths of the maps.
     """
     areas = sorted(areas)
+    moving = not_at_rest(areas)
+    tags = tags | {"areas": len(areas), "not_at_rest": moving, "came_to_rest": str(not moving).lower()}
     kinds = {key: ((BAND[key],), {}) for key in LARGEST}
     kinds["areas"] = COUNTS, {"dtype": "int32", "nodata": 0, "predictor": 2}
     if frequency:

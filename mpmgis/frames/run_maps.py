@@ -185,10 +185,30 @@ def set_digest_of_maps(folder: str | Path, digest: str) -> None:
     digest : str
     """
     for path in map_files(folder):
-        if path.suffix != ".tif" or path.name.startswith("."):
-            continue
-        with whole_file(path) as part:
-            shutil.copyfile(path, part)
-            with rasterio.open(part, "r+") as target:
-                if "digest" in target.tags(ns=NAMESPACE):
-                    target.update_tags(ns=NAMESPACE, digest=digest)
+        _set_tags(path, {"digest": digest})
+
+
+def tag_summaries(folder: str | Path, tags: dict) -> None:
+    """Set tags of the rasters that summarise all steps of a run, each atomically.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the run.
+    tags : dict of str to str
+    """
+    for path in map_files(folder):
+        found = _OWN.fullmatch(path.name)
+        if found and found[2] in _SUMMARIES:
+            _set_tags(path, tags)
+
+
+def _set_tags(path, tags):
+    """Set tags of a raster of a run, atomically; other files stay as they are."""
+    if path.suffix != ".tif" or path.name.startswith("."):
+        return
+    with whole_file(path) as part:
+        shutil.copyfile(path, part)
+        with rasterio.open(part, "r+") as target:
+            if "digest" in target.tags(ns=NAMESPACE):
+                target.update_tags(ns=NAMESPACE, **tags)

@@ -73,10 +73,8 @@ def check_together(scene: Scene, where: str) -> None:
 
 def _check_companion(scene: Scene, where: str) -> None:
     """Refuse a companion run that has nothing to compare."""
-    if scene.stage:
-        raise SceneError(
-            f"{where} [numerics]: companion = true is for runs of one solver, without [[stage]]; remove it"
-        )
+    if len(scene.stage) > 1:
+        raise SceneError(f"{where} [numerics]: companion = true is for runs of one solver; remove it")
     if "points" in scene.solvers and not scene.output.maxima:
         raise SceneError(
             f"{where} [numerics]: companion = true compares the largest thickness of a 3D run, which is kept only with "

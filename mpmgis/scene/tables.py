@@ -523,7 +523,7 @@ class NumericsTable:
         "cpu; cuda: a GPU of NVIDIA; auto: cuda where there is one and particles are many", "cpu", str, choices=DEVICES
     )
     companion: bool | None = _key(
-        "afterwards a run on cells twice as large, for the numerical error; default true for columns without [[stage]]",
+        "afterwards a run on cells twice as large, for the numerical error; default true for columns alone",
         None,
         kind=bool,
         example=True,

@@ -42,7 +42,21 @@ def has_companion(scene: "Scene") -> bool:
     scene : Scene
     """
     given = scene.numerics.companion
-    return scene.solvers == {"columns"} and not scene.stage if given is None else given
+    return scene.solvers == {"columns"} if given is None else given
+
+
+def without_companion(scene: "Scene") -> str:
+    """Return why a run states no numerical error though the scene does not refuse it; '' where it states one.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    if scene.numerics.companion is not None or has_companion(scene):
+        return ""
+    if scene.stage:
+        return "no numerical error is stated: a stage is 3D, and runs with 3D have no companion by default"
+    return "no numerical error is stated: 3D runs have no companion by default; [numerics] companion = true makes one"
 
 
 def centre_of(frame: "Frame") -> tuple[float, float]:
@@ -158,7 +172,7 @@ def companion_run(
 def _on_larger_cells(prepared, observe):
     """Return (the headline numbers of a run on larger cells, wall time [s] of the steps of the run, estimated)."""
     larger = on_larger_cells(prepared, LARGER)
-    if larger.scene.solver == "columns":  # which look for rest in every step: frames are of no use
+    if larger.scene.solvers == {"columns"}:  # which look for rest in every step: frames are of no use
         output = replace(larger.scene.output, frame_interval=larger.scene.output.end_time)
         larger = replace(larger, scene=replace(larger.scene, output=output))
     run = StageSequence(larger, observe)

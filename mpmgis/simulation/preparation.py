@@ -231,8 +231,8 @@ def prepare_scene(scene: "Scene") -> Prepared:
     require_inflow_over(scene.stage, start.events)
     stages, reached = [], lru_cache(partial(_reached, terrain, start.seen))
     for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
-        stage = _stage(one, terrain, grid, start, reached, walled, number > 0)
-        stages.append(replace(stage, **read_areas(scene, number, terrain)))
+        areas = read_areas(scene, number, terrain)
+        stages.append(_stage(one, terrain, grid, start, reached, walled, number > 0, areas))
     _log_no_friction(stages)
     frame, lakes = start.frame, stages[0].places.lake_level
     if lakes is not None:
@@ -372,10 +372,11 @@ def _stage(
     reached: Callable,
     walled: "tuple[WalledRegion, ...]",
     later: bool,
+    areas: dict,
 ) -> Stage:
     """Return the Stage of a `scene` of one solver; its effects are decided by the release, also for later stages.
 
-    `reached(mu)` returns the result of `_reached`.
+    `reached(mu)` returns the result of `_reached`, `areas` are those of `read_areas`.
     """
     at_start = start.frame if start.frame.dimension == 2 else start.seen
     known = read_spatial_features(scene, terrain, grid, at_start, start.seen)
@@ -389,12 +390,14 @@ def _stage(
         log.info(line)
     facts = facts._replace(**start.facts, hole_in_reach=in_reach.hole)
     effects, decisions = resolve(deciding, facts)
+    for line in known.lines(effects, terrain, reach, areas.get("window")):
+        log.info(line)
     if scene.solver == "points":
         numerics, places = _point_numerics(scene, grid, start), known.in_3d(effects)
     else:
         thickness = start.reference_thickness or (facts.release_thickness if later else None)
         numerics, places = _column_numerics(scene, grid, start, thickness), known.on_grid(effects)
-    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, nodata=in_reach)
+    return Stage(scene, grid, effects, tuple(decisions), facts, numerics, places, known.walls, nodata=in_reach, **areas)
 
 
 def _column_numerics(

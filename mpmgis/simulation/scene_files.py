@@ -82,16 +82,19 @@ def read_spatial_features(
     InputError
         A file cannot be read or does not match terrain, release and scene.
     """
-    walls, nodes = standing_walls(_barriers(scene, terrain), grid, everything)
+    notes = []
+    in_3d = scene.solver == "points"
+    walls, nodes = standing_walls(_barriers(scene, terrain), grid, everything, in_3d, notes)
     return KnownByPlace(
         grid,
         scene,
-        _zones(scene, terrain, grid),
-        _erodible(scene, terrain, grid, everything),
+        _zones(scene, terrain, grid, notes),
+        _erodible(scene, terrain, grid, everything, notes),
         walls,
         nodes,
         _lakes(scene, terrain, grid, start),
-        _forest(scene, terrain, grid),
+        _forest(scene, terrain, grid, notes),
+        notes,
     )
 
 
@@ -123,23 +126,23 @@ def _spatial_file(path, terrain):
     return PlacedFiles(raster=(np.where(inside_of(values, path), 1.0, np.nan), grid))
 
 
-def _zones(scene, terrain, grid):
+def _zones(scene, terrain, grid, notes):
     """Return parameter -> values at the nodes; {} without zones."""
     used = [(k, zone) for k, zone in enumerate(scene.zones, 1) if _used(zone)]
     if not used or not _used(scene.friction):
         return {}
     read = ((number, zone, _zone_files(scene, zone, terrain)) for number, zone in used)
-    return painted_zones(scene, read, grid)
+    return painted_zones(scene, read, grid, notes)
 
 
-def _forest(scene, terrain, grid):
+def _forest(scene, terrain, grid, notes):
     """Return values of the trees at the nodes; None without [[forest]]."""
     used = [(k, table) for k, table in enumerate(scene.forest, 1) if _used(table)]
     if not used:
         return None
     given = ((k, table, {key: getattr(table, key) for key in ENTRY}) for k, table in used)
     return forest_values(
-        ((k, table, _files_by_place(scene, table.source, values, terrain)) for k, table, values in given), grid
+        ((k, table, _files_by_place(scene, table.source, values, terrain)) for k, table, values in given), grid, notes
     )
 
 
@@ -176,7 +179,7 @@ def _barriers(scene, terrain):
         yield table, PlacedFiles(features=read_walls(scene.path(table.source), terrain, table.width))
 
 
-def _erodible(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", frame: "Frame") -> object:
+def _erodible(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", frame: "Frame", notes: list) -> object:
     """Return the Erodible ground at the nodes; None without [entrainment]."""
     table = scene.entrainment
     if not _used(table):
@@ -184,7 +187,7 @@ def _erodible(scene: "Scene", terrain: "Terrain", grid: "ColumnGrid", frame: "Fr
     path = scene.path(table.source)
     mask_or_polygons = table.thickness is not None or not is_raster(path)
     files = _spatial_file(path, terrain) if mask_or_polygons else _erodible_raster(path, terrain)
-    return erodible_ground(table, files, path, grid, frame.header["density"])
+    return erodible_ground(table, files, path, grid, frame.header["density"], notes)
 
 
 def _erodible_raster(path, terrain):

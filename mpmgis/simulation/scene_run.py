@@ -12,9 +12,11 @@ import numpy as np
 
 from ..compiled.jit import set_threads
 from ..frames.flow_end import FlowEnd, recorded_end
+from ..frames.headline_numbers import ERROR_TAG, error_words
 from ..frames.load_table import LoadTable
 from ..frames.peaks import largest_peaks
 from ..frames.run_folder import BARRIER_FILE, STAGE_BARRIER_FILE, TERRAIN_FILE, RunFolder
+from ..frames.run_maps import tag_summaries
 from ..scene import scene_text
 from ..scene.point_effects import MACH_THRESHOLD
 from ..scene.scene_reading import read_toml
@@ -25,7 +27,7 @@ from ..system import source_names
 from ..system.errors import InputError, SceneError, UnphysicalError
 from ..system.memory import available_memory
 from ..system.messages import log
-from .companion_run import LARGER, companion_run, has_companion, headline_numbers
+from .companion_run import LARGER, companion_run, has_companion, headline_numbers, without_companion
 from .cost_prediction import Prediction, TimeLeft, most_particle_steps, need_words, predicted
 from .kernels_ahead import kernels_ahead
 from .memory_need import MEMORY_SHARE
@@ -234,6 +236,8 @@ def run(
         log.info(
             f"a companion run on cells of {size:g} m follows, of about {100 * share:.0f} % of the time of the steps"
         )
+    if words := without_companion(prepared.scene):
+        log.info(words)
     with folder.held():
         start = _restored(folder, sequence) if resume else ANEW
         _warn_of_missing_frames(folder, prepared.scene)
@@ -267,6 +271,8 @@ def _with_companion(folder, sequence, watch):
     except KeyboardInterrupt:
         log.info("the companion run was stopped; the run is complete, and `resume` makes its companion")
         return None
+    if words := error_words(made):  # before the record: with it the companion is complete
+        tag_summaries(folder.path, {ERROR_TAG: words})
     folder.write_record(**record | {"companion": made})
     return made
 
@@ -432,7 +438,7 @@ def integrate_into(
             terrain=_record_of_terrain(prepared.terrain),
             nodata=_record_of_nodata(prepared),
             unusable=unusable_lines(_record_of_stages(sequence)),
-            numbers=headline_numbers(sequence) if state == "finished" and not prepared.scene.stage else None,
+            numbers=headline_numbers(sequence) if state == "finished" and len(prepared.stages) == 1 else None,
             **_record_of_stages(sequence),
         )
         return wall

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import __version__
 from ..compiled.law_functions import use_own_laws
-from ..frames.ensemble_folder import deposit_file, member_files, read_member, write_member
+from ..frames.ensemble_folder import last_step_file, member_files, read_member, write_member
 from ..frames.run_folder import RunFolder
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import BAND, MEMBER_BANDS, VOLUME, Quantity
@@ -18,7 +18,7 @@ from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
 from ..maps.averaging.placement import Bed
 from ..scene import scene_from_tables
-from ..simulation.companion_run import centre_of, companion_run, has_companion, headline_numbers
+from ..simulation.companion_run import centre_of, companion_run, headline_numbers
 from ..simulation.preparation import prepare_scene
 from ..simulation.scene_run import integrate_into, use_threads
 from ..simulation.stage_sequence import StageSequence
@@ -45,8 +45,8 @@ FIGURES = {  # of a member: column of the table -> description
 }
 
 
-DEPOSITED = Quantity(
-    "t_deposit", "m", "vertical thickness at the end, mass over the density of the release", "float32", VOLUME
+LAST_STEP = Quantity(
+    "t_{}", "m", "vertical thickness at the end, mass over the density of the release", "float32", VOLUME
 )
 
 
@@ -97,6 +97,12 @@ class MemberTask:
         use_own_laws(own)
         return prepare_scene(scene_from_tables(self.tables, self.scene_folder, self.name, own))
 
+    def record(self) -> dict | None:
+        """Return the record of its finished run; None without one, or without a companion that is wanted."""
+        found = read_member(self.output, self.digest, self.frames, self.deposit)
+        missing = self.companion and found is not None and found["status"] == "finished" and "companion" not in found
+        return None if missing else found
+
     def averaging(self, prepared: "Prepared") -> Averaging:
         """Return the averaging of its frames, as in an export.
 
@@ -124,7 +130,7 @@ def run_member(task: MemberTask, look: Callable = lambda *state: None) -> dict:
     look : callable
         Called with (solver, end time [s]) a few times a second.
     """
-    done = read_member(task.output, task.digest, task.frames, task.deposit)
+    done = task.record()
     if done is not None:
         return done
     began, used = time.perf_counter(), time.process_time()
@@ -184,20 +190,21 @@ def run_task(task: MemberTask, look: Callable) -> dict:
             lambda band, first, last: maxima.rows(MEMBER_BANDS[band], first, last, grid.shape[1]),
         )
     if task.deposit:
-        _write_deposit(task, sequence, averaging, tags)
+        _write_last_step(task, sequence, averaging, tags)
     figures = _figures(prepared, sequence, averaging)
-    if task.companion and has_companion(prepared.scene):
+    if task.companion:
         figures["companion"] = companion_run(sequence, headline_numbers(sequence), look)
     return {"status": "finished", "reason": sequence.reason, "prepare_seconds": preparing, **figures}
 
 
-def _write_deposit(task: MemberTask, sequence: "_Peaks", averaging: Averaging, tags: dict) -> None:
-    """Write the vertical thickness of the last frame as a raster."""
-    index, thickness = sequence.at_end
+def _write_last_step(task: MemberTask, sequence: "_Peaks", averaging: Averaging, tags: dict) -> None:
+    """Write the vertical thickness of the last frame as a raster: a deposit only if the flow came to rest."""
+    (index, thickness), end = sequence.at_end, sequence.end
+    band, tags = LAST_STEP._replace(name=LAST_STEP.name.format(end.file)), tags | end.tags() | {"name": end.words()}
     values = np.full(averaging.grid.shape, np.nan)
     values.flat[index] = thickness
-    with whole_file(deposit_file(task.output, task.digest)) as part:
-        write_rows(part, averaging.grid, [DEPOSITED], tags, lambda band, first, last: values[first:last])
+    with whole_file(last_step_file(task.output, task.digest, end.came_to_rest)) as part:
+        write_rows(part, averaging.grid, [band], tags, lambda _, first, last: values[first:last])
 
 
 class _Peaks(StageSequence):

@@ -13,6 +13,7 @@ from ..compiled.cache_folder import source_digest
 from ..maps.averaging.export_resolution import report_cells, require_cells_within
 from ..scene.key_checks import meant
 from ..scene.scene_reading import read_toml
+from ..simulation.companion_run import has_companion
 from ..simulation.cost_prediction import predicted
 from ..simulation.numerical_parameters import COST_POWER
 from ..simulation.preparation import scene_to_prepare
@@ -21,7 +22,7 @@ from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log
 from .ensemble_member import FIGURES, MemberTask
 from .ensemble_statistics import Products, exceedances
-from .sampling_plan import SamplingPlan, with_values
+from .sampling_plan import SamplingPlan, nearest_member, value_at, with_values
 from .varied_keys import variation
 
 if TYPE_CHECKING:
@@ -244,8 +245,26 @@ class PlannedRuns:
         """Digest of all members in order."""
         return _digest(self.digests)
 
+    @cached_property
+    def reference(self) -> int:
+        """Place in `members` of the one that is nearest to the scene's own values; its run has the companion."""
+        own = tuple(value_at(self.tables, key) for key in self.plan.varied)
+        return nearest_member(own, [member.values for member in self.members])
+
+    def companion(self, records: dict[str, dict]) -> dict | None:
+        """Return the companion of the ensemble, and of which member it is (`of`); None without.
+
+        Parameters
+        ----------
+        records : dict of str to dict
+            Record by digest.
+        """
+        found = records[self.digests[self.reference]].get("companion")
+        number = self.members[self.reference].number
+        return found and found | {"of": f"member {number}, the nearest to the values of the scene"}
+
     def tasks(self, output: Path) -> list[MemberTask]:
-        """Return the tasks of all members; identical members share a digest and one run, the first has a companion.
+        """Return the tasks of all members; identical members share a digest and one run.
 
         Parameters
         ----------
@@ -257,7 +276,8 @@ class PlannedRuns:
             self._task(member.number, digest, member.tables, f"{name}, member {member.number}", output)
             for member, digest in zip(self.members, self.digests, strict=True)
         )
-        return [replace(task, companion=task.digest == self.digests[0]) for task in tasks]
+        wanted, reference = has_companion(self.first[1].scene), self.digests[self.reference]
+        return [replace(task, companion=wanted and task.digest == reference) for task in tasks]
 
     def cost(self, tasks: list[MemberTask]) -> tuple[float, float]:
         """Predict the cost of tasks.

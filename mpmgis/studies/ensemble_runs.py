@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import __version__
-from ..frames.ensemble_folder import EnsembleFolder, member_files, read_member
+from ..frames.ensemble_folder import EnsembleFolder, member_files
 from ..frames.headline_numbers import ERROR_TAG, error_words
 from ..frames.member_stack import MemberStack
 from ..laws.quantities import MEMBER_BANDS
@@ -125,7 +125,7 @@ def ensemble(
     if plan.remark():
         log.info(plan.remark())
     tasks = study.tasks(folder.members.resolve())
-    records = {task.digest: read_member(task.output, task.digest, task.frames, task.deposit) for task in tasks}
+    records = {task.digest: task.record() for task in tasks}
     records = {digest: record for digest, record in records.items() if record is not None}
     to_run = list({task.digest: task for task in tasks if task.digest not in records}.values())
     workers = min(request.workers or operating_system.cores(), max(1, len(to_run)))
@@ -159,7 +159,7 @@ def ensemble(
             *times,
             time.perf_counter() - began,
             *(sum(records[task.digest].get(name, 0.0) for task in to_run) for name in TIMES),
-            records[tasks[0].digest].get("companion"),
+            study.companion(records),
         )
         folder.write_record(
             state="finished",
@@ -352,7 +352,7 @@ def _write_maps(folder, study, products, tasks, records, workers):
         "dem": Path(prepared.terrain.path).name,
         "varied": json.dumps(study.plan.as_tables()["vary"]),
     }
-    errors = error_words(records[tasks[0].digest].get("companion"))
+    errors = error_words(study.companion(records))
     tags |= {ERROR_TAG: errors} if errors else {}
     name = folder.path.resolve().name
     with whole_folder(folder.maps, overwrite=True) as part:

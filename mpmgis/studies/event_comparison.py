@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from ..frames.ensemble_members import Members, read_band
+from ..frames.ensemble_members import Members
 from ..frames.particles import Frame
 from ..results.comparison import nearest
 from ..results.flow_line import centre_line
@@ -20,7 +20,6 @@ from ..terrain.observations import cells_within, read_line, read_outline, read_v
 from ..terrain.raster_input import read_raster
 from ..terrain.undeclared_nodata import THICKNESS
 from .calibration_events import Event
-from .ensemble_member import DEPOSITED
 
 if TYPE_CHECKING:
     from .calibration import CalibrateRequest
@@ -183,7 +182,7 @@ class EventOnGrid:
     def _deposit_part(self, runs):
         if not self.event.needs_deposit:
             return None
-        thickness = [read_band(members.deposit(k), DEPOSITED.name) for members, k in runs]
+        thickness = [members.last_thickness(k) for members, k in runs]
         parts = []
         if self.deposit is not None:
             known = np.isfinite(self.deposit)

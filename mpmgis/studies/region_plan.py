@@ -19,6 +19,7 @@ from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import GRAVITY
 from ..scene import mu_least, scene_from_tables
 from ..scene.scene_reading import read_toml
+from ..simulation.companion_run import has_companion
 from ..simulation.cost_prediction import predicted
 from ..simulation.scene_files import input_files
 from ..solvers.features.features_by_place import with_friction
@@ -276,7 +277,7 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
             str(runs),
             None,
             request.min_depth,
-            companion=number == 1,
+            companion=number == 1 and has_companion(scene),
         )
         tasks.append(AreaTask(number, run, shape, crs, mu, head))
     return tasks

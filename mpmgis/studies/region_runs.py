@@ -149,7 +149,7 @@ def region(
         sums = [sum(records[task.digest].get(name, 0.0) for task in to_run) for name in TIMES]
         repeated = sum(records[task.digest].get("runs", 1) > 1 for task in plan.tasks)
         mapped = time.perf_counter() - began
-        errors = records[plan.tasks[0].digest].get("companion")
+        errors = _companion(plan, records)
         folder.write_record(
             state="finished", areas=len(plan.tasks), statuses=statuses, repeated=repeated, companion=errors
         )
@@ -198,6 +198,12 @@ def _report(plan, records):
     return statuses
 
 
+def _companion(plan, records):
+    """Return the companion of the first area, and of which area it is (`of`); None without."""
+    found = records[plan.tasks[0].digest].get("companion")
+    return found and found | {"of": f"area {plan.tasks[0].number}"}
+
+
 def _write(folder, plan, records):
     """Write the table of areas and the maps; return their paths."""
     write_areas(folder.areas, plan.areas, _columns(plan, records))
@@ -208,26 +214,21 @@ def _write(folder, plan, records):
             continue
         raster = member_files(task.run.output, task.digest)[1]
         top, _, left, _ = record["window"]
-        one = AreaRaster(task.number, raster, top, left, tuple(record["extent"]), float(frequency))
+        at_rest = bool(record["came_to_rest"])
+        one = AreaRaster(task.number, raster, top, left, tuple(record["extent"]), float(frequency), at_rest)
         rasters.setdefault("all", []).append(one)
         scenarios.append(scenario if plan.request.scenario is not None else None)
         if plan.request.scenario is not None:
             rasters.setdefault(f"scenario_{scenario}", []).append(one)
     tags = {"version": __version__, "digest": folder.digest, "min_depth": plan.request.min_depth}
-    errors = error_words(records[plan.tasks[0].digest].get("companion"))
+    errors = error_words(_companion(plan, records))
     tags |= {ERROR_TAG: errors} if errors else {}
     with whole_folder(folder.maps, overwrite=True) as part:
         paths = [
             path.relative_to(part)
             for name, areas in sorted(rasters.items())
             for path in write_region_maps(
-                part,
-                name,
-                plan.grid,
-                areas,
-                plan.request.min_depth,
-                tags | {"areas": len(areas)},
-                plan.request.frequency is not None,
+                part, name, plan.grid, areas, plan.request.min_depth, tags, plan.request.frequency is not None
             )
         ]
         footprints = part / "all_footprints.gpkg"

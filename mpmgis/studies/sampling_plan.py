@@ -5,6 +5,7 @@ import itertools
 import math
 import re
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -203,6 +204,46 @@ def with_values(tables: dict, values: dict) -> dict:
         holder, last = _place(made, key)
         holder[last] = value
     return made
+
+
+def value_at(tables: dict, key: str) -> object:
+    """Return the value of a key in the tables of a scene; None where they do not give it.
+
+    Parameters
+    ----------
+    tables : dict
+    key : str
+        As in `SamplingPlan`.
+    """
+    holder, last = _place(tables, key)
+    return holder.get(last)
+
+
+def nearest_member(own: tuple, members: Sequence[tuple]) -> int:
+    """Return the place of the member whose values are nearest to those of the scene; of equal ones the first.
+
+    Numbers are apart by their difference over the range of the members, other values by 1. A key that the scene does
+    not give has no part.
+
+    Parameters
+    ----------
+    own : tuple
+        Values of the scene; None where it gives none.
+    members : sequence of tuple
+        Values of each member.
+    """
+    apart = np.zeros(len(members))
+    for value, given in zip(own, zip(*members, strict=True), strict=True):
+        if _is_number(value) and all(_is_number(one) for one in given):
+            numbers = np.array([*given, value], float)
+            apart += ((numbers[:-1] - value) / (np.ptp(numbers) or 1.0)) ** 2
+        elif value is not None:
+            apart += [float(one != value) for one in given]
+    return int(np.argmin(apart))
+
+
+def _is_number(value):
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def require_place(tables: dict, key: str) -> None:

@@ -13,7 +13,7 @@ from slope_site import SCENE, write_raster, write_site
 
 import mpmgis
 from mpmgis.commands.shell.main import main
-from mpmgis.frames.ensemble_members import read_band, read_members
+from mpmgis.frames.ensemble_members import read_members
 from mpmgis.results.path_bands import BANDS, PathBands
 from mpmgis.scene.scene_reading import read_scene
 from mpmgis.simulation.preparation import prepare_scene
@@ -47,7 +47,7 @@ def site(tmp_path_factory):
     places = shapely.points(*grid.xy(row, column))
     table = {"name": ["high", "low"], **columns, "h_max_sd": [0.05, 0.05]}
     geopandas.GeoDataFrame(table, geometry=places, crs=grid.crs).to_file(folder / "points.gpkg")
-    deposit = np.nan_to_num(read_band(truth.deposit(0), "t_deposit"))
+    deposit = np.nan_to_num(truth.last_thickness(0))
     write_raster(folder / "deposit.tif", deposit)
     return folder
 
@@ -136,7 +136,12 @@ def test_values_at_points_and_deposits_give_the_friction_too(site, tmp_path, obs
 def test_the_kept_deposit_has_the_volume_of_the_release(site):
     truth = read_members(site / "truth")
     released = 2.0 * 100 * 100 * np.hypot(1, 0.5)  # 2 m normal to the slope of 0.5, over 100 x 100 m on the map
-    assert np.nansum(read_band(truth.deposit(0), "t_deposit")) * 100 == pytest.approx(released, rel=0.02)
+    assert np.nansum(truth.last_thickness(0)) * 100 == pytest.approx(released, rel=0.02)
+    word = "deposit" if truth.rows[0]["came_to_rest"] == "1" else "last"
+    (path,) = (site / "truth" / "members").glob(f"*_{word}.tif")
+    with rasterio.open(path) as source:
+        assert source.descriptions == (f"t_{word} [m]",)
+        assert source.tags(ns="mpmgis")["came_to_rest"] == str(word == "deposit").lower()
 
 
 @pytest.mark.thorough

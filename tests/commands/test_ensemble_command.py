@@ -17,6 +17,8 @@ from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_
 
 from mpmgis.commands.shell.main import main
 from mpmgis.frames import member_stack
+from mpmgis.frames.headline_numbers import error_words
+from mpmgis.results.hazard.scenario_facts import facts_of
 from mpmgis.studies import ensemble_member
 from mpmgis.studies.ensemble_plan import read_plan
 from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
@@ -155,6 +157,28 @@ def test_rasters_lie_on_the_dtm_and_describe_what_they_are(done, site):
         assert source.descriptions[0] == "h_mean [m]"
     assert tags["members"] == "5" and tags["sampling"] == "lhs" and tags["dem"] == "dtm.tif"
     assert json.loads(tags["varied"])["friction.mu"] == "0.1:0.4"
+
+
+def test_the_member_nearest_to_the_scene_states_its_numerical_error(done, site, tmp_path):
+    """Of the values 0.2 and 2 of the scene; the numbers are those of a run of that member."""
+    companion = json.loads((done / "ensemble.json").read_text())["companion"]
+    rows = table(done)
+    apart = []
+    for key, own in (("friction.mu", 0.2), ("release.thickness", 2.0)):
+        values = np.array([float(row[key]) for row in rows])
+        apart.append(((values - own) / np.ptp([*values, own])) ** 2)
+    number = int(np.argmin(np.sum(apart, axis=0)))
+    assert companion["of"] == f"member {number + 1}, the nearest to the values of the scene"
+    member, scene = rows[number], SHORT
+    for key, text in (("friction.mu", "mu = 0.2"), ("release.thickness", "thickness = 2.0")):
+        scene = scene.replace(text, f"{key.split('.')[1]} = {member[key]}")
+    write_site(tmp_path)
+    (tmp_path / "scene.toml").write_text(scene)
+    assert main(["run", str(tmp_path / "scene.toml"), "-q"]) == 0
+    assert json.loads((tmp_path / "results" / "run.json").read_text())["companion"]["numbers"] == companion["numbers"]
+    with rasterio.open(done / "maps/rasters/ensemble_h.tif") as source:
+        assert source.tags(ns="mpmgis")["numerical_error"] == error_words(companion)
+    assert f"numerical errors: {error_words(companion)}" in facts_of(done)
 
 
 def test_a_second_start_runs_nothing_and_other_thresholds_make_other_maps(done, site, capsys, monkeypatch):

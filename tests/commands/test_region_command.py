@@ -19,6 +19,7 @@ from affine import Affine
 
 import mpmgis
 from mpmgis.commands.shell.main import main
+from mpmgis.frames.headline_numbers import error_words
 from mpmgis.studies import area_run
 from mpmgis.studies.region_runs import RegionRequest, region
 from mpmgis.system.errors import InputError
@@ -140,6 +141,17 @@ def test_every_map_is_the_maximum_and_the_count_of_the_areas(site, done):
         np.testing.assert_allclose(often, expected, rtol=1e-6)
         np.testing.assert_allclose(chance, 1 - np.exp(-expected), rtol=1e-6)
     assert count.max() >= 1 and np.nan_to_num(read(done.folder / "maps" / "all_areas.tif"))[0].max() == 2
+
+
+def test_maps_say_which_flows_moved_at_the_end_and_the_numerical_error_of_the_first(site, done):
+    rows = rows_of(done)
+    assert done.companion["of"] == "area 1"
+    for name, chosen in (("all", rows), ("scenario_30", rows[0::2]), ("scenario_100", rows[1::2])):
+        moving = sum(not row["came_to_rest"] for row in chosen)
+        with rasterio.open(done.folder / "maps" / f"{name}_h_max.tif") as source:
+            tags = source.tags(ns="mpmgis")
+        assert (tags["not_at_rest"], tags["came_to_rest"]) == (str(moving), str(not moving).lower())
+        assert tags["numerical_error"] == error_words(done.companion)
 
 
 def test_footprints_have_every_area_that_reaches_a_cell(site, done):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -92,9 +93,10 @@ def test_the_rasters_are_those_of_an_export(site, name, cell_size):
     for file, (values, bands, tags, place) in wanted.items():
         assert np.array_equal(got[file][0], values, equal_nan=True), file
         assert got[file][1] == bands and got[file][3] == place
-        # the scenes differ in `rasters`; numerical errors are known after the run
+        # the scenes differ in `rasters`; numerical errors are known after the run, when its steps are written
         different = {key for key in {*tags, *got[file][2]} if tags.get(key) != got[file][2].get(key)}
-        assert different <= {"digest", "frames", "numerical_error"}, file
+        later = {"numerical_error"} if re.search(r"_\d+\.tif$|^dtm", file) else set()
+        assert different <= {"digest", "frames"} | later, file
     records = [json.loads((folder / part / "run.json").read_text()) for part in ("flow", "own/flow")]
     assert records[0]["result_digest"] == records[1]["result_digest"] and records[0]["frames"] == records[1]["frames"]
     kept = sorted(path.name for path in (folder / "own" / "flow").glob("frame_*.h5"))

@@ -1,5 +1,8 @@
 """The project of a region in QGIS: maps by scenario, areas and footprints over the terrain."""
 
+import zipfile
+from dataclasses import replace
+
 import geopandas
 import numpy as np
 import pytest
@@ -69,6 +72,16 @@ def test_a_region_without_flow_has_a_project_of_its_areas(tmp_path):
     project = region_of(tmp_path, ())
     (path,) = write_region_project(project)
     assert path.is_file() and project.view() == project.grid.bounds and project.typical["h_max"] == 0.0
+
+
+@pytest.mark.parametrize("moving", [0, 1, 3])
+def test_groups_name_the_areas_whose_flow_still_moved(tmp_path, moving):
+    project = region_of(tmp_path, (60, 80, 100))
+    areas = [area._replace(came_to_rest=k >= moving) for k, area in enumerate(project.areas["all"])]
+    (path, *_) = write_region_project(replace(project, areas={"all": areas}))
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read("region.qgs").decode()
+    assert "all areas (3 with flow" in text and (f"{moving} of them not at rest" in text) == (moving > 0)
 
 
 def test_a_dtm_that_qgis_would_show_otherwise_is_left_out(tmp_path):

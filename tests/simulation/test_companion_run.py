@@ -1,6 +1,7 @@
 """The companion of a run: stated numerical errors against an exact answer, its record, its failures, its restart."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,17 @@ from slope_site import SCENE, contents, record, run, slide, write_block_site, wr
 import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.headline_numbers import HEADLINES, error_lines, error_words
+from mpmgis.maps.averaging.result_bands import open_result
+from mpmgis.results.hazard.scenario_facts import facts_of
 from mpmgis.simulation import companion_run
-from mpmgis.simulation.companion_run import LEAST_CELLS, LEAST_SHARE, SAFETY, companion_lines, stated_error
+from mpmgis.simulation.companion_run import (
+    LEAST_CELLS,
+    LEAST_SHARE,
+    SAFETY,
+    companion_lines,
+    stated_error,
+    without_companion,
+)
 
 OFF = SCENE.replace("[output]", "companion = false\n[output]")
 
@@ -62,6 +72,9 @@ def test_maps_report_and_results_carry_the_errors(site):
     assert main(["export-raster", str(site / "results"), "-o", str(site / "gis"), "-q"]) == 0
     with rasterio.open(site / "gis" / "rasters" / "results_max.tif") as source:
         assert source.tags(ns="mpmgis")["numerical_error"] == words
+    assert f"numerical errors: {words}" in facts_of(site / "results")  # on the sheet of a hazard map
+    exported = open_result(site / "gis" / "rasters" / "results_max.tif")
+    assert f"numerical errors: {words}" in facts_of(site / "gis" / "rasters" / "results_max.tif", exported)
     for folder in ("results", "gis"):
         assert mpmgis.open_results(site / folder).attrs["numerical_error"] == words
         assert main(["report", str(site / folder), "-o", str(site / "report.html"), "--overwrite", "-q"]) == 0
@@ -113,6 +126,62 @@ def test_a_stopped_companion_leaves_the_run_complete(site, monkeypatch):
     assert kept["state"] == "finished" and "companion" not in kept
     assert main(["run", str(site / "scene.toml"), "--resume"]) == 0
     assert record(site)["companion"]["numbers"]
+
+
+def test_rasters_of_a_run_get_the_errors_once_they_are_known(site, monkeypatch):
+    def stopped(*given):
+        raise KeyboardInterrupt
+
+    def tags():
+        found = {}
+        for path in (site / "results" / "maps" / "rasters").glob("*.tif"):
+            with rasterio.open(path) as source:
+                found[path.stem.removeprefix("results_")] = source.tags(ns="mpmgis").get("numerical_error")
+        return found
+
+    with monkeypatch.context() as patched:
+        patched.setattr(companion_run, "on_larger_cells", stopped)
+        assert run(site, SCENE + "rasters = true\n") == 0
+    assert set(tags().values()) == {None}
+    assert main(["run", str(site / "scene.toml"), "--resume", "-q"]) == 0
+    words, found = error_words(record(site)["companion"]), tags()
+    assert words and {found.pop(name) for name in ("max", "last")} == {words} and set(found.values()) == {None}
+
+
+def test_one_stage_of_columns_has_the_companion_of_a_run_without_stages(site):
+    assert run(site, SCENE) == 0
+    alone = record(site)["companion"]["numbers"]
+    assert run(site, SCENE + '[[stage]]\nsolver = "columns"\n') == 0
+    assert record(site)["companion"]["numbers"] == alone
+
+
+STAGES = [{"solver": "columns", "until": {"time": 1.0}}, {"solver": "points", "cell_size": 1.0}]
+
+
+@pytest.mark.parametrize(
+    ("solver", "stages", "given", "words"),
+    [
+        ("columns", [], {}, ""),
+        ("columns", [], {"companion": False}, ""),
+        ("columns", STAGES[:1], {}, ""),
+        ("columns", STAGES, {}, "a stage is 3D"),
+        ("columns", STAGES, {"companion": False}, ""),
+        ("points", [], {}, "companion = true makes one"),
+        ("points", [], {"companion": True}, ""),
+    ],
+)
+def test_a_run_that_states_no_error_by_default_says_so(solver, stages, given, words):
+    numerics = SimpleNamespace(companion=given.get("companion"))
+    solvers = {stage["solver"] for stage in stages} or {solver}
+    found = without_companion(SimpleNamespace(numerics=numerics, solvers=solvers, stage=stages))
+    assert words in found and bool(found) == bool(words)
+
+
+def test_the_errors_of_one_of_many_runs_say_of_which():
+    one = {"value": 10.0, "larger_cells": 12.0, "error": 2.5}
+    made = {"cell_size": 20.0, "numbers": {"speed_max": one}, "of": "member 3"}
+    assert error_words(made) == "largest speed 10 +- 2.5 m/s (member 3)"
+    assert error_words({"failed": "there was no flow", "of": "member 3"}) == ""
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.05, 0.4])

@@ -143,14 +143,14 @@ def test_erodible_ground_has_the_mass_that_was_drawn(width, height, shift, cell)
     grid = grid_of(cell, lambda x, y: 200.0 - math.tan(math.radians(30)) * x)
     shape = shapely.box(40 + shift, 12 + shift, 40 + shift + width, 12 + shift + height)
     table = EntrainmentTable(law="ErosionSpeed", source="drawn.gpkg", thickness=0.3, density=200.0, parameters={})
-    found = erodible_ground(table, PlacedFiles([Drawn(shape)]), "drawn.gpkg", grid, 1.0)
+    found = erodible_ground(table, PlacedFiles([Drawn(shape)]), "drawn.gpkg", grid, 1.0, [])
     exact = width * height / math.cos(math.radians(30)) * 0.3 * 200.0
     assert found.mass.sum() * cell**2 == pytest.approx(exact, rel=1e-9)
     assert found.share.sum() * cell**2 == pytest.approx(width * height, rel=1e-9)
     west, south, east, north = shape.bounds
     placed = Grid(None, Affine((east - west) / 4, 0, west, 0, (south - north) / 8, north), (8, 4))
     table = EntrainmentTable(law="ErosionSpeed", source="drawn.tif", density=200.0, parameters={})
-    again = erodible_ground(table, PlacedFiles(raster=(np.full((8, 4), 0.3), placed)), "drawn.tif", grid, 1.0)
+    again = erodible_ground(table, PlacedFiles(raster=(np.full((8, 4), 0.3), placed)), "drawn.tif", grid, 1.0, [])
     np.testing.assert_allclose(again.mass, found.mass, atol=1e-6)
 
 
@@ -162,10 +162,10 @@ def test_overlapping_erodible_ground_has_the_thickness_of_the_later_one():
     table = EntrainmentTable(
         law="ErosionSpeed", source="d.gpkg", thickness="d", thickness_mode="vertical", parameters={}
     )
-    found = erodible_ground(table, PlacedFiles(features), "d.gpkg", grid, 100.0)
+    found = erodible_ground(table, PlacedFiles(features), "d.gpkg", grid, 100.0, [])
     assert found.mass.sum() * 25.0 == pytest.approx(100.0 * (2.0 * (30 * 27 - 30) + 6 * 27), rel=1e-9)
     with pytest.raises(InputError, match="no erodible ground"):
-        erodible_ground(table, PlacedFiles([Drawn(shapely.box(900, 0, 950, 9), {"d": 1.0})]), "d.gpkg", grid, 100.0)
+        erodible_ground(table, PlacedFiles([Drawn(shapely.box(900, 0, 950, 9), {"d": 1.0})]), "d.gpkg", grid, 100.0, [])
 
 
 def scene(**friction):
@@ -184,7 +184,7 @@ def test_a_zone_does_the_work_of_its_width(width, shift, cell):
     grid = grid_of(cell)
     strip = shapely.box(40 + shift, -10, 40 + shift + width, 90)
     zones = [(1, zone(mu=0.5, xi=250.0), PlacedFiles([Drawn(strip)]))]
-    found = painted_zones(scene(mu=0.2, xi=1000.0), zones, grid)
+    found = painted_zones(scene(mu=0.2, xi=1000.0), zones, grid, [])
     middle = found["mu"][grid.bed.shape[0] // 2, 1:-1], found["xi"][grid.bed.shape[0] // 2, 1:-1]
     assert ((middle[0] - 0.2) * cell).sum() == pytest.approx(0.3 * width, rel=1e-9)
     assert ((1.0 / middle[1] - 1e-3) * cell).sum() == pytest.approx(3e-3 * width, rel=1e-9)
@@ -195,14 +195,14 @@ def test_zones_that_share_a_square_share_it_by_area():
     """Two zones that touch in a square leave nothing of the ground between them; without [friction] none is needed."""
     grid = grid_of(8.0)
     west, east = Drawn(shapely.box(-9, -9, 41, 99), {"mu": 0.1}), Drawn(shapely.box(41, -9, 199, 99), {"mu": 0.5})
-    found = painted_zones(scene(xi=1000.0), [(1, zone(mu="mu"), PlacedFiles([west, east]))], grid)["mu"]
+    found = painted_zones(scene(xi=1000.0), [(1, zone(mu="mu"), PlacedFiles([west, east]))], grid, [])["mu"]
     row = found[4, 1:-1]
     np.testing.assert_array_equal(row[:5], 0.1)
     np.testing.assert_array_equal(row[6:], 0.5)
     assert row[5] == pytest.approx((5 * 0.1 + 3 * 0.5) / 8)
     np.testing.assert_array_equal(found[:, 0], found[:, 1])  # ghosts
     with pytest.raises(InputError, match="number 3 covers no part"):
-        painted_zones(scene(), [(3, zone(mu=0.2), PlacedFiles([Drawn(shapely.box(900, 0, 950, 9))]))], grid)
+        painted_zones(scene(), [(3, zone(mu=0.2), PlacedFiles([Drawn(shapely.box(900, 0, 950, 9))]))], grid, [])
 
 
 @pytest.mark.parametrize("shift", [0.0, 1.3, 2.5])
@@ -212,7 +212,7 @@ def test_a_forest_acts_by_its_share_and_breaks_by_its_strength(shift):
     strip, beside = shapely.box(40 + shift, -10, 43 + shift, 90), shapely.box(43 + shift, -10, 44 + shift, 90)
     table = ForestTable(source="f.gpkg", strength="s", detrainment=30.0, drag=0.01, friction=0.02)
     features = [Drawn(strip, {"s": 1e4}), Drawn(beside, {"s": 1e6})]
-    found = forest_values([(1, table, PlacedFiles(features))], grid)
+    found = forest_values([(1, table, PlacedFiles(features))], grid, [])
     row = found[grid.bed.shape[0] // 2]
     for entry, value in ((DETRAINMENT, 30.0), (DRAG, 0.01), (FRICTION, 0.02), (SHARE, 1.0)):
         assert 5.0 * row[:, entry].sum() == pytest.approx(4.0 * value, rel=1e-9)

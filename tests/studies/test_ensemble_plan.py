@@ -7,7 +7,7 @@ from scipy import stats
 from mpmgis.laws.own_law import NO_OWN_LAWS
 from mpmgis.laws.quantities import MEMBER_BANDS
 from mpmgis.studies.ensemble_statistics import ARRIVAL, Products, exceedances, statistics
-from mpmgis.studies.sampling_plan import SamplingPlan
+from mpmgis.studies.sampling_plan import SamplingPlan, nearest_member, value_at
 from mpmgis.studies.varied_keys import variation
 from mpmgis.system.errors import InputError, SceneError
 
@@ -242,3 +242,28 @@ def test_unknown_quantities_and_invalid_percentiles_are_rejected():
 def test_list_values_have_the_types_of_a_scene_file():
     values = variation("true,false,2,0.5,text", "--vary key").values
     assert values == (True, False, 2, 0.5, "text") and [type(value) for value in values[:3]] == [bool, bool, int]
+
+
+@pytest.mark.parametrize(
+    ("own", "members", "nearest"),
+    [
+        ((0.2,), [(0.1,), (0.25,), (0.4,)], 1),
+        ((0.2, 1000.0), [(0.2, 2000.0), (0.3, 1000.0), (0.21, 1010.0)], 2),  # by the range of each, not by the unit
+        (("a.shp", 0.2), [("b.shp", 0.2), ("a.shp", 0.3)], 0),  # equally far: the first
+        (("a.shp", 0.2), [("b.shp", 0.3), ("a.shp", 0.4), ("a.shp", 0.2)], 2),
+        ((True,), [(False,), (True,)], 1),
+        ((None, 0.2), [(5.0, 0.1), (9.0, 0.2)], 1),  # the scene gives no value
+        ((9.0,), [(0.1,), (0.3,)], 1),  # outside the range
+        ((0.2,), [(0.3,), (0.3,)], 0),
+    ],
+)
+def test_the_reference_is_the_member_nearest_to_the_scene(own, members, nearest):
+    assert nearest_member(own, members) == nearest
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("friction.mu", 0.2), ("zones.2.mu", 0.4), ("release.density", None), ("release.source", "a.shp")],
+)
+def test_the_own_value_of_a_key(key, value):
+    assert value_at(TABLES, key) == value

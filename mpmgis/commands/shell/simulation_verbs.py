@@ -271,12 +271,12 @@ def _print_cost(summary):
 
 
 def _print_counts(found, what="members"):
-    """Print statuses, numerical errors of the first and cost of the runs on stderr."""
+    """Print statuses, numerical errors of one and cost of the runs on stderr."""
     counts = ", ".join(f"{number} {status}" for status, number in found.statuses.items())
     terminal.note(f"{what}: {counts}" + (f"; {found.before} of them finished earlier" if found.before else ""))
     errors = error_words(found.companion)
     if errors:
-        terminal.note(f"numerical errors of the first of them: {errors}")
+        terminal.note(f"numerical errors: {errors}")
     if found.run_seconds:
         terminal.note(
             f"wall time {found.run_seconds:.1f} s for runs of {found.member_seconds:.1f} s, {found.map_seconds:.1f} s "

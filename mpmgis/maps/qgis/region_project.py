@@ -11,7 +11,7 @@ import numpy as np
 from ... import __version__
 from ...frames.region_folder import FOOTPRINTS
 from ...frames.region_folder import LAYER as AREAS
-from ...frames.region_maps import LARGEST, AreaRaster
+from ...frames.region_maps import LARGEST, AreaRaster, not_at_rest
 from ...laws.quantities import BAND, MEMBER_BANDS
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
@@ -150,9 +150,10 @@ def _maps(project, name, shown):
             title, pipe = look.layer_name(key), _pipe(project, look, typical, number)
             layer = map_layer(project, "raster", f"{name}_{key}", file, title, "gdal", None, pipe)
             rows.append(Layer(title, layer, not rows, not rows))
-    count = len(project.areas[name])
+    count, moving = len(project.areas[name]), not_at_rest(project.areas[name])
+    flow = f"{count} with flow" + (f", {moving} of them not at rest" if moving else "")
     words = "all areas" if name == "all" else name.replace("_", " ", 1)
-    return Group(f"{words} ({count} with flow)", rows, shown=shown, unfolded=shown, exclusive=True)
+    return Group(f"{words} ({flow})", rows, shown=shown, unfolded=shown, exclusive=True)
 
 
 def _polygons(project, layer, file, title, pen, shown):

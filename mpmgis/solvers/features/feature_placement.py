@@ -9,7 +9,6 @@ import shapely
 
 from ...laws.friction import DRAG, ROLES, given_instead, turbulent_coefficient
 from ...system.errors import InputError, SceneError
-from ...system.messages import log
 from .area_shares import (
     SAME,
     Area,
@@ -21,6 +20,7 @@ from .area_shares import (
     square_areas,
     visible_shares,
 )
+from .feature_notes import Note
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,7 +58,7 @@ class Erodible(NamedTuple):
 
 
 def painted_zones(
-    scene: "Scene", zones: "Iterable[tuple[int, ZoneTable, PlacedFiles]]", grid: "ColumnGrid"
+    scene: "Scene", zones: "Iterable[tuple[int, ZoneTable, PlacedFiles]]", grid: "ColumnGrid", notes: list[Note]
 ) -> dict[str, np.ndarray]:
     """Return the parameters of friction at the nodes: means of [friction] and of the zones by the areas they cover.
 
@@ -70,6 +70,8 @@ def painted_zones(
     zones : iterable of (int, ZoneTable, PlacedFiles)
         Number in the scene, table and files of each zone.
     grid : ColumnGrid
+    notes : list of Note
+        To which lines about how it is computed are added.
 
     Returns
     -------
@@ -96,7 +98,7 @@ def painted_zones(
             covers = covers or covers_domain(area, grid)
         if not covers:
             raise InputError(f"[[zones]] number {number} covers no part of the terrain; check its CRS and its values")
-        log_area(f"[[zones]] number {number}", files, grid)
+        notes += area_notes("zones", f"[[zones]] number {number}", files, grid)
     given = scene.friction.parameters
     means = {name: _mean(*areas[name], given.get(name, np.nan), grid, ROLES.get(name) == DRAG) for name in law}
     return {name: np.pad(values, 1, "edge") for name, values in means.items()}
@@ -123,11 +125,13 @@ def _painting(zone, files, grid):
         yield from ((Area(feature.shape), name, feature.number(zone.parameters[name])) for name in columns)
 
 
-def log_area(what: str, files: PlacedFiles, grid: "ColumnGrid", more: str = "") -> None:
-    """Log the area of polygons or of a raster, and how much of it acts on the domain.
+def area_notes(effect: str, what: str, files: PlacedFiles, grid: "ColumnGrid", more: str = "") -> list[Note]:
+    """Return a Note of the area of polygons or of a raster, and how much of it acts on the domain; none without both.
 
     Parameters
     ----------
+    effect : str
+        That they belong to.
     what : str
         Name of the table.
     files : PlacedFiles
@@ -142,9 +146,10 @@ def log_area(what: str, files: PlacedFiles, grid: "ColumnGrid", more: str = "") 
         values, placed = files.raster
         drawn, share = np.count_nonzero(np.nan_to_num(values)) * placed.cell_area, mask_share(files.raster, grid)
     else:
-        return
+        return []
     used = float((share * square_areas(grid)).sum())
-    log.info(f"{what}: {drawn:.6g} m2 are drawn, {used:.6g} m2 of them lie on the terrain and act{more}")
+    text = f"{what}: {drawn:.6g} m2 are drawn, {used:.6g} m2 of them lie on the terrain and act{more}"
+    return [Note(effect, text, share > 0.0)]
 
 
 def _values_in(value, area, grid):
@@ -181,9 +186,14 @@ def _require_in_range(values, name, parameter, where):
 
 
 def erodible_ground(
-    table: "EntrainmentTable", files: PlacedFiles, path: "Path", grid: "ColumnGrid", flow_density: float
+    table: "EntrainmentTable",
+    files: PlacedFiles,
+    path: "Path",
+    grid: "ColumnGrid",
+    flow_density: float,
+    notes: list[Note],
 ) -> Erodible:
-    """Compute the mass that the flow can take up at the nodes, and log it.
+    """Compute the mass that the flow can take up at the nodes.
 
     Parameters
     ----------
@@ -194,6 +204,8 @@ def erodible_ground(
     grid : ColumnGrid
     flow_density : float [kg m-3]
         Used where the table gives no density.
+    notes : list of Note
+        To which lines about how it is computed are added.
 
     Returns
     -------
@@ -210,7 +222,8 @@ def erodible_ground(
     if table.thickness_mode == "normal":
         thickness = thickness * np.sqrt(1.0 + (grid.gradient[1:-1, 1:-1] ** 2).sum(axis=-1))
     mass = (table.density if table.density is not None else flow_density) * thickness
-    log_area("[entrainment]", files, grid, f"; {float((mass * square_areas(grid)).sum()):.6g} kg can be taken up")
+    more = f"; {float((mass * square_areas(grid)).sum()):.6g} kg can be taken up"
+    notes += area_notes("entrainment", "[entrainment]", files, grid, more)
     return Erodible(np.pad(mass, 1), np.pad(share, 1))
 
 

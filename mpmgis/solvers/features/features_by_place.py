@@ -1,7 +1,7 @@
 """Spatial features of a scene on the solver's grid, and the numbers by which effects are decided."""
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,14 +15,18 @@ from ...scene import mu_least
 from ...system.errors import SceneError
 from ..columns.feature_arrays import Places, barrier_entries
 from .area_shares import square_areas
+from .feature_notes import acting_lines
 
 if TYPE_CHECKING:
+    import shapely
+
     from ...frames.particles import Frame
     from ...laws.effect_slots import ColumnEffects, PointEffects
     from ...scene.scene import Scene
     from ...terrain.elevation import Terrain
     from ...terrain.flow_reach import Reach
     from ..columns.node_grid import ColumnGrid
+    from .feature_notes import Note
     from .feature_placement import Erodible
     from .walls import Wall, WallNodes
 
@@ -47,6 +51,8 @@ class KnownByPlace:
         Still level in the cells, NO_LAKE elsewhere.
     forest : float64[ny + 3, nx + 3, FOREST_ENTRIES]
         Values of the trees at the nodes.
+    notes : list of Note
+        Lines about how they are computed.
     """
 
     grid: "ColumnGrid"
@@ -57,6 +63,7 @@ class KnownByPlace:
     wall_nodes: "WallNodes | None"
     lake_level: np.ndarray | None
     forest: np.ndarray | None = None
+    notes: "list[Note]" = field(default_factory=list)
 
     def mu_least(self) -> float:
         """Return the least that friction can be anywhere [1]."""
@@ -101,6 +108,29 @@ class KnownByPlace:
         if self.lake_level is not None:
             facts["lake_ratio"] = self._lake_volume() / float(frame.particles.volume.sum())
         return facts
+
+    def lines(
+        self,
+        effects: "ColumnEffects | PointEffects",
+        terrain: "Terrain",
+        reach: "Reach",
+        window: "shapely.Geometry | None",
+    ) -> list[str]:
+        """Return the lines about how the features are computed that act.
+
+        Parameters
+        ----------
+        effects : ColumnEffects or PointEffects
+            Of the stage.
+        terrain : Terrain
+        reach : Reach
+        window : shapely.Geometry or None
+            Of its points.
+        """
+        if not self.notes:
+            return []
+        inside, near = reach.at(terrain.grid, *self.grid.node_points())
+        return acting_lines(self.notes, effects, self.grid, inside | near, window)
 
     def completed(self, reach: "Reach", terrain: "Terrain") -> "Scene":
         """Return the scene with a friction that represents its zones, for decisions on effects.

@@ -18,11 +18,12 @@ from .area_shares import (
     square_areas,
     visible_shares,
 )
-from .feature_placement import log_area
+from .feature_placement import area_notes
 
 if TYPE_CHECKING:
     from ...scene.tables import ForestTable
     from ..columns.node_grid import ColumnGrid
+    from .feature_notes import Note
     from .feature_placement import PlacedFiles
 
 ENTRY = {  # key of [[forest]] -> index among the values of the trees
@@ -38,7 +39,9 @@ IN_PROPORTION = [DETRAINMENT, DRAG, FRICTION]  # entries that act by the share o
 OF_LARGEST = [STRENGTH, SLOW, THIN, TOO_THICK]  # limits, of one forest and of one cell of a raster, without a mean
 
 
-def forest_values(forests: "Iterable[tuple[int, ForestTable, PlacedFiles]]", grid: "ColumnGrid") -> np.ndarray:
+def forest_values(
+    forests: "Iterable[tuple[int, ForestTable, PlacedFiles]]", grid: "ColumnGrid", notes: "list[Note]"
+) -> np.ndarray:
     """Compute the values of the trees at the nodes.
 
     What they do is in proportion to the share of the node's square with trees. Limits are not: where several forests
@@ -50,6 +53,8 @@ def forest_values(forests: "Iterable[tuple[int, ForestTable, PlacedFiles]]", gri
         Number in the scene, table and files of each forest. Where several overlap, the last one applies; there is
         forest where all its values are known.
     grid : ColumnGrid
+    notes : list of Note
+        To which lines about how it is computed are added.
 
     Returns
     -------
@@ -73,7 +78,7 @@ def forest_values(forests: "Iterable[tuple[int, ForestTable, PlacedFiles]]", gri
             covers = covers or covers_domain(area, grid)
         if not covers:
             raise InputError(f"{where} covers no part of the terrain; check its CRS and its values")
-        log_area(where, files, grid)
+        notes += area_notes("forest", where, files, grid)
     found = np.zeros((*square_areas(grid).shape, FOREST_ENTRIES))
     most = np.zeros(found.shape[:2])
     for number, window, part in visible_shares(areas, grid):

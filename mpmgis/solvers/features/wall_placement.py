@@ -10,9 +10,9 @@ import shapely
 
 from ...scene.tables import HIGHEST_WALL
 from ...system.errors import InputError
-from ...system.messages import log
-from .wall_openings import narrow_openings
-from .walls import CORE_CELLS, FACE_CELLS, Wall, half_thickness, wall_nodes
+from .feature_notes import Note
+from .wall_openings import SPLINE, narrow_openings
+from .walls import CORE_CELLS, FACE_CELLS, Wall, half_thickness, margin_in_3d, wall_nodes
 
 if TYPE_CHECKING:
     from ...frames.particles import Frame
@@ -21,11 +21,16 @@ if TYPE_CHECKING:
     from .feature_placement import PlacedFiles
     from .walls import WallNodes
 
+BURIED = 0.01  # [1] share of a wall below the terrain up to which nothing is said
 MOST_NAMED = 5  # narrow openings that are reported one by one
 
 
 def standing_walls(
-    barriers: "Iterable[tuple[BarrierTable, PlacedFiles]]", grid: "ColumnGrid", everything: "Frame"
+    barriers: "Iterable[tuple[BarrierTable, PlacedFiles]]",
+    grid: "ColumnGrid",
+    everything: "Frame",
+    in_3d: bool,
+    notes: list[Note],
 ) -> "tuple[tuple[Wall, ...], WallNodes | None]":
     """Make the walls of a scene and their nodes, and check both.
 
@@ -35,6 +40,10 @@ def standing_walls(
     grid : ColumnGrid
     everything : Frame
         All columns that are ever released.
+    in_3d : bool
+        The solver is that of points.
+    notes : list of Note
+        To which lines about how walls are computed are added.
 
     Returns
     -------
@@ -51,6 +60,7 @@ def standing_walls(
         return (), None
     nodes = wall_nodes(walls, *grid.node_axes(), grid.bed, grid.cell_size)
     _require_standing(walls, nodes, grid, everything)
+    notes += _wall_notes(walls, nodes, grid, in_3d)
     return walls, nodes
 
 
@@ -98,7 +108,7 @@ def _unique_name(name, walls):
 
 
 def _require_standing(walls, nodes, grid, frame):
-    """Refuse walls off the terrain, under the ground or on the release; report thin walls and narrow openings."""
+    """Refuse walls off the terrain, under the ground or on the release."""
     i, j = (np.rint(place / grid.cell_size).astype(int) + 1 for place in grid.from_corner(frame))
     closed = np.where(nodes.share > 0.0, 0, nodes.number)
     under = closed[np.clip(j, 0, grid.bed.shape[0] - 1), np.clip(i, 0, grid.bed.shape[1] - 1)]
@@ -117,24 +127,42 @@ def _require_standing(walls, nodes, grid, frame):
                 f"barrier '{wall.name}': its crest at {wall.crest:g} m is below the terrain, which is at "
                 f"{grid.bed[own].min():.1f} to {grid.bed[own].max():.1f} m there; give a higher crest, or height"
             )
-        if wall.crest is not None and (buried := np.mean(above <= 0)) > 0.01:
-            log.info(f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it has no effect")
         if (under == number).any():
             raise InputError(
                 f"barrier '{wall.name}' is on the release ({int((under == number).sum())} particles start inside it, "
                 f"including one cell on each side); move it, or take a smaller [numerics] cell_size"
             )
-        thin, least = 2.0 * half_thickness(wall.footprint), 2.0 * (FACE_CELLS + CORE_CELLS) * grid.cell_size
-        if thin < least - 2.0 * grid.cell_size:
-            log.info(
-                f"barrier '{wall.name}' is {thin:.3g} m thick, thinner than a cell; it is computed {least:g} m thick "
-                "(3 cells), the least that stops a flow on this grid"
+
+
+def _wall_notes(walls, nodes, grid, in_3d):
+    """Yield a Note of the foot of each wall and of what of it is below the terrain, and of narrow openings."""
+    size = grid.cell_size
+    for number, wall in enumerate(walls, 1):
+        own = nodes.number == number
+        half = half_thickness(wall.footprint)
+        if in_3d:
+            held = wall.footprint.buffer(margin_in_3d(half, size)).area
+        else:
+            held = (1.0 - nodes.share)[own & grid.domain_nodes()].sum() * size**2
+        text = f"barrier '{wall.name}': its foot has {wall.footprint.area:.6g} m2, nodes of {held:.6g} m2 hold the flow"
+        if 2.0 * half < 2.0 * (FACE_CELLS + CORE_CELLS - 1.0) * size:
+            thick = 2.0 * (FACE_CELLS + CORE_CELLS) * size
+            text += (
+                f"; it is {2.0 * half:.3g} m thick, thinner than a cell, and its nodes are {thick:g} m across (3 "
+                "cells), the least that stops a flow on this grid"
             )
-    for east, north, width in narrow_openings([wall.footprint for wall in walls], grid.cell_size)[:MOST_NAMED]:
-        log.info(
+        yield Note("barrier", text, own[1:-1, 1:-1])
+        buried = np.mean((nodes.crest - grid.bed)[own] <= 0.0)
+        if wall.crest is not None and buried > BURIED:
+            text = f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it has no effect"
+            yield Note("barrier", text, own[1:-1, 1:-1])
+    x, y = grid.node_points()
+    for east, north, width in narrow_openings([wall.footprint for wall in walls], size)[:MOST_NAMED]:
+        text = (
             f"barriers: the opening at E {east:.1f} N {north:.1f} is {width:.2g} m wide, narrower than a cell; it "
             f"passes the flow by its share of the cells. [numerics] cell_size = {width:.2g} or less resolves it"
         )
+        yield Note("barrier", text, (np.hypot(x - east, y - north) < SPLINE * size)[1:-1, 1:-1])
 
 
 def _refuse_without_nodes(wall, walls, nodes, grid):
