@@ -81,6 +81,7 @@ FUNCTIONS = (
     *(law for law, _ in friction.LAWS.values()),
     friction.built_in_parts,
     friction.plug_ratio,
+    friction.excess_stress,
     friction.basal_stress,
     internal_stress.apparent_viscosity,
     *(law for law, _ in entrainment.LAWS.values()),

@@ -15,7 +15,7 @@ Cohesion of the flow to its bed is a yield stress in addition to the friction la
 law of a scene from node to node, mu(x, y), xi(x, y) and so on, not the law itself.
 """
 
-from math import asin, sin, sqrt
+from math import asin, exp, log, sin, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 from .quantities import GRAVITY
@@ -25,8 +25,11 @@ if TYPE_CHECKING:
 
 # kinds of law, in the order of `LAWS`
 NO_FRICTION, COULOMB, VOELLMY, MODIFIED_VOELLMY, BINGHAM, POULIQUEN = range(6)
+SAMOS_AT, VOELLMY_MIN_SHEAR, OBRIEN, HERSCHEL_BULKLEY, MANNING = range(6, 11)
 NO_YIELD_STRESS = 1e-6  # [Pa] a smaller yield stress counts as none, because plug_ratio divides by it
 LEAST_SPEED = 1e-12  # [m s-1] a divisor in place of the speed at rest
+LEAST_STRESS = 1e-9  # [Pa] a divisor in place of the stress on a bed without load
+EXCESS_STEPS = 6  # [1] Newton steps of `excess_stress`: the error is below 1e-9 (tests/laws/test_friction_laws.py)
 DRY, DRAG = "dry", "drag"  # roles: friction coefficient at rest [1]; xi of a turbulent drag rho g u^2 / xi [m s-2]
 ROLES = {"mu": DRY, "mu1": DRY, "xi": DRAG}  # by the parameter's name, the same for built-in and user-defined laws
 
@@ -42,6 +45,8 @@ class Friction(NamedTuple):
     b: float = 0.0
     c: float = 0.0
     d: float = 0.0
+    e: float = 0.0
+    f: float = 0.0
 
 
 FRICTIONLESS = Friction()
@@ -196,6 +201,188 @@ def pouliquen(
     return mu1 * normal_stress, (mu2 - mu1) * normal_stress / max(speed + scale, LEAST_SPEED), 0.0
 
 
+def samos_at(
+    mu: float,
+    tau0: float,
+    Rs0: float,
+    kappa: float,
+    R: float,
+    B: float,
+    density: float,
+    gravity: float,
+    normal_stress: float,
+    thickness_normal: float,
+    speed: float,
+) -> tuple[float, float, float]:
+    """Compute the resistance of SamosAT, the usual law for dense snow avalanches in Austria and South Tyrol.
+
+    tau = tau0 + mu sigma (1 + Rs0 / (Rs0 + Rs)) + rho u^2 / (ln(h_n / R) / kappa + B)^2 with the fluidisation number
+    Rs = rho u^2 / sigma and the drag of a logarithmic profile over a bed of roughness R; ln(1) where h_n < R (Sampl &
+    Zwinger 2004; Sampl & Granig 2009). At rest the dry part is 2 mu sigma. Calibrated for snow of 200 kg m-3 in
+    AvaFrame (com1DFA 2.1): `SAMOS_AT_MU` by the volume of the release, the other parameters in common.
+
+    Parameters
+    ----------
+    mu : float [1]
+    tau0 : float [Pa]
+        Least shear stress.
+    Rs0 : float [1]
+    kappa : float [1]
+    R : float [m]
+    B : float [1]
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
+    """
+    fluidised = density * speed * speed / max(normal_stress, LEAST_STRESS)
+    profile = log(max(thickness_normal / R, 1.0)) / kappa + B
+    return tau0 + mu * normal_stress * (1.0 + Rs0 / (Rs0 + fluidised)), 0.0, 1.0 / (profile * profile)
+
+
+def voellmy_min_shear(
+    mu: float,
+    xi: float,
+    tau0: float,
+    density: float,
+    gravity: float,
+    normal_stress: float,
+    thickness_normal: float,
+    speed: float,
+) -> tuple[float, float, float]:
+    """Compute Voellmy's resistance and a constant shear stress, tau = tau0 + mu sigma + rho g u^2 / xi.
+
+    The law of that name in AvaFrame (com1DFA 2.1), with mu 0.155, xi 4000 m s-2 and tau0 70 Pa there. The constant
+    stress stops thin flow.
+
+    Parameters
+    ----------
+    mu : float [1]
+    xi : float [m s-2]
+    tau0 : float [Pa]
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
+    """
+    return tau0 + mu * normal_stress, 0.0, gravity / xi
+
+
+def obrien(
+    yield_stress: float,
+    viscosity: float,
+    resistance: float,
+    manning_n: float,
+    density: float,
+    gravity: float,
+    normal_stress: float,
+    thickness_normal: float,
+    speed: float,
+) -> tuple[float, float, float]:
+    """Compute the quadratic law of hyperconcentrated flows and mud, as in FLO-2D.
+
+    tau = tau_y + K eta u / (8 h_n) + rho g n^2 u^2 / h_n^(1/3) (O'Brien & Julien 1985; O'Brien, Julien & Fullerton
+    1993). K is 24 on smooth wide ground and 2285 in FLO-2D's manual for most mudflows; n 0.02 to 0.2.
+
+    Parameters
+    ----------
+    yield_stress : float [Pa]
+        tau_y.
+    viscosity : float [Pa s]
+        eta.
+    resistance : float [1]
+        K, of laminar flow.
+    manning_n : float [s m-1/3]
+        n.
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
+    """
+    viscous = resistance * viscosity / (8.0 * thickness_normal)
+    return yield_stress, viscous, gravity * manning_n * manning_n / thickness_normal ** (1.0 / 3.0)
+
+
+def excess_stress(
+    yield_stress: float, consistency: float, exponent: float, thickness_normal: float, speed: float
+) -> float:
+    """Compute the basal stress above the yield stress [Pa] of a Herschel-Bulkley column of a mean speed.
+
+    The root x of u = n / (n + 1) h_n (x / k)^(1/n) z (1 - n z / (2 n + 1)) with z = x / (tau_y + x), by Newton's method
+    in ln(x), ln(u). The function is concave there, so that the steps from the solution without yield stress, which is
+    smaller, approach the root from one side.
+
+    Parameters
+    ----------
+    yield_stress : float [Pa]
+    consistency : float [Pa s^n]
+        k.
+    exponent : float [1]
+        n.
+    thickness_normal : float [m]
+    speed : float [m s-1]
+        Above 0.
+    """
+    inverse, share = 1.0 / exponent, exponent / (2.0 * exponent + 1.0)
+    level = log(speed / (share * thickness_normal))  # ln of the mean rate of shear without yield stress
+    excess = consistency * exp(exponent * level)
+    for _ in range(EXCESS_STEPS):
+        z = excess / (yield_stress + excess)
+        rate = inverse * log(excess / consistency) + log(z * (1.0 - share * z) / (1.0 - share))
+        steepness = inverse + (1.0 - z) * (1.0 - share * z / (1.0 - share * z))
+        excess *= exp((level - rate) / steepness)
+    return excess
+
+
+def herschel_bulkley(
+    yield_stress: float,
+    consistency: float,
+    exponent: float,
+    density: float,
+    gravity: float,
+    normal_stress: float,
+    thickness_normal: float,
+    speed: float,
+) -> tuple[float, float, float]:
+    """Compute the stress of a fluid with a yield stress whose viscosity depends on the rate of shear.
+
+    In the layer tau = tau_y + k (du/dz)^n; the basal stress is that of the steady profile of the mean speed (Coussot
+    1994, `excess_stress`). n = 1 is Bingham's law with viscosity k. Debris flows and mud: n 0.3 to 0.5, tau_y 100 to
+    2000 Pa, k / tau_y about 0.1 to 0.5 s^n.
+
+    Parameters
+    ----------
+    yield_stress : float [Pa]
+        tau_y.
+    consistency : float [Pa s^n]
+        k.
+    exponent : float [1]
+        n.
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
+    """
+    moving = max(speed, LEAST_SPEED)
+    return yield_stress, excess_stress(yield_stress, consistency, exponent, thickness_normal, moving) / moving, 0.0
+
+
+def manning(
+    manning_n: float,
+    mu: float,
+    density: float,
+    gravity: float,
+    normal_stress: float,
+    thickness_normal: float,
+    speed: float,
+) -> tuple[float, float, float]:
+    """Compute the resistance of turbulent water, and dry friction if given: mu sigma + rho g n^2 u^2 / h_n^(1/3).
+
+    Manning (1891), n 0.02 to 0.2 s m-1/3. With mu also debris floods.
+
+    Parameters
+    ----------
+    manning_n : float [s m-1/3]
+        n.
+    mu : float [1]
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as in the docstring of the module.
+    """
+    return mu * normal_stress, 0.0, gravity * manning_n * manning_n / thickness_normal ** (1.0 / 3.0)
+
+
 def built_in_parts(
     law: Friction, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
 ) -> tuple[float, float, float]:
@@ -217,6 +404,18 @@ def built_in_parts(
         return bingham(law.a, law.b, density, gravity, normal_stress, thickness_normal, speed)
     if law.kind == POULIQUEN:
         return pouliquen(law.a, law.b, law.c, law.d, density, gravity, normal_stress, thickness_normal, speed)
+    if law.kind == SAMOS_AT:
+        return samos_at(
+            law.a, law.b, law.c, law.d, law.e, law.f, density, gravity, normal_stress, thickness_normal, speed
+        )
+    if law.kind == VOELLMY_MIN_SHEAR:
+        return voellmy_min_shear(law.a, law.b, law.c, density, gravity, normal_stress, thickness_normal, speed)
+    if law.kind == OBRIEN:
+        return obrien(law.a, law.b, law.c, law.d, density, gravity, normal_stress, thickness_normal, speed)
+    if law.kind == HERSCHEL_BULKLEY:
+        return herschel_bulkley(law.a, law.b, law.c, density, gravity, normal_stress, thickness_normal, speed)
+    if law.kind == MANNING:
+        return manning(law.a, law.b, density, gravity, normal_stress, thickness_normal, speed)
     return 0.0, 0.0, 0.0
 
 
@@ -260,7 +459,9 @@ def built_in_at_node(law: Friction, values: "np.ndarray", j: int, i: int) -> Fri
     b = values[j, i, 1] if count > 1 else 0.0
     c = values[j, i, 2] if count > 2 else 0.0
     d = values[j, i, 3] if count > 3 else 0.0
-    return Friction(law.kind, values[j, i, 0], b, c, d)
+    e = values[j, i, 4] if count > 4 else 0.0
+    f = values[j, i, 5] if count > 5 else 0.0
+    return Friction(law.kind, values[j, i, 0], b, c, d, e, f)
 
 
 def at_node(law: tuple, values: "np.ndarray", j: int, i: int) -> tuple:
@@ -345,6 +546,8 @@ def value_of_role(role: str, values: dict) -> float | None:
 
 _MU = Parameter("1", "dry friction coefficient, tan of the bed friction angle", 0.0, 10.0)
 _XI = Parameter("m s-2", "turbulent coefficient; larger is more mobile", 1.0, 1e6)
+_YIELD_STRESS = Parameter("Pa", "stress below which it does not flow", 0.0, 1e6)
+_MANNING = Parameter("s m-1/3", "roughness n of the bed", 1e-4, 1.0)
 
 # law name in a scene -> (law, {parameter: Parameter}), parameters in the order of the law's arguments
 LAWS = {
@@ -360,10 +563,7 @@ LAWS = {
     ),
     "Bingham": (
         bingham,
-        {
-            "yield_stress": Parameter("Pa", "stress below which it does not flow", 0.0, 1e6),
-            "viscosity": Parameter("Pa s", "plastic viscosity", 0.0, 1e6),
-        },
+        {"yield_stress": _YIELD_STRESS, "viscosity": Parameter("Pa s", "plastic viscosity", 0.0, 1e6)},
     ),
     "Pouliquen": (
         pouliquen,
@@ -374,6 +574,39 @@ LAWS = {
             "length": Parameter("m", "about two grain diameters", 1e-6, 100.0),
         },
     ),
+    "SamosAT": (
+        samos_at,
+        {
+            "mu": _MU._replace(meaning="friction coefficient of fast flow; at rest it is twice as large"),
+            "tau0": Parameter("Pa", "least shear stress", 0.0, 1e6, 0.0),
+            "Rs0": Parameter("1", "fluidisation number at which friction is 1.5 mu", 1e-6, 1e3, 0.222),
+            "kappa": Parameter("1", "constant of the logarithmic profile", 0.01, 10.0, 0.43),
+            "R": Parameter("m", "roughness of the bed", 1e-6, 100.0, 0.05),
+            "B": Parameter("1", "constant of the logarithmic profile", 0.1, 100.0, 4.13),
+        },
+    ),
+    "VoellmyMinShear": (
+        voellmy_min_shear,
+        {"mu": _MU, "xi": _XI, "tau0": Parameter("Pa", "constant shear stress", 0.0, 1e6, 70.0)},
+    ),
+    "OBrien": (
+        obrien,
+        {
+            "yield_stress": _YIELD_STRESS,
+            "viscosity": Parameter("Pa s", "dynamic viscosity", 0.0, 1e6),
+            "resistance": Parameter("1", "resistance K of laminar flow", 0.0, 1e5, 2285.0),
+            "manning_n": _MANNING,
+        },
+    ),
+    "HerschelBulkley": (
+        herschel_bulkley,
+        {
+            "yield_stress": _YIELD_STRESS,
+            "consistency": Parameter("Pa s^n", "consistency k", 1e-6, 1e6),
+            "exponent": Parameter("1", "flow exponent n", 0.1, 3.0),
+        },
+    ),
+    "Manning": (manning, {"manning_n": _MANNING, "mu": _MU._replace(default=0.0)}),
 }
 
 NAMES = ("", *LAWS)  # of the laws, by kind

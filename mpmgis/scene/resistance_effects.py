@@ -97,10 +97,10 @@ def decide_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     scene, facts, slots : Scene, TerrainFacts, dict
         As of every decider (`decision_rules`).
     """
-    law, xi = slots.get("friction"), scene.friction_value(friction.DRAG)
+    law = slots.get("friction")
+    mu, xi = _as_voellmy(law, scene, facts)
     if law is None or xi is None:
         return not_called_for("turbulent_drag", NO_DRAG)
-    mu = scene.dry_friction()
     if not _is(law, friction.VOELLMY):
         return as_asked("turbulent_drag", "auto", *_drag_felt(mu, xi, facts))
     decision = _drag_by_number(scene, mu, xi, facts)
@@ -112,6 +112,21 @@ def decide_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
 def _is(law, kind):
     """Return whether the law of friction in a slot is the built-in one of a kind."""
     return isinstance(law, friction.Friction) and law.kind == kind
+
+
+def _as_voellmy(law: tuple | None, scene: Scene, facts: TerrainFacts) -> tuple[float, float | None]:
+    """Return (mu [1], xi [m s-2]) of Voellmy's law with the resistance of `law`; xi is None without turbulent drag.
+
+    A law without a parameter xi (SamosAT, OBrien, Manning) is taken at the speed of the energy line.
+    """
+    mu, xi = scene.dry_friction(), scene.friction_value(friction.DRAG)
+    if xi is not None or not isinstance(law, friction.Friction):
+        return mu, xi
+    _, cosine = _sine_cosine(facts)
+    depth = max(facts.release_thickness * cosine, 1e-6)
+    load = facts.density * GRAVITY * depth * cosine
+    dry, _, drag = friction.stress_parts(law, facts.density, GRAVITY, load, depth, facts.speed)
+    return (dry / load, friction.turbulent_coefficient(drag)) if drag > 0.0 else (mu, None)
 
 
 def decide_point_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:

@@ -112,6 +112,8 @@ LAWS = [
     "Bingham",
     "VoellmyModified",
     "Pouliquen",
+    "SamosAT",
+    "HerschelBulkley",
     "Fluid",
     "MuI",
     "CohesiveMuI",

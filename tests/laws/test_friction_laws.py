@@ -12,6 +12,7 @@ from mpmgis.laws.friction import (
     at_node,
     basal_stress,
     contradiction,
+    excess_stress,
     friction_law,
     parameters_of,
     plug_ratio,
@@ -29,6 +30,14 @@ EVERY = [
     friction_law("Bingham", 0.0, 50.0),
     friction_law("Bingham", 500.0, 0.0),
     friction_law("Pouliquen", 0.38, 0.6, 0.136, 1e-3),
+    friction_law("SamosAT", 0.155),
+    friction_law("SamosAT", 0.22, 50.0, 0.1, 0.4, 2.0, 3.0),
+    friction_law("VoellmyMinShear", 0.155, 4000.0),
+    friction_law("OBrien", 300.0, 20.0, 500.0, 0.05),
+    friction_law("HerschelBulkley", 200.0, 200.0, 0.5),
+    friction_law("HerschelBulkley", 0.0, 20.0, 1.5),
+    friction_law("Manning", 0.05),
+    friction_law("Manning", 0.05, 0.1),
 ]
 INPUTS = [
     (density, G, density * G * depth * 0.9, depth, speed)
@@ -106,6 +115,72 @@ def test_pouliquen_goes_from_mu1_to_mu2():
     speed, depth = 2.0, 0.02
     mu = 0.38 + 0.22 / (1 + 0.136 * depth * np.sqrt(load / 1500.0) / (1e-3 * speed))
     assert basal_stress(law, 1500.0, G, load, depth, speed) == pytest.approx(mu * load)
+
+
+def steady_speed(law, density, degrees, depth):
+    """Speed [m s-1] at which the stress of the law is that of the weight, by bisection."""
+    angle = np.radians(degrees)
+    weight, low, high = density * G * depth, 0.0, 200.0
+    while high - low > 1e-9:
+        speed = 0.5 * (low + high)
+        stress = basal_stress(law, density, G, weight * np.cos(angle), depth, speed)
+        low, high = (speed, high) if stress < weight * np.sin(angle) else (low, speed)
+    return low
+
+
+@pytest.mark.parametrize(
+    "law, density, degrees, depth, speed",
+    [
+        *(
+            (friction_law("SamosAT", 0.155), 200.0, degrees, depth, speed)
+            for degrees, speeds in (
+                (25, (11.136, 18.435, 29.868)),
+                (30, (12.691, 21.004, 34.025)),
+                (35, (14.029, 23.216, 37.606)),
+            )
+            for depth, speed in zip((0.5, 1.0, 2.0), speeds, strict=True)
+        ),
+        (friction_law("OBrien", 300.0, 20.0, 500.0, 0.05), 1900.0, 10, 1.0, 2.173),
+        (friction_law("OBrien", 300.0, 20.0, 500.0, 0.05), 1900.0, 10, 2.0, 6.988),
+        (friction_law("HerschelBulkley", 200.0, 200.0, 0.5), 1900.0, 5, 0.5, 0.955),
+        (friction_law("HerschelBulkley", 200.0, 200.0, 0.5), 1900.0, 10, 0.5, 5.736),
+    ],
+)
+def test_steady_speeds_on_a_plane(law, density, degrees, depth, speed):
+    """Of laws of other programs, computed apart from this package by their equations."""
+    assert steady_speed(law, density, degrees, depth) == pytest.approx(speed, abs=6e-4)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(0.0, 1e4), st.floats(1e-2, 1e4), st.floats(0.1, 3.0), st.floats(1e-2, 50.0), st.floats(1e-9, 100.0))
+def test_herschel_bulkley_has_the_mean_speed_of_its_profile(yield_stress, consistency, exponent, depth, speed):
+    stress = yield_stress + excess_stress(yield_stress, consistency, exponent, depth, speed)
+    z = 1.0 - yield_stress / stress  # height of the sheared layer over the depth
+    if z > 1e-4:  # else the difference of the stresses has no digits left
+        mean = exponent / (exponent + 1) * (stress / consistency) ** (1 / exponent) * depth
+        mean *= z ** ((exponent + 1) / exponent) * (1.0 - exponent * z / (2 * exponent + 1))
+        assert mean == pytest.approx(speed, rel=1e-6)
+
+
+@pytest.mark.parametrize("speed", [1e-6, 0.1, 3.0, 40.0])
+def test_laws_that_contain_others(speed):
+    state = 1500.0, G, 1.2e4, 0.9, speed
+    bingham = basal_stress(friction_law("Bingham", 300.0, 40.0), *state)
+    assert basal_stress(friction_law("HerschelBulkley", 300.0, 40.0, 1.0), *state) == pytest.approx(bingham, rel=1e-9)
+    voellmy = basal_stress(friction_law("Voellmy", 0.2, 900.0), *state)
+    assert basal_stress(friction_law("VoellmyMinShear", 0.2, 900.0, 70.0), *state) == pytest.approx(voellmy + 70.0)
+    water = basal_stress(friction_law("OBrien", 0.0, 0.0, 24.0, 0.04), *state)
+    assert basal_stress(friction_law("Manning", 0.04), *state) == pytest.approx(water)
+    assert basal_stress(friction_law("Manning", 0.04, 0.1), *state) == pytest.approx(water + 0.1 * 1.2e4)
+
+
+def test_samosat_is_dry_at_rest_and_fluidised_in_fast_flow():
+    law = friction_law("SamosAT", 0.2)
+    assert basal_stress(law, 200.0, G, 1e3, 1.0, 0.0) == pytest.approx(2 * 0.2 * 1e3)
+    dry, _, drag = stress_parts(law, 200.0, G, 1e3, 1.0, 1e4)
+    assert dry == pytest.approx(0.2 * 1e3, rel=1e-4)
+    assert drag == pytest.approx((np.log(1.0 / 0.05) / 0.43 + 4.13) ** -2)
+    assert stress_parts(law, 200.0, G, 1e3, 0.01, 1e4)[2] == pytest.approx(4.13**-2)  # thinner than its bed is rough
 
 
 def test_parameters_that_contradict_are_reported():

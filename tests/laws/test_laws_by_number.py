@@ -20,7 +20,7 @@ from mpmgis.solvers.columns.column_barriers import BARRIER_ENTRIES
 from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places
 
 STATE = (1500.0, 9.81, 8e3, 0.7, 3.0)
-VALUES = (0.3, 0.6, 0.136, 0.05)
+VALUES = (0.3, 0.6, 0.136, 0.05, 2.0, 0.7)
 
 
 @pytest.mark.parametrize("name", friction.LAWS)
@@ -46,7 +46,10 @@ def test_each_number_of_a_metric_reaches_its_law(form):
 
 
 def test_numbers_are_places_in_the_tables():
-    kinds = ("COULOMB", "VOELLMY", "MODIFIED_VOELLMY", "BINGHAM", "POULIQUEN")
+    kinds = (
+        *("COULOMB", "VOELLMY", "MODIFIED_VOELLMY", "BINGHAM", "POULIQUEN"),
+        *("SAMOS_AT", "VOELLMY_MIN_SHEAR", "OBRIEN", "HERSCHEL_BULKLEY", "MANNING"),
+    )
     assert [getattr(friction, kind) for kind in kinds] == [friction.NAMES.index(name) for name in friction.LAWS]
     assert [name.upper() for name in friction.LAWS] == [kind.replace("_", "") for kind in kinds]
     numbers = [entrainment.EROSION_ENERGY, entrainment.EROSION_SPEED]
@@ -79,7 +82,7 @@ def test_numbers_in_slots_get_the_types_of_their_fields():
     for law in plain:
         for number in law if isinstance(law, tuple) else (law,):
             assert type(number) in (bool, int, float)
-    assert [type(value) for value in plain.friction] == [int, float, float, float, float]
+    assert [type(value) for value in plain.friction] == [int, *[float] * 6]
     assert type(plain.entrainment.kind) is int and type(plain.zones) is bool and type(plain.cohesion) is float
     own = with_fixed_types(ColumnEffects(Own(1))).friction
     assert type(own) is Own and type(own.mu) is float

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from column_scenes import G, columns_of, solver_on, terrain_of
 
-from mpmgis.laws.friction import friction_law
+from mpmgis.laws.friction import basal_stress, friction_law
 
 DENSITY, CELL = 1500.0, 5.0
 
 
-def slab_speed(law, degrees, time, length=200.0, run=600.0):
+def slab_speed(law, degrees, time, length=200.0, run=600.0, density=DENSITY):
     """(speed, normal thickness) in the middle of a slab 1 m thick that slides down a plane from rest."""
     tan, cos = np.tan(np.radians(degrees)), np.cos(np.radians(degrees))
     terrain = terrain_of(lambda x, y: -tan * x, run, 4 * CELL, CELL)
-    frame = columns_of(1.0 / cos, 20, 20 + length, 0, 4 * CELL, CELL / 2, density=DENSITY)
-    solver = solver_on(terrain, frame, CELL, law, density=DENSITY, edges="wall")
+    frame = columns_of(1.0 / cos, 20, 20 + length, 0, 4 * CELL, CELL / 2, density=density)
+    solver = solver_on(terrain, frame, CELL, law, density=density, edges="wall")
     solver.advance(time)
     p = solver.frame().particles
     x = p.position[:, 0]
@@ -57,6 +57,29 @@ def test_pouliquen():
         mu = mu1 + (mu2 - mu1) * exact / (exact + scale)
         exact += dt * G * np.cos(theta) * (np.tan(theta) - mu)
     assert speed == pytest.approx(exact, rel=0.01)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "law, degrees, density, time, run",
+    [
+        (friction_law("SamosAT", 0.155), 25.0, 200.0, 25.0, 1000.0),
+        (friction_law("VoellmyMinShear", 0.155, 1000.0, 70.0), 25.0, 200.0, 30.0, 1200.0),
+        (friction_law("OBrien", 300.0, 20.0, 500.0, 0.05), 10.0, 1900.0, 12.0, 600.0),
+        (friction_law("HerschelBulkley", 200.0, 1200.0, 0.5), 10.0, 1900.0, 16.0, 600.0),
+        (friction_law("Manning", 0.05, 0.1), 10.0, 1900.0, 30.0, 600.0),
+    ],
+    ids=lambda value: str(value) if isinstance(value, tuple) else "",
+)
+def test_the_solver_reaches_the_steady_speed_of_a_law(law, degrees, density, time, run):
+    """That at which the stress of the law carries the weight (`test_friction_laws` has its value by other means)."""
+    speed, depth = slab_speed(law, degrees, time, 300.0, run, density)
+    angle = np.radians(degrees)
+    weight = density * G * depth
+    drive = weight * np.sin(angle)
+    faster = basal_stress(law, density, G, weight * np.cos(angle), depth, 1.005 * speed)
+    slower = basal_stress(law, density, G, weight * np.cos(angle), depth, 0.995 * speed)
+    assert slower < drive < faster, (speed, depth)
 
 
 def moved(law, degrees):

@@ -18,6 +18,8 @@ UNITS = {
     "s",
     "Pa",
     "Pa s",
+    "Pa s^n",
+    "s m-1/3",
     "degrees",
     "m s-1",
     "m s-2",

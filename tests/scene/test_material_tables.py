@@ -152,6 +152,32 @@ def test_earth_pressure_takes_the_beds_angle_from_mu():
     assert decided(scene())[0].earth_pressure == EarthPressure()
 
 
+@pytest.mark.parametrize(
+    "table, mu, xi",
+    [
+        ({"law": "VoellmyMinShear", "mu": 0.2, "xi": 3000}, 0.2, 3000.0),
+        (
+            {"law": "OBrien", "yield_stress": 0.0, "viscosity": 20, "manning_n": 0.05},
+            0.0,
+            (2 / 1.16**0.5) ** (1 / 3) / 0.05**2,
+        ),
+        ({"law": "Manning", "manning_n": 0.05, "mu": 0.1}, 0.1, (2 / 1.16**0.5) ** (1 / 3) / 0.05**2),
+    ],
+)
+def test_every_law_with_turbulent_drag_names_it(table, mu, xi):
+    """(U / U_t)^2 with the speed U_t at which drag balances the drive: xi of Chezy's h^(1/3) / n^2 for Manning's n."""
+    drag = decided(scene(friction=table))[1]["turbulent_drag"]
+    terminal = xi * 2.0 / 1.16**0.5 * (0.4 - mu) / 1.16**0.5
+    assert drag.state == "on" and drag.indicator == pytest.approx(FACTS.speed**2 / terminal, rel=1e-9)
+    samos = decided(scene(friction={"law": "SamosAT", "mu": 0.155}))[1]["turbulent_drag"]
+    assert samos.state == "on" and samos.indicator > 0.0
+    for law in (
+        {"law": "Coulomb", "mu": 0.2},
+        {"law": "HerschelBulkley", "yield_stress": 100, "consistency": 50, "exponent": 0.5},
+    ):
+        assert decided(scene(friction=law))[1]["turbulent_drag"].state == "off"
+
+
 def test_drag_that_changes_little_is_left_out_of_voellmy_unless_forced():
     slow = FACTS._replace(speed=2.0)
     friction = {"law": "Voellmy", "mu": 0.2, "xi": 3000}

@@ -246,6 +246,11 @@ SCENES = {
         lambda kind=ColumnSolver: made(kind, friction=laws.friction_law("Pouliquen", 0.38, 0.6, 0.136, 0.05)),
         2,
     ),
+    "SamosAT": (lambda kind=ColumnSolver: made(kind, friction=laws.friction_law("SamosAT", 0.155)), 2),
+    "HerschelBulkley": (
+        lambda kind=ColumnSolver: made(kind, friction=laws.friction_law("HerschelBulkley", 200.0, 200.0, 0.5)),
+        2,
+    ),
     "zones": (lambda kind=ColumnSolver: made(kind, places=zones, zones=True), 2),
     "cohesion": (lambda kind=ColumnSolver: made(kind, cohesion=800.0), 2),
     "curvature": (lambda kind=ColumnSolver: made(kind, curvature=CURVATURE), 3),
