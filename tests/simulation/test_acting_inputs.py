@@ -9,6 +9,7 @@ import rasterio
 import shapely
 
 from mpmgis.simulation.preparation import prepare
+from mpmgis.solvers.features.feature_notes import MOST_LINES
 from mpmgis.system.messages import collected
 
 CELL, WEST, NORTH = 5.0, 600000.0, 5200000.0
@@ -97,6 +98,21 @@ def test_a_barrier_outside_the_window_of_a_stage_is_described_for_the_columns_on
     described = [line for line in lines if line.startswith("barrier")]
     assert len(described) == len(thick)
     assert all(f"its nodes are {one} across" in line for one, line in zip(thick, described, strict=True))
+
+
+@pytest.mark.parametrize("walls", [MOST_LINES - 1, MOST_LINES, 3 * MOST_LINES])
+def test_many_barriers_have_few_lines(site, walls):
+    tables = tables_of(site, "reached", "auto", "columns", ("barrier",))
+    south = NORTH - 400.0 + 12.0 * np.arange(walls)
+    shapes = [shapely.box(WEST + 500.0, y, WEST + 506.0, y + 6.0) for y in south - 6.0 * walls + 150.0]
+    gpd.GeoDataFrame(geometry=shapes, crs="EPSG:32632").to_file(site / f"walls{walls}.gpkg")
+    tables["barrier"][0]["source"] = str(site / f"walls{walls}.gpkg")
+    with collected() as lines:
+        prepare(tables | {"numerics": {"cell_size": 2.0}})
+    said = [line for line in lines if line.startswith("barrier")]
+    more = walls - MOST_LINES
+    assert len(said) == min(walls, MOST_LINES) + (more > 0)
+    assert more <= 0 or said[-1] == f"barrier: {more} more lines of this kind"
 
 
 @pytest.mark.parametrize(("cell", "nodes"), [(5.0, 3 * 5.0 * 20.0), (1.0, (4 + 2) * (20 + 2))])

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from ..columns.node_grid import ColumnGrid
 
 
+MOST_LINES = 10  # about the features of one effect
+
+
 class Note(NamedTuple):
     """A line about how a feature is computed.
 
@@ -22,8 +25,8 @@ class Note(NamedTuple):
     effect : {"zones", "entrainment", "forest", "barrier"}
         That it belongs to.
     text : str
-    nodes : bool[ny + 1, nx + 1]
-        Where the feature is, without ghost nodes.
+    nodes : int64[n]
+        Where the feature is: flat indices of nodes [ny + 1, nx + 1], without ghosts.
     """
 
     effect: str
@@ -39,6 +42,8 @@ def acting_lines(
     window: shapely.Geometry | None = None,
 ) -> list[str]:
     """Return the lines about features of effects that are on, in reach of the flow and in the window of their stage.
+
+    Of one effect there are at most MOST_LINES, and the number of those that are left out.
 
     Parameters
     ----------
@@ -57,4 +62,12 @@ def acting_lines(
         where &= shapely.intersects_xy(window.buffer(grid.cell_size), *grid.node_points())
     erodes = hasattr(effects, "entrainment") and effects.entrainment.kind != NO_EROSION
     on = {"entrainment": erodes} | {name: getattr(effects, name, False) for name in ("zones", "forest", "barrier")}
-    return [note.text for note in notes if on[note.effect] and (note.nodes & where[1:-1, 1:-1]).any()]
+    where = where[1:-1, 1:-1].ravel()
+    acting = [note for note in notes if on[note.effect] and where[note.nodes].any()]
+    lines = []
+    for effect in dict.fromkeys(note.effect for note in acting):
+        texts = [note.text for note in acting if note.effect == effect]
+        lines += texts[:MOST_LINES]
+        if len(texts) > MOST_LINES:
+            lines.append(f"{effect}: {len(texts) - MOST_LINES} more lines of this kind")
+    return lines

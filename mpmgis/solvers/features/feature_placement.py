@@ -149,7 +149,7 @@ def area_notes(effect: str, what: str, files: PlacedFiles, grid: "ColumnGrid", m
         return []
     used = float((share * square_areas(grid)).sum())
     text = f"{what}: {drawn:.6g} m2 are drawn, {used:.6g} m2 of them lie on the terrain and act{more}"
-    return [Note(effect, text, share > 0.0)]
+    return [Note(effect, text, np.flatnonzero(share > 0.0))]
 
 
 def _values_in(value, area, grid):

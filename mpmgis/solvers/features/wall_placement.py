@@ -135,11 +135,18 @@ def _require_standing(walls, nodes, grid, frame):
 
 
 def _wall_notes(walls, nodes, grid, in_3d):
-    """Yield a Note of the foot of each wall and of what of it is below the terrain, and of narrow openings."""
+    """Yield a Note of narrow openings, and of the foot of each wall and what of it is below the terrain."""
     size = grid.cell_size
+    x, y = grid.node_points()
+    for east, north, width in narrow_openings([wall.footprint for wall in walls], size)[:MOST_NAMED]:
+        text = (
+            f"barriers: the opening at E {east:.1f} N {north:.1f} is {width:.2g} m wide, narrower than a cell; it "
+            f"passes the flow by its share of the cells. [numerics] cell_size = {width:.2g} or less resolves it"
+        )
+        yield Note("barrier", text, np.flatnonzero((np.hypot(x - east, y - north) < SPLINE * size)[1:-1, 1:-1]))
     for number, wall in enumerate(walls, 1):
         own = nodes.number == number
-        half = half_thickness(wall.footprint)
+        where, half = np.flatnonzero(own[1:-1, 1:-1]), half_thickness(wall.footprint)
         if in_3d:
             held = wall.footprint.buffer(margin_in_3d(half, size)).area
         else:
@@ -151,18 +158,11 @@ def _wall_notes(walls, nodes, grid, in_3d):
                 f"; it is {2.0 * half:.3g} m thick, thinner than a cell, and its nodes are {thick:g} m across (3 "
                 "cells), the least that stops a flow on this grid"
             )
-        yield Note("barrier", text, own[1:-1, 1:-1])
+        yield Note("barrier", text, where)
         buried = np.mean((nodes.crest - grid.bed)[own] <= 0.0)
         if wall.crest is not None and buried > BURIED:
             text = f"barrier '{wall.name}': {100 * buried:.0f} % of it is below the terrain, where it has no effect"
-            yield Note("barrier", text, own[1:-1, 1:-1])
-    x, y = grid.node_points()
-    for east, north, width in narrow_openings([wall.footprint for wall in walls], size)[:MOST_NAMED]:
-        text = (
-            f"barriers: the opening at E {east:.1f} N {north:.1f} is {width:.2g} m wide, narrower than a cell; it "
-            f"passes the flow by its share of the cells. [numerics] cell_size = {width:.2g} or less resolves it"
-        )
-        yield Note("barrier", text, (np.hypot(x - east, y - north) < SPLINE * size)[1:-1, 1:-1])
+            yield Note("barrier", text, where)
 
 
 def _refuse_without_nodes(wall, walls, nodes, grid):
