@@ -353,15 +353,19 @@ def test_the_command_is_found_in_the_settings_or_on_path(tmp_path, monkeypatch):
         == plugin_command.find_command(f' "{command}" ')
         == str(command)
     )
-    with pytest.raises(plugin_command.CommandMissing, match=r"is not at .*nowhere; set its path in Settings"):
+    with pytest.raises(plugin_command.CommandMissing, match=r"is not at .*nowhere; correct its path in Settings"):
         plugin_command.find_command(str(tmp_path / "nowhere"))
     monkeypatch.setenv("PATH", str(tmp_path / "empty"))
     monkeypatch.setenv("HOME", str(tmp_path))
-    with pytest.raises(plugin_command.CommandMissing, match=r"never in QGIS' Python \(pipx"):
+    with pytest.raises(
+        plugin_command.CommandMissing, match=r"open Plugins > mpmgis > Install mpmgis \(.*never in QGIS' Python"
+    ):
         plugin_command.find_command("")
     (tmp_path / ".local").mkdir()
     (tmp_path / ".local" / "bin").symlink_to(tmp_path)
     assert plugin_command.find_command("").endswith("bin/mpmgis")
+    assert plugin_command.find_command("", "/profile/bin/mpmgis") == "/profile/bin/mpmgis"
+    assert plugin_command.find_command(str(command), "/profile/bin/mpmgis") == str(command)
 
 
 def test_variables_of_the_qgis_python_are_removed():
@@ -379,16 +383,8 @@ def test_the_plugin_keeps_to_what_qgis_has(path):
         for alias in node.names
     }
     standard = {
-        "__future__",
-        "collections",
-        "contextlib",
-        "dataclasses",
-        "html",
-        "json",
-        "os",
-        "re",
-        "shutil",
-        "zipfile",
+        *("__future__", "collections", "configparser", "contextlib", "dataclasses", "glob", "html", "json", "ntpath"),
+        *("os", "posixpath", "re", "shutil", "sys", "threading", "time", "urllib", "zipfile"),
     }
     assert imported <= standard | {"processing", "qgis"}
 

@@ -7,6 +7,7 @@ import os
 
 from processing.core.ProcessingConfig import ProcessingConfig
 from qgis.core import (
+    QgsApplication,
     QgsProcessingAlgorithm,
     QgsProcessingContext,
     QgsProcessingException,
@@ -21,6 +22,7 @@ from . import scene_form
 from .calling import call, is_refusal
 from .command import SETTING, CommandMissing, find_command
 from .forms import LOAD, OUTPUT, Verb, arguments, read_forms
+from .own_environment import home_in, own_command
 from .parameters import oldest_qgis, parameter, plain_values
 from .restored_files import copy_whole, kept_unless, write_whole
 from .result_layers import add_project, layer_of
@@ -162,8 +164,13 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         return {}
 
 
+def installed_command() -> str | None:
+    """Return the command that the toolbox has installed in the profile; None without one."""
+    return own_command(home_in(QgsApplication.qgisSettingsDirPath()))
+
+
 def command_path() -> str:
-    """Return the command from the settings or on PATH.
+    """Return the command from the settings, of the toolbox or on PATH.
 
     Raises
     ------
@@ -171,7 +178,7 @@ def command_path() -> str:
         It is missing.
     """
     try:
-        return find_command(ProcessingConfig.getSetting(SETTING))
+        return find_command(ProcessingConfig.getSetting(SETTING), installed_command())
     except CommandMissing as missing:
         raise QgsProcessingException(str(missing)) from None
 

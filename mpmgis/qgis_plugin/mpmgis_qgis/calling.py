@@ -100,12 +100,22 @@ def is_refusal(error: BaseException) -> bool:
     return getattr(error, "exit_code", None) == BAD_INPUT
 
 
-def _started(command, arguments):
-    process = QProcess()
-    kept = QProcessEnvironment()
-    for name, value in environment(dict(os.environ)).items():
+def process_with(variables: dict[str, str]) -> QProcess:
+    """Return a process, not yet started, with exactly these environment variables.
+
+    Parameters
+    ----------
+    variables : dict of str to str
+    """
+    process, kept = QProcess(), QProcessEnvironment()
+    for name, value in variables.items():
         kept.insert(name, value)
     process.setProcessEnvironment(kept)
+    return process
+
+
+def _started(command, arguments):
+    process = process_with(environment(dict(os.environ)))
     process.start(command, arguments)
     if not process.waitForStarted(-1):
         raise QgsProcessingException(f"{command} does not start: {process.errorString()}")

@@ -9,6 +9,7 @@ import shutil
 COMMAND = "mpmgis"
 SETTING = "MPMGIS_COMMAND"  # name in the settings of QGIS
 SETTING_PLACE = "Settings > Options > Processing > Providers > mpmgis"
+INSTALL_PLACE = "Plugins > mpmgis > Install mpmgis"
 # QGIS sets these for its own Python and libraries; they break another Python with other versions of PROJ and GDAL.
 OF_QGIS = (
     *("PYTHONHOME", "PYTHONPATH", "PYTHONEXECUTABLE", "PYTHONSTARTUP"),
@@ -33,13 +34,15 @@ class CommandMissing(Exception):
     """The command was not found; the message is one line with the fix."""
 
 
-def find_command(setting: str) -> str:
-    """Return the absolute path of the command: from the setting, else on PATH, else in the folder of pipx.
+def find_command(setting: str, own: str | None = None) -> str:
+    """Return the absolute path of the command: from the setting, else of the toolbox, on PATH, in the folder of pipx.
 
     Parameters
     ----------
     setting : str
         Path in the settings of QGIS; "" if not set.
+    own : str, optional
+        The command that the toolbox has installed.
 
     Returns
     -------
@@ -54,14 +57,16 @@ def find_command(setting: str) -> str:
         found = shutil.which(os.path.expanduser(named))
         if found is None:
             raise CommandMissing(
-                f"the command mpmgis is not at {named}; set its path in {SETTING_PLACE} (empty: search PATH)"
+                f"the command mpmgis is not at {named}; correct its path in {SETTING_PLACE}, or clear it and open "
+                f"{INSTALL_PLACE}"
             )
         return os.path.abspath(found)
-    found = shutil.which(COMMAND) or shutil.which(COMMAND, path=os.path.join(os.path.expanduser("~"), ".local", "bin"))
+    pipx = os.path.join(os.path.expanduser("~"), ".local", "bin")
+    found = own or shutil.which(COMMAND) or shutil.which(COMMAND, path=pipx)
     if found is None:
         raise CommandMissing(
-            "the command mpmgis is not on PATH; install it in a separate environment, never in QGIS' Python "
-            f"(pipx install mpmgis, or pip install in a virtual environment), and set its path in {SETTING_PLACE}"
+            f"mpmgis is not installed; open {INSTALL_PLACE} (it has an environment of its own, never in QGIS' Python), "
+            f"or set the path of a command in {SETTING_PLACE}"
         )
     return os.path.abspath(found)
 
