@@ -83,7 +83,7 @@ def report(tmp_path_factory):
 
 def test_a_missing_command_is_offered_and_nothing_is_made_unasked(report):
     text, *buttons = report["first_offer"]
-    assert "mpmgis is not installed; open Plugins > mpmgis > Install mpmgis" in text and buttons[-1] == "Install mpmgis"
+    assert "the program mpmgis, which is not installed yet" in text and buttons[-1] == "Install mpmgis"
     assert report["menu"] == [["Install mpmgis"]]
     assert report["cannot"][0] is False and "Install mpmgis" in report["cannot"][1]
     assert report["nothing_made"]

@@ -11,6 +11,7 @@ from qgis.PyQt.QtCore import QObject, pyqtSignal
 from .calling import process_with
 from .command import CommandMissing, environment, find_command
 
+NOT_INSTALLED = "the forms need the program mpmgis, which is not installed yet"
 METADATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "metadata.txt")
 
 
@@ -61,7 +62,7 @@ class FitCheck(QObject):
         try:
             self._command = find_command(self._setting, self._own())
         except CommandMissing as missing:
-            self.checked.emit(str(missing))
+            self.checked.emit(str(missing) if self._setting else NOT_INSTALLED)
             return
         if not version:
             self.checked.emit("")

@@ -234,6 +234,8 @@ class InstallForm(QDialog):
 
     def remove_installed(self) -> None:
         """Remove mpmgis and its environment."""
+        self.doing.setText("Removing; takes some seconds")
+        self.doing.repaint()
         gone = own_environment.remove_all(self.home)
         self._refresh()
         rest = f"A program still uses files in {self.home}; end it, or remove the folder later."

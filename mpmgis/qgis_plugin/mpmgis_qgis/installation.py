@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 
 from qgis.PyQt.QtCore import QObject, QProcess, pyqtSignal
@@ -13,6 +14,7 @@ from .command import Lines, environment
 from .network_proxy import proxy_of_qgis
 
 ANSWER_MILLISECONDS = 10_000  # [ms] within which a Python says its version
+_BEHIND_VERSION = re.compile(r"-(cp|py)\d.*| \(.*")  # of a wheel's name and of what requires it
 KILL_MILLISECONDS = 5_000  # [ms] to end after it was killed
 
 
@@ -133,7 +135,7 @@ class Installation(QObject):
 def _shown(step, line):
     if line.startswith(own_environment.UNPACKING):
         return f"{step.title}: unpacking, about a minute"
-    return f"{step.title}: {os.path.basename(line.strip())}"
+    return f"{step.title}: {_BEHIND_VERSION.sub('', os.path.basename(line.strip()))}"
 
 
 def usable_pythons(places: list[str], of_qgis: bool = False) -> tuple[list[python_search.Python], list[str]]:
