@@ -7,9 +7,12 @@ import re
 import shutil
 
 COMMAND = "mpmgis"
+ENDS_WITH = "MPMGIS_ENDS_WITH"  # variable with the process with which the command ends
 SETTING = "MPMGIS_COMMAND"  # name in the settings of QGIS
 SETTING_PLACE = "Settings > Options > Processing > Providers > mpmgis"
 INSTALL_PLACE = "Plugins > mpmgis > Install mpmgis"
+RECOMMENDS = "recommended"  # word of an answer that the user should read first
+KEPT_BLANK = "\u00a0"
 # QGIS sets these for its own Python and libraries; they break another Python with other versions of PROJ and GDAL.
 OF_QGIS = (
     *("PYTHONHOME", "PYTHONPATH", "PYTHONEXECUTABLE", "PYTHONSTARTUP"),
@@ -74,6 +77,8 @@ def find_command(setting: str, own: str | None = None) -> str:
 def environment(of_qgis: dict[str, str]) -> dict[str, str]:
     """Return the environment of QGIS without the variables for its own Python and libraries.
 
+    The command ends when this process has ended.
+
     Parameters
     ----------
     of_qgis : mapping of str to str
@@ -83,7 +88,7 @@ def environment(of_qgis: dict[str, str]) -> dict[str, str]:
     dict of str to str
     """
     kept = {name: value for name, value in of_qgis.items() if name not in OF_QGIS}
-    return {**kept, "PYTHONUTF8": "1", "PYTHONUNBUFFERED": "1"}
+    return {**kept, "PYTHONUTF8": "1", "PYTHONUNBUFFERED": "1", ENDS_WITH: str(os.getpid())}
 
 
 class Lines:
@@ -128,6 +133,23 @@ def progress(line: str, verb: str) -> float | None:
         if found is not None and float(found[2]) > 0:
             return begin + min((float(found[1]) - earlier) / float(found[2]), 1.0) * (end - begin)
     return None
+
+
+def shown_answer(line: str) -> tuple[str, bool]:
+    """Return a line of an answer as the log of QGIS shows it, and whether it recommends something.
+
+    The log draws several blanks as one, which a table does not survive: they become blanks that are kept.
+
+    Parameters
+    ----------
+    line : str
+
+    Returns
+    -------
+    (str, bool)
+    """
+    kept = re.sub(" {2,}", lambda blanks: " " + KEPT_BLANK * (len(blanks[0]) - 1), line)
+    return kept, RECOMMENDS in line
 
 
 def is_error_line(line: str, verb: str) -> bool:

@@ -8,6 +8,7 @@ import time
 from qgis.PyQt.QtCore import QTimer, QUrl
 from qgis.PyQt.QtGui import QDesktopServices, QFontDatabase
 from qgis.PyQt.QtWidgets import (
+    QCheckBox,
     QComboBox,
     QDialog,
     QFileDialog,
@@ -60,6 +61,7 @@ class InstallForm(QDialog):
         self.from_wheel.toggled.connect(self._refresh)
         self.wheel, self.wheel_row = self._chooser(f"mpmgis-{self.version}-py3-none-any.whl", self._choose_wheel)
         self.folder, self.folder_row = self._chooser("empty: from the package index", self._choose_folder)
+        self.films = QCheckBox("Also films of the flow (ffmpeg: 70 MB more to download, 170 MB on the disk)")
         self.pythons, self.python_row = QComboBox(), QPushButton("...")
         self.python_row.clicked.connect(self._choose_python)
         self.python_row.setMaximumWidth(40)
@@ -106,6 +108,7 @@ class InstallForm(QDialog):
         whole = QVBoxLayout(self)
         whole.addWidget(self.state)
         whole.addLayout(choices)
+        whole.addWidget(self.films)
         whole.addLayout(python)
         whole.addWidget(self.needs)
         whole.addWidget(self.bar)
@@ -157,10 +160,11 @@ class InstallForm(QDialog):
 
     def source(self) -> own_environment.Source:
         """Return what is to be installed."""
+        part = own_environment.FILMS if self.films.isChecked() else ""
         if self.from_index.isChecked():
-            return own_environment.Source(self.version)
+            return own_environment.Source(self.version, part=part)
         wheel, folder = (field.text().strip().strip('"') for field in (self.wheel, self.folder))
-        return own_environment.Source(self.version, wheel, folder)
+        return own_environment.Source(self.version, wheel, folder, part)
 
     def install(self) -> None:
         """Begin the installation; called by the button."""
@@ -223,7 +227,15 @@ class InstallForm(QDialog):
         self.stop.setEnabled(running)
         self.remove.setEnabled(not running and os.path.isdir(self.home))
         self.show_log.setEnabled(os.path.exists(os.path.join(self.home, own_environment.LOG)))
-        for widget in (self.from_index, self.from_wheel, self.pythons, self.python_row, self.wheel, self.folder):
+        for widget in (
+            self.from_index,
+            self.from_wheel,
+            self.films,
+            self.pythons,
+            self.python_row,
+            self.wheel,
+            self.folder,
+        ):
             widget.setEnabled(not running)
 
     def _ask_to_remove(self):

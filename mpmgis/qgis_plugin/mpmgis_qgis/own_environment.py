@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from .restored_files import write_whole
 
+FILMS = "animation"  # optional part for films
 HOME = "mpmgis"  # folder in the profile
 RECORD = "installed.json"
 LOG = "install.log"
@@ -29,11 +30,15 @@ _PIP = ("-m", "pip")
 
 @dataclass(frozen=True)
 class Source:
-    """What is installed: a version from the package index, or a wheel; libraries from the index, or from a folder."""
+    """What is installed: a version from the package index, or a wheel; libraries from the index, or from a folder.
+
+    `part` is an optional part of the package, or "".
+    """
 
     version: str
     wheel: str = ""
     folder: str = ""
+    part: str = ""
 
 
 @dataclass(frozen=True)
@@ -211,7 +216,8 @@ def pip_words(source: Source) -> tuple[str, ...]:
     """
     usual = ("--no-input", "--disable-pip-version-check", "--progress-bar=off", "--retries=2")
     places = (f"--find-links={source.folder}", "--no-index") if source.folder else ()
-    what = source.wheel or f"mpmgis=={source.version}"
+    part = f"[{source.part}]" if source.part else ""
+    what = f"{source.wheel}{part}" if source.wheel else f"mpmgis{part}=={source.version}"
     return ("install", *usual, "--only-binary=:all:", "--no-compile", *places, what)
 
 
