@@ -5,7 +5,7 @@ ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
 DEMO := demo
 
-.PHONY: help demo test test-quick test-thorough test-all validate fuzz bench study plugin docs lint clean
+.PHONY: help demo test test-quick test-thorough test-all validate fuzz bench study plugin wheel publish docs lint clean
 
 help:
 	@echo "make demo      the whole workflow on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
@@ -17,7 +17,9 @@ help:
 	@echo "make fuzz      20 000 damaged inputs, one after the other (half an hour)"
 	@echo "make bench     the benchmark table"
 	@echo "make study     what accuracy costs on the shipped cases, into study/ (AVAFRAME=2.1: beside AvaFrame's)"
-	@echo "make plugin    the toolbox for QGIS, dist/mpmgis_qgis.zip (to publish it: HOMEPAGE=https://... EMAIL=...)"
+	@echo "make plugin    the toolbox for QGIS, dist/mpmgis_qgis.zip"
+	@echo "make wheel     wheel and sdist in dist/, checked as the package index does"
+	@echo "make publish   both, to upload; refused where pyproject.toml has no public addresses"
 	@echo "make docs      the website: guide, reference, theory, notebooks, functions; docs/index.html"
 	@echo "make lint      style and format"
 	@echo "make clean     remove the environment and what was made"
@@ -64,7 +66,16 @@ study: $(ENVIRONMENT)/installed-test $(AVAFRAME_PYTHON)
 	@$@ -m pip install --quiet avaframe==$* || { rm -rf .venv-avaframe-$*; exit 1; }
 
 plugin: $(ENVIRONMENT)/installed
-	@$(BIN)/mpmgis qgis-plugin -o dist/mpmgis_qgis.zip --overwrite $(if $(HOMEPAGE),--homepage=$(HOMEPAGE)) $(if $(EMAIL),--email=$(EMAIL))
+	@$(BIN)/mpmgis qgis-plugin -o dist/mpmgis_qgis.zip --overwrite
+
+wheel: $(ENVIRONMENT)/installed-test
+	@rm -f dist/mpmgis-*.whl dist/mpmgis-*.tar.gz
+	@$(BIN)/python -m build --outdir dist .
+	@$(BIN)/twine check --strict dist/mpmgis-*
+
+publish: $(ENVIRONMENT)/installed-test
+	@$(BIN)/mpmgis qgis-plugin -o dist/mpmgis_qgis.zip --overwrite --publish
+	@$(MAKE) --no-print-directory wheel
 
 docs: $(ENVIRONMENT)/installed-docs
 	@$(BIN)/python .ci/docs/build.py docs

@@ -179,7 +179,10 @@ class FileOptions(BandOptions, total=False):
         Option(
             "a film of the flow depth over a hillshade, .mp4 or .gif (pip install mpmgis[animation])",
             "FILE",
-            no_form="the Temporal Controller of QGIS exports films",
+            folded=False,
+            kind="new file",
+            label="Film of the flow (needs films in Install mpmgis)",
+            files="Films (*.mp4 *.gif)",
         ),
     ]
     layers: Annotated[

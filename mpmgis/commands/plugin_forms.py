@@ -43,8 +43,15 @@ def plugin_forms(guidelines: tuple[str, ...] = (), matrices: tuple[str, ...] = (
 def _form(verb: Verb, form: Form, choices: dict[str, list[str]]) -> dict[str, Any]:
     options = verb.named()
     names = form.only or tuple(name for name in options if name not in form.without and not options[name].no_form)
-    names = sorted(names, key=lambda name: (name in LAST, name == "output", not options[name].positional))
-    fields = [field for name in names for field in _fields(options[name], dict(form.changes).get(name, {}), choices)]
+    changes = dict(form.changes)
+
+    def place(name):
+        """What must be given stands first, OUTPUT last."""
+        needed = options[name].required or not changes.get(name, {}).get("optional", True)
+        return name in LAST, name == "output", not options[name].positional, not needed
+
+    names = sorted(names, key=place)
+    fields = [field for name in names for field in _fields(options[name], changes.get(name, {}), choices)]
     if form.load:
         load = {"name": "LOAD", "kind": "switch", "label": f"Open {form.load} in this project", "default": True}
         fields.append(load | {"option": "", "help": "With their styles and times."})

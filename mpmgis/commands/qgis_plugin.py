@@ -8,18 +8,14 @@ from .option_values import complete
 from .verb_calls import python_words
 
 
-class PublisherOptions(TypedDict, total=False):
-    """For the plugin repository."""
-
-    homepage: Annotated[str, Option("address of the source code; its issues are at URL/issues", "URL")]
-    email: Annotated[str, Option("of the publisher of the plugin", "ADDRESS")]
-
-
-class Arguments(PublisherOptions, total=False):
+class Arguments(TypedDict, total=False):
     """Options of the command."""
 
     output: Annotated[PathLike, Option("zip to write", "FILE.zip", short="-o", default=Path("mpmgis_qgis.zip"))]
     overwrite: Annotated[bool, Option("replace an earlier file of that name", default=False)]
+    publish: Annotated[
+        bool, Option("refuse a zip without the addresses that the plugin repository requires", default=False)
+    ]
 
 
 VERB = Verb(
@@ -27,7 +23,6 @@ VERB = Verb(
     place=32,
     line="the toolbox for QGIS as a zip, to be installed there",
     arguments=Arguments,
-    groups=(("for the plugin repository", PublisherOptions),),
     example="""
 mpmgis qgis-plugin
 mpmgis qgis-plugin -o toolbox/mpmgis_qgis.zip
@@ -36,13 +31,7 @@ mpmgis qgis-plugin -o toolbox/mpmgis_qgis.zip
 )
 
 
-def qgis_plugin(
-    output: PathLike = "mpmgis_qgis.zip",
-    *,
-    overwrite: bool = False,
-    homepage: str | None = None,
-    email: str | None = None,
-) -> Path:
+def qgis_plugin(output: PathLike = "mpmgis_qgis.zip", *, overwrite: bool = False, publish: bool = False) -> Path:
     """Write the toolbox for QGIS as a zip, as `mpmgis qgis-plugin`.
 
     Parameters
@@ -51,8 +40,8 @@ def qgis_plugin(
         The zip.
     overwrite : bool
         Replace an earlier file of that name.
-    homepage, email : str, optional
-        Of the publisher, for the plugin repository.
+    publish : bool
+        Refuse a zip without the addresses that the plugin repository requires.
 
     Returns
     -------
@@ -72,7 +61,7 @@ def qgis_plugin(
     from ..results.hazard.hazard_files import read_matrices
     from .plugin_forms import plugin_forms
 
-    given = {"output": output, "overwrite": overwrite, "homepage": homepage, "email": email}
+    given = {"output": output, "overwrite": overwrite, "publish": publish}
     with python_words(VERB):
         values = complete(VERB, given)
         forms = plugin_forms(tuple(read_guidelines()), tuple(read_matrices()))

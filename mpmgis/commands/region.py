@@ -22,6 +22,7 @@ class AreaFile(TypedDict, total=False):
             folded=False,
             kind="polygon layer",
             label="Release areas",
+            field="RELEASE",
         ),
     ]
 
@@ -35,6 +36,7 @@ class AreaOptions(TypedDict, total=False):
             "column of the areas, for example the return period: also maps for each of its values",
             "COLUMN",
             folded=False,
+            kind="any column",
             label="Column with the scenario",
         ),
     ]
@@ -44,6 +46,7 @@ class AreaOptions(TypedDict, total=False):
             "column with the events a year of each area: maps of the frequency and of the annual probability",
             "COLUMN",
             folded=False,
+            kind="column",
             label="Column with the events a year",
         ),
     ]

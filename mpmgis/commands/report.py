@@ -171,7 +171,7 @@ where a number was not read: check them in the guideline.
             one_of=("MAP", "OWN"),
             without=("frames", "line", "threshold"),
             changes=(
-                ("scenario", {"optional": False}),
+                ("scenario", {"optional": False, "kind": "scenarios", "label": "Scenarios"}),
                 ("output", {"label": "Folder for raster, zones, table and printed map"}),
             ),
         ),

@@ -28,6 +28,7 @@ from qgis.core import (
     QgsRasterLayer,
     QgsVectorLayer,
 )
+from qgis.PyQt.QtWidgets import QWidget
 
 PLUGINS, SITE, COMMAND, SLEEPER = sys.argv[1:]
 # what QGIS has in its environment on Windows and macOS, and what keeps another Python from starting
@@ -41,11 +42,18 @@ class Feedback(QgsProcessingFeedback):
     def __init__(self, stop_at=None):
         super().__init__(False)
         self.said, self.printed, self.errors, self.stop_at = [], [], [], stop_at
+        self.texts, self.warnings = [], []
 
     def pushInfo(self, line):
         self.said.append(line)
         if self.stop_at and line.startswith(self.stop_at):
             self.cancel()
+
+    def setProgressText(self, text):
+        self.texts.append(text)
+
+    def pushWarning(self, line):
+        self.warnings.append(line)
 
     def pushCommandInfo(self, line):
         self.said.append(line)
@@ -73,6 +81,8 @@ def use(name, stop_at=None, project=None, **parameters):
         "errors": feedback.errors,
         "said": feedback.said,
         "printed": feedback.printed,
+        "texts": feedback.texts,
+        "warnings": feedback.warnings,
         "progress": feedback.progress(),
         "to_load": [details.name for details in context.layersToLoadOnCompletion().values()],
     }
@@ -203,7 +213,25 @@ def check_forms():
         },
         "texts": {algorithm.name(): algorithm.shortHelpString() for algorithm in provider.algorithms()},
         "icons": {algorithm.group(): _drawn(algorithm.icon()) for algorithm in provider.algorithms()},
+        "scenarios": _scenarios(provider.algorithm("hazard").parameterDefinition("SCENARIO")),
+        "columns": [_column(provider.algorithm("region"), name) for name in ("SCENARIO", "FREQUENCY")],
     }
+
+
+def _scenarios(definition):
+    """Value of the table of scenarios, as QGIS makes it for a form."""
+    from processing.gui.wrappers import WidgetWrapperFactory
+
+    wrapper = WidgetWrapperFactory.create_wrapper(definition, QWidget())
+    wrapper.setValue("30=a; 100=b")
+    wrapper.widget.add("300", "c")
+    wrapper.widget.add("", "")
+    return wrapper.value()
+
+
+def _column(algorithm, name):
+    definition = algorithm.parameterDefinition(name)
+    return [definition.type(), definition.parentLayerParameterName()]
 
 
 def _drawn(icon):

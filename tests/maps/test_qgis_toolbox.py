@@ -92,6 +92,11 @@ def test_every_parameter_has_a_help_text(report):
     assert len(set(report["icons"].values())) == 4  # an icon for each group
 
 
+def test_scenarios_are_a_table_and_columns_are_lists(report):
+    assert report["scenarios"] == "30=a\n100=b\n300=c"
+    assert report["columns"] == [["field", "RELEASE"]] * 2
+
+
 def test_seeded_particles_are_loaded(site, report):
     assert report["seed"]["error"] == ""
     assert report["seed"]["to_load"] == ["seed"]
@@ -207,6 +212,7 @@ def test_it_runs_in_a_background_thread(report):
 def test_cancelling_stops_the_command(site, report):
     assert report["cancelled"]["error"].endswith("mpmgis effects: cancelled")
     assert report["cancelled"]["progress"] == 25
+    assert report["cancelled"]["texts"][-1] == "cancelling: mpmgis effects ends after its current step"
     assert (site / "stopped").read_text() == "stopped\n"
 
 

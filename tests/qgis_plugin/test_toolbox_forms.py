@@ -45,6 +45,9 @@ VALUES = {
     forms.TEXTS: ["friction.mu=0.1:0.2", "release.density=300,400"],
     forms.PLACE: "place.geojson",
     forms.EXTENT: "1,2,3,4.5",
+    forms.COLUMN: "frequency",
+    forms.ANY_COLUMN: "years",
+    forms.SCENARIOS: ["30=results_30", "100=results_100"],
 }
 TYPED = {
     "VELOCITY": "-1,2",
@@ -353,15 +356,19 @@ def test_the_command_is_found_in_the_settings_or_on_path(tmp_path, monkeypatch):
         == plugin_command.find_command(f' "{command}" ')
         == str(command)
     )
-    with pytest.raises(plugin_command.CommandMissing, match=r"is not at .*nowhere; set its path in Settings"):
+    with pytest.raises(plugin_command.CommandMissing, match=r"is not at .*nowhere; correct its path in Settings"):
         plugin_command.find_command(str(tmp_path / "nowhere"))
     monkeypatch.setenv("PATH", str(tmp_path / "empty"))
     monkeypatch.setenv("HOME", str(tmp_path))
-    with pytest.raises(plugin_command.CommandMissing, match=r"never in QGIS' Python \(pipx"):
+    with pytest.raises(
+        plugin_command.CommandMissing, match=r"open Plugins > mpmgis > Install mpmgis \(.*never in QGIS' Python"
+    ):
         plugin_command.find_command("")
     (tmp_path / ".local").mkdir()
     (tmp_path / ".local" / "bin").symlink_to(tmp_path)
     assert plugin_command.find_command("").endswith("bin/mpmgis")
+    assert plugin_command.find_command("", "/profile/bin/mpmgis") == "/profile/bin/mpmgis"
+    assert plugin_command.find_command(str(command), "/profile/bin/mpmgis") == str(command)
 
 
 def test_variables_of_the_qgis_python_are_removed():
@@ -379,16 +386,8 @@ def test_the_plugin_keeps_to_what_qgis_has(path):
         for alias in node.names
     }
     standard = {
-        "__future__",
-        "collections",
-        "contextlib",
-        "dataclasses",
-        "html",
-        "json",
-        "os",
-        "re",
-        "shutil",
-        "zipfile",
+        *("__future__", "collections", "configparser", "contextlib", "dataclasses", "glob", "html", "json", "ntpath"),
+        *("os", "posixpath", "re", "shutil", "sys", "threading", "time", "urllib", "zipfile"),
     }
     assert imported <= standard | {"processing", "qgis"}
 
@@ -399,3 +398,31 @@ def test_records_become_a_table():
     assert page.count("<tr>") == 3 and page.count("<th>") == 5
     assert "<td>a&lt;b</td><td>0.1235</td><td></td><td></td><td></td>" in page
     assert "<td>c</td><td></td><td></td><td>mu [1]</td><td>2</td>" in page
+
+
+def test_what_is_recommended_stands_first_and_bold():
+    records = [{"effect": "friction", "reason": "on"}, {"effect": "flight_3d", "reason": "a 3D run is recommended"}]
+    page = table_page.page_of("Effects", records)
+    assert page.index('<tr class="first"><td>flight_3d</td>') < page.index("<tr><td>friction</td>")
+    assert "tr.first{font-weight:bold" in page
+
+
+def test_columns_of_an_answer_keep_their_blanks():
+    line, recommends = plugin_command.shown_answer("flight_3d    off  a 3D run is recommended")
+    assert line == "flight_3d \u00a0\u00a0\u00a0off \u00a0a 3D run is recommended" and recommends
+    assert plugin_command.shown_answer("friction on") == ("friction on", False)
+
+
+def test_the_command_ends_with_qgis():
+    from mpmgis.system.parent_process import VARIABLE
+
+    assert plugin_command.environment({})[VARIABLE].isdigit()
+
+
+def test_what_must_be_given_stands_first():
+    for identifier, first in (
+        ("seed", ("DEM", "RELEASE")),
+        ("hazard", ("SCENARIO",)),
+        ("region", ("SCENE", "RELEASE")),
+    ):
+        assert tuple(field.name for field in form_of(identifier).fields)[: len(first)] == first

@@ -9,6 +9,7 @@ from typing import Any
 
 from ...system import operating_system
 from ...system.messages import progress_shown
+from ...system.parent_process import end_with_parent
 from . import terminal
 
 STOPPING = "stopping at the end of this step, or of the preparation; a second Ctrl+C stops immediately"
@@ -63,7 +64,7 @@ def ended_by_signals() -> Iterator[None]:
 
 @contextmanager
 def interruptible(*watches: Callable[..., Any], done: bool = True) -> Iterator[Any]:
-    """Yield watches that raise Interrupted after Ctrl+C or SIGTERM.
+    """Yield watches that raise Interrupted after Ctrl+C or SIGTERM, or when QGIS, which started the work, has ended.
 
     The first signal has effect at their next call, the second immediately. A signal after the last call has no effect
     if the work is `done` then; else it stops at the end.
@@ -86,6 +87,7 @@ def interruptible(*watches: Callable[..., Any], done: bool = True) -> Iterator[A
     ------
     Interrupted
     """
+    end_with_parent()
     asked = []
 
     def remember(number, frame):

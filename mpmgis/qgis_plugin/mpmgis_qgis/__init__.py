@@ -15,4 +15,4 @@ def classFactory(iface: object) -> object:
     """
     from .provider import Plugin
 
-    return Plugin()
+    return Plugin(iface)

@@ -7,10 +7,12 @@ import os
 
 from processing.core.ProcessingConfig import ProcessingConfig
 from qgis.core import (
+    QgsApplication,
     QgsProcessingAlgorithm,
     QgsProcessingContext,
     QgsProcessingException,
     QgsProcessingFeedback,
+    QgsProcessingOutputFolder,
     QgsProcessingOutputHtml,
     QgsProcessingOutputString,
     QgsProcessingUtils,
@@ -19,8 +21,9 @@ from qgis.PyQt.QtGui import QIcon
 
 from . import scene_form
 from .calling import call, is_refusal
-from .command import SETTING, CommandMissing, find_command
-from .forms import LOAD, OUTPUT, Verb, arguments, read_forms
+from .command import SETTING, CommandMissing, find_command, shown_answer
+from .forms import LOAD, NEW_FOLDER, OUTPUT, Verb, arguments, read_forms
+from .own_environment import home_in, own_command
 from .parameters import oldest_qgis, parameter, plain_values
 from .restored_files import copy_whole, kept_unless, write_whole
 from .result_layers import add_project, layer_of
@@ -162,8 +165,13 @@ class CommandAlgorithm(QgsProcessingAlgorithm):
         return {}
 
 
+def installed_command() -> str | None:
+    """Return the command that the toolbox has installed in the profile; None without one."""
+    return own_command(home_in(QgsApplication.qgisSettingsDirPath()))
+
+
 def command_path() -> str:
-    """Return the command from the settings or on PATH.
+    """Return the command from the settings, of the toolbox or on PATH.
 
     Raises
     ------
@@ -171,7 +179,7 @@ def command_path() -> str:
         It is missing.
     """
     try:
-        return find_command(ProcessingConfig.getSetting(SETTING))
+        return find_command(ProcessingConfig.getSetting(SETTING), installed_command())
     except CommandMissing as missing:
         raise QgsProcessingException(str(missing)) from None
 
@@ -191,6 +199,9 @@ class VerbAlgorithm(CommandAlgorithm):
         """
         super().initAlgorithm(configuration)
         self.addOutput(QgsProcessingOutputString(ANSWER, "Output of the command"))
+        for field in self.row.fields:
+            if field.kind == NEW_FOLDER and field.optional:
+                self.addOutput(QgsProcessingOutputFolder(field.name, field.label))
         if self.row.project:
             self.addOutput(QgsProcessingOutputString(PROJECT, "QGIS project of the maps"))
         if self.row.plots:
@@ -223,8 +234,8 @@ class VerbAlgorithm(CommandAlgorithm):
             labels = " / ".join(f"'{field.label}'" for field in row.fields if field.name in row.one_of)
             raise QgsProcessingException(f"mpmgis {row.verb}: give exactly one of {labels}")
         answers = call(command_path(), row.verb, arguments(row.fields, self.values), feedback)
-        for line in answers if row.says else ():
-            feedback.pushConsoleInfo(line)
+        for line, recommends in map(shown_answer, answers if row.says else ()):
+            (feedback.pushWarning if recommends else feedback.pushConsoleInfo)(line)
         files = answers + self._in_folder()
         plot = plot_among(files) if row.plots else {}
         table = {TABLE: self._table(feedback)} if row.table else {}

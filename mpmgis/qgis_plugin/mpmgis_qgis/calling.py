@@ -7,6 +7,7 @@ with the environment of QGIS (PYTHONHOME, PROJ_LIB) another Python does not star
 from __future__ import annotations
 
 import os
+import time
 
 from qgis.core import QgsProcessingException, QgsProcessingFeedback
 from qgis.PyQt.QtCore import QProcess, QProcessEnvironment
@@ -16,6 +17,9 @@ from .command import Lines, environment, error_line, is_error_line, progress
 LOOK_MILLISECONDS = 100  # [ms] between looks at messages and at the cancel button
 BAD_INPUT = 2  # exit code of the command for refused input; no file was changed
 STOP_MILLISECONDS = (10_000, 20_000)  # [ms] to stop after the current step; after a second signal, immediately
+PREPARING_MILLISECONDS = 1_500  # [ms] until the second signal before the first step, when nothing can be lost
+PREPARING = "preparing: "  # begin of a line about kernels that are compiled
+SILENT_SECONDS = 20.0  # [s] without a line after which the log says that the command works; then after twice as long
 
 
 def call(
@@ -57,7 +61,7 @@ def call(
         printed, answers = _followed(process, verb, feedback, begin, end)
     finally:
         if _is_running(process):
-            _stop(process)
+            _stop(process, verb, feedback)
     code = process.exitCode()
     if process.exitStatus() != QProcess.ExitStatus.NormalExit or code != 0:
         error = error_line(printed, verb, code)
@@ -77,15 +81,21 @@ def _followed(process, verb, feedback, begin, end):
     Error lines are not shown: the exception of a failed command has the error, and QGIS prints it.
     """
     messages, results, printed, answers = Lines(), Lines(), [], []
+    heard, patience = time.monotonic(), SILENT_SECONDS
     while True:
         running = not process.waitForFinished(LOOK_MILLISECONDS) and _is_running(process)
         for line in messages.add(_bytes(process.readAllStandardError())):
+            heard, patience = time.monotonic(), SILENT_SECONDS
             printed.append(line)
             if not is_error_line(line, verb):
                 _show(line, verb, feedback, begin, end)
         answers += results.add(_bytes(process.readAllStandardOutput()))
         if running and feedback.isCanceled():
+            process.setProperty("prepares", bool(printed) and printed[-1].startswith(PREPARING))
             raise QgsProcessingException(f"mpmgis {verb}: cancelled")
+        if running and time.monotonic() - heard > patience:
+            feedback.setProgressText(f"mpmgis {verb} works; its last line is {patience:.0f} s old")
+            patience *= 2
         if not running:
             return printed + messages.end(), answers + results.end()
 
@@ -100,12 +110,22 @@ def is_refusal(error: BaseException) -> bool:
     return getattr(error, "exit_code", None) == BAD_INPUT
 
 
-def _started(command, arguments):
-    process = QProcess()
-    kept = QProcessEnvironment()
-    for name, value in environment(dict(os.environ)).items():
+def process_with(variables: dict[str, str]) -> QProcess:
+    """Return a process, not yet started, with exactly these environment variables.
+
+    Parameters
+    ----------
+    variables : dict of str to str
+    """
+    process, kept = QProcess(), QProcessEnvironment()
+    for name, value in variables.items():
         kept.insert(name, value)
     process.setProcessEnvironment(kept)
+    return process
+
+
+def _started(command, arguments):
+    process = process_with(environment(dict(os.environ)))
     process.start(command, arguments)
     if not process.waitForStarted(-1):
         raise QgsProcessingException(f"{command} does not start: {process.errorString()}")
@@ -117,9 +137,11 @@ def _is_running(process):
     return process.state() != QProcess.ProcessState.NotRunning
 
 
-def _stop(process):
+def _stop(process, verb, feedback):
     """Stop it as Ctrl+C does where that is possible (not on Windows), so that all frames are complete."""
-    for patience in STOP_MILLISECONDS if os.name == "posix" else ():
+    feedback.setProgressText(f"cancelling: mpmgis {verb} ends after its current step")
+    first = PREPARING_MILLISECONDS if process.property("prepares") else STOP_MILLISECONDS[0]
+    for patience in (first, STOP_MILLISECONDS[1]) if os.name == "posix" else ():
         process.terminate()
         if process.waitForFinished(patience):
             return
@@ -131,7 +153,10 @@ def _show(line, verb, feedback, begin, end):
     share = progress(line, verb)
     if share is not None:
         feedback.setProgress(begin + share * (end - begin))
-    feedback.pushInfo(line)
+    if line.startswith(PREPARING):
+        feedback.setProgressText(line)  # which also stands in the log
+    else:
+        feedback.pushInfo(line)
 
 
 def _bytes(data):

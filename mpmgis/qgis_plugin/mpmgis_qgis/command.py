@@ -7,8 +7,12 @@ import re
 import shutil
 
 COMMAND = "mpmgis"
+ENDS_WITH = "MPMGIS_ENDS_WITH"  # variable with the process with which the command ends
 SETTING = "MPMGIS_COMMAND"  # name in the settings of QGIS
 SETTING_PLACE = "Settings > Options > Processing > Providers > mpmgis"
+INSTALL_PLACE = "Plugins > mpmgis > Install mpmgis"
+RECOMMENDS = "recommended"  # word of an answer that the user should read first
+KEPT_BLANK = "\u00a0"
 # QGIS sets these for its own Python and libraries; they break another Python with other versions of PROJ and GDAL.
 OF_QGIS = (
     *("PYTHONHOME", "PYTHONPATH", "PYTHONEXECUTABLE", "PYTHONSTARTUP"),
@@ -33,13 +37,15 @@ class CommandMissing(Exception):
     """The command was not found; the message is one line with the fix."""
 
 
-def find_command(setting: str) -> str:
-    """Return the absolute path of the command: from the setting, else on PATH, else in the folder of pipx.
+def find_command(setting: str, own: str | None = None) -> str:
+    """Return the absolute path of the command: from the setting, else of the toolbox, on PATH, in the folder of pipx.
 
     Parameters
     ----------
     setting : str
         Path in the settings of QGIS; "" if not set.
+    own : str, optional
+        The command that the toolbox has installed.
 
     Returns
     -------
@@ -54,20 +60,24 @@ def find_command(setting: str) -> str:
         found = shutil.which(os.path.expanduser(named))
         if found is None:
             raise CommandMissing(
-                f"the command mpmgis is not at {named}; set its path in {SETTING_PLACE} (empty: search PATH)"
+                f"the command mpmgis is not at {named}; correct its path in {SETTING_PLACE}, or clear it and open "
+                f"{INSTALL_PLACE}"
             )
         return os.path.abspath(found)
-    found = shutil.which(COMMAND) or shutil.which(COMMAND, path=os.path.join(os.path.expanduser("~"), ".local", "bin"))
+    pipx = os.path.join(os.path.expanduser("~"), ".local", "bin")
+    found = own or shutil.which(COMMAND) or shutil.which(COMMAND, path=pipx)
     if found is None:
         raise CommandMissing(
-            "the command mpmgis is not on PATH; install it in a separate environment, never in QGIS' Python "
-            f"(pipx install mpmgis, or pip install in a virtual environment), and set its path in {SETTING_PLACE}"
+            f"mpmgis is not installed; open {INSTALL_PLACE} (it has an environment of its own, never in QGIS' Python), "
+            f"or set the path of a command in {SETTING_PLACE}"
         )
     return os.path.abspath(found)
 
 
 def environment(of_qgis: dict[str, str]) -> dict[str, str]:
     """Return the environment of QGIS without the variables for its own Python and libraries.
+
+    The command ends when this process has ended.
 
     Parameters
     ----------
@@ -78,7 +88,7 @@ def environment(of_qgis: dict[str, str]) -> dict[str, str]:
     dict of str to str
     """
     kept = {name: value for name, value in of_qgis.items() if name not in OF_QGIS}
-    return {**kept, "PYTHONUTF8": "1", "PYTHONUNBUFFERED": "1"}
+    return {**kept, "PYTHONUTF8": "1", "PYTHONUNBUFFERED": "1", ENDS_WITH: str(os.getpid())}
 
 
 class Lines:
@@ -123,6 +133,23 @@ def progress(line: str, verb: str) -> float | None:
         if found is not None and float(found[2]) > 0:
             return begin + min((float(found[1]) - earlier) / float(found[2]), 1.0) * (end - begin)
     return None
+
+
+def shown_answer(line: str) -> tuple[str, bool]:
+    """Return a line of an answer as the log of QGIS shows it, and whether it recommends something.
+
+    The log draws several blanks as one, which a table does not survive: they become blanks that are kept.
+
+    Parameters
+    ----------
+    line : str
+
+    Returns
+    -------
+    (str, bool)
+    """
+    kept = re.sub(" {2,}", lambda blanks: " " + KEPT_BLANK * (len(blanks[0]) - 1), line)
+    return kept, RECOMMENDS in line
 
 
 def is_error_line(line: str, verb: str) -> bool:

@@ -18,13 +18,15 @@ NEW_FILE, NEW_FOLDER = "new file", "new folder"  # path of an output
 NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS = "number", "integer", "text", "choice", "switch", "CRS"
 TEXTS = "texts"  # on separate lines, or with semicolons
 PLACE = "place"  # clicked on the map: path of a file with that point
-COLUMN = "column"  # name of a numeric column of the layer in the field RELEASE
+COLUMN, ANY_COLUMN = "column", "any column"  # name of a column, numeric or any, of the layer in the field RELEASE
+SCENARIOS = "scenarios"  # table of return periods and results
 EXTENT = "extent"  # west, south, east, north in the CRS of the field DEM
 KINDS = (
     *(RASTER, POLYGONS, LINES, POINTS, FILE, FOLDER, FILES, NEW_FILE, NEW_FOLDER),
-    *(NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS, TEXTS, PLACE, EXTENT, COLUMN),
+    *(NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS, TEXTS, PLACE, EXTENT, COLUMN, ANY_COLUMN),
+    SCENARIOS,
 )
-SEVERAL = (FILES, TEXTS)  # the value is a list, and its option is repeated
+SEVERAL = (FILES, TEXTS, SCENARIOS)  # the value is a list, and its option is repeated
 
 
 @dataclass(frozen=True)

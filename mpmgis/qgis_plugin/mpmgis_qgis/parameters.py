@@ -35,6 +35,7 @@ from . import forms, versions
 BANDS_HAVE_TIME = 33800  # version of QGIS from which on bands of a raster can have times
 VECTOR_FORMATS = ["gpkg", "shp", "geojson", "fgb"]  # read directly; other layers are saved as the first of these
 VECTOR_TYPES = {forms.POLYGONS: versions.POLYGONS, forms.LINES: versions.LINES, forms.POINTS: versions.POINTS}
+SCENARIO_WIDGET = f"{__package__}.scenario_table.ScenarioWrapper"  # as QGIS loads it where it shows forms
 COLUMNS_OF = "RELEASE"  # field with the layer whose columns are offered
 DEGREES = "EPSG:4326"  # of a GeoJSON file
 
@@ -82,7 +83,7 @@ def _vector(field):
 
 def _file(field):
     made = QgsProcessingParameterFile(field.name, field.label, optional=field.optional)
-    if field.kind == forms.FOLDER:
+    if field.kind in (forms.FOLDER, forms.NEW_FOLDER):
         made.setBehavior(versions.FOLDER)
     elif field.files:
         made.setFileFilter(field.files)
@@ -98,7 +99,7 @@ def _number(field):
 
 
 def _text(field):
-    several = field.kind == forms.TEXTS
+    several = field.kind in (forms.TEXTS, forms.SCENARIOS)
     return QgsProcessingParameterString(field.name, field.label, field.default, several, field.optional)
 
 
@@ -111,9 +112,16 @@ def _place(field):
 
 
 def _column(field):
-    return QgsProcessingParameterField(
-        field.name, field.label, field.default, COLUMNS_OF, versions.NUMERIC, False, field.optional
-    )
+    made = QgsProcessingParameterField(field.name, field.label, field.default, COLUMNS_OF, optional=field.optional)
+    if field.kind == forms.COLUMN:
+        made.setDataType(versions.NUMERIC)
+    return made
+
+
+def _scenarios(field):
+    made = _text(field)
+    made.setMetadata({"widget_wrapper": {"class": SCENARIO_WIDGET}})
+    return made
 
 
 def _extent(field):
@@ -147,7 +155,10 @@ def _new_file(field):
 
 
 def _new_folder(field):
-    return QgsProcessingParameterFolderDestination(field.name, field.label, None, field.optional, not field.optional)
+    """An optional folder is a plain field, because QGIS writes "skip output" into an empty destination."""
+    if field.optional:
+        return _file(field)
+    return QgsProcessingParameterFolderDestination(field.name, field.label)
 
 
 _MAKERS = {
@@ -168,6 +179,8 @@ _MAKERS = {
     forms.PLACE: _place,
     forms.EXTENT: _extent,
     forms.COLUMN: _column,
+    forms.ANY_COLUMN: _column,
+    forms.SCENARIOS: _scenarios,
     forms.NEW_FILE: _new_file,
     forms.NEW_FOLDER: _new_folder,
 }
@@ -226,7 +239,7 @@ def _value(algorithm, field, parameters, context, feedback):
         return algorithm.parameterAsCrs(parameters, name, context).authid() or None
     if kind == forms.FILES:
         return algorithm.parameterAsFileList(parameters, name, context) or None
-    if kind == forms.TEXTS:
+    if kind in (forms.TEXTS, forms.SCENARIOS):
         return split(algorithm.parameterAsString(parameters, name, context)) or None
     if kind == forms.PLACE:
         return _place_path(algorithm, field, parameters, context)

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from html import escape
 
+from .command import RECOMMENDS
+
 STYLE = (
     "body{font-family:sans-serif;font-size:10pt}table{border-collapse:collapse}"
     "th,td{border:1px solid #bbb;padding:2px 6px;text-align:left;vertical-align:top}th{background:#e8e8e8}"
+    "tr.first{font-weight:bold;background:#ffe8cc}"
 )
 DIGITS = 4  # significant ones of a number
 
 
 def page_of(title: str, records: list[dict]) -> str:
     """Return the text of a page with a row for each record and a column for each key.
+
+    Records that recommend something stand first, bold.
 
     Parameters
     ----------
@@ -25,12 +30,22 @@ def page_of(title: str, records: list[dict]) -> str:
     """
     keys = list(dict.fromkeys(key for record in records for key in record))
     head = "".join(f"<th>{escape(key.replace('_', ' '))}</th>" for key in keys)
-    rows = ("".join(f"<td>{escape(shown(record.get(key)))}</td>" for key in keys) for record in records)
-    body = "\n".join(f"<tr>{row}</tr>" for row in rows)
+    first = [record for record in records if _recommends(record)]
+    ordered = first + [record for record in records if not _recommends(record)]
+    body = "\n".join(_row(record, keys, record in first) for record in ordered)
     return (
         '<!DOCTYPE html>\n<html><head><meta charset="utf-8">'
         f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n<body><h3>{escape(title)}</h3>\n<table>\n<tr>{head}</tr>\n{body}\n</table></body></html>\n"
     )
+
+
+def _recommends(record):
+    return any(RECOMMENDS in value for value in record.values() if isinstance(value, str))
+
+
+def _row(record, keys, bold):
+    cells = "".join(f"<td>{escape(shown(record.get(key)))}</td>" for key in keys)
+    return f'<tr class="first">{cells}</tr>' if bold else f"<tr>{cells}</tr>"
 
 
 def shown(value: object) -> str:

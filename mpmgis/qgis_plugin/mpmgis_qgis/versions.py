@@ -37,3 +37,4 @@ CLOCK_OFF = _constant(
 CLOCK_ANIMATED = _constant(
     "TemporalNavigationMode", "Animated", lambda: QgsTemporalNavigationObject.NavigationMode.Animated
 )
+INFORMATION = Qgis.MessageLevel.Info
