@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..frames.ensemble_folder import MAPS
 from ..frames.ensemble_members import Members, read_members
+from ..frames.many_runs_folder import MAPS
 from ..frames.run_terrain import terrain_of_rasters
 from ..system.errors import InputError
 from ..system.messages import log, muted

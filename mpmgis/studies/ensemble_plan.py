@@ -1,7 +1,5 @@
 """Plan an ensemble: options and plan file, the scene of each member, digests, predicted cost."""
 
-import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +11,7 @@ from ..compiled.cache_folder import source_digest
 from ..maps.averaging.export_resolution import report_cells, require_cells_within
 from ..scene.key_checks import meant
 from ..scene.scene_reading import read_toml
+from ..scene.scene_text import toml_value
 from ..simulation.cost_prediction import predicted
 from ..simulation.numerical_parameters import COST_POWER
 from ..simulation.preparation import scene_to_prepare
@@ -21,6 +20,7 @@ from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log
 from .ensemble_member import FIGURES, MemberTask
 from .ensemble_statistics import Products, exceedances
+from .many_runs import digest_of
 from .sampling_plan import SamplingPlan, with_values
 from .varied_keys import variation
 
@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from .ensemble_runs import EnsembleRequest
 
 PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
-TIMES = ("wall_seconds", "processor_seconds")
-TABLE_HEAD, TABLE_TAIL = ("number",), ("digest", "status", *TIMES, *FIGURES, "reason")
-DIGEST_LENGTH = 16  # [hexadecimal digits] of a member, also in the names of its files
+TABLE_HEAD = ("number",)  # of `members.csv`, before the varied keys
+TABLE_TAIL = ("digest", "status", "wall_seconds", "processor_seconds", *FIGURES, "reason")
 
 
 def read_plan(request: "EnsembleRequest") -> tuple[SamplingPlan, Products]:
@@ -211,8 +210,7 @@ class PlannedRuns:
             str(output),
             request.cell_size,
             request.min_depth,
-            request.keep == "frames",
-            request.keep == "deposit",
+            request.keep,
         )
 
     def input_files(self) -> Iterator[Path]:
@@ -237,12 +235,12 @@ class PlannedRuns:
         request = self.request
         known = [__version__, source_digest(), request.cell_size, request.min_depth]
         inputs = {texts: prepared.digest for texts, (_, prepared) in self.groups.items()}
-        return [_digest([member.tables, inputs[self._texts(member)], *known]) for member in self.members]
+        return [digest_of([member.tables, inputs[self._texts(member)], *known]) for member in self.members]
 
     @property
     def digest(self) -> str:
         """Digest of all members in order."""
-        return _digest(self.digests)
+        return digest_of(self.digests)
 
     def tasks(self, output: Path) -> list[MemberTask]:
         """Return the tasks of all members; identical members share a digest and one run, the first has a companion.
@@ -325,5 +323,23 @@ def with_peaks(scene: "Scene", min_depth: float) -> dict:
     return tables
 
 
-def _digest(what):
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:DIGEST_LENGTH]
+def plan_text(tables: dict, note: str) -> str:
+    """Return a plan as TOML text, which the option --plan reads.
+
+    Parameters
+    ----------
+    tables : dict
+        Keys and tables of the plan.
+    note : str
+        Comment in the first line.
+
+    Returns
+    -------
+    str
+    """
+    lines = [f"# {note}"]
+    lines += [f"{key} = {toml_value(value)}" for key, value in tables.items() if not isinstance(value, dict)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{name}]"] + [f'"{key}" = {toml_value(value)}' for key, value in table.items()]
+    return "\n".join(lines) + "\n"

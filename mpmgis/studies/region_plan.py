@@ -1,7 +1,5 @@
 """Plan a region: its areas, their scenes and digests, scenarios, predicted cost."""
 
-import hashlib
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ import shapely
 
 from .. import __version__
 from ..compiled.cache_folder import source_digest
+from ..frames.many_runs_folder import REGION, RunFiles
 from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import GRAVITY
@@ -29,7 +28,8 @@ from ..terrain.dtm import TerrainFile
 from ..terrain.raster_input import file_sha256
 from .area_run import AreaTask
 from .ensemble_member import MemberTask
-from .ensemble_plan import DIGEST_LENGTH, with_peaks
+from .ensemble_plan import with_peaks
+from .many_runs import digest_of
 from .region_areas import read_areas
 
 if TYPE_CHECKING:
@@ -103,13 +103,13 @@ class PlannedRegion:
         if request.scenario is not None:
             scenarios = _scenarios(areas.column(request.scenario, "scenario"), request.scenario)
         often = [0.0] * len(areas.parts) if request.frequency is None else areas.frequencies(request.frequency).tolist()
-        tasks = _tasks(request, scene, terrain, areas, not of_raster, Path(output).resolve() / "runs")
+        tasks = _tasks(request, scene, terrain, areas, not of_raster, Path(output).resolve() / REGION.runs)
         return cls(request, scene, terrain.grid, areas, tasks, scenarios, often)
 
     @property
     def digest(self) -> str:
         """Digest of all areas, scenarios and frequencies in order."""
-        return _digest([[task.digest for task in self.tasks], self.scenarios, self.frequencies])
+        return digest_of([[task.digest for task in self.tasks], self.scenarios, self.frequencies])
 
     def input_files(self) -> Iterator[Path]:
         """Yield the path of every file that a run reads."""
@@ -264,8 +264,8 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
         shape = shapely.to_wkb(part.polygon)
         release = tables["release"] | ({"thickness": part.thickness} if own_thickness else {})
         release.pop("source")
-        digest = _digest([tables | {"release": release}, shape.hex(), *known])
-        release["source"] = str(runs / f"{digest}.fgb")
+        digest = digest_of([tables | {"release": release}, shape.hex(), *known])
+        release["source"] = str(RunFiles(runs, digest).release)
         run = MemberTask(
             number,
             digest,
@@ -291,7 +291,3 @@ def _other_inputs(request, scene, terrain):
     return sorted(
         file_sha256(path) for path in files if (path.parent, path.name.partition(".")[0]) != (areas.parent, stem)
     )
-
-
-def _digest(what):
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:DIGEST_LENGTH]

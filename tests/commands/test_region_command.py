@@ -203,13 +203,13 @@ def test_workers_and_a_killed_start_give_the_same_bytes(site, done, tmp_path):
     assert digests(two.folder) == digests(done.folder)
     child = (
         "import os, signal, sys\n"
-        "from mpmgis.studies import area_run\n"
-        "write, seen = area_run.write_member, []\n"
+        "from mpmgis.frames.many_runs_folder import RunFiles\n"
+        "write, seen = RunFiles.write, []\n"
         "def end(*given):\n"
         "    write(*given)\n"
         "    seen.append(1)\n"
         "    if len(seen) == 2: os.kill(os.getpid(), int(sys.argv[1]))\n"
-        "area_run.write_member = end\n"
+        "RunFiles.write = end\n"
         "from mpmgis.commands.shell.main import main\n"
         "main(sys.argv[2:])\n"
     )
