@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ..simulation.simulation_options import THREADS
 from ..system.option import Option, PathLike
 from ..system.whole_files import OverwriteOptions
-from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
@@ -20,7 +20,7 @@ class Arguments(OverwriteOptions, total=False):
         bool,
         Option("replace an earlier demo in that folder", default=False, folded=False, label="Replace an earlier demo"),
     ]
-    threads: Annotated[int, shared_options.THREADS]
+    threads: Annotated[int, THREADS]
     output: Annotated[
         PathLike,
         Option(

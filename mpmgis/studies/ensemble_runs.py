@@ -14,32 +14,10 @@ from ..system.errors import InputError, MpmgisError, UnphysicalError
 from ..system.messages import log
 from ..system.whole_files import whole_file, whole_folder
 from .ensemble_maps import EnsembleMaps, write_maps
+from .ensemble_options import AskedEnsemble
 from .ensemble_plan import PlannedRuns, plan_text, read_plan
 from .ensemble_statistics import Products
 from .many_runs import ManyRuns, ManyRunsFound
-
-
-@dataclass(frozen=True)
-class EnsembleRequest:
-    """Request for an ensemble, with the options of `mpmgis ensemble`."""
-
-    scene: Path
-    output: Path | None = None
-    overwrite: bool = False
-    vary: tuple = ()  # of texts KEY=VALUES, or a dict
-    plan: Path | None = None
-    sampling: str | None = None
-    samples: int | None = None
-    seed: int | None = None
-    exceed: tuple | dict | None = None  # of texts QUANTITY=NUMBERS, or a dict
-    percentiles: tuple | None = None
-    cell_size: float | None = None  # [m]
-    min_depth: float = 0.05  # [m]
-    keep: str = "maxima"
-    workers: int | None = None
-    dask: str | None = None
-    tolerate: float = 0.1
-    law: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +34,7 @@ class EnsembleFound(ManyRunsFound):
 
 
 def ensemble(
-    request: EnsembleRequest,
+    asked: AskedEnsemble,
     *,
     confirm: Callable[[str], bool] = lambda question: True,
     look: Callable = lambda *state: None,
@@ -67,7 +45,7 @@ def ensemble(
 
     Parameters
     ----------
-    request : EnsembleRequest
+    asked : AskedEnsemble
     confirm : callable
         Question -> whether to start long runs.
     look : callable
@@ -84,30 +62,31 @@ def ensemble(
     UnphysicalError
         More members became unphysical than `tolerate` allows.
     """
-    plan, products = read_plan(request)
-    study = PlannedRuns.of(request, plan)
-    output = Path(request.output or Path(request.scene).parent / "ensemble")
-    folder = ManyRunsFolder(ENSEMBLE, output, study.digest, request.overwrite)
+    plan, products = read_plan(asked)
+    study = PlannedRuns.of(asked, plan)
+    scene = Path(asked["scene"])
+    output = Path(asked["output"] or scene.parent / "ensemble")
+    folder = ManyRunsFolder(ENSEMBLE, output, study.digest, asked["overwrite"])
     if plan.remark():
         log.info(plan.remark())
-    runs = ManyRuns(study.tasks(folder.runs.resolve()), "member", request.workers, request.dask)
+    runs = ManyRuns(study.tasks(folder.runs.resolve()), "member", asked["workers"], asked["dask"])
     runs.require_affordable(study.cost, confirm)
     folder.refuse_inputs(study.input_files())
     with folder.held():
         ensemble_tables = plan.as_tables() | products.as_tables()
         known = {"plan": ensemble_tables, "scene": study.tables}
         with whole_file(folder.path / PLAN_FILE) as part:
-            text = plan_text(ensemble_tables, f"the plan of {Path(request.scene).name}, for mpmgis ensemble --plan")
+            text = plan_text(ensemble_tables, f"the plan of {scene.name}, for mpmgis ensemble --plan")
             part.write_text(text, encoding="utf-8", newline="\n")
         folder.write_record(state="running", **known)
-        if request.overwrite:
+        if asked["overwrite"]:
             folder.keep_runs(task.digest for task in runs.tasks)
         table = folder.path / TABLE_FILE
         try:
             started, ran = runs.run(study.groups.values(), look, _log_failed)
         finally:
             write_records(table, *study.table(runs.records))
-        _require_enough(runs, request.tolerate, table)
+        _require_enough(runs, asked["tolerate"], table)
         moving = runs.log_moving()
         began = time.perf_counter()
         files = _write_maps(folder, study, products, runs, moving)
@@ -172,7 +151,7 @@ def _write_maps(
     if extents:
         top, bottom, left, right = zip(*extents, strict=True)
         extent = min(top), max(bottom), min(left), max(right)
-    request, (_, prepared) = study.request, study.first
+    asked, (_, prepared) = study.asked, study.first
     stack = MemberStack([task.files.maxima for task in finished], study.grid, extent, MEMBER_BANDS, runs.workers)
     tags = {
         "members": len(finished),
@@ -184,10 +163,10 @@ def _write_maps(
         "dem": Path(prepared.terrain.path).name,
         "varied": json.dumps(study.plan.as_tables()["vary"]),
     }
-    tags = runs.tags(folder.digest, request.min_depth) | tags
+    tags = runs.tags(folder.digest, asked["min_depth"]) | tags
     name = folder.path.resolve().name
     with whole_folder(folder.maps, overwrite=True) as part:
-        maps = EnsembleMaps(part, name, study.grid, extent, request.min_depth, products.rasters())
+        maps = EnsembleMaps(part, name, study.grid, extent, asked["min_depth"], products.rasters())
         write_maps(maps, stack, prepared.terrain, tags, _release(study), f"{name}: {len(finished)} runs")
         files = sorted(path.relative_to(part) for path in part.rglob("*") if path.is_file() and path.name[0] != ".")
     return [folder.maps / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]

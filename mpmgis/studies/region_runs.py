@@ -14,6 +14,7 @@ from ..system.messages import log
 from ..system.whole_files import whole_folder
 from .many_runs import ManyRuns, ManyRunsFound
 from .region_areas import write_areas
+from .region_options import AskedRegion
 from .region_plan import PlannedRegion
 
 FIGURES = (
@@ -29,23 +30,6 @@ FIGURES = (
     "runs",
     "edge_reached",
 )
-
-
-@dataclass(frozen=True)
-class RegionRequest:
-    """Request for a region, with the options of `mpmgis region`."""
-
-    scene: Path
-    releases: Path | None = None
-    output: Path | None = None
-    overwrite: bool = False
-    scenario: str | None = None
-    frequency: str | None = None
-    angle: float | None = None  # [degrees]
-    min_depth: float = 0.05  # [m]
-    workers: int | None = None
-    dask: str | None = None
-    law: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +53,7 @@ class RegionFound(ManyRunsFound):
 
 
 def region(
-    request: RegionRequest,
-    *,
-    confirm: Callable[[str], bool] = lambda question: True,
-    look: Callable = lambda *state: None,
+    asked: AskedRegion, *, confirm: Callable[[str], bool] = lambda question: True, look: Callable = lambda *state: None
 ) -> RegionFound:
     """Run every release area in its own window of the DTM, and write maps of all areas together.
 
@@ -80,7 +61,7 @@ def region(
 
     Parameters
     ----------
-    request : RegionRequest
+    asked : AskedRegion
     confirm : callable
         Question -> whether to start long runs.
     look : callable
@@ -96,11 +77,11 @@ def region(
         Before the first run nothing is written; later, finished areas are kept.
     """
     began = time.perf_counter()
-    output = Path(request.output or Path(request.scene).parent / "region")
-    plan = PlannedRegion.of(request, output)
-    folder = ManyRunsFolder(REGION, output, plan.digest, request.overwrite)
+    output = Path(asked["output"] or Path(asked["scene"]).parent / "region")
+    plan = PlannedRegion.of(asked, output)
+    folder = ManyRunsFolder(REGION, output, plan.digest, asked["overwrite"])
     folder.refuse_inputs(plan.input_files())
-    runs = ManyRuns(plan.tasks, "area", request.workers, request.dask)
+    runs = ManyRuns(plan.tasks, "area", asked["workers"], asked["dask"])
     if runs.to_run:
         plan.prepare_samples(runs.to_run)
     runs.require_affordable(plan.cost, confirm)
@@ -156,7 +137,7 @@ def _write(folder, plan, runs):
     """Write the table of areas and the maps; return their paths."""
     table = folder.path / AREAS_FILE
     write_areas(table, plan.areas, _columns(plan, runs))
-    request, rasters, scenarios = plan.request, {}, []
+    asked, rasters, scenarios = plan.asked, {}, []
     for task, scenario, frequency in zip(plan.tasks, plan.scenarios, plan.frequencies, strict=True):
         record = runs.record(task)
         if record["status"] != "finished" or record["extent"] is None:
@@ -164,23 +145,23 @@ def _write(folder, plan, runs):
         top, _, left, _ = record["window"]
         one = AreaRaster(task.number, task.files.maxima, top, left, tuple(record["extent"]), float(frequency))
         rasters.setdefault("all", []).append(one)
-        scenarios.append(scenario if request.scenario is not None else None)
-        if request.scenario is not None:
+        scenarios.append(scenario if asked["scenario"] is not None else None)
+        if asked["scenario"] is not None:
             rasters.setdefault(f"scenario_{scenario}", []).append(one)
-    tags, often = runs.tags(folder.digest, request.min_depth), request.frequency is not None
+    tags, often = runs.tags(folder.digest, asked["min_depth"]), asked["frequency"] is not None
     with whole_folder(folder.maps, overwrite=True) as part:
         paths = [
             path.relative_to(part)
             for name, areas in sorted(rasters.items())
             for path in write_region_maps(
-                part, name, plan.grid, areas, request.min_depth, tags | {"areas": len(areas)}, often
+                part, name, plan.grid, areas, asked["min_depth"], tags | {"areas": len(areas)}, often
             )
         ]
         footprints = part / "all_footprints.gpkg"
-        write_footprints(footprints, rasters.get("all", []), scenarios, plan.grid, request.min_depth)
+        write_footprints(footprints, rasters.get("all", []), scenarios, plan.grid, asked["min_depth"])
         paths.append(footprints.relative_to(part))
         terrain = _terrain_layer(plan, folder.maps)
-        project = RegionProject(part, plan.grid, rasters, request.min_depth, often, terrain)
+        project = RegionProject(part, plan.grid, rasters, asked["min_depth"], often, terrain)
         made, *styles = (path.relative_to(part) for path in write_region_project(project))
     return [folder.maps / made, table, *(folder.maps / path for path in (*paths, *styles))]
 

@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,8 +12,9 @@ from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_
 from mpmgis.commands.shell.main import main
 from mpmgis.frames import member_stack
 from mpmgis.studies import ensemble_member
+from mpmgis.studies.ensemble_options import ensemble_with
 from mpmgis.studies.ensemble_plan import read_plan
-from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
+from mpmgis.studies.ensemble_runs import ensemble
 from mpmgis.system.errors import UnphysicalError
 from mpmgis.system.messages import collected
 
@@ -225,9 +225,9 @@ def test_ctrl_c_leaves_what_a_second_start_continues_from(done, site, tmp_path, 
             raise Enough
 
     folder = tmp_path / "ensemble"
-    request = EnsembleRequest(site / "scene.toml", folder, vary=VARY, samples=5, workers=1)
+    asked = ensemble_with(scene=site / "scene.toml", output=folder, vary=VARY, samples=5, workers=1)
     with pytest.raises(Enough):
-        ensemble(request, look=stop)
+        ensemble(asked, look=stop)
     assert [row["status"] for row in table(folder)] == ["finished"] * 2 + ["open"] * 3
     assert not (folder / "maps").exists()
     assert not list(tmp_path.rglob(".*part*"))
@@ -268,16 +268,16 @@ def test_too_many_unphysical_members_are_refused(site, tmp_path, capsys, monkeyp
 
 
 def test_samples_of_lists_are_reported(site, capsys):
-    request = EnsembleRequest(scene=site / "scene.toml", vary=("friction.mu=0.2,0.3",), samples=1000)
+    lists = {"scene": site / "scene.toml", "vary": ("friction.mu=0.2,0.3",)}
     with collected() as messages:
-        plan, _ = read_plan(request)
+        plan, _ = read_plan(ensemble_with(**lists, samples=1000))
     assert plan.count == 2
     assert (
         "`samples=1000` has no effect: all keys have lists of values, and their 2 combinations are run" in messages[0]
     )
     with collected() as messages:
-        read_plan(replace(request, samples=None))
-        read_plan(replace(request, vary=("friction.mu=0.2,0.3", "friction.xi=500:800")))
+        read_plan(ensemble_with(**lists))
+        read_plan(ensemble_with(**lists | {"vary": ("friction.mu=0.2,0.3", "friction.xi=500:800")}, samples=1000))
     assert not messages
 
 
