@@ -2,8 +2,10 @@
 
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
+from ..simulation.simulation_options import LAW
+from ..system.option import Option, PathLike
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
+from .verb import Form, Verb
 from .verb_calls import python_words
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ class Arguments(AnswerArguments, total=False):
             label="Measure the share of the computing time of each effect",
         ),
     ]
-    law: Annotated[PathLike, shared_options.LAW]
+    law: Annotated[PathLike, LAW]
     json: Annotated[bool, Option("print JSON", default=False, no_form="for programs; the answer is in the log")]
 
 

@@ -11,7 +11,7 @@ from ..system.errors import FormatError, one_line
 from ..terrain.grid import Grid
 from ..terrain.raster_input import band_values, grid_of, open_raster
 from ..terrain.undeclared_nodata import RESULT
-from .ensemble_folder import MEMBERS, TABLE_FILE, last_step_file, member_files
+from .many_runs_folder import ENSEMBLE, TABLE_FILE, RunFiles
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Members:
         k : int
             Number of the member, from 0.
         """
-        return member_files(self.folder / MEMBERS, self.rows[k]["digest"])[1]
+        return self._files(k).maxima
 
     def last_thickness(self, k: int) -> np.ndarray:
         """Read the vertical thickness of the last step of a member, a deposit if it came to rest.
@@ -87,10 +87,13 @@ class Members:
         float64[rows, columns] [m]
             NaN without flow.
         """
-        row = self.rows[k]
-        path = last_step_file(self.folder / MEMBERS, row["digest"], row["came_to_rest"] == "1")
+        row, files = self.rows[k], self._files(k)
+        path = files.last_step(row["came_to_rest"] == "1")
         with open_raster(path) as source:
             return band_values(source, path, 1, RESULT, may_be_empty=True)
+
+    def _files(self, k):
+        return RunFiles(self.folder / ENSEMBLE.runs, self.rows[k]["digest"])
 
     def band(self, k: int, name: str) -> np.ndarray:
         """Read a band of the maxima of a member.

@@ -20,8 +20,8 @@ from ...exchange.frame_list import third_party_files
 from ...exchange.readers.general_hdf5 import MAGIC
 from ...exchange.readers.reader_list import OWN, head_of, reader_of
 from ...exchange.writers.writer_list import SOLVER_FILES
-from ...frames.ensemble_folder import MAPS, read_ensemble_record
 from ...frames.frame_digest import check_kept, check_result
+from ...frames.many_runs_folder import ENSEMBLE, MAPS, read_folder_record
 from ...frames.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE, read_record
 from ...frames.run_maps import has_rasters
 from ...scene import read_scene
@@ -190,7 +190,7 @@ def _reject_unused(path, terms):
 
 def _folder_facts(path, terms):
     """Facts about a folder: frames of any code, or written by `export-raster`, `ensemble` or `--for`."""
-    ensemble = read_ensemble_record(path)
+    ensemble = read_folder_record(ENSEMBLE, path)
     if ensemble is not None:
         _reject_unused(path, terms)
         return _ensemble_facts(path, ensemble)
