@@ -16,7 +16,7 @@ LOSSES = {"float64": 1e-12, "float32": 2e-4}
 CORRECTION = {"float64": 1e-12, "float32": 2e-3}  # energy of corrections of J by 0.01, a difference of stored energies
 PLACES = {"float64": 1e-12, "float32": 1e-5}  # the ground of the device is in the precision of the points
 COMPARED = (
-    *("momentum", "affine", "state", "peaks", "yields", "ledger", "left", "impulse", "losses", "time"),
+    *("momentum", "affine", "state", "peaks", "yields", "ledger", "left_cells", "impulse", "losses", "time"),
     *("barrier_sums", "face_yields", "correction"),
 )
 
