@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..frames.run_folder import FRAME_PATTERN
-from ..scene.scene import WITHOUT_EFFECT
+from ..scene.tables import WITHOUT_EFFECT
 from ..system.errors import InputError, MpmgisError
 from ..system.messages import muted
 from .preparation import prepare_scene
