@@ -1,8 +1,7 @@
 """Answer `mpmgis compare`: two results, or a result and an observed outline, in numbers and on a map."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,46 +10,56 @@ from ..frames.run_terrain import terrain_of_rasters
 from ..laws.quantities import Quantity
 from ..system.errors import InputError
 from ..system.messages import log
+from ..system.option import PathLike
+from ..system.option_values import defaults_of
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from . import comparison, flow_line
 from .answer_files import checked_output, write_answer
 from .comparison_files import MapSide, write_classes, write_classes_style, write_comparison_map, write_table
-from .comparison_sides import PLAIN, Reading, footprints_of, log_if_empty, open_side, require_useful_options, sides_of
+from .comparison_sides import footprints_of, log_if_empty, open_side, reading_of, require_useful_options, sides_of
 from .comparison_values import BandFacts, Comparison
 from .outline_distance import outline_distances
+from .question_options import ReadingOptions
 from .runout_answer import given_line
 
 FILES = ("map.png", "table.csv", "classes.tif", "classes.qml")
 
 
-@dataclass(frozen=True, kw_only=True)
-class CompareRequest:
-    """A comparison; `compare` describes its options."""
-
-    first: Path
-    second: Path
-    threshold: float = 0.1  # [m], or the unit of `band`
-    band: str | None = None
-    line: Path | None = None
-    dem: Path | None = None
-    to_crs: str | None = None
-    reading: Reading = PLAIN
-    output: Path | None = None
-    overwrite: bool = False
-
-
-def compare(request: CompareRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> Comparison:
-    """Compare two results, or a result and an observed outline; write map and table to `request.output`, if any.
+def compare(
+    first: PathLike,
+    second: PathLike,
+    reading: ReadingOptions | None = None,
+    *,
+    threshold: float = 0.1,
+    band: str | None = None,
+    line: PathLike | None = None,
+    dem: PathLike | None = None,
+    to_crs: str | None = None,
+    output: PathLike | None = None,
+    overwrite: bool = False,
+) -> Comparison:
+    """Compare two results, or a result and an observed outline; write map and table to `output`, if any.
 
     Area, runout and peaks of each side are computed on its own cells. Overlap and differences are computed on the cells
     of the finer side, extended over both footprints, with the other side's value at the cell centre.
 
     Parameters
     ----------
-    request : CompareRequest
-    progress : callable
-        Called with (steps done, steps in all).
+    first, second : path
+    reading : ReadingOptions, optional
+        Of another code's files; it may have further keys.
+    threshold : float [m, or the unit of the band]
+        Cells above it belong to the footprint.
+    band : str, optional
+        Band whose footprint is compared.
+    line : path, optional
+        File with the line along which runout is measured.
+    dem : path, optional
+        DTM, in `to_crs`.
+    to_crs : str, optional
+    output : path, optional
+    overwrite : bool
 
     Returns
     -------
@@ -61,31 +70,36 @@ def compare(request: CompareRequest, progress: Callable[[int, int], None] = lamb
     MpmgisError
         An input cannot be read or does not match, or the output exists; nothing is written then.
     """
-    if not (math.isfinite(request.threshold) and request.threshold >= 0):
-        raise InputError(f"`threshold` is {request.threshold:g}, expected a number of 0 or more")
-    output = _output(request)
-    require_useful_options(request)
-    sources = [open_side(path, request) for path in (request.first, request.second)]
-    footprints, pairs, joint = footprints_of(request, sources)
+    if not (math.isfinite(threshold) and threshold >= 0):
+        raise InputError(f"`threshold` is {threshold:g}, expected a number of 0 or more")
+    paths, how = (first, second), reading_of(reading or defaults_of(ReadingOptions))
+    if output is not None:
+        read = [path for path in (*paths, line, dem) if path is not None]
+        output = checked_output(output, FILES, overwrite, read)
+    require_useful_options(paths, how)
+    sources = [open_side(path, dem, how) for path in paths]
+    footprints, pairs, joint = footprints_of(paths, sources, threshold, band)
     bands = tuple(_band_facts(pair, sources, footprints, joint) for pair in pairs)
-    terrain = _terrain(request, sources, joint)
-    line, line_source = _line(request, footprints, terrain, joint)
-    sides = sides_of(footprints, sources, line, terrain, request.threshold)
+    terrain = _terrain(dem, to_crs, sources, joint)
+    vertices, line_source = _line(line, footprints, terrain, joint)
+    sides = sides_of(footprints, sources, vertices, terrain, threshold)
     masks = [footprint.on_joint for footprint in footprints]
     found = Comparison(
         sides=sides,
-        threshold=request.threshold,
+        threshold=threshold,
         unit=next(footprint.unit for footprint in footprints if footprint.band is not None),
         cell_size=joint.cell_size,
         overlap=comparison.overlap(*masks, joint.cell_area),
-        line=line,
+        line=vertices,
         line_source=line_source,
         bands=bands,
         distances=outline_distances(*(footprint.outline() for footprint in footprints), 0.5 * joint.cell_size),
     )
-    if line is not None:
+    if vertices is not None:
         _log_line_end(found)
-    return replace(found, files=_write(output, request, found, footprints, joint, terrain))
+    if output is None:
+        return found
+    return replace(found, files=write_answer(output, overwrite, _writers(found, footprints, joint, terrain)))
 
 
 def _band_facts(pair, sources, footprints, joint):
@@ -113,19 +127,19 @@ def _band_facts(pair, sources, footprints, joint):
     return BandFacts(pair, next((unit for unit in units if unit), ""), tuple(peaks), tuple(percentiles), gap)
 
 
-def _terrain(request, sources, joint):
-    """The DTM of the request, else of the first result with one; None without."""
-    path = request.dem or next((source.terrain for source in sources if source.terrain is not None), None)
+def _terrain(dem, to_crs, sources, joint):
+    """The given DTM, else of the first result with one; None without."""
+    path = dem or next((source.terrain for source in sources if source.terrain is not None), None)
     if path is None or isinstance(path, Terrain):
         return path
-    return terrain_of_rasters(path, joint.crs, to_crs=request.to_crs)
+    return terrain_of_rasters(path, joint.crs, to_crs=to_crs)
 
 
-def _line(request, footprints, terrain, joint):
+def _line(path, footprints, terrain, joint):
     """(vertices, description) of the line along which runout is measured; (None, reason) without `line` and DTM."""
     flowed = footprints[0].on_joint | footprints[1].on_joint
-    if request.line is not None:
-        return given_line(request.line, flowed, joint, terrain), str(request.line)
+    if path is not None:
+        return given_line(path, flowed, joint, terrain), str(path)
     if terrain is None:
         log.info("no DTM beside the results: runout needs `line`, or `dem` to find the path of the flow")
         return None, "none: no --line, no DTM"
@@ -146,18 +160,8 @@ def _log_line_end(found):
         log.info(f"{found.line_source} ends {beyond:.0f} m before the flow does; it is extended straight")
 
 
-def _output(request):
-    """The output path, checked before any work; None if nothing is to be written."""
-    if request.output is None:
-        return None
-    read = [path for path in (request.first, request.second, request.line, request.dem) if path is not None]
-    return checked_output(request.output, FILES, request.overwrite, read)
-
-
-def _write(output, request, found, footprints, joint, terrain):
-    """Write to `output`; the files written."""
-    if output is None:
-        return ()
+def _writers(found, footprints, joint, terrain):
+    """File name -> function of the path to write."""
     values = [None if footprint.band is None else footprint.weight for footprint in footprints]
     name = next(footprint.band for footprint in footprints if footprint.band is not None)
     band, masks = Quantity(name, found.unit, ""), [footprint.on_joint for footprint in footprints]
@@ -167,7 +171,7 @@ def _write(output, request, found, footprints, joint, terrain):
         lambda path: write_classes(path, joint, *masks, values, band),
         write_classes_style,
     )
-    return write_answer(request, output, dict(zip(FILES, writers, strict=True)))
+    return dict(zip(FILES, writers, strict=True))
 
 
 def _write_map(path: Path, found: Comparison, footprints: tuple, joint: Grid, terrain: Terrain | None) -> None:

@@ -1,20 +1,17 @@
 """Answer `mpmgis hydrograph`: volume and mass through a section over time."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
-
 import numpy as np
 import shapely
 
 from ..maps.averaging.frame_values import cells_of
-from ..maps.export.export_request import AnswerRequest
 from ..system.errors import InputError
-from ..system.messages import log
+from ..system.messages import Progress, log, unwatched
+from ..system.option import PathLike
 from ..system.parallel import frame_pool
 from ..terrain.observations import read_line
-from .answer_files import answer_output, write_answer
+from .answer_files import answer_output, with_files
 from .opened_results import ExportFlow, FrameFlow, open_flow
+from .question_options import Question
 from .section_flux import (
     RASTER_BANDS,
     Balance,
@@ -36,22 +33,17 @@ BEYOND = 2.0  # [diagonals of the raster] by which a section is extended at both
 METHODS = ("auto", "particles", "cells")
 
 
-@dataclass(frozen=True, kw_only=True)
-class HydrographRequest(AnswerRequest):
-    """A question about results; `mpmgis.commands` describes its options."""
-
-    section: Path
-    method: str = "auto"
-
-
 def hydrograph(
-    request: HydrographRequest, progress: Callable[[int, int], None] = lambda done, total: None
+    asked: Question, section: PathLike, method: str = "auto", progress: Progress = unwatched
 ) -> HydrographFound:
     """Compute volume and mass through a section over time, counted by particles where these have ids.
 
     Parameters
     ----------
-    request : HydrographRequest
+    asked : Question
+    section : path
+        File with a line across the flow.
+    method : {"auto", "particles", "cells"}
     progress : callable
         Called with (steps done, steps in all).
 
@@ -64,17 +56,17 @@ def hydrograph(
     MpmgisError
         Unreadable input, a section that crosses itself or is outside the raster, a single frame.
     """
-    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
-    flow = open_flow(request.results, output)
+    output = answer_output(asked, WORD, (PLOT_FILE, TABLE_FILE))
+    flow = open_flow(asked, output)
     if len(flow.times) < 2:
         raise InputError(f"{flow.name}: one frame, expected two or more: discharge is computed between frames")
-    section = _section(request.section, flow)
-    found = (_found if flow.entries else _found_in_rasters)(request, flow, section, progress)
-    writers = {
-        PLOT_FILE: lambda path: write_hydrograph_plot(path, found),
-        TABLE_FILE: lambda path: write_hydrograph_table(path, found),
-    }
-    return replace(found, files=write_answer(request, output, writers))
+    line = _section(section, flow)
+    if flow.entries:
+        found = _found(method, flow, line, section, progress)
+    else:
+        found = _found_in_rasters(method, flow, line, progress)
+    writers = {PLOT_FILE: write_hydrograph_plot, TABLE_FILE: write_hydrograph_table}
+    return with_files(found, output, asked["overwrite"], writers)
 
 
 def _section(path, flow):
@@ -96,7 +88,8 @@ def _entry_state(entry, averaging, section):
     return section_state(entry.read(averaging.density), averaging, section)
 
 
-def _found(request: HydrographRequest, flow: FrameFlow, section: np.ndarray, progress: Callable) -> HydrographFound:
+def _found(method: str, flow: FrameFlow, section: np.ndarray, path: PathLike, progress: Progress) -> HydrographFound:
+    """The HydrographFound of frames."""
     west, south, east, north = flow.grid.bounds
     whole = continued(section, BEYOND * float(np.hypot(east - west, north - south)))
     cells, crossed, beyond, before = [], [], [], None
@@ -104,27 +97,23 @@ def _found(request: HydrographRequest, flow: FrameFlow, section: np.ndarray, pro
         for state in pool.map(_entry_state, flow.entries, flow.averaging, section):
             cells.append(state.flux)
             if before is not None:
-                counted = None if request.method == "cells" else crossed_between(section, whole, before, state)
+                counted = None if method == "cells" else crossed_between(section, whole, before, state)
                 crossed.append(counted)
             if len(cells) in (1, len(flow.entries)):
                 beyond.append(mass_beyond(whole, state))
             before = state
             progress(len(cells), len(flow.entries))
-    _require_counted(request, flow, crossed)
+    _require_counted(method, flow, crossed)
     simple = shapely.LineString(whole).is_simple
     balance = _balance(crossed, beyond) if simple else None
     if not simple:
-        log.info(
-            f"{request.section}: extended straight it crosses itself, so that mass beyond it is not defined: no balance"
-        )
+        log.info(f"{path}: extended straight it crosses itself, so that mass beyond it is not defined: no balance")
     return _towards_more(flow, section, np.array(cells), crossed, balance)
 
 
-def _found_in_rasters(
-    request: HydrographRequest, flow: ExportFlow, section: np.ndarray, progress: Callable
-) -> HydrographFound:
+def _found_in_rasters(method: str, flow: ExportFlow, section: np.ndarray, progress: Progress) -> HydrographFound:
     """The HydrographFound of an export, by the flux of its cells."""
-    if request.method == "particles":
+    if method == "particles":
         raise InputError(f"`method=particles`: {flow.name} is an export without particles; give the frames")
     missing = [name for name in RASTER_BANDS if name not in flow.steps.bands]
     if missing or flow.density is None:
@@ -146,9 +135,9 @@ def _found_in_rasters(
     return _towards_more(flow, section, cells, [None] * (len(cells) - 1), None)
 
 
-def _require_counted(request, flow, crossed):
+def _require_counted(method, flow, crossed):
     missing = next((k for k, counted in enumerate(crossed) if counted is None), None)
-    if request.method == "particles" and missing is not None:
+    if method == "particles" and missing is not None:
         names = [flow.entries[k].path.name for k in (missing, missing + 1)]
         raise InputError(
             f"`method=particles`: {names[0]} and {names[1]} have no particles in common by id (none stored, an id "

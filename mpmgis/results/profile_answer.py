@@ -1,21 +1,20 @@
 """Answer `mpmgis profile`: the flow along a line."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
 
 from ..maps.averaging.frame_values import NOWHERE, cells_of, nearest_times
-from ..maps.export.export_request import AnswerRequest
 from ..system.errors import InputError
-from ..system.messages import log
+from ..system.messages import Progress, log, unwatched
+from ..system.option import PathLike
 from ..terrain.observations import read_line
-from .answer_files import answer_output, write_answer
+from .answer_files import answer_output, with_files
 from .flow_line import vertex_distances
 from .opened_results import ExportFlow, FrameFlow, open_flow
 from .profiles import PROFILE_PRODUCTS, ProfileFound, free_surface
+from .question_options import Question
 from .runout_measures import line_profile
 from .series_plots import write_profile_plot, write_rows
 
@@ -25,23 +24,25 @@ USUAL_TIMES = 5  # evenly spread over the results, if none are asked for
 MOST_PLACES = 200_000  # sample points on a line; more are a wrong `spacing`
 
 
-@dataclass(frozen=True, kw_only=True)
-class ProfileRequest(AnswerRequest):
-    """A question about results; `mpmgis.commands` describes its options."""
-
-    line: Path
-    at_times: tuple | None = None  # [s]
-    spacing: float | None = None  # [m]
-
-
-def profile(request: ProfileRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> ProfileFound:
+def profile(
+    asked: Question,
+    line: PathLike,
+    at_times: Sequence[float] | None = None,
+    spacing: float | None = None,
+    progress: Progress = unwatched,
+) -> ProfileFound:
     """Sample depth, thickness and velocities along a line, with terrain and free surface.
 
     Values are those of the cells that the line crosses.
 
     Parameters
     ----------
-    request : ProfileRequest
+    asked : Question
+    line : path
+    at_times : sequence of float, optional [s]
+        Default: five, evenly spread.
+    spacing : float, optional [m]
+        Of the sample points; default: the cell size.
     progress : callable
         Called with (steps done, steps in all).
 
@@ -54,35 +55,31 @@ def profile(request: ProfileRequest, progress: Callable[[int, int], None] = lamb
     MpmgisError
         Unreadable input, a line outside the raster, a time outside the results; nothing is written then.
     """
-    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
-    flow = open_flow(request.results, output)
-    line = read_line(request.line, flow.terrain.grid)
-    steps = chosen_steps(flow.times, request.at_times)
-    length = float(vertex_distances(line)[-1])
-    spacing = request.spacing or flow.grid.cell_size
+    output = answer_output(asked, WORD, (PLOT_FILE, TABLE_FILE))
+    flow = open_flow(asked, output)
+    path = read_line(line, flow.terrain.grid)
+    steps = chosen_steps(flow.times, at_times)
+    length = float(vertex_distances(path)[-1])
+    if spacing is not None and spacing > length:
+        raise InputError(
+            f"`spacing` is {spacing:g} m, expected at most the length of {line}, {length:.6g} m; give a smaller "
+            "`spacing`"
+        )
+    spacing = spacing or flow.grid.cell_size
     if length > MOST_PLACES * spacing:
         raise InputError(
-            f"{request.line}: {length:.6g} m with a spacing of {spacing:g} m make {length / spacing:.3g} sample "
+            f"{line}: {length:.6g} m with a spacing of {spacing:g} m make {length / spacing:.3g} sample "
             f"points, expected at most {MOST_PLACES}; give a larger `spacing`"
         )
-    if spacing > length and request.spacing is not None:
-        raise InputError(
-            f"`spacing` is {spacing:g} m, expected at most the length of {request.line}, {length:.6g} m; give a "
-            "smaller `spacing`"
-        )
-    along, x, y, elevation, _ = line_profile(line, flow.terrain, 0.0, length, spacing)
+    along, x, y, elevation, _ = line_profile(path, flow.terrain, 0.0, length, spacing)
     cells = cells_of(flow.grid, x, y)
-    _log_outside(request.line, flow, cells, line)
+    _log_outside(line, flow, cells, path)
     values = flow.at_cells(cells, PROFILE_PRODUCTS, steps, progress)
     surface = free_surface(flow.terrain, x, y, values["h"])
     found = ProfileFound(flow.name, along, x, y, elevation, flow.times[steps], surface, values)
     if not (values["h"] > 0).any():
-        log.info(f"{request.line}: no flow along it at these times")
-    writers = {
-        PLOT_FILE: lambda path: write_profile_plot(path, found),
-        TABLE_FILE: lambda path: write_rows(path, found),
-    }
-    return replace(found, files=write_answer(request, output, writers))
+        log.info(f"{line}: no flow along it at these times")
+    return with_files(found, output, asked["overwrite"], {PLOT_FILE: write_profile_plot, TABLE_FILE: write_rows})
 
 
 def chosen_steps(times: np.ndarray, requested: Sequence[float] | None) -> np.ndarray:
@@ -119,7 +116,7 @@ def chosen_steps(times: np.ndarray, requested: Sequence[float] | None) -> np.nda
     return nearest_times(times, requested)
 
 
-def _log_outside(path: Path, flow: FrameFlow | ExportFlow, cells: np.ndarray, line: np.ndarray) -> None:
+def _log_outside(path: PathLike, flow: FrameFlow | ExportFlow, cells: np.ndarray, line: np.ndarray) -> None:
     off = cells == NOWHERE
     if off.all():
         west, south, east, north = flow.grid.bounds

@@ -1,24 +1,21 @@
 """Answer `mpmgis runout`: runout, drop height and angles of a flow, along a given line or the centre line."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
-
 import numpy as np
 
 from ..frames.flow_end import FlowEnd
 from ..maps.averaging.frame_values import cells_of
-from ..maps.export.export_request import AnswerRequest
 from ..system.errors import InputError
-from ..system.messages import log
+from ..system.messages import Progress, log, unwatched
+from ..system.option import PathLike
 from ..system.parallel import frame_pool
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from ..terrain.observations import read_line
-from .answer_files import answer_output, write_answer
+from .answer_files import answer_output, with_files
 from .comparison import footprint
 from .flow_line import centre_line, distance_to_line
 from .opened_results import ExportFlow, FrameFlow, RasterFlow, open_flow, peaks_of, read_peaks
+from .question_options import Question
 from .runout_measures import (
     Place,
     RunoutFound,
@@ -40,12 +37,12 @@ STRAIGHT_OVER_ALONG = 1.5  # [1] straight distance over runout; a toe as far fro
 _MARGIN = 0.08  # [runouts] by which the profile goes beyond both ends
 
 
-def given_line(path: Path, flowed: np.ndarray, grid: Grid, terrain: Terrain | None) -> np.ndarray:
+def given_line(path: PathLike, flowed: np.ndarray, grid: Grid, terrain: Terrain | None) -> np.ndarray:
     """Return the line in the file `path`, from its upper end.
 
     Parameters
     ----------
-    path : Path
+    path : path
     flowed : bool[rows, columns]
         Cells of `grid` that the flow reached; the line must pass within two cells of one.
     grid : Grid
@@ -72,20 +69,18 @@ def given_line(path: Path, flowed: np.ndarray, grid: Grid, terrain: Terrain | No
     return line
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunoutRequest(AnswerRequest):
-    """A question about results; `mpmgis.commands` describes its options."""
-
-    line: Path | None = None
-    threshold: float = 0.1  # [m]
-
-
-def runout(request: RunoutRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> RunoutFound:
+def runout(
+    asked: Question, line: PathLike | None = None, threshold: float = 0.1, progress: Progress = unwatched
+) -> RunoutFound:
     """Find runout, drop, angles of the energy line and of the centre of mass; write the figures.
 
     Parameters
     ----------
-    request : RunoutRequest
+    asked : Question
+    line : path, optional
+        File with the path of the flow; default: the centre line of the flow.
+    threshold : float [m]
+        Least depth of a reached cell.
     progress : callable
         Called with (frames done, frames in all).
 
@@ -98,33 +93,40 @@ def runout(request: RunoutRequest, progress: Callable[[int, int], None] = lambda
     MpmgisError
         Unreadable input, or a flow that reached no cell; nothing is written then.
     """
-    output = answer_output(request, WORD, FILES)
-    flow = open_flow(request.results, output, peaks_do=True)
-    peaks = peaks_of(request.results, progress)
+    output = answer_output(asked, WORD, FILES)
+    flow = open_flow(asked, output, peaks_do=True)
+    peaks = peaks_of(asked, progress)
     bands, grid = read_peaks(peaks, RUNOUT_BANDS)
-    found = found_runout(request, flow, bands, grid, peaks.end)
-    return replace(found, files=_write(request, output, found))
+    found = found_runout(flow, bands, grid, peaks.end, line, threshold)
+    writers = {PLOT_FILE: write_runout_plot, FIGURES_FILE: write_figures, TIME_FILE: write_over_time}
+    if not found.states:
+        del writers[TIME_FILE]
+    return with_files(found, output, asked["overwrite"], {**writers, PROFILE_FILE: write_profile})
 
 
 def found_runout(
-    request: RunoutRequest,
     flow: FrameFlow | ExportFlow | RasterFlow,
     bands: dict[str, np.ndarray],
     grid: Grid,
-    end: FlowEnd | None = None,
+    end: FlowEnd | None,
+    line: PathLike | None,
+    threshold: float,
 ) -> RunoutFound:
     """Return the RunoutFound of largest and last depths, without files.
 
     Parameters
     ----------
-    request : RunoutRequest
     flow : FrameFlow, ExportFlow or RasterFlow
     bands : dict of str to float[rows, columns] [m]
         `h_max` and, if known, `h_deposit` of a flow that came to rest, `h_last` of another.
     grid : Grid
         Of the bands.
-    end : FlowEnd, optional
+    end : FlowEnd or None
         State of the flow in its last step.
+    line : path or None
+        File with the path of the flow; None: the centre line of the flow.
+    threshold : float [m]
+        Least depth of a reached cell.
 
     Returns
     -------
@@ -142,22 +144,20 @@ def found_runout(
     last = bands.get("h_last", deposit)
     if end is not None and not end.came_to_rest:
         log.info(f"{flow.name}: the flow did not come to rest ({end.words()}); its runout can grow, and has no deposit")
-    mask = footprint(depth, request.threshold)
+    mask = footprint(depth, threshold)
     if not mask.any():
-        raise InputError(
-            f"{flow.name}: no cell was ever deeper than `threshold={request.threshold:g}` m; give a lower one"
-        )
-    _require_moved(request, flow, mask)
+        raise InputError(f"{flow.name}: no cell was ever deeper than `threshold={threshold:g}` m; give a lower one")
+    _require_moved(threshold, flow, mask)
     elevation = heights_under(mask, grid, flow.terrain)
     if not np.isfinite(elevation).any():
         raise InputError(
             f"{flow.terrain.path} has no elevations under the flow; give the DTM of the results with `dem`"
         )
-    line, source = _line(request, flow, mask, depth, elevation, grid)
-    top, toe = ends_along(mask, elevation, grid, line)
-    lying = footprint(deposit, request.threshold)
+    vertices, source = _line(line, flow, mask, depth, elevation, grid)
+    top, toe = ends_along(mask, elevation, grid, vertices)
+    lying = footprint(deposit, threshold)
     spacing = 0.5 * min(grid.cell_size, flow.terrain.grid.cell_size)
-    reached = energy_line(top, toe, line, flow.terrain, spacing)
+    reached = energy_line(top, toe, vertices, flow.terrain, spacing)
     if reached is None:
         raise InputError(
             f"{flow.name}: the flow does not move beyond its highest point along {source}; give another `line`"
@@ -167,21 +167,23 @@ def found_runout(
             f"{source}: the flow's toe is {reached.straight:.0f} m from its top, but only {reached.length:.0f} m "
             "along the line, which does not follow the flow; give another `line`"
         )
-    states = _states(flow, line)
+    states = _states(flow, vertices)
     return RunoutFound(
         name=flow.name,
-        threshold=request.threshold,
-        line=line,
+        threshold=threshold,
+        line=vertices,
         line_source=source,
         flow=reached,
-        deposit=energy_line(top, farthest_place(lying & mask, elevation, grid, line), line, flow.terrain, spacing),
+        deposit=energy_line(
+            top, farthest_place(lying & mask, elevation, grid, vertices), vertices, flow.terrain, spacing
+        ),
         states=states,
-        farthest_mass=_farthest_mass(states, line, flow.terrain),
-        profile=_profile(reached, line, flow.terrain, spacing, depth, last, grid),
+        farthest_mass=_farthest_mass(states, vertices, flow.terrain),
+        profile=_profile(reached, vertices, flow.terrain, spacing, depth, last, grid),
     )
 
 
-def _require_moved(request, flow, mask):
+def _require_moved(threshold, flow, mask):
     """Refuse a flow that was in all cells of `mask` in its first step: the line would be that of the release's slope.
 
     A first step after t = 0 can be anywhere in the flow, and proves nothing.
@@ -189,15 +191,15 @@ def _require_moved(request, flow, mask):
     if not len(flow.times) or flow.times[0] > 0:
         return
     first = flow.at_cells(np.flatnonzero(mask), ("h",), (0,))["h"][0]
-    if (np.nan_to_num(first) >= request.threshold).all():
+    if (np.nan_to_num(first) >= threshold).all():
         raise InputError(
             f"{flow.name}: the flow did not move: all cells that were ever deeper than `threshold="
-            f"{request.threshold:g}` m were so in its first step; there is no runout and no angle"
+            f"{threshold:g}` m were so in its first step; there is no runout and no angle"
         )
 
 
 def _line(
-    request: RunoutRequest,
+    path: PathLike | None,
     flow: FrameFlow | ExportFlow | RasterFlow,
     mask: np.ndarray,
     depth: np.ndarray,
@@ -205,8 +207,8 @@ def _line(
     grid: Grid,
 ) -> tuple[np.ndarray, str]:
     """(vertices, description) of the line along which runout is measured."""
-    if request.line is not None:
-        return given_line(request.line, mask, grid, flow.terrain), str(request.line)
+    if path is not None:
+        return given_line(path, mask, grid, flow.terrain), str(path)
     line = centre_line([mask], [depth], elevation, grid)
     if line is None:
         raise InputError(
@@ -246,15 +248,3 @@ def _profile(reached, line, terrain, spacing, depth, last, grid):
     cells = cells_of(grid, x, y)
     values = [np.where(cells >= 0, band.reshape(-1)[np.maximum(cells, 0)], np.nan) for band in (depth, last)]
     return (along, ground, x, y, elevation, falling, *values)
-
-
-def _write(request: RunoutRequest, output: Path, found: RunoutFound) -> tuple[Path, ...]:
-    writers = {
-        PLOT_FILE: lambda path: write_runout_plot(path, found),
-        FIGURES_FILE: lambda path: write_figures(path, found),
-        TIME_FILE: lambda path: write_over_time(path, found),
-        PROFILE_FILE: lambda path: write_profile(path, found),
-    }
-    if not found.states:
-        del writers[TIME_FILE]
-    return write_answer(request, output, writers)

@@ -1,40 +1,38 @@
 """Answer `mpmgis timeseries`: the flow at points over time."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 
-from ..maps.export.export_request import AnswerRequest
 from ..system.errors import InputError
-from ..system.messages import log
+from ..system.messages import Progress, log, unwatched
+from ..system.option import PathLike
 from ..terrain.observations import read_points
-from .answer_files import answer_output, write_answer
+from .answer_files import answer_output, with_files
 from .opened_results import ExportFlow, FrameFlow, open_flow, require_on_grid
 from .profiles import SERIES_PRODUCTS, SeriesFound
+from .question_options import Question
 from .series_plots import write_rows, write_series_plot
 
 PLOT_FILE, TABLE_FILE = "timeseries.png", "timeseries.csv"
 WORD = "timeseries"  # end of the name of the default output folder
 
 
-@dataclass(frozen=True, kw_only=True)
-class TimeseriesRequest(AnswerRequest):
-    """A question about results; `mpmgis.commands` describes its options."""
-
-    points: Path | None = None
-    at: tuple = ()  # (E, N) [m]
-
-
 def timeseries(
-    request: TimeseriesRequest, progress: Callable[[int, int], None] = lambda done, total: None
+    asked: Question,
+    points: PathLike | None = None,
+    at: Sequence[tuple[float, ...]] = (),
+    progress: Progress = unwatched,
 ) -> SeriesFound:
     """Sample depth, thickness, velocities and impact pressure over time, in the cells of points.
 
     Parameters
     ----------
-    request : TimeseriesRequest
+    asked : Question
+    points : path, optional
+        File of points.
+    at : sequence of (float, float) [m]
+        More points, (E, N).
     progress : callable
         Called with (steps done, steps in all).
 
@@ -47,14 +45,13 @@ def timeseries(
     MpmgisError
         Unreadable input, no point, a point outside the raster; nothing is written then.
     """
-    output = answer_output(request, WORD, (PLOT_FILE, TABLE_FILE))
-    flow = open_flow(request.results, output)
-    names, x, y = given_points(request.points, request.at, flow)
+    output = answer_output(asked, WORD, (PLOT_FILE, TABLE_FILE))
+    flow = open_flow(asked, output)
+    names, x, y = given_points(points, at, flow)
     cells = require_on_grid(flow, x, y, names, "point")
     values = flow.at_cells(cells, _products(flow), range(len(flow.times)), progress)
     found = SeriesFound(flow.name, names, x, y, flow.times, values)
-    writers = {PLOT_FILE: lambda path: write_series_plot(path, found), TABLE_FILE: lambda path: write_rows(path, found)}
-    return replace(found, files=write_answer(request, output, writers))
+    return with_files(found, output, asked["overwrite"], {PLOT_FILE: write_series_plot, TABLE_FILE: write_rows})
 
 
 def _products(flow):
@@ -71,13 +68,13 @@ def _products(flow):
 
 
 def given_points(
-    path: Path | None, places: Sequence, flow: FrameFlow | ExportFlow
+    path: PathLike | None, places: Sequence, flow: FrameFlow | ExportFlow
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """Return the points in a file, and those given as (E, N).
 
     Parameters
     ----------
-    path : Path or None
+    path : path or None
     places : sequence of (float, float) [m]
     flow : FrameFlow or ExportFlow
         Its terrain gives the CRS.

@@ -1,19 +1,19 @@
 """Answer `mpmgis vertical`: profiles of 3D frames over the height above the bed, at points."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..maps.export.export_request import AnswerRequest
 from ..system.errors import InputError
-from ..system.messages import log
+from ..system.messages import Progress, log, unwatched
+from ..system.option import PathLike
 from ..system.parallel import frame_pool
-from .answer_files import answer_output, write_answer
+from .answer_files import answer_output, with_files
 from .opened_results import open_frames, require_on_grid
 from .profile_answer import chosen_steps
 from .profiles import MOST_LAYERS, VerticalFound, corners_of, usual_sizes, vertical_profiles
+from .question_options import FrameQuestion
 from .timeseries_answer import given_points
 from .vertical_plots import write_loads, write_profiles, write_vertical_plot
 
@@ -21,25 +21,28 @@ PLOT_FILE, PROFILE_FILE, LOAD_FILE = "vertical.png", "vertical.csv", "loads.csv"
 WORD = "vertical"  # end of the name of the default output folder
 
 
-@dataclass(frozen=True, kw_only=True)
-class VerticalRequest(AnswerRequest):
-    """A question about results; `mpmgis.commands` describes its options."""
-
-    points: Path | None = None
-    at: tuple = ()  # (E, N) [m]
-    at_times: tuple | None = None  # [s]
-    width: float | None = None  # [m]
-    layer: float | None = None  # [m]
-
-
 def vertical(
-    request: VerticalRequest, progress: Callable[[int, int], None] = lambda done, total: None
+    asked: FrameQuestion,
+    points: PathLike | None = None,
+    at: Sequence[tuple[float, ...]] = (),
+    at_times: Sequence[float] | None = None,
+    width: float | None = None,
+    layer: float | None = None,
+    progress: Progress = unwatched,
 ) -> VerticalFound:
     """Compute density, velocities and pressure over the height above the bed, in cells around points.
 
     Parameters
     ----------
-    request : VerticalRequest
+    asked : FrameQuestion
+    points : path, optional
+        File of points.
+    at : sequence of (float, float) [m]
+        More points, (E, N).
+    at_times : sequence of float, optional [s]
+        Default: five, evenly spread.
+    width, layer : float, optional [m]
+        Of the cells, and of the layers in them; default: from the grid of the code.
     progress : callable
         Called with (frames done, frames in all).
 
@@ -53,31 +56,27 @@ def vertical(
         Depth-averaged frames, unreadable input, a point outside the raster; nothing is written then.
     """
     files = (PLOT_FILE, PROFILE_FILE, LOAD_FILE)
-    output = answer_output(request, WORD, files)
-    flow = _of_points(open_frames(request.results, output, "it has no values over the depth"))
-    names, x, y = given_points(request.points, request.at, flow)
+    output = answer_output(asked, WORD, files)
+    flow = _of_points(open_frames(asked, output, "it has no values over the depth"))
+    names, x, y = given_points(points, at, flow)
     require_on_grid(flow, x, y, names, "point")
-    steps = chosen_steps(flow.times, request.at_times)
+    steps = chosen_steps(flow.times, at_times)
     first = flow.entries[steps[0]].read(flow.averaging.density)
-    usual_width, usual_layer = usual_sizes(first)
-    width, layer = request.width or usual_width, request.layer or usual_layer
+    usual, given = usual_sizes(first), (width, layer)
+    width, layer = width or usual[0], layer or usual[1]
     require_on_grid(flow, *corners_of(x, y, width), np.repeat(names, 4), f"the cell of {width:.3g} m around point")
-    if request.layer is None or request.width is None:
+    if None in given:
         log.info(f"cells of {width:.3g} m, layers of {layer:.3g} m, from the grid of the code (`width`, `layer`)")
-    points, profiles = np.stack([x, y], axis=1), []
+    places, profiles = np.stack([x, y], axis=1), []
     with frame_pool() as pool:
         entries = [flow.entries[step] for step in steps]
-        for found in pool.map(_entry_profiles, entries, flow.averaging, points, width, layer):
-            profiles.append(found)
+        for one in pool.map(_entry_profiles, entries, flow.averaging, places, width, layer):
+            profiles.append(one)
             progress(len(profiles), len(entries))
     found = VerticalFound(flow.name, names, x, y, width, tuple(zip(*profiles, strict=True)))
     _log_empty(found)
-    writers = {
-        PLOT_FILE: lambda path: write_vertical_plot(path, found),
-        PROFILE_FILE: lambda path: write_profiles(path, found),
-        LOAD_FILE: lambda path: write_loads(path, found),
-    }
-    return replace(found, files=write_answer(request, output, writers))
+    writers = {PLOT_FILE: write_vertical_plot, PROFILE_FILE: write_profiles, LOAD_FILE: write_loads}
+    return with_files(found, output, asked["overwrite"], writers)
 
 
 def _of_points(flow):

@@ -1,6 +1,5 @@
 """Answer `mpmgis intensity`: classes of a named guideline on a map."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,15 +8,16 @@ import numpy as np
 from ... import __version__
 from ...frames.run_terrain import terrain_of_rasters
 from ...maps.averaging.result_bands import Result
-from ...maps.export.export_request import AnswerRequest
 from ...system.errors import InputError
-from ...system.messages import log
+from ...system.messages import Progress, log, unwatched
+from ...system.option import PathLike
 from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
 from ..answer_files import answer_output, write_answer
 from ..building_layer import write_buildings
 from ..building_loads import building_loads
 from ..opened_results import peaks_of, read_peaks
+from ..question_options import Question
 from .guideline_classes import Guideline, class_areas, classify, without_value
 from .guideline_files import choose_guideline
 from .intensity_files import write_class_polygons, write_class_raster, write_class_style, write_class_table
@@ -36,16 +36,6 @@ _FIXES = {  # by missing band
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class IntensityRequest(AnswerRequest):
-    """A question about results; `mpmgis.commands` describes its options."""
-
-    guideline: str
-    guidelines: Path | None = None
-    buildings: Path | None = None
-    drag: float = 2.0  # [1] C_d
-
-
 @dataclass(frozen=True)
 class IntensityFound:
     """The result's `name`, the `guideline`, plan `areas` float64[classes] [m2], and the `files`."""
@@ -57,13 +47,24 @@ class IntensityFound:
 
 
 def intensity(
-    request: IntensityRequest, progress: Callable[[int, int], None] = lambda done, total: None
+    asked: Question,
+    guideline: str,
+    guidelines: PathLike | None = None,
+    buildings: PathLike | None = None,
+    drag: float = 2.0,
+    progress: Progress = unwatched,
 ) -> IntensityFound:
     """Classify the largest values of each cell; write raster, polygons and areas.
 
     Parameters
     ----------
-    request : IntensityRequest
+    asked : Question
+    guideline : str
+        Its name.
+    guidelines, buildings : path, optional
+        Files of the user's guidelines, and of polygons of buildings.
+    drag : float [1]
+        C_d of the dynamic pressure on buildings.
     progress : callable
         Called with (steps done, steps in all).
 
@@ -76,34 +77,33 @@ def intensity(
     MpmgisError
         An unknown guideline, unreadable input, or a flow that reached no cell; nothing is written then.
     """
-    guideline = choose_guideline(request.guideline, request.guidelines)
-    output = answer_output(request, WORD, FILES)
-    _require_folder(request, output)
-    of_rasters = ("density",) if "p_max" in guideline.bands else ()
-    result = peaks_of(request.results, progress, ("min_depth",), of_rasters)
-    bands, grid = bands_of(result, guideline, request.results.source.density)
-    reached = np.nan_to_num(bands["h_max"]) >= request.results.averaging.min_depth
+    chosen = choose_guideline(guideline, guidelines)
+    output = answer_output(asked, WORD, FILES)
+    _require_folder(buildings, output)
+    of_rasters = ("density",) if "p_max" in chosen.bands else ()
+    result = peaks_of(asked, progress, ("min_depth",), of_rasters)
+    bands, grid = bands_of(result, chosen, asked["density"])
+    least = asked["min_depth"]
+    reached = np.nan_to_num(bands["h_max"]) >= least
     if not reached.any():
-        least = request.results.averaging.min_depth
         raise InputError(f"{result.name}: no cell was ever {least:g} m deep; give a smaller `min_depth`")
-    numbers = classify(guideline, bands, reached)
-    _log_gaps(result, guideline, np.count_nonzero(without_value(guideline, bands, reached)))
-    areas = class_areas(guideline, numbers, grid.cell_area)
-    tags = {"version": __version__, "result": result.name, "min_depth": f"{request.results.averaging.min_depth:g}"}
+    numbers = classify(chosen, bands, reached)
+    _log_gaps(result, chosen, np.count_nonzero(without_value(chosen, bands, reached)))
+    areas = class_areas(chosen, numbers, grid.cell_area)
+    tags = {"version": __version__, "result": result.name, "min_depth": f"{least:g}"}
     writers = {
-        RASTER_FILE: lambda path: write_class_raster(path, grid, numbers, guideline, tags),
-        STYLE_FILE: lambda path: write_class_style(path, guideline),
-        POLYGON_FILE: lambda path: write_class_polygons(path, grid, numbers, guideline, areas),
-        TABLE_FILE: lambda path: write_class_table(path, guideline, areas),
+        RASTER_FILE: lambda path: write_class_raster(path, grid, numbers, chosen, tags),
+        STYLE_FILE: lambda path: write_class_style(path, chosen),
+        POLYGON_FILE: lambda path: write_class_polygons(path, grid, numbers, chosen, areas),
+        TABLE_FILE: lambda path: write_class_table(path, chosen, areas),
     }
-    terrain = _terrain(request, result, grid, output)
+    terrain = _terrain(asked, result, grid, output)
     if terrain is not None:
-        writers[MAP_FILE] = lambda path: write_class_map(path, terrain, grid, numbers, guideline, areas, result.name)
-    if request.buildings is not None:
-        least = request.results.averaging.min_depth
-        loaded = building_loads(request.results, request.buildings, request.drag, least, output)
+        writers[MAP_FILE] = lambda path: write_class_map(path, terrain, grid, numbers, chosen, areas, result.name)
+    if buildings is not None:
+        loaded = building_loads(asked, buildings, drag, output)
         writers[BUILDING_FILE] = lambda path: write_buildings(path, *loaded)
-    return IntensityFound(result.name, guideline, areas, write_answer(request, output, writers))
+    return IntensityFound(result.name, chosen, areas, write_answer(output, asked["overwrite"], writers))
 
 
 def _log_gaps(result: Result, guideline: Guideline, cells: int) -> None:
@@ -115,19 +115,19 @@ def _log_gaps(result: Result, guideline: Guideline, cells: int) -> None:
         )
 
 
-def _require_folder(request, output):
+def _require_folder(buildings, output):
     """Refuse buildings where -o is one file, which would not be theirs."""
-    if request.buildings is not None and output.suffix.lower() in {Path(name).suffix for name in FILES}:
+    if buildings is not None and output.suffix.lower() in {Path(name).suffix for name in FILES}:
         raise InputError(f"`output={output}` is one file, and `buildings` adds {BUILDING_FILE}; give a folder")
 
 
-def _terrain(request: IntensityRequest, result: Result, grid: Grid, output: Path) -> Terrain | None:
+def _terrain(asked: Question, result: Result, grid: Grid, output: Path) -> Terrain | None:
     """The Terrain of the map; None where no DTM is known, which leaves the map out."""
     if isinstance(result.terrain, Terrain):
         return result.terrain
-    path = request.results.source.dem or result.terrain
+    path = asked["dem"] or result.terrain
     if path is not None:
-        return terrain_of_rasters(path, grid.crs, request.results.source.dem_band)
+        return terrain_of_rasters(path, grid.crs, asked["dem_band"])
     if output.suffix.lower() == Path(MAP_FILE).suffix:
         raise InputError(f"{result.name}: no DTM is known, which {output.name} needs; give it with `dem`")
     log.info(f"{result.name}: no DTM is known, so there is no {MAP_FILE}; give it with `dem`")
