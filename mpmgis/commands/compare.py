@@ -11,7 +11,7 @@ from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
 if TYPE_CHECKING:
-    from ..results.comparison_values import Comparison
+    from ..results.comparison_answer import Comparison
 
 
 class CompareOptions(OverwriteOptions, ReadingOptions, MetricTerrainOptions, total=False):

@@ -12,7 +12,7 @@ from .verb_calls import Results, complete, python_words, several
 if TYPE_CHECKING:
     import xarray
 
-    from ..results.section_flux import HydrographFound
+    from ..results.hydrograph_answer import HydrographFound
 
 
 class HydrographSection(TypedDict, total=False):

@@ -12,7 +12,7 @@ from .verb_calls import Results, complete, python_words, several
 if TYPE_CHECKING:
     import xarray
 
-    from ..results.profiles import ProfileFound
+    from ..results.profile_answer import ProfileFound
 
 
 class ProfileLine(TypedDict, total=False):

@@ -10,7 +10,7 @@ from .verb import Form, Verb
 from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
-    from ..results.runout_measures import RunoutFound
+    from ..results.runout_answer import RunoutFound
 
 
 class RunoutOptions(QuestionOptions, total=False):

@@ -12,7 +12,7 @@ from .verb_calls import Results, complete, python_words, several
 if TYPE_CHECKING:
     import xarray
 
-    from ..results.profiles import SeriesFound
+    from ..results.timeseries_answer import SeriesFound
 
 
 class TimeseriesOptions(QuestionOptions, total=False):

@@ -12,7 +12,7 @@ from .verb_calls import Results, complete, python_words, several
 if TYPE_CHECKING:
     import xarray
 
-    from ..results.profiles import VerticalFound
+    from ..results.vertical_answer import VerticalFound
 
 
 class VerticalOptions(FrameQuestionOptions, total=False):

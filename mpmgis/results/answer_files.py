@@ -1,5 +1,6 @@
 """Write the answer of a verb about results: a folder of files, or one file chosen by the suffix of -o."""
 
+import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -7,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..system.csv_rows import write_columns
 from ..system.errors import InputError, OutputError
 from ..system.links import is_above
 from ..system.whole_files import refuse_existing, whole_folder
@@ -106,6 +108,38 @@ def write_answer(output: Path, overwrite: bool, writers: dict[str, Callable[[Pat
         for name, write in writers.items():
             write(folder / name)
     return tuple(output / name for name in writers)
+
+
+def write_rows(path: Path, found: Any) -> None:
+    """Write the rows of an answer as CSV.
+
+    Parameters
+    ----------
+    path : Path
+    found : object
+        With `columns()`, (name, unit) of each, and `rows()`.
+    """
+    write_columns(path, found.columns(), found.rows())
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a number for JSON; None where it is not finite.
+
+    Parameters
+    ----------
+    value : float
+    """
+    return value if math.isfinite(value) else None
+
+
+def four_digits(value: float) -> str:
+    """Return a number with four digits as text; a dash where it is not finite.
+
+    Parameters
+    ----------
+    value : float
+    """
+    return f"{value:.4g}" if math.isfinite(value) else "-"
 
 
 def with_files(found: Found, output: Path, overwrite: bool, writers: dict[str, Callable[[Path, Found], Any]]) -> Found:

@@ -25,16 +25,55 @@ from ..terrain.grid import Grid
 from ..terrain.observations import cells_within, read_outline
 from ..terrain.spatial_inputs import is_raster
 from . import comparison, flow_line
-from .comparison_values import Side
+from .answer_files import finite_or_none
+from .flow_line import Runout, ends_along, heights_under
 from .opened_results import peaks_of
 from .question_options import QuestionOptions, ReadingOptions
-from .runout_measures import ends_along, heights_under
 
 Paths = tuple[PathLike, PathLike]
 OUTLINE = "outline"  # kind of a side that is no result
 HEIGHT_DIFFERENCE = "dz"  # the band of a difference of DEMs
 DEPOSITED = ("h_deposit", "t_vol_deposit")  # bands that are compared with a difference of DEMs
 PEAK_THICKNESS = ("pft", "h_max")  # bands whose highest cell is the start of a flow
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two results: `name`, `kind`, `band` of its footprint (None: an outline), `area` [m2].
+
+    `farthest` (Runout or None) is measured from the start of the line. The runout is measured from `top` [m], the
+    distance along the line of the highest point of the flow (NaN: unknown).
+    """
+
+    name: str
+    kind: str
+    band: str | None
+    area: float
+    farthest: Runout | None = None
+    top: float = math.nan
+
+    @property
+    def farthest_along(self) -> float:
+        """Distance [m] along the line from its start to the farthest point; NaN without one."""
+        return math.nan if self.farthest is None else self.farthest.distance
+
+    @property
+    def runout(self) -> float:
+        """Distance [m] along the line from the highest to the farthest point of the flow; NaN if unknown."""
+        return self.farthest_along - self.top
+
+    def facts(self) -> dict:
+        """Return the side as plain numbers and strings."""
+        place = None if self.farthest is None else [self.farthest.x, self.farthest.y]
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "band": self.band,
+            "area_m2": self.area,
+            "runout_m": finite_or_none(self.runout),
+            "runout_at": place,
+            "farthest_along_line_m": finite_or_none(self.farthest_along),
+        }
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from ...system.whole_files import refuse_existing, whole_file
 from ..verb import Verb, module_of, verb_of
 from ..verb_calls import complete, request, workflow_of
 from . import terminal
-from .answer_text import lines_of
 from .parser import values_of
 from .progress import frame_progress
 
@@ -105,7 +104,8 @@ def _call_and_print(verb: Verb, values: dict, arguments: argparse.Namespace) -> 
     elif isinstance(found, (list, tuple)):
         terminal.list_files(found, arguments)
     else:
-        print("\n".join(lines_of(verb.name, found, values)))
+        lines = found.lines() if hasattr(found, "lines") else []
+        print("\n".join([*lines, *([] if verb.name == "compare" else map(str, found.files))]))
     if verb.name == "export-raster" and values["qgis"]:
         terminal.note(f"open {found[0]} in QGIS (double-click), then press play in the Temporal Controller")
 

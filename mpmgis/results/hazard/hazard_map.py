@@ -10,6 +10,7 @@ import shapely
 
 from ... import __version__
 from ...frames.run_terrain import dtm_name, terrain_of_rasters
+from ...laws.quantities import SQUARE_METRES_PER_HECTARE
 from ...system.errors import InputError
 from ...system.messages import Progress, log, unwatched
 from ...terrain.elevation import Terrain
@@ -67,6 +68,23 @@ class HazardFound:
     areas: np.ndarray
     not_assessed: float
     files: tuple
+
+    def lines(self) -> list[str]:
+        """Return lines of text for a terminal."""
+        matrix = self.matrix
+        lines = [
+            f"{matrix.title or matrix.name}",
+            f"by {matrix.source}",
+            *([f"({matrix.note})"] if matrix.note else []),
+        ]
+        width = max(len(level.name) for level in matrix.levels) + 2
+        for level, area in zip(matrix.levels, self.areas, strict=True):
+            lines.append(f"{level.name:<{width}}{area / SQUARE_METRES_PER_HECTARE:>10.2f} ha   {level.meaning}")
+        if self.not_assessed:
+            lines.append(f"not assessed, no data: {self.not_assessed / SQUARE_METRES_PER_HECTARE:.2f} ha")
+        if matrix.is_unread:
+            lines.append("numbers of this matrix are not verified in the document in part; check them there")
+        return lines
 
 
 def hazard_map(request: Any, progress: Progress = unwatched) -> HazardFound:

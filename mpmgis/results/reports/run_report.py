@@ -23,8 +23,7 @@ from ..comparison import footprint, high_percentile, peak
 from ..hazard.hazard_map import HazardFound, HazardOptions, hazard_map
 from ..opened_results import ExportFlow, open_flow, peaks_of, read_peaks
 from ..question_options import Question
-from ..runout_answer import found_runout
-from ..runout_plots import write_runout_plot
+from ..runout_answer import found_runout, write_runout_plot
 from .html_page import Lines, Picture, Source, Table, figure_rows, section, write_report
 from .report_pages import Gathered, barrier_sections, places_section
 
