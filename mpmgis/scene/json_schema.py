@@ -95,7 +95,7 @@ def _key(f: Any) -> Schema:
 def _of_kind(kind: Any, f: Any) -> Schema:
     checks, entries = f.metadata, f.metadata["entries"]
     if kind is list:
-        limits = {"minItems": 1} if entries.count is None else {"minItems": entries.count, "maxItems": entries.count}
+        limits = {"minItems": 1} if entries.length is None else {"minItems": entries.length, "maxItems": entries.length}
         return {"type": "array", "items": {"type": _TYPES[entries.kind]}, **limits}
     if kind is dict and not entries.names:
         return {"type": "object", "additionalProperties": {"type": _TYPES[entries.kind]}}

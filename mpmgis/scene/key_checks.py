@@ -226,7 +226,7 @@ def _require_entries(entries, value, where):
     if not entries.words:
         return
     given = value.values() if isinstance(value, dict) else value
-    of_length = isinstance(value, dict) or len(value) == (entries.count or len(value)) > 0
+    of_length = isinstance(value, dict) or len(value) == (entries.length or len(value)) > 0
     if not of_length or not all(_is_entry(one, entries) for one in given):
         raise SceneError(f"{where} = {shown(value)}, expected {entries.words}")
 

@@ -4,7 +4,7 @@ A table that is present is an effect in the scene; unknown tables and keys are e
 """
 
 from dataclasses import MISSING, Field, dataclass, field, fields
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 from ..laws import curvature, entrainment, friction, ground_metric
 from ..terrain.mask_values import THICKEST
@@ -24,7 +24,7 @@ class Entries(NamedTuple):
 
     kind: type | tuple[type, ...]
     words: str = ""  # what is expected, for messages
-    count: int | None = None  # length of a list; None: any from 1
+    length: int | None = None  # of a list; None: any from 1
     largest: float | None = None  # absolute value of a number
     names: tuple[str, ...] = ()  # of the entries of a table; (): any
 
@@ -70,7 +70,11 @@ def _key(doc: str, default: Any = MISSING, kind: type | tuple[type, ...] = float
     return field(default=default, metadata=metadata) if default is not MISSING else field(metadata=metadata)
 
 
-_OF_CODE = {"of_code": True, "needs": "particles", "solver": "points"}  # a key for particles of another code
+_OF_CODE: dict[str, Any] = {
+    "of_code": True,
+    "needs": "particles",
+    "solver": "points",
+}  # a key for particles of another code
 
 
 @dataclass(frozen=True)
@@ -728,7 +732,7 @@ class StageTable(Table):
         return None if self.reach in (WALLS, CLIFF) else self.reach
 
 
-TABLES = {
+TABLES: dict[str, type[Table]] = {
     "terrain": TerrainTable,
     "release": ReleaseTable,
     "hydrograph": HydrographTable,
@@ -752,7 +756,7 @@ TABLES = {
 LISTED = tuple(name for name, kind in TABLES.items() if kind.rule.listed)
 
 
-def keys_of(kind: type[Table]) -> dict[str, Field]:
+def keys_of(kind: type[Table]) -> dict[str, Field[Any]]:
     """Return the keys of a table by name; the metadata of each are its checks and words.
 
     Parameters
@@ -760,10 +764,10 @@ def keys_of(kind: type[Table]) -> dict[str, Field]:
     kind : type
         Class of the table.
     """
-    return {f.name: f for f in fields(kind) if "kind" in f.metadata}
+    return {f.name: f for f in fields(cast("Any", kind)) if "kind" in f.metadata}
 
 
-def laws_of(kind: type[Table]) -> dict[str, tuple] | None:
+def laws_of(kind: type[Table]) -> dict[str, tuple[Any, Any]] | None:
     """Return the laws that a table chooses from: name -> (law, parameters); None where it has one law.
 
     Parameters
@@ -771,7 +775,7 @@ def laws_of(kind: type[Table]) -> dict[str, tuple] | None:
     kind : type
         Class of the table.
     """
-    return next((f.metadata["parameters_of"] for f in fields(kind) if "parameters_of" in f.metadata), None)
+    return next((f.metadata["parameters_of"] for f in fields(cast("Any", kind)) if "parameters_of" in f.metadata), None)
 
 
 OF_PARTICLES = tuple(name for name, f in keys_of(ReleaseTable).items() if f.metadata["of_code"])
