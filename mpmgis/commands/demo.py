@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words

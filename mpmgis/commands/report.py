@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Unpack, cast
 
 from ..results.hazard.hazard_options import HazardOptions, given_hazard_options
-from ..results.question_options import QuestionOptions
+from ..results.question_options import GROUPS, QuestionOptions
 from ..system.errors import InputError
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike, options_of
@@ -41,7 +41,7 @@ VERB = Verb(
     line="one HTML file about a run: maps, runout, balances, effects; or a printed hazard map of scenarios",
     options=ReportOptions,
     arguments=Arguments,
-    groups=(("hazard map", HazardOptions), *shared_options.GROUPS),
+    groups=(("hazard map", HazardOptions), *GROUPS),
     example="""
 mpmgis report results
 mpmgis report results --title "Rock avalanche, scenario 300 years" -o scenario_300.html

@@ -6,7 +6,7 @@ from ..conversion.start_options import SolverOptions
 from ..frames.frame_options import FrameTerrainOptions, MetricTerrainOptions
 from ..system.errors import InputError
 from ..system.option import Option, PathLike, options_of
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 

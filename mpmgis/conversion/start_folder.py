@@ -18,7 +18,8 @@ from ..system.memory import memory_lack
 from ..system.messages import log
 from ..system.option import PathLike
 from ..system.source_names import file_of, moved
-from ..system.whole_files import OverwriteOptions, refuse_existing, whole_folder
+from ..system.whole_files import refuse_existing, whole_folder
+from ..system.work_options import OverwriteOptions
 from .columns_to_points import columns_to_points
 from .conversion_account import account_of_points
 from .conversion_options import PointOptions
