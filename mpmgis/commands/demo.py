@@ -4,10 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..simulation.simulation_options import THREADS
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
 from ..system.work_options import OverwriteOptions
-from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
@@ -22,7 +22,7 @@ class Arguments(OverwriteOptions, total=False):
         bool,
         Option("replace an earlier demo in that folder", default=False, folded=False, label="Replace an earlier demo"),
     ]
-    threads: Annotated[int, shared_options.THREADS]
+    threads: Annotated[int, THREADS]
     output: Annotated[
         PathLike,
         Option(

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
+from ..simulation.simulation_options import LAW
 from ..system.option import Option, PathLike
 from . import shared_options
 from .verb import Form, Verb
@@ -53,7 +54,7 @@ class Arguments(AnswerArguments, total=False):
             label="Measure the share of the computing time of each effect",
         ),
     ]
-    law: Annotated[PathLike, shared_options.LAW]
+    law: Annotated[PathLike, LAW]
     json: Annotated[bool, Option("print JSON", default=False, no_form="for programs; the answer is in the log")]
 
 

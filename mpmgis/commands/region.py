@@ -1,118 +1,17 @@
 """Simulate every release area of a region in its own window of one large DTM: `mpmgis region`."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
+from typing import TYPE_CHECKING, Annotated, Unpack
 
+from ..studies.region_options import AreaFile, AreaOptions, RegionChoices, RegionOptions
 from ..system.option import Option, PathLike
-from ..system.work_options import DASK
 from . import shared_options
+from .ensemble import MachineArguments
 from .verb import Form, Verb
-from .verb_calls import called
+from .verb_calls import complete, python_words
 
 if TYPE_CHECKING:
     from ..studies.region_runs import RegionFound
-
-
-class AreaFile(TypedDict, total=False):
-    """The release areas, a parameter of its own in Python."""
-
-    releases: Annotated[
-        PathLike,
-        Option(
-            "release areas: polygons of any vector file, each with its own run",
-            "FILE",
-            folded=False,
-            kind="polygon layer",
-            label="Release areas",
-        ),
-    ]
-
-
-class AreaOptions(TypedDict, total=False):
-    """Scenarios and windows of the areas."""
-
-    scenario: Annotated[
-        str,
-        Option(
-            "column of the areas, for example the return period: also maps for each of its values",
-            "COLUMN",
-            folded=False,
-            label="Column with the scenario",
-        ),
-    ]
-    frequency: Annotated[
-        str,
-        Option(
-            "column with the events a year of each area: maps of the frequency and of the annual probability",
-            "COLUMN",
-            folded=False,
-            label="Column with the events a year",
-        ),
-    ]
-    angle: Annotated[
-        float,
-        Option(
-            "travel angle of the energy line for the first window",
-            "A",
-            unit="degrees",
-            above=0,
-            below=90,
-            usual="atan of [friction] mu, of at least 0.1; 0.2 without a number mu",
-            label="Travel angle for the first window",
-        ),
-    ]
-    min_depth: Annotated[
-        float,
-        Option(
-            "depth from which a cell counts as reached and flow has a velocity",
-            "D",
-            default=0.05,
-            unit="m",
-            above=0,
-            label="Depth from which a cell counts as reached",
-        ),
-    ]
-
-
-class MachineOptions(TypedDict, total=False):
-    """Processes of a region."""
-
-    workers: Annotated[
-        int,
-        Option(
-            "number of processes; the results do not depend on it",
-            "N",
-            above=0,
-            usual="one for each core",
-            label="Runs at a time",
-        ),
-    ]
-    dask: Annotated[str, DASK]
-    law: Annotated[PathLike, shared_options.LAW]
-
-
-class MachineArguments(MachineOptions, total=False):
-    """Processes of a region, and --yes of the command."""
-
-    yes: Annotated[bool, shared_options.start_unasked("over an hour, or most of the memory")]
-
-
-class RegionOptions(AreaOptions, MachineOptions, total=False):
-    """Options of `mpmgis.region`."""
-
-    overwrite: Annotated[
-        bool,
-        Option(
-            "replace the region of another scene or other areas; runs of both are kept",
-            default=False,
-            folded=False,
-            label="Replace the region of another scene in the folder",
-        ),
-    ]
-
-
-class RegionChoices(AreaFile, RegionOptions, total=False):
-    """All options of Python."""
 
 
 class AreaGroup(AreaFile, AreaOptions, total=False):
@@ -142,7 +41,6 @@ VERB = Verb(
     name="region",
     place=23,
     line="every release area of a region in its own window of one large DTM",
-    workflow="studies.region_runs:region",
     options=RegionChoices,
     arguments=Arguments,
     groups=(("release areas", AreaGroup), ("machine", MachineArguments)),
@@ -170,6 +68,31 @@ if __name__ == "__main__".
         ),
     ),
 )
+
+
+def work(
+    asked: Arguments,
+    *,
+    confirm: Callable[[str], bool] = lambda question: True,
+    look: Callable[[int, int, int], None] = lambda done, total, left_out: None,
+) -> "RegionFound":
+    """Run every release area, and write the results.
+
+    Parameters
+    ----------
+    asked : Arguments
+    confirm : callable
+        Question -> whether to start long runs.
+    look : callable
+        Called with (done, total, left out) a few times a second.
+
+    Returns
+    -------
+    RegionFound
+    """
+    from ..studies.region_runs import region
+
+    return region(asked, confirm=confirm, look=look)
 
 
 def region(
@@ -208,4 +131,6 @@ def region(
     --------
     >>> found = mpmgis.region("scene.toml", "areas.gpkg", scenario="return_period")  # doctest: +SKIP
     """
-    return called(VERB, {"scene": scene, "releases": releases, "output": output, **options}, confirm=confirm)
+    with python_words(VERB):
+        asked = complete(VERB, {"scene": scene, "releases": releases, "output": output, **options})
+        return work(asked, confirm=confirm)

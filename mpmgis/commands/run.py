@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from ..simulation.simulation_options import LAW, THREADS
 from ..system.errors import InputError
 from ..system.option import Option, PathLike
 from ..system.trusted_files import trusting
@@ -52,8 +53,8 @@ class Arguments(OverwriteOptions, total=False):
         ),
     ]
     yes: Annotated[bool, shared_options.start_unasked("over an hour")]
-    threads: Annotated[int, shared_options.THREADS]
-    law: Annotated[PathLike, shared_options.LAW]
+    threads: Annotated[int, THREADS]
+    law: Annotated[PathLike, LAW]
     device: Annotated[
         Literal["cpu", "cuda", "auto"],
         Option(

@@ -62,19 +62,6 @@ LIST_FILES = Option(
     "print the paths of all written files, not only the first", default=False, no_form="the form opens what is written"
 )
 JSON = Option("print JSON", default=False, no_form="for programs; the figures are in the log and in the tables")
-LAW = Option(
-    "Python file with your own friction law; it is executed",
-    "FILE.py",
-    files="Python (*.py)",
-    label="Your own friction law: Python file, which is executed",
-)
-THREADS = Option(
-    "number of processor threads; the result does not depend on it",
-    "N",
-    above=0,
-    usual="one for every 10 000 particles, at most all",
-    label="Processor threads",
-)
 
 
 def output(word: str, files: str, label: str) -> Option:

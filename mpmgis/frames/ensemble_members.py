@@ -11,7 +11,7 @@ from ..system.errors import FormatError, one_line
 from ..terrain.grid import Grid
 from ..terrain.raster_input import band_values, grid_of, open_raster
 from ..terrain.undeclared_nodata import RESULT
-from .ensemble_folder import MEMBERS, TABLE_FILE, deposit_file, member_files
+from .many_runs_folder import ENSEMBLE, TABLE_FILE, RunFiles
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Members:
         k : int
             Number of the member, from 0.
         """
-        return member_files(self.folder / MEMBERS, self.rows[k]["digest"])[1]
+        return self._files(k).maxima
 
     def deposit(self, k: int) -> Path:
         """Return the path of the deposit of a member.
@@ -82,7 +82,10 @@ class Members:
         k : int
             Number of the member, from 0.
         """
-        return deposit_file(self.folder / MEMBERS, self.rows[k]["digest"])
+        return self._files(k).deposit
+
+    def _files(self, k):
+        return RunFiles(self.folder / ENSEMBLE.runs, self.rows[k]["digest"])
 
     def band(self, k: int, name: str) -> np.ndarray:
         """Read a band of the maxima of a member.

@@ -62,6 +62,24 @@ def centre_of(frame: "Frame") -> tuple[float, float]:
     return float(np.average(x, weights=mass)), float(np.average(y, weights=mass))
 
 
+def farthest(start: tuple[float, float], x: np.ndarray, y: np.ndarray) -> tuple[float, int]:
+    """Return the distance on the map from a place to the farthest of several, and the index of that one.
+
+    Parameters
+    ----------
+    start : (float, float) [m]
+        E and N.
+    x, y : float64[n] [m]
+
+    Returns
+    -------
+    (float [m], int)
+    """
+    away = np.hypot(x - start[0], y - start[1])
+    index = int(np.argmax(away))
+    return float(away[index]), index
+
+
 def headline_numbers(sequence: StageSequence) -> dict[str, float]:
     """Return the headline numbers of a run of one stage that has ended.
 
@@ -87,12 +105,11 @@ def headline_numbers(sequence: StageSequence) -> dict[str, float]:
     row, column = np.nonzero(thickness > WET_SHARE * prepared.facts.release_thickness)
     if not len(row):
         return {}
-    x, y = centre_of(prepared.seen)
-    away = np.hypot(west + (column + 0.5) * size - x, south + (row + 0.5) * size - y)
+    runout, _ = farthest(centre_of(prepared.seen), west + (column + 0.5) * size, south + (row + 0.5) * size)
     balances = solver.balances()
     mass = balances["mass_now"] + balances.get("mass_detrained", 0.0)
     return {
-        "runout": float(away.max()),
+        "runout": runout,
         "footprint_area": float(balances.get("footprint_area", len(row) * size**2)),
         "thickness_p99": float(np.percentile(thickness[row, column], 99.0)),
         "speed_max": float(balances["speed_max"]),

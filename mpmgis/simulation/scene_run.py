@@ -119,7 +119,12 @@ def use_threads(particles: int, number: int | None = None) -> int:
     number : int, optional
         Default: one thread for every PARTICLES_PER_THREAD particles.
     """
-    return set_threads(number or max(1, min(set_threads(None), particles // PARTICLES_PER_THREAD)))
+    return set_threads(number or _useful_threads(particles, set_threads(None)))
+
+
+def _useful_threads(particles, most):
+    """Return the number of threads, up to `most`, that save time."""
+    return max(1, min(most, particles // PARTICLES_PER_THREAD))
 
 
 def require_affordable(prepared: "Prepared", threads: int, confirm: Callable[[str], bool]) -> "tuple[StageWork, ...]":
@@ -249,7 +254,7 @@ def run(
                 )
                 raise
         if has_companion(prepared.scene):
-            set_threads(max(1, min(used, int(prepared.particles / LARGER**2) // PARTICLES_PER_THREAD)))
+            set_threads(_useful_threads(int(prepared.particles / LARGER**2), used))
             summary = replace(summary, companion=_with_companion(folder, sequence, watch))
         return summary
 

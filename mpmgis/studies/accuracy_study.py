@@ -29,6 +29,7 @@ from ..terrain.undeclared_nodata import THICKNESS
 from .export_sweep import ExportSetting, ExportSweep
 from .other_code_results import read_other_results
 from .run_measures import NAMES, Errors, State, StudyCells, errors_against_exact, errors_of, outcomes
+from .study_options import AskedStudy
 from .study_plots import write_plot
 from .study_table import OtherResult, Row, Study
 
@@ -38,27 +39,6 @@ if TYPE_CHECKING:
 TABLE_FILE, PLOT_FILE, EXPORT_FILE, SUMMARY_FILE = "study.csv", "study.png", "export.csv", "summary.csv"
 COMPARISONS = 4  # number of times at which flows are compared, including the end
 ASK_SECONDS = 600.0  # [s] predicted time of a study above which it must be confirmed
-
-
-@dataclass(frozen=True)
-class StudyRequest:
-    """Request for a study, with the options of `mpmgis study`."""
-
-    scene: Path
-    output: Path | None = None
-    overwrite: bool = False
-    knobs: tuple | None = None
-    cell_sizes: tuple | None = None
-    full: bool = False
-    repeats: int = 3
-    measure: str = "thickness"
-    exact: Path | None = None
-    beside: tuple = ()
-    refinement: float | None = None
-    target_error: float | None = None
-    exports: bool = True
-    threads: int | None = None
-    law: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -82,7 +62,7 @@ class StudyFound:
 
 
 def study(
-    request: StudyRequest,
+    asked: AskedStudy,
     *,
     confirm: Callable[[str], bool] = lambda question: True,
     watch: Callable = lambda solver, end_time, left: None,
@@ -91,7 +71,7 @@ def study(
 
     Parameters
     ----------
-    request : StudyRequest
+    asked : AskedStudy
     confirm : callable
         Question -> whether to run a long study.
     watch : callable
@@ -108,15 +88,15 @@ def study(
     UnphysicalError
         The solver stopped with one of the settings.
     """
-    _require_possible(request)
-    output = Path(request.output or Path(request.scene).parent / "study")
-    with whole_folder(output, request.overwrite) as part:
-        found = _study(request, output, confirm, watch)
+    _require_possible(asked)
+    output = Path(asked["output"] or Path(asked["scene"]).parent / "study")
+    with whole_folder(output, asked["overwrite"]) as part:
+        found = _study(asked, output, confirm, watch)
         write_records(part / TABLE_FILE, *found.study.records())
         write_plot(
             part / PLOT_FILE,
             found.study,
-            f"Accuracy against computing time: {Path(request.scene).resolve().parent.name}",
+            f"Accuracy against computing time: {Path(asked['scene']).resolve().parent.name}",
         )
         write_records(part / SUMMARY_FILE, ("what", "value"), found.study.summary())
         names = [TABLE_FILE, SUMMARY_FILE, PLOT_FILE]
@@ -126,31 +106,33 @@ def study(
     return replace(found, files=tuple(output / name for name in names))
 
 
-def _require_possible(request):
-    if request.measure not in NAMES:
-        raise InputError(f"`measure={request.measure}`: expected one of {', '.join(NAMES)}")
-    if request.exact is not None and request.measure != "thickness":
-        raise InputError(f"`exact` contains only thickness; leave `measure={request.measure}` out")
-    if request.exact is not None and request.refinement is not None:
+def _require_possible(asked):
+    measure = asked["measure"]
+    if measure not in NAMES:
+        raise InputError(f"`measure={measure}`: expected one of {', '.join(NAMES)}")
+    if asked["exact"] is not None and measure != "thickness":
+        raise InputError(f"`exact` contains only thickness; leave `measure={measure}` out")
+    if asked["exact"] is not None and asked["refinement"] is not None:
         raise InputError("`exact` needs no finer run; leave `refinement` out")
 
 
-def _study(request: StudyRequest, output: Path, confirm: Callable, watch: Callable) -> StudyFound:
-    base = prepare(request.scene, request.law)
-    given = input_inside(output, input_files(request.scene, base.scene, request.law))
+def _study(asked: AskedStudy, output: Path, confirm: Callable, watch: Callable) -> StudyFound:
+    base = prepare(asked["scene"], asked["law"])
+    given = input_inside(output, input_files(asked["scene"], base.scene, asked["law"]))
     if given is not None:
         raise OutputError(f"{output} contains the input {given} and would be replaced; give another `output`")
-    scene, knobs = base.scene, parameters_of(base.scene, request.knobs, request.cell_sizes)
-    settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if request.full else [])
+    scene, knobs = base.scene, parameters_of(base.scene, asked["knobs"], asked["cell_sizes"])
+    settings = one_at_a_time(scene, knobs) + (crossed(scene, knobs) if asked["full"] else [])
     finer = None
-    if request.exact is None:
-        finer = reference(scene, settings, request.refinement)
+    if asked["exact"] is None:
+        finer = reference(scene, settings, asked["refinement"])
     cells, times = _cells(base), _interval(scene) * np.arange(1, COMPARISONS + 1)
-    exact = None if request.exact is None else _thickness(request.exact, base.terrain, cells.grid)
-    beside = tuple(_other_results(file, request, exact, base.terrain, cells.grid) for file in request.beside)
-    threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), request.threads)
+    exact = None if asked["exact"] is None else _thickness(asked["exact"], base.terrain, cells.grid)
+    beside = tuple(_other_results(file, asked, exact, base.terrain, cells.grid) for file in asked["beside"])
+    threads = use_threads(max(base.particles_of(number) for number in range(len(base.stages))), asked["threads"])
     seconds = predicted(base, threads).seconds
-    _require_affordable(settings, finer, base.scene, seconds, request.repeats, confirm)
+    repeats = asked["repeats"]
+    _require_affordable(settings, finer, base.scene, seconds, repeats, confirm)
 
     def run(settings, repeats, begun=lambda turn, number: None):
         return outcomes(
@@ -166,19 +148,17 @@ def _study(request: StudyRequest, output: Path, confirm: Callable, watch: Callab
         )
 
     def log_turn(turn, number):
-        log.info(
-            f"run {turn + 1} of {request.repeats}, setting {number + 1} of {len(settings)}: {settings[number].name}"
-        )
+        log.info(f"run {turn + 1} of {repeats}, setting {number + 1} of {len(settings)}: {settings[number].name}")
 
     truth = None
     if finer is not None:
         log.info(f"the reference: {finer.name}")
         truth = run([finer], 1)[0].states
-    rows = [Row(made, _errors(made.states, truth, exact)) for made in run(settings, request.repeats, log_turn)]
-    exports = _exports(base) if request.exports else ()
+    rows = [Row(made, _errors(made.states, truth, exact)) for made in run(settings, repeats, log_turn)]
+    exports = _exports(base) if asked["exports"] else ()
     cell = 0.0 if finer is None else finer.cell_size
-    made = Study(tuple(rows), request.measure, cell, exports, sum(beside, ()))
-    choice = None if request.target_error is None else made.choice(request.target_error)
+    made = Study(tuple(rows), asked["measure"], cell, exports, sum(beside, ()))
+    choice = None if asked["target_error"] is None else made.choice(asked["target_error"])
     return StudyFound(made, choice, tuple(made.lines()), ())
 
 
@@ -234,7 +214,7 @@ def _thickness(path, terrain, grid):
 
 
 def _other_results(
-    path: Path, request: StudyRequest, exact: np.ndarray | None, terrain: object, grid: Grid
+    path: Path, asked: AskedStudy, exact: np.ndarray | None, terrain: object, grid: Grid
 ) -> tuple[OtherResult, ...]:
     """Read results of other codes; errors of rasters are computed as for the study's own runs.
 
@@ -243,13 +223,13 @@ def _other_results(
     FormatError, InputError
     """
     found = []
-    for row in read_other_results(path, request.measure):
+    for row in read_other_results(path, asked["measure"]):
         errors = row.errors
         if row.thickness is not None:
             if exact is None:
                 raise InputError(
                     f"`beside={path}`: '{row.setting}' is a raster of the thickness at the end, whose error requires "
-                    f"`exact`; give `exact`, or its error in a column error_{request.measure}"
+                    f"`exact`; give `exact`, or its error in a column error_{asked['measure']}"
                 )
             errors = errors_against_exact([_state_of(_thickness(row.thickness, terrain, grid))], exact)
         found.append(OtherResult(row.code, row.setting, row.seconds, errors))

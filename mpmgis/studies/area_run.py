@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from .. import __version__
-from ..frames.ensemble_folder import read_member, write_member
-from ..system.errors import InputError, UnphysicalError, one_line
 from ..system.messages import muted
 from ..terrain.dtm import TerrainFile
 from ..terrain.release_parts import ReleasePart, require_on_terrain
 from ..terrain.release_window import reach_window
-from .ensemble_member import MemberTask, run_task
+from .ensemble_member import MemberTask
 from .region_areas import write_area
 
 if TYPE_CHECKING:
+    from ..frames.many_runs_folder import RunFiles
     from ..terrain.release_window import ReleaseWindow
 
 MOST_RUNS = 8  # of an area in windows of increasing size
@@ -37,7 +35,7 @@ class AreaTask:
     number : int
         Of the area, from 1 in the order of the file.
     run : MemberTask
-        Without window; its release is the file `source`.
+        Without window; its release is the file of the area.
     shape : bytes
         WKB in the CRS of the DTM.
     crs : str or None
@@ -55,12 +53,20 @@ class AreaTask:
     mu: float
     head: float
 
-    digest = property(lambda self: self.run.digest)
+    @property
+    def digest(self) -> str:
+        """Digest of all inputs of its result."""
+        return self.run.digest
 
     @property
-    def source(self) -> Path:
-        """Path of the file with this area alone."""
-        return Path(self.run.tables["release"]["source"])
+    def files(self) -> "RunFiles":
+        """Paths of its files."""
+        return self.run.files
+
+    @property
+    def needed(self) -> tuple[Path, ...]:
+        """Results without which it is not finished."""
+        return self.run.needed
 
     def terrain(self) -> TerrainFile:
         """Return the file of the DTM."""
@@ -82,8 +88,8 @@ class AreaTask:
         """
         polygon = shapely.from_wkb(self.shape)
         require_on_terrain(ReleasePart(self.run.name, polygon, math.nan), terrain.grid)
-        if not self.source.exists():
-            write_area(self.source, self.shape, self.run.name, self.crs)
+        if not self.files.release.exists():
+            write_area(self.files.release, self.shape, self.run.name, self.crs)
         return reach_window(terrain.grid, terrain.part, polygon, self.mu, self.head)
 
     def within(self, terrain: TerrainFile, window: "ReleaseWindow") -> MemberTask:
@@ -98,58 +104,38 @@ class AreaTask:
         tables = self.run.tables
         return replace(self.run, tables=tables | {"terrain": tables["terrain"] | {"window": list(bounds)}})
 
+    @muted()
+    def result(self, look: Callable) -> dict:
+        """Run in the first window whose edges the flow does not reach, or in the last; return the record.
 
-def run_area(task: AreaTask, look: Callable = lambda *state: None) -> dict:
-    """Run an area unless it is finished; write and return its record.
+        Parameters
+        ----------
+        look : callable
+            Called with (solver, end time [s]) a few times a second.
 
-    Parameters
-    ----------
-    task : AreaTask
-    look : callable
-        Called with (solver, end time [s]) a few times a second.
-    """
-    done = read_member(task.run.output, task.digest)
-    if done is not None:
-        return done
-    began, used = time.perf_counter(), time.process_time()
-    try:
-        record = _run_in_windows(task, look)
-    except UnphysicalError as error:
-        record = {"status": "unphysical", "reason": one_line(error)}
-    except InputError as error:
-        record = {"status": "refused", "reason": one_line(error)}
-    record |= {
-        "digest": task.digest,
-        "wall_seconds": time.perf_counter() - began,
-        "processor_seconds": time.process_time() - used,
-        "version": __version__,
-    }
-    write_member(task.run.output, record)
-    return record
-
-
-@muted()
-def _run_in_windows(task, look):
-    """Return the record of the run in the first window whose edges the flow does not reach, or in the last."""
-    began = time.perf_counter()
-    terrain = task.terrain()
-    window = task.first_window(terrain)
-    choosing = time.perf_counter() - began
-    preparing = 0.0
-    for runs in range(1, MOST_RUNS + 1):
-        record = run_task(task.within(terrain, window), look)
-        preparing += record["prepare_seconds"]
-        sides = sides_left(record, terrain, window, task.run.tables)
-        if not sides or runs == MOST_RUNS:
-            break
-        window = window.grown(sides, terrain.grid.shape)
-    return record | {
-        "window": list(window),
-        "runs": runs,
-        "edge_reached": bool(sides),
-        "window_seconds": choosing,
-        "prepare_seconds": preparing,
-    }
+        Returns
+        -------
+        dict
+        """
+        began = time.perf_counter()
+        terrain = self.terrain()
+        window = self.first_window(terrain)
+        choosing = time.perf_counter() - began
+        preparing = 0.0
+        for runs in range(1, MOST_RUNS + 1):
+            record = self.within(terrain, window).result(look)
+            preparing += record["prepare_seconds"]
+            sides = sides_left(record, terrain, window, self.run.tables)
+            if not sides or runs == MOST_RUNS:
+                break
+            window = window.grown(sides, terrain.grid.shape)
+        return record | {
+            "window": list(window),
+            "runs": runs,
+            "edge_reached": bool(sides),
+            "window_seconds": choosing,
+            "prepare_seconds": preparing,
+        }
 
 
 def sides_left(record: dict, terrain: TerrainFile, window: "ReleaseWindow", tables: dict) -> tuple[str, ...]:

@@ -10,54 +10,26 @@ from pathlib import Path
 
 import numpy as np
 
-from ..frames.ensemble_folder import MAPS
 from ..frames.ensemble_members import Members, read_members
+from ..frames.many_runs_folder import MAPS
 from ..frames.run_terrain import terrain_of_rasters
 from ..system.errors import InputError
 from ..system.messages import log, muted
 from ..system.whole_files import refuse_other
 from .calibration_events import events_of
 from .calibration_files import write_files
+from .calibration_options import AskedCalibration
 from .calibration_posterior import posterior, self_test, shares_of_scores
 from .calibration_priors import priors
 from .calibration_result import Calibration
+from .ensemble_options import ensemble_with
 from .ensemble_plan import PlannedRuns, read_plan
-from .ensemble_runs import EnsembleRequest, ensemble
+from .ensemble_runs import ensemble
 from .event_comparison import EventOnGrid
 from .gaussian_process import FEWEST, Emulator
 from .sampling_plan import JOINT
 
 TESTED = 40  # number of runs in the self-test
-
-
-@dataclass(frozen=True)
-class CalibrateRequest:
-    """Request for a calibration, with the options of `mpmgis calibrate`."""
-
-    scene: Path
-    output: Path | None = None
-    overwrite: bool = False
-    vary: tuple | dict = ()
-    material: str | None = None
-    observed: Path | None = None
-    points: Path | None = None
-    deposit: Path | None = None
-    volume: str | None = None
-    line: Path | None = None
-    event: tuple = ()
-    outline_error: float | None = None  # [m]
-    value_error: float = 0.2
-    threshold: float = 0.1  # [m]
-    samples: int = 100
-    refine: int = 50
-    predictive: int = 50
-    seed: int = 0
-    exceed: tuple | dict | None = None
-    cell_size: float | None = None  # [m]
-    tolerate: float = 0.1
-    workers: int | None = None
-    dask: str | None = None
-    law: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -78,7 +50,7 @@ class CalibrateFound:
 
 
 def calibrate(
-    request: CalibrateRequest,
+    asked: AskedCalibration,
     *,
     confirm: Callable[[str], bool] = lambda question: True,
     look: Callable = lambda *state: None,
@@ -87,7 +59,7 @@ def calibrate(
 
     Parameters
     ----------
-    request : CalibrateRequest
+    asked : AskedCalibration
     confirm : callable
         Question -> whether to start long runs.
     look : callable
@@ -98,53 +70,51 @@ def calibrate(
     InputError, SceneError, OutputError, UnphysicalError
         Runs that are finished are kept.
     """
-    return _Study(request, confirm, look).found()
+    return _Study(asked, confirm, look).found()
 
 
 class _Study:
     """A calibration in progress."""
 
-    def __init__(self, request, confirm, look):
-        self.request, self.confirm, self.look = request, confirm, look
-        self.priors, self.events = priors(request.vary, request.material), events_of(request)
-        self.output = Path(request.output or Path(request.scene).parent / "calibration")
+    def __init__(self, asked, confirm, look):
+        self.asked, self.confirm, self.look = asked, confirm, look
+        self.priors, self.events = priors(asked["vary"], asked["material"]), events_of(asked)
+        self.output = Path(asked["output"] or Path(asked["scene"]).parent / "calibration")
         if self.output.is_dir() and any(self.output.iterdir()) and not (self.output / "runs").is_dir():
             refuse_other(self.output, "a calibration")
-        if request.samples < FEWEST:
-            raise InputError(f"`samples` is {request.samples}, expected at least {FEWEST}")
+        if asked["samples"] < FEWEST:
+            raise InputError(f"`samples` is {asked['samples']}, expected at least {FEWEST}")
         self.rounds, self.maps = [], {}
         prior = {"vary": {key: one.text for key, one in self.priors.items()}, "sampling": "lhs"}
         self.on_grid = {event.name: self._placed(event, prior) for event in self.events}
-        self.prior = {**prior, "overwrite": request.overwrite}
+        self.prior = {**prior, "overwrite": asked["overwrite"]}
 
     def _placed(self, event, prior):
         """Return the observations of `event` on the grid of its runs; wrong ones are refused before the first run."""
         with muted():
-            request = self._ensemble_request(event, self.output, self.request.samples, prior)
-            study = PlannedRuns.of(request, read_plan(request)[0])
+            first = self._ensemble(event, self.output, self.asked["samples"], prior)
+            study = PlannedRuns.of(first, read_plan(first)[0])
         _, prepared = study.first
-        on_grid = EventOnGrid(event, study.grid, prepared.terrain, self.request)
+        on_grid = EventOnGrid(event, study.grid, prepared.terrain, self.asked)
         on_grid.report_outline(prepared.seen)
         return on_grid
 
     def found(self) -> CalibrateFound:
         """Run all rounds and write the files."""
-        request = self.request
-        self._run("prior", request.samples, **self.prior)
-        result = self._result(tests=0 if request.refine else TESTED)
-        if request.refine:
-            self._run_drawn("refine", result, request.refine, self.output / "runs")
+        asked = self.asked
+        self._run("prior", asked["samples"], **self.prior)
+        result = self._result(tests=0 if asked["refine"] else TESTED)
+        if asked["refine"]:
+            self._run_drawn("refine", result, asked["refine"], self.output / "runs")
             result = self._result(tests=TESTED)
-        if request.predictive:
-            self._run_drawn("predictive", result, request.predictive, self.output)
-        files = write_files(
-            self.output, result, [self.on_grid[event.name] for event in self.events], self.runs, request
-        )
+        if asked["predictive"]:
+            self._run_drawn("predictive", result, asked["predictive"], self.output)
+        files = write_files(self.output, result, [self.on_grid[event.name] for event in self.events], self.runs, asked)
         return CalibrateFound(self.output, (*self.maps.values(), *files), result)
 
     def _run_drawn(self, name: str, result: Calibration, count: int, folder: Path) -> None:
         """Run every event at `count` draws of the posterior, the same draws for each event."""
-        shares = shares_of_scores(result.posterior.drawn(count, self.request.seed))
+        shares = shares_of_scores(result.posterior.drawn(count, self.asked["seed"]))
         vary = {
             key: [one.at(share) for share in column]
             for (key, one), column in zip(self.priors.items(), shares.T, strict=True)
@@ -158,7 +128,7 @@ class _Study:
             log.info(f"{event.name}: {count} runs, {ROUND_WORDS[name]}")
             place = self.output / "predictive" / event.name
             folder = place if name == "predictive" else self.output / "runs" / event.name / name
-            found = ensemble(self._ensemble_request(event, folder, count, plan), confirm=self.confirm, look=self.look)
+            found = ensemble(self._ensemble(event, folder, count, plan), confirm=self.confirm, look=self.look)
             members[event.name] = read_members(folder)
             if name == "predictive":
                 self.maps[event.name] = found.files[0]
@@ -168,20 +138,20 @@ class _Study:
         if name != "predictive":
             self.rounds.append(members)
 
-    def _ensemble_request(self, event, folder, count, plan):
-        request = self.request
-        return EnsembleRequest(
+    def _ensemble(self, event, folder, count, plan):
+        asked = self.asked
+        return ensemble_with(
             scene=event.scene,
             output=folder,
             samples=count,
-            seed=request.seed,
-            exceed=request.exceed,
-            cell_size=request.cell_size,
+            seed=asked["seed"],
+            exceed=asked["exceed"],
+            cell_size=asked["cell_size"],
             keep="deposit" if event.needs_deposit else "maxima",
-            workers=request.workers,
-            dask=request.dask,
-            tolerate=request.tolerate,
-            law=request.law,
+            workers=asked["workers"],
+            dask=asked["dask"],
+            tolerate=asked["tolerate"],
+            law=asked["law"],
             **plan,
         )
 
@@ -196,7 +166,7 @@ class _Study:
 
     def _result(self, tests):
         """Return the Calibration by all runs so far, with a self-test of `tests` runs."""
-        runs, seed = self.runs, self.request.seed
+        runs, seed = self.runs, self.asked["seed"]
         count = len(runs[self.events[0].name])
         if count < FEWEST:
             raise InputError(f"only {count} runs finished in all events, expected at least {FEWEST}")

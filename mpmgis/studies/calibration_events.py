@@ -2,16 +2,13 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..scene.scene_reading import read_toml
 from ..system.errors import InputError
 from ..terrain.raster_input import read_raster
 from ..terrain.undeclared_nodata import THICKNESS
 from ..terrain.vector_table import read_table
-
-if TYPE_CHECKING:
-    from .calibration import CalibrateRequest
+from .calibration_options import AskedCalibration
 
 EVENT_KEYS = ("scene", "observed", "points", "deposit", "volume", "line")
 
@@ -63,28 +60,28 @@ class Event:
             read_raster(self.deposit, THICKNESS)
 
 
-def events_of(request: "CalibrateRequest") -> list[Event]:
-    """Return the event of a request and those of its event files.
+def events_of(asked: AskedCalibration) -> list[Event]:
+    """Return the event of a calibration and those of its event files.
 
     Parameters
     ----------
-    request : CalibrateRequest
+    asked : AskedCalibration
 
     Raises
     ------
     InputError, SceneError
     """
-    volume = volume_of(request.volume, request.value_error, "`volume`")
+    volume = volume_of(asked["volume"], asked["value_error"], "`volume`")
     first = Event(
-        Path(request.scene).stem,
-        Path(request.scene),
-        request.observed,
-        request.points,
-        request.deposit,
+        Path(asked["scene"]).stem,
+        Path(asked["scene"]),
+        asked["observed"],
+        asked["points"],
+        asked["deposit"],
         volume,
-        request.line,
+        asked["line"],
     )
-    found = [first, *(_read_event(Path(path), request) for path in request.event)]
+    found = [first, *(_read_event(Path(path), asked) for path in asked["event"])]
     for event in found:
         if not any((event.observed, event.points, event.deposit, event.volume)):
             raise InputError(
@@ -99,7 +96,7 @@ def events_of(request: "CalibrateRequest") -> list[Event]:
     return [replace(event, name=f"{k}_{event.name}") for k, event in enumerate(found, 1)]
 
 
-def _read_event(path, request):
+def _read_event(path, asked):
     """Return the Event in a TOML file; its paths are relative to it."""
     tables = read_toml(path)
     wrong = [key for key in tables if key not in EVENT_KEYS]
@@ -108,7 +105,7 @@ def _read_event(path, request):
         raise InputError(f"{path}: {problem}; expected {', '.join(EVENT_KEYS)}")
     files = {key: path.parent / str(tables[key]) for key in EVENT_KEYS if key in tables and key != "volume"}
     volume = tables.get("volume")
-    volume = volume_of(None if volume is None else str(volume), request.value_error, f"{path}: volume")
+    volume = volume_of(None if volume is None else str(volume), asked["value_error"], f"{path}: volume")
     return Event(path.stem, **files, volume=volume)
 
 

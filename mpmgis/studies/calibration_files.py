@@ -13,11 +13,11 @@ from ..results.comparison_files import MapSide, write_classes, write_classes_sty
 from ..results.flow_line import runout
 from ..system.csv_rows import write_records
 from ..system.whole_files import output_error, whole_file
+from .calibration_options import AskedCalibration
 from .calibration_plots import write_pairs
 from .calibration_result import Calibration
 
 if TYPE_CHECKING:
-    from .calibration import CalibrateRequest
     from .event_comparison import EventOnGrid
 
 RECORD_FILE = "calibrate.json"
@@ -30,7 +30,7 @@ SAMPLE_DIGITS = 4  # significant digits of a draw
 
 
 def write_files(
-    output: Path, result: Calibration, events: "list[EventOnGrid]", runs: dict, request: "CalibrateRequest"
+    output: Path, result: Calibration, events: "list[EventOnGrid]", runs: dict, asked: AskedCalibration
 ) -> tuple[Path, ...]:
     """Write all files into a folder, and return their paths, the record first.
 
@@ -41,7 +41,7 @@ def write_files(
     events : list of EventOnGrid
     runs : dict of str to list of (Members, int)
         By event.
-    request : CalibrateRequest
+    asked : AskedCalibration
 
     Raises
     ------
@@ -59,10 +59,10 @@ def write_files(
             found, files = _write_misfit(output, name, event, runs[event.event.name][result.best])
             overlaps[event.event.name] = found
             maps += files
-    record = _record(result, events, overlaps, request)
+    record = _record(result, events, overlaps, asked)
     with whole_file(output / RECORD_FILE) as part:
         part.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
-    draws = result.values_of(result.posterior.drawn(SAMPLES, request.seed))
+    draws = result.values_of(result.posterior.drawn(SAMPLES, asked["seed"]))
     write_records(output / SAMPLES_FILE, [*result.priors], [[_short(v) for v in row] for row in draws])
     rows = [
         [*values, misfit, *simulated]
@@ -77,7 +77,7 @@ def _short(value):
     return float(f"{value:.{SAMPLE_DIGITS}g}")
 
 
-def _record(result, events, overlaps, request):
+def _record(result, events, overlaps, asked):
     summaries = [
         {"name": name, "observed": _short(observed), "error": _short(np.sqrt(variance)), "best_run": _short(best)}
         for name, observed, variance, best in zip(
@@ -93,7 +93,7 @@ def _record(result, events, overlaps, request):
         "format": "mpmgis-calibration",
         "format_version": 1,
         "version": __version__,
-        "seed": request.seed,
+        "seed": asked["seed"],
         "events": given,
         **result.record(),
         "best_run_outline": overlaps,

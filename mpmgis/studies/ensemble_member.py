@@ -3,13 +3,14 @@
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import __version__
 from ..compiled.law_functions import use_own_laws
-from ..frames.ensemble_folder import deposit_file, member_files, read_member, write_member
+from ..frames.many_runs_folder import RunFiles
 from ..frames.run_folder import RunFolder
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import BAND, MEMBER_BANDS, VOLUME, Quantity
@@ -18,12 +19,11 @@ from ..maps.averaging.frame_values import Averaging, average_frame
 from ..maps.averaging.maxima import PRODUCTS_NEEDED, RunningMaxima, SolverPeaks
 from ..maps.averaging.placement import Bed
 from ..scene import scene_from_tables
-from ..simulation.companion_run import centre_of, companion_run, has_companion, headline_numbers
+from ..simulation.companion_run import centre_of, companion_run, farthest, has_companion, headline_numbers
 from ..simulation.preparation import prepare_scene
 from ..simulation.scene_run import integrate_into, use_threads
 from ..simulation.stage_sequence import StageSequence
 from ..simulation.warmup import warm_up
-from ..system.errors import InputError, UnphysicalError, one_line
 from ..system.messages import muted
 from ..system.whole_files import whole_file
 from ..terrain.raster_output import write_rows
@@ -70,10 +70,8 @@ class MemberTask:
     cell_size : float or None [m]
         Of its raster; None: the DTM's cells.
     min_depth : float [m]
-    frames : bool
-        Keep the frames.
-    deposit : bool
-        Keep the vertical thickness at the end.
+    keep : {"maxima", "deposit", "frames"}
+        Results that are kept: the maxima, with the vertical thickness at the end, or with all frames.
     companion : bool
         State the numerical error, from a companion run.
     """
@@ -87,9 +85,18 @@ class MemberTask:
     output: str
     cell_size: float | None
     min_depth: float
-    frames: bool = False
-    deposit: bool = False
+    keep: str = "maxima"
     companion: bool = False
+
+    @property
+    def files(self) -> RunFiles:
+        """Paths of its files."""
+        return RunFiles(Path(self.output), self.digest)
+
+    @property
+    def needed(self) -> tuple[Path, ...]:
+        """Results without which it is not finished."""
+        return self.files.maxima, *([] if self.keep == "maxima" else [getattr(self.files, self.keep)])
 
     def prepared(self) -> "Prepared":
         """Return the prepared run."""
@@ -108,40 +115,23 @@ class MemberTask:
             bed=Bed.of(prepared.terrain),
             grid=export_grid(prepared.terrain.grid, self.cell_size),
             density=prepared.frame.header["density"],
-            names=(*PRODUCTS_NEEDED, "mass") if self.deposit else PRODUCTS_NEEDED,
+            names=(*PRODUCTS_NEEDED, "mass") if self.keep == "deposit" else PRODUCTS_NEEDED,
             min_depth=self.min_depth,
         )
 
+    def result(self, look: Callable) -> dict:
+        """Run, write the results and return their record, see `run_task`.
 
-def run_member(task: MemberTask, look: Callable = lambda *state: None) -> dict:
-    """Run a member unless it is finished; write and return its record.
+        Parameters
+        ----------
+        look : callable
+            Called with (solver, end time [s]) a few times a second.
 
-    Runs that become unphysical or whose inputs are refused also give a record.
-
-    Parameters
-    ----------
-    task : MemberTask
-    look : callable
-        Called with (solver, end time [s]) a few times a second.
-    """
-    done = read_member(task.output, task.digest, task.frames, task.deposit)
-    if done is not None:
-        return done
-    began, used = time.perf_counter(), time.process_time()
-    try:
-        record = run_task(task, look)
-    except UnphysicalError as error:
-        record = {"status": "unphysical", "reason": one_line(error)}
-    except InputError as error:
-        record = {"status": "refused", "reason": one_line(error)}
-    record |= {
-        "digest": task.digest,
-        "wall_seconds": time.perf_counter() - began,
-        "processor_seconds": time.process_time() - used,
-        "version": __version__,
-    }
-    write_member(task.output, record)
-    return record
+        Returns
+        -------
+        dict
+        """
+        return run_task(self, look)
 
 
 @muted()
@@ -164,9 +154,8 @@ def run_task(task: MemberTask, look: Callable) -> dict:
     use_threads(prepared.particles, 1)
     averaging = task.averaging(prepared)
     sequence = _Peaks(prepared, averaging, look)
-    _, raster, kept = member_files(task.output, task.digest)
-    if task.frames:
-        folder = RunFolder(kept, overwrite=True)
+    if task.keep == "frames":
+        folder = RunFolder(task.files.frames, overwrite=True)
         with folder.held():
             folder.open()
             integrate_into(folder, sequence, False)
@@ -175,7 +164,7 @@ def run_task(task: MemberTask, look: Callable) -> dict:
             pass
     maxima, grid = sequence.on_cells, averaging.grid
     tags = {"version": __version__, "digest": task.digest, "scene": prepared.digest, "min_depth": task.min_depth}
-    with whole_file(raster) as part:
+    with whole_file(task.files.maxima) as part:
         write_rows(
             part,
             grid,
@@ -183,7 +172,7 @@ def run_task(task: MemberTask, look: Callable) -> dict:
             tags,
             lambda band, first, last: maxima.rows(MEMBER_BANDS[band], first, last, grid.shape[1]),
         )
-    if task.deposit:
+    if task.keep == "deposit":
         _write_deposit(task, sequence, averaging, tags)
     figures = _figures(prepared, sequence, averaging)
     if task.companion and has_companion(prepared.scene):
@@ -196,7 +185,7 @@ def _write_deposit(task: MemberTask, sequence: "_Peaks", averaging: Averaging, t
     index, thickness = sequence.at_end
     values = np.full(averaging.grid.shape, np.nan)
     values.flat[index] = thickness
-    with whole_file(deposit_file(task.output, task.digest)) as part:
+    with whole_file(task.files.deposit) as part:
         write_rows(part, averaging.grid, [DEPOSITED], tags, lambda band, first, last: values[first:last])
 
 
@@ -260,11 +249,10 @@ def _runout(prepared, grid, row, column):
         return None, None
     start, terrain = centre_of(prepared.seen), prepared.terrain
     x, y = grid.xy(row, column)
-    distance = np.hypot(x - start[0], y - start[1])
-    far = int(np.argmax(distance))
+    distance, far = farthest(start, x, y)
     heights = terrain.sample(np.array([start[0], x[far]]), np.array([start[1], y[far]]))
-    angle = np.degrees(np.arctan2(heights[0] - heights[1], distance[far]))
-    return float(distance[far]), float(angle) if np.isfinite(angle) else None
+    angle = np.degrees(np.arctan2(heights[0] - heights[1], distance))
+    return distance, float(angle) if np.isfinite(angle) else None
 
 
 @muted()
@@ -283,7 +271,7 @@ def warmed(task: MemberTask, prepared: "Prepared") -> None:
 
 @muted()
 def warm_worker(tasks: Iterable[MemberTask]) -> None:
-    """Import modules and load kernels in a worker, before its first task is timed.
+    """Compile or load the kernels of members in all their stages, before a first task is timed.
 
     Parameters
     ----------

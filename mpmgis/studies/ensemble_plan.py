@@ -1,7 +1,5 @@
 """Plan an ensemble: options and plan file, the scene of each member, digests, predicted cost."""
 
-import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +11,7 @@ from ..compiled.cache_folder import source_digest
 from ..maps.averaging.export_resolution import report_cells, require_cells_within
 from ..scene.key_checks import meant
 from ..scene.scene_reading import read_toml
+from ..scene.scene_text import toml_value
 from ..simulation.cost_prediction import predicted
 from ..simulation.numerical_parameters import COST_POWER
 from ..simulation.preparation import scene_to_prepare
@@ -20,7 +19,9 @@ from ..simulation.scene_files import input_files
 from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log
 from .ensemble_member import FIGURES, MemberTask
+from .ensemble_options import AskedEnsemble
 from .ensemble_statistics import Products, exceedances
+from .many_runs import digest_of
 from .sampling_plan import SamplingPlan, with_values
 from .varied_keys import variation
 
@@ -28,20 +29,18 @@ if TYPE_CHECKING:
     from ..scene import Scene
     from ..simulation.preparation import Prepared
     from ..terrain.grid import Grid
-    from .ensemble_runs import EnsembleRequest
 
 PLAN_KEYS = ("sampling", "samples", "seed", "vary", "exceed", "percentiles")
-TIMES = ("wall_seconds", "processor_seconds")
-TABLE_HEAD, TABLE_TAIL = ("number",), ("digest", "status", *TIMES, *FIGURES, "reason")
-DIGEST_LENGTH = 16  # [hexadecimal digits] of a member, also in the names of its files
+TABLE_HEAD = ("number",)  # of `members.csv`, before the varied keys
+TABLE_TAIL = ("digest", "status", "wall_seconds", "processor_seconds", *FIGURES, "reason")
 
 
-def read_plan(request: "EnsembleRequest") -> tuple[SamplingPlan, Products]:
-    """Read the plan file, overridden by the request.
+def read_plan(asked: AskedEnsemble) -> tuple[SamplingPlan, Products]:
+    """Read the plan file, overridden by the options.
 
     Parameters
     ----------
-    request : EnsembleRequest
+    asked : AskedEnsemble
 
     Returns
     -------
@@ -53,24 +52,25 @@ def read_plan(request: "EnsembleRequest") -> tuple[SamplingPlan, Products]:
     InputError
         An unknown key, a wrong value, or a key that is given twice.
     """
-    stored = {} if request.plan is None else _plan_file(request.plan)
-    varied = {key: variation(asked, f"{request.plan} [vary] {key}") for key, asked in stored.get("vary", {}).items()}
+    file, samples = asked["plan"], asked["samples"]
+    stored = {} if file is None else _plan_file(file)
+    varied = {key: variation(values, f"{file} [vary] {key}") for key, values in stored.get("vary", {}).items()}
     given = {}
-    for key, asked in _key_values(request.vary):
+    for key, values in _key_values(asked["vary"]):
         if key in given:
             raise InputError(f"`vary={key}` is given twice; give it once")
-        given[key] = variation(asked, f"`vary={key}`")
-    exceed, percentiles = request.exceed, request.percentiles
+        given[key] = variation(values, f"`vary={key}`")
+    exceed, percentiles = asked["exceed"], asked["percentiles"]
     exceed = exceedances(exceed) if isinstance(exceed, (tuple, list)) else exceed
     plan = SamplingPlan.of(
         varied | given,
-        request.sampling or stored.get("sampling"),
-        request.samples or stored.get("samples"),
-        stored.get("seed", 0) if request.seed is None else request.seed,
+        asked["sampling"] or stored.get("sampling"),
+        samples or stored.get("samples"),
+        stored.get("seed", 0) if asked["seed"] is None else asked["seed"],
     )
-    if request.samples is not None and plan.sampling == "grid" and plan.has_only_lists:
+    if samples is not None and plan.sampling == "grid" and plan.has_only_lists:
         log.info(
-            f"`samples={request.samples}` has no effect: all keys have lists of values, and their {plan.count} "
+            f"`samples={samples}` has no effect: all keys have lists of values, and their {plan.count} "
             "combinations are run; `sampling=lhs` draws samples from them"
         )
     return (
@@ -132,7 +132,7 @@ class PlannedRuns:
 
     Parameters
     ----------
-    request : EnsembleRequest
+    asked : AskedEnsemble
     scene : Scene
     tables : dict
         Of the scene, with maxima of all steps.
@@ -142,7 +142,7 @@ class PlannedRuns:
         Varied texts (names of files and laws) -> (MemberTask of the scene with them, Prepared).
     """
 
-    request: "EnsembleRequest"
+    asked: AskedEnsemble
     scene: "Scene"
     tables: dict
     plan: SamplingPlan
@@ -150,12 +150,12 @@ class PlannedRuns:
     groups: dict
 
     @classmethod
-    def of(cls, request: "EnsembleRequest", plan: SamplingPlan) -> "PlannedRuns":
+    def of(cls, asked: AskedEnsemble, plan: SamplingPlan) -> "PlannedRuns":
         """Check all members, and prepare a run of each group.
 
         Parameters
         ----------
-        request : EnsembleRequest
+        asked : AskedEnsemble
         plan : SamplingPlan
 
         Raises
@@ -163,10 +163,10 @@ class PlannedRuns:
         InputError, SceneError
             A member that cannot run, or members with different grids.
         """
-        scene = scene_to_prepare(request.scene, request.law)
-        name, tables = Path(request.scene).name, with_peaks(scene, request.min_depth)
+        scene = scene_to_prepare(asked["scene"], asked["law"])
+        name, tables = Path(asked["scene"]).name, with_peaks(scene, asked["min_depth"])
         members = plan.members(tables, scene.folder, name, scene.own_laws)
-        study = cls(request, scene, tables, plan, members, {})
+        study = cls(asked, scene, tables, plan, members, {})
         for member in members:
             texts = study._texts(member)
             if texts not in study.groups:
@@ -194,13 +194,13 @@ class PlannedRuns:
         if len(grids) > 1:
             raise SceneError("`vary` terrain: the DTMs have different grids; resample them to one grid")
         task, prepared = self.first
-        require_cells_within(prepared.terrain.grid, self.request.cell_size, north_up=True)
+        require_cells_within(prepared.terrain.grid, self.asked["cell_size"], north_up=True)
         grid = task.averaging(prepared).grid  # raises for too many cells
-        report_cells(grid, prepared.terrain.grid, prepared.coarsest_cells, self.request.cell_size)
+        report_cells(grid, prepared.terrain.grid, prepared.coarsest_cells, self.asked["cell_size"])
 
     def _task(self, number: int, digest: str, tables: dict, name: str, output: str | Path) -> MemberTask:
-        folder, request = Path(self.scene.folder).resolve(), self.request
-        law = None if request.law is None else str(Path(request.law).resolve())
+        folder, asked = Path(self.scene.folder).resolve(), self.asked
+        law = None if asked["law"] is None else str(Path(asked["law"]).resolve())
         return MemberTask(
             number,
             digest,
@@ -209,16 +209,15 @@ class PlannedRuns:
             name,
             law,
             str(output),
-            request.cell_size,
-            request.min_depth,
-            request.keep == "frames",
-            request.keep == "deposit",
+            asked["cell_size"],
+            asked["min_depth"],
+            asked["keep"],
         )
 
     def input_files(self) -> Iterator[Path]:
         """Yield the path of every file that a member reads."""
         for _, prepared in self.groups.values():
-            yield from input_files(self.request.scene, prepared.scene, self.request.law)
+            yield from input_files(self.asked["scene"], prepared.scene, self.asked["law"])
 
     @property
     def first(self) -> "tuple[MemberTask, Prepared]":
@@ -234,15 +233,15 @@ class PlannedRuns:
     @cached_property
     def digests(self) -> list[str]:
         """Digest of each member: its scene, the contents of its files, the raster, the program and its source."""
-        request = self.request
-        known = [__version__, source_digest(), request.cell_size, request.min_depth]
+        asked = self.asked
+        known = [__version__, source_digest(), asked["cell_size"], asked["min_depth"]]
         inputs = {texts: prepared.digest for texts, (_, prepared) in self.groups.items()}
-        return [_digest([member.tables, inputs[self._texts(member)], *known]) for member in self.members]
+        return [digest_of([member.tables, inputs[self._texts(member)], *known]) for member in self.members]
 
     @property
     def digest(self) -> str:
         """Digest of all members in order."""
-        return _digest(self.digests)
+        return digest_of(self.digests)
 
     def tasks(self, output: Path) -> list[MemberTask]:
         """Return the tasks of all members; identical members share a digest and one run, the first has a companion.
@@ -252,7 +251,7 @@ class PlannedRuns:
         output : Path
             Folder for the results of members.
         """
-        name = Path(self.request.scene).name
+        name = Path(self.asked["scene"]).name
         tasks = (
             self._task(member.number, digest, member.tables, f"{name}, member {member.number}", output)
             for member, digest in zip(self.members, self.digests, strict=True)
@@ -325,5 +324,23 @@ def with_peaks(scene: "Scene", min_depth: float) -> dict:
     return tables
 
 
-def _digest(what):
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:DIGEST_LENGTH]
+def plan_text(tables: dict, note: str) -> str:
+    """Return a plan as TOML text, which the option --plan reads.
+
+    Parameters
+    ----------
+    tables : dict
+        Keys and tables of the plan.
+    note : str
+        Comment in the first line.
+
+    Returns
+    -------
+    str
+    """
+    lines = [f"# {note}"]
+    lines += [f"{key} = {toml_value(value)}" for key, value in tables.items() if not isinstance(value, dict)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{name}]"] + [f'"{key}" = {toml_value(value)}' for key, value in table.items()]
+    return "\n".join(lines) + "\n"

@@ -2,95 +2,39 @@
 
 import json
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from .. import __version__
-from ..frames.ensemble_folder import EnsembleFolder, member_files, read_member
-from ..frames.headline_numbers import ERROR_TAG, error_words
+from ..frames.many_runs_folder import ENSEMBLE, PLAN_FILE, TABLE_FILE, ManyRunsFolder
 from ..frames.member_stack import MemberStack
 from ..laws.quantities import MEMBER_BANDS
-from ..simulation.cost_prediction import duration_words
-from ..simulation.memory_need import MEMORY_SHARE
-from ..simulation.scene_run import ASK_SECONDS
-from ..system import dask_workers, operating_system
-from ..system.errors import InputError, MpmgisError, SceneError, UnphysicalError
-from ..system.memory import available_memory
+from ..system.csv_rows import write_records
+from ..system.errors import InputError, MpmgisError, UnphysicalError
 from ..system.messages import log
-from ..system.whole_files import whole_folder
-from ..system.worker_processes import Workers, started
+from ..system.whole_files import whole_file, whole_folder
 from .ensemble_maps import EnsembleMaps, write_maps
-from .ensemble_member import run_member, warm_worker, warmed
-from .ensemble_plan import TIMES, PlannedRuns, read_plan
-
-if TYPE_CHECKING:
-    from .region_plan import PlannedRegion
-
-LEFT_OUT = ("unphysical", "refused", "lost")  # statuses of members that the statistics omit
+from .ensemble_options import AskedEnsemble
+from .ensemble_plan import PlannedRuns, plan_text, read_plan
+from .ensemble_statistics import Products
+from .many_runs import ManyRuns, ManyRunsFound
 
 
-@dataclass(frozen=True)
-class EnsembleRequest:
-    """Request for an ensemble, with the options of `mpmgis ensemble`."""
-
-    scene: Path
-    output: Path | None = None
-    overwrite: bool = False
-    vary: tuple = ()  # of texts KEY=VALUES, or a dict
-    plan: Path | None = None
-    sampling: str | None = None
-    samples: int | None = None
-    seed: int | None = None
-    exceed: tuple | dict | None = None  # of texts QUANTITY=NUMBERS, or a dict
-    percentiles: tuple | None = None
-    cell_size: float | None = None  # [m]
-    min_depth: float = 0.05  # [m]
-    keep: str = "maxima"
-    workers: int | None = None
-    dask: str | None = None
-    tolerate: float = 0.1
-    law: Path | None = None
-
-
-@dataclass(frozen=True)
-class EnsembleFound:
+@dataclass(frozen=True, kw_only=True)
+class EnsembleFound(ManyRunsFound):
     """Results of an ensemble.
 
     Parameters
     ----------
-    folder : Path
-    files : tuple of Path
-        The QGIS project first.
-    statuses : dict of str to int
-        Number of members by status.
-    before : int
-        Number of members that were finished earlier.
-    start_seconds, run_seconds, map_seconds : float [s]
-        Wall time until the workers were ready, until all members were done, and of the statistics.
-    member_seconds, processor_seconds : float [s]
-        Sums of the wall and processor times of the members that were run.
-    companion : dict or None
-        Numerical errors of the first member.
+    processor_seconds : float [s]
+        Sum of the processor times of the members of this start.
     """
 
-    folder: Path
-    files: tuple
-    statuses: dict
-    before: int
-    start_seconds: float
-    run_seconds: float
-    map_seconds: float
-    member_seconds: float
     processor_seconds: float
-    companion: dict | None = None
 
 
 def ensemble(
-    request: EnsembleRequest,
+    asked: AskedEnsemble,
     *,
     confirm: Callable[[str], bool] = lambda question: True,
     look: Callable = lambda *state: None,
@@ -101,7 +45,7 @@ def ensemble(
 
     Parameters
     ----------
-    request : EnsembleRequest
+    asked : AskedEnsemble
     confirm : callable
         Question -> whether to start long runs.
     look : callable
@@ -118,57 +62,53 @@ def ensemble(
     UnphysicalError
         More members became unphysical than `tolerate` allows.
     """
-    plan, products = read_plan(request)
-    study = PlannedRuns.of(request, plan)
-    output = Path(request.output or Path(request.scene).parent / "ensemble")
-    folder = EnsembleFolder(output, study.digest, request.overwrite)
+    plan, products = read_plan(asked)
+    study = PlannedRuns.of(asked, plan)
+    scene = Path(asked["scene"])
+    output = Path(asked["output"] or scene.parent / "ensemble")
+    folder = ManyRunsFolder(ENSEMBLE, output, study.digest, asked["overwrite"])
     if plan.remark():
         log.info(plan.remark())
-    tasks = study.tasks(folder.members.resolve())
-    records = {task.digest: read_member(task.output, task.digest, task.frames, task.deposit) for task in tasks}
-    records = {digest: record for digest, record in records.items() if record is not None}
-    to_run = list({task.digest: task for task in tasks if task.digest not in records}.values())
-    workers = min(request.workers or operating_system.cores(), max(1, len(to_run)))
-    if to_run:
-        require_affordable(study, to_run, workers, confirm)
-        dask_workers.require_scheduler(request.dask)
-    before = sum(task.digest in records for task in tasks)
-    if before:
-        log.info(f"{before} of {len(tasks)} members are already finished")
+    runs = ManyRuns(study.tasks(folder.runs.resolve()), "member", asked["workers"], asked["dask"])
+    runs.require_affordable(study.cost, confirm)
     folder.refuse_inputs(study.input_files())
     with folder.held():
         ensemble_tables = plan.as_tables() | products.as_tables()
-        folder.write_plan(ensemble_tables, f"the plan of {Path(request.scene).name}, for mpmgis ensemble --plan")
-        folder.write_record(state="running", plan=ensemble_tables, scene=study.tables)
-        if request.overwrite:
-            folder.keep_members(task.digest for task in tasks)
+        known = {"plan": ensemble_tables, "scene": study.tables}
+        with whole_file(folder.path / PLAN_FILE) as part:
+            text = plan_text(ensemble_tables, f"the plan of {scene.name}, for mpmgis ensemble --plan")
+            part.write_text(text, encoding="utf-8", newline="\n")
+        folder.write_record(state="running", **known)
+        if asked["overwrite"]:
+            folder.keep_runs(task.digest for task in runs.tasks)
+        table = folder.path / TABLE_FILE
         try:
-            times = _run(request, study, to_run, workers, records, look)
+            started, ran = runs.run(study.groups.values(), look, _log_failed)
         finally:
-            table = folder.write_table(*study.table(records))
-        statuses = dict(Counter(records[task.digest]["status"] for task in tasks))
-        _require_enough(statuses, records, len(tasks), request.tolerate, table)
-        moving = log_moving([records[task.digest] for task in tasks], "members")
+            write_records(table, *study.table(runs.records))
+        _require_enough(runs, asked["tolerate"], table)
+        moving = runs.log_moving()
         began = time.perf_counter()
-        files = _write_maps(folder, study, products, tasks, records, workers)
+        files = _write_maps(folder, study, products, runs, moving)
         found = EnsembleFound(
-            folder.path,
-            (*files, table, folder.plan),
-            statuses,
-            before,
-            *times,
-            time.perf_counter() - began,
-            *(sum(records[task.digest].get(name, 0.0) for task in to_run) for name in TIMES),
-            records[tasks[0].digest].get("companion"),
+            folder=folder.path,
+            files=(*files, table, folder.path / PLAN_FILE),
+            statuses=runs.statuses,
+            before=runs.before,
+            start_seconds=started,
+            run_seconds=ran,
+            map_seconds=time.perf_counter() - began,
+            member_seconds=runs.spent("wall_seconds"),
+            processor_seconds=runs.spent("processor_seconds"),
+            companion=runs.companion,
         )
         folder.write_record(
             state="finished",
-            plan=ensemble_tables,
-            scene=study.tables,
-            members=statuses,
-            not_at_rest=len(moving),
-            before=before,
-            workers=workers,
+            **known,
+            members=found.statuses,
+            not_at_rest=moving,
+            before=found.before,
+            workers=runs.workers,
             start_seconds=found.start_seconds,
             run_seconds=found.run_seconds,
             map_seconds=found.map_seconds,
@@ -178,146 +118,19 @@ def ensemble(
     return found
 
 
-def require_affordable(
-    study: "PlannedRuns | PlannedRegion", tasks: list, workers: int, confirm: Callable[[str], bool]
-) -> None:
-    """Log the predicted cost of runs; ask before runs of more than an hour or of most of the memory.
-
-    Parameters
-    ----------
-    study : PlannedRuns or PlannedRegion
-    tasks : list of MemberTask or AreaTask
-    workers : int
-    confirm : callable
-        Question -> whether to start them.
-
-    Raises
-    ------
-    SceneError
-        The answer is no.
-    """
-    seconds, memory = study.cost(tasks)
-    at_once = "" if study.request.dask else f" on {workers} worker{'s' if workers > 1 else ''}"
-    seconds, memory = (seconds, 0.0) if study.request.dask else (seconds / workers, memory * workers)
-    need = f"{duration_words(seconds)}{at_once}" + (f" and {memory / 1e9:.2g} GB" if memory else " in all")
-    log.info(f"{len(tasks)} run{'s' if len(tasks) != 1 else ''}, predicted: {need}")
-    if not seconds > ASK_SECONDS and memory < MEMORY_SHARE * available_memory():
-        return
-    if not confirm(f"these {len(tasks)} runs are predicted to take {need}"):
-        raise SceneError(
-            f"{len(tasks)} runs are predicted to take {need}; give `yes` to run them, or fewer `samples`, fewer "
-            "`workers` or larger cells"
-        )
+def _log_failed(task, record):
+    if record["status"] != "finished":
+        log.info(f"member {task.number} is {record['status']}: {record['reason']}")
 
 
-def _run(
-    request: EnsembleRequest, study: PlannedRuns, tasks: list, workers: int, records: dict, look: Callable
-) -> tuple[float, float]:
-    """Run `tasks` into `records`; return (seconds until the workers were ready, seconds of the runs)."""
-    if not tasks:
-        return 0.0, 0.0
-    began = time.perf_counter()
-    for task, prepared in study.groups.values():
-        warmed(task, prepared)
-
-    total = len(records) + len(tasks)
-
-    def looked(*state):
-        look(len(records), total, sum(record["status"] in LEFT_OUT for record in records.values()))
-
-    with ExitStack() as stack:
-        pool = pool_of(stack, request.dask, workers)
-        if pool is not None:
-            pool.warm(warm_worker, [task for task, _ in study.groups.values()])
-        ready = time.perf_counter()
-        for task, record in done_by(pool, tasks, looked):
-            records[task.digest] = record or {"status": "lost", "reason": "its worker process died each time"}
-            looked()
-            if record is not None and record["status"] != "finished":
-                log.info(f"member {task.number} is {record['status']}: {record['reason']}")
-        return ready - began, time.perf_counter() - ready
-
-
-def pool_of(stack: ExitStack, dask: str | None, workers: int) -> dask_workers.DaskWorkers | Workers | None:
-    """Start workers that end with a stack of contexts.
-
-    Parameters
-    ----------
-    stack : contextlib.ExitStack
-    dask : str or None
-        Address of the scheduler of a Dask cluster.
-    workers : int
-        Number of processes without a cluster.
-
-    Returns
-    -------
-    DaskWorkers, Workers or None
-        None: everything runs in this process.
-    """
-    if dask is not None:
-        return dask_workers.DaskWorkers(stack.enter_context(dask_workers.dask_client(dask)))
-    return stack.enter_context(started(workers)) if workers > 1 else None
-
-
-def done_by(
-    pool: dask_workers.DaskWorkers | Workers | None, tasks: list, look: Callable, work: Callable = run_member
-) -> Iterator[tuple]:
-    """Run tasks and yield each with its record when it is done.
-
-    Parameters
-    ----------
-    pool : DaskWorkers, Workers or None
-        None: they run in this process.
-    tasks : list of MemberTask or AreaTask
-    look : callable
-        Called a few times a second.
-    work : callable
-        (task, look) -> record.
-
-    Yields
-    ------
-    task : MemberTask or AreaTask
-    record : dict or None
-        None if the worker died each time.
-    """
-    if pool is None:
-        yield from ((task, work(task, look)) for task in tasks)
-        return
-
-    def died(task, again):
-        log.info(f"the worker of member {task.number} died; {'it is run again' if again else 'given up after 3 times'}")
-
-    yield from pool.worked(work, tasks, look, died)
-
-
-def log_moving(records: list, word: str) -> list:
-    """Log how many finished runs of an ensemble or a region did not come to rest, and return their records.
-
-    Parameters
-    ----------
-    records : list of dict
-        Of all runs.
-    word : str
-        What a run is: "members" or "areas".
-    """
-    finished = [record for record in records if record["status"] == "finished"]
-    moving = [record for record in finished if not record["came_to_rest"]]
-    if moving:
-        log.info(
-            f"{len(moving)} of {len(finished)} {word} did not come to rest (`came_to_rest` in the table): their "
-            "runout can grow, and their last step is no deposit; use a later [output] end_time"
-        )
-    return moving
-
-
-def _require_enough(statuses: dict, records: dict, total: int, tolerate: float, table: Path) -> None:
+def _require_enough(runs: ManyRuns, tolerate: float, table: Path) -> None:
     """Log the members that the statistics omit; raise UnphysicalError or InputError if there are too many."""
-    left = {status: count for status, count in statuses.items() if status in LEFT_OUT}
+    left = {status: count for status, count in runs.statuses.items() if status != "finished"}
     if not left:
         return
     words = ", ".join(f"{count} {status}" for status, count in left.items())
-    first = next(record["reason"] for record in records.values() if record["status"] in LEFT_OUT)
-    count = sum(left.values())
+    first = next(record["reason"] for record in runs.records.values() if record["status"] != "finished")
+    count, total = sum(left.values()), len(runs.tasks)
     if count > tolerate * total or count == total:
         kind = UnphysicalError if set(left) == {"unphysical"} else InputError
         raise kind(
@@ -327,36 +140,33 @@ def _require_enough(statuses: dict, records: dict, total: int, tolerate: float, 
     log.info(f"the statistics omit {count} of {total} members ({words}); first: {first}")
 
 
-def _write_maps(folder, study, products, tasks, records, workers):
+def _write_maps(
+    folder: ManyRunsFolder, study: PlannedRuns, products: Products, runs: ManyRuns, moving: int
+) -> list[Path]:
     """Write the maps of all finished members; return the paths, the project first."""
-    finished = [task for task in tasks if records[task.digest]["status"] == "finished"]
-    extents = [records[task.digest]["extent"] for task in finished]
+    finished = runs.finished
+    extents = [runs.record(task)["extent"] for task in finished]
     extents = [extent for extent in extents if extent is not None]
     extent = None
     if extents:
         top, bottom, left, right = zip(*extents, strict=True)
         extent = min(top), max(bottom), min(left), max(right)
-    request, (_, prepared) = study.request, study.first
-    paths = [member_files(task.output, task.digest)[1] for task in finished]
-    stack = MemberStack(paths, study.grid, extent, MEMBER_BANDS, workers)
+    asked, (_, prepared) = study.asked, study.first
+    stack = MemberStack([task.files.maxima for task in finished], study.grid, extent, MEMBER_BANDS, runs.workers)
     tags = {
-        "version": __version__,
-        "digest": folder.digest,
         "members": len(finished),
-        "left_out": len(tasks) - len(finished),
-        "not_at_rest": sum(not records[task.digest]["came_to_rest"] for task in finished),
+        "left_out": len(runs.tasks) - len(finished),
+        "not_at_rest": moving,
         "sampling": study.plan.sampling,
         "seed": study.plan.seed,
         "cs_e": study.grid.cell_size,
-        "min_depth": request.min_depth,
         "dem": Path(prepared.terrain.path).name,
         "varied": json.dumps(study.plan.as_tables()["vary"]),
     }
-    errors = error_words(records[tasks[0].digest].get("companion"))
-    tags |= {ERROR_TAG: errors} if errors else {}
+    tags = runs.tags(folder.digest, asked["min_depth"]) | tags
     name = folder.path.resolve().name
     with whole_folder(folder.maps, overwrite=True) as part:
-        maps = EnsembleMaps(part, name, study.grid, extent, request.min_depth, products.rasters())
+        maps = EnsembleMaps(part, name, study.grid, extent, asked["min_depth"], products.rasters())
         write_maps(maps, stack, prepared.terrain, tags, _release(study), f"{name}: {len(finished)} runs")
         files = sorted(path.relative_to(part) for path in part.rglob("*") if path.is_file() and path.name[0] != ".")
     return [folder.maps / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]

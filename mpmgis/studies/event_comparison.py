@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -20,10 +19,8 @@ from ..terrain.observations import cells_within, read_line, read_outline, read_v
 from ..terrain.raster_input import read_raster
 from ..terrain.undeclared_nodata import THICKNESS
 from .calibration_events import Event
+from .calibration_options import AskedCalibration
 from .ensemble_member import DEPOSITED
-
-if TYPE_CHECKING:
-    from .calibration import CalibrateRequest
 
 DEPOSIT_ERROR = 0.1  # [m] standard deviation of the thickness of an observed deposit
 RELEASE_MISSED = 0.2  # [1] share of the release outside an outline, above which a message is printed
@@ -57,15 +54,15 @@ class EventOnGrid:
     event : Event
     grid : Grid
     terrain : Terrain
-    request : CalibrateRequest
+    asked : AskedCalibration
     """
 
-    def __init__(self, event: Event, grid: Grid, terrain: Terrain, request: "CalibrateRequest") -> None:
-        self.event, self.grid, self.terrain, self.request = event, grid, terrain, request
-        self.error = grid.cell_size if request.outline_error is None else request.outline_error
+    def __init__(self, event: Event, grid: Grid, terrain: Terrain, asked: AskedCalibration) -> None:
+        self.event, self.grid, self.terrain, self.asked = event, grid, terrain, asked
+        self.error = grid.cell_size if asked["outline_error"] is None else asked["outline_error"]
         self.outline = None if event.observed is None else read_outline(event.observed, grid)
         self.mask = None if self.outline is None else self._within(self.outline)
-        self.values = [] if event.points is None else read_values(event.points, grid, request.value_error)
+        self.values = [] if event.points is None else read_values(event.points, grid, asked["value_error"])
         self.deposit = None if event.deposit is None else self._deposit(event.deposit)
         self.line = self._line()
 
@@ -143,7 +140,7 @@ class EventOnGrid:
         bool[rows, columns]
         """
         members, k = run
-        return np.nan_to_num(members.band(k, "h_max")) >= self.request.threshold
+        return np.nan_to_num(members.band(k, "h_max")) >= self.asked["threshold"]
 
     def _outline_part(self, runs):
         if self.outline is None:
@@ -190,7 +187,7 @@ class EventOnGrid:
             bands = PathBands.of(self.line, self.grid, known)
             observed = bands.of_volume(self.deposit)
             area = bands.of_volume((self.deposit > 0).astype(float)) + self.error * self.grid.cell_size
-            variance = (self.request.value_error * observed) ** 2 + (DEPOSIT_ERROR * area) ** 2
+            variance = (self.asked["value_error"] * observed) ** 2 + (DEPOSIT_ERROR * area) ** 2
             names = [f"{self.event.name}: deposit_{k + 1}" for k in range(BANDS)]
             parts.append((names, observed, variance, np.array([bands.of_volume(one) for one in thickness])))
         if self.event.volume is not None:

@@ -9,7 +9,7 @@ import numpy as np
 import pyproj
 import shapely
 
-from ..frames.region_folder import LAYER, write_layer
+from ..frames.region_layers import AREAS, write_layer
 from ..seeding.release_areas import read_parts
 from ..system.errors import InputError
 from ..system.messages import log, muted
@@ -137,7 +137,7 @@ def write_area(path: Path, shape: bytes, name: str, crs: str | None) -> None:
             geometry_type=kind,
             crs=crs,
             driver="FlatGeobuf",
-            layer=LAYER,
+            layer=AREAS,
             SPATIAL_INDEX="NO",
         )
 
@@ -165,4 +165,4 @@ def write_areas(path: Path, areas: RegionAreas, results: dict[str, list]) -> Non
             f"{', '.join(left_out)}; rename them to keep them"
         )
     geometry = [part.polygon for part in areas.parts]
-    write_layer(path, LAYER, geometry, {**own, **results}, areas.crs)
+    write_layer(path, AREAS, geometry, {**own, **results}, areas.crs)

@@ -1,7 +1,5 @@
 """Plan a region: its areas, their scenes and digests, scenarios, predicted cost."""
 
-import hashlib
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ import shapely
 
 from .. import __version__
 from ..compiled.cache_folder import source_digest
+from ..frames.many_runs_folder import REGION, RunFiles
 from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, load_laws
 from ..laws.quantities import GRAVITY
@@ -29,14 +28,15 @@ from ..terrain.dtm import TerrainFile
 from ..terrain.raster_input import file_sha256
 from .area_run import AreaTask
 from .ensemble_member import MemberTask
-from .ensemble_plan import DIGEST_LENGTH, with_peaks
+from .ensemble_plan import with_peaks
+from .many_runs import digest_of
 from .region_areas import read_areas
+from .region_options import AskedRegion
 
 if TYPE_CHECKING:
     from ..scene import Scene
     from ..terrain.grid import Grid
     from .region_areas import RegionAreas
-    from .region_runs import RegionRequest
 
 SAMPLES = 3  # number of areas whose runs are prepared for the prediction
 LEAST_MU = 0.1  # [1] smallest slope of the energy line
@@ -49,7 +49,7 @@ class PlannedRegion:
 
     Parameters
     ----------
-    request : RegionRequest
+    asked : AskedRegion
     scene : Scene
         With the file of all areas as release.
     grid : Grid
@@ -63,7 +63,7 @@ class PlannedRegion:
         Of a few areas, filled by `prepare_samples`.
     """
 
-    request: "RegionRequest"
+    asked: AskedRegion
     scene: "Scene"
     grid: "Grid"
     areas: "RegionAreas"
@@ -73,12 +73,12 @@ class PlannedRegion:
     samples: list = field(default_factory=list)
 
     @classmethod
-    def of(cls, request: "RegionRequest", output: str | Path) -> "PlannedRegion":
+    def of(cls, asked: AskedRegion, output: str | Path) -> "PlannedRegion":
         """Read the scene, the grid of the DTM and all areas; nothing is written.
 
         Parameters
         ----------
-        request : RegionRequest
+        asked : AskedRegion
         output : path
             Folder of the results.
 
@@ -87,9 +87,9 @@ class PlannedRegion:
         InputError
             No release areas, a rotated DTM, or an invalid file.
         """
-        if request.releases is None:
+        if asked["releases"] is None:
             raise InputError("no release areas are given; give `releases`")
-        scene = _scene(request)
+        scene = _scene(asked)
         table, release = scene.terrain, scene.release
         terrain = TerrainFile(scene.path(table.dem), table.crs, table.band, table.fill_nodata, table.to_crs)
         if terrain.grid.is_rotated:
@@ -98,22 +98,24 @@ class PlannedRegion:
         of_raster = release.surface is not None or (
             isinstance(thickness, str) and file_of(scene.path(thickness)).exists()
         )
-        areas = read_areas(Path(request.releases), terrain, 1.0 if of_raster else thickness)
+        areas = read_areas(Path(asked["releases"]), terrain, 1.0 if of_raster else thickness)
         scenarios = ["all"] * len(areas.parts)
-        if request.scenario is not None:
-            scenarios = _scenarios(areas.column(request.scenario, "scenario"), request.scenario)
-        often = [0.0] * len(areas.parts) if request.frequency is None else areas.frequencies(request.frequency).tolist()
-        tasks = _tasks(request, scene, terrain, areas, not of_raster, Path(output).resolve() / "runs")
-        return cls(request, scene, terrain.grid, areas, tasks, scenarios, often)
+        if asked["scenario"] is not None:
+            scenarios = _scenarios(areas.column(asked["scenario"], "scenario"), asked["scenario"])
+        often = (
+            [0.0] * len(areas.parts) if asked["frequency"] is None else areas.frequencies(asked["frequency"]).tolist()
+        )
+        tasks = _tasks(asked, scene, terrain, areas, not of_raster, Path(output).resolve() / REGION.runs)
+        return cls(asked, scene, terrain.grid, areas, tasks, scenarios, often)
 
     @property
     def digest(self) -> str:
         """Digest of all areas, scenarios and frequencies in order."""
-        return _digest([[task.digest for task in self.tasks], self.scenarios, self.frequencies])
+        return digest_of([[task.digest for task in self.tasks], self.scenarios, self.frequencies])
 
     def input_files(self) -> Iterator[Path]:
         """Yield the path of every file that a run reads."""
-        yield from input_files(self.request.scene, self.scene, self.request.law)
+        yield from input_files(self.asked["scene"], self.scene, self.asked["law"])
 
     def bounds(self, window: tuple | None) -> tuple[float, float, float, float]:
         """Return the bounds of a window of the DTM.
@@ -187,9 +189,9 @@ def _prepared(task):
     return member, member.prepared()
 
 
-def _scene(request):
+def _scene(asked):
     """Return the Scene with the file of all areas as its release."""
-    tables, path = dict(read_toml(request.scene)), Path(request.scene)
+    tables, path = dict(read_toml(asked["scene"])), Path(asked["scene"])
     release = dict(tables.get("release", {}))
     for key in ("particles", "window"):
         if key in release:
@@ -199,8 +201,8 @@ def _scene(request):
             raise SceneError(f"{path.name}: a region cannot use the table {name}; every run has one release area")
     if "window" in tables.get("terrain", {}):
         raise SceneError(f"{path.name}: [terrain] window has no use in a region; every area has its own")
-    tables["release"] = release | {"source": str(Path(request.releases).resolve())}
-    own = NO_OWN_LAWS if request.law is None else load_laws(request.law)
+    tables["release"] = release | {"source": str(Path(asked["releases"]).resolve())}
+    own = NO_OWN_LAWS if asked["law"] is None else load_laws(asked["law"])
     return scene_from_tables(tables, path.parent, path.name, own)
 
 
@@ -213,9 +215,9 @@ def _scenarios(values, name):
     return texts
 
 
-def _slope(request, scene):
+def _slope(asked, scene):
     """Return the slope of the energy line of the first window."""
-    return first_mu(scene) if request.angle is None else math.tan(math.radians(request.angle))
+    return first_mu(scene) if asked["angle"] is None else math.tan(math.radians(asked["angle"]))
 
 
 def first_mu(scene: "Scene") -> float:
@@ -251,21 +253,21 @@ def _head(release):
     return speed * speed / (2.0 * GRAVITY)
 
 
-def _tasks(request, scene, terrain, areas, own_thickness, runs):
+def _tasks(asked, scene, terrain, areas, own_thickness, runs):
     """Return an AreaTask for each area; equal areas share a digest and one run."""
-    name, folder = Path(request.scene).name, Path(scene.folder).resolve()
-    law = None if request.law is None else str(Path(request.law).resolve())
-    tables, mu, head = with_peaks(scene, request.min_depth), _slope(request, scene), _head(scene.release)
+    name, folder = Path(asked["scene"]).name, Path(scene.folder).resolve()
+    law = None if asked["law"] is None else str(Path(asked["law"]).resolve())
+    tables, mu, head = with_peaks(scene, asked["min_depth"]), _slope(asked, scene), _head(scene.release)
     crs = None if areas.crs is None else areas.crs.to_wkt()
-    known = [__version__, source_digest(), request.min_depth, mu, crs, terrain.sha256]
-    known += _other_inputs(request, scene, terrain)
+    known = [__version__, source_digest(), asked["min_depth"], mu, crs, terrain.sha256]
+    known += _other_inputs(asked, scene, terrain)
     tasks = []
     for number, part in enumerate(areas.parts, 1):
         shape = shapely.to_wkb(part.polygon)
         release = tables["release"] | ({"thickness": part.thickness} if own_thickness else {})
         release.pop("source")
-        digest = _digest([tables | {"release": release}, shape.hex(), *known])
-        release["source"] = str(runs / f"{digest}.fgb")
+        digest = digest_of([tables | {"release": release}, shape.hex(), *known])
+        release["source"] = str(RunFiles(runs, digest).release)
         run = MemberTask(
             number,
             digest,
@@ -275,23 +277,19 @@ def _tasks(request, scene, terrain, areas, own_thickness, runs):
             law,
             str(runs),
             None,
-            request.min_depth,
+            asked["min_depth"],
             companion=number == 1,
         )
         tasks.append(AreaTask(number, run, shape, crs, mu, head))
     return tasks
 
 
-def _other_inputs(request, scene, terrain):
+def _other_inputs(asked, scene, terrain):
     """Return digests of the files that runs read, other than the scene, the DTM and the areas."""
-    areas = file_of(request.releases).resolve()
-    files = {path.resolve() for path in input_files(request.scene, scene, request.law)}
-    files -= {Path(request.scene).resolve(), file_of(terrain.path).resolve()}
+    areas = file_of(asked["releases"]).resolve()
+    files = {path.resolve() for path in input_files(asked["scene"], scene, asked["law"])}
+    files -= {Path(asked["scene"]).resolve(), file_of(terrain.path).resolve()}
     stem = areas.name.partition(".")[0]
     return sorted(
         file_sha256(path) for path in files if (path.parent, path.name.partition(".")[0]) != (areas.parent, stem)
     )
-
-
-def _digest(what):
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:DIGEST_LENGTH]

@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster, with the interface of worker processes.
+"""Workers of a Dask cluster.
 
 Anyone who can reach the port of a Dask scheduler can execute code there: on a network or a machine with other users
 use TLS (`tls://` addresses, certificates in the configuration of Dask).
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from .errors import InputError, one_line
 from .optional_libraries import needed_for
-from .worker_processes import RETRIES, arrived
+from .worker_processes import WorkerPool, arrived
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -68,8 +68,8 @@ def require_scheduler(address: str | None) -> None:
             pass
 
 
-class DaskWorkers:
-    """The workers of a Dask cluster, with the interface of `worker_processes.Workers`.
+class DaskWorkers(WorkerPool):
+    """The workers of a Dask cluster; each has one piece of work per thread.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class DaskWorkers:
     """
 
     def __init__(self, client: "Client"):
-        self._client = client
+        self._client, self._running, self._done = client, {}, SimpleQueue()
 
     def warm(self, function: Callable, *arguments: Any) -> None:
         """Call `function(*arguments)` in every worker at the same time; errors are ignored, the work repeats them.
@@ -102,58 +102,54 @@ class DaskWorkers:
         look: Callable = lambda: None,
         died: Callable = lambda piece, again: None,
     ) -> Iterator[tuple]:
-        """Yield (piece, `function(piece)`) in the order of completion; None for a piece that killed all its workers.
-
-        At most one piece per thread is submitted, so that a dying worker loses no other piece.
+        """Do pieces of work, see `WorkerPool.worked`.
 
         Parameters
         ----------
         function : callable
         pieces : sequence of objects with a `number`
         look : callable () -> None
-            Called a few times a second.
         died : callable (piece, again) -> None
-            Called when a worker has died; `again` is whether the piece is repeated.
 
         Raises
         ------
         InputError
             The connection to the cluster is lost, or its workers cannot run this program.
         """
-        from distributed import CancelledError, KilledWorker
-
-        waiting, deaths, running, done = list(reversed(pieces)), {}, {}, SimpleQueue()
         try:
-            while waiting or running:
-                while waiting and len(running) < max(1, sum(self._client.nthreads().values())):
-                    piece = waiting.pop()
-                    future = self._client.submit(function, piece, pure=False)
-                    running[future.key] = future, piece
-                    future.add_done_callback(done.put)
-                look()
-                for future in arrived(done):
-                    _, piece = running.pop(future.key)
-                    try:
-                        yield piece, future.result()
-                    except KilledWorker:
-                        number = deaths[piece.number] = deaths.get(piece.number, 0) + 1
-                        died(piece, number <= RETRIES)
-                        if number <= RETRIES:
-                            waiting.append(piece)
-                        else:
-                            yield piece, None
-                    except CancelledError as error:
-                        raise _gone(error) from error
-                    except (ImportError, AttributeError) as error:
-                        raise InputError(
-                            f"the workers cannot run this program ({one_line(error)[:100]}); install the same version "
-                            "of mpmgis there"
-                        ) from error
+            yield from super().worked(function, pieces, look, died)
         except OSError as error:
             raise _gone(error) from error
         finally:
             with suppress(Exception):  # the cluster may be gone
-                self._client.cancel([future for future, _ in running.values()])
+                self._client.cancel([*self._running.values()])
+
+    def _has_room(self, running):
+        return running < max(1, sum(self._client.nthreads().values()))
+
+    def _begin(self, function, piece):
+        future = self._client.submit(function, piece, pure=False)
+        self._running[future.key] = future
+        future.add_done_callback(self._done.put)
+        return future.key
+
+    def _ended(self):
+        from distributed import CancelledError, KilledWorker
+
+        for future in arrived(self._done):
+            del self._running[future.key]
+            try:
+                value = (future.result(),)
+            except KilledWorker:
+                value = None
+            except CancelledError as error:
+                raise _gone(error) from error
+            except (ImportError, AttributeError) as error:
+                raise InputError(
+                    f"the workers cannot run this program ({one_line(error)[:100]}); install the same version of "
+                    "mpmgis there"
+                ) from error
+            yield future.key, value
 
 
 def _gone(error):

@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
@@ -57,7 +58,72 @@ def started(count: int) -> "Iterator[Workers]":
         workers.end()
 
 
-class Workers:
+class WorkerPool(ABC):
+    """Workers that do pieces of work in any order; each has at most as many as it has threads.
+
+    So a dying worker loses no piece that another could have begun. A piece whose worker died is repeated.
+    """
+
+    @abstractmethod
+    def warm(self, function: Callable, *arguments: Any) -> None:
+        """Call `function(*arguments)` in every worker at the same time; errors are ignored, the work repeats them.
+
+        Parameters
+        ----------
+        function : callable
+        *arguments : objects
+        """
+
+    @abstractmethod
+    def _has_room(self, running: int) -> bool:
+        """Return whether a worker is idle while so many pieces are being done."""
+
+    @abstractmethod
+    def _begin(self, function: Callable, piece: Any) -> Any:
+        """Let an idle worker do a piece; return a key of this work."""
+
+    @abstractmethod
+    def _ended(self) -> Iterator[tuple]:
+        """Wait a moment; yield (key, a tuple of the value, or None if the worker died) of work that has ended."""
+
+    def worked(
+        self,
+        function: Callable,
+        pieces: Sequence,
+        look: Callable = lambda: None,
+        died: Callable = lambda piece, again: None,
+    ) -> Iterator[tuple]:
+        """Yield (piece, `function(piece)`) in the order of completion; None for a piece that killed all its workers.
+
+        Parameters
+        ----------
+        function : callable
+        pieces : sequence of objects with a `number`
+        look : callable () -> None
+            Called a few times a second.
+        died : callable (piece, again) -> None
+            Called when a worker has died; `again` is whether the piece is repeated.
+        """
+        waiting, deaths, running = list(reversed(pieces)), {}, {}
+        while waiting or running:
+            while waiting and self._has_room(len(running)):
+                piece = waiting.pop()
+                running[self._begin(function, piece)] = piece
+            look()
+            for key, value in self._ended():
+                piece = running.pop(key)
+                if value is not None:
+                    yield piece, *value
+                    continue
+                number = deaths[piece.number] = deaths.get(piece.number, 0) + 1
+                died(piece, number <= RETRIES)
+                if number <= RETRIES:
+                    waiting.append(piece)
+                else:
+                    yield piece, None
+
+
+class Workers(WorkerPool):
     """Processes of one thread each.
 
     Work is pickled: functions must be importable by name.
@@ -70,6 +136,7 @@ class Workers:
     def __init__(self, count: int):
         self._done = SimpleQueue()  # of (process, answer), or (process, None) if it died
         self._processes = [_Process(self._done) for _ in range(count)]
+        self._idle = list(self._processes)
 
     def end(self) -> None:
         """End all processes, also during work."""
@@ -84,59 +151,32 @@ class Workers:
         function : callable
         *arguments : objects
         """
+        self._idle.clear()
         for process in self._processes:
             process.send(function, arguments)
         for _ in range(len(self._processes)):
-            process, answer = self._done.get()
-            if answer is None:
-                self._replace(process)
+            self._idle_again(*self._done.get())
 
-    def worked(
-        self,
-        function: Callable,
-        pieces: Sequence,
-        look: Callable = lambda: None,
-        died: Callable = lambda piece, again: None,
-    ) -> Iterator[tuple]:
-        """Yield (piece, `function(piece)`) in the order of completion; None for a piece that killed all its workers.
+    def _has_room(self, running):
+        return bool(self._idle)
 
-        Every worker has one piece at a time, so that a dying worker loses no other piece.
+    def _begin(self, function, piece):
+        process = self._idle.pop()
+        process.send(function, (piece,))
+        return process
 
-        Parameters
-        ----------
-        function : callable
-        pieces : sequence of objects with a `number`
-        look : callable () -> None
-            Called a few times a second.
-        died : callable (piece, again) -> None
-            Called when a worker has died; `again` is whether the piece is repeated.
-        """
-        waiting, deaths, running, idle = list(reversed(pieces)), {}, {}, list(self._processes)
-        while waiting or running:
-            while waiting and idle:
-                process, piece = idle.pop(), waiting.pop()
-                running[process] = piece
-                process.send(function, (piece,))
-            look()
-            for process, answer in arrived(self._done):
-                piece = running.pop(process)
-                if answer is not None:
-                    idle.append(process)
-                    yield piece, _value(*answer)
-                    continue
-                idle.append(self._replace(process))
-                number = deaths[piece.number] = deaths.get(piece.number, 0) + 1
-                died(piece, number <= RETRIES)
-                if number <= RETRIES:
-                    waiting.append(piece)
-                else:
-                    yield piece, None
+    def _ended(self):
+        for process, answer in arrived(self._done):
+            self._idle_again(process, answer)
+            yield process, None if answer is None else (_value(*answer),)
 
-    def _replace(self, process: "_Process") -> "_Process":
-        """Replace a process that died, and return the new one."""
-        process.end()
-        self._processes[self._processes.index(process)] = new = _Process(self._done)
-        return new
+    def _idle_again(self, process, answer):
+        """Add a process with an answer to the idle ones; replace one that died."""
+        if answer is None:
+            process.end()
+            dead, process = process, _Process(self._done)
+            self._processes[self._processes.index(dead)] = process
+        self._idle.append(process)
 
 
 def arrived(queue: SimpleQueue) -> Iterator:

@@ -21,9 +21,11 @@ from slope_site import SCENE, write_site
 
 from mpmgis.frames.ensemble_members import read_members
 from mpmgis.studies import calibration
-from mpmgis.studies.calibration import CalibrateRequest, calibrate
+from mpmgis.studies.calibration import calibrate
+from mpmgis.studies.calibration_options import calibration_with
 from mpmgis.studies.calibration_priors import priors
-from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
+from mpmgis.studies.ensemble_options import ensemble_with
+from mpmgis.studies.ensemble_runs import ensemble
 from mpmgis.studies.sampling_plan import SamplingPlan
 
 PAIRS, NEEDED, SEED = 20, 18, 2026
@@ -44,7 +46,8 @@ def rows():
 
 def truths(site, scene, values):
     """Outlines (paths) of runs of `scene` with `values` by key."""
-    ensemble(EnsembleRequest(scene, site / "truth", vary=values, sampling="joint", workers=WORKERS, overwrite=True))
+    joint = {"vary": values, "sampling": "joint", "workers": WORKERS, "overwrite": True}
+    ensemble(ensemble_with(scene=scene, output=site / "truth", **joint))
     members = read_members(site / "truth")
     for k in range(len(members)):
         mask = (np.nan_to_num(members.band(k, "h_max")) >= 0.1).astype(np.uint8)
@@ -62,9 +65,9 @@ def _coulomb(site):
     for angle, outline in zip(
         ANGLES, truths(site, scene, {"friction.mu": list(np.tan(np.radians(ANGLES)))}), strict=True
     ):
-        asked = CalibrateRequest(
-            scene,
-            site / "coulomb",
+        asked = calibration_with(
+            scene=scene,
+            output=site / "coulomb",
             vary=("friction.mu=0.2:0.6",),
             observed=outline,
             samples=30,
@@ -94,8 +97,15 @@ def _voellmy(site):
     calibration.TESTED = 0  # the self-test of the whole calibration is enough
     inside = np.zeros(2, int)
     for truth, outline in zip(values, outlines, strict=True):
-        asked = CalibrateRequest(
-            scene, site / "pairs", vary=VARY, observed=outline, samples=60, refine=20, predictive=0, workers=WORKERS
+        asked = calibration_with(
+            scene=scene,
+            output=site / "pairs",
+            vary=VARY,
+            observed=outline,
+            samples=60,
+            refine=20,
+            predictive=0,
+            workers=WORKERS,
         )
         low, _, high = calibrate(asked).result.intervals()
         inside += (low <= truth) & (truth <= high)
@@ -108,7 +118,7 @@ def _voellmy(site):
 def _whole(site, scene, outline):
     """Time and self-test of a calibration with 200 runs."""
     began = time.perf_counter()
-    asked = CalibrateRequest(scene, site / "whole", vary=VARY, observed=outline, workers=WORKERS)
+    asked = calibration_with(scene=scene, output=site / "whole", vary=VARY, observed=outline, workers=WORKERS)
     test = calibrate(asked).result.test
     seconds = time.perf_counter() - began
     case = "calibrate, 200 runs of a slope in cells of 10 m, one process"

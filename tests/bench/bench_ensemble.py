@@ -17,7 +17,8 @@ import numpy as np
 from mpmgis.commands.demo_site import sample_folder
 from mpmgis.frames.member_stack import STACK_BYTES
 from mpmgis.laws.quantities import BAND, MEMBER_BANDS
-from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
+from mpmgis.studies.ensemble_options import ensemble_with
+from mpmgis.studies.ensemble_runs import ensemble
 from mpmgis.terrain.grid import Grid
 from mpmgis.terrain.raster_output import write_geotiff
 
@@ -67,9 +68,9 @@ def _workers(folder):
     (site / "scene.toml").write_text(text, encoding="utf-8")
     found = {
         workers: ensemble(
-            EnsembleRequest(
-                site / "scene.toml",
-                folder / f"by_{workers}",
+            ensemble_with(
+                scene=site / "scene.toml",
+                output=folder / f"by_{workers}",
                 vary=("friction.mu=0.2:0.3",),
                 samples=MEMBERS,
                 workers=workers,

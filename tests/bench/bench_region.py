@@ -16,7 +16,7 @@ import rasterio
 import shapely
 from affine import Affine
 
-from mpmgis.studies.region_runs import RegionRequest, region
+import mpmgis
 
 AREAS, SIDE, CELL, WORKERS = 1000, 20_000, 5.0, 2
 SMALL = (4, 3000)  # areas and cells a side of the table
@@ -75,7 +75,7 @@ def measured(areas, side):
         write_areas(folder / "areas.gpkg", areas, side)
         (folder / "scene.toml").write_text(SCENE, encoding="utf-8")
         made = time.perf_counter() - began
-        found = region(RegionRequest(folder / "scene.toml", folder / "areas.gpkg", folder / "out", workers=WORKERS))
+        found = mpmgis.region(folder / "scene.toml", folder / "areas.gpkg", folder / "out", workers=WORKERS)
     both = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     return found, [resource.getrusage(who).ru_maxrss / 1e3 for who in both], made
 

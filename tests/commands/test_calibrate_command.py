@@ -18,9 +18,10 @@ from mpmgis.results.path_bands import BANDS, PathBands
 from mpmgis.scene.scene_reading import read_scene
 from mpmgis.simulation.preparation import prepare_scene
 from mpmgis.studies import ensemble_member
-from mpmgis.studies.calibration import CalibrateRequest
 from mpmgis.studies.calibration_events import events_of
-from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
+from mpmgis.studies.calibration_options import calibration_with
+from mpmgis.studies.ensemble_options import ensemble_with
+from mpmgis.studies.ensemble_runs import ensemble
 from mpmgis.studies.event_comparison import EventOnGrid
 from mpmgis.terrain.grid import Grid
 
@@ -36,7 +37,8 @@ def site(tmp_path_factory):
     (folder / "scene.toml").write_text(COULOMB)
     vary = {"friction.mu": [float(np.tan(np.radians(TRUTH)))]}
     scene = folder / "scene.toml"
-    ensemble(EnsembleRequest(scene, folder / "truth", vary=vary, sampling="joint", workers=1, keep="deposit"))
+    truth = {"vary": vary, "sampling": "joint", "keep": "deposit"}
+    ensemble(ensemble_with(scene=scene, output=folder / "truth", workers=1, **truth))
     truth = read_members(folder / "truth")
     covered, grid = np.nan_to_num(truth.band(0, "h_max")) >= 0.1, truth.grid()
     found = rasterio.features.shapes(covered.astype(np.uint8), transform=grid.transform)
@@ -209,11 +211,11 @@ def test_observations_in_wrong_places_are_refused_before_any_run(site, tmp_path,
 def test_an_outline_without_the_release_or_beyond_the_dtm_is_reported(site, caplog, west, east, word):
     path = site / f"outline_{west}_{east}.gpkg"
     geopandas.GeoDataFrame(geometry=[shapely.box(west, 5_100_120, east, 5_100_280)], crs=32632).to_file(path)
-    request = CalibrateRequest(site / "scene.toml", vary=("friction.mu=0.3:0.6",), observed=path)
-    prepared = prepare_scene(read_scene(request.scene))
-    (event,) = events_of(request)
+    asked = calibration_with(scene=site / "scene.toml", vary=("friction.mu=0.3:0.6",), observed=path)
+    prepared = prepare_scene(read_scene(asked["scene"]))
+    (event,) = events_of(asked)
     with caplog.at_level("INFO", "mpmgis"):
-        EventOnGrid(event, prepared.terrain.grid, prepared.terrain, request).report_outline(prepared.seen)
+        EventOnGrid(event, prepared.terrain.grid, prepared.terrain, asked).report_outline(prepared.seen)
     assert (caplog.text == "") if word is None else (word in caplog.text and str(path) in caplog.text)
 
 

@@ -1,16 +1,10 @@
-"""`mpmgis ensemble` through the command line: members, maps against NumPy, second starts, dead workers, refusals."""
+"""`mpmgis ensemble` through the command line: members, maps against NumPy, second starts, refusals."""
 
-import contextlib
 import csv
 import hashlib
 import json
-import os
-import signal
-from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
-import psutil
 import pytest
 import rasterio
 from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_shapes, write_site
@@ -18,9 +12,9 @@ from slope_site import FOOT, PIXEL, SCENE, WEST, distances, write_raster, write_
 from mpmgis.commands.shell.main import main
 from mpmgis.frames import member_stack
 from mpmgis.studies import ensemble_member
+from mpmgis.studies.ensemble_options import ensemble_with
 from mpmgis.studies.ensemble_plan import read_plan
-from mpmgis.studies.ensemble_runs import EnsembleRequest, ensemble
-from mpmgis.system import worker_processes as workers
+from mpmgis.studies.ensemble_runs import ensemble
 from mpmgis.system.errors import UnphysicalError
 from mpmgis.system.messages import collected
 
@@ -222,54 +216,7 @@ def test_files_and_frames_may_vary_and_be_kept(site, tmp_path):
     assert main(["info", str(kept), "-q"]) == 0
 
 
-def worker_processes():
-    """Numbers of the processes that this one started to work for it."""
-    found = []
-    for process in psutil.Process().children(recursive=True):
-        with contextlib.suppress(psutil.Error):
-            if "mpmgis.system.worker_processes" in " ".join(process.cmdline()):
-                found.append(process.pid)
-    return found
-
-
-@pytest.mark.thorough
-def test_dead_workers_cost_their_own_member_and_bytes_do_not_depend_on_how_many_there_are(done, site, tmp_path):
-    """Two processes, one killed during its work: all members are there, to the bytes of one process."""
-    killed, seen = [], []
-
-    def kill(count, total, left):
-        seen.append(count)
-        if sum(value >= 1 for value in seen) == 3:  # some are done, and the next ones have been handed out
-            killed.append(worker_processes()[0])
-            os.kill(killed[0], signal.SIGKILL)
-
-    request = EnsembleRequest(site / "scene.toml", tmp_path / "ensemble", vary=VARY, samples=5, workers=2)
-    with collected() as said:
-        found = ensemble(request, look=kill)
-    assert killed and found.statuses == {"finished": 5}
-    assert sum("died" in line for line in said) <= 1  # none where its member was done at that very moment
-    assert digests(tmp_path / "ensemble") == digests(done)
-
-
-def deadly(piece):
-    """Work of which the third piece kills who does it."""
-    if piece.number == 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return 10 * piece.number
-
-
-@pytest.mark.thorough
-def test_a_piece_of_work_that_kills_each_worker_is_given_up_and_the_rest_is_done():
-    died, done = [], {}
-    with workers.started(2) as pool:
-        pieces = [SimpleNamespace(number=k) for k in range(5)]
-        for piece, answer in pool.worked(deadly, pieces, died=lambda piece, again: died.append(again)):
-            done[piece.number] = answer
-    assert done == {0: 0, 1: 10, 2: None, 3: 30, 4: 40}
-    assert died == [True, True, False]
-
-
-def test_ctrl_c_leaves_what_a_second_start_continues_from(site, tmp_path, capsys):
+def test_ctrl_c_leaves_what_a_second_start_continues_from(done, site, tmp_path, capsys):
     class Enough(KeyboardInterrupt):
         pass
 
@@ -277,14 +224,16 @@ def test_ctrl_c_leaves_what_a_second_start_continues_from(site, tmp_path, capsys
         if count == 2:
             raise Enough
 
-    request = EnsembleRequest(site / "scene.toml", tmp_path / "e", vary=VARY, samples=5, workers=1)
+    folder = tmp_path / "ensemble"
+    asked = ensemble_with(scene=site / "scene.toml", output=folder, vary=VARY, samples=5, workers=1)
     with pytest.raises(Enough):
-        ensemble(request, look=stop)
-    assert [row["status"] for row in table(tmp_path / "e")] == ["finished"] * 2 + ["open"] * 3
-    assert not (tmp_path / "e" / "maps").exists()
+        ensemble(asked, look=stop)
+    assert [row["status"] for row in table(folder)] == ["finished"] * 2 + ["open"] * 3
+    assert not (folder / "maps").exists()
     assert not list(tmp_path.rglob(".*part*"))
-    assert command(site, tmp_path / "e") == 0
+    assert command(site, folder) == 0
     assert "2 of 5 members are already finished" in capsys.readouterr().err
+    assert digests(folder) == digests(done)
 
 
 def broken(monkeypatch, kind, above):
@@ -299,7 +248,7 @@ def broken(monkeypatch, kind, above):
     monkeypatch.setattr(ensemble_member, "run_task", run)
 
 
-def test_unphysical_members_are_left_out_and_reported_and_not_tried_again(site, tmp_path, capsys, monkeypatch):
+def test_unphysical_members_are_left_out_and_reported(site, tmp_path, capsys, monkeypatch):
     broken(monkeypatch, UnphysicalError, 0.33)
     assert command(site, tmp_path / "e", "--tolerate", "0.3") == 0
     said = capsys.readouterr().err
@@ -308,8 +257,6 @@ def test_unphysical_members_are_left_out_and_reported_and_not_tried_again(site, 
     assert sorted(row["status"] for row in rows) == ["finished"] * 4 + ["unphysical"]
     with rasterio.open(tmp_path / "e/maps/rasters/e_h.tif") as source:
         assert (source.tags(ns="mpmgis")["members"], source.tags(ns="mpmgis")["left_out"]) == ("4", "1")
-    assert command(site, tmp_path / "e", "--tolerate", "0.3") == 0
-    assert "5 of 5 members are already finished" in capsys.readouterr().err
 
 
 def test_too_many_unphysical_members_are_refused(site, tmp_path, capsys, monkeypatch):
@@ -321,16 +268,16 @@ def test_too_many_unphysical_members_are_refused(site, tmp_path, capsys, monkeyp
 
 
 def test_samples_of_lists_are_reported(site, capsys):
-    request = EnsembleRequest(scene=site / "scene.toml", vary=("friction.mu=0.2,0.3",), samples=1000)
+    lists = {"scene": site / "scene.toml", "vary": ("friction.mu=0.2,0.3",)}
     with collected() as messages:
-        plan, _ = read_plan(request)
+        plan, _ = read_plan(ensemble_with(**lists, samples=1000))
     assert plan.count == 2
     assert (
         "`samples=1000` has no effect: all keys have lists of values, and their 2 combinations are run" in messages[0]
     )
     with collected() as messages:
-        read_plan(replace(request, samples=None))
-        read_plan(replace(request, vary=("friction.mu=0.2,0.3", "friction.xi=500:800")))
+        read_plan(ensemble_with(**lists))
+        read_plan(ensemble_with(**lists | {"vary": ("friction.mu=0.2,0.3", "friction.xi=500:800")}, samples=1000))
     assert not messages
 
 
@@ -382,12 +329,6 @@ def test_plans_that_are_none_are_refused(site, tmp_path, capsys, text, words):
     assert command(site, tmp_path / "e", "--plan", str(tmp_path / "plan.toml"), "-q", vary=()) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1 and words in lines[0], lines
-
-
-def test_a_folder_with_something_else_is_refused(site, tmp_path, capsys):
-    (tmp_path / "thesis.txt").write_text("mine")
-    assert command(site, tmp_path, "--overwrite") == 2
-    assert (tmp_path / "thesis.txt").exists() and "is not the folder of an ensemble" in capsys.readouterr().err
 
 
 def test_what_takes_long_asks_first(tmp_path, capsys):

@@ -20,7 +20,6 @@ from affine import Affine
 import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.studies import area_run
-from mpmgis.studies.region_runs import RegionRequest, region
 from mpmgis.system.errors import InputError
 from mpmgis.system.messages import collected
 from mpmgis.terrain.dtm import TerrainFile
@@ -83,13 +82,14 @@ def site(tmp_path_factory):
     return folder
 
 
-def asked(site, output, **options):
-    return RegionRequest(site / "scene.toml", site / "areas.gpkg", output, **({"workers": 1} | options))
+def region(site, output, **options):
+    """The region of the site in `output`, in this process."""
+    return mpmgis.region(site / "scene.toml", site / "areas.gpkg", output, **({"workers": 1} | options))
 
 
 @pytest.fixture(scope="module")
 def done(site):
-    return region(asked(site, site / "region", scenario="T", frequency="f"))
+    return region(site, site / "region", scenario="T", frequency="f")
 
 
 def read(path):
@@ -199,17 +199,17 @@ def test_affected_area_is_that_of_the_map(site, done):
 
 
 def test_workers_and_a_killed_start_give_the_same_bytes(site, done, tmp_path):
-    two = region(asked(site, tmp_path / "two", scenario="T", frequency="f", workers=2))
+    two = region(site, tmp_path / "two", scenario="T", frequency="f", workers=2)
     assert digests(two.folder) == digests(done.folder)
     child = (
         "import os, signal, sys\n"
-        "from mpmgis.studies import area_run\n"
-        "write, seen = area_run.write_member, []\n"
+        "from mpmgis.frames.many_runs_folder import RunFiles\n"
+        "write, seen = RunFiles.write, []\n"
         "def end(*given):\n"
         "    write(*given)\n"
         "    seen.append(1)\n"
         "    if len(seen) == 2: os.kill(os.getpid(), int(sys.argv[1]))\n"
-        "area_run.write_member = end\n"
+        "RunFiles.write = end\n"
         "from mpmgis.commands.shell.main import main\n"
         "main(sys.argv[2:])\n"
     )
@@ -217,7 +217,7 @@ def test_workers_and_a_killed_start_give_the_same_bytes(site, done, tmp_path):
     words += ["--scenario", "T", "--frequency", "f", "--workers", "1", "-q"]
     code = subprocess.run([sys.executable, "-c", child, str(int(signal.SIGKILL)), *words], env=os.environ).returncode
     assert code == -signal.SIGKILL and not (tmp_path / "killed" / "maps").exists()
-    again = region(asked(site, tmp_path / "killed", scenario="T", frequency="f"))
+    again = region(site, tmp_path / "killed", scenario="T", frequency="f")
     assert again.before == 2
     assert digests(again.folder) == digests(done.folder)
 
@@ -264,15 +264,9 @@ def test_a_dask_cluster_gives_the_same_maps(site, done, tmp_path, monkeypatch):
         n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
         monkeypatch.chdir(site)
-        request = RegionRequest(
-            Path("scene.toml"),
-            Path("areas.gpkg"),
-            tmp_path / "dask",
-            dask=cluster.scheduler_address,
-            scenario="T",
-            frequency="f",
+        found = region(
+            Path(), tmp_path / "dask", dask=cluster.scheduler_address, scenario="T", frequency="f", workers=None
         )
-        found = region(request)
     assert found.statuses == {"finished": 4} and digests(found.folder) == digests(done.folder)
 
 
@@ -280,7 +274,7 @@ def test_flow_that_reaches_the_edge_of_its_window_is_run_in_a_larger_one(site, d
     narrow = lambda grid, part, polygon, mu, head: ReleaseWindow(*_pixels_around(grid, polygon, 12))  # noqa: E731
     monkeypatch.setattr(area_run, "reach_window", narrow)
     with collected() as lines:
-        found = region(asked(site, tmp_path / "narrow", scenario="T", frequency="f"))
+        found = region(site, tmp_path / "narrow", scenario="T", frequency="f")
     assert found.repeated == 4 and any("larger" in str(line) for line in lines)
     table = geopandas.read_file(found.folder / "areas.gpkg")
     assert (table["runs"] > 1).all() and not table["edge_reached"].any()
@@ -305,10 +299,10 @@ def test_the_window_holds_the_energy_line_on_a_plane(site):
 
 def test_scenes_and_columns_that_a_region_cannot_use_are_refused(site, tmp_path):
     with pytest.raises(InputError, match="no such column"):
-        region(asked(site, tmp_path / "a", scenario="return_period"))
+        region(site, tmp_path / "a", scenario="return_period")
     with pytest.raises(InputError, match="window"):
         (tmp_path / "scene.toml").write_text(SCENE.replace("[release]", "window = [0, 0, 1, 1]\n[release]"))
-        region(RegionRequest(tmp_path / "scene.toml", site / "areas.gpkg", tmp_path / "b"))
+        mpmgis.region(tmp_path / "scene.toml", site / "areas.gpkg", tmp_path / "b")
     assert not (tmp_path / "a").exists() and not (tmp_path / "b").exists()
 
 
@@ -319,8 +313,8 @@ def test_an_area_that_is_not_on_the_dtm_is_refused_and_the_others_are_run(site, 
     beyond["geometry"] = beyond.translate(east)
     beyond.to_file(tmp_path / "beyond.gpkg")
     with pytest.raises(InputError, match="terrain"):
-        region(RegionRequest(site / "scene.toml", tmp_path / "beyond.gpkg", tmp_path / "none", workers=1))
+        mpmgis.region(site / "scene.toml", tmp_path / "beyond.gpkg", tmp_path / "none", workers=1)
     assert not (tmp_path / "none").exists()
     geopandas.GeoDataFrame(pd.concat([areas.iloc[:1], beyond]), crs=areas.crs).to_file(tmp_path / "both.gpkg")
-    found = region(RegionRequest(site / "scene.toml", tmp_path / "both.gpkg", tmp_path / "one", workers=1))
+    found = mpmgis.region(site / "scene.toml", tmp_path / "both.gpkg", tmp_path / "one", workers=1)
     assert found.statuses == {"finished": 1, "refused": 1}

@@ -8,9 +8,8 @@ import pytest
 
 from mpmgis.commands.shell import terminal
 from mpmgis.commands.shell.main import main
-from mpmgis.frames.ensemble_folder import read_ensemble_record
 from mpmgis.scene.scene_reading import read_toml
-from mpmgis.system.errors import InputError, OutputError, SceneError
+from mpmgis.system.errors import OutputError, SceneError
 from mpmgis.system.whole_files import whole_folder
 
 
@@ -80,9 +79,3 @@ def test_folders_that_no_project_file_can_name_are_refused(name, tmp_path):
     with pytest.raises(OutputError, match="contains control characters"), whole_folder(tmp_path / name):
         pass
     assert not any(tmp_path.iterdir())
-
-
-def test_nested_records_of_an_ensemble_are_refused(tmp_path):
-    (tmp_path / "ensemble.json").write_text("[" * 100_000 + "]" * 100_000)
-    with pytest.raises(InputError, match=r"ensemble\.json cannot be read"):
-        read_ensemble_record(tmp_path)

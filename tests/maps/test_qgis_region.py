@@ -7,7 +7,7 @@ import shapely
 from pyproj import CRS
 from test_qgis_open import look
 
-from mpmgis.frames.region_folder import LAYER
+from mpmgis.frames.region_layers import AREAS
 from mpmgis.frames.region_maps import AreaRaster, write_region_maps
 from mpmgis.laws.quantities import BAND, MEMBER_BANDS
 from mpmgis.maps.qgis.region_footprints import write_footprints
@@ -38,7 +38,7 @@ def region_of(folder, lengths):
         write_region_maps(maps, name, grid, own, 0.05, {}, frequency=True)
     write_footprints(maps / "all_footprints.gpkg", areas, [None] * len(areas), grid, 0.05)
     shapes = [shapely.box(686100, 5211800, 686150, 5211850 + k) for k in range(max(len(areas), 1))]
-    geopandas.GeoDataFrame(geometry=shapes, crs=grid.crs).to_file(maps.parent / "areas.gpkg", layer=LAYER)
+    geopandas.GeoDataFrame(geometry=shapes, crs=grid.crs).to_file(maps.parent / "areas.gpkg", layer=AREAS)
     terrain = terrain_path(folder / "dtm.tif", None, maps)
     return RegionProject(maps, grid, named, 0.05, True, terrain)
 

@@ -9,8 +9,8 @@ from ...system.errors import InputError
 from ...system.whole_files import refuse_existing
 from .. import demo as demo_verb
 from .. import run as run_verb
-from ..verb import verb_of
-from ..verb_calls import complete, request
+from ..verb import module_of, verb_of
+from ..verb_calls import complete
 from . import terminal
 from .parser import values_of
 from .progress import frame_progress, interruptible, member_progress, run_progress, without_bar
@@ -81,16 +81,20 @@ def ensemble(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
-    from ...studies.ensemble_runs import EnsembleRequest
-    from ...studies.ensemble_runs import ensemble as run_ensemble
-
-    verb = verb_of("ensemble")
-    asked_for = request(verb, EnsembleRequest, values_of(arguments, verb))
-    with member_progress() as shown, interruptible(shown) as look:
-        found = run_ensemble(asked_for, confirm=lambda question: arguments.yes or confirmed(question), look=look)
+    found = _many_runs(arguments)
     _print_counts(found)
     terminal.list_files(found.files, arguments)
     return 0
+
+
+def _many_runs(arguments):
+    """Let the verb do its work with a bar of the finished runs; return what it found."""
+    verb = verb_of(arguments.verb)
+    asked = complete(verb, values_of(arguments, verb))
+    with member_progress() as shown, interruptible(shown) as look:
+        return module_of(verb.name).work(
+            asked, confirm=lambda question: arguments.yes or confirmed(question), look=look
+        )
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
@@ -105,13 +109,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
-    from ...studies.calibration import CalibrateRequest
-    from ...studies.calibration import calibrate as run_calibration
-
-    verb = verb_of("calibrate")
-    asked_for = request(verb, CalibrateRequest, values_of(arguments, verb))
-    with member_progress() as shown, interruptible(shown) as look:
-        found = run_calibration(asked_for, confirm=lambda question: arguments.yes or confirmed(question), look=look)
+    found = _many_runs(arguments)
     for line in calibration_lines(found.result):
         terminal.note(line)
     terminal.list_files(found.files, arguments)
@@ -150,13 +148,7 @@ def region(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
-    from ...studies.region_runs import RegionRequest
-    from ...studies.region_runs import region as run_region
-
-    verb = verb_of("region")
-    asked_for = request(verb, RegionRequest, values_of(arguments, verb))
-    with member_progress() as shown, interruptible(shown) as look:
-        found = run_region(asked_for, confirm=lambda question: arguments.yes or confirmed(question), look=look)
+    found = _many_runs(arguments)
     _print_counts(found, "areas")
     terminal.list_files(found.files, arguments)
     return 0
@@ -174,13 +166,12 @@ def study(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
-    from ...studies.accuracy_study import StudyRequest
-    from ...studies.accuracy_study import study as run_study
-
     verb = verb_of("study")
-    asked_for = request(verb, StudyRequest, values_of(arguments, verb))
+    asked = complete(verb, values_of(arguments, verb))
     with run_progress() as watch:
-        found = run_study(asked_for, confirm=lambda question: arguments.yes or confirmed(question), watch=watch)
+        found = module_of("study").work(
+            asked, confirm=lambda question: arguments.yes or confirmed(question), watch=watch
+        )
     print("\n".join([*_table(found.study), "", *found.lines, *target_lines(arguments.target_error, found.choice)]))
     for file in found.files:
         print(file)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...frames.flow_end import DEPOSIT, LAST, FlowEnd
-from ...frames.region_folder import MAPS, RECORD_FILE
+from ...frames.many_runs_folder import MAPS, REGION
 from ...frames.region_maps import LARGEST
 from ...laws.quantities import Quantity
 from ...system.errors import FormatError, GeoreferenceError, InputError
@@ -286,8 +286,8 @@ def _end_of(path):
 def _region_maps(path):
     """Prefix of the maps of a region at `path`; None for anything else."""
     if path.is_dir():
-        return path / MAPS / "all" if (path / RECORD_FILE).is_file() and (path / MAPS).is_dir() else None
-    there = path.parent.name == MAPS and (path.parent.parent / RECORD_FILE).is_file()
+        return path / MAPS / "all" if (path / REGION.record).is_file() and (path / MAPS).is_dir() else None
+    there = path.parent.name == MAPS and (path.parent.parent / REGION.record).is_file()
     return path if there and path.with_name(f"{path.name}_h_max.tif").is_file() else None
 
 

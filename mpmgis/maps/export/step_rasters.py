@@ -478,13 +478,8 @@ def _window_around(maxima, grid, of_dtm):
     row, column = np.divmod(np.flatnonzero(maxima.seen["h_max"]), grid.shape[1])
     x, y = grid.xy(row, column)
     length = float(np.hypot(np.ptp(x), np.ptp(y)))
-    corners_x = np.array([x.min() - length, x.max() + length, x.min() - length, x.max() + length])
-    corners_y = np.array([y.min() - length, y.min() - length, y.max() + length, y.max() + length])
-    rows, columns = of_dtm.rowcol(corners_x, corners_y)
-    (top, bottom), (left, right) = (
-        (max(int(at.min()), 0), min(int(at.max()) + 2, size))
-        for at, size in zip((rows, columns), of_dtm.shape, strict=True)
-    )
+    bounds = x.min() - length, y.min() - length, x.max() + length, y.max() + length
+    (top, left), (bottom, right) = of_dtm.pixel_range(bounds)
     return top, bottom, left, right
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...frames.region_folder import FOOTPRINTS, write_layer
+from ...frames.region_layers import FOOTPRINTS, write_layer
 from ...frames.region_maps import AreaRaster
 from ...laws.quantities import MEMBER_BANDS
 from ...terrain.grid import Grid

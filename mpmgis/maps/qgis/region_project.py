@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ... import __version__
-from ...frames.region_folder import FOOTPRINTS
-from ...frames.region_folder import LAYER as AREAS
+from ...frames.region_layers import AREAS, FOOTPRINTS
 from ...frames.region_maps import LARGEST, AreaRaster
 from ...laws.quantities import BAND, MEMBER_BANDS
 from ...terrain.grid import Grid

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from affine import Affine
 
-from ...frames.ensemble_folder import MEMBERS, read_ensemble_record
+from ...frames.many_runs_folder import ENSEMBLE, read_folder_record
 from ...maps.averaging.result_bands import open_result
 from ...system.errors import FormatError, GeoreferenceError, InputError
 from ...system.messages import Progress, log, unwatched
@@ -202,7 +202,7 @@ def _in_one_crs(found):
 def _scenario(
     asked: HazardQuestion, years: float, path: Path, period: Period, highest: int, progress: Progress
 ) -> Scenario:
-    if path.is_dir() and read_ensemble_record(path) is not None:
+    if path.is_dir() and read_folder_record(ENSEMBLE, path) is not None:
         return _of_ensemble(asked, years, path, period, highest, progress)
     results = {**asked, "frames": (path,)}
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
@@ -254,9 +254,9 @@ def _of_ensemble(
     asked: HazardQuestion, years: float, path: Path, period: Period, highest: int, progress: Progress
 ) -> Scenario:
     """The largest level of all members of an ensemble, and the share of members with each level."""
-    record = read_ensemble_record(path)
+    record = read_folder_record(ENSEMBLE, path)
     _refuse_options_of_frames(asked, path)
-    rasters = sorted((path / MEMBERS).glob("*_max.tif"))
+    rasters = sorted((path / ENSEMBLE.runs).glob("*_max.tif"))
     end = unfinished_members(path, record, len(rasters))
     level = known = counts = grid = None
     whole = True
@@ -296,7 +296,7 @@ def unfinished_members(path: Path, record: dict, count: int) -> str:
         Number of members with rasters.
     """
     if not count:
-        raise FormatError(f"{path} is an ensemble without members ({MEMBERS}/*_max.tif); run it again")
+        raise FormatError(f"{path} is an ensemble without members ({ENSEMBLE.runs}/*_max.tif); run it again")
     if record.get("state") != "finished":
         raise InputError(f"{path} is an ensemble that has not finished; run it again, finished members are kept")
     members = record.get("members")

@@ -3,9 +3,9 @@
 import math
 from pathlib import Path
 
-from ...frames.ensemble_folder import read_ensemble_record
 from ...frames.flow_end import FlowEnd
 from ...frames.headline_numbers import ERROR_TAG, error_words
+from ...frames.many_runs_folder import ENSEMBLE, read_folder_record
 from ...frames.run_folder import read_record
 from ...frames.run_maps import run_of_maps
 from ...maps.averaging.result_bands import Result
@@ -47,7 +47,7 @@ def facts_of(path: Path, result: Result | None = None) -> str:
 def _record_at(path):
     """The record of the run or ensemble in a folder; {} for anything else."""
     try:
-        record = read_ensemble_record(path) if path.is_dir() else None
+        record = read_folder_record(ENSEMBLE, path) if path.is_dir() else None
         return record or (read_record(run_of_maps(path) or path) if path.is_dir() else {})
     except MpmgisError:
         return {}

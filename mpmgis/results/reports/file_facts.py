@@ -13,8 +13,8 @@ from ...exchange.declarations import SUFFIX, Declarations, read_sidecar
 from ...exchange.frame_list import third_party_files
 from ...exchange.readers.reader_list import OWN, reader_of
 from ...exchange.writers.writer_list import SOLVER_FILES
-from ...frames.ensemble_folder import MAPS, read_ensemble_record
 from ...frames.frame_digest import check_kept, check_result
+from ...frames.many_runs_folder import ENSEMBLE, MAPS, read_folder_record
 from ...frames.run_folder import FRAME_PATTERN, RECORD_FILE, SCENE_FILE, read_record
 from ...frames.run_maps import has_rasters
 from ...scene import read_scene
@@ -247,7 +247,7 @@ def _is_json_format(name):
 
 # in the order in which they are tried
 FOLDERS = (
-    Kind("ensemble", lambda seen: read_ensemble_record(seen.path), _ensemble_facts),
+    Kind("ensemble", lambda seen: read_folder_record(ENSEMBLE, seen.path), _ensemble_facts),
     Kind("start", _start, _start_facts),
     Kind("results", _own_frames, _results_facts),
     Kind("results", _other_frames, lambda seen, found: third_party_facts(found[1], found[0], seen.terms), True),
