@@ -91,8 +91,7 @@ def option(action):
 
 
 def scene_pages():
-    from mpmgis.scene.solver_checks import ONLY
-    from mpmgis.scene.tables import LISTED, TABLES
+    from mpmgis.scene.tables import LISTED, TABLES, keys_of
 
     parts = [
         "## Solver",
@@ -102,9 +101,9 @@ def scene_pages():
     for name, kind in TABLES.items():
         heading = f"[[{name}]]" if name in LISTED else f"[{name}]"
         parts += [f"## `{heading}`", " ".join(kind.__doc__.split())]
-        if name in ONLY:
-            parts.append(f'Only with `solver = "{ONLY[name][0]}"`.')
-        rows = [key_row(f) for f in fields(kind) if "kind" in f.metadata]
+        if kind.rule.solver:
+            parts.append(f'Only with `solver = "{kind.rule.solver}"`.')
+        rows = [key_row(f) for f in keys_of(kind).values()]
         parts.append(table(["key", "type", "default", "allowed", "description"], rows))
         for f in fields(kind):
             if "by_place" in f.metadata:

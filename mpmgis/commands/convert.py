@@ -1,18 +1,20 @@
 """Convert columns to 3D points, and back; write start files of other 3D solvers: `mpmgis convert`."""
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack, cast
 
-from ..exchange.frame_source import DeclarationOptions
+from ..conversion.start_options import SolverOptions
+from ..exchange.frame_source import THIRD_PARTY, DeclarationOptions
 from ..frames.frame_options import DensityOptions, TerrainOptions
 from ..system.errors import InputError
 from ..system.option import Option, PathLike, options_of
-from ..system.whole_files import OverwriteOptions
-from . import shared_options
-from .seed import ANOTHER, FOLDER_OF_SOLVER, PARTICLES, WRITES, SolverOptions
+from ..system.work_options import OverwriteOptions
+from .seed import ANOTHER, FOLDER_OF_SOLVER, PARTICLES, WRITES
 from .verb import Form, Verb
 from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
+    from ..conversion.conversion_options import ColumnOptions, PointOptions
     from ..conversion.frame_conversion import Written
     from ..conversion.start_folder import StartWritten
 
@@ -172,8 +174,8 @@ VERB = Verb(
         ("to columns", ConvertColumnOptions),
         ("terrain", TerrainOptions),
         ("for another 3D solver", SolverOptions),
-        (shared_options.THIRD_PARTY, DeclarationOptions),
-        (shared_options.THIRD_PARTY, DensityOptions),
+        (THIRD_PARTY, DeclarationOptions),
+        (THIRD_PARTY, DensityOptions),
     ),
     example="""
 mpmgis convert area_particles.h5 --cell 1
@@ -227,6 +229,91 @@ mpmgis convert particles_f30.ply --to columns --dem dtm.tif --axes e,u,-n --orig
 )
 
 
+def work(asked: Arguments) -> "Written | StartWritten":
+    """Convert a frame, or write start files of another solver.
+
+    Parameters
+    ----------
+    asked : Arguments
+
+    Returns
+    -------
+    Written or StartWritten
+
+    Raises
+    ------
+    InputError
+        Options that exclude each other.
+    """
+    return _converted(asked) if asked["solver"] is None else _started(asked)
+
+
+def _converted(asked: Arguments) -> "Written":
+    from ..conversion import frame_conversion as workflow
+    from ..frames.point_cloud import is_point_cloud
+
+    if len(asked["source"]) > 1:
+        raise InputError(
+            f"{len(asked['source'])} frames, expected one; `solver=paraview` and `solver=houdini` take several"
+        )
+    for name in ("material", "window"):
+        if asked.get(name) is not None:
+            raise InputError(f"`{name}` requires `solver`; leave it out, or name the solver")
+    dimension = workflow.dimension_of(asked)
+    to = asked["to"] or ("points" if dimension == 2 else "columns")
+    if (
+        asked["output"] is not None
+        and is_point_cloud(Path(asked["output"]))
+        and dimension == 3
+        and asked["to"] != "columns"
+    ):
+        unused = (*_POINTS_ONLY, *_COLUMNS_ONLY, "cell", "dem", "dem_band")
+        _refuse_given(asked, unused, "has no effect where points stay points")
+        return workflow.write_point_cloud(asked)
+    if to == "points":
+        return workflow.convert_to_points(asked, _point_options(asked))
+    return workflow.convert_to_columns(asked, _column_options(asked))
+
+
+def _started(asked: Arguments) -> "StartWritten":
+    from ..conversion.start_folder import convert_for_solver
+
+    if asked["to"] == "columns":
+        raise InputError(f"`to=columns`: {asked['solver']} starts from points; leave it out")
+    _refuse_given(asked, _COLUMNS_ONLY, "requires `to=columns`")
+    of_points = any(asked.get(name) for name in _POINTS_ONLY)
+    options = _point_options(asked) if of_points or asked["cell"] else None
+    return convert_for_solver(asked, options, of_points)
+
+
+def _point_options(asked: Arguments) -> "PointOptions":
+    from ..conversion.conversion_options import PointOptions
+
+    _refuse_given(asked, _COLUMNS_ONLY, "requires `to=columns`")
+    if asked["paper"]:
+        _refuse_given(asked, ("vertical_velocity", "relevel", "cell"), "contradicts `paper`")
+        return PointOptions.as_printed(asked["spacing"])
+    return PointOptions(
+        spacing=asked["spacing"],
+        vertical_velocity=asked["vertical_velocity"] or "tangent",
+        cell=asked["cell"],
+        relevel=asked["relevel"],
+    )
+
+
+def _column_options(asked: Arguments) -> "ColumnOptions":
+    from ..conversion.conversion_options import REFUSE, ColumnOptions
+
+    _refuse_given(asked, _POINTS_ONLY, "requires `to=points`")
+    return ColumnOptions(by=asked["by"], cell=asked["cell"], detached=asked["detached"] or REFUSE)
+
+
+def _refuse_given(asked: Arguments, names: tuple[str, ...], why: str) -> None:
+    for name in names:
+        if asked.get(name):
+            raise InputError(f"`{name}` {why}; leave it out")
+
+
 def convert(source: PathLike, output: PathLike | None = None, **options: Unpack[ConversionOptions]) -> "Written":
     """Convert a frame of columns to points, or of points to columns, as `mpmgis convert`.
 
@@ -256,7 +343,7 @@ def convert(source: PathLike, output: PathLike | None = None, **options: Unpack[
     >>> mpmgis.convert("particles.h5", "points.h5", cell=1.0)  # doctest: +SKIP
     """
     with python_words(VERB):
-        return converted(complete(VERB, {"source": (source,), "output": output, **options}))
+        return cast("Written", work(complete(VERB, {"source": (source,), "output": output, **options})))
 
 
 def solver_start(
@@ -290,102 +377,4 @@ def solver_start(
     """
     given = {"source": several(source), "solver": solver, "output": output, **options}
     with python_words(VERB):
-        return started(complete(VERB, given))
-
-
-def converted(values: dict[str, Any]) -> "Written":
-    """Convert with options by name.
-
-    Parameters
-    ----------
-    values : dict
-        All options of the verb, from `complete`.
-
-    Returns
-    -------
-    Written
-
-    Raises
-    ------
-    InputError
-        Options that exclude each other.
-    """
-    from ..conversion import frame_conversion as workflow
-    from ..frames.point_cloud import is_point_cloud
-    from .verb_calls import made
-
-    if len(values["source"]) > 1:
-        raise InputError(
-            f"{len(values['source'])} frames, expected one; `solver=paraview` and `solver=houdini` take several"
-        )
-    for name in ("material", "window"):
-        if values[name] is not None:
-            raise InputError(f"`{name}` requires `solver`; leave it out, or name the solver")
-    request = made(workflow.ConvertRequest, values | {"source": values["source"][0]})
-    dimension = workflow.dimension_of(request)
-    to = values["to"] or ("points" if dimension == 2 else "columns")
-    if request.output is not None and is_point_cloud(request.output) and dimension == 3 and values["to"] != "columns":
-        unused = (*_POINTS_ONLY, *_COLUMNS_ONLY, "cell", "dem", "dem_band")
-        _refuse_given(values, unused, "has no effect where points stay points")
-        return workflow.write_point_cloud(request)
-    if to == "points":
-        return workflow.convert_to_points(request, _point_options(values))
-    return workflow.convert_to_columns(request, _column_options(values))
-
-
-def started(values: dict[str, Any]) -> "StartWritten":
-    """Write start files with options by name.
-
-    Parameters
-    ----------
-    values : dict
-        All options of the verb, from `complete`.
-
-    Returns
-    -------
-    StartWritten
-
-    Raises
-    ------
-    InputError
-        Options that exclude each other.
-    """
-    from ..conversion.frame_conversion import ConvertRequest
-    from ..conversion.start_folder import StartRequest, convert_for_solver
-    from .verb_calls import made
-
-    if values["to"] == "columns":
-        raise InputError(f"`to=columns`: {values['solver']} starts from points; leave it out")
-    _refuse_given(values, _COLUMNS_ONLY, "requires `to=columns`")
-    of_points = any(values[name] for name in _POINTS_ONLY)
-    options = _point_options(values) if of_points or values["cell"] else None
-    request = made(ConvertRequest, values | {"source": values["source"][0]})
-    return convert_for_solver(made(StartRequest, values), values["source"], request, options, of_points)
-
-
-def _point_options(values: dict[str, Any]) -> Any:
-    from ..conversion.conversion_options import PointOptions
-
-    _refuse_given(values, _COLUMNS_ONLY, "requires `to=columns`")
-    if values["paper"]:
-        _refuse_given(values, ("vertical_velocity", "relevel", "cell"), "contradicts `paper`")
-        return PointOptions.as_printed(values["spacing"])
-    return PointOptions(
-        spacing=values["spacing"],
-        vertical_velocity=values["vertical_velocity"] or "tangent",
-        cell=values["cell"],
-        relevel=values["relevel"],
-    )
-
-
-def _column_options(values: dict[str, Any]) -> Any:
-    from ..conversion.conversion_options import REFUSE, ColumnOptions
-
-    _refuse_given(values, _POINTS_ONLY, "requires `to=points`")
-    return ColumnOptions(by=values["by"], cell=values["cell"], detached=values["detached"] or REFUSE)
-
-
-def _refuse_given(values: dict[str, Any], names: tuple[str, ...], why: str) -> None:
-    for name in names:
-        if values[name]:
-            raise InputError(f"`{name}` {why}; leave it out")
+        return cast("StartWritten", work(complete(VERB, given)))

@@ -1,11 +1,13 @@
 """Run the whole workflow on the shipped site: `mpmgis demo`."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..simulation.simulation_options import THREADS
+from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
@@ -58,6 +60,32 @@ mpmgis demo -o demo
 )
 
 
+def work(
+    asked: Arguments,
+    watch: Callable[[Any, float, str], None] = lambda solver, end_time, left: None,
+    progress: Progress = unwatched,
+) -> tuple["RunSummary", Path, Path]:
+    """Seed, run, export and draw the sample site.
+
+    Parameters
+    ----------
+    asked : Arguments
+    watch : callable
+        Called with (solver, end time [s], wall time left in words) a few times a second.
+    progress : callable
+        Called with (frames done, frames in all) of the export.
+
+    Returns
+    -------
+    (RunSummary, Path of the QGIS project, Path of the picture)
+    """
+    from .demo_site import demo as demonstrate
+
+    return demonstrate(
+        asked["output"], overwrite=asked["overwrite"], threads=asked["threads"], watch=watch, progress=progress
+    )
+
+
 def demo(
     output: PathLike = "mpmgis_demo", *, overwrite: bool = False, threads: int | None = None
 ) -> tuple["RunSummary", Path, Path]:
@@ -81,11 +109,8 @@ def demo(
     --------
     >>> summary, project, picture = mpmgis.demo("demo")  # doctest: +SKIP
     """
-    from .demo_site import demo as demonstrate
-
     with python_words(VERB):
-        values = complete(VERB, {"output": output, "overwrite": overwrite, "threads": threads})
-        return demonstrate(values["output"], overwrite=values["overwrite"], threads=values["threads"])
+        return work(complete(VERB, {"output": output, "overwrite": overwrite, "threads": threads}))
 
 
 def sample_site() -> Path:

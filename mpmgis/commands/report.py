@@ -3,97 +3,19 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Annotated, Unpack, cast
 
-from ..results.question_options import QuestionOptions
-from ..system.option import Option, PathLike
+from ..results.hazard.hazard_options import HazardOptions, given_hazard_options
+from ..results.question_options import GROUPS, QuestionOptions
+from ..system.errors import InputError
+from ..system.messages import Progress, unwatched
+from ..system.option import Option, PathLike, options_of
 from . import shared_options
 from .verb import Form, Verb
-from .verb_calls import Results, answer, called
+from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
     from ..results.hazard.hazard_map import HazardFound
-
-HAZARD = ("map", "scenario", "scale", "min_area", "sheet", "matrices", "guidelines")
-
-
-class HazardOptions(TypedDict, total=False):
-    """Options of a hazard map."""
-
-    map: Annotated[
-        str,
-        Option(
-            "a hazard map of the scenarios instead of a report: a matrix of return period and intensity of the list "
-            "above, or of --matrices",
-            "MATRIX",
-            kind="choice",
-            folded=False,
-            label="Matrix",
-            also=(
-                {
-                    "name": "OWN",
-                    "kind": "text",
-                    "label": "or: name of one of your own",
-                    "advanced": True,
-                    "help": "As its file has it.",
-                },
-            ),
-        ),
-    ]
-    scenario: Annotated[
-        tuple[str, ...],
-        Option(
-            "return period in years and results: frames, an export, the beginning of the names of rasters, or an "
-            "ensemble; repeatable",
-            "T=RESULTS",
-            default=(),
-            repeat=True,
-            folded=False,
-            label="Scenarios: return period in years = results, one a line",
-        ),
-    ]
-    scale: Annotated[
-        str,
-        Option(
-            "scale of the printed map, to which outlines are simplified",
-            "1:N",
-            usual="the largest usual one that fits on the paper",
-            folded=False,
-            label="Scale of the map, 1:N",
-        ),
-    ]
-    min_area: Annotated[
-        float,
-        Option(
-            "smallest area of the zones; smaller gaps are filled, smaller parts enlarged",
-            "A",
-            unit="m2",
-            least=0,
-            usual="that of 2 mm x 2 mm on the map",
-            label="Smallest area of the zones",
-        ),
-    ]
-    sheet: Annotated[
-        Literal["A4", "A3"], Option("paper of the printed map", flag="--paper", default="A4", label="Paper")
-    ]
-    matrices: Annotated[
-        PathLike,
-        Option(
-            "your own matrices, as TOML (docs/guide/hazard-map)",
-            "FILE",
-            label="Your own matrices",
-            files="Matrices (*.toml)",
-        ),
-    ]
-    guidelines: Annotated[
-        PathLike,
-        Option(
-            "your own intensity classes for them, as TOML (docs/guide/hazard-map)",
-            "FILE",
-            label="Your own intensity classes",
-            files="Guidelines (*.toml)",
-        ),
-    ]
 
 
 class ReportOptions(QuestionOptions, total=False):
@@ -117,10 +39,9 @@ VERB = Verb(
     name="report",
     place=17,
     line="one HTML file about a run: maps, runout, balances, effects; or a printed hazard map of scenarios",
-    workflow="results.reports.run_report:report",
     options=ReportOptions,
     arguments=Arguments,
-    groups=(("hazard map", HazardOptions), *shared_options.GROUPS),
+    groups=(("hazard map", HazardOptions), *GROUPS),
     example="""
 mpmgis report results
 mpmgis report results --title "Rock avalanche, scenario 300 years" -o scenario_300.html
@@ -145,7 +66,7 @@ where a number was not read: check them in the guideline.
             "Maps and answers",
             "One HTML file with maps, figures of the runout with a profile, balances, warnings, effects and why they "
             "are on or off, parameters, versions and digests.",
-            without=HAZARD,
+            without=tuple(options_of(HazardOptions)),
             changes=(
                 ("frames", {"label": "Results: folder of frames", "optional": False}),
                 (
@@ -181,6 +102,44 @@ where a number was not read: check them in the guideline.
 )
 
 
+def work(asked: Arguments, progress: Progress = unwatched) -> "tuple[Path, ...] | HazardFound":
+    """Write the report, or with `map` the hazard map.
+
+    Parameters
+    ----------
+    asked : Arguments
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    tuple of Path, or HazardFound
+    """
+    _require_one_kind(asked)
+    if asked["map"] is not None:
+        from ..results.hazard.hazard_map import hazard_map as mapped
+
+        return mapped(asked, progress)
+    from ..results.reports.run_report import report as reported
+
+    return reported(asked, asked["title"], asked["line"], asked["threshold"], progress)
+
+
+def _require_one_kind(asked: Arguments) -> None:
+    """Refuse options of a hazard map in a report of one run, and the other way round."""
+    frames, given = asked["frames"], given_hazard_options(asked)
+    if asked["map"] is None:
+        if given:
+            raise InputError(f"`{given[0]}` is for hazard maps; give `map` too, for example swiss-avalanche")
+        if not frames:
+            raise InputError("no results were given; give a folder of frames, an export or rasters")
+    elif frames:
+        raise InputError(f"{frames[0]}: a hazard map takes its results by `scenario`, for example 100={frames[0]}")
+    for name in ("line", "threshold"):
+        if asked["map"] is not None and asked.get(name) != VERB.named()[name].default:
+            raise InputError(f"`{name}` is for the report of one run; a hazard map takes `min_depth`")
+
+
 def report(results: Results, output: PathLike | None = None, **options: Unpack[ReportOptions]) -> Path:
     """Write one HTML file about a run, as `mpmgis report`.
 
@@ -206,8 +165,9 @@ def report(results: Results, output: PathLike | None = None, **options: Unpack[R
     --------
     >>> mpmgis.report("results", "report.html")  # doctest: +SKIP
     """
-    files: tuple[Path, ...] = answer(VERB, results, output, options)
-    return files[0]
+    with python_words(VERB):
+        files = work(complete(VERB, {"frames": several(results), "output": output, **options}))
+    return cast("tuple[Path, ...]", files)[0]
 
 
 class HazardMapOptions(HazardOptions, QuestionOptions, total=False):
@@ -252,4 +212,6 @@ def hazard_map(
     """
     pairs = scenarios.items() if isinstance(scenarios, Mapping) else scenarios
     given = tuple(f"{years}={path}" for years, path in pairs)
-    return called(VERB, {**options, "map": matrix, "scenario": given, "frames": (), "output": output})
+    with python_words(VERB):
+        found = work(complete(VERB, {**options, "map": matrix, "scenario": given, "frames": (), "output": output}))
+    return cast("HazardFound", found)

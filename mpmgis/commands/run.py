@@ -8,13 +8,16 @@ from ..simulation.simulation_options import LAW, THREADS
 from ..system.errors import InputError
 from ..system.option import Option, PathLike
 from ..system.trusted_files import trusting
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
 if TYPE_CHECKING:
     from ..simulation.scene_run import RunSummary
+
+
+OF_RUN = ("output", "overwrite", "resume", "threads", "law", "device")  # options that the simulation takes
 
 
 class Arguments(OverwriteOptions, total=False):
@@ -110,6 +113,44 @@ mpmgis run scene.toml -o results
 )
 
 
+def work(
+    asked: Arguments,
+    confirm: Callable[[str], bool],
+    watch: Callable[[Any, float, str], None] = lambda solver, end_time, left: None,
+    scene: PathLike | Mapping[str, Any] | None = None,
+) -> "RunSummary":
+    """Simulate the scene.
+
+    Parameters
+    ----------
+    asked : Arguments
+    confirm : callable
+        Called with a question before a run that takes hours or most of the memory; if it returns False, nothing is run.
+    watch : callable
+        Called with (solver, end time [s], wall time left in words) a few times a second.
+    scene : path or mapping, optional
+        In place of that of `asked`.
+
+    Returns
+    -------
+    RunSummary
+
+    Raises
+    ------
+    InputError
+        No scene, or a run is to be both resumed and replaced.
+    """
+    scene = asked["scene"] if scene is None else scene
+    if scene is None:
+        raise InputError("no scene is given; give scene.toml, or --template to print one")
+    if asked["resume"] and asked["overwrite"]:
+        raise InputError("`resume` and `overwrite` contradict each other; give one of them")
+    from ..simulation.scene_run import run as run_scene
+
+    own: dict[str, Any] = {name: asked.get(name) for name in OF_RUN}
+    return run_scene(scene, **own, confirm=confirm, watch=watch)
+
+
 def run(
     scene: PathLike | Mapping[str, Any],
     output: PathLike | None = None,
@@ -159,8 +200,6 @@ def run(
     --------
     >>> summary = mpmgis.run("scene.toml", "results")  # doctest: +SKIP
     """
-    from ..simulation.scene_run import run as run_scene
-
     if not isinstance(scene, (str, Path, Mapping)):
         raise InputError(f"scene is {scene!r}, expected a path or a mapping of its tables")
     given = {
@@ -172,22 +211,4 @@ def run(
         "device": device,
     }
     with python_words(VERB), trusting(trust):
-        values = complete(VERB, given)
-        require_one_start(values)
-        return run_scene(scene, confirm=confirm, **{name: values[name] for name in given})
-
-
-def require_one_start(values: dict[str, Any]) -> None:
-    """Raise InputError if a run is to be both resumed and replaced.
-
-    Parameters
-    ----------
-    values : dict
-        All options of the verb.
-
-    Raises
-    ------
-    InputError
-    """
-    if values["resume"] and values["overwrite"]:
-        raise InputError("`resume` and `overwrite` contradict each other; give one of them")
+        return work(complete(VERB, given), confirm, scene=scene)

@@ -2,10 +2,11 @@
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 
+from ..conversion.start_options import SolverOptions
 from ..frames.frame_options import FrameTerrainOptions, MetricTerrainOptions
 from ..system.errors import InputError
 from ..system.option import Option, PathLike, options_of
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
@@ -28,50 +29,6 @@ FOLDER_OF_SOLVER = {
     "help": "Its README.txt describes how to start the code.",
     "files": "",
 }
-
-
-def _window(values: tuple[float, ...]) -> str:
-    west, south, east, north = values
-    return "" if west < east and south < north else "four numbers W,S,E,N, west below east, south below north"
-
-
-class SolverOptions(TypedDict, total=False):
-    """Start files of another 3D solver."""
-
-    solver: Annotated[
-        Literal["kratos", "cbgeo", "geotaichi", "mpm-geomechanics", "houdini", "paraview"],
-        Option(
-            "write a start folder <name>_<solver> for this solver: its input files in local coordinates, the "
-            "ground, a sidecar with the georeference for its results, README.txt",
-            flag="--for",
-            folded=False,
-            usual="none",
-            label="Code to start",
-        ),
-    ]
-    material: Annotated[
-        PathLike,
-        Option(
-            "with --for: scene with [material], or a TOML file with that table, optionally [friction] and [output] "
-            "end_time [s]",
-            "FILE",
-            folded=False,
-            label="Material",
-            files="Materials (*.toml)",
-        ),
-    ]
-    window: Annotated[
-        tuple[float, float, float, float],
-        Option(
-            "with --for: extent of the ground for the solver, in map coordinates",
-            "W,S,E,N",
-            unit="m",
-            check=_window,
-            kind="extent",
-            usual="the points' extent with a margin of its size",
-            label="Extent of the ground for the code",
-        ),
-    ]
 
 
 class SeedTerrainOptions(MetricTerrainOptions, total=False):
@@ -352,6 +309,42 @@ mpmgis seed --dem dtm.tif --release area.shp --for kratos --cell 1 --material sl
 )
 
 
+def work(asked: Arguments) -> "Seeded":
+    """Write columns, or with `solver` a start folder of another solver.
+
+    Parameters
+    ----------
+    asked : Arguments
+
+    Returns
+    -------
+    Seeded
+
+    Raises
+    ------
+    InputError
+        A surface with a thickness normal to the bed, or options of a solver without one.
+    """
+    from ..seeding.seeded_file import Seeded, seed_file
+
+    if asked["surface"] is not None and asked["thickness_mode"] == "normal":
+        raise InputError("`surface` gives a vertical thickness and contradicts `thickness_mode=normal`; leave it out")
+    seeding: dict[str, Any] = {
+        name: asked.get(name) for name in VERB.named() if name not in (*FOR_SOLVER, "output", "overwrite")
+    }
+    seeding["thickness_mode"] = asked["thickness_mode"] or "normal"
+    seeding["density"] = asked["density"] or DEFAULT_DENSITY
+    if asked["solver"] is not None:
+        from ..conversion.start_folder import seed_for_solver
+
+        written, count, record = seed_for_solver(asked, **seeding)
+        return Seeded(written.path, count, record)
+    for name in FOR_SOLVER:
+        if asked.get(name) is not None:
+            raise InputError(f"`{name}` requires `solver`; leave it out, or name the solver")
+    return seed_file(**seeding, output=asked["output"], overwrite=asked["overwrite"])
+
+
 def seed(
     dem: PathLike, release: PathLike, output: PathLike | None = None, **options: Unpack[SeedingOptions]
 ) -> "Seeded":
@@ -378,32 +371,5 @@ def seed(
     --------
     >>> mpmgis.seed("dtm.tif", "release.shp", "particles.h5", thickness=1.5, count=20_000)  # doctest: +SKIP
     """
-    from ..seeding.seeded_file import seed_file
-
     with python_words(VERB):
-        values = complete(VERB, {"dem": dem, "release": release, "output": output, **options})
-        return seed_file(**seeding_values(values), output=values["output"], overwrite=values["overwrite"])
-
-
-def seeding_values(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the keywords of a seeding, without those of its output file or of another solver.
-
-    Parameters
-    ----------
-    values : dict
-        All options of the verb, from `complete`.
-
-    Returns
-    -------
-    dict of str to object
-
-    Raises
-    ------
-    InputError
-        A surface with a thickness normal to the bed.
-    """
-    if values["surface"] is not None and values["thickness_mode"] == "normal":
-        raise InputError("`surface` gives a vertical thickness and contradicts `thickness_mode=normal`; leave it out")
-    own = {name: value for name, value in values.items() if name not in (*FOR_SOLVER, "output", "overwrite")}
-    mode, density = own["thickness_mode"] or "normal", own["density"] or DEFAULT_DENSITY
-    return own | {"thickness_mode": mode, "density": density}
+        return work(complete(VERB, {"dem": dem, "release": release, "output": output, **options}))

@@ -65,8 +65,6 @@ class Verb(Generic[Asked]):
         For QGIS; for a verb without one `no_form` gives the reason.
     trust : bool
         It has --trust.
-    workflow : str
-        Of a verb whose module has no function `work`: its function as "folder.module:function".
     """
 
     name: str
@@ -80,7 +78,6 @@ class Verb(Generic[Asked]):
     forms: tuple[Form, ...] = ()
     no_form: str = ""
     trust: bool = False
-    workflow: str = ""
 
     def named(self) -> dict[str, Option]:
         """Return the options of the command by name, each with its name and type."""

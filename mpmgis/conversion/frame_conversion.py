@@ -1,8 +1,7 @@
 """Convert a frame of columns on disk to one of points, and back: `mpmgis convert`."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,9 +17,10 @@ from ..maps.averaging.export_resolution import require_cells_within
 from ..system.errors import InputError, OutputError
 from ..system.memory import memory_lack
 from ..system.messages import log
-from ..system.option_values import defaults_of
+from ..system.option import PathLike
 from ..system.source_names import file_of, moved
 from ..system.whole_files import refuse_existing
+from ..system.work_options import OverwriteOptions
 from .columns_to_points import columns_to_points
 from .conversion_account import account_of_columns, account_of_points
 from .conversion_options import ColumnOptions, PointOptions
@@ -33,28 +33,15 @@ if TYPE_CHECKING:
 BYTES_PER_POINT = 320  # [bytes] at most, with a velocity gradient and the frame's file
 
 
-@dataclass(frozen=True, kw_only=True)
-class ConvertRequest:
-    """A conversion of a frame on disk.
+class Conversion(SourceOptions, OverwriteOptions, total=False):
+    """A conversion of frames on disk: the files, the time of one of several frames [s], and the path to write.
 
-    Parameters
-    ----------
-    source : Path
-        File of the frame.
-    output : Path or None
-        None: `<name>_points.h5` or `<name>_columns.h5` in the current folder.
-    overwrite : bool
-    at_time : float or None [s]
-        Of one of several frames.
-    declared : SourceOptions
-        Declarations about DTM and frames.
+    Without `output` it is `<name>_points.h5` or `<name>_columns.h5` in the current folder.
     """
 
-    source: Path
-    output: Path | None = None
-    overwrite: bool = False
-    at_time: float | None = None
-    declared: SourceOptions = field(default_factory=partial(defaults_of, SourceOptions))
+    source: tuple[PathLike, ...]
+    at_time: float
+    output: PathLike
 
 
 @dataclass(frozen=True)
@@ -75,12 +62,12 @@ class Written:
     report: object
 
 
-def convert_to_points(request: ConvertRequest, options: PointOptions | None = None) -> Written:
+def convert_to_points(asked: Conversion, options: PointOptions | None = None) -> Written:
     """Convert the columns of a frame on disk to points.
 
     Parameters
     ----------
-    request : ConvertRequest
+    asked : Conversion
     options : PointOptions, optional
 
     Raises
@@ -89,12 +76,12 @@ def convert_to_points(request: ConvertRequest, options: PointOptions | None = No
         Before anything is written.
     """
     options = options or PointOptions()
-    path = _output(request, "points")
+    path = _output(asked, "points")
     if is_point_cloud(path):
         require_point_cloud(path)
     elif path.suffix.lower() != ".h5":
         raise OutputError(f"{path}: points are written as frames, expected a name that ends in .h5 or .las")
-    frame, terrain = _inputs(request, path, 2)
+    frame, terrain = _inputs(asked, path, 2)
     require_cells_within(terrain.grid, options.cell, north_up=True, option="`cell`")
     require_point_memory(options.predicted_points(frame.particles), options.spacing_for(frame.particles))
     points = columns_to_points(frame, terrain, options)
@@ -110,21 +97,21 @@ def convert_to_points(request: ConvertRequest, options: PointOptions | None = No
     return Written(path, None, points.report)
 
 
-def write_point_cloud(request: ConvertRequest) -> Written:
+def write_point_cloud(asked: Conversion) -> Written:
     """Write the points of a frame on disk unchanged to a .las file.
 
     Parameters
     ----------
-    request : ConvertRequest
+    asked : Conversion
 
     Raises
     ------
     MpmgisError
         Before anything is written.
     """
-    path, entry = _output(request, "points"), _entry(request)
+    path, entry = _output(asked, "points"), _entry(asked)
     require_point_cloud(path)
-    if entry.reader == OWN and request.declared["crs"] is not None:
+    if entry.reader == OWN and asked["crs"] is not None:
         raise InputError(f"{entry.path} is a frame of mpmgis, which contains its CRS; leave `crs` out")
     frame = whole_frame(entry)
     if frame.crs is None:
@@ -133,14 +120,14 @@ def write_point_cloud(request: ConvertRequest) -> Written:
     return Written(path, None, None)
 
 
-def convert_to_columns(request: ConvertRequest, options: ColumnOptions | None = None) -> Written:
+def convert_to_columns(asked: Conversion, options: ColumnOptions | None = None) -> Written:
     """Convert the points of a frame on disk to columns.
 
     Points that remain points are written to `<output>_points.h5` beside the output.
 
     Parameters
     ----------
-    request : ConvertRequest
+    asked : Conversion
     options : ColumnOptions, optional
 
     Raises
@@ -148,12 +135,12 @@ def convert_to_columns(request: ConvertRequest, options: ColumnOptions | None = 
     MpmgisError
         Before anything is written.
     """
-    path = _output(request, "columns")
+    path = _output(asked, "columns")
     require_format(path)
     rest = path.with_name(f"{path.stem}_points.h5")
-    refuse_existing(rest, request.overwrite)
-    frame, terrain = _inputs(request, path, 3)
-    _refuse_replacing(rest, request, terrain)
+    refuse_existing(rest, asked["overwrite"])
+    frame, terrain = _inputs(asked, path, 3)
+    _refuse_replacing(rest, asked, terrain)
     options = options or ColumnOptions()
     require_cells_within(terrain.grid, options.cell, north_up=True, option="`cell`")
     columns = points_to_columns(frame, terrain, options)
@@ -175,22 +162,22 @@ def _write_both(columns, path, rest, terrain):
         raise
 
 
-def dimension_of(request: ConvertRequest) -> int:
+def dimension_of(asked: Conversion) -> int:
     """Return 2 if the frame to convert contains columns, 3 if points.
 
     Parameters
     ----------
-    request : ConvertRequest
+    asked : Conversion
     """
-    return _entry(request).header.dimension
+    return _entry(asked).header.dimension
 
 
-def listed(sources: list, declared: SourceOptions) -> Sequence:
+def listed(sources: Sequence[PathLike], declared: SourceOptions) -> Sequence:
     """List the frames in some files, of mpmgis or another code, by time.
 
     Parameters
     ----------
-    sources : list of Path
+    sources : sequence of path
     declared : SourceOptions
 
     Returns
@@ -221,14 +208,14 @@ def whole_frame(entry: "FrameEntry") -> "Frame":
     return replace(frame, header={name: value for name, value in frame.header.items() if name != "count"})
 
 
-def _entry(request):
+def _entry(asked):
     """The FrameEntry to convert: the only one, or that at `at_time`."""
-    entries = listed([request.source], request.declared)
-    if request.at_time is not None:
-        return entry_at(entries, request.at_time)
+    entries = listed(asked["source"][:1], asked)
+    if asked["at_time"] is not None:
+        return entry_at(entries, asked["at_time"])
     if len(entries) > 1:
         raise InputError(
-            f"{request.source} contains {len(entries)} frames, from {entries[0].time:g} to {entries[-1].time:g} s; "
+            f"{asked['source'][0]} contains {len(entries)} frames, from {entries[0].time:g} to {entries[-1].time:g} s; "
             "choose one with `at_time`"
         )
     return entries[0]
@@ -253,23 +240,23 @@ def entry_at(entries: Sequence, time: float) -> "FrameEntry":
     return nearest
 
 
-def _output(request, kind):
-    path = Path(request.output) if request.output is not None else Path(f"{Path(request.source).stem}_{kind}.h5")
-    refuse_existing(path, request.overwrite)
+def _output(asked, kind):
+    path = Path(asked["output"] or f"{Path(asked['source'][0]).stem}_{kind}.h5")
+    refuse_existing(path, asked["overwrite"])
     if path.is_dir():
         raise OutputError(f"{path} is a folder, expected the name of a file; give another `output`")
     return path
 
 
-def _inputs(request, path, dimension):
+def _inputs(asked, path, dimension):
     """(the frame, its terrain); an error if the output would replace one of their files."""
-    entry = _entry(request)
+    entry = _entry(asked)
     source, is_of = entry.path, entry.header.dimension
     if is_of != dimension:
         kinds = {2: "columns", 3: "points"}
         raise InputError(f"{source} already contains {kinds[is_of]}; `to={kinds[is_of]}` requires {kinds[dimension]}")
-    terrain = run_terrain(request.declared, [entry], path)
-    _refuse_replacing(path, request, terrain)
+    terrain = run_terrain(asked, [entry], path)
+    _refuse_replacing(path, asked, terrain)
     frame = whole_frame(entry)
     if "assumed_density" in frame.header:
         log.info(
@@ -278,9 +265,9 @@ def _inputs(request, path, dimension):
     return frame, terrain
 
 
-def _refuse_replacing(path, request, terrain):
+def _refuse_replacing(path, asked, terrain):
     """Refuse to replace an input, even with `overwrite`."""
-    for given in (request.source, terrain.path):
+    for given in (asked["source"][0], terrain.path):
         if given and path.exists() and file_of(given).exists() and path.samefile(file_of(given)):
             raise OutputError(f"{path} is an input and would be replaced; give another `output`")
 

@@ -1,8 +1,8 @@
 """Write start folders for other 3D solvers from columns or points: `mpmgis seed --for` and `convert --for`."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,16 +16,16 @@ from ..seeding.seeded_file import seed_frame
 from ..system.errors import InputError, OutputError
 from ..system.memory import memory_lack
 from ..system.messages import log
+from ..system.option import PathLike
 from ..system.source_names import file_of, moved
 from ..system.whole_files import refuse_existing, whole_folder
+from ..system.work_options import OverwriteOptions
 from .columns_to_points import columns_to_points
 from .conversion_account import account_of_points
 from .conversion_options import PointOptions
-from .frame_conversion import entry_at, listed, require_point_memory, whole_frame
+from .frame_conversion import Conversion, entry_at, listed, require_point_memory, whole_frame
 from .solver_start import SolverStart, release_density, solver_start, start_box, with_material
-
-if TYPE_CHECKING:
-    from .frame_conversion import ConvertRequest
+from .start_options import SolverOptions
 
 PLACEHOLDER_END = 10.0  # [s] end of the run where the user gives none
 README = "README.txt"
@@ -33,31 +33,15 @@ BYTES_PER_POINT = 2500  # [bytes] at most, while files are written and read back
 LARGEST_ERROR = 1e-6  # [1] relative, of the volume that is read back
 
 
-@dataclass(frozen=True)
-class StartRequest:
-    """A start folder.
+class Start(SolverOptions, OverwriteOptions, total=False):
+    """A start folder; without `output` it is `<name>_<solver>` in the current folder."""
 
-    Parameters
-    ----------
-    solver : str
-        Key of SOLVER_FILES.
-    output : Path or None
-        None: `<name>_<solver>` in the current folder.
-    overwrite : bool
-    cell : float or None [m]
-        Cell size of the solver's grid.
-    window : (float, float, float, float) or None [m]
-        West, south, east, north of the ground.
-    material : Path or None
-        File with its [material].
-    """
+    cell: float  # [m] of the solver's grid
+    output: PathLike
 
-    solver: str
-    output: Path | None = None
-    overwrite: bool = False
-    cell: float | None = None
-    window: tuple | None = None
-    material: Path | None = None
+
+class StartOfFrames(Start, Conversion, total=False):
+    """A start folder from frames on disk."""
 
 
 @dataclass(frozen=True)
@@ -80,21 +64,14 @@ class StartWritten:
 
 
 def convert_for_solver(
-    request: StartRequest,
-    sources: list,
-    terrain_request: "ConvertRequest",
-    options: PointOptions | None = None,
-    of_columns: bool = False,
+    asked: StartOfFrames, options: PointOptions | None = None, of_columns: bool = False
 ) -> StartWritten:
     """Write a start folder from frames on disk; columns are converted to points.
 
     Parameters
     ----------
-    request : StartRequest
-    sources : list of Path
-        Of the frames; several only if the solver reads several times.
-    terrain_request : ConvertRequest
-        Declarations about the terrain and another code's files.
+    asked : StartOfFrames
+        With several sources only if the solver reads several times.
     options : PointOptions, optional
         For the conversion of columns.
     of_columns : bool
@@ -105,49 +82,49 @@ def convert_for_solver(
     MpmgisError
         Before anything is written.
     """
-    files = SOLVER_FILES[request.solver]
-    entries = listed(sources, terrain_request.declared)
-    named = max(len(sources), len(entries))  # a file given twice is also an error
-    if terrain_request.at_time is not None:
-        entries, named = (entry_at(entries, terrain_request.at_time),), 1
+    files = SOLVER_FILES[asked["solver"]]
+    entries = listed(asked["source"], asked)
+    named = max(len(asked["source"]), len(entries))  # a file given twice is also an error
+    if asked["at_time"] is not None:
+        entries, named = (entry_at(entries, asked["at_time"]),), 1
     if named > 1 and files.finish is None:
         others = ", ".join(name for name, other in SOLVER_FILES.items() if other.finish)
         raise InputError(
             f"{files.title} starts from one frame, got {named}; choose one with `at_time`. Several are for {others}"
         )
     first = entries[0]
-    folder = _folder(request, first.path.resolve().parent.name if len(entries) > 1 else first.path.stem)
-    given = _material(request, files)
-    terrain = run_terrain(terrain_request.declared, [first], folder)
+    folder = _folder(asked, first.path.resolve().parent.name if len(entries) > 1 else first.path.stem)
+    given = _material(asked["material"], files)
+    terrain = run_terrain(asked, [first], folder)
     for entry in entries:
         refuse_within(folder, entry.path)
-    _refuse_idle(request, files, entries, of_columns)
-    request = replace(request, cell=request.cell or _cell_of(first, files))
-    return _write(request, files, given, _Frames(entries, terrain, options), terrain, str(first.path), folder)
+    _refuse_idle(asked["cell"], files, entries, of_columns)
+    cell = asked["cell"] or _cell_of(first, files)
+    return _write(asked, cell, given, _Frames(entries, terrain, options), terrain, str(first.path), folder)
 
 
-def _refuse_idle(request, files, entries, of_columns):
+def _refuse_idle(cell, files, entries, of_columns):
     """Refuse options without effect on points."""
     points = next((entry.path for entry in entries if entry.header.dimension == 3), None)
     if points is not None and of_columns:
         raise InputError(
             f"{points} already contains points; `spacing`, `vertical_velocity`, `relevel` and `paper` require columns"
         )
-    if points is not None and request.cell is not None and not files.needs_grid:
+    if points is not None and cell is not None and not files.needs_grid:
         raise InputError(f"{points} already contains points, and {files.title} needs no grid; leave `cell` out")
 
 
 def seed_for_solver(
-    request: StartRequest, dem: str | Path, release: str | Path, options: PointOptions | None = None, **seeding: object
+    asked: Start, dem: str | Path, release: str | Path, options: PointOptions | None = None, **seeding: object
 ) -> tuple[StartWritten, int, dict]:
     """Seed a release on a DTM, convert the columns to points and write a start folder.
 
     Parameters
     ----------
-    request : StartRequest
+    asked : Start
     dem, release : str or Path
     options : PointOptions, optional
-        For the conversion of columns; default: points that fill the request's cells.
+        For the conversion of columns; default: points that fill its cells.
     **seeding
         As for `seed_file`.
 
@@ -156,49 +133,49 @@ def seed_for_solver(
     (StartWritten, int, dict)
         What was written, the number of columns, and the record of the seeding.
     """
-    files = SOLVER_FILES[request.solver]
-    given = _material(request, files)
-    if files.needs_grid and request.cell is None:
+    files = SOLVER_FILES[asked["solver"]]
+    given = _material(asked["material"], files)
+    if files.needs_grid and asked["cell"] is None:
         raise InputError(_cell_needed(files))
-    if request.output is not None:
-        refuse_existing(request.output, request.overwrite)
+    if asked["output"] is not None:
+        refuse_existing(asked["output"], asked["overwrite"])
     frame, terrain, name, record = seed_frame(dem, release, **seeding)
-    folder = _folder(request, name)
+    folder = _folder(asked, name)
     refuse_within(folder, file_of(dem))
     refuse_within(folder, file_of(release))
-    points = _turned(frame, terrain, options or PointOptions(cell=request.cell))
-    return _write(request, files, given, [points], terrain, str(release), folder), len(frame.particles), record
+    points = _turned(frame, terrain, options or PointOptions(cell=asked["cell"]))
+    written = _write(asked, asked["cell"], given, [points], terrain, str(release), folder)
+    return written, len(frame.particles), record
 
 
-def _folder(request, name):
-    folder = Path(request.output) if request.output is not None else Path(f"{name}_{request.solver}")
-    refuse_existing(folder, request.overwrite)
+def _folder(asked, name):
+    folder = Path(asked["output"] or f"{name}_{asked['solver']}")
+    refuse_existing(folder, asked["overwrite"])
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder} is a file, expected a folder; give another `output`")
     return folder
 
 
-def _material(request, files):
+def _material(material, files):
     """The GivenMaterial for a solver, None if it needs none."""
     if not files.laws:
-        if request.material is not None:
+        if material is not None:
             raise InputError(f"`material`: {files.title} needs no material; leave it out")
         return None
-    if request.material is None:
+    if material is None:
         raise InputError(
             f"{files.title} needs a material: `material=FILE`, a scene with [material] or a file with only that table "
             f"({EXAMPLE})"
         )
-    given = read_material(request.material)
+    given = read_material(material)
     if given.table.law not in files.laws:
         raise InputError(
-            f"{request.material} [material]: no counterpart of {given.table.law} is implemented for {files.title}, "
+            f"{material} [material]: no counterpart of {given.table.law} is implemented for {files.title}, "
             f"expected {' or '.join(files.laws)}"
         )
     if files.needs_bed_friction and given.bed_friction is None:
         raise InputError(
-            f"{files.title} needs the friction of its terrain: add [friction] to {request.material}, "
-            'law = "Coulomb" and mu'
+            f'{files.title} needs the friction of its terrain: add [friction] to {material}, law = "Coulomb" and mu'
         )
     return given
 
@@ -247,13 +224,14 @@ def _turned(frame, terrain, options):
     return points.frame
 
 
-def _write(request, files, given, frames, terrain, source, folder):
+def _write(asked, cell, given, frames, terrain, source, folder):
     """Write the folder; iterates several times over `frames`."""
-    box = start_box(frames, terrain, request.cell if files.needs_grid else None, request.window)
+    files = SOLVER_FILES[asked["solver"]]
+    box = start_box(frames, terrain, cell if files.needs_grid else None, asked["window"])
     end, placeholder = _placeholder(given)
     _require_memory(frames)
     first, times = None, []
-    with whole_folder(folder, request.overwrite) as part:
+    with whole_folder(folder, asked["overwrite"]) as part:
         for number, frame in enumerate(frames):
             crs = frame.crs if frame.crs is not None else terrain.grid.crs
             start = solver_start(frame, box, release_density(frame), crs)

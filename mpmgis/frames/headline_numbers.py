@@ -83,6 +83,17 @@ def error_words(companion: dict | None) -> str:
     return f"{words} ({companion['of']})" if words and isinstance(companion.get("of"), str) else words
 
 
+def error_tags(words: str) -> dict[str, str]:
+    """Return the tags of a raster about its numerical errors; {} where they are unknown.
+
+    Parameters
+    ----------
+    words : str
+        As of `error_words`.
+    """
+    return {ERROR_TAG: words} if words else {}
+
+
 def errors_of_run(folder: Path, digest: str) -> str:
     """Return `error_words` of the run in a folder; '' where there is no such run.
 

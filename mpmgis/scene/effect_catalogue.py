@@ -1,17 +1,12 @@
 """The catalogue: every effect of a scene, its description, its parameters and their units."""
 
 import re
-from dataclasses import fields
 from typing import Any
 
-from ..laws import entrainment, friction, ground_metric
+from ..laws import ground_metric
 from ..terrain.inflow import COLUMNS
-from .material_table import MATERIALS
-from .tables import TABLES
+from .tables import TABLES, keys_of, laws_of
 
-NO_EFFECTS = ("terrain", "release", "numerics", "output", "stage")  # they define place, material and numerics only
-# table with a law by name -> {name: (law, {parameter: Parameter})}
-LAWS_BY_NAME = {"friction": friction.LAWS, "material": MATERIALS, "entrainment": entrainment.LAWS}
 # keys of a table without a unit
 BESIDES = {"zones": {"mu, xi, ...": "as the law has them"}, "hydrograph": {f"file: {k}": u for k, u in COLUMNS.items()}}
 
@@ -26,18 +21,18 @@ def catalogue() -> list[dict]:
         the keys of the table that are quantities. ``law`` is the word by which a scene picks one of several laws, None
         where the table has one law only.
     """
-    entries = [entry for name in TABLES if name not in NO_EFFECTS for entry in _entries(name)]
+    entries = [entry for name, kind in TABLES.items() if kind.rule.is_effect for entry in _entries(name)]
     return entries + [_entry("numerics", f"form = {form!r}", law, {}) for form, law in ground_metric.FORMS.items()]
 
 
 def _entries(name):
     """Entries of the table `name`, one for each of its laws."""
-    table = BESIDES.get(name, {}) | quantities(TABLES[name])
-    if name not in LAWS_BY_NAME:
+    table, laws = BESIDES.get(name, {}) | quantities(TABLES[name]), laws_of(TABLES[name])
+    if laws is None:
         return [_entry(name, None, TABLES[name], table)]
     return [
         _entry(name, word, law, {key: unit for key, (unit, *_) in parameters.items()} | table)
-        for word, (law, parameters) in LAWS_BY_NAME[name].items()
+        for word, (law, parameters) in laws.items()
     ]
 
 
@@ -54,8 +49,8 @@ def quantities(table: type) -> dict[str, str]:
     dict of str to str
         Key -> unit.
     """
-    units = {f.name: re.search(r"\[([^]]+)\]", f.metadata["doc"]) for f in fields(table) if "doc" in f.metadata}
-    kinds = {f.name: f.metadata["kind"] for f in fields(table) if "kind" in f.metadata}
+    units = {name: re.search(r"\[([^]]+)\]", f.metadata["doc"]) for name, f in keys_of(table).items()}
+    kinds = {name: f.metadata["kind"] for name, f in keys_of(table).items()}
     numbers = (name for name, kind in kinds.items() if float in (kind if isinstance(kind, tuple) else (kind,)))
     return {name: units[name][1] for name in numbers if units[name]}
 

@@ -5,11 +5,11 @@ from dataclasses import fields
 from ..laws import friction
 from ..system.errors import SceneError
 from .forest_effect import check_forest
-from .key_checks import checked_value, is_finite, is_number, listed, meant, range_of, refuse_both, shown
+from .key_checks import checked_value, listed, meant, range_of, refuse_both, shown
 from .scene import Scene
 from .solver_checks import check_points
 from .stage_checks import check_stages
-from .tables import FASTEST, OF_PARTICLES, ReleaseTable
+from .tables import OF_PARTICLES, ReleaseTable, keys_of
 
 MOST_FRAMES = 1e6  # of a run; more is a typing error
 
@@ -30,9 +30,7 @@ def check_together(scene: Scene, where: str) -> None:
     numerics, output = scene.numerics, scene.output
     _check_sources(scene, where)
     _check_window(scene.terrain.window, where)
-    real = scene.terrain.real_values
-    if real is not None and not (real and all(is_finite(value) for value in real)):
-        raise SceneError(f"{where} [terrain]: real_values = {shown(list(real))}, expected elevations, for example [0]")
+    _check_needs(scene, where)
     check_stages(scene, where)
     if "points" in scene.solvers:
         check_points(scene, where)
@@ -59,16 +57,21 @@ def check_together(scene: Scene, where: str) -> None:
             f"{where} [output]: end_time = {output.end_time:g} and frame_interval = {output.frame_interval:g} give "
             "more than a million frames; take an earlier end_time or a longer frame_interval"
         )
-    if output.arrival_thickness is not None and not output.maxima:
-        raise SceneError(f"{where} [output]: arrival_thickness is kept only with maxima = true; add it, or take it out")
-    for key in ("raster_cell_size", "raster_min_depth", "raster_products"):
-        if getattr(output, key) is not None and not output.rasters:
-            raise SceneError(f"{where} [output]: {key} is used only with rasters = true; add it, or take it out")
     if numerics.form == "swe" and scene.curvature is not None and scene.curvature.use not in ("auto", "off"):
         use = scene.curvature.use
         raise SceneError(f"{where} [curvature]: use = {use!r} requires form = 'slope'; remove the table")
     if numerics.form != "swe" and scene.still_water is not None and scene.still_water.use != "off":
         raise SceneError(f"{where} [still_water]: a lake at rest needs [numerics] form = 'swe'")
+
+
+def _check_needs(scene: Scene, where: str) -> None:
+    """Refuse keys that have no use without another key of their table."""
+    for name, table in scene.tables():
+        for key, f in keys_of(type(table)).items():
+            needed = f.metadata["needs"]
+            if needed and getattr(table, key) != f.default and not getattr(table, needed):
+                words = f"{needed} = true" if keys_of(type(table))[needed].metadata["kind"] is bool else needed
+                raise SceneError(f"{where} [{name}]: {key} is used only with {words}; add it, or take it out")
 
 
 def _check_companion(scene: Scene, where: str) -> None:
@@ -99,47 +102,19 @@ def _check_sources(scene: Scene, where: str) -> None:
         declared = ("density", *OF_PARTICLES) if scene.solver == "points" else ()
         _refuse_unused(release, ("source", "particles", "window", *declared), f"{where} [release]")
         _check_declarations(release, f"{where} [release]")
-    for key in ("window", *OF_PARTICLES):
-        if release.particles is None and getattr(release, key) is not None:
-            raise SceneError(
-                f"{where} [release]: {key} applies to particles only, not to a source with an outline; remove {key}"
-            )
-    if len(release.velocity) != 2 or not all(is_number(v) and abs(v) <= FASTEST for v in release.velocity):
-        raise SceneError(
-            f"{where} [release]: velocity = {shown(list(release.velocity))}, expected two numbers [east, north] of "
-            f"at most {FASTEST:g} m/s"
-        )
     if release.speed is not None and any(release.velocity):
         raise SceneError(f"{where} [release]: speed and velocity exclude each other; take one of them out")
 
 
 def _check_declarations(release: ReleaseTable, where: str) -> None:
-    """Check the kinds of values in the lists and tables about particles of another code."""
-    for key, kind, count in (("origin", is_finite, 3), ("axes", _is_text, 3), ("times", is_finite, None)):
-        given = getattr(release, key)
-        if given is None or (len(given) == (count or len(given)) > 0 and all(map(kind, given))):
-            continue
-        wanted = {"origin": "three numbers [E, N, H]", "axes": 'three words, as ["e", "u", "-n"]'}.get(key, "numbers")
-        raise SceneError(f"{where}: {key} = {shown(list(given))}, expected {wanted}")
-    if release.columns is not None and not all(map(_is_text, release.columns.values())):
-        raise SceneError(f'{where}: columns = {shown(release.columns)}, expected names, as {{mass = "m"}}')
+    """Check the keys about particles of another code that depend on each other."""
     if release.at_time is None and (release.times or release.dt or release.fps):
         raise SceneError(f"{where}: times, dt and fps are for at_time, which chooses a frame; add it, or remove them")
 
 
-def _is_text(value):
-    return isinstance(value, str) and value != ""
-
-
 def _check_window(window: tuple | None, where: str) -> None:
-    """Refuse a window that is not four numbers in their order."""
-    if window is None:
-        return
-    if len(window) != 4 or not all(is_finite(v) for v in window):
-        raise SceneError(
-            f"{where} [terrain]: window = {shown(list(window))}, expected four numbers [west, south, east, north]"
-        )
-    if not (window[0] < window[2] and window[1] < window[3]):
+    """Refuse a window whose numbers are not in their order."""
+    if window is not None and not (window[0] < window[2] and window[1] < window[3]):
         raise SceneError(
             f"{where} [terrain]: window = {shown(list(window))}, expected west below east and south below north, in "
             "this order"

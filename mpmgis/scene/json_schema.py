@@ -9,9 +9,7 @@ from typing import Any
 
 from ..laws import friction
 from . import material_table
-from .scene_reading import REQUIRED, SOLVERS
-from .stage_checks import UNTIL
-from .tables import LISTED, TABLES
+from .tables import LISTED, SOLVERS, TABLES, keys_of, laws_of
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 OWN_LAW = r"\.py:[A-Za-z_][A-Za-z0-9_]*$"
@@ -33,7 +31,7 @@ def json_schema() -> Schema:
         "description": "A simulation of mpmgis run; all values in SI units, angles in degrees.",
         "type": "object",
         "properties": properties,
-        "required": list(REQUIRED),
+        "required": [name for name, kind in TABLES.items() if kind.rule.required],
         "anyOf": [{"required": ["release"]}, {"required": ["hydrograph"]}],
         "allOf": [_zones_of(law, parameters) for law, parameters in laws.items()],
         "additionalProperties": False,
@@ -64,7 +62,7 @@ def _bounds(low: float | None, high: float | None, above: bool) -> Schema:
 
 
 def _table(name: str, kind: Any) -> Schema:
-    keys = {f.name: f for f in fields(kind) if "kind" in f.metadata}
+    keys = keys_of(kind)
     properties = {key: _key(f) for key, f in keys.items()}
     required = [key for key, f in keys.items() if f.default is MISSING]
     schema: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
@@ -73,7 +71,7 @@ def _table(name: str, kind: Any) -> Schema:
         schema["required"] = required
     if name == "friction":
         return _with_laws(schema, _friction_laws(), {}, own=True)
-    by_law = next((f.metadata["parameters_of"] for f in fields(kind) if "parameters_of" in f.metadata), None)
+    by_law = laws_of(kind)
     if by_law is not None:
         laws = {law: {key: _parameter(p) for key, p in parameters.items()} for law, (_, parameters) in by_law.items()}
         needed = {law: [key for key, p in ps.items() if p.default is None] for law, (_, ps) in by_law.items()}
@@ -95,22 +93,16 @@ def _key(f: Any) -> Schema:
 
 
 def _of_kind(kind: Any, f: Any) -> Schema:
-    checks = f.metadata
+    checks, entries = f.metadata, f.metadata["entries"]
     if kind is list:
-        count = len(f.default if isinstance(f.default, tuple) else checks["example"])
-        items = {"type": "string" if isinstance((checks["example"] or (0,))[0], str) else "number"}
-        if f.name == "times":
-            return {"type": "array", "items": items, "minItems": 1}
-        most = {"maxItems": count} if count > 1 else {}  # an example of one entry stands for any number of them
-        return {"type": "array", "items": items, "minItems": count, **most}
-    if kind is dict and f.name == "columns":
-        return {"type": "object", "additionalProperties": {"type": "string"}}
+        limits = {"minItems": 1} if entries.length is None else {"minItems": entries.length, "maxItems": entries.length}
+        return {"type": "array", "items": {"type": _TYPES[entries.kind]}, **limits}
+    if kind is dict and not entries.names:
+        return {"type": "object", "additionalProperties": {"type": _TYPES[entries.kind]}}
     if kind is dict:
-        return {
-            "type": "object",
-            "properties": {key: {"type": ["number", "string"]} for key in UNTIL},
-            "additionalProperties": False,
-        }
+        types = [_TYPES[one] for one in entries.kind]
+        properties = {name: {"type": types} for name in entries.names}
+        return {"type": "object", "properties": properties, "additionalProperties": False}
     schema: Schema = {"type": _TYPES[kind]}
     if kind in (float, int):
         schema |= _bounds(checks["low"], checks["high"], checks["above"])
@@ -145,7 +137,7 @@ def _law_is(law: str) -> Schema:
 
 def _zones_of(law: str, parameters: Schema) -> Schema:
     """With a built-in law of friction zones have its parameters only: numbers, columns or rasters."""
-    own = [f.name for f in fields(TABLES["zones"]) if "kind" in f.metadata]
+    own = list(keys_of(TABLES["zones"]))
     values = {
         name: {"anyOf": [schema, {"type": "string"}], "description": schema["description"]}
         for name, schema in parameters.items()

@@ -11,7 +11,7 @@ from typing import Any
 from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, OwnLaws
 from ..system.errors import SceneError, has_control_characters
-from .tables import FrictionTable
+from .tables import CHECKS, FrictionTable, keys_of
 
 KIND_WORDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false", list: "a list of numbers"}
 LONGEST = 80  # [characters] of a wrong value in a message
@@ -50,7 +50,7 @@ def made_table(
     ------
     SceneError
     """
-    known = {f.name: f for f in fields(kind) if "kind" in f.metadata}
+    known = keys_of(kind)
     free = any("by_place" in f.metadata for f in fields(kind))
     metadata = next((f.metadata for f in fields(kind) if "parameters_of" in f.metadata), {})
     laws = instead or metadata.get("parameters_of")
@@ -120,7 +120,7 @@ def range_of(parameter: friction.Parameter, kind: type | tuple[type, ...]) -> di
     parameter : Parameter
     kind : type or tuple of type
     """
-    return {"kind": kind, "low": parameter.smallest, "high": parameter.largest, "choices": None, "above": False}
+    return {**CHECKS, "kind": kind, "low": parameter.smallest, "high": parameter.largest}
 
 
 def _require_no_contradiction(words, where):
@@ -158,13 +158,13 @@ def _parameters(
         if name not in wanted:
             raise SceneError(f"{where}: {law} has no parameter {shown(name)}{meant(name, wanted)}; it takes {takes}")
     made = {}
-    for name, (unit, doc, low, high, default) in wanted.items():
+    for name, parameter in wanted.items():
         if name not in values and name in by_place:
             continue
-        if name not in values and default is None:
-            raise SceneError(f"{where}: {law} needs {name} [{unit}] ({doc})")
-        checks = {"kind": float, "low": low, "high": high, "choices": None, "above": False}
-        made[name] = checked_value(checks, values.get(name, default), f"{where}: {name}")
+        if name not in values and parameter.default is None:
+            raise SceneError(f"{where}: {law} needs {name} [{parameter.unit}] ({parameter.meaning})")
+        value = values.get(name, parameter.default)
+        made[name] = checked_value(range_of(parameter, float), value, f"{where}: {name}")
     return made
 
 
@@ -174,7 +174,7 @@ def checked_value(checks: Mapping[str, Any], value: Any, where: str) -> Any:
     Parameters
     ----------
     checks : mapping of str to Any
-        ``kind``, ``low``, ``high``, ``above``, ``choices``, ``file``, as of a key in `tables`.
+        ``kind`` and CHECKS of a key (`tables`).
     value : Any
         As TOML gave it.
     where : str
@@ -198,10 +198,10 @@ def checked_value(checks: Mapping[str, Any], value: Any, where: str) -> Any:
             raise SceneError(f"{where} = {value}, expected a finite number")
     elif not (isinstance(value, kinds) and isinstance(value, bool) == (bool in kinds)):
         raise SceneError(f"{where} = {shown(value)}, expected {' or '.join(_kind_words(k, checks) for k in kinds)}")
-    if value == "" and (checks.get("file") or float in kinds):
+    if value == "" and (checks["file"] or float in kinds):
         names = "a file name" if float not in kinds else "a number or the name of a column or a file"
         raise SceneError(f"{where} is empty, expected {names}")
-    if isinstance(value, str) and not checks.get("file") and has_control_characters(value):
+    if isinstance(value, str) and not checks["file"] and has_control_characters(value):
         raise SceneError(f"{where} = {shown(value)} contains control characters; write it without them, in one line")
     if checks["choices"] and value not in checks["choices"]:
         raise SceneError(
@@ -213,16 +213,36 @@ def checked_value(checks: Mapping[str, Any], value: Any, where: str) -> Any:
             raise SceneError(f"{where} = {value:g}, expected {'above' if checks['above'] else 'at least'} {low:g}")
         if high is not None and value > high:
             raise SceneError(f"{where} = {value:g}, expected at most {high:g}")
+    if checks["entries"] is not None:
+        _require_entries(checks["entries"], value, where)
     return tuple(value) if isinstance(value, list) else value
+
+
+def _require_entries(entries, value, where):
+    """Refuse a list or a table within a key with other entries."""
+    for name in value if entries.names else ():
+        if name not in entries.names:
+            raise SceneError(f"{where} has no {shown(name)}; it takes {listed(entries.names)}")
+    if not entries.words:
+        return
+    given = value.values() if isinstance(value, dict) else value
+    of_length = isinstance(value, dict) or len(value) == (entries.length or len(value)) > 0
+    if not of_length or not all(_is_entry(one, entries) for one in given):
+        raise SceneError(f"{where} = {shown(value)}, expected {entries.words}")
+
+
+def _is_entry(value, entries):
+    if entries.kind is str:
+        return isinstance(value, str) and value != ""
+    return is_finite(value) and (entries.largest is None or abs(value) <= entries.largest)
 
 
 def _kind_words(kind, checks):
     """The words for a kind of value, with the example of a key that takes words or a table."""
-    example = checks.get("example")
-    if kind is list and isinstance(example, tuple) and isinstance(example[0], str):
+    if kind is list and checks["entries"].kind is str:
         return "a list of words"
     if kind is dict:
-        words = (f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v:g}" for k, v in example.items())
+        words = (f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v:g}" for k, v in checks["example"].items())
         return f"a table like {{{', '.join(words)}}}"
     return KIND_WORDS[kind]
 

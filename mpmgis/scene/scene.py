@@ -12,10 +12,10 @@ from ..laws import friction
 from ..laws.own_law import NO_OWN_LAWS, OwnLaws
 from ..system.source_names import file_of, joined
 from . import material_table
-from .solver_checks import ONLY
 from .tables import (
     LISTED,
     TABLES,
+    WITHOUT_EFFECT,
     CohesionTable,
     CurvatureTable,
     EarthPressureTable,
@@ -33,8 +33,6 @@ from .tables import (
     ViscosityTable,
     ZoneTable,
 )
-
-WITHOUT_EFFECT = ("device", "companion")  # keys of [numerics] on which no result of the run depends
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,8 @@ class Scene:
         return tuple(self._alone(stage) for stage in self.stage) or (self,)
 
     def _alone(self, stage):
-        others = {name: () if name in LISTED else None for name, (only, _) in ONLY.items() if only != stage.solver}
+        only = {name: kind.rule.solver for name, kind in TABLES.items()}
+        others = {name: () if name in LISTED else None for name in TABLES if only[name] not in (None, stage.solver)}
         numerics = replace(self.numerics, cell_size=stage.cell_size or self.numerics.cell_size)
         return replace(self, **others, numerics=numerics, solver=stage.solver, stage=())
 
@@ -192,7 +191,7 @@ class Scene:
     def digest(self, *inputs: str) -> str:
         """Compute the hex digest of the scene and of its further inputs.
 
-        It does not depend on WITHOUT_EFFECT: a run that began on one device can continue on another.
+        It does not depend on keys of [numerics] WITHOUT_EFFECT: a run that began on one device can continue on another.
 
         Parameters
         ----------

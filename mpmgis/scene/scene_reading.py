@@ -14,11 +14,9 @@ from .joint_checks import check_together
 from .key_checks import listed, made_table, meant, shown
 from .scene import Scene, friction_laws
 from .solver_checks import check_solver
-from .tables import LISTED, TABLES, StageTable
+from .tables import LISTED, SOLVERS, TABLES, StageTable
 
 MOST_DOTS = 100  # in a key; those of a scene have one
-REQUIRED = ("terrain", "output")
-SOLVERS = ("columns", "points")
 _MAY_BE_KEY = re.compile(r"[\w\s.\[\"'-]+")
 
 
@@ -134,13 +132,13 @@ def scene_from_tables(
                 raise SceneError(f"{where}: there can be several {name}; write [[{name}]] on a separate line")
         elif not isinstance(tables[name], dict):
             raise SceneError(f"{where}: {name} is not a table; write [{name}] on a separate line")
-    for name in REQUIRED:
-        if name not in tables:
+    for name, kind in TABLES.items():
+        if kind.rule.required and name not in tables:
             raise SceneError(f"{where}: the table [{name}] is missing; `mpmgis run --template` shows one")
     stages = _made("stage", tables.pop("stage", ()), where, own_laws, (), None)
     solver = _first_solver(solver, stages, where)
     solvers = {stage.solver for stage in stages} or {solver}
-    check_solver(tables, solvers, TABLES, where)
+    check_solver(tables, solvers, where)
     by_place = {key for zone in tables.get("zones", ()) if zone.get("use") != "off" for key in zone}
     law = tables.get("friction", {}).get("law")
     instead = friction.given_instead(law) if isinstance(law, str) else {}

@@ -8,11 +8,8 @@ from typing import Any
 from ..laws import friction
 from .material_table import CONTACTS
 from .scene import Scene
-from .solver_checks import ONLY
-from .tables import LISTED, TABLES
+from .tables import LISTED, TABLES, keys_of, laws_of
 
-_SHOWN_TABLES = ("terrain", "release", "friction", "numerics", "output")
-_SHOWN = ("source", "thickness", "cell_size")  # optional keys that the template shows in use
 _EXAMPLES = {
     "mu": 0.2,
     "xi": 1000.0,
@@ -73,8 +70,8 @@ def template() -> str:
         'solver = "columns"  # depth-averaged; "points": 3D; not with [[stage]], where each stage has its own',
     ]
     for name, kind in TABLES.items():
-        shown = name in _SHOWN_TABLES
-        only = f" With solver = {ONLY[name][0]!r}." if name in ONLY else ""
+        shown = kind.rule.in_use
+        only = f" With solver = {kind.rule.solver!r}." if kind.rule.solver else ""
         lines += ["", f"# {kind.__doc__.strip()}{only}", f"{'' if shown else '# '}{_heading(name)}"]
         for f in fields(kind):
             if "kind" in f.metadata:
@@ -82,14 +79,13 @@ def template() -> str:
             elif "by_place" in f.metadata:
                 lines.append(f"{'# ' + f.metadata['by_place']:<34} # parameters of the law: number, column or raster")
             elif "parameters_of" in f.metadata:
-                law = next(f for f in fields(kind) if f.name == "law").metadata["example"]
-                lines += _template_parameters(f.metadata["parameters_of"], law, shown)
+                lines += _template_parameters(laws_of(kind), keys_of(kind)["law"].metadata["example"], shown)
     return "\n".join(lines) + "\n"
 
 
 def _template_line(f, shown):
     value = f.metadata["example"] if f.default in (MISSING, None) else f.default
-    optional = "" if shown and (f.default is MISSING or f.name in _SHOWN) else "# "
+    optional = "" if shown and (f.default is MISSING or f.metadata["in_use"]) else "# "
     choices = f" ({' | '.join(map(str, f.metadata['choices']))})" if f.metadata["choices"] else ""
     return f"{optional + f.name + ' = ' + toml_value(value):<34} # {f.metadata['doc']}{choices}"
 

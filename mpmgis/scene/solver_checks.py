@@ -1,34 +1,17 @@
 """Tables and keys of only one solver, and the requirements of each solver on a scene."""
 
 from collections.abc import Collection
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from ..system.errors import SceneError
 from .material_table import CONES, OPTIONS
+from .tables import SOLVERS, TABLES, keys_of
 
 if TYPE_CHECKING:
     from .scene import Scene
 
-NAMES = {"columns": "the depth-averaged solver", "points": "the 3D solver"}
-OTHER = {"columns": "points", "points": "columns"}
-# tables of only one solver -> that solver, and the fix for the other
-ONLY = {
-    "material": ("points", "its material is defined by [friction] and related tables"),
-    "softening": ("points", "take it out, or set solver = 'points'"),
-    "hydrograph": ("columns", "start with [release]"),
-    "secondary_release": ("columns", "start with [release]"),
-    "cohesion": ("columns", "give [material] cohesion"),
-    "earth_pressure": ("columns", "use [material] friction_angle"),
-    "viscosity": ("columns", "give [material] law = 'Fluid' with viscosity"),
-    "curvature": ("columns", "3D flow follows the ground by itself; take it out"),
-    "still_water": ("columns", "water is at rest by itself; take it out"),
-    "entrainment": ("columns", "take it out, or set solver = 'columns'"),
-    "forest": ("columns", "take it out, or set solver = 'columns'"),
-}
 
-
-def check_solver(tables: dict[str, Any], solvers: Collection[str], kinds: dict[str, type], where: str) -> None:
+def check_solver(tables: dict[str, Any], solvers: Collection[str], where: str) -> None:
     """Refuse tables and keys that none of the solvers has.
 
     Parameters
@@ -37,8 +20,6 @@ def check_solver(tables: dict[str, Any], solvers: Collection[str], kinds: dict[s
         As TOML gave them.
     solvers : collection of str
         Of the scene.
-    kinds : dict of str to type
-        Name -> class of the tables.
     where : str
         Name of the scene in messages.
 
@@ -47,15 +28,19 @@ def check_solver(tables: dict[str, Any], solvers: Collection[str], kinds: dict[s
     SceneError
     """
     for name, given in tables.items():
-        only, fix = ONLY.get(name, (None, ""))
-        if only not in (None, *solvers):
-            raise SceneError(f"{where}: {NAMES[OTHER[only]]} has no [{name}]; {fix}")
-        own = {f.name: f.metadata.get("solver") for f in fields(kinds[name])}
+        rule, keys = TABLES[name].rule, keys_of(TABLES[name])
+        if rule.solver not in (None, *solvers):
+            raise SceneError(f"{where}: {SOLVERS[_other(rule.solver)]} has no [{name}]; {rule.fix}")
         for key in given if isinstance(given, dict) else ():
-            if own.get(key) not in (None, *solvers):
+            only = keys[key].metadata["solver"] if key in keys else None
+            if only not in (None, *solvers):
                 raise SceneError(
-                    f"{where} [{name}]: {key} requires solver = {own[key]!r}, this is {OTHER[own[key]]!r}; remove it"
+                    f"{where} [{name}]: {key} requires solver = {only!r}, this is {_other(only)!r}; remove it"
                 )
+
+
+def _other(solver):
+    return next(name for name in SOLVERS if name != solver)
 
 
 def check_points(scene: "Scene", where: str) -> None:

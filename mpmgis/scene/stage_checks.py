@@ -8,8 +8,6 @@ from .key_checks import is_finite, shown
 from .scene import Scene
 from .tables import CLIFF, WALLS, StageTable
 
-UNTIL = ("time", "reach", "calm")
-
 
 def check_stages(scene: Scene, where: str) -> None:
     """Refuse stages that contradict each other or the scene's tables; numbers of `until` become floats in place.
@@ -55,8 +53,6 @@ def _check_until(stage: StageTable, here: str, last: bool) -> None:
     if not stage.until:
         raise SceneError(f"{here}: until is missing, for example until = {{time = 30}}; the next stage begins then")
     for key, value in stage.until.items():
-        if key not in UNTIL:
-            raise SceneError(f"{here}: until has no {shown(key)}; it takes {', '.join(UNTIL)}")
         if key == "reach":
             _check_reach(value, here)
             continue

@@ -3,9 +3,8 @@
 A table that is present is an effect in the scene; unknown tables and keys are errors.
 """
 
-from collections.abc import Collection
-from dataclasses import MISSING, dataclass, field
-from typing import Any
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any, ClassVar, NamedTuple, cast
 
 from ..laws import curvature, entrainment, friction, ground_metric
 from ..terrain.mask_values import THICKEST
@@ -17,47 +16,72 @@ HIGHEST_WALL = 1000.0  # [m] of a barrier above the ground, three times the high
 DENSITY = 1000.0  # [kg m-3], default
 CPU, CUDA, AUTO = DEVICES = ("cpu", "cuda", "auto")  # where steps are computed
 WALLS, CLIFF = "barrier", "cliff"  # values of `reach` that are not a file of polygons
-OF_PARTICLES = (  # keys of [release] for particles of another code
-    *("at_time", "reader", "origin", "axes", "columns", "particle_volume", "times", "dt", "fps", "sidecar"),
-)
-LISTED = ("secondary_release", "zones", "forest", "barrier", "stage")  # tables of which there can be several: [[name]]
+SOLVERS = {"columns": "the depth-averaged solver", "points": "the 3D solver"}  # name in a scene: in messages
 
 
-def _key(
-    doc: str,
-    default: Any = MISSING,
-    kind: type | tuple[type, ...] = float,
-    low: float | None = None,
-    high: float | None = None,
-    choices: Collection | None = None,
-    above: bool = False,
-    example: Any = None,
-    file: bool = False,
-    solver: str | None = None,
-) -> Any:
-    """Return the field of one key of a table: its words in the template and the checks on its value.
+class Entries(NamedTuple):
+    """What a list or a table within a key contains."""
 
-    `low` is the smallest value (`above`: not reached), `high` the largest; `kind` a type or tuple of types; the text
-    of a `file` is a path (where numbers or other text are allowed too: if it has a suffix or is there). `solver` is
-    the only one that has the key.
-    """
-    metadata = {
-        "doc": doc,
-        "kind": kind,
-        "low": low,
-        "high": high,
-        "choices": choices,
-        "above": above,
-        "example": example,
-        "file": file,
-        "solver": solver,
-    }
+    kind: type | tuple[type, ...]
+    words: str = ""  # what is expected, for messages
+    length: int | None = None  # of a list; None: any from 1
+    largest: float | None = None  # absolute value of a number
+    names: tuple[str, ...] = ()  # of the entries of a table; (): any
+
+
+class Rule(NamedTuple):
+    """What applies to a table as a whole."""
+
+    listed: bool = False  # there can be several: [[name]]
+    required: bool = False
+    solver: str | None = None  # the only one that has it
+    fix: str = ""  # what to do with the other solver
+    is_effect: bool = True  # a scene can have it or not; others define place, material and numerics
+    in_use: bool = False  # the template shows it in use
+
+
+class Table:
+    """A table of a scene; a dataclass."""
+
+    rule: ClassVar[Rule] = Rule()
+
+
+CHECKS = {  # of a key, with their defaults
+    "low": None,  # smallest value
+    "above": False,  # the smallest value is not reached
+    "high": None,  # largest value
+    "choices": None,
+    "entries": None,  # Entries of a list or a table
+    "file": False,  # text is a path; where numbers or other text are allowed too: if it has a suffix or is there
+    "solver": None,  # the only one that has the key
+    "needs": "",  # a key of the same table without which this one has no use
+    "of_code": False,  # for particles of another code
+    "without_effect": False,  # no result depends on it
+    "example": None,  # in the template, where there is no default
+    "in_use": False,  # shown without a leading # in the template
+}
+
+
+def _key(doc: str, default: Any = MISSING, kind: type | tuple[type, ...] = float, **checks: Any) -> Any:
+    """Return the field of one key of a table: its words in the template, its types, and CHECKS."""
+    if unknown := checks.keys() - CHECKS:
+        raise TypeError(f"{doc}: no such checks of a key: {unknown}")
+    metadata = {"doc": doc, "kind": kind, **CHECKS, **checks}
     return field(default=default, metadata=metadata) if default is not MISSING else field(metadata=metadata)
 
 
+_OF_CODE: dict[str, Any] = {
+    "of_code": True,
+    "needs": "particles",
+    "solver": "points",
+}  # a key for particles of another code
+
+
 @dataclass(frozen=True)
-class TerrainTable:
+class TerrainTable(Table):
     """Where."""
+
+    rule: ClassVar = Rule(required=True, is_effect=False, in_use=True)
 
     dem: str = _key("digital terrain model: any raster that GDAL reads, metres", kind=str, example="dtm.tif", file=True)
     crs: str | None = _key("for a DTM that carries no CRS: EPSG:n, or local", None, kind=str, example="EPSG:32632")
@@ -73,6 +97,7 @@ class TerrainTable:
         None,
         kind=list,
         example=(600000, 5200000, 601000, 5201000),
+        entries=Entries(float, "four numbers [west, south, east, north]", 4),
     )
     fill_nodata: str | None = _key(
         "holes inside the DTM: interpolated from the ground around them; default: flow into one leaves the terrain",
@@ -86,15 +111,18 @@ class TerrainTable:
         None,
         kind=list,
         example=(0.0,),
+        entries=Entries(float, "elevations, for example [0]"),
     )
 
 
 @dataclass(frozen=True)
-class ReleaseTable:
+class ReleaseTable(Table):
     """Initial mass."""
 
+    rule: ClassVar = Rule(is_effect=False, in_use=True)
+
     source: str | None = _key(
-        "release areas: any vector file, or a raster", None, kind=str, example="release.shp", file=True
+        "release areas: any vector file, or a raster", None, kind=str, example="release.shp", file=True, in_use=True
     )
     particles: str | None = _key(
         "instead of source: columns that `mpmgis seed` wrote; in 3D also points, of mpmgis or another code",
@@ -104,51 +132,57 @@ class ReleaseTable:
         file=True,
     )
     at_time: float | None = _key(
-        "particles of another code with several times: this one [s]", None, example=12.5, solver="points"
+        "particles of another code with several times: this one [s]", None, example=12.5, **_OF_CODE
     )
     reader: str | None = _key(
-        "code of the particles, as `--reader`; default detected", None, kind=str, example="matter", solver="points"
+        "code of the particles, as `--reader`; default detected", None, kind=str, example="matter", **_OF_CODE
     )
     origin: tuple | None = _key(
         "of another code: E, N, H [m] of the origin of its coordinates",
         None,
         kind=list,
         example=(600000, 5170000, 0),
-        solver="points",
+        entries=Entries(float, "three numbers [E, N, H]", 3),
+        **_OF_CODE,
     )
     axes: tuple | None = _key(
         "of another code: directions of its x, y, z; default east, north, up where the particles lie on the terrain",
         None,
         kind=list,
         example=("e", "u", "-n"),
-        solver="points",
+        entries=Entries(str, 'three words, as ["e", "u", "-n"]', 3),
+        **_OF_CODE,
     )
     columns: dict | None = _key(  # noqa: RUF009
         "of another code: its names of position, velocity, x, vx, mass, volume, density, ...",
         None,
         kind=dict,
         example={"mass": "m"},
-        solver="points",
+        entries=Entries(str, 'names, as {mass = "m"}'),
+        **_OF_CODE,
     )
     particle_volume: float | None = _key(
-        "of another code: volume of each particle [m3]", None, low=0.0, above=True, example=0.01, solver="points"
+        "of another code: volume of each particle [m3]", None, low=0.0, above=True, example=0.01, **_OF_CODE
     )
     times: tuple | None = _key(
-        "of another code, with at_time: times [s] of its frames", None, kind=list, example=(0, 10), solver="points"
+        "of another code, with at_time: times [s] of its frames",
+        None,
+        kind=list,
+        example=(0, 10),
+        entries=Entries(float, "numbers"),
+        **_OF_CODE,
     )
     dt: float | None = _key(
-        "or: time from one frame number to the next [s]", None, low=0.0, above=True, example=0.5, solver="points"
+        "or: time from one frame number to the next [s]", None, low=0.0, above=True, example=0.5, **_OF_CODE
     )
-    fps: float | None = _key(
-        "or: frame numbers per second [s-1]", None, low=0.0, above=True, example=20.0, solver="points"
-    )
+    fps: float | None = _key("or: frame numbers per second [s-1]", None, low=0.0, above=True, example=20.0, **_OF_CODE)
     sidecar: str | None = _key(
         "of another code: file with these keys; default <name>.georef.json or georef.json beside the particles",
         None,
         kind=str,
         example="a.georef.json",
         file=True,
-        solver="points",
+        **_OF_CODE,
     )
     window: str | None = _key(
         "with particles: only those in these polygons; the mass of the others is reported",
@@ -157,6 +191,7 @@ class ReleaseTable:
         example="box.gpkg",
         file=True,
         solver="points",
+        needs="particles",
     )
     thickness: float | str | None = _key(
         "number [m], column name, or raster; without it the column thickness, d0 or relth",
@@ -167,6 +202,7 @@ class ReleaseTable:
         above=True,
         example=1.5,
         file=True,
+        in_use=True,
     )
     thickness_mode: str = _key(
         "thickness measured normal to the slope, or vertical", "normal", str, choices=("normal", "vertical")
@@ -177,7 +213,12 @@ class ReleaseTable:
     density: float | None = _key(
         "bulk density [kg m-3]; without it 1000, which the run reports", None, low=1.0, high=30000.0, example=1000.0
     )
-    velocity: tuple = _key("initial velocity (east, north) [m s-1]", (0.0, 0.0), kind=list)
+    velocity: tuple = _key(
+        "initial velocity (east, north) [m s-1]",
+        (0.0, 0.0),
+        kind=list,
+        entries=Entries(float, f"two numbers [east, north] of at most {FASTEST:g} m/s", 2, FASTEST),
+    )
     speed: float | None = _key(
         "instead of velocity: initial speed down the steepest descent [m s-1]",
         None,
@@ -196,8 +237,10 @@ class ReleaseTable:
 
 
 @dataclass(frozen=True)
-class HydrographTable:
+class HydrographTable(Table):
     """What flows in over time."""
+
+    rule: ClassVar = Rule(solver="columns", fix="start with [release]")
 
     source: str = _key(
         "the inlet: polygons of any vector file, or a raster mask", kind=str, example="inlet.shp", file=True
@@ -218,8 +261,10 @@ class HydrographTable:
 
 
 @dataclass(frozen=True)
-class SecondaryReleaseTable:
+class SecondaryReleaseTable(Table):
     """Mass at rest that the flow releases when it reaches it; one table per area."""
+
+    rule: ClassVar = Rule(listed=True, solver="columns", fix="start with [release]")
 
     source: str = _key("its areas: any vector file, or a raster", kind=str, example="secondary.shp", file=True)
     thickness: float | str | None = _key(
@@ -245,8 +290,10 @@ class SecondaryReleaseTable:
 
 
 @dataclass(frozen=True)
-class FrictionTable:
+class FrictionTable(Table):
     """Resistance of the bed; without this table there is none."""
+
+    rule: ClassVar = Rule(in_use=True)
 
     law: str = _key('law of basal resistance, or a user-defined law: "my_law.py:MyLaw"', kind=str, example="Voellmy")
     use: str = _key("auto: without turbulent drag where it changes little", "auto", str, choices=USE)
@@ -257,8 +304,10 @@ class FrictionTable:
 
 
 @dataclass(frozen=True)
-class MaterialTable:
+class MaterialTable(Table):
     """Material of a 3D flow."""
+
+    rule: ClassVar = Rule(solver="points", fix="its material is defined by [friction] and related tables")
 
     law: str = _key("law of the material", kind=str, choices=tuple(material_table.MATERIALS), example="DruckerPrager")
     match: str | None = _key(
@@ -295,8 +344,10 @@ class MaterialTable:
 
 
 @dataclass(frozen=True)
-class SofteningTable:
+class SofteningTable(Table):
     """Permanent loss of strength of DruckerPrager and CohesiveMuI with shear."""
+
+    rule: ClassVar = Rule(solver="points", fix="take it out, or set solver = 'points'")
 
     residual_friction_angle: float = _key("residual friction angle [degrees]", low=0.0, high=80.0, example=20.0)
     residual_cohesion: float = _key("residual cohesion [Pa]", 0.0, low=0.0, high=1e9)
@@ -314,8 +365,10 @@ class SofteningTable:
 
 
 @dataclass(frozen=True)
-class ZoneTable:
+class ZoneTable(Table):
     """Spatially varying friction: parameters of the law of [friction]; where zones overlap the later one applies."""
+
+    rule: ClassVar = Rule(listed=True)
 
     source: str | None = _key(
         "polygons, or a raster mask; default: where the rasters below have values",
@@ -329,16 +382,20 @@ class ZoneTable:
 
 
 @dataclass(frozen=True)
-class CohesionTable:
+class CohesionTable(Table):
     """A yield stress at the bed, in addition to [friction]."""
+
+    rule: ClassVar = Rule(solver="columns", fix="give [material] cohesion")
 
     yield_stress: float = _key("[Pa]", low=0.0, high=1e7, example=100.0)
     use: str = _key("auto: on above 0.2 % of the load of the release", "auto", str, choices=USE)
 
 
 @dataclass(frozen=True)
-class EarthPressureTable:
+class EarthPressureTable(Table):
     """Granular push: less than hydrostatic where the flow stretches, more where it is compressed."""
+
+    rule: ClassVar = Rule(solver="columns", fix="use [material] friction_angle")
 
     friction_angle: float = _key("internal friction angle phi [degrees]", low=0.0, high=89.0, above=True, example=35.0)
     bed_friction_angle: float | None = _key(
@@ -348,8 +405,10 @@ class EarthPressureTable:
 
 
 @dataclass(frozen=True)
-class ViscosityTable:
+class ViscosityTable(Table):
     """Viscous stress in the plane of the map; that on the bed belongs to [friction] (law Bingham)."""
+
+    rule: ClassVar = Rule(solver="columns", fix="give [material] law = 'Fluid' with viscosity")
 
     viscosity: float = _key("plastic viscosity [Pa s]", low=0.0, high=1e9, example=50.0)
     yield_stress: float = _key("[Pa]", 0.0, low=0.0, high=1e7)
@@ -357,8 +416,10 @@ class ViscosityTable:
 
 
 @dataclass(frozen=True)
-class EntrainmentTable:
+class EntrainmentTable(Table):
     """Entrainment of bed material by the flow."""
+
+    rule: ClassVar = Rule(solver="columns", fix="take it out, or set solver = 'columns'")
 
     law: str = _key("law of erosion", kind=str, choices=tuple(entrainment.LAWS), example="ErosionEnergy")
     source: str = _key(
@@ -388,8 +449,10 @@ class EntrainmentTable:
 
 
 @dataclass(frozen=True)
-class ForestTable:
+class ForestTable(Table):
     """Forest that slows the flow, stops part of its mass and breaks; it acts only where it is named."""
+
+    rule: ClassVar = Rule(listed=True, solver="columns", fix="take it out, or set solver = 'columns'")
 
     strength: float | str = _key(
         "pressure rho U^2 that breaks it [Pa]: number, column or raster",
@@ -455,8 +518,10 @@ class ForestTable:
 
 
 @dataclass(frozen=True)
-class BarrierTable:
+class BarrierTable(Table):
     """A wall that the flow passes only above its crest: estimates only, loads require a 3D run."""
+
+    rule: ClassVar = Rule(listed=True)
 
     source: str = _key("polygons, or lines with width", kind=str, example="dam.gpkg", file=True)
     height: float | str | None = _key(
@@ -478,8 +543,10 @@ class BarrierTable:
 
 
 @dataclass(frozen=True)
-class CurvatureTable:
+class CurvatureTable(Table):
     """Curvature of the bed (form slope): tangent transport and centrifugal load."""
+
+    rule: ClassVar = Rule(solver="columns", fix="3D flow follows the ground by itself; take it out")
 
     use: str = _key(
         "auto: on where it changes more than 5 % of the load; turn, load: one part, for tests",
@@ -490,8 +557,10 @@ class CurvatureTable:
 
 
 @dataclass(frozen=True)
-class StillWaterTable:
+class StillWaterTable(Table):
     """Lakes at rest as reference (form swe): the water bodies below the still level that are filled at the start."""
+
+    rule: ClassVar = Rule(solver="columns", fix="water is at rest by itself; take it out")
 
     level: float | str = _key(
         "elevation of the still surface: number [m], or column name of source", kind=(float, str), example=1500.0
@@ -507,10 +576,14 @@ class StillWaterTable:
 
 
 @dataclass(frozen=True)
-class NumericsTable:
+class NumericsTable(Table):
     """Numerical parameters."""
 
-    cell_size: float | None = _key("solver cell [m]; default that of the DTM", None, low=0.0, above=True, example=5.0)
+    rule: ClassVar = Rule(is_effect=False, in_use=True)
+
+    cell_size: float | None = _key(
+        "solver cell [m]; default that of the DTM", None, low=0.0, above=True, example=5.0, in_use=True
+    )
     particles_per_cell: int = _key("columns a cell: 4, 9, 16, 25...", 9, kind=int, low=1, high=400, solver="columns")
     points_per_cell: int = _key("3D: points a cell at the start", 8, kind=int, choices=(8, 27, 64), solver="points")
     precision: str = _key(
@@ -520,13 +593,18 @@ class NumericsTable:
         choices=("float64", "float32"),
     )
     device: str = _key(
-        "cpu; cuda: a GPU of NVIDIA; auto: cuda where there is one and particles are many", "cpu", str, choices=DEVICES
+        "cpu; cuda: a GPU of NVIDIA; auto: cuda where there is one and particles are many",
+        "cpu",
+        str,
+        choices=DEVICES,
+        without_effect=True,
     )
     companion: bool | None = _key(
         "afterwards a run on cells twice as large, for the numerical error; default true for columns alone",
         None,
         kind=bool,
         example=True,
+        without_effect=True,
     )
     form: str = _key(
         "slope: mass flows on steep ground; swe: water, gentle beds",
@@ -570,8 +648,10 @@ class NumericsTable:
 
 
 @dataclass(frozen=True)
-class OutputTable:
+class OutputTable(Table):
     """Output and end of the run."""
+
+    rule: ClassVar = Rule(required=True, is_effect=False, in_use=True)
 
     end_time: float = _key("longest simulated time [s]", low=0.0, above=True, example=120.0)
     frame_interval: float = _key("time between frames [s]", low=0.0, above=True, example=2.0)
@@ -583,6 +663,7 @@ class OutputTable:
         high=1000.0,
         above=True,
         example=0.05,
+        needs="maxima",
     )
     rasters: bool = _key(
         "write the bands of each frame as rasters in maps/, and particles for a restart only", False, kind=bool
@@ -593,12 +674,17 @@ class OutputTable:
         low=0.0,
         above=True,
         example=2.0,
+        needs="rasters",
     )
     raster_min_depth: float | None = _key(
-        "with rasters: no speed where the flow is thinner [m]; without it 0.05", None, low=0.0, example=0.1
+        "with rasters: no speed where the flow is thinner [m]; without it 0.05",
+        None,
+        low=0.0,
+        example=0.1,
+        needs="rasters",
     )
     raster_products: str | None = _key(
-        "with rasters: more bands, as `export-raster --products`", None, kind=str, example="p,mass"
+        "with rasters: more bands, as `export-raster --products`", None, kind=str, example="p,mass", needs="rasters"
     )
     stop_at_rest: bool | None = _key(
         "end early when the flow has come to rest; default: not in swe, nor for a Fluid", None, kind=bool, example=True
@@ -606,15 +692,18 @@ class OutputTable:
 
 
 @dataclass(frozen=True)
-class StageTable:
+class StageTable(Table):
     """A part of the run in time, by one solver; the next stage continues from its end."""
 
-    solver: str = _key("of this stage", kind=str, choices=("columns", "points"), example="columns")
+    rule: ClassVar = Rule(listed=True, is_effect=False)
+
+    solver: str = _key("of this stage", kind=str, choices=tuple(SOLVERS), example="columns")
     until: dict | None = _key(  # noqa: RUF009
         'when it ends: {time = 30} [s], {reach = "barrier"}, "cliff" or a file, of points {calm = 1} [s]; or several',
         None,
         kind=dict,
         example={"time": 30.0},
+        entries=Entries((float, str), names=("time", "reach", "calm")),
     )
     window: str | None = _key(
         "of points: only the flow in these polygons is converted to points",
@@ -643,7 +732,7 @@ class StageTable:
         return None if self.reach in (WALLS, CLIFF) else self.reach
 
 
-TABLES = {
+TABLES: dict[str, type[Table]] = {
     "terrain": TerrainTable,
     "release": ReleaseTable,
     "hydrograph": HydrographTable,
@@ -664,3 +753,30 @@ TABLES = {
     "output": OutputTable,
     "stage": StageTable,
 }
+LISTED = tuple(name for name, kind in TABLES.items() if kind.rule.listed)
+
+
+def keys_of(kind: type[Table]) -> dict[str, Field[Any]]:
+    """Return the keys of a table by name; the metadata of each are its checks and words.
+
+    Parameters
+    ----------
+    kind : type
+        Class of the table.
+    """
+    return {f.name: f for f in fields(cast("Any", kind)) if "kind" in f.metadata}
+
+
+def laws_of(kind: type[Table]) -> dict[str, tuple[Any, Any]] | None:
+    """Return the laws that a table chooses from: name -> (law, parameters); None where it has one law.
+
+    Parameters
+    ----------
+    kind : type
+        Class of the table.
+    """
+    return next((f.metadata["parameters_of"] for f in fields(cast("Any", kind)) if "parameters_of" in f.metadata), None)
+
+
+OF_PARTICLES = tuple(name for name, f in keys_of(ReleaseTable).items() if f.metadata["of_code"])
+WITHOUT_EFFECT = tuple(name for name, f in keys_of(NumericsTable).items() if f.metadata["without_effect"])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..frames.flow_end import END_TIME
 from ..frames.run_folder import FRAME_PATTERN
-from ..scene.scene import WITHOUT_EFFECT
+from ..scene.tables import WITHOUT_EFFECT
 from ..system.errors import InputError, MpmgisError
 from ..system.messages import muted
 from .preparation import prepare_scene

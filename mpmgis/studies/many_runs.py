@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from .. import __version__
-from ..frames.headline_numbers import ERROR_TAG, error_words
+from ..frames.headline_numbers import error_tags, error_words
 from ..simulation.cost_prediction import duration_words
 from ..simulation.memory_need import MEMORY_SHARE
 from ..simulation.scene_run import ASK_SECONDS
@@ -338,7 +338,7 @@ class ManyRuns:
         """
         errors = error_words(self.companion)
         tags = {"version": __version__, "digest": digest, "min_depth": min_depth}
-        return tags | ({ERROR_TAG: errors} if errors else {})
+        return tags | error_tags(errors)
 
     def log_moving(self) -> int:
         """Log how many runs with a result did not come to rest, and return their number.

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mpmgis.commands.shell.parser import OneLineParser, add_arguments, values_of
 from mpmgis.commands.verb import all_verbs, verb_of
-from mpmgis.commands.verb_calls import complete, request, with_flags, with_names, workflow_of
+from mpmgis.commands.verb_calls import complete, with_flags, with_names
 from mpmgis.system.errors import InputError
 from mpmgis.system.option import PathLike, options_of
 from mpmgis.system.option_values import checked, expected
@@ -91,15 +91,10 @@ def needed(verb, name):
     return words, {option.name: tuple(text) if isinstance(text, list) else text for option, text in texts}
 
 
-def made(verb, values):
-    """The request of a verb with a workflow of its own, the completed options of the others."""
-    return request(verb, workflow_of(verb)[1], values) if verb.workflow else complete(verb, values)
-
-
 @pytest.mark.parametrize(("name", "option"), CASES)
 @settings(max_examples=4, deadline=None, database=None)
 @given(data=st.data())
-def test_the_command_and_python_make_the_same_request(name, option, data):
+def test_the_command_and_python_give_the_same_options(name, option, data):
     verb = VERBS[name]
     option = verb.named()[option]
     words, values = needed(verb, option.name)
@@ -123,7 +118,7 @@ def test_the_command_and_python_make_the_same_request(name, option, data):
         else:
             words = words + words_of(option, text)
     of_command = values_of(parser_of(name).parse_args(words), verb)
-    assert made(verb, of_command) == made(verb, values)
+    assert complete(verb, of_command) == complete(verb, values)
 
 
 WRONG = [

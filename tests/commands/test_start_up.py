@@ -21,8 +21,8 @@ HEAVY = {
     *("zarr", "scipy.ndimage", "scipy.linalg", "scipy.sparse", "scipy.spatial", "scipy.optimize", "scipy.special"),
     *("scipy.stats", "numpy.f2py", "numpy.testing", "sympy", "IPython", "boto3"),
 }
-SEED = {"commands", "compiled", "frames", "laws", "seeding", "system", "terrain"}
-EXPORT = SEED - {"seeding"} | {"exchange", "maps"}
+SEED = {"commands", "compiled", "conversion", "frames", "laws", "seeding", "system", "terrain"}
+EXPORT = SEED - {"conversion", "seeding"} | {"exchange", "maps"}
 
 
 @pytest.fixture(scope="module")

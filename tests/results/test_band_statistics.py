@@ -7,7 +7,7 @@ from affine import Affine
 from rasterio.windows import Window
 
 from mpmgis.results.reports import band_statistics
-from mpmgis.results.reports.map_facts import raster_facts
+from mpmgis.results.reports.file_facts import inspect
 from mpmgis.system.errors import InputError
 
 PLACE = {"crs": "EPSG:32632", "transform": Affine(1, 0, 4e5, 0, -1, 5.1e6)}
@@ -28,7 +28,7 @@ def test_blocks_that_are_not_there_are_not_read(tmp_path, side, nodata):
     """A file of some KB with 1e10 and more cells; GDAL reads 0 in blocks that are not there, or nodata."""
     values = np.array([[700.0, 750.0], [800.0, 650.0]])
     path = sparse(tmp_path / "a.tif", side, 4096, nodata, values)
-    (band,) = raster_facts(path)["bands"]
+    (band,) = inspect(path)["bands"]
     assert (band["min"], band["max"]) == ((0.0 if nodata is None else 650.0), 800.0)
     assert band["valid_share"] == (1.0 if nodata is None else pytest.approx(4 / side**2))
     assert "sampled_share" not in band
@@ -40,7 +40,7 @@ def test_a_large_raster_is_sampled_and_says_so(tmp_path, monkeypatch):
     profile = {"driver": "GTiff", "width": 1024, "height": 1024, "count": 1, "dtype": "float32"}
     with rasterio.open(tmp_path / "a.tif", "w", **profile, **PLACE, tiled=True, blockxsize=64, blockysize=64) as file:
         file.write(values.astype("float32"), 1)
-    (band,) = raster_facts(tmp_path / "a.tif")["bands"]
+    (band,) = inspect(tmp_path / "a.tif")["bands"]
     assert 0.05 < band["sampled_share"] < 0.11 and band["valid_share"] == 1.0
     assert band["min"] < 100 and band["max"] > 900
 
@@ -52,7 +52,7 @@ def test_scaled_values_and_the_file_that_scales_them(tmp_path):
     (tmp_path / "a.tif.aux.xml").write_text(
         '<PAMDataset><PAMRasterBand band="1"><Scale>-0.5</Scale><Offset>1300</Offset></PAMRasterBand></PAMDataset>'
     )
-    facts = raster_facts(tmp_path / "a.tif")
+    facts = inspect(tmp_path / "a.tif")
     (band,) = facts["bands"]
     assert (band["scale"], band["offset"], band["scaled_by"]) == (-0.5, 1300.0, "a.tif.aux.xml")
     assert (band["min"], band["max"]) == (1294.5, 1300.0)
@@ -65,7 +65,7 @@ def test_scale_of_the_file_itself(tmp_path):
     with rasterio.open(tmp_path / "a.tif", "w", **profile, **PLACE) as file:
         file.write(np.arange(12, dtype="int16").reshape(3, 4), 1)
         file.scales, file.offsets = (0.1,), (1000.0,)
-    facts = raster_facts(tmp_path / "a.tif")
+    facts = inspect(tmp_path / "a.tif")
     assert facts["bands"][0]["scaled_by"] == "" and "beside" not in facts
     assert facts["bands"][0]["max"] == pytest.approx(1001.1)
 
@@ -77,11 +77,11 @@ def test_a_terrain_with_a_pit_and_a_picture_have_notes(tmp_path):
     profile = {"driver": "GTiff", "width": 80, "height": 100, "count": 1}
     with rasterio.open(tmp_path / "pit.tif", "w", **profile, **place, dtype="float32") as file:
         file.write(heights.astype("float32"), 1)
-    (note,) = raster_facts(tmp_path / "pit.tif")["terrain_notes"]
+    (note,) = inspect(tmp_path / "pit.tif")["terrain_notes"]
     assert "64 cells have the constant elevation 0 behind walls" in note and "--nodata 0" in note
     with rasterio.open(tmp_path / "picture.tif", "w", **profile, **place, dtype="uint8") as file:
         file.write((heights / 10).astype("uint8"), 1)
-    assert "8-bit numbers" in raster_facts(tmp_path / "picture.tif")["terrain_notes"][0]
+    assert "8-bit numbers" in inspect(tmp_path / "picture.tif")["terrain_notes"][0]
 
 
 def nested(folder, levels, sources):
@@ -106,7 +106,7 @@ def nested(folder, levels, sources):
 def test_nested_virtual_rasters_are_counted_before_they_are_read(tmp_path):
     """12^6 reads of one small file would take hours; 12^2 are done."""
     with pytest.raises(InputError, match=r"read files 2\.99e\+06 times"):
-        raster_facts(nested(tmp_path, 6, 12))
-    (band,) = raster_facts(nested(tmp_path, 2, 12))["bands"]
+        inspect(nested(tmp_path, 6, 12))
+    (band,) = inspect(nested(tmp_path, 2, 12))["bands"]
     assert (band["min"], band["max"]) == (0.0, 79.0)
-    raster_facts(nested(tmp_path, 1, 1000))
+    inspect(nested(tmp_path, 1, 1000))

@@ -129,7 +129,7 @@ REFUSED = {
         {"solver": "columns", "material": None, "numerics": {"stiffness": "scaled"}},
         "stiffness requires solver",
     ),
-    "window of an area": ({"release": {"source": "r.shp", "window": "b.gpkg"}}, "not to a source with an outline"),
+    "window of an area": ({"release": {"source": "r.shp", "window": "b.gpkg"}}, "window is used only with particles"),
     "window of columns": (
         {"solver": "columns", "material": None, "release": {"particles": "a.h5", "window": "b.gpkg"}},
         "requires",

@@ -189,7 +189,7 @@ def test_keys_of_other_codes_are_refused_for_frames_of_mpmgis_and_for_columns(tm
         scene_from_tables(given)
     given = tables("a.h5", terrain)
     given["release"] = {"source": "r.shp", "axes": ["e", "n", "u"]}
-    with pytest.raises(SceneError, match="axes applies to particles only"):
+    with pytest.raises(SceneError, match="axes is used only with particles"):
         scene_from_tables(given)
 
 

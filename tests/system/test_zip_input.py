@@ -12,7 +12,7 @@ import shapely
 
 from mpmgis.commands.shell.main import main
 from mpmgis.exchange.readers.npz import open_file, read_members
-from mpmgis.results.reports.map_facts import project_facts
+from mpmgis.results.reports.file_facts import inspect
 from mpmgis.system import memory
 from mpmgis.system.errors import FormatError
 from mpmgis.terrain.vector_table import read_table
@@ -55,7 +55,7 @@ def test_a_project_lists_its_layers(tmp_path, suffix):
     path.write_text(PROJECT)
     if suffix == "qgz":
         write_zip(path, {"styles.db": b"", "p.qgs": PROJECT})
-    facts = project_facts(path)
+    facts = inspect(path)
     assert (facts["qgis"], facts["crs"], facts["layers"]) == ("3.40.1", "EPSG:2056", LAYERS)
 
 
@@ -80,7 +80,7 @@ def test_many_small_elements_take_no_memory(tmp_path):
     path = write_zip(tmp_path / "p.qgz", {"p.qgs": text})
     tracemalloc.start()
     try:
-        assert project_facts(path)["layers"] == []
+        assert inspect(path)["layers"] == []
         assert tracemalloc.get_traced_memory()[1] < 1.5e7
     finally:
         tracemalloc.stop()
@@ -90,7 +90,7 @@ def test_more_layers_than_any_project(tmp_path):
     path = tmp_path / "p.qgs"
     path.write_text("<qgis>" + "<maplayer/>" * 10_001 + "</qgis>")
     with pytest.raises(FormatError, match="more than 10000 layers"):
-        project_facts(path)
+        inspect(path)
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
@@ -103,7 +103,7 @@ def test_methods_that_unpack_without_end(tmp_path, capfd, method):
 def test_a_pipe_is_no_project(tmp_path, name):
     os.mkfifo(tmp_path / name)
     with pytest.raises(FormatError, match="device or pipe"):
-        (read_members if name == "p.npz" else project_facts)(tmp_path / name)
+        (read_members if name == "p.npz" else inspect)(tmp_path / name)
 
 
 def test_arrays_are_held_against_memory(tmp_path, little_memory):

@@ -15,7 +15,7 @@ from ...system.errors import InputError, OutputError
 from ...system.links import input_at
 from ...system.whole_files import refuse_existing, whole_file
 from ..verb import Verb, module_of, verb_of
-from ..verb_calls import complete, request, workflow_of
+from ..verb_calls import complete
 from . import terminal
 from .parser import values_of
 from .progress import frame_progress
@@ -66,11 +66,7 @@ def _run_to_stdout(verb, values):
 
 def _worked(verb, values):
     """What the work of a verb returns for options by name."""
-    module = module_of(verb.name)
-    if hasattr(module, "work"):
-        return module.work(complete(verb, values), frame_progress)
-    workflow, kind = workflow_of(verb)
-    return workflow(request(verb, kind, values), frame_progress)
+    return module_of(verb.name).work(complete(verb, values), frame_progress)
 
 
 def _as_json(found, files):

@@ -5,11 +5,8 @@ import shutil
 import sys
 from pathlib import Path
 
-from ...system.errors import InputError
-from ..convert import converted, started
-from ..seed import DEFAULT_DENSITY, FOR_SOLVER, seeding_values
-from ..verb import verb_of
-from ..verb_calls import complete, made
+from ..verb import module_of
+from ..verb_calls import complete
 from . import terminal
 from .parser import values_of
 
@@ -26,31 +23,15 @@ def seed(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
-    verb = verb_of("seed")
-    values = complete(verb, values_of(arguments, verb))
+    verb = module_of("seed")
+    asked = complete(verb.VERB, values_of(arguments, verb.VERB))
     with terminal.notes_after_success():
-        path, count, record = _seeded(values)
-    if values["density"] is None:
-        terminal.note(f"density: {DEFAULT_DENSITY:g} kg m-3 is assumed (--density sets another)")
-    _print_seed(count, record)
-    print(path)
+        seeded = verb.work(asked)
+    if asked["density"] is None:
+        terminal.note(f"density: {verb.DEFAULT_DENSITY:g} kg m-3 is assumed (--density sets another)")
+    _print_seed(seeded.count, seeded.record)
+    print(seeded.path)
     return 0
-
-
-def _seeded(values):
-    """Write the columns or the start folder of another solver: (path, number of columns, record of the seeding)."""
-    if values["solver"] is not None:
-        from ...conversion.start_folder import StartRequest, seed_for_solver
-
-        written, count, record = seed_for_solver(made(StartRequest, values), **seeding_values(values))
-        return written.path, count, record
-    for name in FOR_SOLVER:
-        if values[name] is not None:
-            raise InputError(f"`{name}` requires `solver`; leave it out, or name the solver")
-    from ...seeding.seeded_file import seed_file
-
-    seeded = seed_file(**seeding_values(values), output=values["output"], overwrite=values["overwrite"])
-    return seeded.path, seeded.count, seeded.record
 
 
 def _print_seed(count, record):
@@ -78,15 +59,10 @@ def convert(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
-    verb = verb_of("convert")
-    values = complete(verb, values_of(arguments, verb))
+    verb = module_of("convert")
     with terminal.notes_after_success():
-        if values["solver"] is not None:
-            paths = [started(values).path]
-        else:
-            written = converted(values)
-            paths = [path for path in (written.path, written.rest) if path is not None]
-    for path in paths:
+        written = verb.work(complete(verb.VERB, values_of(arguments, verb.VERB)))
+    for path in filter(None, (written.path, getattr(written, "rest", None))):
         print(path)
     return 0
 

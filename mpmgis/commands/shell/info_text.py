@@ -6,64 +6,13 @@ import sys
 from typing import Any
 
 from ...laws.quantities import BAND
+from ...results.reports.fact_table import BANDS, EXISTS, HIDDEN, LINES, MAP, NAMED, RANGE, WHOLE, Words
 from ..info import VERB
 from ..info import terms as terms_of
 from . import answers, terminal
 from .parser import values_of
 
-_TAKERS = (  # what energy is lost to, as in the names of the facts
-    "ground",
-    "eroded_mass",
-    "barriers",
-    "speed_limit",
-    "mixing",
-    "bends",
-    "yielding",
-    "affine_limit",
-    "layers",
-    "forest",
-)
-UNITS = {
-    **dict.fromkeys(("time", "first_time", "times", "end_time", "frame_interval", "wall_seconds"), "s"),
-    **dict.fromkeys(("mass", "mass_at_start", "mass_start", "mass_now", "mass_out"), "kg"),
-    **dict.fromkeys(("mass_detrained", "mass_at_rest", "mass_flowing"), "kg"),
-    **dict.fromkeys(("reference_mass", "lightest_column", "heaviest_column"), "kg"),
-    **dict.fromkeys(("volume", "reference_volume"), "m3"),
-    **dict.fromkeys(("elevation", "thickness", "thickness_so_far", "thickness_max", "thickness_max_now", "drop"), "m"),
-    **dict.fromkeys(("max_speed", "speed_so_far", "speed_max_now", "speed", "velocity"), "m s-1"),
-    **dict.fromkeys(("speed_p999", "speed_p999_now"), "m s-1"),
-    **dict.fromkeys(("area", "column_area", "release_area", "footprint_area"), "m2"),
-    **dict.fromkeys(("forest_area", "forest_broken_area"), "m2"),
-    **dict.fromkeys(("kinetic_energy", "kinetic_energy_peak", "potential_energy", "energy_lost"), "J"),
-    **dict.fromkeys(("energy_start", "energy_released_later", "energy_entrained", "energy_lifted"), "J"),
-    **dict.fromkeys(("energy_returned", "energy_of_volume_corrections", "energy_out"), "J"),
-    **{f"energy_lost_to_{name}": "J" for name in _TAKERS},
-    "ground_friction_work": "J",
-    **dict.fromkeys(("friction_angle", "bed_friction_angle"), "degrees"),
-    **dict.fromkeys(("bbox", "cell_size"), "m"),
-    "density": "kg m-3",
-    "particle_volume": "m3",
-    "xi": "m s-2",
-    "slope_median": "(tangent)",
-}
-RANGES = ("elevation", "thickness", "column_area", "times")  # whose list of two is minimum and maximum
-LABELS = {
-    "n": "particles",
-    "bbox": "W, S, E, N",
-    "wall_seconds": "computing time",
-    "crs": "CRS",
-    "qgis": "QGIS",
-    "max_speed": "largest speed now",
-    "own_axes": "its own axes",
-    "speed_so_far": "largest speed so far",
-    "thickness_so_far": "largest thickness so far, vertical",
-    "thickness": "column thickness, vertical",
-    "digest": "digest of the scene",
-    "result_digest": "digest of the result",
-    "frames_are": "its frames are",
-    "contents": "its arrays are",
-    "beside": "files beside it",
-}
+TITLE = ("file", "kind", "bytes")  # facts in the first line
 BAND_UNITS = {name: band.unit for name, band in BAND.items() if band.unit != "1"}
 WIDEST_VALUE = 110  # [characters] a longer text is cut
 MOST_ITEMS = 12  # of a list or table that are shown; the rest is counted
@@ -89,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     answers.require_writable(arguments, arguments.files)
     terms = terms_of(values_of(arguments, VERB))
-    code, described = 0, []
+    code, texts = 0, []
     for path in arguments.files:
         try:
             facts = inspect(path, terms)
@@ -97,11 +46,11 @@ def run(arguments: argparse.Namespace) -> int:
             terminal.print_error(f"mpmgis info: {one_line(error)}")
             code = error.exit_code
             continue
-        described.append(_as_json(facts, arguments.output) if arguments.json else "\n".join(screen_lines(facts)))
+        texts.append(_as_json(facts, arguments.output) if arguments.json else "\n".join(screen_lines(facts)))
         if arguments.output in (None, answers.STDOUT):  # as soon as it is known
-            print(*[""] * (len(described) > 1 and not arguments.json), described[-1], sep="\n")
+            print(*[""] * (len(texts) > 1 and not arguments.json), texts[-1], sep="\n")
     if arguments.output not in (None, answers.STDOUT) and code == 0:
-        answers.print_or_write(("\n" if arguments.json else "\n\n").join(described), arguments)
+        answers.print_or_write(("\n" if arguments.json else "\n\n").join(texts), arguments)
     return code
 
 
@@ -122,48 +71,42 @@ def screen_lines(facts: dict[str, Any]) -> list[str]:
     -------
     list of str
     """
-    facts = dict(facts)
-    size = f" ({_bytes(facts.pop('bytes'))})" if "bytes" in facts else ""
-    rows = list(_rows(facts.items(), _units(facts)))
+    size = f" ({_bytes(facts['bytes'])})" if "bytes" in facts else ""
+    rows = list(_rows(facts))
     title = f"{facts['file']}: {facts['kind']}{size}"
     width = max((len(label) for label, _ in rows), default=0)
     lines = [title, *(f"  {label:{width}}  {value}".rstrip() for label, value in rows)]
     return [terminal.escaped(line) for line in lines]
 
 
-def _units(facts, units=UNITS):
-    """Units of facts by name; those of the map where it is not in metres."""
-    unit = {"metre": "m", "degree": "degrees", None: "m"}.get(facts.get("map_unit"), facts.get("map_unit"))
-    return units | {"bbox": unit, "cell_size": unit}
+def _map_unit(values):
+    """The unit of coordinates on the map, in a table of facts by key."""
+    unit = values.get("map_unit")
+    return {"metre": "m", "degree": "degrees", None: "m"}.get(unit, unit)
 
 
-def _rows(items, units, depth=0):
-    """(label, value) of each fact; tables and lists of tables become indented rows.
-
-    Names of facts become words; names inside a table (bands, keys, columns of a file) are printed unchanged.
-    """
-    for key, value in items:
-        if key == "map_unit" or (key in ("file", "kind", "cells") and not depth):  # cells: see size
+def _rows(facts):
+    """(label, value) of each fact; tables and lists of tables become indented rows."""
+    map_unit = _map_unit(facts)
+    for key, value in facts.items():
+        if key in TITLE:
             continue
-        label = "  " * depth + (str(key) if depth else LABELS.get(key, key.replace("_", " ")))
-        if key == "files" and isinstance(value, dict):
+        words, unit = NAMED.get(key, Words()), _unit(key, map_unit)
+        label = words.text or key.replace("_", " ")
+        if words.form == EXISTS and isinstance(value, dict):
             yield label, ", ".join(f"{name} ({'there' if there else 'missing'})" for name, there in value.items())
-        elif key in ("maxima", "deposit", "last step") and _are_ranges(value):
+        elif words.form == BANDS and _are_ranges(value):
             yield label, ""
             for band, (low, high) in value.items():
-                yield f"  {'  ' * depth}{band}", _range(low, high, BAND_UNITS.get(band, ""))
-        elif key in ("to_be_told", "terrain_notes") and value and not depth:
+                yield f"  {band}", _range(low, high, BAND_UNITS.get(band, ""))
+        elif words.form == LINES and value:
             yield from zip([label] + [""] * (len(value) - 1), value, strict=True)
-        elif isinstance(value, dict):
-            yield from _table(label, value, units, depth)
-        elif isinstance(value, list) and value and isinstance(value[0], dict):
-            yield from _tables(label, value, units, depth)
-        elif key == "as_terrain":  # a command to copy, printed unabridged
+        elif words.form == WHOLE:
             yield label, value
-        elif key in RANGES and not depth and isinstance(value, list) and len(value) == 2:
-            yield label, _range(*value, units[key])
-        else:
-            yield label, _with_unit(key, value, units)
+        elif words.form == RANGE and isinstance(value, list) and len(value) == 2:
+            yield label, _range(*value, unit)
+        elif words.form != HIDDEN:
+            yield from _entry(label, value, unit, map_unit, 0)
 
 
 def _are_ranges(value):
@@ -173,41 +116,65 @@ def _are_ranges(value):
     )
 
 
-def _table(label, table, units, depth):
+def _entry(label, value, unit, map_unit, depth):
+    """A value, a table or a list of tables of any fact."""
+    if isinstance(value, dict):
+        yield from _table(label, value, map_unit, depth)
+    elif isinstance(value, list) and value and isinstance(value[0], dict):
+        yield from _tables(label, value, depth)
+    else:
+        yield label, _with_unit(value, unit)
+
+
+def _within(items, map_unit, depth):
+    """Rows of a table in a fact; its names (bands, keys, columns of a file) are printed unchanged."""
+    for key, value in items:
+        if key != "map_unit":
+            yield from _entry("  " * depth + key, value, _unit(key, map_unit), map_unit, depth)
+
+
+def _unit(key, map_unit):
+    unit = NAMED[key].unit if key in NAMED else ""
+    return map_unit if unit == MAP else unit
+
+
+def _table(label, table, map_unit, depth):
     """A short table as one line, a longer one as rows."""
     nested = any(isinstance(value, (dict, list)) for value in table.values())
     if not nested and len(table) <= 4:
-        yield label, _short(_on_one_line(table, units)) or "none"
+        yield label, _short(_on_one_line(table, map_unit)) or "none"
         return
     yield label, ""
     shown = list(table.items())[: 2 * MOST_ITEMS]
-    yield from _rows(shown, units, depth + 1)
+    yield from _within(shown, map_unit, depth + 1)
     if len(table) > len(shown):
         yield "  " * (depth + 1) + "...", f"and {len(table) - len(shown)} more (--json shows all)"
 
 
-def _tables(label, tables, units, depth):
+def _tables(label, tables, depth):
     """A list of tables: a line for each, or rows where it contains lists."""
     for table in tables[:MOST_ITEMS]:
+        unit = _map_unit(table)
         if any(isinstance(value, list) for value in table.values()):
             yield label, str(table.get("name", ""))
-            yield from _rows([item for item in table.items() if item[0] != "name"], _units(table, units), depth + 1)
+            yield from _within([item for item in table.items() if item[0] != "name"], unit, depth + 1)
         else:
-            yield label, _short(_on_one_line(table, units))
+            yield label, _short(_on_one_line(table, unit))
         label = ""
     if len(tables) > MOST_ITEMS:
         yield "", f"... and {len(tables) - MOST_ITEMS} more (--json shows all)"
 
 
-def _on_one_line(table, units):
+def _on_one_line(table, map_unit):
     filled = [(key, value) for key, value in table.items() if value not in (None, "", [])]
-    return ", ".join(value if key == "name" else f"{key} {_with_unit(key, value, units)}" for key, value in filled)
+    words = (value if key == "name" else f"{key} {_with_unit(value, _unit(key, map_unit))}" for key, value in filled)
+    return ", ".join(words)
 
 
-def _with_unit(key: str, value: Any, units: dict) -> str:
+def _with_unit(value: Any, unit: str) -> str:
     numbers = value if isinstance(value, list) and value else [value]
     is_number = all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in numbers)
-    return f"{_value(value)} {units[key]}" if is_number and key in units else _value(value)
+    return f"{_value(value)} {unit}" if is_number and unit else _value(value)
 
 
 def _range(low, high, unit):

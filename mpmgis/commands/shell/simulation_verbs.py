@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from ...frames.headline_numbers import error_words
 from ...system.errors import InputError
 from ...system.whole_files import refuse_existing
-from ..run import require_one_start
+from .. import demo as demo_verb
+from .. import run as run_verb
 from ..verb import module_of, verb_of
 from ..verb_calls import complete
 from . import terminal
@@ -30,33 +31,14 @@ def run(arguments: argparse.Namespace) -> int:
     -------
     int
         Exit code.
-
-    Raises
-    ------
-    InputError
-        No scene.
     """
     if arguments.template or arguments.schema:
         _print_help_of_scenes(arguments)
         return 0
 
-    if arguments.scene is None:
-        raise InputError("no scene is given; give scene.toml, or --template to print one")
-    require_one_start(vars(arguments))
-    from ...simulation.scene_run import run as run_scene
-
+    asked = complete(run_verb.VERB, values_of(arguments, run_verb.VERB))
     with run_progress() as shown, interruptible(shown) as watch:
-        summary = run_scene(
-            arguments.scene,
-            arguments.output,
-            overwrite=arguments.overwrite,
-            resume=arguments.resume,
-            threads=arguments.threads,
-            law=arguments.law,
-            device=arguments.device,
-            confirm=lambda question: arguments.yes or confirmed(question),
-            watch=watch,
-        )
+        summary = run_verb.work(asked, lambda question: asked["yes"] or confirmed(question), watch)
     _print_summary(summary)
     print(summary.folder)
     return 0
@@ -74,15 +56,12 @@ def demo(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
-    from ..demo_site import demo as run_demo
-
-    refuse_existing(arguments.output, arguments.overwrite)
+    asked = complete(demo_verb.VERB, values_of(arguments, demo_verb.VERB))
+    refuse_existing(asked["output"], asked["overwrite"])
     terminal.note("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, about 50 seconds)")
     # project and picture have no callback: a signal during these takes effect at the end
     with run_progress() as shown, interruptible(shown, frame_progress, done=False) as (watch, progress):
-        summary, project, picture = run_demo(
-            arguments.output, overwrite=arguments.overwrite, threads=arguments.threads, watch=watch, progress=progress
-        )
+        summary, project, picture = demo_verb.work(asked, watch, progress)
     _print_summary(summary)
     terminal.note("open the project in QGIS (double-click), then press play in the Temporal Controller")
     print(project)

@@ -11,7 +11,7 @@ from ...exchange.frame_list import list_frames
 from ...exchange.frame_source import ground_of, terms_of
 from ...exchange.map_coordinates import Ground
 from ...exchange.readers.reader_list import OWN
-from ...frames.headline_numbers import ERROR_TAG
+from ...frames.headline_numbers import error_tags
 from ...frames.particles import Frame
 from ...frames.run_terrain import run_terrain
 from ...laws.quantities import BAND
@@ -217,7 +217,7 @@ def _dataset(asked, entries, dem, lazy):
         title=plan.name,
         density=plan.averaging.density,
         min_depth=plan.averaging.min_depth,
-        **({ERROR_TAG: plan.errors} if plan.errors else {}),
+        **error_tags(plan.errors),
     )
 
 

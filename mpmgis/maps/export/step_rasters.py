@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import __version__
 from ...frames.flow_end import FlowEnd, rests
-from ...frames.headline_numbers import ERROR_TAG
+from ...frames.headline_numbers import error_tags
 from ...laws.quantities import BAND, Quantity
 from ...system import operating_system
 from ...terrain.raster_output import SparseBands, write_ascii_grid, write_rows
@@ -514,10 +514,9 @@ def run_tags(plan: "ExportPlan") -> dict:
     plan : ExportPlan
     """
     averaging, first = plan.averaging, plan.entries[0]
-    errors = {ERROR_TAG: plan.errors} if plan.errors else {}
     return (
         _tags_of_reprojection(plan.terrain)
-        | errors
+        | error_tags(plan.errors)
         | {
             "version": __version__,
             "digest": first.header.digest,

@@ -1,9 +1,7 @@
 """Answer `mpmgis report --map`: scenarios to hazard levels of a guideline, as raster, zones and printed map."""
 
 import datetime
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -31,6 +29,7 @@ from .hazard_files import (
     write_zones,
 )
 from .hazard_levels import HazardMatrix, combined_hazard
+from .hazard_options import HazardQuestion
 from .hazard_scenarios import read_scenarios, scenario_of
 from .hazard_sheet import METRES_PER_MM, Print, Sheet, sheet_for
 from .zone_outlines import default_area, generalized_zones
@@ -41,23 +40,6 @@ FILES = (RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE, PRINT_FILE, PICTURE_FI
 FOLDER = "hazard_map"  # of the output, if none is given
 LARGEST_ON_PAPER = 2.0  # [mm] of a cell in print; outlines of larger ones show more than was computed
 ROWS = 512  # of the terrain that are read at a time, to limit the memory
-
-
-@dataclass(frozen=True, kw_only=True)
-class HazardOptions:
-    """What makes a report a hazard map; `mpmgis.commands` describes the options."""
-
-    map: str | None = None
-    scenario: tuple = ()
-    scale: str | None = None
-    min_area: float | None = None  # [m2]
-    sheet: str = "A4"
-    matrices: Path | None = None
-    guidelines: Path | None = None
-
-    def given(self) -> list[str]:
-        """Return the names of the given options."""
-        return [one.name for one in fields(self) if getattr(self, one.name) != one.default]
 
 
 @dataclass(frozen=True)
@@ -87,13 +69,12 @@ class HazardFound:
         return lines
 
 
-def hazard_map(request: Any, progress: Progress = unwatched) -> HazardFound:
+def hazard_map(asked: HazardQuestion, progress: Progress = unwatched) -> HazardFound:
     """Combine several scenarios to a map of hazard levels; write its files.
 
     Parameters
     ----------
-    request : ReportRequest
-        With options of a hazard map.
+    asked : HazardQuestion
     progress : callable
         Called with (steps done, steps in all).
 
@@ -106,12 +87,11 @@ def hazard_map(request: Any, progress: Progress = unwatched) -> HazardFound:
     MpmgisError
         Unknown matrix, unreadable scenario, or no cell with a level; nothing is written then.
     """
-    options = request.hazard
-    matrix = choose_matrix(options.map, options.matrices, options.guidelines)
-    scale = scale_of(options.scale)
-    output = _output(request)
-    scenarios = read_scenarios(request, matrix, progress)
-    terrain = _terrain(request, scenarios)
+    matrix = choose_matrix(asked["map"], asked["matrices"], asked["guidelines"])
+    scale = scale_of(asked["scale"])
+    output = _output(asked)
+    scenarios = read_scenarios(asked, matrix, progress)
+    terrain = _terrain(asked, scenarios)
     grid = scenarios[0].grid
     hazard = combined_hazard(
         [scenario.level for scenario in scenarios],
@@ -122,14 +102,14 @@ def hazard_map(request: Any, progress: Progress = unwatched) -> HazardFound:
     if not hazard.level.any():
         raise InputError(f"no cell has a hazard level of {matrix.name}; check the scenarios, or the `min_depth`")
     shares = shares_of(scenarios, len(matrix.levels))
-    sheet = sheet_for(_bounds(hazard.level > 0, grid), options.sheet, scale)
-    least = default_area(sheet.scale) if options.min_area is None else options.min_area
+    sheet = sheet_for(_bounds(hazard.level > 0, grid), asked["sheet"], scale)
+    least = default_area(sheet.scale) if asked["min_area"] is None else asked["min_area"]
     zones = generalized_zones(hazard.level, len(matrix.levels), grid.transform, sheet.scale, least)
-    title = request.title or matrix.title or f"Hazard map: {matrix.name}"
-    facts = _facts(request, matrix, scenarios, terrain, sheet, least)
+    title = asked["title"] or matrix.title or f"Hazard map: {matrix.name}"
+    facts = _facts(asked, matrix, scenarios, terrain, sheet, least)
     made = HazardMap(matrix, grid, hazard, scenarios, zones, shares, sheet.scale, least, title, facts)
     _log(made, sheet)
-    files = write_answer(output, request.results["overwrite"], _writers(made, terrain, sheet))
+    files = write_answer(output, asked["overwrite"], _writers(made, terrain, sheet))
     return HazardFound(matrix, made.areas(), float(np.count_nonzero(hazard.unknown) * grid.cell_area), files)
 
 
@@ -188,22 +168,18 @@ def scale_of(text: str | None) -> float | None:
     return scale
 
 
-def _output(request):
+def _output(asked):
     """The checked output; by default a folder beside the results of the first scenario."""
-    if not request.hazard.scenario:
+    if not asked["scenario"]:
         raise InputError("`map` needs at least one `scenario=T=RESULTS`, for example 100=results_100")
-    paths = [scenario_of(text)[1] for text in request.hazard.scenario]
-    options = request.hazard
-    own = [path for path in (options.matrices, options.guidelines) if path is not None]
-    asked = request.results
+    paths = [scenario_of(text)[1] for text in asked["scenario"]]
     output = asked["output"] or paths[0].resolve().parent / FOLDER
-    own += [path for path in (request.line, asked["dem"], asked["sidecar"]) if path is not None]
+    own = [asked[name] for name in ("matrices", "guidelines", "dem", "sidecar") if asked[name] is not None]
     return checked_output(output, FILES, asked["overwrite"], (*paths, *own))
 
 
-def _terrain(request, scenarios) -> Terrain | None:
+def _terrain(asked, scenarios) -> Terrain | None:
     """The Terrain of the map: of --dem, else the largest one of the scenarios; None where none is known."""
-    asked = request.results
     of_scenarios = [entry.terrain for entry in scenarios if entry.terrain is not None]
     known = asked["dem"] or max(of_scenarios, key=_extent, default=None)
     if known is None:
@@ -245,11 +221,11 @@ def _bounds(mask, grid):
     return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
 
-def _facts(request, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
+def _facts(asked, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
     """(name, text) of the block of sources and parameters."""
     unread = f"; marked '{UNREAD}' in part: check the document" if matrix.is_unread else ""
     missing = matrix.missing([scenario.years for scenario in scenarios])
-    depth = request.results["min_depth"]
+    depth = asked["min_depth"]
     ensemble = any(scenario.shares is not None for scenario in scenarios)
     facts = [
         ("guideline", f"{matrix.source}{unread}"),

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from affine import Affine
@@ -18,6 +17,7 @@ from ...terrain.grid import Grid
 from ..comparison import joint_grid, nearest
 from ..opened_results import options_of_frames, peaks_of
 from .hazard_levels import HazardMatrix, Period, levels_of
+from .hazard_options import HazardQuestion
 from .intensity_answer import bands_of
 from .scenario_facts import facts_of, unfinished_words
 
@@ -145,12 +145,12 @@ def scenario_of(text: str, option: str = "scenario") -> tuple[float, Path]:
     return number, Path(path.strip())
 
 
-def read_scenarios(request: Any, matrix: HazardMatrix, progress: Progress = unwatched) -> list[Scenario]:
-    """Read the scenarios of a request, all on one grid.
+def read_scenarios(asked: HazardQuestion, matrix: HazardMatrix, progress: Progress = unwatched) -> list[Scenario]:
+    """Read the scenarios of a question, all on one grid.
 
     Parameters
     ----------
-    request : ReportRequest
+    asked : HazardQuestion
     matrix : HazardMatrix
     progress : callable
         Called with (steps done, steps in all).
@@ -165,10 +165,10 @@ def read_scenarios(request: Any, matrix: HazardMatrix, progress: Progress = unwa
         Unreadable results, bands that the guideline needs are missing, different CRSs, or a return period that the
         matrix does not have.
     """
-    given = sorted((scenario_of(text) for text in request.hazard.scenario), key=lambda entry: entry[0])
+    given = sorted((scenario_of(text) for text in asked["scenario"]), key=lambda entry: entry[0])
     periods = [matrix.period(years) for years, _ in given]
     found = [
-        _scenario(request, years, path, period, len(matrix.levels), progress)
+        _scenario(asked, years, path, period, len(matrix.levels), progress)
         for (years, path), period in zip(given, periods, strict=True)
     ]
     found = _in_one_crs(found)
@@ -199,16 +199,18 @@ def _in_one_crs(found):
     return [replace(entry, grid=replace(entry.grid, crs=first.grid.crs)) for entry in found]
 
 
-def _scenario(request: Any, years: float, path: Path, period: Period, highest: int, progress: Progress) -> Scenario:
+def _scenario(
+    asked: HazardQuestion, years: float, path: Path, period: Period, highest: int, progress: Progress
+) -> Scenario:
     if path.is_dir() and read_folder_record(ENSEMBLE, path) is not None:
-        return _of_ensemble(request, years, path, period, highest, progress)
-    results = {**request.results, "frames": (path,)}
+        return _of_ensemble(asked, years, path, period, highest, progress)
+    results = {**asked, "frames": (path,)}
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
     result = peaks_of(results, progress, ("min_depth",), of_rasters)
     end = unfinished_words(path, result.end)
     if end:
         log.info(f"{path}: {end}; levels that its flow would give later are not in the map")
-    level, known, grid, whole = _levels(result, period, request.results)
+    level, known, grid, whole = _levels(result, period, asked)
     facts = facts_of(path, result)
     return Scenario(years, path, period, grid, level, known, None, result.terrain, facts, whole=whole, unfinished=end)
 
@@ -248,16 +250,18 @@ def _known(result, depth):
     return np.ones(depth.shape, bool)
 
 
-def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest: int, progress: Progress) -> Scenario:
+def _of_ensemble(
+    asked: HazardQuestion, years: float, path: Path, period: Period, highest: int, progress: Progress
+) -> Scenario:
     """The largest level of all members of an ensemble, and the share of members with each level."""
     record = read_folder_record(ENSEMBLE, path)
-    _refuse_options_of_frames(request.results, path)
+    _refuse_options_of_frames(asked, path)
     rasters = sorted((path / ENSEMBLE.runs).glob("*_max.tif"))
     end = unfinished_members(path, record, len(rasters))
     level = known = counts = grid = None
     whole = True
     for done, raster in enumerate(rasters, 1):
-        member, seen, its_grid, inside = _levels(replace(open_result(raster), kind="run"), period, request.results)
+        member, seen, its_grid, inside = _levels(replace(open_result(raster), kind="run"), period, asked)
         if grid is not None and not same_cells(grid, its_grid):
             raise FormatError(f"{raster} has other cells than {rasters[0].name}; run the ensemble again")
         above = member[None] >= np.arange(1, highest + 1, dtype=np.uint8)[:, None, None]

@@ -1,21 +1,24 @@
-"""Collect facts about rasters, vector files and QGIS projects, for `mpmgis info`."""
+"""Collect facts about rasters, vector files, meshes and the folder of an export, for `mpmgis info`."""
 
 import warnings
 from pathlib import Path
-from xml.etree import ElementTree
 
 import geopandas
+import h5py
+import netCDF4
 import numpy as np
 import pyproj
 from affine import Affine
 
+from ...exchange.readers.general_hdf5 import MAGIC
+from ...exchange.readers.reader_list import head_of
 from ...seeding.release_areas import USUAL_COLUMNS
 from ...system.errors import FormatError, MpmgisError, one_line
+from ...system.file_references import require_local
+from ...system.hdf5_reading import opened_whole, require_memory
 from ...system.messages import collected, muted
 from ...system.optional_libraries import needed_for
 from ...system.source_names import file_of, source_of
-from ...system.trusted_files import require_file
-from ...system.zip_archives import opened_zip, require_unpacked
 from ...terrain.dtm import read_terrain
 from ...terrain.georeference import horizontal, name_of
 from ...terrain.grid import Grid
@@ -23,23 +26,20 @@ from ...terrain.raster_input import open_raster
 from ...terrain.raster_scale import scale_of, sidecars
 from ...terrain.vector_table import PARQUET_SUFFIXES, open_vector, unreadable_vector
 from .band_statistics import band_statistics
+from .fact_table import Kind, ends
 from .particle_facts import is_particle_layer, particle_table_facts
 
-LARGEST_PROJECT = 100_000_000  # [bytes] of XML; projects with hundreds of layers have ten
-MOST_LAYERS = 10_000  # of a project; more are a damaged or hostile file
-_AT_ONCE = 1_000_000  # [bytes] of XML that are parsed together, to limit the memory
-_CRS = ["qgis", "projectCrs", "spatialrefsys", "authid"]  # path of elements to the CRS of a project
+_NO_FORMAT = "not recognized as being in a supported file format"  # in the error of GDAL where no driver knows a file
 LARGEST_TRIED_TERRAIN = 50_000_000  # [cells] larger rasters are not tested as a DTM
 TAG_NAMESPACE = "mpmgis"
 
 
-def project_facts(path: str | Path) -> dict:
-    """Return version, CRS and layers of a QGIS project.
+def map_facts(path: str | Path) -> dict:
+    """Return facts about a vector file or a raster, with its `kind`.
 
     Parameters
     ----------
     path : str or Path
-        A .qgz or .qgs.
 
     Returns
     -------
@@ -48,95 +48,24 @@ def project_facts(path: str | Path) -> dict:
     Raises
     ------
     FormatError
-        Not a project, damaged, or too large.
+        Neither of them.
     """
-    path, found = Path(path), _Project()
     try:
-        for part in _xml(path):
-            found.parser.feed(part)
-            if len(found.layers) > MOST_LAYERS:
-                raise FormatError(f"{path} has more than {MOST_LAYERS} layers; it is not a project that QGIS opens")
-        found.parser.close()
-    except ElementTree.ParseError as error:
-        raise FormatError(f"{path} is not a readable QGIS project ({one_line(error)[:80]})") from error
-    if found.root != "qgis":
-        raise FormatError(f"{path} is not a QGIS project: its root is <{one_line(found.root)[:40]}>, expected <qgis>")
-    return {"kind": "QGIS project", "qgis": found.version, "crs": found.crs or None, "layers": found.layers}
+        return _vector_facts(path)
+    except FormatError as no_vector:
+        try:
+            return _raster_facts(path)
+        except MpmgisError as no_raster:
+            for error in (no_vector, no_raster):
+                if _NO_FORMAT not in str(error):  # a driver knows the file and says what is wrong with it
+                    raise error from None
+            raise FormatError(
+                f"{path}: unknown file type: neither particles nor a scene nor a map that GDAL reads"
+            ) from no_vector
 
 
-def _xml(path):
-    """The bytes of the project's XML, in parts."""
-    if path.suffix.lower() != ".qgz":
-        require_file(path)
-        require_unpacked(path, path.stat().st_size, LARGEST_PROJECT)
-        with open(path, "rb") as file:
-            yield from iter(lambda: file.read(_AT_ONCE), b"")
-        return
-    with opened_zip(path, "QGIS project") as archive:
-        inner = next((member for member in archive.infolist() if member.filename.endswith(".qgs")), None)
-        if inner is None:
-            raise FormatError(f"{path} has no .qgs, it is not a QGIS project")
-        require_unpacked(f"{path}: {one_line(inner.filename)[:80]}", inner.file_size, LARGEST_PROJECT)
-        with archive.open(inner) as file:
-            yield from iter(lambda: file.read(_AT_ONCE), b"")
-
-
-class _Project:
-    """Parser target that keeps only the facts of a project."""
-
-    def __init__(self):
-        self.root = self.version = self.crs = ""
-        self.layers, self.parser = [], ElementTree.XMLParser(target=self)
-        self._path, self._text = [], None
-
-    def start(self, tag, attributes):
-        """An element begins."""
-        if not self._path:
-            self.root, self.version = tag, attributes.get("version", "")
-        within = self._path[-1] if self._path else ""
-        self._path.append(tag)
-        if tag == "maplayer":
-            self.layers.append({"name": "", "type": attributes.get("type", ""), "source": None})
-        elif (within == "maplayer" and tag in ("layername", "datasource")) or self._path == _CRS:
-            self._text = []
-
-    def data(self, text):
-        """A piece of text."""
-        if self._text is not None:
-            self._text.append(text)
-
-    def end(self, tag):
-        """An element ends."""
-        if self._text is not None:
-            text, self._text = "".join(self._text), None
-            if self._path == _CRS:
-                self.crs = text
-            elif self._path[-2:-1] == ["maplayer"]:
-                self.layers[-1]["name" if tag == "layername" else "source"] = text
-        self._path.pop()
-
-    def close(self):
-        """End of the file."""
-
-
-def raster_facts(path: str | Path, values: bool = True) -> dict:
-    """Return facts about a raster.
-
-    Parameters
-    ----------
-    path : str or Path
-    values : bool
-        Whether its cells are read.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    FormatError
-        Unreadable, or with an invalid georeference.
-    """
+def _raster_facts(path, values=True):
+    """Facts about a raster; `values`: its cells are read."""
     with open_raster(path) as source:
         grid = Grid(None, source.transform, source.shape)
         tags = source.tags(ns=TAG_NAMESPACE)
@@ -216,22 +145,8 @@ def _without(path, line):
     return line.removeprefix(f"{path} ").removeprefix(f"{path}: ")
 
 
-def vector_facts(path: str | Path) -> dict:
-    """Return facts about a vector file, or about particles if its points are particles.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    FormatError
-        Not a vector file that GDAL reads.
-    """
+def _vector_facts(path):
+    """Facts about a vector file, or about particles if its points are particles."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -241,7 +156,7 @@ def vector_facts(path: str | Path) -> dict:
         except Exception as error:  # GDAL, Arrow and pandas raise different types
             raise FormatError(unreadable_vector(file_of(path), error)) from error
     if len(layers) == 1 and is_particle_layer(layers[0][1]):
-        return particle_table_facts(file_of(path))
+        return {"kind": "particles", **particle_table_facts(file_of(path))}
     return {"kind": "vector", "layers": [_layer_facts(name, table) for name, table in layers]}
 
 
@@ -282,3 +197,72 @@ def _layer_facts(name, frame):
         if column is not None:
             facts["thickness"] = frame[column].tolist()
     return facts
+
+
+def _mesh_facts(seen, found):
+    """Dimensions, variables and times of a NetCDF file."""
+    path = seen.path
+    try:
+        _require_own_values(path)
+        with netCDF4.Dataset(path) as data:
+            time = data.variables.get("t_s", data.variables.get("time"))  # t_s: simulated; time: stretched for QGIS
+            times = [float(time[0]), float(time[-1])] if time is not None and time.size else []
+            return {
+                "conventions": str(getattr(data, "Conventions", "")),
+                "dimensions": {name: len(size) for name, size in data.dimensions.items()},
+                "times": times,
+                "variables": {name: str(getattr(values, "units", "")) for name, values in data.variables.items()},
+            }
+    except (OSError, RuntimeError) as error:
+        raise FormatError(f"{path} is not a readable NetCDF file ({one_line(error)[:80]})") from error
+
+
+def _require_own_values(path):
+    """Reject a NetCDF-4 file with external data, or with time chunks larger than memory."""
+    if head_of(path).startswith(MAGIC):
+        with opened_whole(path) as file:
+            for name in ("t_s", "time"):
+                if isinstance(file.get(name), h5py.Dataset):
+                    require_memory(f"{path}: {name}", 1, 8, file[name])
+
+
+def _exported(seen):
+    """(projects, rasters) in the folder of an export; None of another."""
+    projects = sorted([*seen.path.glob("*.qgz"), *seen.path.glob("*.qgs")])
+    rasters = sorted((seen.path / "rasters").glob("*.tif")) + sorted((seen.path / "rasters").glob("*.vrt"))
+    return (projects, rasters) if projects or rasters else None
+
+
+def _export_facts(seen, found):
+    """Facts about the folder of an export."""
+    path, (projects, rasters) = seen.path, found
+    for raster in rasters:
+        require_local(raster, path)
+    name = projects[0].stem if projects else rasters[0].stem.rsplit("_", 1)[0]
+    steps = [raster for raster in rasters if raster.stem.rsplit("_", 1)[-1].isdigit()]
+    facts = {"name": name, "project": projects[0].name if projects else None, "steps": len(steps)}
+    summaries = {"maxima": f"{name}_max.tif", "deposit": f"{name}_deposit.tif", "last step": f"{name}_last.tif"}
+    for what, file in summaries.items():
+        if path / "rasters" / file in rasters:
+            about = _raster_facts(path / "rasters" / file)
+            facts |= {key: about[key] for key in ("cells", "cell_size", "bbox", "crs", "tags") if key not in facts}
+            facts[what] = {band["name"]: [band["min"], band["max"]] for band in about["bands"]}
+    if steps:
+        times = [_raster_facts(step, values=False)["tags"].get("time") for step in (steps[0], steps[-1])]
+        facts["times"] = [None if time is None else float(time) for time in times]
+        facts["step_bands"] = [band["name"] for band in _raster_facts(steps[0], values=False)["bands"]]
+    facts["others"] = sorted(file.name for file in path.iterdir() if file.is_file() and file.name[0] != ".")
+    return facts
+
+
+EXPORT = Kind("export", _exported, _export_facts)
+GEOJSON = Kind(
+    "vector",
+    lambda seen: seen.content.get("type") in ("FeatureCollection", "Feature"),
+    lambda seen, found: map_facts(seen.path),
+)
+MAP_FILES = (  # the last is tried for any other file
+    Kind("mesh", ends(".nc"), _mesh_facts),
+    Kind("raster", ends(".tif", ".tiff", ".asc", ".vrt", ".img"), lambda seen, found: _raster_facts(seen.path)),
+    Kind("vector", lambda seen: True, lambda seen, found: map_facts(seen.path)),
+)

@@ -5,7 +5,6 @@ import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pyproj
@@ -22,6 +21,7 @@ from ...exchange.frame_list import third_party_frames
 from ...exchange.readers.delimited import LONGEST_HEADER, header_of
 from ...exchange.readers.mapped_files import mapped
 from ...exchange.readers.record_parsing import read_rows
+from ...exchange.readers.vtk_xml import POINTS, read_array, read_layout
 from ...frames.frame_digest import check_content
 from ...frames.frame_files import read_frame, read_maxima
 from ...frames.peaks import largest_peaks
@@ -50,14 +50,13 @@ def frame_facts(path: Path) -> dict:
     frame = read_frame(path, with_state=False)
     particles, origin = frame.particles, np.asarray(frame.origin)
     facts = {
-        "kind": "particles",
         "reader": "mpmgis",
         "dimension": frame.dimension,
         "time": frame.time,
         "step": frame.step,
         "solver": frame.solver,
         "crs": name_of(frame.crs) if frame.crs is not None else None,
-        **particle_facts(particles.position + origin, particles.velocity, particles.mass, particles.volume),
+        **_sums(particles.position + origin, particles.velocity, particles.mass, particles.volume),
     }
     if frame.dimension == 2:
         facts["thickness"] = [float(particles.thickness.min()), float(particles.thickness.max())]
@@ -120,7 +119,7 @@ def _third_party_frame_facts(frame, time, reader, terms):
     """Facts about one frame of another code."""
     particles = third_party_particles(frame, terms)
     origin = np.asarray(terms.origin or (0.0, 0.0, 0.0), float)
-    facts = particle_facts(particles.position + origin, particles.velocity, particles.mass, particles.volume)
+    facts = _sums(particles.position + origin, particles.velocity, particles.mass, particles.volume)
     if terms.axes is None or terms.origin is None:
         facts |= {"bbox": None, "elevation": None}
     for name in ("mass", "volume", "density", "max_speed"):
@@ -144,21 +143,8 @@ def _third_party_frame_facts(frame, time, reader, terms):
     }
 
 
-def particle_facts(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, volume: np.ndarray) -> dict:
-    """Return number, mass, volume, density, bounds and largest speed of particles.
-
-    Parameters
-    ----------
-    position : float[n, 3] [m]
-        In the CRS.
-    velocity : float[n, 3] [m s-1]
-    mass : float[n] [kg]
-    volume : float[n] [m3]
-
-    Returns
-    -------
-    dict
-    """
+def _sums(position, velocity, mass, volume):
+    """Number, mass [kg], volume [m3], density [kg m-3], bounds [m] and largest speed [m s-1] of particles."""
     low, high = position.min(axis=0).tolist(), position.max(axis=0).tolist()
     return {
         "n": len(mass),
@@ -207,13 +193,12 @@ def particle_table_facts(path: str | Path) -> dict:
         raise FormatError(f"{path} is not a readable particle table ({reason})") from error
     values = {name: _numbers(path, columns, name) for name in NEEDED}
     facts = {
-        "kind": "particles",
         "reader": "mpmgis",
         "format": path.suffix.lower()[1:],
         "dimension": 2 if "thickness" in columns else 3,
         "time": float(record.get("time", 0.0)),
         "crs": name_of(pyproj.CRS.from_wkt(record["crs"])) if record.get("crs") else None,
-        **particle_facts(
+        **_sums(
             np.column_stack([values[name] for name in ("x", "y", "z_bed")]),
             np.column_stack([values[name] for name in ("u", "v", "w")]),
             values["mass"],
@@ -297,31 +282,16 @@ def _gpkg_table(path):
 
 
 def _vtp_table(path):
-    """Arrays of a VTK PolyData file with raw appended data, as written by mpmgis."""
-    head, appended, data = path.read_bytes().partition(b'<AppendedData encoding="raw">')
-    if not appended:
-        raise FormatError(f"{path} has no raw appended data, expected a .vtp written by mpmgis")
-    root = ElementTree.fromstring(head + b"</VTKFile>")
-    data = memoryview(data)[bytes(data[:100]).index(b"_") + 1 :]
-    columns = {}
-    for array in root.iter("DataArray"):
-        name = array.get("Name")
-        if array.get("format") != "appended":
-            columns[name] = [float(word) for word in array.text.split()]
-            continue
-        start = int(array.get("offset"))
-        size = int(np.frombuffer(data, "<u8", 1, start)[0])
-        kind = {"Float64": "<f8", "Int64": "<i8", "UInt64": "<u8"}[array.get("type")]
-        values = np.frombuffer(data, kind, size // 8, start + 8)
-        parts = array.get("NumberOfComponents")
-        columns[name] = values.reshape(-1, int(parts)) if parts else values
-    comment = re.search(rb"<!-- (\{.*?\}) -->", head)
-    record = json.loads(comment.group(1).replace(b"- -", b"--")) if comment else {}
-    places, velocity = columns.pop("points") + columns.pop("origin"), columns.pop("velocity")
-    for extra in ("connectivity", "offsets", "TimeValue"):
-        columns.pop(extra, None)
+    """Columns of a VTK PolyData file as written by mpmgis, and the record in its comment."""
+    layout = read_layout(path)
+    arrays = {name: read_array(path, layout, array) for name, array in (layout.pieces[0] | layout.fields).items()}
+    places, velocity = arrays.pop(POINTS) + arrays.pop("origin").ravel(), arrays.pop("velocity")
+    arrays.pop("TimeValue", None)
+    columns = {name: values[:, 0] for name, values in arrays.items()}
     columns |= dict(zip(("x", "y", "z_bed"), places.T, strict=True)) | dict(zip("uvw", velocity.T, strict=True))
-    return columns, record
+    with mapped(path) as content:
+        comment = re.search(rb"<!-- (\{.*?\}) -->", content)
+        return columns, json.loads(comment[1].replace(b"- -", b"--")) if comment else {}
 
 
 _TABLES = {

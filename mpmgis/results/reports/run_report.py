@@ -1,7 +1,6 @@
 """Answer `mpmgis report`: one HTML file about a run."""
 
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +15,11 @@ from ...maps.export.band_map import write_band_map
 from ...maps.export.export_inputs import release_outlines
 from ...simulation.companion_run import companion_lines
 from ...simulation.run_summary import account, extreme_lines, peak_lines, resolution_words, volume_words
-from ...system.errors import InputError, MpmgisError, one_line
+from ...system.errors import MpmgisError, one_line
 from ...system.messages import Progress, collected, log, unwatched
+from ...system.option import PathLike
 from ..answer_files import answer_output, write_answer
 from ..comparison import footprint, high_percentile, peak
-from ..hazard.hazard_map import HazardFound, HazardOptions, hazard_map
 from ..opened_results import ExportFlow, open_flow, peaks_of, read_peaks
 from ..question_options import Question
 from ..runout_answer import found_runout, write_runout_plot
@@ -49,45 +48,37 @@ _EFFECT_COLUMNS = {  # key of a decision: heading
 _CHECKS = {"resolution": resolution_words, "volume": volume_words}  # key of a stage's record: its words
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReportRequest:
-    """A question about results; `mpmgis.commands` describes its options."""
-
-    results: Question
-    title: str | None = None
-    line: Path | None = None
-    threshold: float = 0.1  # [m]
-    hazard: HazardOptions
-
-
-def report(request: ReportRequest, progress: Progress = unwatched) -> tuple[Path, ...] | HazardFound:
+def report(
+    asked: Question, title: str | None, line: PathLike | None, threshold: float, progress: Progress = unwatched
+) -> tuple[Path, ...]:
     """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
-
-    With `hazard.map` a hazard map of several scenarios instead.
 
     Parameters
     ----------
-    request : ReportRequest
+    asked : Question
+    title : str or None
+        None: the name of the results.
+    line : path or None
+        Of the profile; None: the centre line of the flow.
+    threshold : float [m]
+        Of the depth of the footprint.
     progress : callable
         Called with (steps done, steps in all).
 
     Returns
     -------
-    tuple of Path, or HazardFound
+    tuple of Path
 
     Raises
     ------
     MpmgisError
     """
-    _require_one_kind(request)
-    if request.hazard.map is not None:
-        return hazard_map(request, progress)
-    output = answer_output(_inputs(request), WORD, (REPORT_FILE,))
-    gathered = _gather(request, output, progress)
-    title = request.title or f"{gathered.flow.name}: report of a simulated flow"
+    output = answer_output({**asked, "line": line}, WORD, (REPORT_FILE,))
+    gathered = _gather(asked, output, line, threshold, progress)
+    title = title or f"{gathered.flow.name}: report of a simulated flow"
     with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
         sections = (
-            section("Result", _key_figures(request, gathered)),
+            section("Result", _key_figures(gathered, threshold)),
             section("Maps", *_maps(gathered, Path(folder))),
             places_section(gathered, Path(folder)),
             section("Runout", *_runout(gathered, Path(folder))),
@@ -101,38 +92,18 @@ def report(request: ReportRequest, progress: Progress = unwatched) -> tuple[Path
         )
     under = f"made by mpmgis {__version__} from {_made_from(gathered.flow)}"
     writers = {REPORT_FILE: lambda path: write_report(path, title, under, filter(None, sections))}
-    return write_answer(output, request.results["overwrite"], writers)
+    return write_answer(output, asked["overwrite"], writers)
 
 
-def _inputs(request):
-    """The question with the line, which is an input too."""
-    return {**request.results, "line": request.line}
-
-
-def _require_one_kind(request):
-    """Refuse options of a hazard map in a report of one run, and the other way round."""
-    frames, options = request.results["frames"], request.hazard
-    if options.map is None:
-        if options.given():
-            raise InputError(f"`{options.given()[0]}` is for hazard maps; give `map` too, for example swiss-avalanche")
-        if not frames:
-            raise InputError("no results were given; give a folder of frames, an export or rasters")
-    elif frames:
-        raise InputError(f"{frames[0]}: a hazard map takes its results by `scenario`, for example 100={frames[0]}")
-    for name in ("line", "threshold"):
-        if options.map is not None and getattr(request, name) != getattr(ReportRequest, name):
-            raise InputError(f"`{name}` is for the report of one run; a hazard map takes `min_depth`")
-
-
-def _gather(request: ReportRequest, output: Path, progress: Progress) -> Gathered:
+def _gather(asked: Question, output: Path, line: PathLike | None, threshold: float, progress: Progress) -> Gathered:
     with collected() as notes:
-        flow = open_flow(request.results, output, peaks_do=True, used=USED_OF_RASTERS)
-        result = peaks_of(request.results, progress, used_of_rasters=USED_OF_RASTERS)
-        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results["density"])
+        flow = open_flow(asked, output, peaks_do=True, used=USED_OF_RASTERS)
+        result = peaks_of(asked, progress, used_of_rasters=USED_OF_RASTERS)
+        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), asked["density"])
         try:
-            runout = found_runout(flow, values, grid, result.end, request.line, request.threshold)
+            runout = found_runout(flow, values, grid, result.end, line, threshold)
         except MpmgisError as error:  # a report without runout
-            if request.line is not None:
+            if line is not None:
                 raise
             log.info(f"no runout: {error}")
             runout = None
@@ -157,7 +128,7 @@ def _made_from(flow):
     return f"an export of {len(flow.times)} steps" if len(flow.times) else "rasters of its largest values"
 
 
-def _key_figures(request, gathered):
+def _key_figures(gathered, threshold):
     flow, peaks, record = gathered.flow, gathered.peaks, gathered.record
     first = gathered.runout.states[0].mass if gathered.runout and gathered.runout.states else np.nan
     facts = [
@@ -169,8 +140,8 @@ def _key_figures(request, gathered):
         ("last step", None if gathered.end is None else gathered.end.words(), ""),
     ]
     if "h_max" in peaks:
-        reached = np.count_nonzero(footprint(peaks["h_max"], request.threshold)) * gathered.grid.cell_area
-        facts.append((f"area deeper than {request.threshold:g} m", float(reached) / SQUARE_METRES_PER_HECTARE, "ha"))
+        reached = np.count_nonzero(footprint(peaks["h_max"], threshold)) * gathered.grid.cell_area
+        facts.append((f"area deeper than {threshold:g} m", float(reached) / SQUARE_METRES_PER_HECTARE, "ha"))
     for band, unit, factor, words in (
         ("h_max", "m", 1.0, "flow depth"),
         ("Ut_max", "m/s", 1.0, "speed along the slope"),
