@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from ..simulation.simulation_options import THREADS
 from ..system.option import Option, PathLike
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 

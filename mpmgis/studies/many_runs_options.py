@@ -3,8 +3,8 @@
 from typing import Annotated, TypedDict
 
 from ..simulation.simulation_options import LAW
-from ..system.dask_workers import DASK
 from ..system.option import Option, PathLike
+from ..system.work_options import DASK
 
 
 class MachineOptions(TypedDict, total=False):

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Unpack, cast
 from ..simulation.simulation_options import LAW, THREADS
 from ..system.option import Option, PathLike
 from ..system.option_values import defaults_of
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 
 
 class StudyOptions(OverwriteOptions, total=False):
