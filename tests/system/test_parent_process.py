@@ -10,6 +10,7 @@ import pytest
 from mpmgis.system import parent_process
 
 WAITS = """
+import sys
 import time
 from mpmgis.commands.shell.progress import Interrupted, interruptible
 try:
@@ -19,21 +20,22 @@ try:
             watch()
             time.sleep(0.02)
 except Interrupted as ended:
-    print("ended", ended.exit_code, flush=True)
+    with open(sys.argv[1], "w") as file:
+        file.write(f"ended {ended.exit_code}")
 """
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a signal ends the parent at once there")
-def test_the_work_ends_after_its_parent():
+def test_the_work_ends_after_its_parent(tmp_path):
     parent = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     environment = {**os.environ, parent_process.VARIABLE: str(parent.pid)}
-    process = subprocess.Popen([sys.executable, "-c", WAITS], stdout=subprocess.PIPE, text=True, env=environment)
+    command = [sys.executable, "-c", WAITS, str(tmp_path / "told")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         assert process.stdout.readline() == "works\n"
         parent.kill()
         parent.wait()
-        assert process.stdout.readline() == "ended 143\n"
-        assert process.wait(timeout=30) == 0
+        assert process.wait(timeout=30) == 0 and (tmp_path / "told").read_text() == "ended 143"
     finally:
         for one in (parent, process):
             one.kill()
@@ -52,6 +54,7 @@ def test_another_process_of_the_same_number_is_not_the_parent(monkeypatch):
     signals = []
     monkeypatch.setattr(parent_process._thread, "interrupt_main", signals.append)
     monkeypatch.setattr(parent_process, "PATIENCE_SECONDS", 0.0)
+    monkeypatch.setattr(parent_process, "STREAMS", ())
     monkeypatch.setattr(time, "sleep", lambda seconds: None)
     parent_process._watch(os.getpid(), -5)
     assert len(signals) == parent_process.SIGNALS

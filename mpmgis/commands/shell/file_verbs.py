@@ -79,11 +79,14 @@ def qgis_plugin(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
+    from ...maps.qgis.plugin_zip import public_addresses
     from ..qgis_plugin import VERB, qgis_plugin
 
     qgis_plugin(**values_of(arguments, VERB))
+    if not public_addresses():
+        terminal.note("for local use: the package has no public addresses, which the plugin repository requires")
     terminal.note(
-        "in QGIS: Plugins > Manage and Install Plugins > Install from ZIP, then Processing > Toolbox > mpmgis"
+        "in QGIS: Plugins > Manage and Install Plugins > Install from ZIP, then Plugins > mpmgis > Install mpmgis"
     )
     command = shutil.which("mpmgis", path=str(Path(sys.executable).parent))
     if command is not None:

@@ -198,7 +198,8 @@ class VerbAlgorithm(CommandAlgorithm):
             Unused.
         """
         super().initAlgorithm(configuration)
-        self.addOutput(QgsProcessingOutputString(ANSWER, "Output of the command"))
+        if not self.row.table:  # QGIS repeats outputs at the end of the log
+            self.addOutput(QgsProcessingOutputString(ANSWER, "Output of the command"))
         for field in self.row.fields:
             if field.kind == NEW_FOLDER and field.optional:
                 self.addOutput(QgsProcessingOutputFolder(field.name, field.label))
@@ -238,8 +239,8 @@ class VerbAlgorithm(CommandAlgorithm):
             (feedback.pushWarning if recommends else feedback.pushConsoleInfo)(line)
         files = answers + self._in_folder()
         plot = plot_among(files) if row.plots else {}
-        table = {TABLE: self._table(feedback)} if row.table else {}
-        return {ANSWER: "\n".join(answers), **plot, **table, **self._written(files, context, feedback)}
+        said = {TABLE: self._table(feedback)} if row.table else {ANSWER: "\n".join(answers)}
+        return {**said, **plot, **self._written(files, context, feedback)}
 
     def _table(self, feedback):
         """Path of a temporary page with the answer of the command as a table; measured times are only in the log."""

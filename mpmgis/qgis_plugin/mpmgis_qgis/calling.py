@@ -12,7 +12,7 @@ import time
 from qgis.core import QgsProcessingException, QgsProcessingFeedback
 from qgis.PyQt.QtCore import QProcess, QProcessEnvironment
 
-from .command import Lines, environment, error_line, is_error_line, progress
+from .command import Lines, environment, error_line, is_error_line, progress, shown_answer
 
 LOOK_MILLISECONDS = 100  # [ms] between looks at messages and at the cancel button
 BAD_INPUT = 2  # exit code of the command for refused input; no file was changed
@@ -155,8 +155,9 @@ def _show(line, verb, feedback, begin, end):
         feedback.setProgress(begin + share * (end - begin))
     if line.startswith(PREPARING):
         feedback.setProgressText(line)  # which also stands in the log
-    else:
-        feedback.pushInfo(line)
+        return
+    shown, recommends = shown_answer(line)
+    (feedback.pushWarning if recommends else feedback.pushInfo)(shown)
 
 
 def _bytes(data):
