@@ -19,7 +19,7 @@ import shapely
 
 import mpmgis
 from mpmgis.commands.demo_site import sample_folder
-from mpmgis.commands.option import verb_names
+from mpmgis.commands.verb import verb_names
 from mpmgis.exchange.declarations import KEYS
 from mpmgis.frames.run_folder import BARRIER_FILE, FRAME_PATTERN, RECORD_FILE, SCENE_FILE, TERRAIN_FILE
 from mpmgis.laws.quantities import BAND, PARTICLE

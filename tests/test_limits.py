@@ -84,7 +84,7 @@ PAIRS = (
     ("a filled hole of the DTM, far from known ground", "terrain.nodata_fill.FAR_PIXELS"),
     ("predicted time of a study", "studies.accuracy_study.ASK_SECONDS"),
     ("particles under the DTM, as in results of grid-based 3D codes", "maps.averaging.frame_values.RESTING_BELOW"),
-    ("velocities of flow shallower than", "maps.averaging.averaging_settings.CellAveraging.min_depth"),
+    ("velocities of flow shallower than", "maps.averaging.averaging_options.USUAL_DEPTH"),
     ("distance of the corners of rasters of one result (`_pft`, `_pfv`, `_ppr`)", "results.opened_results.SAME_CELLS"),
     (
         "eroded mass, or mass that stopped in forest, in the half cell beyond the edge of the DTM",

@@ -8,8 +8,8 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from mpmgis.commands.option import verb_names
 from mpmgis.commands.shell import main
+from mpmgis.commands.verb import verb_names
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "mpmgis" / "docs"

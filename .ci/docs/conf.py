@@ -18,7 +18,10 @@ add_module_names = False
 smartquotes_action = "De"  # dashes and ellipses; quotes remain
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!mpmgis\.).*")]  # words such as `float` in types need no link
-nitpick_ignore = [("py:class", "mpmgis.commands.option_values.Request")]  # a type variable
+nitpick_ignore = [  # type variables
+    ("py:class", "mpmgis.commands.verb.Asked"),
+    ("py:class", "mpmgis.system.option_values.Table"),
+]
 suppress_warnings = ["mystnb.unknown_mime_type"]
 
 autodoc_preserve_defaults = True

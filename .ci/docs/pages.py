@@ -42,7 +42,7 @@ def parser_of(verb):
 
 def verbs_by_group():
     """Title -> Verbs, in the order of the command."""
-    from mpmgis.commands.option import GROUPS, all_verbs
+    from mpmgis.commands.verb import GROUPS, all_verbs
 
     groups = {}
     for verb in all_verbs():

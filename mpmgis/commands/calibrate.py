@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 
+from ..system.option import Option, PathLike
 from . import shared_options
 from .ensemble import MachineArguments, MachineOptions
-from .option import Form, Option, PathLike, Verb
+from .verb import Form, Verb
 from .verb_calls import called
 
 if TYPE_CHECKING:

@@ -2,21 +2,19 @@
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
-from . import shared_options
-from .option import Form, Option, PathLike, Verb, options_of
-from .verb_calls import called
+from ..frames.frame_options import MetricTerrainOptions
+from ..results.question_options import ReadingOptions
+from ..system.messages import Progress, unwatched
+from ..system.option import Option, PathLike
+from ..system.whole_files import OverwriteOptions
+from .verb import Form, Verb
+from .verb_calls import complete, python_words
 
 if TYPE_CHECKING:
-    from ..results.comparison_values import Comparison
+    from ..results.comparison_answer import Comparison
 
 
-class ReadingOptions(shared_options.ThirdPartyOptions, total=False):
-    """Reading of another code's files."""
-
-    standoff: Annotated[float, options_of(shared_options.CellOptions)["standoff"]]
-
-
-class CompareOptions(shared_options.OverwriteOptions, ReadingOptions, shared_options.MetricTerrainOptions, total=False):
+class CompareOptions(OverwriteOptions, ReadingOptions, MetricTerrainOptions, total=False):
     """Options of `mpmgis.compare`."""
 
     threshold: Annotated[
@@ -120,7 +118,6 @@ VERB = Verb(
     name="compare",
     place=16,
     line="two results, or a result and an observed outline, in numbers and on a map",
-    workflow="results.comparison_answer:compare",
     options=CompareOptions,
     arguments=Arguments,
     groups=(("another code's particle files, of either side", ReadingOptions),),
@@ -160,6 +157,35 @@ highest part.
 )
 
 
+def work(asked: Arguments, progress: Progress = unwatched) -> "Comparison":
+    """Answer the question, and write plot and table.
+
+    Parameters
+    ----------
+    asked : Arguments
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    Comparison
+    """
+    from ..results.comparison_answer import compare
+
+    return compare(
+        asked["first"],
+        asked["second"],
+        asked,
+        threshold=asked["threshold"],
+        band=asked["band"],
+        line=asked["line"],
+        dem=asked["dem"],
+        to_crs=asked["to_crs"],
+        output=asked["output"],
+        overwrite=asked["overwrite"],
+    )
+
+
 def compare(
     first: PathLike, second: PathLike, output: PathLike | None = None, **options: Unpack[CompareOptions]
 ) -> "Comparison":
@@ -189,4 +215,5 @@ def compare(
     --------
     >>> mpmgis.compare("results_gis", "mapped_outline.gpkg").overlap.iou  # doctest: +SKIP
     """
-    return called(VERB, {"first": first, "second": second, "output": output, **options})
+    with python_words(VERB):
+        return work(complete(VERB, {"first": first, "second": second, "output": output, **options}))

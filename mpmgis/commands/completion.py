@@ -2,7 +2,8 @@
 
 from typing import Annotated, Literal, TypedDict
 
-from .option import Option, Verb
+from ..system.option import Option
+from .verb import Verb
 
 
 class Arguments(TypedDict, total=False):

@@ -2,12 +2,15 @@
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 
+from ..exchange.frame_source import DeclarationOptions
+from ..frames.frame_options import DensityOptions, TerrainOptions
 from ..system.errors import InputError
+from ..system.option import Option, PathLike, options_of
+from ..system.whole_files import OverwriteOptions
 from . import shared_options
-from .option import Form, Option, PathLike, Verb, options_of
-from .option_values import complete
 from .seed import ANOTHER, FOLDER_OF_SOLVER, PARTICLES, WRITES, SolverOptions
-from .verb_calls import Results, python_words, several
+from .verb import Form, Verb
+from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
     from ..conversion.frame_conversion import Written
@@ -82,12 +85,12 @@ class ConvertColumnOptions(TypedDict, total=False):
 
 
 class ConversionOptions(
-    shared_options.OverwriteOptions,
+    OverwriteOptions,
     ConvertPointOptions,
     ConvertColumnOptions,
-    shared_options.TerrainOptions,
-    shared_options.DeclarationOptions,
-    shared_options.DensityOptions,
+    TerrainOptions,
+    DeclarationOptions,
+    DensityOptions,
     total=False,
 ):
     """Options of `mpmgis.convert`."""
@@ -115,12 +118,7 @@ class ConversionOptions(
 
 
 class SolverStartOptions(
-    shared_options.OverwriteOptions,
-    ConvertPointOptions,
-    shared_options.TerrainOptions,
-    shared_options.DeclarationOptions,
-    shared_options.DensityOptions,
-    total=False,
+    OverwriteOptions, ConvertPointOptions, TerrainOptions, DeclarationOptions, DensityOptions, total=False
 ):
     """Options of `mpmgis.solver_start`."""
 
@@ -172,10 +170,10 @@ VERB = Verb(
     groups=(
         ("to points", ConvertPointOptions),
         ("to columns", ConvertColumnOptions),
-        ("terrain", shared_options.TerrainOptions),
+        ("terrain", TerrainOptions),
         ("for another 3D solver", SolverOptions),
-        (shared_options.THIRD_PARTY, shared_options.DeclarationOptions),
-        (shared_options.THIRD_PARTY, shared_options.DensityOptions),
+        (shared_options.THIRD_PARTY, DeclarationOptions),
+        (shared_options.THIRD_PARTY, DensityOptions),
     ),
     example="""
 mpmgis convert area_particles.h5 --cell 1
@@ -314,7 +312,7 @@ def converted(values: dict[str, Any]) -> "Written":
     """
     from ..conversion import frame_conversion as workflow
     from ..frames.point_cloud import is_point_cloud
-    from .option_values import made
+    from .verb_calls import made
 
     if len(values["source"]) > 1:
         raise InputError(
@@ -354,7 +352,7 @@ def started(values: dict[str, Any]) -> "StartWritten":
     """
     from ..conversion.frame_conversion import ConvertRequest
     from ..conversion.start_folder import StartRequest, convert_for_solver
-    from .option_values import made
+    from .verb_calls import made
 
     if values["to"] == "columns":
         raise InputError(f"`to=columns`: {values['solver']} starts from points; leave it out")

@@ -3,16 +3,17 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ..system.option import Option, PathLike
+from ..system.whole_files import OverwriteOptions
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
-from .option_values import complete
-from .verb_calls import python_words
+from .verb import Form, Verb
+from .verb_calls import complete, python_words
 
 if TYPE_CHECKING:
     from ..simulation.scene_run import RunSummary
 
 
-class Arguments(shared_options.OverwriteOptions, total=False):
+class Arguments(OverwriteOptions, total=False):
     """Options of the command."""
 
     overwrite: Annotated[

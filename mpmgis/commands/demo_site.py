@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..exchange.frame_source import FrameSource
 from ..maps.averaging.maxima import MAXIMA_BANDS
 from ..maps.averaging.result_bands import open_result
-from ..maps.export.export_request import ExportRequest
+from ..maps.export.export_options import export_with
 from ..maps.export.map_export import export_raster
 from ..maps.export.run_picture import write_picture
 from ..scene import read_scene
@@ -93,11 +92,9 @@ def demo(
     with details():
         summary = run(scene, output / SITE, overwrite=overwrite, threads=threads, watch=watch)
     frames = tuple(sorted((output / SITE).glob("frame_*.h5")))
-    request = ExportRequest(
-        source=FrameSource(frames=frames), output=output / f"{SITE}_gis", overwrite=overwrite, workers=threads
-    )
+    asked = export_with(frames=frames, output=output / f"{SITE}_gis", overwrite=overwrite, workers=threads)
     with details():
-        project = export_raster(request, progress)[0]
+        project = export_raster(asked, progress)[0]
     picture = output / f"{SITE}.png"
     draw(picture, scene, output / f"{SITE}_gis", SITE)
     return summary, project, picture

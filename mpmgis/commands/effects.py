@@ -2,8 +2,9 @@
 
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
+from ..system.option import Option, PathLike
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
+from .verb import Form, Verb
 from .verb_calls import python_words
 
 if TYPE_CHECKING:

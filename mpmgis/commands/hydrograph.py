@@ -2,12 +2,17 @@
 
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
 
+from ..results.question_options import QuestionOptions
+from ..system.messages import Progress, unwatched
+from ..system.option import Option, PathLike
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
-from .verb_calls import Results, answer
+from .verb import Form, Verb
+from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
     import xarray
+
+    from ..results.hydrograph_answer import HydrographFound
 
 
 class HydrographSection(TypedDict, total=False):
@@ -26,7 +31,7 @@ class HydrographSection(TypedDict, total=False):
     ]
 
 
-class HydrographOptions(shared_options.QuestionOptions, total=False):
+class HydrographOptions(QuestionOptions, total=False):
     """Options of `mpmgis.hydrograph`."""
 
     method: Annotated[
@@ -39,11 +44,7 @@ class HydrographOptions(shared_options.QuestionOptions, total=False):
     ]
 
 
-class HydrographChoices(HydrographSection, HydrographOptions, total=False):
-    """All options of Python."""
-
-
-class Arguments(HydrographChoices, total=False):
+class Arguments(HydrographSection, HydrographOptions, total=False):
     """Options of the command."""
 
     frames: Annotated[tuple[PathLike, ...], shared_options.RESULTS]
@@ -55,8 +56,7 @@ VERB = Verb(
     name="hydrograph",
     place=13,
     line="volume and mass through a section over time",
-    workflow="results.hydrograph_answer:hydrograph",
-    options=HydrographChoices,
+    options=HydrographOptions,
     arguments=Arguments,
     groups=shared_options.GROUPS,
     example="""
@@ -83,6 +83,24 @@ volume of the particles, for an export mass over density. Positive is the direct
         ),
     ),
 )
+
+
+def work(asked: Arguments, progress: Progress = unwatched) -> "HydrographFound":
+    """Answer the question, and write plot and table.
+
+    Parameters
+    ----------
+    asked : Arguments
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    HydrographFound
+    """
+    from ..results.hydrograph_answer import hydrograph
+
+    return hydrograph(asked, asked["section"], asked["method"], progress)
 
 
 def hydrograph(
@@ -118,4 +136,6 @@ def hydrograph(
     """
     from ..results.answer_datasets import hydrograph_dataset
 
-    return hydrograph_dataset(answer(VERB, results, output, {**options, "section": section}))
+    with python_words(VERB):
+        given = {"frames": several(results), "section": section, "output": output, **options}
+        return hydrograph_dataset(work(complete(VERB, given)))

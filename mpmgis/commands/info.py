@@ -2,12 +2,13 @@
 
 from typing import Annotated, Any, Unpack
 
+from ..exchange.frame_source import ThirdPartyOptions
+from ..system.option import Option, PathLike
 from ..system.trusted_files import trusting
 from . import shared_options
 from .effects import AnswerArguments
-from .option import Form, Option, PathLike, Verb
-from .option_values import complete
-from .verb_calls import python_words
+from .verb import Form, Verb
+from .verb_calls import complete, python_words
 
 
 class _Arguments(AnswerArguments, total=False):
@@ -42,7 +43,7 @@ class _Arguments(AnswerArguments, total=False):
     ]
 
 
-class Arguments(_Arguments, shared_options.ThirdPartyOptions, total=False):
+class Arguments(_Arguments, ThirdPartyOptions, total=False):
     """Options of the command."""
 
 
@@ -50,10 +51,10 @@ VERB = Verb(
     name="info",
     place=30,
     line="one screen about any file of the workflow",
-    options=shared_options.ThirdPartyOptions,
+    options=ThirdPartyOptions,
     arguments=Arguments,
     trust=True,
-    groups=((shared_options.THIRD_PARTY, shared_options.ThirdPartyOptions),),
+    groups=((shared_options.THIRD_PARTY, ThirdPartyOptions),),
     example="""
 mpmgis info dtm.tif release.shp
 mpmgis info results/
@@ -73,7 +74,7 @@ mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1
 )
 
 
-def info(file: PathLike, *, trust: bool = False, **options: Unpack[shared_options.ThirdPartyOptions]) -> dict[str, Any]:
+def info(file: PathLike, *, trust: bool = False, **options: Unpack[ThirdPartyOptions]) -> dict[str, Any]:
     """Return facts about any file or folder of the workflow, as `mpmgis info --json`.
 
     Parameters
@@ -119,4 +120,4 @@ def terms(values: dict[str, Any]) -> Any:
     """
     from ..exchange.declarations import Declarations
 
-    return Declarations.named(values | {"time_step": values["frame_step"]}, values["crs"])
+    return Declarations.named(values, values["crs"])

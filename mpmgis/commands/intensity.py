@@ -2,9 +2,12 @@
 
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
 
+from ..results.question_options import QuestionOptions
+from ..system.messages import Progress, unwatched
+from ..system.option import Option, PathLike
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
-from .verb_calls import Results, answer
+from .verb import Form, Verb
+from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
     from ..results.hazard.intensity_answer import IntensityFound
@@ -35,7 +38,7 @@ class IntensityGuideline(TypedDict, total=False):
     ]
 
 
-class IntensityOptions(shared_options.QuestionOptions, total=False):
+class IntensityOptions(QuestionOptions, total=False):
     """Options of `mpmgis.intensity`."""
 
     guidelines: Annotated[
@@ -71,11 +74,7 @@ class IntensityOptions(shared_options.QuestionOptions, total=False):
     ]
 
 
-class IntensityChoices(IntensityGuideline, IntensityOptions, total=False):
-    """All options of Python."""
-
-
-class Arguments(IntensityChoices, total=False):
+class Arguments(IntensityGuideline, IntensityOptions, total=False):
     """Options of the command."""
 
     frames: Annotated[tuple[PathLike, ...], shared_options.RESULTS_OR_RASTERS]
@@ -94,8 +93,7 @@ VERB = Verb(
     name="intensity",
     place=15,
     line="intensity classes of a named guideline, as raster and polygons",
-    workflow="results.hazard.intensity_answer:intensity",
-    options=IntensityChoices,
+    options=IntensityOptions,
     arguments=Arguments,
     groups=shared_options.GROUPS,
     example="""
@@ -124,6 +122,25 @@ A hazard zone also depends on the scenario's return period and on the authority:
         ),
     ),
 )
+
+
+def work(asked: Arguments, progress: Progress = unwatched) -> "IntensityFound":
+    """Answer the question, and write plot and table.
+
+    Parameters
+    ----------
+    asked : Arguments
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    IntensityFound
+    """
+    from ..results.hazard.intensity_answer import intensity
+
+    own = asked["guidelines"], asked["buildings"]
+    return intensity(asked, asked["guideline"], *own, asked["drag"], progress)
 
 
 def intensity(
@@ -158,4 +175,6 @@ def intensity(
     >>> found = mpmgis.intensity("results_gis", "austrian-avalanche")  # doctest: +SKIP
     >>> rioxarray.open_rasterio(found.files[0]).plot()  # doctest: +SKIP
     """
-    return answer(VERB, results, output, {**options, "guideline": guideline})
+    with python_words(VERB):
+        given = {"frames": several(results), "guideline": guideline, "output": output, **options}
+        return work(complete(VERB, given))

@@ -7,7 +7,8 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from .option import Form, Option, PathLike, Verb, all_verbs
+from ..system.option import Option, PathLike
+from .verb import Form, Verb, all_verbs
 
 LAST = ("overwrite", "output")  # of every form
 _KINDS = {float: "number", int: "integer", str: "text", bool: "switch"}

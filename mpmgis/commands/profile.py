@@ -2,12 +2,17 @@
 
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
 
+from ..results.question_options import QuestionOptions
+from ..system.messages import Progress, unwatched
+from ..system.option import Option, PathLike
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
-from .verb_calls import Results, answer
+from .verb import Form, Verb
+from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
     import xarray
+
+    from ..results.profile_answer import ProfileFound
 
 
 class ProfileLine(TypedDict, total=False):
@@ -26,7 +31,7 @@ class ProfileLine(TypedDict, total=False):
     ]
 
 
-class ProfileOptions(shared_options.QuestionOptions, total=False):
+class ProfileOptions(QuestionOptions, total=False):
     """Options of `mpmgis.profile`."""
 
     at_times: Annotated[tuple[float, ...], shared_options.AT_TIMES]
@@ -44,11 +49,7 @@ class ProfileOptions(shared_options.QuestionOptions, total=False):
     ]
 
 
-class ProfileChoices(ProfileLine, ProfileOptions, total=False):
-    """All options of Python."""
-
-
-class Arguments(ProfileChoices, total=False):
+class Arguments(ProfileLine, ProfileOptions, total=False):
     """Options of the command."""
 
     frames: Annotated[tuple[PathLike, ...], shared_options.RESULTS]
@@ -60,8 +61,7 @@ VERB = Verb(
     name="profile",
     place=11,
     line="depth, thickness and velocities along a line at chosen times",
-    workflow="results.profile_answer:profile",
-    options=ProfileChoices,
+    options=ProfileOptions,
     arguments=Arguments,
     groups=shared_options.GROUPS,
     example="""
@@ -85,6 +85,24 @@ interpolation. The table has a row for each time and sample point.
         ),
     ),
 )
+
+
+def work(asked: Arguments, progress: Progress = unwatched) -> "ProfileFound":
+    """Answer the question, and write plot and table.
+
+    Parameters
+    ----------
+    asked : Arguments
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    ProfileFound
+    """
+    from ..results.profile_answer import profile
+
+    return profile(asked, asked["line"], asked["at_times"], asked["spacing"], progress)
 
 
 def profile(
@@ -120,4 +138,7 @@ def profile(
     """
     from ..results.answer_datasets import profile_dataset
 
-    return profile_dataset(answer(VERB, results, output, {**options, "line": line}))
+    with python_words(VERB):
+        return profile_dataset(
+            work(complete(VERB, {"frames": several(results), "output": output, "line": line, **options}))
+        )

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated, TypedDict
 
-from .option import Option, PathLike, Verb
-from .option_values import complete
-from .verb_calls import python_words
+from ..system.option import Option, PathLike
+from .verb import Verb
+from .verb_calls import complete, python_words
 
 
 class PublisherOptions(TypedDict, total=False):

@@ -3,8 +3,10 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
 
+from ..system.dask_workers import DASK
+from ..system.option import Option, PathLike
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
+from .verb import Form, Verb
 from .verb_calls import called
 
 if TYPE_CHECKING:
@@ -85,7 +87,7 @@ class MachineOptions(TypedDict, total=False):
             label="Runs at a time",
         ),
     ]
-    dask: Annotated[str, shared_options.DASK]
+    dask: Annotated[str, DASK]
     law: Annotated[PathLike, shared_options.LAW]
 
 

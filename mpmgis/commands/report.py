@@ -5,8 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
 
+from ..results.question_options import QuestionOptions
+from ..system.option import Option, PathLike
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
+from .verb import Form, Verb
 from .verb_calls import Results, answer, called
 
 if TYPE_CHECKING:
@@ -94,7 +96,7 @@ class HazardOptions(TypedDict, total=False):
     ]
 
 
-class ReportOptions(shared_options.QuestionOptions, total=False):
+class ReportOptions(QuestionOptions, total=False):
     """Options of `mpmgis.report`."""
 
     title: Annotated[
@@ -208,7 +210,7 @@ def report(results: Results, output: PathLike | None = None, **options: Unpack[R
     return files[0]
 
 
-class HazardMapOptions(HazardOptions, shared_options.QuestionOptions, total=False):
+class HazardMapOptions(HazardOptions, QuestionOptions, total=False):
     """Options of `mpmgis.hazard_map`."""
 
     title: str

@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ..frames.particles import Frame
+from ..maps.export.export_options import FrameAveragingOptions
 from ..system.errors import InputError
+from ..system.option import options_of
 from .export_raster import VERB as _EXPORT
-from .export_raster import FrameAveragingOptions
-from .option import options_of
-from .option_values import request
-from .verb_calls import python_words
+from .verb_calls import complete, python_words
 
 if TYPE_CHECKING:
     import geopandas
     import xarray
 
-    from ..maps.export.export_request import ExportRequest
+    from ..maps.export.export_options import Export
     from ..terrain.elevation import Terrain
 
 
@@ -95,10 +94,8 @@ def depth_average(
     return found
 
 
-def _averaging(frames: str | Path, options: FrameAveragingOptions, where: str) -> "ExportRequest":
-    """The request for averaging in memory; by default cells cover the DTM and are aligned with north."""
-    from ..maps.export.export_request import ExportRequest
-
+def _averaging(frames: str | Path, options: FrameAveragingOptions, where: str) -> "Export":
+    """The options for averaging in memory; by default cells cover the DTM and are aligned with north."""
     if not isinstance(frames, (str, Path)):
         raise InputError(f"{where} got {frames!r}, expected one path: a file, or the folder that holds the frames")
     given: dict[str, Any] = {**options}
@@ -108,7 +105,7 @@ def _averaging(frames: str | Path, options: FrameAveragingOptions, where: str) -
             raise InputError(f"{where}: there is no option {name!r}; it takes {', '.join(sorted(known))}")
     if "maxima" in given.get("products", ()):
         raise InputError(f"{where}: products='maxima' requires an exported folder; use .max('time') for frames")
-    return request(_EXPORT, ExportRequest, {"extent": "dtm", "north_up": True, **given, "frames": (frames,)})
+    return complete(_EXPORT, {"extent": "dtm", "north_up": True, **given, "frames": (frames,)})
 
 
 def read_frame(path: str | Path) -> Frame:

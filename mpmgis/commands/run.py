@@ -5,17 +5,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from ..system.errors import InputError
+from ..system.option import Option, PathLike
 from ..system.trusted_files import trusting
+from ..system.whole_files import OverwriteOptions
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
-from .option_values import complete
-from .verb_calls import python_words
+from .verb import Form, Verb
+from .verb_calls import complete, python_words
 
 if TYPE_CHECKING:
     from ..simulation.scene_run import RunSummary
 
 
-class Arguments(shared_options.OverwriteOptions, total=False):
+class Arguments(OverwriteOptions, total=False):
     """Options of the command."""
 
     scene: Annotated[

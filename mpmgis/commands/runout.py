@@ -2,15 +2,18 @@
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
+from ..results.question_options import QuestionOptions
+from ..system.messages import Progress, unwatched
+from ..system.option import PathLike
 from . import shared_options
-from .option import Form, PathLike, Verb
-from .verb_calls import Results, answer
+from .verb import Form, Verb
+from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
-    from ..results.runout_measures import RunoutFound
+    from ..results.runout_answer import RunoutFound
 
 
-class RunoutOptions(shared_options.QuestionOptions, total=False):
+class RunoutOptions(QuestionOptions, total=False):
     """Options of `mpmgis.runout`."""
 
     line: Annotated[PathLike, shared_options.LINE]
@@ -29,7 +32,6 @@ VERB = Verb(
     name="runout",
     place=10,
     line="runout, drop height, angles of energy line and centre of mass",
-    workflow="results.runout_answer:runout",
     options=RunoutOptions,
     arguments=Arguments,
     groups=shared_options.GROUPS,
@@ -59,6 +61,24 @@ mass is not known for an export.
 )
 
 
+def work(asked: Arguments, progress: Progress = unwatched) -> "RunoutFound":
+    """Answer the question, and write plot and table.
+
+    Parameters
+    ----------
+    asked : Arguments
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    RunoutFound
+    """
+    from ..results.runout_answer import runout
+
+    return runout(asked, asked["line"], asked["threshold"], progress)
+
+
 def runout(results: Results, output: PathLike | None = None, **options: Unpack[RunoutOptions]) -> "RunoutFound":
     """Measure runout, drop height, and angles of the energy line and of the centre of mass, as `mpmgis runout`.
 
@@ -86,4 +106,5 @@ def runout(results: Results, output: PathLike | None = None, **options: Unpack[R
     >>> found = mpmgis.runout("results", line="flow_path.gpkg")  # doctest: +SKIP
     >>> pandas.DataFrame(found.rows(), columns=["quantity", "unit", "value"])  # doctest: +SKIP
     """
-    return answer(VERB, results, output, options)
+    with python_words(VERB):
+        return work(complete(VERB, {"frames": several(results), "output": output, **options}))

@@ -2,11 +2,12 @@
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 
+from ..frames.frame_options import FrameTerrainOptions, MetricTerrainOptions
 from ..system.errors import InputError
-from . import shared_options
-from .option import Form, Option, PathLike, Verb, options_of
-from .option_values import complete
-from .verb_calls import python_words
+from ..system.option import Option, PathLike, options_of
+from ..system.whole_files import OverwriteOptions
+from .verb import Form, Verb
+from .verb_calls import complete, python_words
 
 if TYPE_CHECKING:
     from ..seeding.seeded_file import Seeded
@@ -73,7 +74,7 @@ class SolverOptions(TypedDict, total=False):
     ]
 
 
-class SeedTerrainOptions(shared_options.MetricTerrainOptions, total=False):
+class SeedTerrainOptions(MetricTerrainOptions, total=False):
     """The terrain."""
 
     crs: Annotated[
@@ -85,7 +86,7 @@ class SeedTerrainOptions(shared_options.MetricTerrainOptions, total=False):
             label="CRS, where the files carry none",
         ),
     ]
-    dem_band: Annotated[int, options_of(shared_options.FrameTerrainOptions)["dem_band"]]
+    dem_band: Annotated[int, options_of(FrameTerrainOptions)["dem_band"]]
     fill_nodata: Annotated[
         Literal["interpolate"],
         Option(
@@ -244,9 +245,7 @@ class SeedSolverOptions(SolverOptions, total=False):
     ]
 
 
-class SeedingOptions(
-    shared_options.OverwriteOptions, SeedTerrainOptions, MaterialOptions, SeedColumnOptions, total=False
-):
+class SeedingOptions(OverwriteOptions, SeedTerrainOptions, MaterialOptions, SeedColumnOptions, total=False):
     """Options of `mpmgis.seed`."""
 
 

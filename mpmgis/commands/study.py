@@ -3,15 +3,17 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
+from ..system.option import Option, PathLike
+from ..system.whole_files import OverwriteOptions
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
+from .verb import Form, Verb
 from .verb_calls import called
 
 if TYPE_CHECKING:
     from ..studies.accuracy_study import StudyFound
 
 
-class StudyOptions(shared_options.OverwriteOptions, total=False):
+class StudyOptions(OverwriteOptions, total=False):
     """Options of `mpmgis.study`."""
 
     target_error: Annotated[

@@ -2,15 +2,20 @@
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
+from ..results.question_options import QuestionOptions
+from ..system.messages import Progress, unwatched
+from ..system.option import PathLike
 from . import shared_options
-from .option import Form, PathLike, Verb
-from .verb_calls import Results, answer
+from .verb import Form, Verb
+from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
     import xarray
 
+    from ..results.timeseries_answer import SeriesFound
 
-class TimeseriesOptions(shared_options.QuestionOptions, total=False):
+
+class TimeseriesOptions(QuestionOptions, total=False):
     """Options of `mpmgis.timeseries`."""
 
     points: Annotated[PathLike, shared_options.POINTS]
@@ -29,7 +34,6 @@ VERB = Verb(
     name="timeseries",
     place=12,
     line="depth, thickness, velocities and pressure at points over time",
-    workflow="results.timeseries_answer:timeseries",
     options=TimeseriesOptions,
     arguments=Arguments,
     groups=shared_options.GROUPS,
@@ -53,6 +57,24 @@ in the cells of points, for every frame. Points have the names of a column `name
         ),
     ),
 )
+
+
+def work(asked: Arguments, progress: Progress = unwatched) -> "SeriesFound":
+    """Answer the question, and write plot and table.
+
+    Parameters
+    ----------
+    asked : Arguments
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    SeriesFound
+    """
+    from ..results.timeseries_answer import timeseries
+
+    return timeseries(asked, asked["points"], asked["at"], progress)
 
 
 def timeseries(
@@ -86,4 +108,5 @@ def timeseries(
     """
     from ..results.answer_datasets import series_dataset
 
-    return series_dataset(answer(VERB, results, output, options))
+    with python_words(VERB):
+        return series_dataset(work(complete(VERB, {"frames": several(results), "output": output, **options})))

@@ -2,15 +2,20 @@
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
+from ..results.question_options import FrameQuestionOptions
+from ..system.messages import Progress, unwatched
+from ..system.option import Option, PathLike
 from . import shared_options
-from .option import Form, Option, PathLike, Verb
-from .verb_calls import Results, answer
+from .verb import Form, Verb
+from .verb_calls import Results, complete, python_words, several
 
 if TYPE_CHECKING:
     import xarray
 
+    from ..results.vertical_answer import VerticalFound
 
-class VerticalOptions(shared_options.FrameQuestionOptions, total=False):
+
+class VerticalOptions(FrameQuestionOptions, total=False):
     """Options of `mpmgis.vertical`."""
 
     points: Annotated[PathLike, shared_options.POINTS]
@@ -54,7 +59,6 @@ VERB = Verb(
     name="vertical",
     place=14,
     line="density, velocities and pressure over the height above the bed, of 3D frames",
-    workflow="results.vertical_answer:vertical",
     options=VerticalOptions,
     arguments=Arguments,
     groups=shared_options.FRAME_GROUPS,
@@ -83,6 +87,25 @@ wall would change them (a [[barrier]] in a run of points has forces in barriers.
         ),
     ),
 )
+
+
+def work(asked: Arguments, progress: Progress = unwatched) -> "VerticalFound":
+    """Answer the question, and write plot and table.
+
+    Parameters
+    ----------
+    asked : Arguments
+    progress : callable
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    VerticalFound
+    """
+    from ..results.vertical_answer import vertical
+
+    where, times = (asked["points"], asked["at"]), asked["at_times"]
+    return vertical(asked, *where, times, asked["width"], asked["layer"], progress)
 
 
 def vertical(results: Results, output: PathLike | None = None, **options: Unpack[VerticalOptions]) -> "xarray.Dataset":
@@ -114,4 +137,5 @@ def vertical(results: Results, output: PathLike | None = None, **options: Unpack
     """
     from ..results.answer_datasets import vertical_dataset
 
-    return vertical_dataset(answer(VERB, results, output, options))
+    with python_words(VERB):
+        return vertical_dataset(work(complete(VERB, {"frames": several(results), "output": output, **options})))

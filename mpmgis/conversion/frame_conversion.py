@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..exchange.frame_list import OWN, list_frames
-from ..exchange.frame_source import FrameSource
+from ..exchange.frame_list import OWN
+from ..exchange.frame_source import SourceOptions, frames_at
 from ..frames.frame_files import read_frame, write_frame
 from ..frames.particle_files import require_format, write_columns
 from ..frames.point_cloud import is_point_cloud, require_point_cloud, write_las
@@ -17,6 +18,7 @@ from ..maps.averaging.export_resolution import require_cells_within
 from ..system.errors import InputError, OutputError
 from ..system.memory import memory_lack
 from ..system.messages import log
+from ..system.option_values import defaults_of
 from ..system.source_names import file_of, moved
 from ..system.whole_files import refuse_existing
 from .columns_to_points import columns_to_points
@@ -44,7 +46,7 @@ class ConvertRequest:
     overwrite : bool
     at_time : float or None [s]
         Of one of several frames.
-    declared : FrameSource
+    declared : SourceOptions
         Declarations about DTM and frames.
     """
 
@@ -52,7 +54,7 @@ class ConvertRequest:
     output: Path | None = None
     overwrite: bool = False
     at_time: float | None = None
-    declared: FrameSource = field(default_factory=FrameSource)
+    declared: SourceOptions = field(default_factory=partial(defaults_of, SourceOptions))
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def write_point_cloud(request: ConvertRequest) -> Written:
     """
     path, entry = _output(request, "points"), _entry(request)
     require_point_cloud(path)
-    if entry.reader == OWN and request.declared.crs is not None:
+    if entry.reader == OWN and request.declared["crs"] is not None:
         raise InputError(f"{entry.path} is a frame of mpmgis, which contains its CRS; leave `crs` out")
     frame = whole_frame(entry)
     if frame.crs is None:
@@ -183,13 +185,13 @@ def dimension_of(request: ConvertRequest) -> int:
     return _entry(request).header.dimension
 
 
-def listed(sources: list, declared: FrameSource) -> Sequence:
+def listed(sources: list, declared: SourceOptions) -> Sequence:
     """List the frames in some files, of mpmgis or another code, by time.
 
     Parameters
     ----------
     sources : list of Path
-    declared : FrameSource
+    declared : SourceOptions
 
     Returns
     -------
@@ -200,8 +202,8 @@ def listed(sources: list, declared: FrameSource) -> Sequence:
     FormatError, InputError
         As `list_frames`; a density for frames that have their own.
     """
-    entries = list_frames(sources, declared.terms(), declared.ground())
-    if entries[0].reader == OWN and declared.density is not None:
+    entries = frames_at(sources, declared)
+    if entries[0].reader == OWN and declared["density"] is not None:
         raise InputError(f"{entries[0].path} is a frame of mpmgis, which contains its density; leave `density` out")
     return entries
 

@@ -41,7 +41,7 @@ KEYS = {  # key of the sidecar -> field of Declarations
     "particle_volume": "particle_volume",
     "columns": "columns",
     "times": "times",
-    "dt": "time_step",
+    "dt": "frame_step",
     "fps": "frames_per_second",
 }
 OF_TIME = ("times", "dt", "fps")
@@ -67,7 +67,7 @@ class Declarations:
         Directions of x, y and z of the file: e, n, u, w, s, d, or one of the first three with a minus.
     times : tuple of float or None
         Time [s] of each file, in the order of their numbers.
-    time_step, frames_per_second : float or None
+    frame_step, frames_per_second : float or None
         Time [s] between consecutive file numbers, or its inverse [s-1].
     columns : tuple of (str, str)
         Names of NAMES or VECTORS and the columns of the file.
@@ -87,7 +87,7 @@ class Declarations:
     origin: tuple | None = None
     axes: tuple | None = None
     times: tuple | None = None
-    time_step: float | None = None
+    frame_step: float | None = None
     frames_per_second: float | None = None
     columns: tuple = ()
     density: float | None = None
@@ -111,7 +111,7 @@ class Declarations:
                 raise InputError(f"--columns: unknown quantity {name!r}; choose from {known}")
 
     def _of_time(self):
-        return {"--times": self.times, "--dt": self.time_step, "--fps": self.frames_per_second}
+        return {"--times": self.times, "--dt": self.frame_step, "--fps": self.frames_per_second}
 
     def column_pairs(self) -> Iterator[tuple[str, str]]:
         """Yield (name of NAMES, column) of all declared columns; the components of a vector `U` are U.x, U.y, U.z."""

@@ -244,7 +244,7 @@ def own_time(frame: ThirdPartyFrame, terms: Declarations) -> float | None:
     float or None [s]
         None where unknown.
     """
-    step = terms.time_step if terms.frames_per_second is None else 1.0 / terms.frames_per_second
+    step = terms.frame_step if terms.frames_per_second is None else 1.0 / terms.frames_per_second
     if step is not None and frame.number is not None:
         return frame.number * step
     return frame.time

@@ -15,6 +15,7 @@ from ..terrain.elevation import Terrain
 from ..terrain.georeference import AUTO, LOCAL, name_of, same_place, warp_command
 from ..terrain.raster_input import open_raster
 from ..terrain.raster_output import NAMESPACE
+from .frame_options import TerrainOptions
 from .run_folder import TERRAIN_FILE, read_record
 
 
@@ -37,13 +38,12 @@ def refuse_within(output: Path, path: Path) -> None:
         raise OutputError(f"{output} contains the input {path.name} and would be replaced; give another `output`")
 
 
-def run_terrain(source: Any, entries: Sequence, output: Path | None) -> Terrain:
-    """Read the DTM of the request, or the one named in the frames. Its CRS must be that of the frames.
+def run_terrain(asked: TerrainOptions, entries: Sequence, output: Path | None) -> Terrain:
+    """Read the DTM that is asked for, or the one named in the frames. Its CRS must be that of the frames.
 
     Parameters
     ----------
-    source : DeclaredByUser
-        DTM, CRS and band in the request.
+    asked : TerrainOptions
     entries : sequence of FrameEntry
         Frames of the run.
     output : Path or None
@@ -55,7 +55,7 @@ def run_terrain(source: Any, entries: Sequence, output: Path | None) -> Terrain:
         Missing, not usable, in another CRS, or inside the folder that will be replaced.
     """
     header, first = entries[0].header, entries[0].path
-    path, crs = source.dem, source.crs
+    path, crs = asked["dem"], asked["crs"]
     if path is None:
         if not header.dem:
             raise InputError(f"{first} names no DTM; give it with `dem`")
@@ -65,14 +65,14 @@ def run_terrain(source: Any, entries: Sequence, output: Path | None) -> Terrain:
             raise InputError(f"{path}, the DTM named in {first.name}, does not exist; give it with `dem`")
         if crs is None and not _carries_crs(path):
             crs = _crs_option(header.crs)
-    terrain = read_terrain(path, crs, source.dem_band, to_crs=_target(source, header))
+    terrain = read_terrain(path, crs, asked["dem_band"], to_crs=_target(asked, header))
     if output is not None:
         refuse_within(output, file_of(path))
     if header.crs is None and terrain.grid.crs is not None:
         log.info(f"the frames have no CRS; that of the DTM, {name_of(terrain.grid.crs)}, is assumed")
     elif not same_place(header.crs, terrain.grid.crs):
         fix = f"give the DTM that the run used{_reprojection(path, header.crs)}"
-        if source.to_crs is not None:
+        if asked["to_crs"] is not None:
             fix = f"leave `to_crs` out, or give `to_crs={AUTO}`"
         elif terrain.grid.crs is None:
             fix = (
@@ -80,8 +80,8 @@ def run_terrain(source: Any, entries: Sequence, output: Path | None) -> Terrain:
                 f"`crs={_crs_option(header.crs) or 'EPSG:n'}`"
             )
         raise GeoreferenceError(
-            f"{first} is in {name_of(header.crs)}, but {path} is {'in' if source.to_crs is None else 'reprojected to'} "
-            f"{name_of(terrain.grid.crs)}; {fix}"
+            f"{first} is in {name_of(header.crs)}, but {path} is "
+            f"{'in' if asked['to_crs'] is None else 'reprojected to'} {name_of(terrain.grid.crs)}; {fix}"
         )
     if header.dem_sha256 and terrain.sha256 and header.dem_sha256 != terrain.sha256:
         log.info(f"{path} is not the DTM of the run (its sha256 differs)")
@@ -109,11 +109,11 @@ def dtm_name(path: str | Path) -> str:
     return Path(str(name)).name or path.name
 
 
-def _target(source: Any, header: Any) -> str | None:
+def _target(asked: TerrainOptions, header: Any) -> str | None:
     """Return the CRS for the DTM: that of `to_crs` (auto: that of the frames), or the one recorded in the frames."""
-    if source.to_crs == AUTO:
+    if asked["to_crs"] == AUTO:
         return (_crs_option(header.crs) if header.crs is not None else None) or AUTO
-    return source.to_crs or (header.header.get("to_crs") if source.dem is None else None)
+    return asked["to_crs"] or (header.header.get("to_crs") if asked["dem"] is None else None)
 
 
 def terrain_of_rasters(path: str | Path, crs: Any, band: int | None = None, to_crs: str | None = None) -> Terrain:

@@ -7,8 +7,10 @@ import numpy as np
 import xarray
 
 from ..laws.quantities import BAND
-from .profiles import PROFILE_COLUMNS, ProfileFound, SeriesFound, VerticalFound
-from .section_flux import HydrographFound
+from .hydrograph_answer import HydrographFound
+from .profile_answer import ProfileFound
+from .timeseries_answer import SeriesFound
+from .vertical_answer import PROFILE_COLUMNS, VerticalFound
 
 
 def _bands(values: dict[str, Any], dims: tuple[str, str]) -> dict[str, Any]:

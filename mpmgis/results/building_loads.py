@@ -1,45 +1,38 @@
 """Estimate the largest loads on the buildings of a polygon layer, from frames or an export."""
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..maps.averaging.averaging_settings import CellAveraging
+from ..maps.averaging.averaging_options import USUAL_DEPTH
 from ..maps.averaging.exported_steps import is_export
 from ..maps.averaging.frame_values import cells_of
-from ..maps.export.export_request import Results
 from ..system.errors import InputError
-from ..system.messages import log
+from ..system.messages import Progress, log, unwatched
+from ..system.option import PathLike
 from ..terrain.elevation import Terrain
 from ..terrain.spatial_inputs import Feature
 from .barrier_loads import BANDS, largest_loads, outline_of
 from .building_layer import read_buildings
 from .opened_results import open_flow
+from .question_options import Question
 
 
 def building_loads(
-    results: Results,
-    path: Path,
-    drag: float,
-    min_depth: float,
-    output: Path,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    asked: Question, path: PathLike, drag: float, output: Path, progress: Progress = unwatched
 ) -> tuple[list[Feature], list[dict], Terrain]:
     """Estimate the largest loads on the buildings at `path`.
 
     Parameters
     ----------
-    results : Results
-        Frames, or an export whose steps have the bands Ut_E and Ut_N.
-    path : Path
+    asked : Question
+        Results: frames, or an export whose steps have the bands Ut_E and Ut_N. Flow shallower than its `min_depth` does
+        not load.
+    path : path
         Polygons.
     drag : float [1]
         C_d of the dynamic pressure.
-    min_depth : float [m]
-        Flow shallower than this does not load.
     output : Path
         Where the answer goes.
     progress : callable
@@ -55,9 +48,10 @@ def building_loads(
     MpmgisError
         Largest values only, no velocities by direction, no density, not polygons.
     """
-    if any(is_export(one) for one in results.frames):  # its cells have their minimum depth already
-        results = replace(results, averaging=CellAveraging())
-    flow = open_flow(results, output)
+    min_depth = asked["min_depth"]
+    if any(is_export(one) for one in asked["frames"]):  # its cells have their minimum depth already
+        asked = {**asked, "min_depth": USUAL_DEPTH}
+    flow = open_flow(asked, output)
     if flow.density is None:
         raise InputError(f"{flow.name}: its density is not known, which `buildings` needs; name the frames instead")
     buildings = read_buildings(path, flow.terrain)

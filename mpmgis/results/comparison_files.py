@@ -21,38 +21,21 @@ from ..maps.export.run_picture import (
 )
 from ..maps.qgis.raster_styles import style_document
 from ..maps.qgis.xml_markup import node
-from ..system.csv_rows import write_records
 from ..system.whole_files import whole_file
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from ..terrain.raster_output import write_geotiff
 from .comparison import nearest, north_up_grid
-from .comparison_values import Comparison
 from .flow_line import Runout, line_up_to
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
 CLASSES = {1: "only A", 2: "only B", 3: "both"}  # number in classes.tif: words
 ONLY_FIRST, ONLY_SECOND, BOTH = "#d95f02", "#1b6fc2", "#7f5aa5"  # distinct for colour-blind readers and in grey
 OPACITY = 0.8  # [1] of the classes over the hillshade
 LINE_COLOUR = "#101010"
 LEGEND_LETTERS = 30  # in a line of the legend
-
-
-def write_table(path: Path, found: Comparison) -> None:
-    """Write the numbers of a Comparison as CSV in SI units; missing numbers are empty.
-
-    Parameters
-    ----------
-    path : Path
-    found : Comparison
-    """
-    names = ("name", "", *(side.name for side in found.sides), "", "")
-    rows = [(quantity, unit, *numbers, "") for quantity, unit, *numbers in found.rows()]
-    common = [(quantity, unit, "", "", "", value) for quantity, unit, value in found.common_rows()]
-    write_records(path, HEADINGS, [names, *rows, *common])
 
 
 def class_numbers(first: np.ndarray, second: np.ndarray) -> np.ndarray:

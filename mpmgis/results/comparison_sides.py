@@ -2,24 +2,22 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 
 from ..exchange.frame_list import third_party_files
-from ..exchange.frame_source import DeclaredByUser, FrameSource
 from ..exchange.readers.reader_list import OWN, reader_of
 from ..laws.quantities import Quantity
-from ..maps.averaging.averaging_settings import CellAveraging
 from ..maps.averaging.exported_steps import is_export
 from ..maps.averaging.result_bands import UNNAMED, Result, names_rasters, open_result
-from ..maps.export.export_request import Results
 from ..maps.qgis.outlines import mask_outline
 from ..system.errors import GeoreferenceError, InputError
 from ..system.messages import log
+from ..system.option import PathLike, options_of
+from ..system.option_values import defaults_of
 from ..system.source_names import file_of
 from ..terrain.elevation import Terrain
 from ..terrain.georeference import name_of, same_place
@@ -27,47 +25,55 @@ from ..terrain.grid import Grid
 from ..terrain.observations import cells_within, read_outline
 from ..terrain.spatial_inputs import is_raster
 from . import comparison, flow_line
-from .comparison_values import Side
+from .answer_files import finite_or_none
+from .flow_line import Runout, ends_along, heights_under
 from .opened_results import peaks_of
-from .runout_measures import ends_along, heights_under
+from .question_options import QuestionOptions, ReadingOptions
 
-if TYPE_CHECKING:
-    from .comparison_answer import CompareRequest
-
+Paths = tuple[PathLike, PathLike]
 OUTLINE = "outline"  # kind of a side that is no result
 HEIGHT_DIFFERENCE = "dz"  # the band of a difference of DEMs
 DEPOSITED = ("h_deposit", "t_vol_deposit")  # bands that are compared with a difference of DEMs
 PEAK_THICKNESS = ("pft", "h_max")  # bands whose highest cell is the start of a flow
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reading:
-    """Options for reading another code's frames."""
+@dataclass(frozen=True)
+class Side:
+    """One of the two results: `name`, `kind`, `band` of its footprint (None: an outline), `area` [m2].
 
-    crs: str | None = None
-    density: float | None = None  # [kg m-3]
-    standoff: float = 0.0  # [m]
-    declarations: DeclaredByUser = field(default_factory=DeclaredByUser)
+    `farthest` (Runout or None) is measured from the start of the line. The runout is measured from `top` [m], the
+    distance along the line of the highest point of the flow (NaN: unknown).
+    """
 
-    def results(self, path: Path, dem: Path | None) -> Results:
-        """Return the Results at a path, on a DTM.
+    name: str
+    kind: str
+    band: str | None
+    area: float
+    farthest: Runout | None = None
+    top: float = math.nan
 
-        Parameters
-        ----------
-        path : Path
-        dem : Path or None
+    @property
+    def farthest_along(self) -> float:
+        """Distance [m] along the line from its start to the farthest point; NaN without one."""
+        return math.nan if self.farthest is None else self.farthest.distance
 
-        Returns
-        -------
-        Results
-        """
-        source = FrameSource(
-            frames=(path,), dem=dem, crs=self.crs, density=self.density, declarations=self.declarations
-        )
-        return Results(source=source, averaging=CellAveraging(standoff=self.standoff))
+    @property
+    def runout(self) -> float:
+        """Distance [m] along the line from the highest to the farthest point of the flow; NaN if unknown."""
+        return self.farthest_along - self.top
 
-
-PLAIN = Reading()  # no options
+    def facts(self) -> dict:
+        """Return the side as plain numbers and strings."""
+        place = None if self.farthest is None else [self.farthest.x, self.farthest.y]
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "band": self.band,
+            "area_m2": self.area,
+            "runout_m": finite_or_none(self.runout),
+            "runout_at": place,
+            "farthest_along_line_m": finite_or_none(self.farthest_along),
+        }
 
 
 @dataclass(frozen=True)
@@ -121,33 +127,45 @@ def _reader(path, declared):
     return reader if files else None
 
 
-def require_useful_options(request: "CompareRequest") -> None:
+def reading_of(asked: ReadingOptions) -> ReadingOptions:
+    """Return the options of reading another code's frames among those of a verb.
+
+    Parameters
+    ----------
+    asked : ReadingOptions
+    """
+    return {name: value for name, value in asked.items() if name in options_of(ReadingOptions)}  # type: ignore[return-value]
+
+
+def require_useful_options(paths: Paths, reading: ReadingOptions) -> None:
     """Raise InputError if options for another code's frames are given and neither side has any.
 
     Parameters
     ----------
-    request : CompareRequest
+    paths : (path, path)
+        Of both sides.
+    reading : ReadingOptions
 
     Raises
     ------
     InputError
     """
-    reading = request.reading
-    readers = [_reader(path, reading.declarations.reader) for path in (request.first, request.second)]
-    if reading != PLAIN and not any(reader not in (None, OWN) for reader in readers):
+    readers = [_reader(path, reading["reader"]) for path in paths]
+    if reading != defaults_of(ReadingOptions) and not any(reader not in (None, OWN) for reader in readers):
         raise InputError(
-            f"neither {request.first} nor {request.second} contains another code's particles; leave out the options "
-            "for these"
+            f"neither {paths[0]} nor {paths[1]} contains another code's particles; leave out the options for these"
         )
 
 
-def open_side(path: Path, request: "CompareRequest") -> Result | Outline:
-    """Return the Result at a path (frames are averaged on the DTM of the request), or the Outline.
+def open_side(path: PathLike, dem: PathLike | None, reading: ReadingOptions) -> Result | Outline:
+    """Return the Result at a path (frames are averaged on their DTM), or the Outline.
 
     Parameters
     ----------
-    path : Path
-    request : CompareRequest
+    path : path
+    dem : path or None
+        DTM of frames; None: the one that they name.
+    reading : ReadingOptions
 
     Returns
     -------
@@ -158,11 +176,12 @@ def open_side(path: Path, request: "CompareRequest") -> Result | Outline:
     InputError
         One frame of several, or elevations.
     """
-    path, reader = Path(path), _reader(path, request.reading.declarations.reader)
+    path, reader = Path(path), _reader(path, reading["reader"])
     if reader is not None:
         log.info(f"{path}: its frames are averaged on the cells of their DTM for this comparison")
-        how = PLAIN if reader == OWN else request.reading
-        return peaks_of(how.results(path, request.dem))
+        how = defaults_of(ReadingOptions) if reader == OWN else reading
+        usual = defaults_of(QuestionOptions)
+        return peaks_of({**usual, **how, "dem": dem, "frames": (path,), "output": None})
     plain = file_of(path)
     if plain.is_file() and plain.suffix.lower() == ".h5":
         raise InputError(f"{path} is one frame; give the folder of the run, so that maxima include all frames")
@@ -198,11 +217,11 @@ def _classified(result, path):
     return result
 
 
-def _footprint_band(request, sources):
-    """The band whose footprint is compared: that of the request, else the deposit for a difference of DEMs."""
-    comparison.require_present_name(request.band)
-    if request.band is not None or not any(source.kind == comparison.DIFFERENCE for source in sources):
-        return request.band
+def _footprint_band(band, sources):
+    """The band whose footprint is compared: the given one, else the deposit for a difference of DEMs."""
+    comparison.require_present_name(band)
+    if band is not None or not any(source.kind == comparison.DIFFERENCE for source in sources):
+        return band
     deposit = next((band for source in sources for band in DEPOSITED if band in source.bands), None)
     if deposit is None and not all(source.kind == comparison.DIFFERENCE for source in sources):
         other = next(source for source in sources if source.kind != comparison.DIFFERENCE)
@@ -213,12 +232,12 @@ def _footprint_band(request, sources):
     return deposit
 
 
-def _distinct_names(request, sources):
+def _distinct_names(paths, sources):
     """The names of both sides, with their folders if they are the same."""
     names = [source.name for source in sources]
     if names[0] == names[1]:
-        names = [f"{Path(path).resolve().parent.name}/{Path(path).name}" for path in (request.first, request.second)]
-    return names if names[0] != names[1] else [str(request.first), str(request.second)]
+        names = [f"{Path(path).resolve().parent.name}/{Path(path).name}" for path in paths]
+    return names if names[0] != names[1] else [str(path) for path in paths]
 
 
 @dataclass(frozen=True)
@@ -252,15 +271,20 @@ class Footprint:
 
 
 def footprints_of(
-    request: "CompareRequest", sources: Sequence[Result | Outline]
+    paths: Paths, sources: Sequence[Result | Outline], threshold: float, band: str | None
 ) -> tuple[Sequence[Footprint], list[tuple], Grid]:
     """Return the footprints of both sides, pairs of bands to compare, and the common grid.
 
     Parameters
     ----------
-    request : CompareRequest
+    paths : (path, path)
+        Of both sides.
     sources : sequence of Result or Outline
         Both sides, from `open_side`.
+    threshold : float [m, or the unit of the band]
+        Cells above it belong to the footprint.
+    band : str or None
+        None: peak thickness, or what is compared with a difference of DEMs.
 
     Returns
     -------
@@ -272,27 +296,25 @@ def footprints_of(
         Two outlines, no band in common, or different CRSs.
     """
     if all(isinstance(source, Outline) for source in sources):
-        raise InputError(
-            f"{request.first} and {request.second} are both outlines; expected at least one result, for its cells"
-        )
+        raise InputError(f"{paths[0]} and {paths[1]} are both outlines; expected at least one result, for its cells")
     compared = not any(isinstance(source, Outline) for source in sources)
     pairs = comparison.matched_bands(*(tuple(source.bands) for source in sources))
-    chosen = comparison.footprint_bands(pairs, _footprint_band(request, sources), compared)
+    chosen = comparison.footprint_bands(pairs, _footprint_band(band, sources), compared)
     if chosen not in pairs:  # two names of one quantity, declared by the user
         pairs = [chosen, *(pair for pair in pairs if not set(pair) & set(chosen))]
-    layers = _read_layers(request, sources, chosen)
-    joint = _joint_grid(request, layers)
-    names = _distinct_names(request, sources)
+    layers = _read_layers(paths, sources, chosen)
+    joint = _joint_grid(threshold, layers)
+    names = _distinct_names(paths, sources)
     units = [source.bands[band].quantity.unit if band else "" for source, band in zip(sources, chosen, strict=True)]
     footprints = [
-        _outlined(name, layer, joint) if band is None else _flowed(name, source, band, unit, *layer, joint, request)
-        for name, source, band, unit, layer in zip(names, sources, chosen, units, layers, strict=True)
+        _outlined(name, layer, joint) if own is None else _flowed(name, source, own, unit, *layer, joint, threshold)
+        for name, source, own, unit, layer in zip(names, sources, chosen, units, layers, strict=True)
     ]
     _log_outside_area(footprints, joint)
     return footprints, pairs, joint
 
 
-def _read_layers(request, sources, chosen):
+def _read_layers(paths, sources, chosen):
     """(values, Grid) of each result's footprint band, the polygons of an outline; all in one CRS."""
     layers, known = [None, None], None
     for k, source in enumerate(sources):
@@ -308,7 +330,7 @@ def _read_layers(request, sources, chosen):
         elif layers[k][1].crs is None and crs is not None:
             log.info(f"{source.name} has no CRS; {name_of(crs)} of the other side is assumed")
             layers[k] = (layers[k][0], replace(layers[k][1], crs=crs))
-    _check_overlap(request, [_bounds(layer) for layer in layers], None not in own)
+    _check_overlap(paths, [_bounds(layer) for layer in layers], None not in own)
     return layers
 
 
@@ -329,13 +351,13 @@ def _bounds(layer):
     return layer[1].bounds if isinstance(layer, tuple) else layer.bounds
 
 
-def _check_overlap(request, boxes, certain):
+def _check_overlap(paths, boxes, certain):
     """Log that the two do not overlap; an error unless both have a CRS."""
     (west, south, east, north), other = boxes
     if west < other[2] and east > other[0] and south < other[3] and north > other[1]:
         return
     apart = (
-        f"{request.first} (E {west:.6g} to {east:.6g}, N {south:.6g} to {north:.6g}) and {request.second} (E "
+        f"{paths[0]} (E {west:.6g} to {east:.6g}, N {south:.6g} to {north:.6g}) and {paths[1]} (E "
         f"{other[0]:.6g} to {other[2]:.6g}, N {other[1]:.6g} to {other[3]:.6g}) do not overlap"
     )
     if not certain:
@@ -343,21 +365,19 @@ def _check_overlap(request, boxes, certain):
     log.info(apart)
 
 
-def _joint_grid(request, layers):
+def _joint_grid(threshold, layers):
     """The common grid: cells of the finer one, over both footprints."""
     rasters = [layer for layer in layers if isinstance(layer, tuple)]
-    corners = [
-        comparison.mask_corners(comparison.footprint(values, request.threshold), grid) for values, grid in rasters
-    ]
+    corners = [comparison.mask_corners(comparison.footprint(values, threshold), grid) for values, grid in rasters]
     corners += [np.reshape(layer.bounds, (2, 2)) for layer in layers if not isinstance(layer, tuple)]
     corners = np.concatenate(corners)
     if len(corners) == 0:
-        raise InputError(f"no cell of either is above `threshold={request.threshold:g}`; give a lower one")
+        raise InputError(f"no cell of either is above `threshold={threshold:g}`; give a lower one")
     return comparison.joint_grid([grid for _, grid in rasters], corners)
 
 
-def _flowed(name, source, band, unit, values, grid, joint, request):
-    mask = comparison.footprint(values, request.threshold)
+def _flowed(name, source, band, unit, values, grid, joint, threshold):
+    mask = comparison.footprint(values, threshold)
     area = float(np.count_nonzero(mask) * grid.cell_area)
     on_joint = comparison.nearest(mask, grid, joint, outside=False)
     weight = comparison.nearest(values, grid, joint)

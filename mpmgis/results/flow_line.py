@@ -1,4 +1,4 @@
-"""Measure distances along a line: runout, and the common centre line of two flows."""
+"""Measure distances and places along a line: runout, and the common centre line of two flows."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,7 +10,12 @@ from affine import Affine
 from scipy import ndimage, sparse, spatial
 from scipy.sparse import csgraph
 
+from ..system.errors import InputError
+from ..system.messages import log
+from ..system.option import PathLike
+from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
+from ..terrain.observations import read_line
 
 _LINE_CELLS = 40_000  # largest number of footprint cells for the centre line search
 _LINE_PIECES = 40  # most pieces of the centre line: bands of equal distance
@@ -301,3 +306,166 @@ def _through_bands(
     line = np.vstack([start, centres])
     apart = np.r_[True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-9 * cell_size]
     return line[apart] if np.count_nonzero(apart) > 1 else None
+
+
+class Place(NamedTuple):
+    """A point of the flow: distance `along` the line, map position (`x`, `y`), elevation `z`, all [m]."""
+
+    along: float
+    x: float
+    y: float
+    z: float
+
+
+def highest_place(mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
+    """Return the Place of the highest True cell with an elevation; None without such a cell.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    elevation : float64[rows, columns] [m]
+        NaN if unknown.
+    grid : Grid
+    line : float[n, 2] [m]
+    """
+    return _place(np.where(mask & np.isfinite(elevation), elevation, -np.inf), elevation, grid, line)
+
+
+def farthest_place(mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
+    """Return the Place of the True cell with an elevation farthest along a line; None without such a cell.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    elevation : float64[rows, columns] [m]
+        NaN if unknown.
+    grid : Grid
+    line : float[n, 2] [m]
+    """
+    there = mask & np.isfinite(elevation)
+    along = np.full(mask.shape, -np.inf)
+    along[there] = positions_along(line, *grid.xy(*np.nonzero(there)))
+    return _place(along, elevation, grid, line)
+
+
+def _place(score: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray) -> Place | None:
+    at = np.unravel_index(np.argmax(score), score.shape)
+    if score[at] == -np.inf:
+        return None
+    x, y = (float(value) for value in grid.xy(*at))
+    return Place(float(positions_along(line, [x], [y])[0]), x, y, float(elevation[at]))
+
+
+def heights_under(mask: np.ndarray, grid: Grid, terrain: Terrain) -> np.ndarray:
+    """Return the elevation of the terrain under the True cells of a mask; NaN elsewhere.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+    grid : Grid
+    terrain : Terrain
+
+    Returns
+    -------
+    float64[rows, columns] [m]
+    """
+    elevation = np.full(grid.shape, np.nan)
+    elevation[mask] = terrain.sample(*grid.xy(*np.nonzero(mask)))
+    return elevation
+
+
+def ends_along(
+    mask: np.ndarray, elevation: np.ndarray, grid: Grid, line: np.ndarray
+) -> tuple[Place | None, Place | None]:
+    """Return the highest Place and the farthest Place along `line` of the True cells; each None if missing.
+
+    `runout` and `compare` measure the runout between them: horizontally, along the line, between cell centres.
+
+    Parameters
+    ----------
+    mask : bool[rows, columns]
+        Cells with flow.
+    elevation : float64[rows, columns] [m]
+        NaN if unknown; such cells are ignored.
+    grid : Grid
+    line : float[n, 2] [m]
+
+    Returns
+    -------
+    (Place or None, Place or None)
+    """
+    return highest_place(mask, elevation, grid, line), farthest_place(mask, elevation, grid, line)
+
+
+def line_profile(
+    line: np.ndarray, terrain: Terrain, begin: float, end: float, spacing: float
+) -> tuple[np.ndarray, ...]:
+    """Sample the terrain along a line, at its vertices and at equal distances between them.
+
+    Parameters
+    ----------
+    line : float[n, 2] [m]
+    terrain : Terrain
+    begin, end : float [m]
+        Distances along the line.
+    spacing : float [m]
+
+    Returns
+    -------
+    (along, x, y, elevation, ground) : float64[n] [m]
+        `ground` is the length along the terrain from the first point, interpolated over nodata.
+    """
+    count = max(2, math.ceil((end - begin) / spacing) + 1)
+    vertices = vertex_distances(line)
+    along = np.union1d(np.linspace(begin, end, count), vertices[(vertices > begin) & (vertices < end)])
+    x, y = places_along(line, along)
+    elevation = terrain.sample(x, y)
+    return along, x, y, elevation, ground_lengths(along, elevation)
+
+
+def ground_lengths(along: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+    """Return the length along the terrain up to each position on a line.
+
+    Parameters
+    ----------
+    along, elevation : float64[n] [m]
+
+    Returns
+    -------
+    float64[n] [m]
+    """
+    known = np.isfinite(elevation)
+    heights = np.interp(along, along[known], elevation[known]) if known.any() else np.zeros(len(along))
+    return np.r_[0.0, np.cumsum(np.hypot(np.diff(along), np.diff(heights)))]
+
+
+def given_line(path: PathLike, flowed: np.ndarray, grid: Grid, terrain: Terrain | None) -> np.ndarray:
+    """Return the line in the file `path`, from its upper end.
+
+    Parameters
+    ----------
+    path : path
+    flowed : bool[rows, columns]
+        Cells of `grid` that the flow reached; the line must pass within two cells of one.
+    grid : Grid
+    terrain : Terrain or None
+        Without it the direction is not changed.
+
+    Returns
+    -------
+    float64[n, 2] [m]
+
+    Raises
+    ------
+    MpmgisError
+    """
+    line = read_line(path, grid)
+    distance = distance_to_line(line, flowed, grid)
+    if distance > 2 * grid.cell_size:
+        raise InputError(f"{path} is {distance:.0f} m away from the flow; give the path of the flow")
+    if terrain is not None:
+        begin, end = terrain.sample(*line[[0, -1]].T)
+        if begin < end:
+            log.info(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is reversed")
+            return line[::-1]
+    return line

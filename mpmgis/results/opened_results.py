@@ -1,13 +1,16 @@
 """Open results: frames of any code, an exported folder, or rasters; cells averaged as in an export."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..exchange.frame_list import list_frames
+from ..exchange.frame_source import DeclarationOptions, frames_at
+from ..frames.frame_options import DensityOptions, FrameTerrainOptions
 from ..frames.run_terrain import run_terrain, terrain_of_rasters
+from ..maps.averaging.averaging_options import USUAL_DEPTH, SizedCellOptions
 from ..maps.averaging.band_products import PRODUCTS
 from ..maps.averaging.export_resolution import (
     default_cell_size,
@@ -21,13 +24,15 @@ from ..maps.averaging.frame_values import Averaging, cells_of, frame_at_cells
 from ..maps.averaging.placement import Bed
 from ..maps.averaging.result_bands import Result, names_rasters, open_result
 from ..maps.export.export_inputs import log_unused_options, release_density
-from ..maps.export.export_request import Results
+from ..maps.export.export_options import ExportOptions, export_with
 from ..maps.export.map_export import peaks_of_frames
 from ..system.errors import FormatError, InputError
 from ..system.messages import log
+from ..system.option import PathLike, options_of
 from ..system.parallel import frame_pool
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
+from .question_options import FrameQuestion, Question
 
 SAME_CELLS = 0.01  # [cells] by which the corners of rasters of one result may differ
 
@@ -192,13 +197,13 @@ class RasterFlow:
 
 
 def open_flow(
-    request: Results, output: Path | None, peaks_do: bool = False, used: Sequence[str] = ()
+    asked: Question, output: Path | None, peaks_do: bool = False, used: Sequence[str] = ()
 ) -> "FrameFlow | ExportFlow | RasterFlow":
-    """Open the flow of a request: frames, one exported folder, or rasters of its largest values.
+    """Open the flow of a question: frames, one exported folder, or rasters of its largest values.
 
     Parameters
     ----------
-    request : Results
+    asked : Question
     output : Path
         It must not contain the DTM.
     peaks_do : bool
@@ -214,23 +219,33 @@ def open_flow(
     ------
     MpmgisError
     """
-    if any(is_export(path) for path in request.frames):
-        return _open_export(request)
-    if any(names_rasters(path) for path in request.frames):
-        return _open_rasters(request, peaks_do, used)
-    return open_frames(request, output)
+    if any(is_export(path) for path in asked["frames"]):
+        return _open_export(asked)
+    if any(names_rasters(path) for path in asked["frames"]):
+        return _open_rasters(asked, peaks_do, used)
+    return open_frames(asked, output, cell_size=asked["cell_size"], min_depth=asked["min_depth"])
 
 
-def open_frames(request: Results, output: Path | None, why: str = "") -> FrameFlow:
-    """Open the flow of a request whose results are frames.
+def open_frames(
+    asked: FrameQuestion,
+    output: Path | None,
+    why: str = "",
+    cell_size: float | None = None,
+    min_depth: float = USUAL_DEPTH,
+) -> FrameFlow:
+    """Open the flow of a question whose results are frames.
 
     Parameters
     ----------
-    request : Results
+    asked : FrameQuestion
     output : Path
         It must not contain the DTM.
     why : str
         Reason why rasters do not suffice, for the error.
+    cell_size : float or None [m]
+        None: the finer of the cells of DTM and run.
+    min_depth : float [m]
+        Shallower flow has no velocity.
 
     Returns
     -------
@@ -241,95 +256,110 @@ def open_frames(request: Results, output: Path | None, why: str = "") -> FrameFl
     MpmgisError
         Unreadable input, or rasters instead of frames.
     """
-    for path in request.frames:
+    for path in asked["frames"]:
         if is_export(path):
             raise InputError(f"{path} is an export: {why}; give the folder of its frames")
         if names_rasters(path):
             raise InputError(f"{path} are rasters: {why}; give the code's frames of particles")
-    entries = list_frames(request.frames, request.source.terms(), request.source.ground())
-    terrain = run_terrain(request.source, entries, output)
-    density = release_density(request.source, entries)
-    log_unused_options(request.averaging, entries)
-    asked, run_cells = request.sampling.cell_size, run_cell_size(entries)
-    require_cells_within(terrain.grid, asked, north_up=True)
-    grid = export_grid(terrain.grid, default_cell_size(terrain.grid, run_cells) if asked is None else asked)
-    report_cells(grid, terrain.grid, run_cells, asked)
+    entries = frames_at(asked["frames"], asked)
+    terrain = run_terrain(asked, entries, output)
+    density = release_density(asked, entries)
+    log_unused_options(asked, entries)
+    run_cells = run_cell_size(entries)
+    require_cells_within(terrain.grid, cell_size, north_up=True)
+    grid = export_grid(terrain.grid, default_cell_size(terrain.grid, run_cells) if cell_size is None else cell_size)
+    report_cells(grid, terrain.grid, run_cells, cell_size)
     averaging = Averaging(
-        bed=Bed.of(terrain, request.averaging.bed, request.averaging.standoff),
+        bed=Bed.of(terrain, standoff=asked["standoff"]),
         grid=grid,
         density=density,
         names=(),
-        percentile=request.averaging.percentile,
-        min_depth=request.averaging.min_depth,
+        percentile=asked["percentile"],
+        min_depth=min_depth,
     )
-    return FrameFlow(result_name(request), entries, terrain, averaging)
+    return FrameFlow(result_name(asked["frames"]), entries, terrain, averaging)
 
 
-def result_name(request: Results) -> str:
+def result_name(frames: Sequence[PathLike]) -> str:
     """Return the name of a result.
 
     It is the name of the folder of its frames or of the export, or the common beginning of its rasters.
 
     Parameters
     ----------
-    request : Results
+    frames : sequence of path
+        Of the result.
 
     Returns
     -------
     str
     """
-    path = Path(str(request.frames[0])).absolute()
+    path = Path(str(frames[0])).absolute()
     if not path.is_dir() and names_rasters(path):
         return path.stem
     folder = path if path.is_dir() else path.parent
     return folder.resolve().name or "frames"
 
 
-def _open_export(request):
-    _require_alone(request)
-    _refuse_options_of_frames(request)
-    steps = open_steps(request.frames[0])
-    path = request.source.dem or steps.terrain
-    return ExportFlow(
-        steps.name, steps, terrain_of_rasters(path, steps.grid.crs, request.source.dem_band, request.source.to_crs)
-    )
+def _open_export(asked):
+    _require_alone(asked)
+    _refuse_options_of_frames(asked)
+    steps = open_steps(asked["frames"][0])
+    path = asked["dem"] or steps.terrain
+    return ExportFlow(steps.name, steps, terrain_of_rasters(path, steps.grid.crs, asked["dem_band"], asked["to_crs"]))
 
 
-def _open_rasters(request: Results, peaks_do: bool, used: Sequence[str]) -> RasterFlow:
+def _open_rasters(asked: Question, peaks_do: bool, used: Sequence[str]) -> RasterFlow:
     """The RasterFlow of rasters with standard names."""
-    path = request.frames[0]
+    path = asked["frames"][0]
     if not peaks_do:
         raise InputError(f"{path} are rasters of largest values without times; give frames, or an export")
-    _require_alone(request)
-    _refuse_options_of_frames(request, used)
+    _require_alone(asked)
+    _refuse_options_of_frames(asked, used)
     result = open_result(path)
-    dem = request.source.dem or result.terrain
+    dem = asked["dem"] or result.terrain
     if dem is None:
         raise InputError(f"{path}: there is no DTM beside these rasters; give it with `dem`")
     _, grid = next(iter(result.bands.values())).read()
-    terrain = terrain_of_rasters(dem, grid.crs, request.source.dem_band, request.source.to_crs)
-    return RasterFlow(result_name(request), terrain, grid, request.source.density, request.averaging.min_depth)
+    terrain = terrain_of_rasters(dem, grid.crs, asked["dem_band"], asked["to_crs"])
+    return RasterFlow(result_name(asked["frames"]), terrain, grid, asked["density"], asked["min_depth"])
 
 
-def _require_alone(request):
-    if len(request.frames) > 1:
-        raise InputError(
-            f"{request.frames[0]} and {request.frames[1]}: give one export or set of rasters at a time, without frames"
-        )
+def _require_alone(asked):
+    if len(asked["frames"]) > 1:
+        first, second, *_ = asked["frames"]
+        raise InputError(f"{first} and {second}: give one export or set of rasters at a time, without frames")
 
 
-def _refuse_options_of_frames(request, used=()):
+def options_of_frames(asked: Question) -> list[str]:
+    """Return the names of the given options that apply only to frames.
+
+    Parameters
+    ----------
+    asked : Question
+    """
+    tables = (FrameTerrainOptions, DensityOptions, DeclarationOptions, SizedCellOptions)
+    options = {name: option for table in tables for name, option in options_of(table).items()}
+    values: Mapping[str, Any] = {**asked}
+    return [
+        name
+        for name, option in options.items()
+        if name not in ("dem_band", "to_crs") and values[name] != option.default
+    ]
+
+
+def _refuse_options_of_frames(asked, used=()):
     """Refuse options of reading and averaging frames, except those in `used`: they have no effect on rasters."""
-    given = [name for name in request.options_of_frames() if name not in used]
+    given = [name for name in options_of_frames(asked) if name not in used]
     if given:
         raise InputError(
-            f"{request.frames[0]} contains rasters, which are already averaged; "
+            f"{asked['frames'][0]} contains rasters, which are already averaged; "
             f"{', '.join(f'`{name}`' for name in given)} requires frames"
         )
 
 
 def peaks_of(
-    request: Results,
+    asked: Question,
     progress: Callable[[int, int], None] = lambda done, total: None,
     used: Sequence[str] = (),
     used_of_rasters: Sequence[str] = (),
@@ -338,7 +368,7 @@ def peaks_of(
 
     Parameters
     ----------
-    request : Results
+    asked : Question
     progress : callable
         Called with (frames done, frames in all).
     used : sequence of str
@@ -350,12 +380,18 @@ def peaks_of(
     -------
     Result
     """
-    exported = any(is_export(path) for path in request.frames)
-    if exported or any(names_rasters(path) for path in request.frames):
-        _require_alone(request)
-        _refuse_options_of_frames(request, used if exported else (*used, *used_of_rasters))
-        return replace(open_result(request.frames[0]).with_export_names(), name=result_name(request))
-    return replace(peaks_of_frames(request, progress), name=result_name(request))
+    frames = asked["frames"]
+    exported = any(is_export(path) for path in frames)
+    if exported or any(names_rasters(path) for path in frames):
+        _require_alone(asked)
+        _refuse_options_of_frames(asked, used if exported else (*used, *used_of_rasters))
+        return replace(open_result(frames[0]).with_export_names(), name=result_name(frames))
+    return replace(peaks_of_frames(export_with(**_shared(asked)), progress), name=result_name(frames))
+
+
+def _shared(asked: Question) -> dict[str, Any]:
+    """Options of a question that an export has too."""
+    return {name: value for name, value in asked.items() if name == "frames" or name in options_of(ExportOptions)}
 
 
 def read_peaks(

@@ -7,7 +7,7 @@ needs no ids; its accuracy depends on the frame interval.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,19 +17,6 @@ from ..maps.averaging.binning import MASS, MOMENTUM, VOLUME
 from ..maps.averaging.cell_averages import bin_frame
 from ..maps.averaging.frame_values import Averaging, cells_of, pick
 from ..maps.averaging.placement import place
-
-COLUMNS = (
-    ("time", "s"),
-    ("discharge", "m3 s-1"),
-    ("mass_discharge", "kg s-1"),
-    ("volume", "m3"),
-    ("mass", "kg"),
-    ("cells_discharge", "m3 s-1"),
-    ("cells_mass_discharge", "kg s-1"),
-    ("cells_volume", "m3"),
-    ("cells_mass", "kg"),
-)
-
 
 RASTER_BANDS = ("mass", "Un", "Ut_E", "Ut_N")  # of an exported step, for the flux of its cells
 
@@ -93,62 +80,6 @@ class Balance:
     def turned(self) -> "Balance":
         """Return the balance for the opposite direction."""
         return Balance(*(-value for value in (self.beyond, self.crossed, self.round_ends, self.began)))
-
-
-@dataclass(frozen=True)
-class HydrographFound:
-    """A hydrograph; positive in the direction of the net mass, towards `azimuth` [degrees from north].
-
-    Parameters
-    ----------
-    name : str
-    times : float64[k] [s]
-    volume, mass : float64[k - 1] [m3], [kg]
-        Crossed from each time to the next.
-    by_particles : bool[k - 1]
-        True: from particles; False: from the flux of the cells.
-    cells : float64[k, 2] [m3 s-1], [kg s-1]
-        Flux of the section's cells at each time.
-    azimuth : float
-    balance : Balance or None
-        None if an interval is not from particles, or if the section cannot be extended at its ends.
-    unseen : float [kg]
-        Largest mass that began or ended between two frames.
-    files : tuple of Path
-    """
-
-    name: str
-    times: np.ndarray
-    volume: np.ndarray
-    mass: np.ndarray
-    by_particles: np.ndarray
-    cells: np.ndarray
-    azimuth: float
-    balance: Balance | None
-    unseen: float = 0.0
-    files: tuple = field(default=())
-
-    def rows(self) -> list[tuple]:
-        """Return rows of COLUMNS: rates are means since the previous time, volume and mass are cumulative."""
-        lasting = np.diff(self.times)
-        totals = np.cumsum(np.r_[0.0, self.volume]), np.cumsum(np.r_[0.0, self.mass])
-        rates = np.r_[math.nan, self.volume / lasting], np.r_[math.nan, self.mass / lasting]
-        return list(zip(self.times, *rates, *totals, *self.cells.T, *self.cells_totals().T, strict=True))
-
-    def cells_totals(self) -> np.ndarray:
-        """Return the cumulative flux of the cells, by the trapezoidal rule.
-
-        Returns
-        -------
-        float64[k, 2] [m3], [kg]
-        """
-        return np.vstack([np.zeros(2), np.cumsum(trapezoids(self.times, self.cells), axis=0)])
-
-    def peak(self) -> tuple[float, float]:
-        """Return the largest mean discharge [m3 s-1] and the time [s] at which its interval ends."""
-        rates = self.volume / np.diff(self.times)
-        k = int(np.argmax(rates))
-        return float(rates[k]), float(self.times[k + 1])
 
 
 def trapezoids(times: np.ndarray, rates: np.ndarray) -> np.ndarray:

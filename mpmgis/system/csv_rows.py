@@ -30,6 +30,25 @@ def write_records(path: str | Path, names: Sequence[str], rows: Iterable[Sequenc
         table.writerows([_cell(value) for value in row] for row in rows)
 
 
+def write_columns(path: str | Path, columns: Iterable[tuple[str, str]], rows: Iterable[Sequence[str | float]]) -> None:
+    """Write rows of values as CSV, with the name and unit of each column as its heading.
+
+    Parameters
+    ----------
+    path : str or Path
+    columns : iterable of (str, str)
+        Names and units.
+    rows : iterable of sequences of str or float
+        A number that is not finite becomes an empty cell.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    write_records(path, [column_name(*column) for column in columns], rows)
+
+
 def column_name(name: str, unit: str) -> str:
     """Return the heading `name_unit` of a column, for example ``Ut_m_s``.
 

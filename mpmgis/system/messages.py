@@ -13,10 +13,21 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 log = logging.getLogger("mpmgis")
+Progress = Callable[[int, int], None]  # called with (steps done, steps in all)
 PROGRESS_SECONDS = 10.0  # [s] between two logged texts on progress
 _display: ContextVar[Callable[[str], None] | None] = ContextVar("display", default=None)
 _logged = [-PROGRESS_SECONDS]  # [s] when the last text on progress was logged
 _sinks: ContextVar[tuple[Callable[[str], bool], ...]] = ContextVar("sinks", default=())
+
+
+def unwatched(done: int, total: int) -> None:
+    """Ignore progress.
+
+    Parameters
+    ----------
+    done, total : int
+        Number of steps.
+    """
 
 
 def _passes_sinks(record: logging.LogRecord) -> bool:

@@ -15,10 +15,9 @@ import time
 from pathlib import Path
 from statistics import median
 
-from mpmgis.exchange.frame_source import FrameSource
-from mpmgis.maps.export.export_request import CellSampling, ExportFiles, ExportRequest
+from mpmgis.maps.export.export_options import export_with
 from mpmgis.maps.export.map_export import export_raster
-from mpmgis.results.comparison_answer import CompareRequest, compare
+from mpmgis.results.comparison_answer import compare
 from mpmgis.simulation.scene_run import run
 
 DATA = Path(__file__).parents[2] / "../shared/data/iseesnow_idealized"
@@ -131,17 +130,10 @@ def _studied(numerics, folder):
     """((IoU, area [ha], runout [m], largest speed [m s-1]), time [s], cost) of a run, from `compare` of its export."""
     frames, seconds, cost = _simulated(numerics, folder)
     exported = folder / "gis"
-    export_raster(
-        ExportRequest(
-            source=FrameSource(frames=(frames,)),
-            output=exported,
-            sampling=CellSampling(time_step=math.inf),
-            files=ExportFiles(naming="iseesnow", qgis=False),
-        )
-    )
+    export_raster(export_with(frames=(frames,), output=exported, time_step=math.inf, naming="iseesnow", qgis=False))
     ensemble = DATA / "ensemble_median"
-    thick = compare(CompareRequest(first=exported, second=ensemble, threshold=THICK, band="pft"))
+    thick = compare(exported, ensemble, threshold=THICK, band="pft")
     path = DATA / "LINES/path_aimec.shp"
-    fast = compare(CompareRequest(first=exported, second=ensemble, threshold=FAST, band="pfv", line=path))
+    fast = compare(exported, ensemble, threshold=FAST, band="pfv", line=path)
     speed = next(band.peak[0] for band in fast.bands if band.names[0] == "pfv")
     return (thick.overlap.iou, thick.sides[0].area / 1e4, fast.sides[0].farthest_along, speed), seconds, cost

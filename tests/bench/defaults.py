@@ -46,12 +46,11 @@ from exact_solutions import stoker
 from run import machine
 
 from mpmgis.compiled.jit import set_threads
-from mpmgis.exchange.frame_source import FrameSource
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.frames.run_folder import RunFolder
-from mpmgis.maps.export.export_request import CellSampling, ExportFiles, ExportRequest
+from mpmgis.maps.export.export_options import export_with
 from mpmgis.maps.export.map_export import export_raster
-from mpmgis.results.comparison_answer import CompareRequest, compare
+from mpmgis.results.comparison_answer import compare
 from mpmgis.scene.scene_reading import read_toml
 from mpmgis.simulation.preparation import prepare
 from mpmgis.simulation.scene_run import integrate_into
@@ -309,12 +308,15 @@ def peaks_of(run, cells, size):
     """Peaks of the run in a folder, on cells of `size` [m] over its whole terrain."""
     into = run.with_name(f"{run.name}_gis")
     export_raster(
-        ExportRequest(
-            source=FrameSource(frames=(run,)),
+        export_with(
+            frames=(run,),
             output=into,
             overwrite=True,
-            sampling=CellSampling(cell_size=size, extent="dtm", time_step=math.inf),
-            files=ExportFiles(products=("h", "Ut"), qgis=False),
+            cell_size=size,
+            extent="dtm",
+            time_step=math.inf,
+            products=("h", "Ut"),
+            qgis=False,
         )
     )
     (path,) = (into / "rasters").glob("*_max.tif")
@@ -341,15 +343,9 @@ def ensemble_overlap(run):
     """Overlap with the median of the twelve codes of ISeeSnow, computed as in the intercomparison."""
     into = run.with_name(f"{run.name}_iseesnow")
     export_raster(
-        ExportRequest(
-            source=FrameSource(frames=(run,)),
-            output=into,
-            overwrite=True,
-            sampling=CellSampling(time_step=math.inf),
-            files=ExportFiles(naming="iseesnow", qgis=False),
-        )
+        export_with(frames=(run,), output=into, overwrite=True, time_step=math.inf, naming="iseesnow", qgis=False)
     )
-    return compare(CompareRequest(first=into, second=DATA / "ensemble_median", threshold=THICK, band="pft")).overlap.iou
+    return compare(into, DATA / "ensemble_median", threshold=THICK, band="pft").overlap.iou
 
 
 def studied(name, folder, settings, repeats):

@@ -5,8 +5,8 @@ import subprocess
 
 import pytest
 
-from mpmgis.commands.option import all_verbs
 from mpmgis.commands.shell.main import main
+from mpmgis.commands.verb import all_verbs
 
 
 def script(shell, capsys):

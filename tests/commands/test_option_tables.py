@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpmgis.commands.option import PathLike, all_verbs, options_of, verb_of
-from mpmgis.commands.option_values import checked, complete, expected, request, with_flags, with_names
 from mpmgis.commands.shell.parser import OneLineParser, add_arguments, values_of
-from mpmgis.commands.verb_calls import workflow_of
+from mpmgis.commands.verb import all_verbs, verb_of
+from mpmgis.commands.verb_calls import complete, request, with_flags, with_names, workflow_of
 from mpmgis.system.errors import InputError
+from mpmgis.system.option import PathLike, options_of
+from mpmgis.system.option_values import checked, expected
 
 VERBS = {verb.name: verb for verb in all_verbs()}
 CASES = [pytest.param(verb.name, name, id=f"{verb.name}-{name}") for verb in VERBS.values() for name in verb.named()]

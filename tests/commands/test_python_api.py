@@ -15,7 +15,7 @@ import xarray
 from slope_site import SCENE, write_site
 
 import mpmgis
-from mpmgis.commands.option import verb_names
+from mpmgis.commands.verb import verb_names
 from mpmgis.system.errors import InputError
 
 

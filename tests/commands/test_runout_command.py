@@ -131,9 +131,9 @@ def test_what_cannot_be_answered_is_refused_in_one_line(tmp_path, capsys):
 
 def test_a_flow_of_which_the_centre_comes_back_has_no_angle_of_nan(tmp_path, monkeypatch):
     labels = []
-    from mpmgis.results import runout_plots
+    from mpmgis.results import runout_answer
 
-    monkeypatch.setattr(runout_plots, "legend", lambda axes, **_: labels.extend(axes.get_legend_handles_labels()[1]))
+    monkeypatch.setattr(runout_answer, "legend", lambda axes, **_: labels.extend(axes.get_legend_handles_labels()[1]))
     folder = write_block_run(tmp_path, (600.0, 650.0, 600.0))
     assert main(["runout", str(folder), "-o", str(tmp_path / "r.png")]) == 0
     assert "centre of mass" in labels and not any("nan" in label for label in labels)

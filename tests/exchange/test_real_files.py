@@ -50,7 +50,7 @@ def facts_of(entry):
 @pytest.mark.parametrize("name", ["unwrapped.dump", "shares.dump", "packed.dump.gz"])
 def test_lammps_dumps_hold_what_its_thermo_printed(name):
     """Places as they are, as shares of a sheared box, and packed by LAMMPS itself."""
-    step = {"time_step": 1e-4} if name.startswith("packed") else {}
+    step = {"frame_step": 1e-4} if name.startswith("packed") else {}
     entries = frames_of(f"lammps/{name}", **step)
     assert len(entries) == len(LAMMPS)
     for entry, (time, count, mass, centre, speed) in zip(entries, LAMMPS, strict=True):
@@ -74,7 +74,7 @@ def test_grains_in_a_periodic_box_lie_where_the_dump_puts_them():
 
 
 def test_pieces_of_two_processes_are_one_frame_even_if_one_is_named(tmp_path):
-    both, one = (frames_of(f"lammps/piece.{some}.3000.dump", time_step=1e-4) for some in ("*", "1"))
+    both, one = (frames_of(f"lammps/piece.{some}.3000.dump", frame_step=1e-4) for some in ("*", "1"))
     whole = frames_of("lammps/box.dump")[-1].read().particles
     for entries in (both, one):
         (entry,) = entries
@@ -85,7 +85,7 @@ def test_pieces_of_two_processes_are_one_frame_even_if_one_is_named(tmp_path):
     shutil.copy(REAL / "lammps" / "piece.1.3000.dump", tmp_path / "piece.2.3000.dump")
     shutil.copy(REAL / "lammps" / "piece.0.3000.dump", tmp_path)
     with pytest.raises(MpmgisError, match="the piece of rank 1 is missing"):
-        frames_of(tmp_path, time_step=1e-4)
+        frames_of(tmp_path, frame_step=1e-4)
 
 
 def test_two_runs_side_by_side_are_no_pieces(tmp_path):
@@ -147,9 +147,9 @@ def test_a_packed_dump_that_is_damaged_is_refused_in_a_line(tmp_path):
     ):
         path.write_bytes(content)
         with pytest.raises(MpmgisError, match=word):
-            frames_of(path, time_step=1e-4)
+            frames_of(path, frame_step=1e-4)
     path.write_bytes(packed + packed)  # as a run that appends packs it: one behind the other
-    assert len(frames_of(path, time_step=1e-4)) == 3
+    assert len(frames_of(path, frame_step=1e-4)) == 3
 
 
 def test_binary_dumps_and_those_without_velocities_are_answered(capsys):
@@ -165,7 +165,7 @@ def test_binary_dumps_and_those_without_velocities_are_answered(capsys):
 def test_liggghts_pours_grains_that_come_and_go(form):
     """Both of its forms; the first step holds none."""
     names = ["liggghts/all.dump"] if form == "dump" else [f"liggghts/{step}.vtk" for step in (0, 1000, 4000)]
-    entries = frames_of(*names, time_step=2e-4)
+    entries = frames_of(*names, frame_step=2e-4)
     wanted = LIGGGHTS if form == "dump" else (LIGGGHTS[0], LIGGGHTS[3])
     assert len(entries) == len(wanted)
     for entry, (time, count, mass, centre) in zip(entries, wanted, strict=True):
@@ -180,9 +180,9 @@ def test_liggghts_pours_grains_that_come_and_go(form):
 def test_a_folder_of_liggghts_holds_grains_and_no_boxes(tmp_path):
     for path in (REAL / "liggghts").glob("*.vtk"):
         shutil.copy(path, tmp_path)
-    assert [entry.path.name for entry in frames_of(tmp_path, time_step=2e-4)] == ["1000.vtk", "4000.vtk"]
+    assert [entry.path.name for entry in frames_of(tmp_path, frame_step=2e-4)] == ["1000.vtk", "4000.vtk"]
     with pytest.raises(MpmgisError, match=r"boundingBox_4000.vtk: 'DATASET RECTILINEAR_GRID'.*omit this file"):
-        frames_of(tmp_path / "*.vtk", time_step=2e-4)
+        frames_of(tmp_path / "*.vtk", frame_step=2e-4)
 
 
 def test_steps_without_any_grain_are_refused_where_there_were_some(tmp_path):
@@ -191,10 +191,10 @@ def test_steps_without_any_grain_are_refused_where_there_were_some(tmp_path):
     path = tmp_path / "left.dump"
     path.write_text(empty)
     with pytest.raises(MpmgisError, match="contains no particle"):
-        frames_of(path, time_step=2e-4)
+        frames_of(path, frame_step=2e-4)
     path.write_text(text + empty.replace("TIMESTEP\n0\n", "TIMESTEP\n5000\n"))
     with pytest.raises(MpmgisError, match="at 5000, but earlier frames do"):
-        frames_of(path, time_step=2e-4)
+        frames_of(path, frame_step=2e-4)
 
 
 def test_kratos_gid_files_have_the_values_of_their_points():

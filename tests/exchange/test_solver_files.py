@@ -13,7 +13,6 @@ import pytest
 import rasterio
 from affine import Affine
 
-from mpmgis.commands.option import options_of
 from mpmgis.commands.seed import SolverOptions
 from mpmgis.conversion.solver_start import solver_start, start_box, with_material
 from mpmgis.exchange.declarations import Declarations, axis_matrix, write_sidecar
@@ -25,6 +24,7 @@ from mpmgis.exchange.writers.writer_list import SOLVER_FILES
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.scene.material_file import read_material
 from mpmgis.system.errors import InputError
+from mpmgis.system.option import options_of
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

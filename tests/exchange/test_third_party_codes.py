@@ -17,7 +17,7 @@ EAST, NORTH = 600000.0, 5170000.0
 
 def terms_of(options, **more):
     """Declarations for options of the command line."""
-    names = {"--density": "density", "--dt": "time_step", "--particle-volume": "particle_volume"}
+    names = {"--density": "density", "--dt": "frame_step", "--particle-volume": "particle_volume"}
     said = {names[option]: float(value) for option, value in zip(options[::2], options[1::2], strict=True)}
     return Declarations(**{"axes": ("e", "n", "u"), "origin": (EAST, NORTH, 0.0), **said, **more})
 

@@ -38,7 +38,7 @@ from mpmgis.exchange.frame_list import list_frames
 from mpmgis.exchange.readers.reader_list import FOREIGN
 from mpmgis.system.errors import MpmgisError
 
-TOLD = Declarations(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=1500.0, particle_volume=1.0, time_step=1.0)
+TOLD = Declarations(axes=("e", "n", "u"), origin=(0.0, 0.0, 0.0), density=1500.0, particle_volume=1.0, frame_step=1.0)
 
 
 def read_all(path, reader):
@@ -218,7 +218,7 @@ def test_a_load_step_that_has_several_files_asks_for_their_times(tmp_path):
         (tmp_path / f"slide_MP{kind}_001000020.vtk").write_bytes(
             (tmp_path / f"slide_MP{kind}_001000010.vtk").read_bytes()
         )
-    terms = {**vars(TOLD), "time_step": None}
+    terms = {**vars(TOLD), "frame_step": None}
     with pytest.raises(MpmgisError, match="its time"):
         list_frames([tmp_path], Declarations(**terms))
     entries = list_frames([tmp_path], Declarations(**{**terms, "times": (0.0, 1.0, 2.0, 3.0)}))

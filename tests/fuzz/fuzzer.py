@@ -488,7 +488,7 @@ def import_what_commands_import():
     """So that children have it; nothing compiled is run here."""
     import importlib
 
-    from mpmgis.commands.option import verb_of
+    from mpmgis.commands.verb import verb_of
     from mpmgis.commands.verb_calls import workflow_of
 
     for name in ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical", "compare", "export-raster"):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mpmgis.results.profiles import free_surface
+from mpmgis.results.profile_answer import free_surface
 from mpmgis.terrain.grid import Grid
 from mpmgis.terrain.synthetic_terrain import plane
 

@@ -8,16 +8,16 @@ from affine import Affine
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpmgis.results.flow_line import places_along, positions_along, vertex_distances
-from mpmgis.results.runout_measures import (
-    energy_line,
+from mpmgis.results.flow_line import (
     farthest_place,
     ground_lengths,
     highest_place,
     line_profile,
-    quantiles,
-    slope_angle,
+    places_along,
+    positions_along,
+    vertex_distances,
 )
+from mpmgis.results.runout_answer import energy_line, quantiles, slope_angle
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mpmgis.results.hydrograph_answer import HydrographFound
 from mpmgis.results.section_flux import (
     Balance,
-    HydrographFound,
     SectionState,
     azimuth_to_the_right,
     continued,

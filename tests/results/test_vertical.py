@@ -9,7 +9,7 @@ from affine import Affine
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import GRAVITY
 from mpmgis.maps.averaging.placement import Bed
-from mpmgis.results.profiles import VerticalFound, vertical_profiles
+from mpmgis.results.vertical_answer import VerticalFound, vertical_profiles
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
 

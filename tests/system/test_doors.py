@@ -14,7 +14,7 @@ DOORS = {
         "frames/run_folder": OWN,
         "frames/run_maps": OWN,
         "results/hazard/hazard_files": OWN,
-        "results/hazard/intensity_files": OWN,
+        "results/hazard/intensity_answer": OWN,
         "terrain/raster_output": OWN,
     },
     "list_layers": {

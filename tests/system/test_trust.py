@@ -10,8 +10,8 @@ import pytest
 from affine import Affine
 
 import mpmgis
-from mpmgis.commands.option import all_verbs
 from mpmgis.commands.shell.main import main
+from mpmgis.commands.verb import all_verbs
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.quantities import Quantity

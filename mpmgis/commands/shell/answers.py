@@ -14,11 +14,9 @@ from pathlib import Path
 from ...system.errors import InputError, OutputError
 from ...system.links import input_at
 from ...system.whole_files import refuse_existing, whole_file
-from ..option import Verb, verb_of
-from ..option_values import request
-from ..verb_calls import workflow_of
+from ..verb import Verb, module_of, verb_of
+from ..verb_calls import complete, request, workflow_of
 from . import terminal
-from .answer_text import lines_of
 from .parser import values_of
 from .progress import frame_progress
 
@@ -57,14 +55,22 @@ def _run_to_stdout(verb, values):
     """Print the table of an answer."""
     if "json" not in values:
         raise InputError(f"-o - is for answers that are tables; {verb.name} writes other files, give a folder")
-    workflow, kind = workflow_of(verb)
     with tempfile.TemporaryDirectory(prefix="mpmgis") as folder:
         file = Path(folder) / f"{verb.name}.csv"
         with terminal.notes_after_success():
-            found = workflow(request(verb, kind, values | {"output": file}), frame_progress)
+            found = _worked(verb, values | {"output": file})
         text = _as_json(found, [file]) if values["json"] else file.read_text(encoding="utf-8")
     print(text, end="" if text.endswith("\n") else "\n")
     return 0
+
+
+def _worked(verb, values):
+    """What the work of a verb returns for options by name."""
+    module = module_of(verb.name)
+    if hasattr(module, "work"):
+        return module.work(complete(verb, values), frame_progress)
+    workflow, kind = workflow_of(verb)
+    return workflow(request(verb, kind, values), frame_progress)
 
 
 def _as_json(found, files):
@@ -88,9 +94,8 @@ def _value(text):
 
 
 def _call_and_print(verb: Verb, values: dict, arguments: argparse.Namespace) -> None:
-    workflow, kind = workflow_of(verb)
     with terminal.notes_after_success():
-        found = workflow(request(verb, kind, values), frame_progress)
+        found = _worked(verb, values)
     if verb.name == "compare":
         for file in found.files:
             terminal.note(f"wrote {file}")
@@ -99,7 +104,8 @@ def _call_and_print(verb: Verb, values: dict, arguments: argparse.Namespace) -> 
     elif isinstance(found, (list, tuple)):
         terminal.list_files(found, arguments)
     else:
-        print("\n".join(lines_of(verb.name, found, values)))
+        lines = found.lines() if hasattr(found, "lines") else []
+        print("\n".join([*lines, *([] if verb.name == "compare" else map(str, found.files))]))
     if verb.name == "export-raster" and values["qgis"]:
         terminal.note(f"open {found[0]} in QGIS (double-click), then press play in the Temporal Controller")
 

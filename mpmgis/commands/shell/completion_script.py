@@ -5,7 +5,8 @@ from typing import get_args
 
 import shtab
 
-from ..option import PathLike, all_verbs
+from ...system.option import PathLike
+from ..verb import all_verbs
 from .main import whole_parser
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ...system.errors import InputError
 from ..convert import converted, started
-from ..option import verb_of
-from ..option_values import complete, made
 from ..seed import DEFAULT_DENSITY, FOR_SOLVER, seeding_values
+from ..verb import verb_of
+from ..verb_calls import complete, made
 from . import terminal
 from .parser import values_of
 

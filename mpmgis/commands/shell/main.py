@@ -14,7 +14,7 @@ from ...system import operating_system
 from ...system.errors import MpmgisError, one_line
 from ...system.memory import address_space_lack
 from ...system.trusted_files import trusting
-from ..option import GROUPS, Verb, all_verbs, verb_names, verb_of
+from ..verb import GROUPS, Verb, all_verbs, verb_names, verb_of
 from . import terminal
 from .parser import OneLineParser, add_arguments
 from .progress import ended_by_signals

@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Any, Literal, NoReturn, get_args, get_origin
 
 from ...system.errors import one_line
-from ..option import Option, Verb, options_of
-from ..option_values import value_of_text
+from ...system.option import Option, options_of
+from ...system.option_values import value_of_text
+from ..verb import Verb
 from . import terminal
 
 _NUMBERS = {"one": None, "many": "+", "maybe": "?", "any": "*"}  # Option.positional: nargs of argparse

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from ...frames.headline_numbers import error_words
 from ...system.errors import InputError
 from ...system.whole_files import refuse_existing
-from ..option import verb_of
-from ..option_values import request
 from ..run import require_one_start
+from ..verb import verb_of
+from ..verb_calls import request
 from . import terminal
 from .parser import values_of
 from .progress import frame_progress, interruptible, member_progress, run_progress, without_bar

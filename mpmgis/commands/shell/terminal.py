@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 from ...system.messages import log, logged_after_success
-from ..option import Verb
-from ..option_values import with_flags
+from ..verb import Verb
+from ..verb_calls import with_flags
 
 volume = 0  # -1 with -q, 1 with -v
 _flags = str  # a message with flags of the command for names of options

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...exchange.frame_list import list_frames
+from ...exchange.frame_source import ground_of, terms_of
 from ...exchange.map_coordinates import Ground
 from ...exchange.readers.reader_list import OWN
 from ...frames.headline_numbers import ERROR_TAG
@@ -29,7 +30,7 @@ from .xarray_datasets import ELEVATION, averaged_step, averaged_steps, computed_
 if TYPE_CHECKING:
     import xarray
 
-    from .export_request import ExportRequest
+    from .export_options import Export
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ class SolverMaxima:
 
 def open_results(
     folder: str | Path,
-    request: "ExportRequest",
+    asked: "Export",
     dem: "str | Path | Terrain | xarray.DataArray | None" = None,
     given: Sequence = (),
 ) -> "xarray.Dataset":
@@ -141,7 +142,7 @@ def open_results(
     Parameters
     ----------
     folder : str or Path
-    request : ExportRequest
+    asked : Export
         Of frames.
     dem : str, Path, Terrain or xarray.DataArray, optional
         As in `depth_average`.
@@ -158,18 +159,18 @@ def open_results(
         if idle:
             raise InputError(f"{folder} is an exported folder with fixed cells; {', '.join(idle)} requires frames")
         return open_export(folder)
-    return _dataset(request, _entries(request, folder, dem), dem, lazy=True)
+    return _dataset(asked, _entries(asked, folder, dem), dem, lazy=True)
 
 
 def depth_average(
-    frame: "str | Path | Frame", request: "ExportRequest", dem: "str | Path | Terrain | xarray.DataArray | None" = None
+    frame: "str | Path | Frame", asked: "Export", dem: "str | Path | Terrain | xarray.DataArray | None" = None
 ) -> "xarray.Dataset":
     """Average one frame onto cells in memory (NHESS Eqs 2 to 14).
 
     Parameters
     ----------
     frame : str, Path or Frame
-    request : ExportRequest
+    asked : Export
     dem : str, Path, Terrain or xarray.DataArray, optional
         With the georeference of rioxarray if it is an array. Default: the DTM named in the frame.
 
@@ -183,21 +184,21 @@ def depth_average(
     MpmgisError
     """
     given = isinstance(frame, Frame)
-    entries = (GivenFrame(frame),) if given else _entries(request, frame, dem)
+    entries = (GivenFrame(frame),) if given else _entries(asked, frame, dem)
     if len(entries) > 1:
         raise InputError(f"{frame} contains {len(entries)} frames, expected one; mpmgis.open_results averages them all")
-    return _dataset(request, entries, dem, lazy=False).isel(time=0)
+    return _dataset(asked, entries, dem, lazy=False).isel(time=0)
 
 
-def _dataset(request, entries, dem, lazy):
+def _dataset(asked, entries, dem, lazy):
     """The steps, averaged when needed, with the solver's maxima; if not `lazy` the first step in memory."""
-    products = choose_products(request.files.products)
+    products = choose_products(asked["products"])
     if dem is None or isinstance(dem, (str, Path)):
-        terrain = run_terrain(replace(request.source, dem=None if dem is None else Path(dem)), entries, None)
+        terrain = run_terrain({**asked, "dem": None if dem is None else Path(dem)}, entries, None)
     else:
         terrain = _terrain_in_memory(dem, entries[0])
     with frame_pool() as pool:
-        plan = make_plan(request, entries, terrain, products, pool)
+        plan = make_plan(asked, entries, terrain, products, pool)
     grid, steps = plan.averaging.grid, tuple(plan.entries[frame] for frame in plan.steps)
     quantities = [(BAND[name], PRODUCTS[name].empty) for name in products]
     averaged = AveragedSteps(steps, plan.averaging, terrain)
@@ -220,13 +221,12 @@ def _dataset(request, entries, dem, lazy):
     )
 
 
-def _entries(request, path, dem):
+def _entries(asked, path, dem):
     """The frames at a path on a DTM; an array is none here, because its georeference is not known yet."""
-    source = request.source
     if isinstance(dem, (str, Path)):
-        source = replace(source, dem=Path(dem))
-    ground = Ground(terrain=dem) if isinstance(dem, Terrain) else source.ground()
-    return list_frames([path], source.terms(), ground)
+        asked = {**asked, "dem": Path(dem)}
+    ground = Ground(terrain=dem) if isinstance(dem, Terrain) else ground_of(asked)
+    return list_frames([path], terms_of(asked), ground)
 
 
 def _terrain_in_memory(dem, entry):

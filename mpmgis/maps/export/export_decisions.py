@@ -1,4 +1,4 @@
-"""Choose the plan of an export from the request and the frames: cells, steps, bands and standoff."""
+"""Choose the plan of an export from its options and the frames: cells, steps, bands and standoff."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,19 +32,17 @@ from .step_rasters import ARROW_BANDS, ISEESNOW_PRODUCTS, LAST_BANDS
 if TYPE_CHECKING:
     from ...system.parallel import FramePool
     from ...terrain.elevation import Terrain
-    from .export_request import ExportRequest
+    from .export_options import Export
 
 AUTO = "auto"
 
 
-def make_plan(
-    request: "ExportRequest", entries: Sequence, terrain: "Terrain", products: tuple, pool: "FramePool"
-) -> ExportPlan:
+def make_plan(asked: "Export", entries: Sequence, terrain: "Terrain", products: tuple, pool: "FramePool") -> ExportPlan:
     """Choose cells, steps and standoff; frames are read only if one of these needs it.
 
     Parameters
     ----------
-    request : ExportRequest
+    asked : Export
     entries : sequence of FrameEntry
     terrain : Terrain
     products : tuple of str
@@ -55,46 +53,46 @@ def make_plan(
     -------
     ExportPlan
     """
-    asked, run_cells = request.sampling.cell_size, run_cell_size(entries)
-    if asked is None:
+    cells_asked, run_cells = asked["cell_size"], run_cell_size(entries)
+    if cells_asked is None:
         own = default_cell_size(terrain.grid, run_cells)
-        request = replace(request, sampling=replace(request.sampling, cell_size=own))
-    density = release_density(request.source, entries)
-    log_unused_options(request.averaging, entries)
-    standoff = 0.0 if request.averaging.standoff == AUTO else request.averaging.standoff
-    bed = Bed.of(terrain, request.averaging.bed, standoff, clamped=request.averaging.paper)
-    axes = export_axes(terrain.grid, request.sampling.north_up)
-    facts = _survey(request, entries, bed, density, axes, pool)
-    bounds = _bounds(request, entries, facts, bed, axes, terrain, pool)
-    if request.averaging.standoff == AUTO:
+        asked = {**asked, "cell_size": own}
+    density = release_density(asked, entries)
+    log_unused_options(asked, entries)
+    standoff = 0.0 if asked["standoff"] == AUTO else asked["standoff"]
+    bed = Bed.of(terrain, asked["bed"], standoff, clamped=asked["paper"])
+    axes = export_axes(terrain.grid, asked["north_up"])
+    facts = _survey(asked, entries, bed, density, axes, pool)
+    bounds = _bounds(asked, entries, facts, bed, axes, terrain, pool)
+    if asked["standoff"] == AUTO:
         bed = replace(bed, standoff=automatic_standoff(facts))
         log.info(f"`standoff=auto`: {bed.standoff:.3g} m")
     peaks = solver_peaks(entries[-1])
     if bounds is not None and peaks is not None:
-        bounds = _with_peaks(bounds, peaks.bounds(request.averaging.min_depth), axes)
+        bounds = _with_peaks(bounds, peaks.bounds(asked["min_depth"]), axes)
     bed_change = entries[-1].read_bed_change()
     if bounds is not None and bed_change:
         bounds = _with_peaks(bounds, bounds_of(bed_change), axes)
-    cell_size = _cell_size(request, facts, terrain)
-    require_cells_within(terrain.grid, cell_size, request.sampling.north_up)
+    cell_size = _cell_size(asked, facts, terrain)
+    require_cells_within(terrain.grid, cell_size, asked["north_up"])
     otherwise = "--extent flow" if bounds is None else None
-    grid = export_grid(terrain.grid, cell_size, bounds, north_up=request.sampling.north_up, otherwise=otherwise)
-    report_cells(grid, terrain.grid, run_cells, asked)
-    time_step = _time_step(request, entries, bed, grid, density, pool)
+    grid = export_grid(terrain.grid, cell_size, bounds, north_up=asked["north_up"], otherwise=otherwise)
+    report_cells(grid, terrain.grid, run_cells, cells_asked)
+    time_step = _time_step(asked, entries, bed, grid, density, pool)
     steps = choose_steps([entry.time for entry in entries], time_step)
-    more = (*(ARROW_BANDS if request.files.qgis else ()), *(("mass",) if bed_change else ()))
+    more = (*(ARROW_BANDS if asked["qgis"] else ()), *(("mass",) if bed_change else ()))
     averaging = Averaging(
         bed=bed,
         grid=grid,
         density=density,
         names=needed_products((*products, *more)),
-        percentile=request.averaging.percentile,
-        min_depth=request.averaging.min_depth,
-        second_grid=export_grid(terrain.grid) if request.files.naming == "iseesnow" else None,
+        percentile=asked["percentile"],
+        min_depth=asked["min_depth"],
+        second_grid=export_grid(terrain.grid) if asked["naming"] == "iseesnow" else None,
         second_names=ISEESNOW_PRODUCTS,
-        layers=request.files.layers,
+        layers=asked["layers"],
     )
-    bands = (*products, *(RUNNING_BANDS if RUNNING in request.files.products else ()))
+    bands = (*products, *(RUNNING_BANDS if RUNNING in asked["products"] else ()))
     name = entries[0].path.resolve().parent.name or "frames"
     errors = errors_of_run(entries[0].path.parent, entries[0].header.digest)
     dem = dtm_name(terrain.path)
@@ -113,13 +111,13 @@ def needed_products(products: tuple) -> tuple[str, ...]:
     return tuple(name for name in PRODUCTS if name in (*products, *PRODUCTS_NEEDED, *LAST_BANDS))
 
 
-def _extent(request):
-    return request.sampling.extent or ("dtm" if request.sampling.cell_size is None else "flow")
+def _extent(asked):
+    return asked["extent"] or ("dtm" if asked["cell_size"] is None else "flow")
 
 
-def _survey(request, entries, bed, density, axes, pool):
+def _survey(asked, entries, bed, density, axes, pool):
     """FrameFacts of every frame if cell size or standoff is automatic; else []."""
-    if AUTO not in (request.sampling.cell_size, request.averaging.standoff):
+    if AUTO not in (asked["cell_size"], asked["standoff"]):
         return []
     return list(pool.map(_survey_entry, entries, bed, density, axes))
 
@@ -136,9 +134,9 @@ def _fastest_entry(entry, bed, grid, density):
     return fastest_mean(entry.read(density), bed, grid, density)
 
 
-def _bounds(request, entries, facts, bed, axes, terrain, pool):
+def _bounds(asked, entries, facts, bed, axes, terrain, pool):
     """Bounds of the flow in all frames, along `axes` [m]; None for the whole DTM."""
-    whole = _extent(request) == "dtm"
+    whole = _extent(asked) == "dtm"
     if whole and not facts:
         return None
     found = [fact.bounds for fact in facts] or list(pool.map(_reached_by_entry, entries, bed, axes))
@@ -163,18 +161,18 @@ def _with_peaks(bounds, reached, axes):
     return _around([bounds, (column[0] + 0.5, row[0] + 0.5, column[1] + 0.5, row[1] + 0.5)])
 
 
-def _cell_size(request, facts, terrain):
-    if request.sampling.cell_size != AUTO:
-        return request.sampling.cell_size
+def _cell_size(asked, facts, terrain):
+    if asked["cell_size"] != AUTO:
+        return asked["cell_size"]
     points = [fact for fact in facts if fact.column_side == 0]  # in a run of columns and points, points are finer
     cell_size, why = automatic_cell_size(points or facts, terrain.grid.cell_size)
     log.info(f"`cell_size=auto`: {cell_size:.4g} m; {why}")
     return cell_size
 
 
-def _time_step(request, entries, bed, grid, density, pool):
-    if request.sampling.time_step != AUTO:
-        return request.sampling.time_step
+def _time_step(asked, entries, bed, grid, density, pool):
+    if asked["time_step"] != AUTO:
+        return asked["time_step"]
     fastest = max(pool.map(_fastest_entry, entries, bed, grid, density))
     time_step = automatic_time_step(grid.cell_size, fastest)
     log.info(

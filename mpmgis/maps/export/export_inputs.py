@@ -20,18 +20,18 @@ from ..averaging.maxima import SolverPeaks
 
 if TYPE_CHECKING:
     from ...exchange.frame_list import FrameEntry
-    from ...exchange.frame_source import FrameSource
+    from ...frames.frame_options import DensityOptions
     from ...terrain.elevation import Terrain
-    from ..averaging.averaging_settings import CellAveraging
-    from .export_request import ExportRequest
+    from ..averaging.averaging_options import CellOptions
+    from .export_options import Export, ExportAveragingOptions
 
 
-def output_folder(request: "ExportRequest", entries: Sequence) -> Path:
-    """Return the folder of an export: that of the request, else `<name>_gis` next to the folder `<name>` of the frames.
+def output_folder(asked: "Export", entries: Sequence) -> Path:
+    """Return the folder of an export: the one asked for, else `<name>_gis` next to the folder `<name>` of the frames.
 
     Parameters
     ----------
-    request : ExportRequest
+    asked : Export
     entries : sequence of FrameEntry
 
     Raises
@@ -39,26 +39,26 @@ def output_folder(request: "ExportRequest", entries: Sequence) -> Path:
     OutputError
         It exists and may not be replaced, or contains an input.
     """
-    if request.output is not None:
-        output = Path(request.output)
+    if asked["output"] is not None:
+        output = Path(asked["output"])
     else:
         folder = entries[0].path.parent
         folder = folder if folder.name not in ("", "..") else folder.resolve()
         output = folder.parent / f"{folder.name}_gis"
-    refuse_existing(output, request.overwrite)
+    refuse_existing(output, asked["overwrite"])
     for entry in entries:
         refuse_within(output, entry.path)
     return output
 
 
-def release_density(source: "FrameSource", entries: Sequence) -> float:
+def release_density(asked: "DensityOptions", entries: Sequence) -> float:
     """Return the density of the release [kg m-3].
 
     It is that of the frames, else `density`, else mass over volume of the first frame.
 
     Parameters
     ----------
-    source : FrameSource
+    asked : DensityOptions
     entries : sequence of FrameEntry
 
     Raises
@@ -72,28 +72,26 @@ def release_density(source: "FrameSource", entries: Sequence) -> float:
         stored = float(stored)
         if not (np.isfinite(stored) and stored > 0):
             raise InputError(f"{first.path}: density {stored:g} kg m-3, expected a number above 0")
-        if source.density not in (None, stored):
-            log.info(f"the density in the frames is {stored:g} kg m-3; `density={source.density:g}` is not used")
+        if asked["density"] not in (None, stored):
+            log.info(f"the density in the frames is {stored:g} kg m-3; `density={asked['density']:g}` is not used")
         return stored
-    if source.density is not None:
-        return source.density
+    if asked["density"] is not None:
+        return asked["density"]
     particles = first.read().particles
     density = float(particles.mass.sum() / particles.volume.sum())
     log.info(f"density of the release: {density:.6g} kg m-3, mass over volume in {first.path.name} (or give `density`)")
     return density
 
 
-def log_unused_options(averaging: "CellAveraging", entries: Sequence) -> None:
-    """Log options of the request without effect if all frames are columns.
+def log_unused_options(asked: "CellOptions | ExportAveragingOptions", entries: Sequence) -> None:
+    """Log options of the averaging without effect if all frames are columns.
 
     Parameters
     ----------
-    averaging : CellAveraging
+    asked : CellOptions or ExportAveragingOptions
     entries : sequence of FrameEntry
     """
-    if all(entry.header.dimension == 2 for entry in entries) and (
-        averaging.percentile < 100 or averaging.standoff != 0
-    ):
+    if all(entry.header.dimension == 2 for entry in entries) and (asked["percentile"] < 100 or asked["standoff"] != 0):
         log.info("the frames are columns, which stand on the bed: `percentile` and `standoff` have no effect")
 
 

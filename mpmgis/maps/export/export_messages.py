@@ -12,19 +12,19 @@ from ..averaging.maxima import BANDS as SOLVER_BANDS
 from ..averaging.maxima import MAXIMA_BANDS, WITHOUT_THRESHOLD
 
 if TYPE_CHECKING:
+    from .export_options import Export
     from .export_plan import ExportPlan
-    from .export_request import ExportRequest
     from .step_rasters import Tally
 
 MOST_FRAMES_LISTED = 12  # [frames] of another code that have a line each
 
 
-def log_export(request: "ExportRequest", plan: "ExportPlan", tally: "Tally") -> None:
+def log_export(asked: "Export", plan: "ExportPlan", tally: "Tally") -> None:
     """Log facts and warnings about the frames of an export, each once.
 
     Parameters
     ----------
-    request : ExportRequest
+    asked : Export
     plan : ExportPlan
     tally : Tally
     """
@@ -49,7 +49,7 @@ def log_export(request: "ExportRequest", plan: "ExportPlan", tally: "Tally") -> 
     if count:
         log.info(f"{name}: {count} particles are where the DTM has no slope; only their mass and number are used")
     share, lowest, name = tally.below
-    if share >= 0.01 and request.averaging.standoff == 0:
+    if share >= 0.01 and asked["standoff"] == 0:
         log.info(
             f"{name}: {100 * share:.0f} % of the mass is below the DTM (lowest {lowest:.2f} m), as usual in grid-based "
             "codes; `standoff=auto` moves the surface; t_vol is computed from mass and is correct without it"
@@ -57,7 +57,7 @@ def log_export(request: "ExportRequest", plan: "ExportPlan", tally: "Tally") -> 
     missing = missing_frames(plan.entries)
     if missing:
         log.info(f"frames are missing in this series: {', '.join(missing)}; maxima and steps omit them")
-    if tally.column_side > grid.cell_size * (1 + 1e-6) and request.sampling.cell_size is not None:
+    if tally.column_side > grid.cell_size * (1 + 1e-6) and asked["cell_size"] is not None:
         log.info(
             f"the frames resolve {tally.column_side:.3g} m: cells of {grid.cell_size:.3g} m show the same flow on a "
             "finer raster and add no detail"

@@ -32,8 +32,8 @@ from ..qgis.raster_styles import raster_styles
 from .bed_rasters import write_bed_rasters
 from .export_decisions import needed_products
 from .export_messages import log_export
+from .export_options import export_with
 from .export_plan import ExportPlan
-from .export_request import CellSampling, ExportRequest
 from .step_rasters import (
     Tally,
     absorb_peaks,
@@ -88,10 +88,11 @@ class RasterWriter:
         self.folder = folder
         output = prepared.scene.output
         bands = bands_of(output.raster_products)
-        least = ExportRequest().averaging.min_depth if output.raster_min_depth is None else output.raster_min_depth
+        usual = export_with()
+        least = usual["min_depth"] if output.raster_min_depth is None else output.raster_min_depth
         grid = raster_grid(terrain.grid, output.raster_cell_size, prepared.coarsest_cells)
         averaging = Averaging(
-            bed=Bed.of(terrain, ExportRequest().averaging.bed, 0.0, clamped=False),
+            bed=Bed.of(terrain, usual["bed"], 0.0, clamped=False),
             grid=grid,
             density=prepared.frame.header["density"],
             names=needed_products((*bands, "mass")),
@@ -199,7 +200,7 @@ class RasterWriter:
         write_bed_rasters(plan, rasters, values, end, run_tags(plan), False, self._rate)
         self._write_styles(plan, end)
         log.info(f"rasters of {self.folder.frames} steps, maxima and {end.words()}: {self._place}")
-        log_export(ExportRequest(sampling=CellSampling(cell_size=grid.cell_size)), plan, self.tally)
+        log_export(export_with(cell_size=grid.cell_size), plan, self.tally)
 
     def _write_styles(self, plan, end):
         """Write a style for QGIS next to each raster."""

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from ..averaging.frame_values import Averaging, FrameValues
     from ..averaging.maxima import SolverPeaks
     from ..qgis.outlines import StepSpool
+    from .export_options import Export
     from .export_plan import ExportPlan
-    from .export_request import ExportRequest
 
 LAST_BANDS = ("h", "t", "t_vol")
 ARROW_BANDS = ("Ut_E", "Ut_N")  # components of the arrows of the mesh
@@ -161,18 +161,13 @@ class Tally:
 
 
 def write_rasters(
-    request: "ExportRequest",
-    plan: "ExportPlan",
-    folder: Path,
-    pool: "FramePool",
-    spool: "StepSpool | None",
-    progress: Callable,
+    asked: "Export", plan: "ExportPlan", folder: Path, pool: "FramePool", spool: "StepSpool | None", progress: Callable
 ) -> tuple[ExportedRun, Tally]:
     """Average every frame of a plan and write all rasters.
 
     Parameters
     ----------
-    request : ExportRequest
+    asked : Export
     plan : ExportPlan
     folder : Path
         Being written.
@@ -193,29 +188,29 @@ def write_rasters(
     second = _second_maxima(averaging)
     tally, step_of = Tally(), {frame: step for step, frame in enumerate(plan.steps)}
     totals = {entry.header.dimension: entry.count for entry in reversed(plan.entries)} if spool is not None else {}
-    with finished(_step_writer(request, plan, rasters, pool)) as writer:
+    with finished(_step_writer(asked, plan, rasters, pool)) as writer:
         results = pool.map(average_entry, plan.entries, averaging, totals)
         for frame, (entry, (values, shapes)) in enumerate(zip(plan.entries, results, strict=True)):
             peaks = _absorb(plan, frame, values, tally, maxima, second)
             if frame in step_of:
                 tally.add_step(values)
                 write_step(plan, writer, step_of[frame], entry, values, maxima, peaks)
-                tally.largest |= _write_layers(plan, folder, step_of[frame], entry, values, tally, request.files.cog)
+                tally.largest |= _write_layers(plan, folder, step_of[frame], entry, values, tally, asked["cog"])
                 if spool is not None:
                     spool.add(values.index, values.values, shapes.outline, shapes.shown)
             progress(frame + 1, len(plan.entries))
     end = _end_of_frames(plan, values, tally)
-    write_maxima(plan, rasters / f"{plan.name}_max.tif", maxima, tally, end, request.files.cog)
+    write_maxima(plan, rasters / f"{plan.name}_max.tif", maxima, tally, end, asked["cog"])
     # of the last frame, whatever the steps
-    write_last_step(plan, rasters / f"{plan.name}_{end.file}.tif", values, end, request.files.cog)
-    write_terrain(plan, folder / "dtm.tif", request.files.cog)
-    tally.largest |= write_bed_rasters(plan, rasters, values, end, run_tags(plan), request.files.cog)
+    write_last_step(plan, rasters / f"{plan.name}_{end.file}.tif", values, end, asked["cog"])
+    write_terrain(plan, folder / "dtm.tif", asked["cog"])
+    tally.largest |= write_bed_rasters(plan, rasters, values, end, run_tags(plan), asked["cog"])
     if second is not None:
         _write_iseesnow(plan, rasters, second)
     run = exported(plan, folder, writer.files, maxima, tally, end)
-    if not request.files.qgis:
+    if not asked["qgis"]:
         return run, tally
-    return replace(run, around_file=_write_around(plan, folder, maxima, request.files.cog)), tally
+    return replace(run, around_file=_write_around(plan, folder, maxima, asked["cog"])), tally
 
 
 def _end_of_frames(plan, values, tally):
@@ -315,12 +310,12 @@ def _maxima_tags(plan, peaks):
     }
 
 
-def _step_writer(request, plan, rasters, pool):
+def _step_writer(asked, plan, rasters, pool):
     quantities = [BAND[name] for name in plan.bands]
     grid, times = plan.averaging.grid, [plan.entries[frame].time for frame in plan.steps]
-    if request.files.layout == "stacks":
-        return StepStacks(rasters, plan.name, grid, quantities, times, run_tags(plan), request.files.cog)
-    return StepFiles(rasters, plan.name, grid, quantities, len(times), request.files.cog, pool.threads, pool.workers)
+    if asked["layout"] == "stacks":
+        return StepStacks(rasters, plan.name, grid, quantities, times, run_tags(plan), asked["cog"])
+    return StepFiles(rasters, plan.name, grid, quantities, len(times), asked["cog"], pool.threads, pool.workers)
 
 
 def write_step(

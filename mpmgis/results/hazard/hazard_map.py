@@ -1,7 +1,6 @@
 """Answer `mpmgis report --map`: scenarios to hazard levels of a guideline, as raster, zones and printed map."""
 
 import datetime
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ import shapely
 
 from ... import __version__
 from ...frames.run_terrain import dtm_name, terrain_of_rasters
+from ...laws.quantities import SQUARE_METRES_PER_HECTARE
 from ...system.errors import InputError
-from ...system.messages import log
+from ...system.messages import Progress, log, unwatched
 from ...terrain.elevation import Terrain
 from ...terrain.georeference import name_of
 from ...terrain.grid import Grid
@@ -69,8 +69,25 @@ class HazardFound:
     not_assessed: float
     files: tuple
 
+    def lines(self) -> list[str]:
+        """Return lines of text for a terminal."""
+        matrix = self.matrix
+        lines = [
+            f"{matrix.title or matrix.name}",
+            f"by {matrix.source}",
+            *([f"({matrix.note})"] if matrix.note else []),
+        ]
+        width = max(len(level.name) for level in matrix.levels) + 2
+        for level, area in zip(matrix.levels, self.areas, strict=True):
+            lines.append(f"{level.name:<{width}}{area / SQUARE_METRES_PER_HECTARE:>10.2f} ha   {level.meaning}")
+        if self.not_assessed:
+            lines.append(f"not assessed, no data: {self.not_assessed / SQUARE_METRES_PER_HECTARE:.2f} ha")
+        if matrix.is_unread:
+            lines.append("numbers of this matrix are not verified in the document in part; check them there")
+        return lines
 
-def hazard_map(request: Any, progress: Callable[[int, int], None] = lambda done, total: None) -> HazardFound:
+
+def hazard_map(request: Any, progress: Progress = unwatched) -> HazardFound:
     """Combine several scenarios to a map of hazard levels; write its files.
 
     Parameters
@@ -112,7 +129,7 @@ def hazard_map(request: Any, progress: Callable[[int, int], None] = lambda done,
     facts = _facts(request, matrix, scenarios, terrain, sheet, least)
     made = HazardMap(matrix, grid, hazard, scenarios, zones, shares, sheet.scale, least, title, facts)
     _log(made, sheet)
-    files = write_answer(request, output, _writers(made, terrain, sheet))
+    files = write_answer(output, request.results["overwrite"], _writers(made, terrain, sheet))
     return HazardFound(matrix, made.areas(), float(np.count_nonzero(hazard.unknown) * grid.cell_area), files)
 
 
@@ -178,15 +195,17 @@ def _output(request):
     paths = [scenario_of(text)[1] for text in request.hazard.scenario]
     options = request.hazard
     own = [path for path in (options.matrices, options.guidelines) if path is not None]
-    output = request.output or paths[0].resolve().parent / FOLDER
-    return checked_output(output, FILES, request.overwrite, (*paths, *own, *request.paths()))
+    asked = request.results
+    output = asked["output"] or paths[0].resolve().parent / FOLDER
+    own += [path for path in (request.line, asked["dem"], asked["sidecar"]) if path is not None]
+    return checked_output(output, FILES, asked["overwrite"], (*paths, *own))
 
 
 def _terrain(request, scenarios) -> Terrain | None:
     """The Terrain of the map: of --dem, else the largest one of the scenarios; None where none is known."""
-    source = request.results.source
+    asked = request.results
     of_scenarios = [entry.terrain for entry in scenarios if entry.terrain is not None]
-    known = source.dem or max(of_scenarios, key=_extent, default=None)
+    known = asked["dem"] or max(of_scenarios, key=_extent, default=None)
     if known is None:
         log.info(
             "no DTM is known: the map has no hillshade, and gaps of the DTM cannot be distinguished from cells "
@@ -196,7 +215,7 @@ def _terrain(request, scenarios) -> Terrain | None:
     if isinstance(known, Terrain):
         return known
     crs = next((entry.grid.crs for entry in scenarios if entry.grid.crs is not None), None)
-    return terrain_of_rasters(known, crs, source.dem_band, source.to_crs)
+    return terrain_of_rasters(known, crs, asked["dem_band"], asked["to_crs"])
 
 
 def _extent(terrain):
@@ -230,7 +249,7 @@ def _facts(request, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
     """(name, text) of the block of sources and parameters."""
     unread = f"; marked '{UNREAD}' in part: check the document" if matrix.is_unread else ""
     missing = matrix.missing([scenario.years for scenario in scenarios])
-    depth = request.results.averaging.min_depth
+    depth = request.results["min_depth"]
     ensemble = any(scenario.shares is not None for scenario in scenarios)
     facts = [
         ("guideline", f"{matrix.source}{unread}"),

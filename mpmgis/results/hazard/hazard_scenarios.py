@@ -1,7 +1,7 @@
 """Compute hazard levels of each scenario, from frames, exports, rasters of other codes or ensembles."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,11 @@ from affine import Affine
 from ...frames.ensemble_folder import MEMBERS, read_ensemble_record
 from ...maps.averaging.result_bands import open_result
 from ...system.errors import FormatError, GeoreferenceError, InputError
-from ...system.messages import log
+from ...system.messages import Progress, log, unwatched
 from ...terrain.georeference import name_of, same_place, warp_command
 from ...terrain.grid import Grid
 from ..comparison import joint_grid, nearest
-from ..opened_results import peaks_of
+from ..opened_results import options_of_frames, peaks_of
 from .hazard_levels import HazardMatrix, Period, levels_of
 from .intensity_answer import bands_of
 from .scenario_facts import facts_of, unfinished_words
@@ -145,9 +145,7 @@ def scenario_of(text: str, option: str = "scenario") -> tuple[float, Path]:
     return number, Path(path.strip())
 
 
-def read_scenarios(
-    request: Any, matrix: HazardMatrix, progress: Callable[[int, int], None] = lambda done, total: None
-) -> list[Scenario]:
+def read_scenarios(request: Any, matrix: HazardMatrix, progress: Progress = unwatched) -> list[Scenario]:
     """Read the scenarios of a request, all on one grid.
 
     Parameters
@@ -201,10 +199,10 @@ def _in_one_crs(found):
     return [replace(entry, grid=replace(entry.grid, crs=first.grid.crs)) for entry in found]
 
 
-def _scenario(request: Any, years: float, path: Path, period: Period, highest: int, progress: Callable) -> Scenario:
+def _scenario(request: Any, years: float, path: Path, period: Period, highest: int, progress: Progress) -> Scenario:
     if path.is_dir() and read_ensemble_record(path) is not None:
         return _of_ensemble(request, years, path, period, highest, progress)
-    results = replace(request.results, source=replace(request.results.source, frames=(path,)))
+    results = {**request.results, "frames": (path,)}
     of_rasters = ("density",) if "p_max" in period.guideline.bands else ()
     result = peaks_of(results, progress, ("min_depth",), of_rasters)
     end = unfinished_words(path, result.end)
@@ -217,10 +215,10 @@ def _scenario(request: Any, years: float, path: Path, period: Period, highest: i
 
 def _levels(result, period, results):
     """Of one Result: (uint8[rows, columns] levels, bool[rows, columns] cells with data, Grid, whether it is whole)."""
-    bands, grid = bands_of(result, period.guideline, results.source.density)
+    bands, grid = bands_of(result, period.guideline, results["density"])
     depth = bands["h_max"]
     known = _known(result, depth)
-    reached = np.nan_to_num(depth) >= results.averaging.min_depth
+    reached = np.nan_to_num(depth) >= results["min_depth"]
     level, lacking = levels_of(period, bands, reached)
     if lacking:
         log.info(
@@ -250,7 +248,7 @@ def _known(result, depth):
     return np.ones(depth.shape, bool)
 
 
-def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest: int, progress: Callable) -> Scenario:
+def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest: int, progress: Progress) -> Scenario:
     """The largest level of all members of an ensemble, and the share of members with each level."""
     record = read_ensemble_record(path)
     _refuse_options_of_frames(request.results, path)
@@ -275,7 +273,7 @@ def _of_ensemble(request: Any, years: float, path: Path, period: Period, highest
 
 
 def _refuse_options_of_frames(results, path):
-    given = [name for name in results.options_of_frames() if name not in ("min_depth", "density")]
+    given = [name for name in options_of_frames(results) if name not in ("min_depth", "density")]
     if given:
         words = ", ".join(f"`{name}`" for name in given)
         raise InputError(f"{path} is an ensemble, whose rasters are already averaged; {words} requires frames")

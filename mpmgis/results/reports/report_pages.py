@@ -23,8 +23,8 @@ from ...terrain.grid import Grid
 from ..barrier_loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from ..load_plots import write_history_plot, write_section_plot
 from ..opened_results import ExportFlow, FrameFlow, RasterFlow
-from ..profiles import free_surface
-from ..runout_measures import RunoutFound
+from ..profile_answer import free_surface
+from ..runout_answer import RunoutFound
 from .html_page import Lines, Picture, Section, Table, figure_rows, section
 
 NEAR_CELLS = 3.0  # [cells] of solver or map around a wall in which its run-up is looked for

@@ -1,7 +1,6 @@
 """Answer `mpmgis report`: one HTML file about a run."""
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,17 +14,16 @@ from ...frames.run_terrain import dtm_name
 from ...laws.quantities import SQUARE_METRES_PER_HECTARE
 from ...maps.export.band_map import write_band_map
 from ...maps.export.export_inputs import release_outlines
-from ...maps.export.export_request import AnswerRequest
 from ...simulation.companion_run import companion_lines
 from ...simulation.run_summary import account, extreme_lines, peak_lines, resolution_words, volume_words
 from ...system.errors import InputError, MpmgisError, one_line
-from ...system.messages import collected, log
+from ...system.messages import Progress, collected, log, unwatched
 from ..answer_files import answer_output, write_answer
 from ..comparison import footprint, high_percentile, peak
 from ..hazard.hazard_map import HazardFound, HazardOptions, hazard_map
 from ..opened_results import ExportFlow, open_flow, peaks_of, read_peaks
-from ..runout_answer import RunoutRequest, found_runout
-from ..runout_plots import write_runout_plot
+from ..question_options import Question
+from ..runout_answer import found_runout, write_runout_plot
 from .html_page import Lines, Picture, Source, Table, figure_rows, section, write_report
 from .report_pages import Gathered, barrier_sections, places_section
 
@@ -52,18 +50,17 @@ _CHECKS = {"resolution": resolution_words, "volume": volume_words}  # key of a s
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportRequest(AnswerRequest):
+class ReportRequest:
     """A question about results; `mpmgis.commands` describes its options."""
 
+    results: Question
     title: str | None = None
     line: Path | None = None
     threshold: float = 0.1  # [m]
     hazard: HazardOptions
 
 
-def report(
-    request: ReportRequest, progress: Callable[[int, int], None] = lambda done, total: None
-) -> tuple[Path, ...] | HazardFound:
+def report(request: ReportRequest, progress: Progress = unwatched) -> tuple[Path, ...] | HazardFound:
     """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
 
     With `hazard.map` a hazard map of several scenarios instead.
@@ -85,7 +82,7 @@ def report(
     _require_one_kind(request)
     if request.hazard.map is not None:
         return hazard_map(request, progress)
-    output = answer_output(request, WORD, (REPORT_FILE,))
+    output = answer_output(_inputs(request), WORD, (REPORT_FILE,))
     gathered = _gather(request, output, progress)
     title = request.title or f"{gathered.flow.name}: report of a simulated flow"
     with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
@@ -104,12 +101,17 @@ def report(
         )
     under = f"made by mpmgis {__version__} from {_made_from(gathered.flow)}"
     writers = {REPORT_FILE: lambda path: write_report(path, title, under, filter(None, sections))}
-    return write_answer(request, output, writers)
+    return write_answer(output, request.results["overwrite"], writers)
+
+
+def _inputs(request):
+    """The question with the line, which is an input too."""
+    return {**request.results, "line": request.line}
 
 
 def _require_one_kind(request):
     """Refuse options of a hazard map in a report of one run, and the other way round."""
-    frames, options = request.results.frames, request.hazard
+    frames, options = request.results["frames"], request.hazard
     if options.map is None:
         if options.given():
             raise InputError(f"`{options.given()[0]}` is for hazard maps; give `map` too, for example swiss-avalanche")
@@ -122,14 +124,13 @@ def _require_one_kind(request):
             raise InputError(f"`{name}` is for the report of one run; a hazard map takes `min_depth`")
 
 
-def _gather(request: ReportRequest, output: Path, progress: Callable) -> Gathered:
+def _gather(request: ReportRequest, output: Path, progress: Progress) -> Gathered:
     with collected() as notes:
         flow = open_flow(request.results, output, peaks_do=True, used=USED_OF_RASTERS)
         result = peaks_of(request.results, progress, used_of_rasters=USED_OF_RASTERS)
-        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results.source.density)
-        asked = RunoutRequest(results=request.results, line=request.line, threshold=request.threshold)
+        values, grid = read_peaks(result, tuple(band for band, *_ in MAPS), request.results["density"])
         try:
-            runout = found_runout(asked, flow, values, grid, result.end)
+            runout = found_runout(flow, values, grid, result.end, request.line, request.threshold)
         except MpmgisError as error:  # a report without runout
             if request.line is not None:
                 raise

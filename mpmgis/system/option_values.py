@@ -1,22 +1,18 @@
-"""Check values of options, from text of the command or from Python, and make requests of them."""
+"""Check values of options, from text of the command or from Python, and complete them by the defaults."""
 
 import dataclasses
 import math
-import re
 from collections.abc import Mapping
-from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
-from ..system.errors import InputError
-from .option import Option, PathLike, Verb, options_of, verb_of
+from .errors import InputError
+from .option import Option, PathLike, options_of
 
-Request = TypeVar("Request")
+Table = TypeVar("Table")  # a TypedDict of options
 _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four"}  # numbers in words
-_NAME = re.compile(r"`(\w+)(?:[= ]([^`]*))?`")  # an option of Python in a message, with or without a value
-_FLAG = re.compile(r"(?<!FILE )(?<![\w-])(--[a-z][a-z-]*|-o)(?![\w-])")  # an option of the command in a message
 
 
 def value_of_text(text: str, option: Option) -> Any:
@@ -112,7 +108,7 @@ def _whole(value: float) -> int:
 
 
 def checked(value: Any, option: Option) -> Any:
-    """Return a value as requests have it: paths as Path, numbers as float, lists as tuples.
+    """Return a value as functions take it: paths as Path, numbers as float, lists as tuples.
 
     Parameters
     ----------
@@ -226,33 +222,14 @@ def _range_words(option: Option) -> str:
     return " and".join(f" {word} {bound:g}" for word, bound in bounds if bound is not None)
 
 
-def request(verb: Verb, kind: type[Request], values: Mapping[str, Any]) -> Request:
-    """Return the request of class `kind` from options by name; missing ones have their defaults.
-
-    Fields of `kind` that are dataclasses are made of the same options.
+def completed(options: Mapping[str, Option], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a value for each option by name: the given one, checked, or the default.
 
     Parameters
     ----------
-    verb : Verb
-    kind : class
-        A dataclass.
+    options : mapping of str to Option
     values : mapping of str to object
-
-    Raises
-    ------
-    InputError
-        An unknown name, or a value of a wrong type or range.
-    """
-    return made(kind, complete(verb, values))
-
-
-def complete(verb: Verb, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all options of a verb by name: the given values, checked, and the defaults of the others.
-
-    Parameters
-    ----------
-    verb : Verb
-    values : mapping of str to object
+        Other names are ignored.
 
     Returns
     -------
@@ -261,13 +238,9 @@ def complete(verb: Verb, values: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        An unknown name, or a value of a wrong type or range.
+        A value of a wrong type or range.
     """
-    options, found = verb.named(), {}
-    known = options if verb.options is None else {**options_of(verb.options), **_positional(options)}
-    for name in values:
-        if name not in options:
-            raise InputError(f"{verb.name}: there is no option {name!r}; it takes {', '.join(sorted(known))}")
+    found = {}
     for name, option in options.items():
         value = values.get(name)
         if value is None or (isinstance(value, tuple) and not value and option.default in (None, ())):
@@ -280,70 +253,15 @@ def complete(verb: Verb, values: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _positional(options: dict[str, Option]) -> dict[str, Option]:
-    return {name: option for name, option in options.items() if option.positional or name == "output"}
-
-
-def made(kind: type[Request], values: Mapping[str, Any]) -> Request:
-    """Return a dataclass from values by field name; fields that are dataclasses are made of the same values.
+def defaults_of(table: type[Table]) -> Table:
+    """Return a table of options with the default of each.
 
     Parameters
     ----------
-    kind : class
-    values : mapping of str to object
-        Names that are no fields are ignored.
-    """
-    given = {}
-    for name, hint in _hints(kind).items():
-        if dataclasses.is_dataclass(hint):
-            given[name] = made(hint, values)
-        elif name in values:
-            given[name] = values[name]
-    return kind(**given)
-
-
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return {name: hint for name, hint in get_type_hints(kind).items() if name in kind.__dataclass_fields__}
-
-
-def with_flags(text: str, verb: Verb) -> str:
-    """Replace names of options in backticks in a message by flags: `cell_size=2` by --cs-e 2.
-
-    Parameters
-    ----------
-    text : str
-    verb : Verb
+    table : TypedDict
 
     Returns
     -------
-    str
+    dict of str to object
     """
-    options = verb_of("export-raster").named() | verb.named()
-
-    def flag(found: re.Match[str]) -> str:
-        option = options.get(found[1])
-        if found[1] == "trust":
-            return "--trust"
-        if option is None or not option.flags:
-            return found[0]
-        flag = option.flags[0]
-        return f"{flag} {found[2]}" if found[2] else flag
-
-    return _NAME.sub(flag, text)
-
-
-def with_names(text: str, verb: Verb) -> str:
-    """Replace flags of the command in a message by the names of options in Python.
-
-    Parameters
-    ----------
-    text : str
-    verb : Verb
-
-    Returns
-    -------
-    str
-    """
-    names = {flag: option.name for option in verb.named().values() for flag in option.flags}
-    return _FLAG.sub(lambda found: f"`{names[found[1]]}`" if found[1] in names else found[0], text)
+    return cast("Table", completed(options_of(table), {}))
