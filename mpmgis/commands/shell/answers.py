@@ -18,7 +18,7 @@ from ..verb import Verb, module_of, verb_of
 from ..verb_calls import complete, request, workflow_of
 from . import terminal
 from .parser import values_of
-from .progress import frame_progress
+from .progress import block_progress, frame_progress
 
 STDOUT = Path("-")  # value of -o
 OWN_FACTS = ("compare", "runout")  # verbs whose answers have more than a table
@@ -68,7 +68,7 @@ def _worked(verb, values):
     """What the work of a verb returns for options by name."""
     module = module_of(verb.name)
     if hasattr(module, "work"):
-        return module.work(complete(verb, values), frame_progress)
+        return module.work(complete(verb, values), block_progress if verb.name == "release" else frame_progress)
     workflow, kind = workflow_of(verb)
     return workflow(request(verb, kind, values), frame_progress)
 

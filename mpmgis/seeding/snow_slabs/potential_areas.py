@@ -16,14 +16,14 @@ from ...compiled.jit import jit
 from ...frames.region_folder import write_layer
 from ...system.errors import InputError
 from ...system.memory import memory_lack
-from ...system.messages import log, muted, show_progress
+from ...system.messages import Progress, log, muted, unwatched
 from ...system.parallel import FramePool, frame_pool
 from ...system.source_names import file_of
 from ...system.whole_files import refuse_existing
 from ...terrain.area_masks import AreaMask, read_area_mask
 from ...terrain.dtm import READ_WHOLE, TerrainFile
 from ...terrain.elevation import Terrain
-from .slab_criteria import SlabCriteria
+from .slab_criteria import SCENARIOS, SlabCriteria
 from .slab_ground import CRITERIA, SlabGround, halo, slab_ground
 from .slab_thickness import NewSnow
 from .slab_units import Units, divided
@@ -54,7 +54,7 @@ class SlabSearch:
         Side of a block; it does not change the result.
     """
 
-    criteria: SlabCriteria = field(default_factory=SlabCriteria)
+    criteria: SlabCriteria = SCENARIOS["extreme"]
     snow: NewSnow = field(default_factory=NewSnow)
     forest: str | Path | None = None
     workers: int | None = None
@@ -83,6 +83,11 @@ class SlabAreas:
     crs: pyproj.CRS | None
     path: Path | None = None
 
+    @property
+    def files(self) -> list[Path]:
+        """Files that were written."""
+        return [] if self.path is None else [self.path]
+
 
 @dataclass(frozen=True)
 class _Block:
@@ -97,7 +102,7 @@ class _Block:
         return slice(self.first[0], self.last[0]), slice(self.first[1], self.last[1])
 
 
-def find_slab_areas(terrain: Terrain | TerrainFile, search: SlabSearch) -> SlabAreas:
+def find_slab_areas(terrain: Terrain | TerrainFile, search: SlabSearch, progress: Progress = unwatched) -> SlabAreas:
     """Find the potential release areas of snow slabs in a DTM.
 
     Parameters
@@ -105,6 +110,8 @@ def find_slab_areas(terrain: Terrain | TerrainFile, search: SlabSearch) -> SlabA
     terrain : Terrain or TerrainFile
         A TerrainFile is read by block; a Dask cluster needs one.
     search : SlabSearch
+    progress : callable
+        Called with (blocks done, blocks in all).
 
     Raises
     ------
@@ -124,11 +131,10 @@ def find_slab_areas(terrain: Terrain | TerrainFile, search: SlabSearch) -> SlabA
         )
     forest = None if search.forest is None else read_area_mask(search.forest, terrain, "forest")
     with frame_pool(search.workers, search.dask) as pool, pool.ended():
-        ground = _whole_ground(terrain, forest, search, pool)
+        ground = _whole_ground(terrain, forest, search, pool, progress)
     units = divided(ground.classes, ground.aspect, math.ceil(criteria.min_area / grid.cell_area * (1 - 1e-9)))
     if not len(units.cells):
         raise InputError(_nothing_found(terrain, ground, criteria))
-    show_progress(f"outlines of {len(units.cells)} release areas")
     return SlabAreas(outlines(units.labels, grid), _columns(units, ground, grid.cell_area, search.snow), grid.crs)
 
 
@@ -141,6 +147,7 @@ def write_slab_areas(
     dem_band: int | None = None,
     to_crs: str | None = None,
     overwrite: bool = False,
+    progress: Progress = unwatched,
 ) -> SlabAreas:
     """Find the potential release areas of snow slabs in a DTM and write them to a GeoPackage.
 
@@ -153,6 +160,8 @@ def write_slab_areas(
     crs, dem_band, to_crs
         As for `read_terrain`.
     overwrite : bool
+    progress : callable
+        As for `find_slab_areas`.
 
     Raises
     ------
@@ -171,7 +180,8 @@ def write_slab_areas(
         terrain = terrain.whole()
     else:
         log.info(f"{dem} has {terrain.grid.shape[0]} x {terrain.grid.shape[1]} cells and is read by block")
-    found = replace(find_slab_areas(terrain, search), path=path)
+    found = replace(find_slab_areas(terrain, search, progress), path=path)
+    log.info(_summary(found))
     write_layer(path, LAYER, found.polygons, found.columns, found.crs)
     return found
 
@@ -206,7 +216,7 @@ def _block_ground(
 
 
 def _whole_ground(
-    terrain: Terrain | TerrainFile, forest: AreaMask | None, search: SlabSearch, pool: FramePool
+    terrain: Terrain | TerrainFile, forest: AreaMask | None, search: SlabSearch, pool: FramePool, progress: Progress
 ) -> SlabGround:
     """Classify all cells, block by block."""
     shape = terrain.grid.shape
@@ -225,7 +235,7 @@ def _whole_ground(
                 here[block.cells] = values
         whole.counts[:] += part.counts
         whole = whole._replace(steepest=float(np.fmax(whole.steepest, part.steepest)))
-        show_progress(f"block {number} of {len(blocks)}")
+        progress(number, len(blocks))
     return whole
 
 
@@ -279,6 +289,16 @@ def _means(labels, slope, elevation, count):
                 surfaces[k] += 1.0 / math.cos(math.radians(angle))
                 heights[k] += float(elevation[i, j])
     return slopes / cells, surfaces / cells, heights / cells
+
+
+def _summary(found: SlabAreas) -> str:
+    """Return the message about areas that were found."""
+    area = found.columns["area"]
+    text = f"{len(area)} release areas of {area.min():.4g} to {area.max():.4g} m2, together {area.sum() / 1e4:.4g} ha"
+    if "thickness" not in found.columns:
+        return f"{text}; without `snow_depth` they have no thickness"
+    thick, volume = found.columns["thickness"], found.columns["volume"]
+    return f"{text}; thickness {thick.min():.3g} to {thick.max():.3g} m, volume up to {volume.max():.4g} m3"
 
 
 def _nothing_found(terrain: Terrain | TerrainFile, ground: SlabGround, criteria: SlabCriteria) -> str:
