@@ -6,7 +6,7 @@ from ..frames.frame_options import MetricTerrainOptions
 from ..results.question_options import ReadingOptions
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 

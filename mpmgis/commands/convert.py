@@ -2,12 +2,11 @@
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 
-from ..exchange.frame_source import DeclarationOptions
+from ..exchange.frame_source import THIRD_PARTY, DeclarationOptions
 from ..frames.frame_options import DensityOptions, TerrainOptions
 from ..system.errors import InputError
 from ..system.option import Option, PathLike, options_of
-from ..system.whole_files import OverwriteOptions
-from . import shared_options
+from ..system.work_options import OverwriteOptions
 from .seed import ANOTHER, FOLDER_OF_SOLVER, PARTICLES, WRITES, SolverOptions
 from .verb import Form, Verb
 from .verb_calls import Results, complete, python_words, several
@@ -172,8 +171,8 @@ VERB = Verb(
         ("to columns", ConvertColumnOptions),
         ("terrain", TerrainOptions),
         ("for another 3D solver", SolverOptions),
-        (shared_options.THIRD_PARTY, DeclarationOptions),
-        (shared_options.THIRD_PARTY, DensityOptions),
+        (THIRD_PARTY, DeclarationOptions),
+        (THIRD_PARTY, DensityOptions),
     ),
     example="""
 mpmgis convert area_particles.h5 --cell 1

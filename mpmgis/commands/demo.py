@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..system.option import Option, PathLike
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words

@@ -17,7 +17,7 @@ from ..seeding.release_areas import read_release
 from ..simulation.scene_run import RunSummary, run
 from ..system.errors import InputError
 from ..system.links import refuse_link
-from ..system.messages import details, muted
+from ..system.messages import Progress, details, muted, unwatched
 from ..system.whole_files import refuse_existing, whole_folder
 from ..terrain.dtm import read_terrain
 from ..terrain.raster_input import read_raster
@@ -59,7 +59,7 @@ def demo(
     overwrite: bool = False,
     threads: int | None = None,
     watch: Callable[[Any, float, str], None] = lambda solver, end_time, left: None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = unwatched,
 ) -> tuple[RunSummary, Path, Path]:
     """Copy the sample site to `output`/site, simulate it, export it for QGIS, and draw one picture.
 

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 
-from ..system.dask_workers import DASK
 from ..system.option import Option, PathLike
+from ..system.work_options import DASK
 from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import called

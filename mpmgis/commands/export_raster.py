@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Unpack
 
-from ..exchange.frame_source import DeclarationOptions
+from ..exchange.frame_source import THIRD_PARTY, DeclarationOptions
 from ..frames.frame_options import TerrainOptions
 from ..maps.export.export_options import (
     ExportAveragingOptions,
@@ -54,7 +54,7 @@ VERB = Verb(
         ("averaging", PaperOptions),
         ("files", FileOptions),
         ("machine", MachineOptions),
-        (shared_options.THIRD_PARTY, DeclarationOptions),
+        (THIRD_PARTY, DeclarationOptions),
     ),
     example="""
 mpmgis export-raster results/*.h5

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
 
-from ..results.question_options import QuestionOptions
+from ..results.question_options import GROUPS, QuestionOptions
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
 from . import shared_options
@@ -58,7 +58,7 @@ VERB = Verb(
     line="volume and mass through a section over time",
     options=HydrographOptions,
     arguments=Arguments,
-    groups=shared_options.GROUPS,
+    groups=GROUPS,
     example="""
 mpmgis hydrograph results --section line.gpkg
 mpmgis hydrograph results --section line.gpkg --method cells -o hydrograph.csv

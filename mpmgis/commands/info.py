@@ -2,10 +2,9 @@
 
 from typing import Annotated, Any, Unpack
 
-from ..exchange.frame_source import ThirdPartyOptions
+from ..exchange.frame_source import THIRD_PARTY, ThirdPartyOptions
 from ..system.option import Option, PathLike
 from ..system.trusted_files import trusting
-from . import shared_options
 from .effects import AnswerArguments
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
@@ -54,7 +53,7 @@ VERB = Verb(
     options=ThirdPartyOptions,
     arguments=Arguments,
     trust=True,
-    groups=((shared_options.THIRD_PARTY, ThirdPartyOptions),),
+    groups=((THIRD_PARTY, ThirdPartyOptions),),
     example="""
 mpmgis info dtm.tif release.shp
 mpmgis info results/

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
 
-from ..results.question_options import QuestionOptions
+from ..results.question_options import GROUPS, QuestionOptions
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
 from . import shared_options
@@ -95,7 +95,7 @@ VERB = Verb(
     line="intensity classes of a named guideline, as raster and polygons",
     options=IntensityOptions,
     arguments=Arguments,
-    groups=shared_options.GROUPS,
+    groups=GROUPS,
     example="""
 mpmgis intensity results --guideline swiss-debris-flow
 mpmgis intensity results_gis --guideline austrian-avalanche -o zones

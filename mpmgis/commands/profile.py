@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated, TypedDict, Unpack
 
-from ..results.question_options import QuestionOptions
+from ..results.question_options import GROUPS, QuestionOptions
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
 from . import shared_options
@@ -63,7 +63,7 @@ VERB = Verb(
     line="depth, thickness and velocities along a line at chosen times",
     options=ProfileOptions,
     arguments=Arguments,
-    groups=shared_options.GROUPS,
+    groups=GROUPS,
     example="""
 mpmgis profile results --line line.gpkg
 mpmgis profile results --line line.gpkg --at-times 20,40,60 --cs-e 2 -o profile.csv

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
 
-from ..results.question_options import QuestionOptions
+from ..results.question_options import GROUPS, QuestionOptions
 from ..system.option import Option, PathLike
 from . import shared_options
 from .verb import Form, Verb
@@ -120,7 +120,7 @@ VERB = Verb(
     workflow="results.reports.run_report:report",
     options=ReportOptions,
     arguments=Arguments,
-    groups=(("hazard map", HazardOptions), *shared_options.GROUPS),
+    groups=(("hazard map", HazardOptions), *GROUPS),
     example="""
 mpmgis report results
 mpmgis report results --title "Rock avalanche, scenario 300 years" -o scenario_300.html

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from ..system.errors import InputError
 from ..system.option import Option, PathLike
 from ..system.trusted_files import trusting
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
-from ..results.question_options import QuestionOptions
+from ..results.question_options import GROUPS, QuestionOptions
 from ..system.messages import Progress, unwatched
 from ..system.option import PathLike
 from . import shared_options
@@ -34,7 +34,7 @@ VERB = Verb(
     line="runout, drop height, angles of energy line and centre of mass",
     options=RunoutOptions,
     arguments=Arguments,
-    groups=shared_options.GROUPS,
+    groups=GROUPS,
     example="""
 mpmgis runout results
 mpmgis runout results --line flow_path.gpkg --threshold 0.5 -o runout

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict, Unpack
 from ..frames.frame_options import FrameTerrainOptions, MetricTerrainOptions
 from ..system.errors import InputError
 from ..system.option import Option, PathLike, options_of
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 

@@ -1,13 +1,8 @@
 """Declare options of several verbs: terrain, averaging of frames, files of other codes, results, machine."""
 
-from ..exchange.frame_source import DeclarationOptions
-from ..frames.frame_options import TerrainOptions
-from ..maps.averaging.averaging_options import CellOptions, SizedCellOptions
 from ..system.option import Option
 
 TOML = "Scenes (*.toml)"
-AVERAGED = "cells, averaged as export-raster does"
-THIRD_PARTY = "another code's particle files"
 _FRAMES = "frames (*.h5) of one run, another code's particle files, or the folder that holds them"
 _RASTERS = ", or (the beginning of the names of) rasters named *_pft, *_pfv, *_ppr"
 _RESULTS_FIELD = {"kind": "folder", "folded": False, "label": "Results: folder of frames, or of maps"}
@@ -80,10 +75,6 @@ THREADS = Option(
     usual="one for every 10 000 particles, at most all",
     label="Processor threads",
 )
-
-
-FRAME_GROUPS = (("terrain", TerrainOptions), (AVERAGED, CellOptions), (THIRD_PARTY, DeclarationOptions))
-GROUPS = (("terrain", TerrainOptions), (AVERAGED, SizedCellOptions), (THIRD_PARTY, DeclarationOptions))
 
 
 def output(word: str, files: str, label: str) -> Option:

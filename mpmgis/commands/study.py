@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 from ..system.option import Option, PathLike
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
 from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import called

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
-from ..results.question_options import QuestionOptions
+from ..results.question_options import GROUPS, QuestionOptions
 from ..system.messages import Progress, unwatched
 from ..system.option import PathLike
 from . import shared_options
@@ -36,7 +36,7 @@ VERB = Verb(
     line="depth, thickness, velocities and pressure at points over time",
     options=TimeseriesOptions,
     arguments=Arguments,
-    groups=shared_options.GROUPS,
+    groups=GROUPS,
     example="""
 mpmgis timeseries results --points points.gpkg
 mpmgis timeseries results --at 312900,4008450 --at 313100,4008160 --cs-e 5 -o series.csv

@@ -150,12 +150,12 @@ def with_flags(text: str, verb: Verb[Any]) -> str:
     -------
     str
     """
-    options = verb_of("export-raster").named() | verb.named()
+    options = verb.named()
 
     def flag(found: re.Match[str]) -> str:
-        option = options.get(found[1])
         if found[1] == "trust":
             return "--trust"
+        option = options.get(found[1]) or verb_of("export-raster").named().get(found[1])
         if option is None or not option.flags:
             return found[0]
         flag = option.flags[0]

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated, Unpack
 
-from ..results.question_options import FrameQuestionOptions
+from ..results.question_options import FRAME_GROUPS, FrameQuestionOptions
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
 from . import shared_options
@@ -61,7 +61,7 @@ VERB = Verb(
     line="density, velocities and pressure over the height above the bed, of 3D frames",
     options=VerticalOptions,
     arguments=Arguments,
-    groups=shared_options.FRAME_GROUPS,
+    groups=FRAME_GROUPS,
     example="""
 mpmgis vertical results --at 312900,4008450
 mpmgis vertical results --points points.gpkg --at-times 4,6,8 --width 10 --layer 1

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from .frame_list import FrameEntry
     from .map_coordinates import Ground
 
+THIRD_PARTY = "another code's particle files"  # title of the group of DeclarationOptions in the help
+
 
 class DeclarationOptions(TypedDict, total=False):
     """Data that another code's particle files do not contain (`declarations.Declarations`)."""

@@ -1,6 +1,6 @@
 """Open results: frames of any code, an exported folder, or rasters; cells averaged as in an export."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from ..maps.export.export_inputs import log_unused_options, release_density
 from ..maps.export.export_options import ExportOptions, export_with
 from ..maps.export.map_export import peaks_of_frames
 from ..system.errors import FormatError, InputError
-from ..system.messages import log
+from ..system.messages import Progress, log, unwatched
 from ..system.option import PathLike, options_of
 from ..system.parallel import frame_pool
 from ..terrain.elevation import Terrain
@@ -67,11 +67,7 @@ class FrameFlow:
         return self.averaging.min_depth
 
     def at_cells(
-        self,
-        cells: np.ndarray,
-        names: Collection[str],
-        steps: Iterable[int],
-        progress: Callable[[int, int], None] = lambda done, total: None,
+        self, cells: np.ndarray, names: Collection[str], steps: Iterable[int], progress: Progress = unwatched
     ) -> dict[str, np.ndarray]:
         """Return values of products in cells at steps.
 
@@ -141,11 +137,7 @@ class ExportFlow:
             return None
 
     def at_cells(
-        self,
-        cells: np.ndarray,
-        names: Collection[str],
-        steps: Iterable[int],
-        progress: Callable[[int, int], None] = lambda done, total: None,
+        self, cells: np.ndarray, names: Collection[str], steps: Iterable[int], progress: Progress = unwatched
     ) -> dict[str, np.ndarray]:
         """Return values of products in cells at steps, read from the rasters.
 
@@ -359,10 +351,7 @@ def _refuse_options_of_frames(asked, used=()):
 
 
 def peaks_of(
-    asked: Question,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-    used: Sequence[str] = (),
-    used_of_rasters: Sequence[str] = (),
+    asked: Question, progress: Progress = unwatched, used: Sequence[str] = (), used_of_rasters: Sequence[str] = ()
 ) -> Result:
     """Return the Result (maxima, deposit, terrain) of an export or other rasters, or of frames, in memory.
 

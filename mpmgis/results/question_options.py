@@ -2,11 +2,13 @@
 
 from typing import Annotated
 
-from ..exchange.frame_source import DeclarationOptions, ThirdPartyOptions
+from ..exchange.frame_source import THIRD_PARTY, DeclarationOptions, ThirdPartyOptions
 from ..frames.frame_options import TerrainOptions
 from ..maps.averaging.averaging_options import CellOptions, SizedCellOptions
 from ..system.option import PathLike, options_of
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import OverwriteOptions
+
+AVERAGED = "cells, averaged as export-raster does"
 
 
 class FrameQuestionOptions(OverwriteOptions, TerrainOptions, CellOptions, DeclarationOptions, total=False):
@@ -35,3 +37,8 @@ class ReadingOptions(ThirdPartyOptions, total=False):
     """Reading of another code's files."""
 
     standoff: Annotated[float, options_of(CellOptions)["standoff"]]
+
+
+# titles of groups of options in the help
+FRAME_GROUPS = (("terrain", TerrainOptions), (AVERAGED, CellOptions), (THIRD_PARTY, DeclarationOptions))
+GROUPS = (("terrain", TerrainOptions), (AVERAGED, SizedCellOptions), (THIRD_PARTY, DeclarationOptions))

@@ -11,14 +11,11 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from .errors import InputError, one_line
-from .option import Option
 from .optional_libraries import needed_for
 from .worker_processes import RETRIES, arrived
 
 if TYPE_CHECKING:
     from distributed import Client
-
-DASK = Option("use the Dask cluster with this scheduler", "ADDRESS", label="Dask cluster: address of its scheduler")
 
 
 @contextmanager

@@ -7,32 +7,16 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, TypedDict
 
 from . import operating_system
 from .errors import MpmgisError, OutputError, has_control_characters
 from .links import is_above, is_folder, real_place, refuse_link, remove, require_free, status
-from .option import Option
 from .writer_process import PATTERN, new_token, this_process, written_by
 
 _PROBE_SIZE = 1_000_000  # [bytes] if this does not fit, the disk is full
 _LONGEST_NAME = 170  # [bytes] a token and suffixes added by libraries still fit into 255
 _LONGEST_SUFFIX = 20  # [bytes] a longer one is no suffix that libraries know
 MARK = ".mpmgis"  # file in every folder that `whole_folder` makes
-
-
-class OverwriteOptions(TypedDict, total=False):
-    """Whether earlier files are replaced."""
-
-    overwrite: Annotated[
-        bool,
-        Option(
-            "replace earlier files of that name",
-            default=False,
-            folded=False,
-            label="Replace earlier files of that name",
-        ),
-    ]
 
 
 def refuse_existing(path: str | Path, overwrite: bool) -> None:

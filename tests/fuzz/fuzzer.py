@@ -488,16 +488,19 @@ def import_what_commands_import():
     """So that children have it; nothing compiled is run here."""
     import importlib
 
-    from mpmgis.commands.verb import verb_of
-    from mpmgis.commands.verb_calls import workflow_of
-
-    for name in ("runout", "profile", "timeseries", "hydrograph", "intensity", "vertical", "compare", "export-raster"):
-        workflow_of(verb_of(name))
-    for name in ("seeding.seeded_file", "conversion.frame_conversion", "simulation.scene_run"):
+    for name in ("runout", "profile", "timeseries", "hydrograph", "vertical", "comparison", "hazard.intensity"):
+        importlib.import_module(f"mpmgis.results.{name}_answer")
+    for name in ("maps.export.map_export", "seeding.seeded_file", "conversion.frame_conversion"):
         importlib.import_module(f"mpmgis.{name}")
     for name in ("seed", "convert", "run"):
         importlib.import_module(f"mpmgis.commands.{name}")
-    for name in ("results.reports.file_facts", "frames.particle_files", "maps.qgis.qgis_files", "maps.qgis.outlines"):
+    for name in (
+        "simulation.scene_run",
+        "results.reports.file_facts",
+        "frames.particle_files",
+        "maps.qgis.qgis_files",
+        "maps.qgis.outlines",
+    ):
         importlib.import_module(f"mpmgis.{name}")
     for name in ("file_verbs", "simulation_verbs", "effects_text", "info_text", "answers"):
         importlib.import_module(f"mpmgis.commands.shell.{name}")

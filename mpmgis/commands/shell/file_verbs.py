@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 from ...system.errors import InputError
-from ..convert import converted, started
 from ..seed import DEFAULT_DENSITY, FOR_SOLVER, seeding_values
 from ..verb import verb_of
 from ..verb_calls import complete, made
@@ -78,6 +77,8 @@ def convert(arguments: argparse.Namespace) -> int:
     int
         Exit code.
     """
+    from ..convert import converted, started
+
     verb = verb_of("convert")
     values = complete(verb, values_of(arguments, verb))
     with terminal.notes_after_success():

@@ -5,10 +5,9 @@ from typing import Annotated, Literal, TypedDict, Unpack, cast
 
 from ...exchange.frame_source import DeclarationOptions
 from ...frames.frame_options import FrameTerrainOptions, TerrainOptions
-from ...system.dask_workers import DASK
 from ...system.option import Auto, Option, PathLike
 from ...system.option_values import defaults_of
-from ...system.whole_files import OverwriteOptions
+from ...system.work_options import DASK, OverwriteOptions
 from ..averaging.averaging_options import USUAL_DEPTH, AveragingOptions
 
 

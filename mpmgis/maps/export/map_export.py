@@ -2,7 +2,6 @@
 
 import math
 import shutil
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from ...exchange.frame_source import frames_at
 from ...frames.run_terrain import run_terrain
 from ...laws.quantities import BAND
 from ...system.errors import InputError, OutputError
+from ...system.messages import Progress, unwatched
 from ...system.option_values import defaults_of
 from ...system.optional_libraries import pyogrio
 from ...system.parallel import frame_pool
@@ -30,7 +30,7 @@ from .step_rasters import frame_maxima, write_rasters
 SPOOL_FOLDER = ".steps"  # temporary, in the output folder
 
 
-def export_raster(asked: Export, progress: Callable = lambda done, total: None) -> list[Path]:
+def export_raster(asked: Export, progress: Progress = unwatched) -> list[Path]:
     """Write the folder for GIS, atomically.
 
     Parameters
@@ -97,7 +97,7 @@ def _as_the_paper(asked):
     return {**asked, "bed": "plane", "min_depth": 0.0}
 
 
-def peaks_of_frames(asked: Export, progress: Callable = lambda done, total: None) -> Result:
+def peaks_of_frames(asked: Export, progress: Progress = unwatched) -> Result:
     """Compute the maxima and the last step of frames in memory, with their terrain.
 
     Parameters
