@@ -3,10 +3,9 @@
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
 
 from ..frames.frame_options import MetricTerrainOptions
-from ..system.dask_workers import DASK
 from ..system.messages import Progress, unwatched
 from ..system.option import Option, PathLike
-from ..system.whole_files import OverwriteOptions
+from ..system.work_options import DASK, OverwriteOptions
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
