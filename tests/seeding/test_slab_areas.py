@@ -229,6 +229,16 @@ def test_a_dtm_read_by_block_gives_the_same_file_contents(tmp_path, monkeypatch)
         np.testing.assert_array_equal(parts.columns[name], values)
 
 
+def test_blocks_without_any_elevation_are_passed_over(tmp_path, monkeypatch):
+    heights = np.full((300, 300), np.nan)
+    heights[150:, 150:] = HEIGHTS[:150, :150]
+    dem = written(tmp_path / "dtm.tif", Terrain(Grid.north_up(None, 0, 1500, CELL, heights.shape), heights))
+    search = SlabSearch(SMOOTH, block=64)
+    whole = write_slab_areas(dem, tmp_path / "whole.gpkg", search)
+    monkeypatch.setattr(potential_areas, "READ_WHOLE", 100)
+    assert outlines(write_slab_areas(dem, tmp_path / "parts.gpkg", search)) == outlines(whole)
+
+
 @pytest.mark.thorough
 def test_dask_gives_the_same_areas(tmp_path):
     from distributed import LocalCluster
