@@ -14,6 +14,7 @@ from .commands.intensity import intensity as intensity
 from .commands.profile import profile as profile
 from .commands.qgis_plugin import qgis_plugin as qgis_plugin
 from .commands.region import region as region
+from .commands.release import release_areas as release_areas
 from .commands.report import hazard_map as hazard_map
 from .commands.report import report as report
 from .commands.results_api import depth_average as depth_average

@@ -181,10 +181,33 @@ class TerrainFile:
         """
         return self.part(*self.grid.window(bounds, margin))
 
-    def _values(self, source, window):
+    def heights(self, rows: slice, columns: slice) -> np.ndarray:
+        """Read the elevations of a part, which may be nodata everywhere; only their range is checked.
+
+        Parameters
+        ----------
+        rows, columns : slice
+            Within the raster.
+
+        Returns
+        -------
+        float64[rows, columns] [m]
+            NaN for nodata.
+
+        Raises
+        ------
+        FormatError, InputError
+        """
+        with open_raster(self._file) as source:
+            elevation = self._values(source, Window.from_slices(rows, columns), may_be_empty=True)
+        if np.isfinite(elevation).any():
+            require_heights(elevation, self._file)
+        return elevation
+
+    def _values(self, source, window, may_be_empty=False):
         if self.reprojection is None:
-            return band_values(source, self._file, self._band, HEIGHTS, window=window)
-        return warped_values(source, self._file, self._band, self.reprojection, window)
+            return band_values(source, self._file, self._band, HEIGHTS, may_be_empty, window)
+        return warped_values(source, self._file, self._band, self.reprojection, window, may_be_empty)
 
     def _terrain(self, grid, window):
         with open_raster(self._file) as source:

@@ -241,7 +241,12 @@ def _cannot(path: str | Path, crs: pyproj.CRS, target: pyproj.CRS) -> Georeferen
 
 
 def warped_values(
-    source: DatasetReader, path: Path, band: int, plan: Reprojection, window: Window | None = None
+    source: DatasetReader,
+    path: Path,
+    band: int,
+    plan: Reprojection,
+    window: Window | None = None,
+    may_be_empty: bool = False,
 ) -> np.ndarray:
     """Read the heights [m] of a DTM on the grid of its reprojection; NaN for nodata.
 
@@ -256,6 +261,8 @@ def warped_values(
     plan : Reprojection
     window : rasterio.windows.Window, optional
         Part of the grid.
+    may_be_empty : bool
+        Nodata everywhere is no error.
 
     Returns
     -------
@@ -266,14 +273,14 @@ def warped_values(
     FormatError, InputError
     """
     if not plan.resampled:
-        return band_values(source, path, band, HEIGHTS, window=window) * plan.height_factor
+        return band_values(source, path, band, HEIGHTS, may_be_empty, window) * plan.height_factor
     nodata, undeclared = _source_nodata(source, path, band, HEIGHTS, _pixels_under(source, plan, window))
     if undeclared:
         log.info(
             f"{path}: {undeclared} cells have the value {nodata:g}, which is not declared as nodata; used as nodata"
         )
     values = read_warped(source, path, band, plan.source, plan.grid, Resampling.bilinear, nodata, window)
-    if not np.isfinite(values).any():
+    if not may_be_empty and not np.isfinite(values).any():
         where = " in the needed part" if window is not None else ""
         raise InputError(f"{path}: every cell{where} is nodata")
     return values * plan.height_factor

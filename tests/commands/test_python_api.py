@@ -44,7 +44,8 @@ def test_the_index_of_names_is_complete():
     assert all(function.__doc__ for function in functions)
     assert set(mpmgis.__all__) <= set(dir(mpmgis))
     verbs = {verb.replace("-", "_") for verb in verb_names()}
-    assert verbs - {"completion", "effects"} <= set(mpmgis.__all__) and "scene_effects" in mpmgis.__all__
+    assert verbs - {"completion", "effects", "release"} <= set(mpmgis.__all__)
+    assert {"scene_effects", "release_areas"} <= set(mpmgis.__all__)
     with pytest.raises(AttributeError, match="nonsense"):
         _ = mpmgis.nonsense
 

@@ -18,7 +18,7 @@ from ..verb import Verb, module_of, verb_of
 from ..verb_calls import complete
 from . import terminal
 from .parser import values_of
-from .progress import frame_progress
+from .progress import block_progress, frame_progress
 
 STDOUT = Path("-")  # value of -o
 OWN_FACTS = ("compare", "runout")  # verbs whose answers have more than a table
@@ -66,7 +66,8 @@ def _run_to_stdout(verb, values):
 
 def _worked(verb, values):
     """What the work of a verb returns for options by name."""
-    return module_of(verb.name).work(complete(verb, values), frame_progress)
+    shown = block_progress if verb.name == "release" else frame_progress
+    return module_of(verb.name).work(complete(verb, values), shown)
 
 
 def _as_json(found, files):

@@ -239,12 +239,26 @@ def frame_progress(done: int, total: int) -> None:
     ----------
     done, total : int
     """
+    _show_count("frame", done, total)
+
+
+def block_progress(done: int, total: int) -> None:
+    """Show the number of blocks of a DTM done, as `frame_progress`.
+
+    Parameters
+    ----------
+    done, total : int
+    """
+    _show_count("block", done, total)
+
+
+def _show_count(what, done, total):
     if done <= 1:
         _export_lines.start_again()
     if terminal.volume >= 0 and sys.stderr.isatty():
-        print(f"\rframe {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)
+        print(f"\r{what} {done} of {total}", end="" if done < total else "\n", file=sys.stderr, flush=True)
     elif _export_lines.is_due():
-        terminal.note(f"frame {done} of {total}")
+        terminal.note(f"{what} {done} of {total}")
 
 
 @contextmanager

@@ -20,6 +20,7 @@ OF_QGIS = (
 )
 
 _TIME, _FRAME = re.compile(r"t = ([\d.]+) of ([\d.]+)"), re.compile(r"frame (\d+) of (\d+)")
+_BLOCK = re.compile(r"block (\d+) of (\d+)")
 _MEMBER = re.compile(r"run (\d+) of (\d+)")
 _SETTING = re.compile(r"(\d+) of (\d+): ")  # printed at its start: one less is done
 # progress lines by verb: (pattern, offset of the first number, share of the progress bar)
@@ -28,6 +29,7 @@ _OF_VERB = {
     "demo": ((_TIME, 0, (0.0, 0.7)), (_FRAME, 0, (0.7, 1.0))),
     "ensemble": ((_MEMBER, 0, (0.0, 1.0)),),
     "calibrate": ((_MEMBER, 0, (0.0, 1.0)),),
+    "release": ((_BLOCK, 0, (0.0, 1.0)),),
     "region": ((_MEMBER, 0, (0.0, 1.0)),),
     "study": ((_SETTING, 1, (0.0, 1.0)),),
 }
