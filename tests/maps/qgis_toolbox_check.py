@@ -28,7 +28,7 @@ from qgis.core import (
     QgsRasterLayer,
     QgsVectorLayer,
 )
-from qgis.PyQt.QtWidgets import QWidget
+from qgis.PyQt.QtWidgets import QDialog
 
 PLUGINS, SITE, COMMAND, SLEEPER = sys.argv[1:]
 # what QGIS has in its environment on Windows and macOS, and what keeps another Python from starting
@@ -222,7 +222,8 @@ def _scenarios(definition):
     """Value of the table of scenarios, as QGIS makes it for a form."""
     from processing.gui.wrappers import WidgetWrapperFactory
 
-    wrapper = WidgetWrapperFactory.create_wrapper(definition, QWidget())
+    dialog = QDialog()  # kept while the wrapper is used
+    wrapper = WidgetWrapperFactory.create_wrapper(definition, dialog)
     wrapper.setValue("30=a; 100=b")
     wrapper.widget.add("300", "c")
     wrapper.widget.add("", "")
