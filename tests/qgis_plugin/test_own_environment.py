@@ -135,6 +135,12 @@ def test_errors_are_one_line_with_a_remedy(line, said):
     assert said in found and "\n" not in found
 
 
+def test_a_python_that_makes_no_environment_is_to_be_replaced():
+    assert own_environment.failure(own_environment.MAKING, ["Error: x"], Source("1.2.0")).endswith(
+        "choose another Python"
+    )
+
+
 def test_progress_grows_with_the_packages():
     lines = [
         "Collecting numpy>=1.26",
