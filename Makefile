@@ -70,7 +70,7 @@ plugin: $(ENVIRONMENT)/installed
 
 wheel: $(ENVIRONMENT)/installed-test
 	@rm -f dist/mpmgis-*.whl dist/mpmgis-*.tar.gz
-	@$(BIN)/python -m build --outdir dist .
+	@cp .ci/MANIFEST.in . && { $(BIN)/python -m build --outdir dist .; built=$$?; rm -f MANIFEST.in; exit $$built; }
 	@$(BIN)/twine check --strict dist/mpmgis-*
 
 publish: $(ENVIRONMENT)/installed-test

@@ -164,6 +164,7 @@ def checkout(tmp_path_factory):
         if name and (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, folder / name)
+    shutil.copy(folder / ".ci" / "MANIFEST.in", folder)  # as `make wheel` does
     return folder
 
 

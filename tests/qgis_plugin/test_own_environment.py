@@ -198,8 +198,8 @@ def test_other_pythons_of_windows():
 
 
 def test_other_pythons_of_linux_and_macos():
-    places = python_search.elsewhere({"PATH": "/home/me/bin:/usr/bin"}, windows=False)
-    assert places[0] == "/home/me/bin/python3.14" and "/opt/homebrew/bin/python3.12" in places
+    places = python_search.elsewhere({"PATH": "/own/bin:/usr/bin"}, windows=False)
+    assert places[0] == "/own/bin/python3.14" and "/opt/homebrew/bin/python3.12" in places
     assert "/Library/Frameworks/Python.framework/Versions/3.13/bin/python3.13" in places
     assert "/usr/bin/python3" in places
 
