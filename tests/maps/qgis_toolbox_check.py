@@ -161,7 +161,8 @@ def check_simulation():
     frames = found["simulate"]["outputs"]["FRAMES"]
     found["export"] = use("exportraster", FRAMES=frames, CELL="5", STEP="4", OUTPUT=os.path.join(SITE, "maps"))
     found["count_twice"] = len(project.mapLayers()) / len(found["valid"])
-    found["unloaded"] = use("exportraster", FRAMES=frames, OUTPUT=os.path.join(SITE, "more"), LOAD=False)
+    film, more = os.path.join(SITE, "film.gif"), os.path.join(SITE, "more")
+    found["unloaded"] = use("exportraster", FRAMES=frames, OUTPUT=more, ANIMATION=film, LOAD=False)
     found["compare"] = use("compare", FIRST=os.path.join(SITE, "maps"), OUTLINE=RELEASE)
     found["unclear"] = use("compare", FIRST=os.path.join(SITE, "maps"))
     found["intensity"] = use("intensity", FRAMES=os.path.join(SITE, "maps"), GUIDELINE="swiss-debris-flow")
