@@ -28,7 +28,7 @@ from qgis.core import (
     QgsRasterLayer,
     QgsVectorLayer,
 )
-from qgis.PyQt.QtWidgets import QWidget
+from qgis.PyQt.QtWidgets import QDialog
 
 PLUGINS, SITE, COMMAND, SLEEPER = sys.argv[1:]
 # what QGIS has in its environment on Windows and macOS, and what keeps another Python from starting
@@ -161,7 +161,8 @@ def check_simulation():
     frames = found["simulate"]["outputs"]["FRAMES"]
     found["export"] = use("exportraster", FRAMES=frames, CELL="5", STEP="4", OUTPUT=os.path.join(SITE, "maps"))
     found["count_twice"] = len(project.mapLayers()) / len(found["valid"])
-    found["unloaded"] = use("exportraster", FRAMES=frames, OUTPUT=os.path.join(SITE, "more"), LOAD=False)
+    film, more = os.path.join(SITE, "film.gif"), os.path.join(SITE, "more")
+    found["unloaded"] = use("exportraster", FRAMES=frames, OUTPUT=more, ANIMATION=film, LOAD=False)
     found["compare"] = use("compare", FIRST=os.path.join(SITE, "maps"), OUTLINE=RELEASE)
     found["unclear"] = use("compare", FIRST=os.path.join(SITE, "maps"))
     found["intensity"] = use("intensity", FRAMES=os.path.join(SITE, "maps"), GUIDELINE="swiss-debris-flow")
@@ -222,7 +223,8 @@ def _scenarios(definition):
     """Value of the table of scenarios, as QGIS makes it for a form."""
     from processing.gui.wrappers import WidgetWrapperFactory
 
-    wrapper = WidgetWrapperFactory.create_wrapper(definition, QWidget())
+    dialog = QDialog()  # kept while the wrapper is used
+    wrapper = WidgetWrapperFactory.create_wrapper(definition, dialog)
     wrapper.setValue("30=a; 100=b")
     wrapper.widget.add("300", "c")
     wrapper.widget.add("", "")

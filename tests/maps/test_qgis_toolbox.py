@@ -149,6 +149,7 @@ def test_export_is_loaded_on_request(site, report):
         assert raster.res == (5.0, 5.0)
     assert report["count_twice"] > 1.5
     assert report["unloaded"]["error"] == "" and (site / "more" / "results.qgz").exists()
+    assert report["unloaded"]["outputs"]["ANIMATION"] == str(site / "film.gif") and (site / "film.gif").exists()
 
 
 def test_command_output_is_in_the_log(report):

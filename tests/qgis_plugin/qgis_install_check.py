@@ -144,7 +144,13 @@ def main():
 
 
 def installations(application, form, home):
-    found = {"other_file": installed_by(application, form, DTM)}
+    from mpmgis_qgis import python_search
+
+    form.pythons.insertItem(0, "gone", python_search.Python("/nowhere/python", (3, 12), True))
+    form.pythons.setCurrentIndex(0)
+    gone = installed_by(application, form, WHEEL, FOLDER)
+    form.pythons.removeItem(0)
+    found = {"gone": gone, "other_file": installed_by(application, form, DTM)}
     found["no_libraries"] = installed_by(application, form, WHEEL, PLUGINS)
     found["cancelled"] = installed_by(application, form, WHEEL, FOLDER, cancel_at="Processing ")
     wait(application, lambda: os.listdir(home) == ["install.log"])

@@ -94,6 +94,12 @@ def test_a_python_is_found_and_named(report):
     assert all(text.startswith("Python 3.") and "/" in text for text in report["pythons"])
 
 
+def test_a_python_that_is_gone_is_an_error(report):
+    assert (
+        report["gone"]["said"].startswith("/nowhere/python does not start") and report["gone"]["begin"] == "Try again"
+    )
+
+
 def test_other_files_are_refused_before_anything_runs(report):
     assert "is not a wheel of mpmgis" in report["other_file"]["said"] and not report["other_file"]["lines"]
 

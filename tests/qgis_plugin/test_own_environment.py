@@ -135,6 +135,12 @@ def test_errors_are_one_line_with_a_remedy(line, said):
     assert said in found and "\n" not in found
 
 
+def test_a_python_that_makes_no_environment_is_to_be_replaced():
+    assert own_environment.failure(own_environment.MAKING, ["Error: x"], Source("1.2.0")).endswith(
+        "choose another Python"
+    )
+
+
 def test_progress_grows_with_the_packages():
     lines = [
         "Collecting numpy>=1.26",
@@ -192,8 +198,8 @@ def test_other_pythons_of_windows():
 
 
 def test_other_pythons_of_linux_and_macos():
-    places = python_search.elsewhere({"PATH": "/opt/tools/bin:/usr/bin"}, windows=False)
-    assert places[0] == "/opt/tools/bin/python3.14" and "/opt/homebrew/bin/python3.12" in places
+    places = python_search.elsewhere({"PATH": "/own/bin:/usr/bin"}, windows=False)
+    assert places[0] == "/own/bin/python3.14" and "/opt/homebrew/bin/python3.12" in places
     assert "/Library/Frameworks/Python.framework/Versions/3.13/bin/python3.13" in places
     assert "/usr/bin/python3" in places
 

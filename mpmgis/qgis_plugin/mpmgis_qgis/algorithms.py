@@ -22,7 +22,7 @@ from qgis.PyQt.QtGui import QIcon
 from . import scene_form
 from .calling import call, is_refusal
 from .command import SETTING, CommandMissing, find_command, shown_answer
-from .forms import LOAD, NEW_FOLDER, OUTPUT, Verb, arguments, read_forms
+from .forms import LOAD, NEW_FILE, NEW_FOLDER, OUTPUT, Verb, arguments, read_forms
 from .own_environment import home_in, own_command
 from .parameters import oldest_qgis, parameter, plain_values
 from .restored_files import copy_whole, kept_unless, write_whole
@@ -240,7 +240,12 @@ class VerbAlgorithm(CommandAlgorithm):
         files = answers + self._in_folder()
         plot = plot_among(files) if row.plots else {}
         said = {TABLE: self._table(feedback)} if row.table else {ANSWER: "\n".join(answers)}
-        return {**said, **plot, **self._written(files, context, feedback)}
+        return {**said, **plot, **self._more_files(), **self._written(files, context, feedback)}
+
+    def _more_files(self):
+        """Files beside the output that the user asked for: a film."""
+        asked = {field.name: self.values[field.name] for field in self.row.fields if field.kind == NEW_FILE}
+        return {name: path for name, path in asked.items() if path and name != OUTPUT}
 
     def _table(self, feedback):
         """Path of a temporary page with the answer of the command as a table; measured times are only in the log."""

@@ -142,9 +142,11 @@ class InstallForm(QDialog):
             self._add_pythons(*usable_pythons([path]), chosen=True)
 
     def _find_pythons(self):
-        """List QGIS' Python and, where it is too old, the others."""
+        """List QGIS' Python first, then the others, and say why there is none."""
         own, refused = usable_pythons(python_search.of_qgis(), of_qgis=True)
-        others, also_refused = ([], []) if own else usable_pythons(python_search.elsewhere(dict(os.environ)))
+        others, also_refused = usable_pythons(python_search.elsewhere(dict(os.environ)))
+        listed = {os.path.realpath(python.path) for python in own}
+        others = [python for python in others if os.path.realpath(python.path) not in listed]
         self._add_pythons(own + others, [] if own + others else refused + also_refused)
 
     def _add_pythons(self, found, refused, chosen=False):

@@ -33,6 +33,7 @@ class Installation(QObject):
         self.home, self.python, self.source = home, python, source
         self.environment = own_environment.next_environment(home)
         self._process = self._log = None
+        self._ended = []  # processes; one must not be deleted while it emits a signal
         self._steps, self._lines, self._collected, self._cancelled = [], [], 0, False
 
     def start(self) -> None:
@@ -74,15 +75,15 @@ class Installation(QObject):
         self.progressed.emit(step.begin, step.title)
         self._say("> " + " ".join([step.program, *step.arguments]))
         self._output = Lines()
-        self._process = process_with(
+        process = self._process = process_with(
             own_environment.installing_environment(environment(dict(os.environ)), self._variables)
         )
-        self._process.setProcessChannelMode(QProcess.ProcessChannelMode.MergedChannels)
-        self._process.readyReadStandardOutput.connect(self._read)
-        self._process.errorOccurred.connect(self._failed_to_start)
-        self._process.finished.connect(self._finished)
-        self._process.start(step.program, list(step.arguments))
-        self._process.closeWriteChannel()
+        process.setProcessChannelMode(QProcess.ProcessChannelMode.MergedChannels)
+        process.readyReadStandardOutput.connect(self._read)
+        process.errorOccurred.connect(self._failed_to_start)
+        process.finished.connect(self._finished)
+        process.start(step.program, list(step.arguments))
+        process.closeWriteChannel()  # on Windows a failed start has already ended the installation here
 
     def _read(self):
         for line in self._output.add(bytes(self._process.readAllStandardOutput().data())):
@@ -98,21 +99,26 @@ class Installation(QObject):
 
     def _failed_to_start(self, error):
         if error == QProcess.ProcessError.FailedToStart:
-            reason = self._process.errorString()
-            self._process = None
+            reason = self._released().errorString()
             self._end(f"{self._steps[0].program} does not start: {reason}")
 
     def _finished(self, code, status):
         self._read()
         for line in self._output.end():
             self._take(line)
-        step, self._process = self._steps.pop(0), None
+        step = self._steps.pop(0)
+        self._released()
         if self._cancelled:
             self._end("cancelled")
         elif code != 0 or status != QProcess.ExitStatus.NormalExit:
             self._end(own_environment.failure(step.title, self._lines, self.source))
         else:
             self._next()
+
+    def _released(self):
+        self._ended.append(self._process)
+        self._process = None
+        return self._ended[-1]
 
     def _end(self, error):
         self._say(error or f"mpmgis {self.source.version} is installed")

@@ -25,6 +25,7 @@ PACKAGES = 49  # that pip collects, for the progress bar
 REDIRECTING = ("PIP_TARGET", "PIP_PREFIX", "PIP_ROOT", "PIP_REQUIRE_VIRTUALENV")  # would install to another place
 UNPACKING = "Installing collected packages"  # begin of pip's last line but one
 _WHEEL = re.compile(r"mpmgis-([0-9][^-]*)-py3-none-any\.whl", re.IGNORECASE)
+MAKING = "Making the environment"  # title of the first step
 _PIP = ("-m", "pip")
 
 
@@ -201,7 +202,7 @@ def steps(python: str, has_pip: bool, environment: str, source: Source, windows:
     made = ("-m", "venv", *(("--without-pip",) if has_pip else ()), environment)
     pip = (python, (*_PIP, "--python", own_python)) if has_pip else (own_python, _PIP)
     return [
-        Step("Making the environment", python, made, 0.0, 0.05),
+        Step(MAKING, python, made, 0.0, 0.05),
         Step("Installing mpmgis and its libraries", pip[0], (*pip[1], *pip_words(source)), 0.05, 0.95),
         Step("Checking the command", command, ("--version",), 0.95, 1.0),
     ]
@@ -290,4 +291,4 @@ def failure(title: str, lines: list[str], source: Source) -> str:
         return f"{title}: {place} has no {missing[1]} for this Python; choose another Python or another source"
     errors = [line for line in lines if line.startswith(("ERROR: ", "Error: "))]
     said = (errors or lines or ["it ended without a message"])[0 if errors else -1]
-    return f"{title}: {said}"
+    return f"{title}: {said}" + ("; choose another Python" if title == MAKING else "")
