@@ -74,7 +74,8 @@ def killed(tmp_path, count, seed):
     site.mkdir()
     write_kill_site(site)
     command = [sys.executable, str(Path(__file__).with_name("kills.py")), str(site), str(count), str(seed)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=7200, check=False)
+    environment = os.environ | {"NUMBA_THREADING_LAYER": "workqueue"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=7200, check=False, env=environment)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
     return done.stdout
