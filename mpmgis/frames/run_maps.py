@@ -204,8 +204,12 @@ def tag_summaries(folder: str | Path, tags: dict) -> None:
 
 
 def _set_tags(path, tags):
-    """Set tags of a raster of a run, atomically; other files stay as they are."""
+    """Set tags of a raster of a run, atomically; other files stay as they are, and those that have the tags."""
     if path.suffix != ".tif" or path.name.startswith("."):
+        return
+    with rasterio.open(path) as source:
+        found = source.tags(ns=NAMESPACE)
+    if tags.items() <= found.items():  # of a run that was killed after this: GDAL would append them again
         return
     with whole_file(path) as part:
         shutil.copyfile(path, part)

@@ -1,7 +1,6 @@
 """Kill runs that write rasters at random moments, resume them, and compare with one that was never killed.
 
-Run as `python raster_kills.py SITE NAME (often | "at the ends") COUNT`, for SITE/NAME.toml. Children are forked before
-anything compiled has run here.
+Run as `python raster_kills.py SITE NAME (often | "at the ends") COUNT`, for SITE/NAME.toml; see kills.py.
 """
 
 import json
@@ -10,7 +9,7 @@ import sys
 from pathlib import Path
 from random import Random
 
-from kills import forked
+from kills import forked, run_here
 
 from mpmgis.maps.export import run_rasters
 
@@ -30,8 +29,7 @@ def main(site, name, every, count):
     folder.mkdir()
     words = ["run", f"{name}.toml", "-o", f"{folder.name}/flow"]
     whole = [*words[:-1], f"{folder.name}/whole/flow"]
-    if forked(whole, site)[0] != 0:  # compiles, where that is new
-        raise RuntimeError("the run that is not killed failed")
+    run_here(whole, site)
     wanted = contents(folder / "whole" / "flow")
     shutil.rmtree(folder / "whole")
     forked(whole, site, ("count", folder / "count"))

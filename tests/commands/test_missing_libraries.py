@@ -4,15 +4,19 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
+import geopandas
 import numpy as np
 import pytest
 from slope_site import SCENE, write_site
 
+import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.exchange.readers.record_parsing import Form, read_by_python, read_rows
 from mpmgis.frames.text_rows import append_rows, as_text
 
+PACKAGE = Path(mpmgis.__file__).parent
 FEW_NEED = ("pyarrow", "dask", "distributed", "zarr", "IPython", "pytest", "hypothesis", "psutil")
 SEED = ("seed", "--dem", "dtm.tif", "--release", "release.geojson", "--thickness", "2", "--overwrite")
 BLOCKER = f"""
@@ -27,30 +31,49 @@ sys.meta_path.insert(0, Blocked())
 """
 
 
+WITHOUT = """
+import contextlib, io, json, os, sys
+import mpmgis
+from mpmgis.commands.shell.main import main
+
+told = []
+for words in json.load(sys.stdin):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(words)
+    told.append((code, out.getvalue(), err.getvalue()))
+json.dump(told, sys.stdout)
+"""
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = write_site(tmp_path_factory.mktemp("few"))
     (folder / "scene.toml").write_text(SCENE.replace("end_time = 30", "end_time = 2").replace("= 5\n", "= 1\n"))
+    geopandas.read_file(folder / "release.geojson").to_parquet(folder / "area.parquet")
     (folder / "blocked").mkdir()
     (folder / "blocked" / "sitecustomize.py").write_text(BLOCKER)
+    for name in ("frames", "whole"):
+        (folder / name).mkdir()
     return folder
 
 
-def without(site, *words):
-    """The command in a process, and in those that it starts, where these libraries cannot be imported."""
-    environment = os.environ | {"PYTHONPATH": str(site / "blocked")}
-    return subprocess.run(
-        [sys.executable, "-m", "mpmgis", *map(str, words)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        cwd=site,
-        timeout=280,
+def python(site, code, given=""):
+    """Standard output of `code` in a process, and in those that it starts, where these libraries are not there."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(site / "blocked"), str(PACKAGE.parent)])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], input=given, capture_output=True, text=True, env=environment, cwd=site
     )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def without(site, commands):
+    """(exit code, stdout, stderr) of each of the commands, one after the other in such a process."""
+    return json.loads(python(site, WITHOUT, json.dumps([[*map(str, words)] for words in commands])))
 
 
 def test_the_blocker_blocks(site):
-    environment = os.environ | {"PYTHONPATH": str(site / "blocked")}
     trial = f"""
 import importlib
 for name in {FEW_NEED!r}:
@@ -59,59 +82,50 @@ for name in {FEW_NEED!r}:
     except ModuleNotFoundError:
         print(name)
 """
-    tried = subprocess.run([sys.executable, "-c", trial], capture_output=True, text=True, env=environment)
-    assert tried.stdout.split() == list(FEW_NEED)
+    assert python(site, trial).split() == list(FEW_NEED)
 
 
-@pytest.mark.parametrize("suffix", ["csv", "gpkg"])
-def test_seeds_are_the_same_without_arrow(site, suffix, tmp_path, capsys):
-    words = ("seed", "--dem", site / "dtm.tif", "--release", site / "release.geojson", *SEED[5:])
-    done = without(site, *words, "-o", tmp_path / f"few.{suffix}")
-    assert done.returncode == 0, done.stderr
-    assert main([*map(str, words), "-q", "-o", str(tmp_path / f"all.{suffix}")]) == 0
-    capsys.readouterr()
-    told = [without(site, "info", "--json", tmp_path / f"few.{suffix}").stdout]
-    assert main(["info", "--json", str(tmp_path / f"all.{suffix}")]) == 0
-    told.append(capsys.readouterr().out)
-    few, everything = ({**json.loads(some), "file": "", "bytes": 0} for some in told)
-    assert few == everything and few["n"] > 100
+NEED = [
+    ((*SEED, "-o", "a.parquet"), "parquet"),
+    (("seed", "--dem", "dtm.tif", "--release", "area.parquet", "--thickness", "2"), "parquet"),
+    (("info", "area.parquet"), "parquet"),
+    (("export-raster", "frames", "--dask", "tcp://127.0.0.1:9"), "cluster"),
+    (("ensemble", "scene.toml", "--vary", "friction.mu=0.1:0.3", "--dask", "tcp://127.0.0.1:9"), "cluster"),
+]
+
+
+def test_seeds_are_the_same_without_them_and_what_needs_one_reports_how_to_install_it(site, capsys):
+    """One process for all commands: its start is most of what they cost."""
+    seeds = [f"frames/{name}" for name in ("frame_000000.h5", "few.csv", "few.gpkg")]
+    seed = ("seed", "--dem", site / "dtm.tif", "--release", site / "release.geojson", *SEED[5:])
+    commands = [(*seed, "-o", name) for name in seeds]
+    commands += [("info", "--json", name) for name in seeds] + [words for words, _ in NEED]
+    told = without(site, commands)
+    for name, (code, _, err), (_, facts, _) in zip(seeds, told, told[3:], strict=False):
+        assert code == 0, err
+        whole = site / name.replace("frames", "whole")
+        assert main([*map(str, seed), "-q", "-o", str(whole)]) == 0
+        capsys.readouterr()
+        assert main(["info", "--json", str(whole)]) == 0
+        few, everything = ({**json.loads(some), "file": "", "bytes": 0} for some in (facts, capsys.readouterr().out))
+        assert few == everything and few["n"] > 100
+    for (words, extra), (code, _, err) in zip(NEED, told[6:], strict=True):
+        assert code == 2, (words, err)
+        (line,) = [line for line in err.splitlines() if line.startswith("mpmgis ")]
+        assert f'pip install "mpmgis[{extra}]"' in line and err.splitlines()[-1] == line
+    assert not (site / "a.parquet").exists()
 
 
 @pytest.mark.thorough
 def test_a_run_and_its_export_and_an_ensemble_need_none_of_them(site):
-    for words in (
+    commands = [
         ("run", "scene.toml", "-o", "results", "--overwrite"),
         ("export-raster", "results", "-o", "results_gis", "--overwrite"),
         ("ensemble", "scene.toml", "--vary", "friction.mu=0.1:0.3", "--samples", 2, "--workers", 2, "-o", "many"),
-    ):
-        done = without(site, *words)
-        assert done.returncode == 0, done.stderr
+    ]
+    for words, (code, _, err) in zip(commands, without(site, commands), strict=True):
+        assert code == 0, (words, err)
     assert list((site / "results_gis").glob("*.qgz")) and list((site / "many").rglob("*.qgz"))
-
-
-@pytest.mark.parametrize(
-    ("words", "extra"),
-    [
-        ((*SEED, "-o", "a.parquet"), "parquet"),
-        (("seed", "--dem", "dtm.tif", "--release", "area.parquet", "--thickness", "2"), "parquet"),
-        (("info", "area.parquet"), "parquet"),
-        (("export-raster", "frames", "--dask", "tcp://127.0.0.1:9"), "cluster"),
-        (("ensemble", "scene.toml", "--vary", "friction.mu=0.1:0.3", "--dask", "tcp://127.0.0.1:9"), "cluster"),
-    ],
-)
-def test_what_needs_one_reports_how_to_install_it(site, words, extra):
-    if "area.parquet" in words:
-        import geopandas
-
-        geopandas.read_file(site / "release.geojson").to_parquet(site / "area.parquet")
-    if "frames" in words:
-        (site / "frames").mkdir(exist_ok=True)
-        assert without(site, *SEED, "-o", "frames/frame_000000.h5").returncode == 0
-    done = without(site, *words)
-    assert done.returncode == 2, done.stderr
-    (line,) = [line for line in done.stderr.splitlines() if line.startswith("mpmgis ")]
-    assert f'pip install "mpmgis[{extra}]"' in line and done.stderr.splitlines()[-1] == line
-    assert not (site / "a.parquet").exists()
 
 
 # ------------------------------------------------------------------------------------------- text by Python and Arrow

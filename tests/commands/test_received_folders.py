@@ -78,30 +78,33 @@ def refused(words, tmp_path, capsys, *parts):
 TAKEN = [".lock", "run.json", "scene.toml", "terrain.tif", "frame_000001.h5", "frame_000009.h5", "barriers.csv"]
 
 
-@pytest.mark.parametrize("option", ["--resume", "--overwrite"])
-@pytest.mark.parametrize("target", ["../../victim.txt", "../../nowhere", "../../victims"])
 @pytest.mark.parametrize("name", [*TAKEN, ".run.part4711.json"])
-def test_a_link_in_a_runs_folder_is_refused(site, tmp_path, capsys, name, target, option):
-    (site / "results" / name).unlink(missing_ok=True)
-    (site / "results" / name).symlink_to(target)
-    assert refused(["run", site / "scene.toml", "-q", option], tmp_path, capsys, f"{name} is a link")
+def test_a_link_in_a_runs_folder_is_refused(site, tmp_path, capsys, name):
+    for target in ("../../victim.txt", "../../nowhere", "../../victims"):
+        (site / "results" / name).unlink(missing_ok=True)
+        (site / "results" / name).symlink_to(target)
+        for option in ("--resume", "--overwrite"):
+            assert refused(["run", site / "scene.toml", "-q", option], tmp_path, capsys, f"{name} is a link")
 
 
 @pytest.mark.parametrize("name", [".lock", ".frame_.part1"])
 def test_a_link_in_an_empty_folder_is_refused(site, tmp_path, capsys, name):
     (site / "new").mkdir()
     (site / "new" / name).symlink_to("../../victim.txt")
-    for option in ("--resume", "--overwrite", "-v"):
-        words = ["run", site / "scene.toml", "-o", site / "new", *([option] if option != "-v" else [])]
-        assert refused(words, tmp_path, capsys, "is a link")
+    for option in (["--resume"], ["--overwrite"], []):
+        assert refused(["run", site / "scene.toml", "-o", site / "new", *option], tmp_path, capsys, "is a link")
 
 
-@pytest.mark.parametrize("option", [["--resume"], ["--overwrite"], []])
-def test_a_runs_folder_that_is_a_link_is_refused(site, tmp_path, capsys, option):
-    (site / "got").symlink_to(tmp_path / "victims")
-    assert refused(["run", site / "scene.toml", "-o", site / "got", *option], tmp_path, capsys, "got is a link")
-    (site / "dangling").symlink_to(tmp_path / "nowhere")
-    assert refused(["run", site / "scene.toml", "-o", site / "dangling", *option], tmp_path, capsys, "is a link")
+def test_a_folder_that_is_a_link_is_refused(site, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    for name, target in (("got", "victims"), ("dangling", "nowhere"), ("gis", "empty")):
+        (site / name).symlink_to(tmp_path / target)
+    commands = [["run", site / "scene.toml", "-o", site / name] for name in ("got", "dangling")]
+    commands += [["export-raster", site / "results", "-o", site / "gis", "--no-qgis"]]
+    for words in commands:
+        for option in (["--resume"], ["--overwrite"], []):
+            if words[0] == "run" or option != ["--resume"]:
+                assert refused([*words, *option], tmp_path, capsys, f"{words[3].name} is a link")
 
 
 def test_a_lock_that_is_another_name_of_a_file_is_refused(site, tmp_path, capsys):
@@ -299,54 +302,21 @@ def test_a_change_of_runs_that_is_cut_short_is_continued(site, tmp_path, monkeyp
 # ------------------------------------------------------------------------------------------------- other commands
 
 
-def test_an_export_onto_a_link_leaves_the_link(site, tmp_path, capsys):
-    (tmp_path / "empty").mkdir()
-    (site / "gis").symlink_to(tmp_path / "empty")
-    for option in ([], ["--overwrite"]):
-        words = ["export-raster", site / "results", "-o", site / "gis", "--no-qgis", *option]
-        assert refused(words, tmp_path, capsys, "gis is a link")
+SEED = "seed --dem dtm.tif --release release.geojson --thickness 2 --density 1000 -o"
 
 
-@pytest.mark.parametrize("what", ["link", "dangling"])
 @pytest.mark.parametrize(
     "words",
-    [
-        (
-            "seed",
-            "--dem",
-            "dtm.tif",
-            "--release",
-            "release.geojson",
-            "--thickness",
-            "2",
-            "--density",
-            "1000",
-            "-o",
-            "out.h5",
-        ),
-        (
-            "seed",
-            "--dem",
-            "dtm.tif",
-            "--release",
-            "release.geojson",
-            "--thickness",
-            "2",
-            "--density",
-            "1000",
-            "-o",
-            "out.csv",
-        ),
-        ("timeseries", "results", "--at", "400200,5100200", "-o", "out.csv"),
-        ("report", "results", "-o", "out"),
-    ],
+    [f"{SEED} out.h5", f"{SEED} out.csv", "timeseries results --at 400200,5100200 -o out.csv", "report results -o out"],
 )
-def test_an_answer_onto_a_link_is_refused(site, tmp_path, capsys, monkeypatch, words, what):
+def test_an_answer_onto_a_link_is_refused(site, tmp_path, capsys, monkeypatch, words):
     monkeypatch.chdir(site)
-    target = {"link": tmp_path / "victim.txt", "dangling": tmp_path / "nowhere"}[what]
-    (site / words[-1]).symlink_to(target)
-    for option in ([], ["--overwrite"]):
-        assert refused([*words, *option], tmp_path, capsys, "is a link")
+    for target in ("victim.txt", "nowhere"):
+        path = site / words.split()[-1]
+        path.unlink(missing_ok=True)
+        path.symlink_to(tmp_path / target)
+        for option in ([], ["--overwrite"]):
+            assert refused([*words.split(), *option], tmp_path, capsys, "is a link")
 
 
 ENSEMBLE = ("--vary", "friction.mu=0.2,0.3", "--workers", "1", "-q")
@@ -368,26 +338,16 @@ def test_a_link_in_an_ensembles_folder_is_refused(ensembles, site, tmp_path, cap
     assert refused(words, tmp_path, capsys, "is a link")
 
 
-def test_an_ensembles_inputs_are_never_replaced(ensembles, site, tmp_path, capsys):
-    place = site / "ensemble"
-    shutil.rmtree(place, ignore_errors=True)
-    shutil.copytree(ensembles, place)
-    for where in ("members", "maps"):
-        shutil.copy(site / "dtm.tif", place / where / "dtm.tif")
-        (site / "scene.toml").write_text(SHORT.replace("dtm.tif", f"ensemble/{where}/dtm.tif"))
-        words = ["ensemble", site / "scene.toml", *ENSEMBLE, "--overwrite"]
-        assert refused(words, tmp_path, capsys, "contains the input")
-
-
-def test_a_studys_inputs_are_never_replaced(site, tmp_path, capsys):
+def test_inputs_in_the_folder_of_many_runs_are_never_replaced(ensembles, site, tmp_path, capsys):
+    shutil.rmtree(site / "ensemble", ignore_errors=True)
+    shutil.copytree(ensembles, site / "ensemble")
     (site / "study").mkdir()
     (site / "study" / ".mpmgis").touch()
-    shutil.copy(site / "dtm.tif", site / "study" / "dtm.tif")
-    (site / "scene.toml").write_text(SHORT.replace("dtm.tif", "study/dtm.tif"))
-    before = everything(tmp_path)
-    assert main(["study", str(site / "scene.toml"), "--overwrite", "-q", "--yes"]) == 2
-    assert "contains the input" in capsys.readouterr().err
-    assert everything(tmp_path) == before
+    ensemble, study = ["ensemble", site / "scene.toml", *ENSEMBLE], ["study", site / "scene.toml", "-q", "--yes"]
+    for words, where in ((ensemble, "ensemble/members"), (ensemble, "ensemble/maps"), (study, "study")):
+        shutil.copy(site / "dtm.tif", site / where / "dtm.tif")
+        (site / "scene.toml").write_text(SHORT.replace("dtm.tif", f"{where}/dtm.tif"))
+        assert refused([*words, "--overwrite"], tmp_path, capsys, "contains the input")
 
 
 def test_a_release_beside_its_parts_is_an_input(site, tmp_path, capsys):

@@ -86,7 +86,7 @@ def test_the_resolved_scene_runs_again_to_the_same_bytes(site):
 
 
 def test_a_killed_run_resumes_to_the_same_bytes(site):
-    """SIGKILL in the middle: no half frame, and the end is bitwise that of a run that was never stopped."""
+    """SIGKILL in the middle: no half frame, a lock that blocks nothing, and bitwise the end of a run without a stop."""
     assert main(["run", str(site / "scene.toml"), "-q", "-o", str(site / "whole")]) == 0
     command = [sys.executable, "-m", "mpmgis", "run", str(site / "scene.toml"), "-q", "-o", str(site / "cut")]
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
@@ -97,8 +97,9 @@ def test_a_killed_run_resumes_to_the_same_bytes(site):
     child.wait()
     for path in (site / "cut").glob("frame_*.h5"):
         assert len(read_frame(path).particles) > 0
+    assert (site / "cut" / ".lock").is_file()
     assert main(["run", str(site / "scene.toml"), "-q", "-o", str(site / "cut"), "--resume"]) == 0
-    assert digests(site / "whole") == digests(site / "cut")
+    assert digests(site / "whole") == digests(site / "cut") and not (site / "cut" / ".lock").exists()
 
 
 def test_resume_of_a_finished_run_reports_it_and_changes_nothing(site, capsys):

@@ -15,6 +15,7 @@ from affine import Affine
 from slope_site import SCENE, run, slide, write_block_site, write_shapes
 
 from mpmgis.commands.shell.main import main
+from mpmgis.frames.run_maps import tag_summaries
 from mpmgis.maps.export import run_rasters
 from mpmgis.simulation.scene_run import run as run_into
 
@@ -117,7 +118,8 @@ def test_a_killed_run_goes_on_to_the_same_rasters(site, name, every):
     (site / f"{name}.toml").write_text(with_rasters(SCENES[name]))
     script = Path(__file__).with_name("raster_kills.py")
     command = [sys.executable, str(script), str(site), name, every, "3"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    environment = os.environ | {"NUMBA_THREADING_LAYER": "workqueue"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900, env=environment)
     assert done.returncode == 0 and done.stdout.endswith("3 kills, all as without\n"), done.stdout + done.stderr
 
 
@@ -249,6 +251,18 @@ def test_the_rasters_are_read_as_an_export(site, capsys):
     assert main(["info", str(output), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["frames_are"] == "as written"
+
+
+def test_a_summary_that_has_its_tags_keeps_its_bytes(site):
+    """A run that was killed behind them, before its record, sets them again."""
+    output = site / "tagged"
+    assert run(site, with_rasters(COLUMNS), "-q", "-o", str(output)) == 0
+    path = output / "maps" / "rasters" / "tagged_max.tif"
+    before, tags = path.read_bytes(), rasters_of(output)[path.name][2]
+    tag_summaries(output, {"numerical_error": tags["numerical_error"]})
+    assert path.read_bytes() == before
+    tag_summaries(output, {"numerical_error": "1"})
+    assert rasters_of(output)[path.name][2] == tags | {"numerical_error": "1"}
 
 
 def test_the_record_of_a_run_with_maxima_is_shown(site, capsys):

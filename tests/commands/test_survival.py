@@ -18,7 +18,7 @@ from mpmgis.system.writer_process import Writer
 
 try:
     import resource
-except ImportError:  # Windows, where the tests that need it are skipped: they need fork, too
+except ImportError:  # Windows, where the tests that need it are skipped
     resource = None
 
 POINTS = slide(8.0, 1.5, 0.25)
@@ -74,7 +74,8 @@ def killed(tmp_path, count, seed):
     site.mkdir()
     write_kill_site(site)
     command = [sys.executable, str(Path(__file__).with_name("kills.py")), str(site), str(count), str(seed)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=7200, check=False)
+    environment = os.environ | {"NUMBA_THREADING_LAYER": "workqueue"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=7200, check=False, env=environment)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
     return done.stdout
@@ -156,44 +157,45 @@ def test_a_second_run_into_the_same_folder_is_refused_and_the_first_continues(si
     assert record(site, "cut")["result_digest"] == record(sound, "columns")["result_digest"]
 
 
-@pytest.mark.thorough
-@needs_proc
-def test_the_lock_of_a_killed_run_blocks_nothing(site, sound, halted):
-    halted.kill()
-    halted.wait()
-    assert (site / "cut" / ".lock").is_file()
-    assert main(["run", str(site / "columns.toml"), "-q", "-o", str(site / "cut"), "--resume"]) == 0
+@pytest.fixture
+def run_beside(site, monkeypatch):
+    """A function: the exit code of a run into `cut`; `act` changes files where the second frame gets its name."""
+
+    def run(act):
+        replace = os.replace
+
+        def watched(part, path):
+            if os.path.basename(path) == "frame_000001.h5":
+                monkeypatch.setattr(os, "replace", replace)
+                act()
+            return replace(part, path)
+
+        monkeypatch.setattr(os, "replace", watched)
+        return main(["run", str(site / "columns.toml"), "-q", "-o", str(site / "cut")])
+
+    return run
+
+
+def test_inputs_that_vanish_are_not_needed_any_more(site, sound, run_beside):
+    assert run_beside(lambda: [(site / name).unlink() for name in ("dtm.tif", "release.geojson", "columns.toml")]) == 0
     assert contents(site / "cut") == contents(sound / "columns")
-    assert not (site / "cut" / ".lock").exists()
 
 
-@pytest.mark.thorough
-@needs_proc
-def test_inputs_that_vanish_are_not_needed_any_more(site, sound, halted):
-    for name in ("dtm.tif", "release.geojson", "columns.toml"):
-        (site / name).unlink()
-    assert finished(halted) == (0, "")
-    assert contents(site / "cut") == contents(sound / "columns")
-
-
-@pytest.mark.thorough
-@needs_proc
 @pytest.mark.parametrize("replaced", [False, True])
-def test_a_folder_that_vanishes_ends_its_run(site, halted, replaced):
-    (site / "cut").rename(site / "moved")
-    if replaced:
-        (site / "cut").mkdir()
-    code, err = finished(halted)
-    assert code == 2 and "cut" in only_line(err)
+def test_a_folder_that_vanishes_ends_its_run(site, run_beside, capsys, replaced):
+    def move():
+        (site / "cut").rename(site / "moved")
+        if replaced:
+            (site / "cut").mkdir()
+
+    assert run_beside(move) == 2
+    assert "cut" in only_line(capsys.readouterr().err)
     assert not list((site / "cut").glob("*"))
     require_whole(site / "moved")
 
 
-@pytest.mark.thorough
-@needs_proc
-def test_a_frame_that_vanishes_is_missed_by_info_alone(site, halted, capsys):
-    (site / "cut" / "frame_000000.h5").unlink()
-    assert finished(halted) == (0, "")
+def test_a_frame_that_vanishes_is_missed_by_info_alone(site, run_beside, capsys):
+    assert run_beside((site / "cut" / "frame_000000.h5").unlink) == 0
     assert main(["info", str(site / "cut")]) == 0
     assert "frame 0 is missing" in capsys.readouterr().out
 
@@ -288,22 +290,22 @@ def test_too_little_address_space_is_reported_in_a_line_before_a_library_aborts(
     assert not (site / "few").exists()
 
 
-@needs_fork
+@pytest.fixture
+def small_files():
+    """A limit to the size of the files that this process writes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.skipif(resource is None, reason="no limits here")
 @pytest.mark.parametrize("verb", ["columns", *WRITERS])
-def test_files_that_may_not_grow_are_reported_in_a_line(verb, site):
-    """As a quota does: a limit to the size of files, which needs no small disk."""
-    words = [*VERBS[verb].replace("{to}", "limited").split(), "-q"]
-    done = subprocess.run(
-        [sys.executable, "-m", "mpmgis", *words],
-        cwd=site,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000)),
-    )
-    assert done.returncode == 2, done.stderr
-    assert "cannot be written" in only_line(done.stderr)
+def test_files_that_may_not_grow_are_reported_in_a_line(verb, site, small_files, capfd, monkeypatch):
+    """As a quota does; no small disk is needed."""
+    monkeypatch.chdir(site)
+    assert main([*VERBS[verb].replace("{to}", "limited").split(), "-q"]) == 2
+    assert "cannot be written" in only_line(capfd.readouterr().err)
     if (site / "limited").exists():
         require_whole(site / "limited")
         assert not [path.name for path in (site / "limited").iterdir() if path.name.startswith(".")]

@@ -219,6 +219,8 @@ BROKEN = {
     "position flat": (lambda f: replace(f, "position", np.zeros((COUNT, 2))), r"position has shape \(17, 2\)"),
     "velocity short": (lambda f: replace(f, "velocity", np.zeros((COUNT - 1, 3))), r"velocity has shape \(16, 3\)"),
     "mass short": (lambda f: replace(f, "mass", np.ones(COUNT - 1)), r"mass has shape \(16,\)"),
+    "mass in rows": (lambda f: replace(f, "mass", np.ones((COUNT, 1))), r"mass has shape \(17, 1\)"),
+    "position of none": (lambda f: replace(f, "position", np.zeros((0, 3))), r"expected numbers of shape \(0, 3\)"),
     "mass of words": (lambda f: replace(f, "mass", np.array([b"heavy"] * COUNT)), "expected numbers"),
     "mass a number": (lambda f: replace(f, "mass", 1.0), r"mass has shape \(\)"),
     "mass a group": (
@@ -230,6 +232,8 @@ BROKEN = {
         "position contains 3 values that are NaN or infinite, the first in row 3",
     ),
     "velocity infinite": (poke("velocity", np.inf), "velocity contains 3 values"),
+    "mass NaN": (poke("mass", np.nan), "mass contains 1 values that are NaN or infinite, the first in row 3"),
+    "volume infinite": (poke("volume", np.inf), "volume contains 1 values"),
     "velocity of no flow": (poke("velocity", -1e300), r"velocity reaches 1e\+300 m s-1 in row 3, expected at most"),
     "position on no map": (poke("position", 1e12), r"position reaches 1e\+12 m in row 3"),
     "mass of a galaxy": (poke("mass", 1e40), r"mass reaches 1e\+40 kg in row 3"),
