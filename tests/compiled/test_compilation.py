@@ -144,11 +144,18 @@ def test_without_children_this_process_compiles_all(pieces, monkeypatch, fault):
     assert set(pieces) == {*CALLED, "loop"}
 
 
-def test_what_numba_cannot_infer_is_left_to_the_compilation_of_the_loop(pieces, monkeypatch):
-    def fail(loop, given):
-        raise AttributeError("numba has changed")
+@pytest.mark.parametrize(
+    ("step", "fault"),
+    [
+        ("called_kernels", AttributeError("numba has changed")),
+        ("compile_piece", numba.core.errors.TypingError("a kernel was found with wrong types")),
+    ],
+)
+def test_what_numba_cannot_infer_is_left_to_the_compilation_of_the_loop(pieces, monkeypatch, step, fault):
+    def fail(*given):
+        raise fault
 
-    monkeypatch.setattr(compilation, "called_kernels", fail)
+    monkeypatch.setattr(compilation, step, fail)
     complete(Loop(pieces), call())
     assert pieces == ["loop"]
 
@@ -226,15 +233,6 @@ def test_no_children_without_a_cache_that_they_can_fill_or_an_interpreter(monkey
     assert processes() == 2
     monkeypatch.setattr(of, name, str(tmp_path / value))
     assert processes() == 1
-
-
-def test_a_kernel_that_was_found_with_wrong_types_is_no_error(pieces, monkeypatch):
-    def fail(piece):
-        raise numba.core.errors.TypingError("no such call")
-
-    monkeypatch.setattr(compilation, "compile_piece", fail)
-    complete(Loop(pieces), call())
-    assert pieces == ["loop"]
 
 
 def test_a_loop_is_first_until_the_cache_has_it(tmp_path, monkeypatch):

@@ -1,5 +1,7 @@
 """Columns, terrains and checks for the tests of the conversion."""
 
+from dataclasses import replace
+
 import numpy as np
 from affine import Affine
 
@@ -52,6 +54,17 @@ def columns_on(terrain, thickness=2.0, velocity=(5.0, 1.0), spacing=1.25, box=(2
         np.arange(1000, 1000 + len(x), dtype=np.uint64),
     )
     return Frame(particles, dimension=2, origin=ORIGIN, **more)
+
+
+def with_particles(frame, **arrays):
+    """`frame` with other `arrays` of its particles."""
+    return replace(frame, particles=replace(frame.particles, **arrays))
+
+
+def doubled(frame):
+    """`frame` with twice the mass on the same ground."""
+    p = frame.particles
+    return with_particles(frame, mass=2 * p.mass, volume=2 * p.volume, area=2 * p.area)
 
 
 def over_bed(frame, terrain):

@@ -1,9 +1,7 @@
 """What a user is told of a conversion."""
 
-import dataclasses
-
 import numpy as np
-from converting import columns_on, slope, terrain_of
+from converting import columns_on, doubled, slope, terrain_of
 
 from mpmgis.conversion.columns_to_points import columns_to_points
 from mpmgis.conversion.conversion_account import account_of_columns, account_of_points
@@ -25,10 +23,7 @@ def test_gaps_are_reported_until_a_cell_is_given():
 
 
 def test_overlap_is_reported_with_its_fix_and_then_with_what_was_done():
-    frame = columns_on(GROUND, 1.0)
-    p = frame.particles
-    double = dataclasses.replace(p, mass=2 * p.mass, volume=2 * p.volume, area=2 * p.area)
-    frame = dataclasses.replace(frame, particles=double)
+    frame = doubled(columns_on(GROUND, 1.0))
     assert "too high in places (--relevel" in told(frame, PointOptions(cell=1.0))
     assert "were raised to the height of their mass" in told(frame, PointOptions(cell=1.0, relevel=True))
 

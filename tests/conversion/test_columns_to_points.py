@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 import shapely
-from converting import DENSITY, ORIGIN, columns_on, hills, over_bed, slope, terrain_of
+from converting import DENSITY, ORIGIN, columns_on, doubled, hills, over_bed, slope, terrain_of, with_particles
 
 from mpmgis.conversion import ground_below as geostatic
 from mpmgis.conversion.columns_to_points import columns_to_points
 from mpmgis.conversion.conserved_sums import conservation_error
-from mpmgis.conversion.conversion_options import PointOptions
+from mpmgis.conversion.conversion_options import ColumnOptions, PointOptions
 from mpmgis.frames.particles import Particles
 from mpmgis.system.errors import InputError
 
@@ -131,7 +131,7 @@ def stretch(frame, factor, turn=0.0):
     middle = 0.5 * (position[:, :2].min(axis=0) + position[:, :2].max(axis=0))
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     position[:, :2] = middle + (position[:, :2] - middle) * [factor, 1 / factor] @ np.array([[c, s], [-s, c]])
-    return dataclasses.replace(frame, particles=dataclasses.replace(frame.particles, position=position))
+    return with_particles(frame, position=position)
 
 
 def test_no_curtains():
@@ -170,10 +170,7 @@ def test_no_curtains_in_a_flow_that_stretched(factor, turn):
 def test_overlapping_columns_are_raised_to_what_they_fill():
     """Twice as many columns on the same ground are twice as dense, until relevelling; rims are left alone."""
     ground = terrain_of(slope())
-    frame = columns_on(ground, 1.0)
-    p = frame.particles
-    double = dataclasses.replace(p, mass=2 * p.mass, volume=2 * p.volume, area=2 * p.area)
-    frame = dataclasses.replace(frame, particles=double)
+    frame = doubled(columns_on(ground, 1.0))
     plain = columns_to_points(frame, ground, PointOptions(cell=1.0))
     assert plain.report.overlap == pytest.approx(1.0, abs=0.1) and plain.report.raised == 0
     level = columns_to_points(frame, ground, PointOptions(cell=1.0, relevel=True))
@@ -186,8 +183,6 @@ def test_overlapping_columns_are_raised_to_what_they_fill():
     assert max(conservation_error(level.report.before, level.report.after)) < 1e-13
     alone = columns_to_points(columns_on(ground, 1.0), ground, PointOptions(cell=1.0, relevel=True))
     assert alone.report.raised == 0 and alone.report.overlap < 1e-9
-    with pytest.raises(InputError, match="relevel requires"):
-        PointOptions(relevel=True)
 
 
 @pytest.mark.parametrize("cell", [None, 0.5])
@@ -273,17 +268,22 @@ def test_bad_columns(change, message):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("kind", "options", "message"),
     [
-        ({"spacing": 0.0}, "spacing is 0"),
-        ({"spacing": np.nan}, "spacing is nan"),
-        ({"cell": -1.0}, "cell is -1"),
-        ({"vertical_velocity": "up"}, "vertical velocity 'up' is unknown"),
+        (PointOptions, {"spacing": 0.0}, "spacing is 0"),
+        (PointOptions, {"spacing": np.nan}, "spacing is nan"),
+        (PointOptions, {"cell": -1.0}, "cell is -1"),
+        (PointOptions, {"vertical_velocity": "up"}, "vertical velocity 'up' is unknown"),
+        (PointOptions, {"relevel": True}, "relevel requires"),
+        (ColumnOptions, {"by": "name"}, "by 'name' is unknown"),
+        (ColumnOptions, {"detached": "drop"}, "detached 'drop' is unknown"),
+        (ColumnOptions, {"cell": 0.0}, "cell is 0"),
+        (ColumnOptions, {"point_cell": np.inf}, "point cell is inf"),
     ],
 )
-def test_bad_options(options, message):
+def test_bad_options(kind, options, message):
     with pytest.raises(InputError, match=message):
-        PointOptions(**options)
+        kind(**options)
 
 
 def test_too_many_points():

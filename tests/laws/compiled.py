@@ -9,15 +9,6 @@ from mpmgis.compiled.jit import FASTMATH
 
 
 @functools.cache
-def compiled(method, arguments):
-    """Kernel `f(law, *arguments)` that calls `method` of any law."""
-    names = ", ".join(f"a{k}" for k in range(arguments))
-    namespace = {}
-    exec(f"def call(law, {names}):\n    return law.{method}({names})", namespace)
-    return numba.njit(fastmath=FASTMATH, error_model="numpy")(namespace["call"])
-
-
-@functools.cache
 def compiled_function(function):
     """Kernel that calls `function` of a law, with the arguments of that function."""
     names = ", ".join(function.__code__.co_varnames[: function.__code__.co_argcount])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mpmgis.laws.material_choice import stress_step
+from mpmgis.laws.material_choice import state_at_stress, stress_step
 from mpmgis.laws.softening import Softening
 
 UNSOFTENED = Softening()
@@ -29,6 +29,18 @@ def cauchy_green(state):
 def carried(b):
     """The first six numbers of the state of a solid with the left Cauchy-Green tensor b float[3, 3]."""
     return six(b - np.eye(3))
+
+
+def sheared(amount):
+    """Gradient of simple shear, which keeps volumes exactly."""
+    gradient = np.zeros((3, 3))
+    gradient[0, 1] = amount
+    return gradient
+
+
+def at_pressure(law, p):
+    """State under pressure p [Pa] alone."""
+    return tuple(float(s) for s in state_at_stress(law, (-p, -p, -p, 0.0, 0.0, 0.0)))
 
 
 def step(law, state, gradient, time_step=1e-3, softening=UNSOFTENED, function=stress_step):

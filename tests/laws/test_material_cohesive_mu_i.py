@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from material_points import FRESH, pressure, random_states, shear, step
+from material_points import FRESH, at_pressure, pressure, random_states, shear, sheared, step
 
 from mpmgis.laws.material import NO_TENSION, ORDINARY, cohesive_mu_i, drucker_prager, mu_i
-from mpmgis.laws.material_choice import state_at_stress, stress_step, stress_step_far
+from mpmgis.laws.material_choice import stress_step, stress_step_far
 from mpmgis.laws.softening import Softening, softening
 from mpmgis.laws.solid_material import returned_cohesive_mu_i
 
@@ -18,18 +18,6 @@ MODULI = {"bulk_modulus": BULK, "shear_modulus": SHEAR}
 GRAINS = {"rate_friction": 0.26, "inertial_number": 0.279, "grain_diameter": 0.1, "grain_density": 900.0}
 ICE = cohesive_mu_i(40.0, 1e3, **GRAINS, **MODULI)
 SOFT = softening((40.0, 1e3), (20.0, 0.0), 10.0)
-
-
-def sheared(amount):
-    """Gradient of simple shear, which keeps volumes exactly."""
-    gradient = np.zeros((3, 3))
-    gradient[0, 1] = amount
-    return gradient
-
-
-def at_pressure(law, p):
-    """State under pressure p [Pa] alone."""
-    return tuple(float(s) for s in state_at_stress(law, (-p, -p, -p, 0.0, 0.0, 0.0)))
 
 
 def growth(law, rate, p):

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from material_points import FRESH, cauchy_green, pressure, random_states, shear, step
+from material_points import FRESH, at_pressure, cauchy_green, pressure, random_states, shear, sheared, step
 
 from mpmgis.laws.material import NO_TENSION, ORDINARY, drucker_prager, elastic, mu_i
-from mpmgis.laws.material_choice import state_at_stress, stress_step_far
+from mpmgis.laws.material_choice import stress_step_far
 from mpmgis.laws.softening import Softening, softened_cone, softening
 from mpmgis.laws.solid_material import returned_mu_i
 from mpmgis.system.errors import InputError
@@ -17,18 +17,6 @@ ICE = drucker_prager(BULK, SHEAR, 40.0, 1e3)
 SAND = drucker_prager(BULK, SHEAR, 30.0, 0.0)
 BEADS = mu_i(BULK, SHEAR, math.tan(math.radians(20.9)), math.tan(math.radians(32.8)), 0.279, 0.01, 2500.0, 1.0)
 AT_REST = np.zeros((3, 3))
-
-
-def sheared(amount):
-    """Gradient of simple shear, which keeps volumes exactly."""
-    gradient = np.zeros((3, 3))
-    gradient[0, 1] = amount
-    return gradient
-
-
-def at_pressure(law, p):
-    """State under pressure p [Pa] alone."""
-    return tuple(float(s) for s in state_at_stress(law, (-p, -p, -p, 0.0, 0.0, 0.0)))
 
 
 def laterally_held(law, state, axial, lateral_stress):

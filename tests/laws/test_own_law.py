@@ -75,6 +75,8 @@ def test_a_parameter_cannot_have_the_name_of_a_method(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (None, "cannot be read"),
+        (None, "expected a Python file"),
         ("x = 1\n", "contains no law"),
         ("1 / 0\n", "line 1: ZeroDivisionError"),
         ("def f(:\n", "line 1: SyntaxError"),
@@ -87,19 +89,13 @@ def test_a_parameter_cannot_have_the_name_of_a_method(tmp_path):
     ],
 )
 def test_a_file_without_a_law_that_fits_is_refused(tmp_path, text, words):
-    path = tmp_path / "my_law.py"
-    path.write_text(text)
+    path = tmp_path / ("law.toml" if "Python" in words else "my_law.py")
+    if text is not None:
+        path.write_text(text)
     with pytest.raises(InputError) as error:
         load_laws(path)
     assert words in str(error.value) and "\n" not in str(error.value)
     assert not list(tmp_path.glob("__pycache__"))
-
-
-def test_a_missing_file_or_another_kind_is_refused(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
-        load_laws(tmp_path / "none.py")
-    with pytest.raises(InputError, match="expected a Python file"):
-        load_laws(tmp_path / "law.toml")
 
 
 def test_the_split_made_for_a_law_is_the_law(tmp_path):

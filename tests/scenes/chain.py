@@ -5,6 +5,7 @@ write it.
 """
 
 import contextlib
+import csv
 import importlib.util
 import io
 import json
@@ -23,6 +24,7 @@ from mpmgis.commands.shell.main import main
 from mpmgis.frames.frame_files import read_frame
 
 SCENES = Path(__file__).parent
+FORCE = "time [s]", "mean normal force [N]"  # columns of loads on barriers; of the time since the frame before
 
 
 def scene_module(name, program="make"):
@@ -134,6 +136,24 @@ def frames(folder):
     """The frames of the run in `folder`, in order of time."""
     for path in sorted((Path(folder) / "results").glob("frame_*.h5")):
         yield read_frame(path, with_state=False)
+
+
+def nearest(folder, times, origin=0.0):
+    """Frames nearest to `times` [s] of a run that begins at `origin` [s]; the last one of two equally near."""
+    found = {}
+    for frame in frames(folder):
+        for wanted in times:
+            apart = abs(origin + frame.time - wanted)
+            if wanted not in found or apart <= found[wanted][0]:
+                found[wanted] = apart, frame
+    return [found[wanted][1] for wanted in times]
+
+
+def loads(folder, *names):
+    """float64[frames] of each named column of the loads on the barrier of a run, in its last stage."""
+    with open(sorted((Path(folder) / "results").glob("barriers*.csv"))[-1], newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [np.array([float(row.get(name) or 0.0) for row in rows]) for name in names]
 
 
 def placed(frame):

@@ -2,11 +2,10 @@
 
 import re
 
-import geopandas as gpd
 import numpy as np
 import pytest
-import rasterio
 import shapely
+from chain import write_polygons, write_raster
 
 from mpmgis.simulation.preparation import prepare
 from mpmgis.solvers.features.feature_notes import MOST_LINES
@@ -34,14 +33,10 @@ def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("acting")
     x = (np.arange(300) + 0.5) * CELL
     ground = np.tile(100.0 + np.where(x < 800.0, (800.0 - x) * np.tan(np.radians(28.0)), 0.0), (100, 1))
-    with rasterio.open(
-        folder / "dtm.tif", "w", driver="GTiff", height=100, width=300, count=1, dtype="float64", crs="EPSG:32632",
-        transform=rasterio.transform.from_origin(WEST, NORTH, CELL, CELL),
-    ) as file:  # fmt: skip
-        file.write(ground, 1)
+    write_raster(folder / "dtm.tif", ground, WEST, NORTH, CELL, "EPSG:32632")
     for name, (west, south, east, north) in PLACES.items():
         shape = shapely.box(WEST + west, NORTH - 500.0 + south, WEST + east, NORTH - 500.0 + north)
-        gpd.GeoDataFrame({"thickness": [3.0]}, geometry=[shape], crs="EPSG:32632").to_file(folder / f"{name}.gpkg")
+        write_polygons(folder / f"{name}.gpkg", [shape], "EPSG:32632", thickness=[3.0])
     return folder
 
 
@@ -105,7 +100,7 @@ def test_many_barriers_have_few_lines(site, walls):
     tables = tables_of(site, "reached", "auto", "columns", ("barrier",))
     south = NORTH - 400.0 + 12.0 * np.arange(walls)
     shapes = [shapely.box(WEST + 500.0, y, WEST + 506.0, y + 6.0) for y in south - 6.0 * walls + 150.0]
-    gpd.GeoDataFrame(geometry=shapes, crs="EPSG:32632").to_file(site / f"walls{walls}.gpkg")
+    write_polygons(site / f"walls{walls}.gpkg", shapes, "EPSG:32632")
     tables["barrier"][0]["source"] = str(site / f"walls{walls}.gpkg")
     with collected() as lines:
         prepare(tables | {"numerics": {"cell_size": 2.0}})

@@ -1,11 +1,9 @@
 """A cohesive slab in 3D: it slides as a block, or its ends fail as cuts do."""
 
-import geopandas
 import numpy as np
 import pytest
-import rasterio
 import shapely
-from rasterio.transform import from_origin
+from chain import write_polygons, write_raster
 
 from mpmgis.frames.frame_files import read_frame
 from mpmgis.simulation.scene_run import run
@@ -17,20 +15,10 @@ SLOPE, FRICTION, TIME = np.radians(26.0), np.radians(25.0), 4.0
 def paths_of(folder, match, cohesion):
     """(place along the slab [1], path along the slope [m]) of the points of a slab 12 m long and 2 m thick."""
     x = np.arange(LENGTH) + 0.5
-    with rasterio.open(
-        folder / "dtm.tif",
-        "w",
-        driver="GTiff",
-        height=WIDTH,
-        width=LENGTH,
-        count=1,
-        dtype="float64",
-        crs="EPSG:32632",
-        transform=from_origin(WEST, NORTH, 1.0, 1.0),
-    ) as target:
-        target.write(np.tile(1000.0 - x * np.tan(SLOPE), (WIDTH, 1)), 1)
+    ground = np.tile(1000.0 - x * np.tan(SLOPE), (WIDTH, 1))
+    write_raster(folder / "dtm.tif", ground, WEST, NORTH, 1.0, "EPSG:32632")
     block = shapely.box(WEST + 10.0, NORTH - WIDTH, WEST + 22.0, NORTH)
-    geopandas.GeoDataFrame(geometry=[block], crs="EPSG:32632").to_file(folder / "slab.gpkg")
+    write_polygons(folder / "slab.gpkg", [block], "EPSG:32632")
     scene = {
         "solver": "points",
         "terrain": {"dem": str(folder / "dtm.tif")},

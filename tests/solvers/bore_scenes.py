@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 from column_scenes import terrain_of
 from exact_solutions import G
-from point_scenes import block_of, integrate_to, points_on
+from point_scenes import block_of, points_on
 
 from mpmgis.laws.material import fluid
 from mpmgis.solvers.features.walls import Wall
@@ -37,11 +37,3 @@ def stream_at_wall(froude, seconds, cell=0.25, width=0.75, per_cell=2, viscosity
     water = fluid(DENSITY * (10.0 * speed) ** 2, viscosity, tait)
     solver = points_on(terrain, frame, cell, water, walls=(wall,), edges="wall", **numerics)
     return solver, 0.5 * DENSITY * G * behind**2 * width
-
-
-def load_between(solver, begin, end):
-    """Mean normal force [N] on the wall between two times."""
-    integrate_to(solver, begin)
-    before = solver.balances()["barriers"]["dam"]["normal_impulse"]
-    integrate_to(solver, end)
-    return (solver.balances()["barriers"]["dam"]["normal_impulse"] - before) / (end - begin)

@@ -1,6 +1,7 @@
 """Scenes with exact answers for the depth-averaged solver, and the norms that they are judged by."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 from affine import Affine
@@ -68,6 +69,20 @@ def solver_on(
     effects = ColumnEffects(**{name: law for name, law in slots.items() if law is not None})
     numerics = ColumnNumerics(cell_size, **{"stop_at_rest": False, **numerics})
     return ColumnSolver(frame, terrain, effects, numerics, places)
+
+
+def joined(*frames):
+    """One frame of the columns or points of all `frames`, numbered again."""
+    parts = [frame.particles.arrays() for frame in frames]
+    arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    arrays["id"] = np.arange(len(arrays["mass"]), dtype=np.uint64)
+    return replace(frames[0], particles=Particles(**arrays))
+
+
+def spline(distance):
+    """The quadratic B-spline at `distance` [cells] from its node, a number or an array."""
+    away = np.abs(distance)
+    return np.where(away < 0.5, 0.75 - away**2, 0.5 * np.maximum(1.5 - away, 0.0) ** 2)
 
 
 def node_thickness(solver, walls=True):

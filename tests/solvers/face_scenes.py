@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 from column_scenes import terrain_of
 from exact_solutions import G
-from point_scenes import integrate_to, points_on, sorted_points
+from point_scenes import integrate_to, load_between, points_on, sorted_points
 from scipy.optimize import brentq
 from test_points_catalogue import cauchy_stress, elastic_of
 
@@ -149,10 +149,7 @@ def pool_before_wall(seconds, place=0.3, material=None, long=16, wide=12, deep=5
     water = material or fluid(DENSITY * G * deep * cell * 100.0, 0.0, 0.0)
     walls = (standing_wall(face, 6.0 * cell),)
     solver = points_on(terrain, frame, cell, water, coulomb_contact(0.0), walls=walls, edges="wall")
-    integrate_to(solver, 0.8 * seconds)
-    before = solver.balances()["barriers"]["dam"]["normal_impulse"]
-    integrate_to(solver, seconds)
-    force = (solver.balances()["barriers"]["dam"]["normal_impulse"] - before) / (0.2 * seconds)
+    force = load_between(solver, 0.8 * seconds, seconds)
     mass, width = frame.particles.mass.sum(), wide * cell
     level = mass / (DENSITY * face * width)
     now = solver.frame().particles

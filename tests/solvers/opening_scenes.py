@@ -31,12 +31,13 @@ def basin(side, thickness, gap, degrees, centre):
     return placed(ring), placed(outer), placed
 
 
-def walled_columns(walls, terrain, frame, cell_size, metric=None):
+def walled_columns(walls, terrain, frame, cell_size, friction=None, **more):
     """A ColumnSolver with `walls` on a terrain with walled edges."""
     grid = ColumnGrid.on(terrain, cell_size)
     nodes = wall_nodes(walls, *grid.node_axes(), grid.bed, cell_size)
     places = Places(barriers=barrier_entries(nodes), barrier_names=tuple(wall.name for wall in walls))
-    return solver_on(terrain, frame, cell_size, metric=metric, edges="wall", places=places, laws={"barrier": True})
+    laws = {"barrier": True}
+    return solver_on(terrain, frame, cell_size, friction, edges="wall", places=places, laws=laws, **more)
 
 
 def discharge_of_columns(cell_size, gap, degrees=0.0, offset=(0.0, 0.0), thickness=1.0, metric=None, depth=4.0):
@@ -45,7 +46,7 @@ def discharge_of_columns(cell_size, gap, degrees=0.0, offset=(0.0, 0.0), thickne
     pool = placed(shapely.box(-22, -22, 22, 22)).buffer(-0.5 * thickness - 1.05 * cell_size)
     frame = columns_of(lambda x, y: np.where(shapely.contains_xy(pool, x, y), depth, 0.0), 0, 80, 0, 80, cell_size / 2)
     terrain = terrain_of(lambda x, y: 0 * x, 80.0, 80.0, cell_size)
-    solver = walled_columns([Wall("basin", wall, 99.0)], terrain, frame, cell_size, metric)
+    solver = walled_columns([Wall("basin", wall, 99.0)], terrain, frame, cell_size, metric=metric)
     core, out = placed(shapely.box(-18, -18, 0, 18)), []
     for time in (5.0, 7.0, 9.0):
         solver.advance(time)

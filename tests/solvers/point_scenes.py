@@ -47,6 +47,21 @@ def integrate_to(solver, *times):
     return code
 
 
+def load_between(solver, begin, end):
+    """Mean normal force [N] on the wall "dam" between two times."""
+    impulses = []
+    for time in (begin, end):
+        integrate_to(solver, time)
+        impulses.append(solver.balances()["barriers"]["dam"]["normal_impulse"])
+    return (impulses[1] - impulses[0]) / (end - begin)
+
+
+def along(solver, slope):
+    """Mean speed [m s-1] down a plane of `slope` [rad] that falls to the east."""
+    east, _, up = np.average(solver.frame().particles.velocity, axis=0, weights=solver.frame().particles.mass)
+    return east * np.cos(slope) - up * np.sin(slope)
+
+
 def sorted_points(solver):
     """The frame's particles in the order of their ids."""
     particles = solver.frame().particles

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from catalogue_scenes import speed_over_bound
 from column_scenes import G, columns_of, dam_break, node_thickness, orders, relative_l1, seeded, solver_on, terrain_of
+from exact_solutions import steady_voellmy_speed
 
 from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.friction import friction_law
@@ -122,8 +123,7 @@ def test_v19_steady_voellmy_speed():
     solver.advance(25.0)
     p = solver.frame().particles
     inner = np.abs(p.position[:, 0] - np.median(p.position[:, 0])) < 200
-    normal = thickness * np.cos(slope)
-    steady = np.sqrt(500.0 * normal * (np.sin(slope) - 0.2 * np.cos(slope)))
+    steady = steady_voellmy_speed(slope, thickness * np.cos(slope), 0.2, 500.0)
     np.testing.assert_allclose(np.linalg.norm(p.velocity[inner], axis=1).mean(), steady, rtol=0.0005)
 
 

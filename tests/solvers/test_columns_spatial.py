@@ -8,17 +8,19 @@ import pytest
 import shapely
 import shapely.affinity
 from column_scenes import G, columns_of, node_thickness, solver_on, terrain_of
+from opening_scenes import walled_columns
 
 from mpmgis.compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from mpmgis.laws.barrier import CORE, CORNER, FACE, deflected, weir_discharge
 from mpmgis.laws.entrainment import entrainment_law, erosion_rate
 from mpmgis.laws.friction import at_node, friction_law
 from mpmgis.laws.ground_metric import WATER
-from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places, barrier_entries
+from mpmgis.solvers.columns import column_rows as row
+from mpmgis.solvers.columns.feature_arrays import NO_LAKE, Places
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 from mpmgis.solvers.columns.spline_bed import beds_at
 from mpmgis.solvers.features.lakes import lake_cells, water_depth
-from mpmgis.solvers.features.walls import Wall, wall_nodes
+from mpmgis.solvers.features.walls import Wall
 
 DX = 5.0
 
@@ -27,20 +29,11 @@ def level(x, y):
     return 0 * x
 
 
-def walled(terrain, frame, wall, friction=None, **numerics):
-    """A solver with one wall on walled level ground."""
-    grid = ColumnGrid.on(terrain, DX)
-    rows, columns = grid.bed.shape
-    x, y = grid.x0 + (np.arange(columns) - 1) * DX, grid.y0 + (np.arange(rows) - 1) * DX
-    places = Places(barriers=barrier_entries(wall_nodes([wall], x, y, grid.bed, DX)), barrier_names=(wall.name,))
-    return solver_on(terrain, frame, DX, friction, edges="wall", places=places, laws={"barrier": True}, **numerics)
-
-
 def channel(height, depth=8.0, length=200.0):
     """Water `depth` [m] deep on one side of a wall `height` [m] high across a channel 40 m wide."""
     terrain = terrain_of(level, length, 40.0, DX)
     frame = columns_of(depth, 0, 92.5, 0, 40, DX / 4)
-    return walled(terrain, frame, Wall("dam", shapely.box(99.5, -99, 100.5, 99), height))
+    return walled_columns([Wall("dam", shapely.box(99.5, -99, 100.5, 99), height)], terrain, frame, DX)
 
 
 def test_a_pond_at_rest_loads_its_dam_with_hydrostatic_pressure():
@@ -77,7 +70,7 @@ def test_nothing_passes_a_high_wall_whatever_way_it_runs(degrees):
     ring = shapely.affinity.rotate(shapely.box(100, 100, 200, 200), degrees, centre)
     frame = columns_of(5.0, 120, 180, 120, 180, DX / 4, velocity=(20.0, 6.0))
     wall = Wall("ring", ring.exterior.buffer(0.5, join_style="mitre"), 1e6)
-    solver = walled(terrain_of(level, 300.0, 300.0, DX), frame, wall)
+    solver = walled_columns([wall], terrain_of(level, 300.0, 300.0, DX), frame, DX)
     solver.advance(30.0)
     p = solver.frame().particles
     assert shapely.contains_xy(ring, p.position[:, 0], p.position[:, 1]).all()
@@ -98,7 +91,7 @@ def test_nothing_passes_where_a_wall_meets_the_edge_at_an_acute_angle(degrees):
         lambda x, y: np.where(beside(x, y) > 2 * DX, 5.0, 0.0), 20, 180, 60, 120, DX / 4, velocity=(20.0, 6.0)
     )
     wall = Wall("w", line.buffer(0.5, cap_style="flat"), 1e6)
-    solver = walled(terrain_of(level, 200.0, 120.0, DX), frame, wall)
+    solver = walled_columns([wall], terrain_of(level, 200.0, 120.0, DX), frame, DX)
     solver.advance(15.0)
     p = solver.frame().particles
     assert (beside(*p.position[:, :2].T) > -DX).all()
@@ -108,7 +101,9 @@ def test_nothing_passes_where_a_wall_meets_the_edge_at_an_acute_angle(degrees):
 def test_the_impulse_on_a_wall_is_the_momentum_that_the_flow_lost():
     """H8: away from all other walls, to round-off."""
     frame = columns_of(2.0, 60, 90, 150, 250, DX / 4, velocity=(20.0, 0.0))
-    solver = walled(terrain_of(level, 400.0, 400.0, DX), frame, Wall("w", shapely.box(120, 60, 121, 340), 100.0))
+    solver = walled_columns(
+        [Wall("w", shapely.box(120, 60, 121, 340), 100.0)], terrain_of(level, 400.0, 400.0, DX), frame, DX
+    )
     solver.advance(4.0)
     p, taken = solver.frame().particles, solver.balances()["barriers"]["w"]
     lost = frame.particles.mass.sum() * 20.0 - (p.mass * p.velocity[:, 0]).sum()
@@ -148,6 +143,22 @@ def test_ground_is_eroded_in_proportion_to_the_share_that_is_erodible():
         solver.advance(1e9, max_steps=1)
         taken.append(solver.balances()["mass_entrained"])
     assert taken[1] == pytest.approx(0.25 * taken[0], rel=1e-12) and taken[1] > 0.0
+
+
+def test_columns_that_take_up_mass_keep_their_momentum_and_shrink_as_their_new_speeds_tell():
+    """A step of a slab whose speed falls to the east; away from its rim, also the affine momentum m du/dx."""
+    _, solver = weightless_slab(0.02, 1e9)
+    rows = solver.arrays.rows
+    rows[:, row.U], rows[:, row.CXX] = 10.0 - 0.02 * (rows[:, row.X] - 50.0), -0.02
+    before = rows[np.argsort(solver.arrays.ids)].reshape(32, 160, -1)[16, 10:150]
+    solver.advance(1e9, max_steps=1)
+    after = solver.arrays.rows[np.argsort(solver.arrays.ids)].reshape(32, 160, -1)[16, 10:150]
+    assert (after[:, row.MASS] > 1.004 * before[:, row.MASS]).all()
+    for speed in (row.U, row.CXX):
+        momenta = [here[:, row.MASS] * here[:, speed] for here in (before, after)]
+        np.testing.assert_allclose(momenta[1], momenta[0], rtol=1e-11)
+    stretch = 1.0 + solver.time * np.gradient(after[:, row.U], DX / 4)
+    np.testing.assert_allclose(after[:, row.AREA], before[:, row.AREA] * stretch, rtol=1e-6)
 
 
 @pytest.mark.thorough

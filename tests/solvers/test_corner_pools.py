@@ -10,7 +10,7 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from hypothesis import example, given, settings
 from hypothesis import strategies as some
-from point_scenes import block_of, integrate_to, points_on
+from point_scenes import block_of, load_between, points_on
 from test_barrier_face_rows import CELLS, faces_on, place_of
 
 from mpmgis.laws.material import fluid
@@ -128,19 +128,11 @@ def pool(azimuth, cell=0.125, length=1.5, width=1.0, gap=1.8, viscosity=0.0, **n
     return solver, 0.5 * DENSITY * G * level**2 * 2.0 * (length + width), level
 
 
-def load(solver, begin, end):
-    """Mean normal force [N] on the walls between two times."""
-    integrate_to(solver, begin)
-    before = solver.balances()["barriers"]["dam"]["normal_impulse"]
-    integrate_to(solver, end)
-    return (solver.balances()["barriers"]["dam"]["normal_impulse"] - before) / (end - begin)
-
-
 @pytest.mark.parametrize(("azimuth", "begin", "least"), [(0.0, 10.0, 0.97), (30.0, 5.0, 0.95)])
 def test_a_pool_between_four_walls_keeps_its_load(azimuth, begin, least):
     """Before, points crept into the walls at the corners."""
     solver, hydrostatic, _ = pool(azimuth)
-    found = load(solver, begin, begin + 5.0) / hydrostatic
+    found = load_between(solver, begin, begin + 5.0) / hydrostatic
     print(azimuth, found)
     assert least <= found <= 1.05
 

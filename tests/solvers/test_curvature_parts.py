@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from column_scenes import columns_of, solver_on, terrain_of
 
-from mpmgis.laws.curvature import CURVATURE, LOAD, NO_CURVATURE, PARTS, TURN, turned_velocity
+from mpmgis.laws.curvature import CURVATURE, LOAD, NO_CURVATURE, PARTS, TURN, centrifugal_acceleration, turned_velocity
 from mpmgis.laws.friction import friction_law
 from mpmgis.scene import TerrainFacts, resolve, scene_from_tables
 from mpmgis.system.errors import SceneError
@@ -38,6 +38,13 @@ def test_the_turn_keeps_the_length_on_the_bed():
     u, v = turned_velocity(*STATE)
     before = np.linalg.norm([*STATE[:2], STATE[0] * STATE[2] + STATE[1] * STATE[3]])
     np.testing.assert_allclose(np.linalg.norm([u, v, u * STATE[4] + v * STATE[5]]), before, rtol=1e-14)
+
+
+def test_the_centrifugal_acceleration_is_that_of_the_height_along_the_way():
+    """The second derivative in time of b(u t, v t) = (b_xx x^2 + 2 b_xy x y + b_yy y^2) / 2."""
+    u, v, bend_xx, bend_xy, bend_yy = 3.0, -2.0, 0.01, 0.03, -0.02
+    height = 0.5 * np.array([u, v]) @ np.array([[bend_xx, bend_xy], [bend_xy, bend_yy]]) @ np.array([u, v])
+    assert centrifugal_acceleration(u, v, bend_xx, bend_xy, bend_yy) == pytest.approx(2.0 * height)
 
 
 @pytest.mark.parametrize("part", PARTS)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from column_scenes import columns_of, solver_on, terrain_of
+from column_scenes import columns_of, joined, solver_on, terrain_of
 from point_scenes import block_of, integrate_to
 
-from mpmgis.frames.particles import Frame, Particles
+from mpmgis.frames.particles import Frame
 from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.friction import friction_law
@@ -79,10 +79,8 @@ def test_points_inserted_before_the_first_step_are_those_of_a_start(turns):
     parts[1][0].particles.id[:] += 1000
     gradients = [affine if turn else None for (_, _, affine), turn in zip(parts, turns, strict=True)]
     zero = np.zeros_like(parts[0][2])
-    own, more = (part[0].particles for part in parts)
-    joined = Particles(**{name: np.concatenate([values, getattr(more, name)]) for name, values in own.arrays().items()})
     whole = solver_of(
-        Frame(joined, dimension=3),
+        joined(*(part[0] for part in parts)),
         np.concatenate([part[1] for part in parts]),
         np.concatenate([zero if gradient is None else gradient for gradient in gradients]),
     )
@@ -122,7 +120,7 @@ def test_columns_that_are_taken_out_were_never_there():
     """One of two heaps far apart is removed; the other one moves as if it had always been alone."""
     left, right = (columns_of(2.0, west, west + 10, 20, 30, 0.5) for west in (10, 40))
     ids = np.arange(len(left.particles) + len(right.particles), dtype=np.uint64)
-    both = Frame(_joined(left.particles, right.particles, ids))
+    both = joined(left, right)
     solver, alone = (solver_on(FLAT, frame, 2.0, friction_law("Coulomb", 0.3)) for frame in (both, left))
     assert solver.advance(0.5) == alone.advance(0.5)
     assert solver.take_out(lambda x, y: x > 70.0) is None
@@ -142,8 +140,3 @@ def test_columns_that_are_taken_out_were_never_there():
     for name in ("mass_now", "kinetic_energy", "potential_energy"):
         assert balances[name] == pytest.approx(wanted[name], rel=1e-6), name
     assert balances["energy_lost"] > wanted["energy_lost"] > 0.0  # the removed columns had lost some energy before
-
-
-def _joined(one, other, ids):
-    arrays = {name: np.concatenate([values, getattr(other, name)]) for name, values in one.arrays().items()}
-    return Particles(**arrays | {"id": ids})

@@ -134,7 +134,7 @@ def slit_dam(dx=2.0):
     piers = [shapely.box(59.5, a, 60.5, b) for a, b in ((-50, 3), (5, 11), (13, 19), (21, 27), (29, 35), (37, 90))]
     frame = columns_of(4.0, 0.0, 58.0, 0.0, 40.0, dx / 2)
     terrain = terrain_of(lambda x, y: 0 * x, 120.0, 40.0, dx)
-    return walled_columns([Wall("dam", shapely.MultiPolygon(piers), 20.0)], terrain, frame, dx, WATER), frame
+    return walled_columns([Wall("dam", shapely.MultiPolygon(piers), 20.0)], terrain, frame, dx, metric=WATER), frame
 
 
 @pytest.mark.thorough

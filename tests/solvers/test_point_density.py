@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
-from bore_scenes import DENSITY, load_between, stream_at_wall
-from column_scenes import terrain_of
+from bore_scenes import DENSITY, stream_at_wall
+from column_scenes import spline, terrain_of
 from exact_solutions import G
 from hypothesis import given, settings
 from hypothesis import strategies as some
-from point_scenes import block_of, integrate_to, points_on
-from test_corner_pools import load, pool
-from test_point_peaks import spline
+from point_scenes import block_of, integrate_to, load_between, points_on
+from test_corner_pools import pool
 
 from mpmgis.laws.fluid_material import LARGEST_GAP, SMALLEST_VOLUME, fluid_energy, gap_at_density
 from mpmgis.laws.material import fluid
@@ -226,6 +225,6 @@ def test_bores_of_other_streams(froude, options):
 def test_a_basin_filled_from_the_start_keeps_its_load(azimuth, side, least):
     """Points packed at the bottom: after 20 s the load was 0.70 of the hydrostatic one, 0.66 in the smallest basin."""
     solver, hydrostatic, _ = pool(azimuth, length=side, width=side, gap=0.0)
-    found = load(solver, 16.0, 20.0) / hydrostatic
+    found = load_between(solver, 16.0, 20.0) / hydrostatic
     print(azimuth, side, found)
     assert least <= found <= 1.05

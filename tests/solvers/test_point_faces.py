@@ -138,12 +138,10 @@ def test_an_acute_corner_of_60_degrees_bears_as_much_as_the_limits_say():
 @pytest.mark.parametrize("azimuth", [0.0, 30.0])
 def test_a_block_slides_along_a_wall(azimuth):
     """35 degrees over a friction angle of 25, started without stress: while the block settles on smooth ground it
-    oscillates, and goes 7 % too far in 2 s; the error of the load on the wall is 3 %. At 24 degrees the block moves by
-    0.20 to 0.23 m in 2 s and then rests (`test_barrier_face_loads`)."""
+    oscillates, and goes 7 % too far in 2 s; the error of the load on the wall is 3 %. It rests at 24 degrees
+    (`test_barrier_face_loads`)."""
     moved, exact, force, _ = along_wall(35.0, 2.0, SLAB, azimuth=azimuth)
     assert 1.0 <= moved / exact <= 1.09 and force == pytest.approx(1.0, abs=0.03)
-    moved, exact, force, _ = along_wall(24.0, 2.0, SLAB, azimuth=azimuth)
-    assert exact == 0.0 and 0.0 <= moved <= 0.3 and force == pytest.approx(1.0, abs=0.05)
 
 
 @settings(max_examples=300, deadline=None)

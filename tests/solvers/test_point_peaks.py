@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from column_scenes import terrain_of
+from column_scenes import spline, terrain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_points import plain_step, yields_of
@@ -57,12 +57,6 @@ def thickness_now(solver):
             weight = spline(place[:, 0] / dx - i) * spline(place[:, 1] / dx - j)
             thickness[j, i] = (particles.mass * weight).sum() / (solver.numerics.density * dx * dx)
     return thickness
-
-
-def spline(distance):
-    """The quadratic B-spline at `distance` [cells] from its node."""
-    away = np.abs(distance)
-    return np.where(away < 0.5, 0.75 - away**2, np.where(away < 1.5, 0.5 * (1.5 - away) ** 2, 0.0))
 
 
 def test_the_kernel_and_the_frames_agree_on_the_order_of_peaks():

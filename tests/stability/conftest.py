@@ -1,10 +1,11 @@
 import pytest
 
+from mpmgis.compiled.jit import set_threads
 
-@pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.thorough)], ids=["1 thread", "2 threads"])
-def threads(request):
-    """Each hard case runs on one thread and on two."""
-    from mpmgis.compiled.jit import set_threads
 
-    yield set_threads(request.param)
+@pytest.fixture
+def one_thread():
+    """A hard case runs on one thread; `test_same_bits.py` has the same bits on two."""
+    set_threads(1)
+    yield
     set_threads(None)

@@ -12,7 +12,6 @@ from point_scenes import points_on
 
 from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.initial_stress import stress_of_weight
-from mpmgis.frames.particles import Frame, Particles
 from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.friction import friction_law
@@ -37,14 +36,6 @@ SPEED_SLACK = 1.05  # of H2's bound on U^2
 ROUND_OFF = {"float64": (1e-10, 0.0), "float32": (1e-5, 6e-8)}
 SPLASH = 6.0  # times H2's bound that U^2 of a point may reach where jets meet; measured 4.6 in 3600 random scenes
 JETS, JET_SHARE = 2.0, 0.05  # times H2's bound, which at most this share of the mass exceeds; measured 0.024
-
-
-def joined(*frames):
-    """One frame of the columns of all `frames`, numbered again."""
-    parts = [frame.particles for frame in frames]
-    names = ("position", "velocity", "mass", "volume", "thickness", "area")
-    arrays = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
-    return Frame(Particles(*arrays, np.arange(len(arrays[0]), dtype=np.uint64)), dimension=2)
 
 
 def along_the_bed(frame, terrain, dx):

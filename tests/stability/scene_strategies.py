@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from hard_scenes import NO_DRAG, box_of_columns, columns_on, joined, points_of_columns, stiff_for
+from column_scenes import joined
+from hard_scenes import NO_DRAG, box_of_columns, columns_on, points_of_columns, stiff_for
 from hypothesis import strategies as st
 
 from mpmgis.laws.material import drucker_prager, fluid

@@ -1,4 +1,4 @@
-"""Hard cases of the 3D solver, each in both precisions, on one thread and on two.
+"""Hard cases of the 3D solver, each in both precisions.
 
 In addition to the assertions of a case, `Watch` checks mass, momentum and energy. There are only sand and water, so
 that two variants of the solver are compiled per precision.
@@ -25,7 +25,7 @@ from mpmgis.solvers.points.point_solver import PointSolver
 
 ROUNDED = {"float64": 1e-9, "float32": 2e-5}  # [m], [m s-1] of hundreds of steps; measured 1e-5 in single precision
 
-pytestmark = pytest.mark.usefixtures("threads", "precision")
+pytestmark = pytest.mark.usefixtures("one_thread", "precision")
 
 
 @pytest.fixture(params=["float64", pytest.param("float32", marks=pytest.mark.thorough)])
@@ -292,14 +292,12 @@ def rest(steps, drift):
     Watch(solver).look()
 
 
-@pytest.mark.parametrize("threads", [1], indirect=True)
 def test_ten_thousand_steps_at_rest_move_no_block():
     """H41, short: it oscillates elastically at the start, and stays where it comes to rest."""
     rest(10_000, 2e-4)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("threads", [1], indirect=True)
 def test_a_million_steps_at_rest_move_no_block():
     """H41: it rises by 0.04 mm in the second half million steps (an hour), more and more slowly."""
     rest(1_000_000, 1e-4)

@@ -1,5 +1,7 @@
 """H34: the most difficult scenes give the same bits for any number of threads and for slices of any length."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hard_scenes import Watch
@@ -28,12 +30,16 @@ SCENES = {
 }
 
 
-WATER = pytest.param("water off a step", marks=pytest.mark.thorough)
+LONG = [(name, precision) for name in SCENES if "step" in name for precision in ("float64", "float32")][1:]
 
 
-@pytest.mark.parametrize("name", [*list(SCENES)[:-1], WATER])
-def test_threads_and_slices_change_no_bit(name):
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [*((name, None) for name in list(SCENES)[:3]), *(pytest.param(*case, marks=pytest.mark.thorough) for case in LONG)],
+)
+def test_threads_and_slices_change_no_bit(name, precision):
     scene, end = SCENES[name]
+    scene = replace(scene, precision=precision) if precision else scene
     states = []
     for threads, slices in ((1, 1 << 40), (2, 7)):
         set_threads(threads)

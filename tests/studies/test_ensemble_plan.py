@@ -22,6 +22,9 @@ TABLES = {
 }
 
 
+KEYS = "friction.mu", "friction.xi", "release.thickness"
+
+
 def plan(varied, **how):
     return SamplingPlan.of({key: variation(text, key) for key, text in varied.items()}, **how)
 
@@ -147,15 +150,6 @@ def test_invalid_distributions_are_rejected(text):
     assert "\n" not in str(caught.value)
 
 
-def test_empty_plans_and_too_many_members_are_rejected():
-    with pytest.raises(InputError, match="nothing varies"):
-        SamplingPlan.of({})
-    with pytest.raises(InputError, match="at most"):
-        plan({"friction.mu": "0:1", "friction.xi": "1:2", "release.thickness": "1:2"}, sampling="grid", samples=100)
-    with pytest.raises(InputError, match="lhs"):
-        plan({"friction.mu": "0:1"}, sampling="latin")
-
-
 # ------------------------------------------------------------------------------------------------------- statistics
 
 
@@ -226,17 +220,25 @@ def test_every_band_has_a_source_band_of_the_members():
         assert {band.source for band in bands} <= set(MEMBER_BANDS)
 
 
-@pytest.mark.parametrize("texts", [["h"], ["h="], ["h=a"]])
-def test_invalid_thresholds_are_rejected(texts):
-    with pytest.raises(InputError, match="--exceed"):
-        exceedances(texts)
-
-
-def test_unknown_quantities_and_invalid_percentiles_are_rejected():
+def test_thresholds_are_collected_by_quantity():
     assert exceedances(["h=1,2", "p=5", "h=3"]) == {"h": (1, 2, 3), "p": (5,)}
-    for asked in ({"exceed": {"x": (1,)}}, {"exceed": {"h": (0,)}}, {"percentiles": (101,)}):
-        with pytest.raises(InputError):
-            Products.of(**asked)
+
+
+@pytest.mark.parametrize(
+    ("make", "asked", "words"),
+    [
+        *((exceedances, [text], "--exceed") for text in ("h", "h=", "h=a")),
+        (Products.of, {"x": (1,)}, "expected one of h, Ut, p"),
+        (Products.of, {"h": (0,)}, "expected numbers above 0"),
+        (lambda percentiles: Products.of(percentiles=percentiles), (101,), "expected numbers from 0 to 100"),
+        (SamplingPlan.of, {}, "nothing varies"),
+        (lambda varied: plan(varied, sampling="grid", samples=100), dict.fromkeys(KEYS, "0:1"), "at most"),
+        (lambda varied: plan(varied, sampling="latin"), {"friction.mu": "0:1"}, "lhs"),
+    ],
+)
+def test_invalid_plans_and_products_are_rejected(make, asked, words):
+    with pytest.raises(InputError, match=words):
+        make(asked)
 
 
 def test_list_values_have_the_types_of_a_scene_file():

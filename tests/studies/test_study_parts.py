@@ -243,23 +243,23 @@ def test_the_work_of_a_setting_grows_with_finer_cells_more_particles_and_shorter
     assert numerical_parameters.setting(scene(), "cell_size", (("cell_size", 2.0),)).work_over(scene()) == 8.0
 
 
-@pytest.mark.parametrize(
-    ("name", "words"), [("stage3.cell_size", "unknown parameter"), ("stage2.cfl", "unknown parameter")]
-)
-def test_unknown_stage_parameters_are_rejected(name, words):
-    with pytest.raises(InputError, match=words):
-        numerical_parameters.parameters_of(staged(), (name,))
-
-
 def test_fastest_setting_of_the_same_accuracy():
     seconds, errors = [1.0, 2.0, 4.0], [0.3, 0.2, 0.2]
     assert [fastest_as_accurate(seconds, errors, error) for error in (0.3, 0.25, 0.1, math.nan)] == [0, 1, None, None]
 
 
-@pytest.mark.parametrize(("name", "words"), [("cel_size", "unknown parameter"), ("points_per_cell", "not for columns")])
-def test_unknown_parameters_are_rejected(name, words):
+@pytest.mark.parametrize(
+    ("own", "name", "words"),
+    [
+        (scene, "cel_size", "unknown parameter"),
+        (scene, "points_per_cell", "not for columns"),
+        (staged, "stage3.cell_size", "unknown parameter"),
+        (staged, "stage2.cfl", "unknown parameter"),
+    ],
+)
+def test_unknown_parameters_are_rejected(own, name, words):
     with pytest.raises(InputError, match=words):
-        numerical_parameters.parameters_of(scene(), (name,))
+        numerical_parameters.parameters_of(own(), (name,))
 
 
 def state(thickness, speed=1.0, reach=10.0):

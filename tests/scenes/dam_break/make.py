@@ -4,7 +4,6 @@ python tests/scenes/dam_break/make.py FOLDER [--depth 0.6 --cells 32] [--png FOL
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -153,13 +152,6 @@ def smoothed(time, values, window=0.01):
     return np.convolve(values, np.ones(count) / count, "same")
 
 
-def load_on_wall(folder):
-    """(time [s], mean normal force since the frame before [N])."""
-    with open(next((Path(folder) / "results").glob("barriers*.csv")), newline="") as file:
-        rows = list(csv.DictReader(file))
-    return tuple(np.array([float(row[name]) for row in rows]) for name in ("time [s]", "mean normal force [N]"))
-
-
 def figures_of(folder, size):
     """Name -> (measured, found) in words."""
     found = course(folder, size, PEAKS[:, 0])
@@ -172,7 +164,7 @@ def figures_of(folder, size):
     for (height, median, low, high), mine in zip(PEAKS, first_pressure(found), strict=True):
         measured = f"{median:.0f} ({low:.0f} to {high:.0f})" if size.depth == 0.3 else ""
         rows[f"peak at {1e3 * height:g} mm [Pa]"] = measured, f"{mine:.0f}"
-    time, force = load_on_wall(folder)
+    time, force = chain.loads(folder, *chain.FORCE)
     rows["largest force, mean of 0.02 s [N/m]"] = "", f"{smoothed(time, force, 0.02).max() / (WIDE * size.cell):.0f}"
     return rows
 

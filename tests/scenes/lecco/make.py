@@ -4,7 +4,6 @@ python tests/scenes/lecco/make.py FOLDER [--per-cell 16 --points 1] [--png FOLDE
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -177,20 +176,11 @@ class Load(NamedTuple):
 
 def load_of(folder):
     """The Load of a run's barrier, in its last stage if it has several."""
-    with open(sorted((Path(folder) / "results").glob("barriers*.csv"))[-1], newline="") as file:
-        rows = list(csv.DictReader(file))
-
-    def column(name):
-        return np.array([float(row.get(name) or 0.0) for row in rows])
-
-    moment = np.hypot(column("mean moment east [N m]"), column("mean moment north [N m]"))
-    return Load(
-        column("time [s]"),
-        column("mean normal force [N]"),
-        moment,
-        column("overtopped mass [kg]"),
-        column("largest normal force of a step so far [N]"),
+    moment = np.hypot(*chain.loads(folder, "mean moment east [N m]", "mean moment north [N m]"))
+    time, force, passed, largest = chain.loads(
+        folder, "time [s]", "mean normal force [N]", "overtopped mass [kg]", "largest normal force of a step so far [N]"
     )
+    return Load(time, force, moment, passed, largest)
 
 
 def smoothed(time, values, window):
@@ -233,17 +223,6 @@ def foot():
     return float(ground_at(*on_map(BARRIER, 0.0)))
 
 
-def nearest(folder, times):
-    """The frames of a run nearest to `times` [s]; of two at one time the last, which is that of points."""
-    found = {}
-    for frame in chain.frames(folder):
-        for time in times:
-            apart = abs(frame.time - time)
-            if time not in found or apart <= found[time][0]:
-                found[time] = apart, frame
-    return [found[time][1] for time in times]
-
-
 def outline(axis, shape, colour, label):
     """Draw a polygon's outline."""
     axis.plot(*shape.exterior.xy, color=colour, lw=1.2, label=label)
@@ -254,7 +233,7 @@ def map_figure(folder, png):
     figure, ((plan, profile),) = profiles.picture(1, 2, (12.0, 4.6))
     profiles.ground(plan, folder / "dtm.tif")
     for frame, colour, label in zip(
-        nearest(folder, (30.0, 38.0)), ("tab:orange", "tab:red"), ("flow at 30 s", "at 38 s"), strict=True
+        chain.nearest(folder, (30.0, 38.0)), ("tab:orange", "tab:red"), ("flow at 30 s", "at 38 s"), strict=True
     ):
         place = chain.placed(frame)[:: max(1, len(frame.particles) // 20_000)]
         plan.plot(place[:, 0], place[:, 1], ",", color=colour, label=label)
@@ -305,7 +284,7 @@ def scenery(view, west, east, south, north, step=0.35):
 def snapshots_figure(folder, times, png, largest=25.0):
     """What one sees at the barrier from behind it, looking up the slope, points coloured by speed."""
     figure, axes = profiles.picture(1, len(times), (13.0, 5.2))
-    for axis, frame in zip(axes[0], nearest(folder, times), strict=True):
+    for axis, frame in zip(axes[0], chain.nearest(folder, times), strict=True):
         view = View(35.0, 28.0, 0.3)
         scenery(view, 225.0, 345.0, 455.0, 570.0)
         place = chain.placed(frame)
@@ -325,7 +304,7 @@ def section_figure(folder, times, png, half=1.5, largest=25.0):
     figure, axes = profiles.picture(len(times) // 2, 2, (12.0, 1.7 * len(times)), sharex=True, sharey=True)
     way = np.linspace(60.0, 185.0, 500)
     shift = ground_at(*CENTRE) - elevation(*CENTRE)
-    for axis, frame in zip(axes.ravel(), nearest(folder, times), strict=True):
+    for axis, frame in zip(axes.ravel(), chain.nearest(folder, times), strict=True):
         place = chain.placed(frame)
         distance, left = along(place[:, 0], place[:, 1])
         near = np.abs(left) < half
@@ -405,7 +384,7 @@ def comparison_figure(runs, png):
 def summary(folder, cell):
     """Name -> number of a run with points."""
     record, load, front = chain.record(folder), load_of(folder), front_of(folder)
-    (last,) = nearest(folder, (np.inf,))
+    (last,) = chain.nearest(folder, (np.inf,))
     where, barriers = whereabouts(last), record["balances"]["barriers"]["barrier"]
     fields, time = largest_pressure(folder, cell)
     before = front.place < BARRIER - 5.0

@@ -4,7 +4,6 @@ python tests/scenes/sand_flume/make.py FOLDER [--angle 45 --cell 0.04 --mu 0.45]
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -87,9 +86,7 @@ class Load(NamedTuple):
 
 def load(folder, size):
     """The Load of a run."""
-    with open(next((Path(folder) / "results").glob("barriers*.csv")), newline="") as file:
-        rows = list(csv.DictReader(file))
-    time, force = (np.array([float(row[name]) for row in rows]) for name in ("time [s]", "mean normal force [N]"))
+    time, force = chain.loads(folder, *chain.FORCE)
     force *= WIDTH / (WIDE * size.cell)
     every = float(np.median(np.diff(time)))
     count = max(1, round(WINDOW / every))

@@ -4,7 +4,6 @@ python tests/scenes/wall/make.py FOLDER [--width 1 --cell 0.1] [--png FOLDER]
 """
 
 import argparse
-import csv
 import shutil
 import sys
 from pathlib import Path
@@ -179,13 +178,6 @@ def height_exceeded(up, mass, near):
     return float(up[near][order][np.searchsorted(above, SHEET)]) if len(above) and above[-1] > SHEET else FLOOR
 
 
-def load_on_wall(folder):
-    """(time [s], mean normal force since the previous frame [N]) of the 3D part, which has the last table."""
-    with open(sorted((Path(folder) / "results").glob("barriers*.csv"))[-1], newline="") as file:
-        rows = list(csv.DictReader(file))
-    return tuple(np.array([float(row[name]) for row in rows]) for name in ("time [s]", "mean normal force [N]"))
-
-
 def load_by_finite_volumes(times, width):
     """(force [N], depth at the wall [m]) of shallow water on the wall at `times` [s]."""
     _, lines = finite_volumes(times, WALL)
@@ -209,21 +201,10 @@ def side_view(axis, frame, text, fastest, east=22.0):
     return seen
 
 
-def nearest(folder, times, origin=0.0):
-    """Frames nearest to `times` [s] of a run that begins at `origin` [s]; the last one of two equally near."""
-    found = {}
-    for frame in chain.frames(folder):
-        for time in times:
-            apart = abs(origin + frame.time - time)
-            if time not in found or apart <= found[time][0]:
-                found[time] = apart, frame
-    return [found[time][1] for time in times]
-
-
 def sequence_figure(folder, times, png, origin=0.0, fastest=10.0):
     """Draw side views at `times` [s]."""
     figure, axes = profiles.picture(len(times), 1, (8.0, 2.6 * len(times)), sharex=True)
-    for axis, frame in zip(axes[:, 0], nearest(folder, times, origin), strict=True):
+    for axis, frame in zip(axes[:, 0], chain.nearest(folder, times, origin), strict=True):
         kind = "columns, at their bed" if frame.dimension == 2 else f"{len(frame.particles)} points"
         seen = side_view(axis, frame, f"T = {origin + frame.time:.2f} s, {kind}", fastest)
     axes[-1, 0].set_xlabel("x [m]")
@@ -263,7 +244,7 @@ def rigid_front():
 
 def wall_figure(folder, width, png):
     """Draw force per metre of wall, run-up and speeds over time."""
-    impact, (time, force) = impact_of(folder), load_on_wall(folder)
+    impact, (time, force) = impact_of(folder), chain.loads(folder, *chain.FORCE)
     times = np.arange(1, round(impact.time[-1] / 0.05) + 1) * 0.05
     shallow, depth = load_by_finite_volumes(times, width)
     figure, ((load, height, speed),) = profiles.picture(1, 3, (12.0, 4.0))
@@ -289,7 +270,7 @@ def wall_figure(folder, width, png):
 
 def peaks(folder):
     """Name -> largest values at the wall and their times."""
-    impact, (time, force) = impact_of(folder), load_on_wall(folder)
+    impact, (time, force) = impact_of(folder), chain.loads(folder, *chain.FORCE)
     at = int(np.argmax(impact.run_up))
     return {
         "run-up of 2 % of the mass [m]": impact.run_up[at],

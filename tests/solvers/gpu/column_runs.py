@@ -1,4 +1,4 @@
-"""Runs of `DeviceColumnSolver` in the simulator, compared with `ColumnSolver`; `test_device_column_solver.py` runs it.
+"""Runs of `DeviceColumnSolver` in the simulator, compared with `ColumnSolver`; `test_device_solver.py` runs it.
 
 Prints JSON: largest differences by name, `same_bits` by name, and answers.
 """

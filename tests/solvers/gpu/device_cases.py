@@ -7,11 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[3]
 LACK = "" if importlib.util.find_spec("numba_cuda") else "numba-cuda is not installed (pip install 'mpmgis[gpu]')"
 # of places [cells] and of momentum, affine momentum, state, peaks, yields, outflow, impulses, losses and loads over the
 # largest of each: sums of the same numbers in another order, over a few steps
 TOLERANCE = {"float64": 1e-12, "float32": 1e-4}
+each_precision = pytest.mark.parametrize("precision", TOLERANCE)
 LOSSES = {"float64": 1e-12, "float32": 2e-4}
 CORRECTION = {"float64": 1e-12, "float32": 2e-3}  # energy of corrections of J by 0.01, a difference of stored energies
 PLACES = {"float64": 1e-12, "float32": 1e-5}  # the ground of the device is in the precision of the points

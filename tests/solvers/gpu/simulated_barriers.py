@@ -15,9 +15,9 @@ from simulated_points import (
     SOFT,
     SOIL,
     VOELLMY,
-    advanced,
     block_of,
     compared,
+    launched,
     permuted,
     plane,
     points_on,
@@ -30,7 +30,6 @@ from simulated_points import (
 )
 
 from mpmgis.solvers.features.walls import Wall
-from mpmgis.solvers.gpu import device_functions
 from mpmgis.solvers.gpu.device_barriers import own_rows
 from mpmgis.solvers.points.point_barriers import BARRIER, POINT_BARRIER_ENTRIES
 from mpmgis.solvers.points.point_faces import FACE_BARRIER, FACE_ENTRIES
@@ -119,20 +118,9 @@ KERNELS = {
 }
 
 
-def launched(make):
+def of_barriers(make):
     """Names of the kernels of barriers that one step launches."""
-    names, of = set(), device_functions.Kernel.of
-
-    def noted(kernel, precision):
-        names.add(kernel.function.__name__)
-        return of(kernel, precision)
-
-    device_functions.Kernel.of = noted
-    try:
-        advanced(make("float64"), 1)
-    finally:
-        device_functions.Kernel.of = of
-    return sorted(names & KERNELS)
+    return sorted(KERNELS.intersection(launched(make)))
 
 
 def rows_of_loads(draws=30):
@@ -164,7 +152,7 @@ def cases():
         here[f"permuted opening {p}"] = partial(permuted, BARRIERS["opening"], p, 2)
         here[f"resumed {p}"] = partial(resumed, BARRIERS["two barriers"], p, 2)
     scenes = {"slab": slab} | {name: BARRIERS[name] for name in ("two barriers", "overtopping", "opening")}
-    return here | {f"launched {name}": partial(launched, make) for name, make in scenes.items()}
+    return here | {f"launched {name}": partial(of_barriers, make) for name, make in scenes.items()}
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ from simulated_points import (
     COULOMB,
     STICKING,
     VOELLMY,
-    advanced,
     begun,
     block_of,
     difference,
+    launched,
     on_device,
     other_launch,
     permuted,
@@ -32,7 +32,6 @@ from simulated_points import (
 from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.material import fluid
 from mpmgis.solvers.features.walls import Wall
-from mpmgis.solvers.gpu import device_functions
 from mpmgis.solvers.points import point_rows as row
 from mpmgis.solvers.points import point_time_step as entry
 from mpmgis.solvers.points.ground_contact import YIELD
@@ -168,25 +167,14 @@ def corrected(make, precision, steps=1):
     return here
 
 
-def launches(make):
-    """How often steps of `make` launch the correction."""
-    count, of = [0], device_functions.Kernel.of
-
-    def noted(kernel, precision):
-        count[0] += kernel.function.__name__ == "correct_density"
-        return of(kernel, precision)
-
-    device_functions.Kernel.of = noted
-    try:
-        advanced(make("float64"), 1)
-    finally:
-        device_functions.Kernel.of = of
-    return count[0]
+def corrections(make):
+    """How often a step of `make` launches the correction."""
+    return launched(make).count("correct_density")
 
 
 def cases():
     """Name -> what answers the results of each case."""
-    here = {f"launches {name}": partial(launches, make) for name, make in (("fluid", dense), ("soil", slab))}
+    here = {f"launches {name}": partial(corrections, make) for name, make in (("fluid", dense), ("soil", slab))}
     for p in BOTH:
         here |= {f"{name} {p}": partial(corrected, make, p) for name, make in (ACTS | RESTS).items()}
         here[f"second correction {p}"] = partial(corrected, ACTS["second correction"], p, 2)

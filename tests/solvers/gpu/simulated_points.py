@@ -19,6 +19,7 @@ from mpmgis.compiled.block_order import GONE
 from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
 from mpmgis.laws.material import FLUID, cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
 from mpmgis.laws.softening import Softening, softening
+from mpmgis.solvers.gpu import device_functions
 from mpmgis.solvers.gpu.device_point_loop import LAST_STEP, DevicePoints
 from mpmgis.solvers.gpu.launch import Launch
 from mpmgis.solvers.points import point_rows as row
@@ -299,6 +300,22 @@ def other_launch(make, precision, steps):
     advanced(other, steps, launch=WIDE._replace(groups=1))
     first, second = (solver.arrays.rows.tobytes() + solver.arrays.keys.tobytes() for solver in (one, other))
     return {"same": first == second}
+
+
+def launched(make):
+    """Names of all kernels that one step of `make` launches."""
+    names, of = [], device_functions.Kernel.of
+
+    def noted(kernel, precision):
+        names.append(kernel.function.__name__)
+        return of(kernel, precision)
+
+    device_functions.Kernel.of = noted
+    try:
+        advanced(make("float64"), 1)
+    finally:
+        device_functions.Kernel.of = of
+    return names
 
 
 def reasons():

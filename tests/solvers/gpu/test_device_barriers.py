@@ -1,10 +1,10 @@
 """Rigid barriers of the 3D solver on a CUDA device, in the simulator, against the CPU's kernels."""
 
 import pytest
-from device_cases import LACK, require_agreement, results_of
-from law_kernels import PRECISIONS
+from device_cases import LACK, each_precision, require_agreement
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+SCRIPT = "simulated_barriers.py"
 SCENES = (
     *("smooth face", "face with friction", "face and drag", "thin wall", "overtopping", "over a face", "opening"),
     *("at a crest", "two barriers", "at the edge", "at a cliff", "on friction zones", "turned on a slope"),
@@ -12,12 +12,6 @@ SCENES = (
     *("drawn 0", "drawn 1", "drawn 3", "drawn 11"),
 )
 OVER = 7  # index of the mass that passed above a crest in the loads of a barrier
-each_precision = pytest.mark.parametrize("precision", PRECISIONS)
-
-
-@pytest.fixture(scope="module")
-def found():
-    return results_of("simulated_barriers.py")
 
 
 @each_precision

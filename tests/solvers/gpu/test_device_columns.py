@@ -5,12 +5,13 @@ The simulator is chosen before numba is imported: the cases run in a process of 
 
 import pytest
 from column_slots import SCENES
-from device_cases import LACK, results_of
+from device_cases import LACK
 
 from mpmgis.solvers.columns import column_forest, column_time_step
 from mpmgis.solvers.points import point_time_step
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+SCRIPT = "simulated_columns.py"
 TOLERANCE = 1e-12  # of the largest value of each: sums of the same numbers in another order, over a few steps
 NO_SUMS = {"inexact", "facts", "reason"}
 REPEATS = [
@@ -18,12 +19,6 @@ REPEATS = [
     for kind in ("permuted", "resumed")
     for name in ("slide", "outflow west and south", "lowered bed", "barriers and walls", "forest, erosion and walls")
 ] + [f"{kind}: {name}" for kind in ("other_launch", "grown") for name in ("slide", "forest, erosion and walls")]
-
-
-@pytest.fixture(scope="module")
-def found():
-    """Results of all cases, by name."""
-    return results_of("simulated_columns.py")
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -1,10 +1,10 @@
 """Correction of the volumes of fluid points on a CUDA device, in the simulator, against the CPU's kernels."""
 
 import pytest
-from device_cases import LACK, require_agreement, results_of
-from law_kernels import PRECISIONS
+from device_cases import LACK, each_precision, require_agreement
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+SCRIPT = "simulated_density.py"
 GROUND = (
     *("ground that yields", "ground that yields at once", "ground that does not yield", "ground and drag"),
     *("in the air", "another law of pressure", "longer step", "folded ground"),
@@ -17,13 +17,6 @@ BARRIERS = (
 POOLS = "pool before a wall", "pool over a wall"
 ACTS = (*GROUND, *EDGES, *BARRIERS, *POOLS, "second correction")
 RESTS = "free surface", "folds only", "between corrections"
-each_precision = pytest.mark.parametrize("precision", PRECISIONS)
-
-
-@pytest.fixture(scope="module")
-def found():
-    """Results of all cases, by name."""
-    return results_of("simulated_density.py")
 
 
 @each_precision

@@ -4,10 +4,10 @@ The simulator is chosen before numba is imported: the cases run in a process of 
 """
 
 import pytest
-from device_cases import LACK, require_agreement, results_of
-from law_kernels import PRECISIONS
+from device_cases import LACK, each_precision, require_agreement
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
+SCRIPT = "simulated_points.py"
 SCENES = (
     *("slab", "drag", "sticking", "cliff", "cliff with drag", "cliff that sticks"),
     *("wall", "along a wall", "outflow", "under ground", "zones", "reordered"),
@@ -16,14 +16,6 @@ YIELDING = (
     *("Drucker-Prager", "Drucker-Prager without friction", "mu(I)"),
     *("cohesive mu(I)", "cohesive mu(I) with softening"),
 )
-
-each_precision = pytest.mark.parametrize("precision", PRECISIONS)
-
-
-@pytest.fixture(scope="module")
-def found():
-    """Results of all cases, by name."""
-    return results_of("simulated_points.py")
 
 
 @each_precision

@@ -3,7 +3,7 @@
 from functools import cache, partial
 
 import pytest
-from device_cases import LACK, require_agreement, results_of
+from device_cases import LACK, each_precision, require_agreement, results_of
 from law_kernels import PRECISIONS, compiler_lack, texts_of
 
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
@@ -17,7 +17,6 @@ ENDS = {
     "left twice": "ALL_LEFT",
 }
 both = pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
-each_precision = pytest.mark.parametrize("precision", PRECISIONS)
 
 
 @pytest.fixture(scope="module")
