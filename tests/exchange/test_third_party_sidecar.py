@@ -133,7 +133,7 @@ def test_an_export_needs_no_option_that_the_sidecar_has(tmp_path, capsys):
 def test_options_override_the_sidecar(tmp_path):
     write_npz(tmp_path)
     write_sidecar(tmp_path / "georef.json", Declarations(**{**vars(WHOLE), "columns": (), "times": (0.0, 1.0, 2.0)}))
-    said = Declarations(density=1000.0, axes=("n", "w", "u"), origin=(1.0, 2.0, 3.0), time_step=7.0)
+    said = Declarations(density=1000.0, axes=("n", "w", "u"), origin=(1.0, 2.0, 3.0), frame_step=7.0)
     entries = list_frames([tmp_path], said)
     assert [entry.time for entry in entries] == [0.0, 7.0, 14.0]
     assert entries[0].header.origin == (1.0, 2.0, 3.0) and entries[0].header.header["density"] == 1000.0
