@@ -13,8 +13,6 @@ from affine import Affine
 from rasterio._err import CPLE_AppDefinedError
 
 from mpmgis.commands.shell.main import main
-from mpmgis.frames.frame_files import write_frame
-from mpmgis.frames.particles import Frame, Particles
 from mpmgis.results.comparison import difference
 from mpmgis.system.errors import FormatError
 from mpmgis.terrain.raster_input import open_raster
@@ -116,35 +114,10 @@ def test_a_crs_of_another_planet_is_refused(site, capfd):
     assert "cannot be reprojected to" in line_of(capfd, *words, "--thickness", site / "thick.tif")
 
 
-@pytest.mark.parametrize("what", ["area", "origin"])
-def test_numbers_of_no_use_in_a_frame_are_refused(what, tmp_path, capfd):
-    write_frame(tmp_path / "a.h5", Frame(Particles(*np.ones((2, 2, 3)), np.ones(2), np.ones(2), area=np.ones(2))))
-    with h5py.File(tmp_path / "a.h5", "r+") as file:
-        if what == "area":
-            file["particles/area"][...] = 5e-324
-        else:
-            file.attrs["origin"] = np.array([1j, 0, 0])
-    line = line_of(capfd, "info", tmp_path / "a.h5")
-    assert {"area": "above 0 (1e-30 at least)", "origin": "origin has type complex128"}[what] in line
-
-
 def test_columns_beside_the_terrain_are_refused(site, capfd):
     """A frame that has lost its origin: the bed under its columns was read where there is no memory."""
-    assert (
-        main(
-            [
-                "seed",
-                "--dem",
-                str(site / "dtm.tif"),
-                "--release",
-                str(site / "release.geojson"),
-                "-q",
-                "-o",
-                str(site / "seed.h5"),
-            ]
-        )
-        == 0
-    )
+    words = ["seed", "--dem", site / "dtm.tif", "--release", site / "release.geojson", "-q", "-o", site / "seed.h5"]
+    assert main([*map(str, words)]) == 0
     with h5py.File(site / "seed.h5", "r+") as file:
         del file.attrs["origin"]
     (site / "scene.toml").write_text(
