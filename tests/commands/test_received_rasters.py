@@ -6,6 +6,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from refusals import refusal
 from slope_site import SCENE, write_site
 
 from mpmgis.commands.shell.main import main
@@ -40,20 +41,11 @@ def site(tmp_path):
     return write_site(tmp_path)
 
 
-def refused(capfd, *words):
-    """The only line on stderr of a command that is refused."""
-    capfd.readouterr()
-    assert main([*map(str, words), "-q"]) == 2
-    out, err = capfd.readouterr()
-    assert out == "" and err.count("\n") == 1, err
-    return err
-
-
 @pytest.mark.parametrize("source", REMOTE)
 def test_a_scene_names_no_raster_in_the_network(site, capfd, source):
     (site / "dtm.vrt").write_text(VRT.format(relative=0, source=source))
     (site / "scene.toml").write_text(SCENE.replace("dtm.tif", "dtm.vrt"))
-    err = refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+    err = refusal(capfd, "run", site / "scene.toml", "-o", site / "out")
     assert "in the network or in a database" in err and str(site / "dtm.vrt") in err
     assert not (site / "out").exists()
 
@@ -61,7 +53,7 @@ def test_a_scene_names_no_raster_in_the_network(site, capfd, source):
 @pytest.mark.parametrize("source", [name for name in REMOTE if name.startswith("/")])
 def test_a_scene_names_nothing_in_the_network(site, capfd, source):
     (site / "scene.toml").write_text(SCENE.replace("dtm.tif", source))
-    assert "is in the network" in refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+    assert "is in the network" in refusal(capfd, "run", site / "scene.toml", "-o", site / "out")
 
 
 def test_what_leads_to_the_network_over_another_file(site):
@@ -187,11 +179,11 @@ def test_a_scene_with_virtual_rasters_that_lie_beside_it(site):
 def test_a_list_of_files_behind_another_suffix(site, capfd, suffix):
     """A mask or an overview beside a raster is opened as any dataset is."""
     (site / f"dtm.tif{suffix}").write_text(VRT.format(relative=0, source="/etc/hostname"))
-    assert f"dtm.tif{suffix} is a virtual raster (VRT), which points at /etc/hostname" in refused(
+    assert f"dtm.tif{suffix} is a virtual raster (VRT), which points at /etc/hostname" in refusal(
         capfd, "info", site / "dtm.tif"
     )
     (site / "scene.toml").write_text(SCENE)
-    assert "give --trust" in refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+    assert "give --trust" in refusal(capfd, "run", site / "scene.toml", "-o", site / "out")
 
 
 def test_shapes_behind_another_suffix(site):
@@ -208,8 +200,8 @@ def test_what_the_user_types_lies_anywhere_only_with_trust(site, capfd):
         assert source.count == 1
     seed = ("seed", "--release", site / "release.geojson", "--thickness", "2", "-o", site / "seed.h5", "--dem")
     for name in REMOTE:
-        assert "in the network" in refused(capfd, *seed, name)
-    assert "not a raster that GDAL can read" in refused(capfd, *seed, REMOTE[0], "--trust")
+        assert "in the network" in refusal(capfd, *seed, name)
+    assert "not a raster that GDAL can read" in refusal(capfd, *seed, REMOTE[0], "--trust")
 
 
 def test_a_dtm_that_frames_name(site, capfd):
@@ -219,7 +211,7 @@ def test_a_dtm_that_frames_name(site, capfd):
     (site / "inner.vrt").write_text(VRT.format(relative=0, source=REMOTE[0]))
     with h5py.File(site / "seed.h5", "r+") as file:
         file.attrs["dem"] = "inner.vrt"
-    err = refused(capfd, "export-raster", site / "seed.h5", "-o", site / "maps")
+    err = refusal(capfd, "export-raster", site / "seed.h5", "-o", site / "maps")
     assert "in the network" in err and "inner.vrt" in err
 
 
@@ -228,7 +220,7 @@ def test_pipes_are_not_waited_for(site, capfd, name):
     (site / "scene.toml").write_text(SCENE)
     (site / name).unlink()
     os.mkfifo(site / name)
-    err = refused(capfd, "run", site / "scene.toml", "-o", site / "out")
+    err = refusal(capfd, "run", site / "scene.toml", "-o", site / "out")
     assert name in err and "pipe" in err
 
 

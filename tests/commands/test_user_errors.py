@@ -23,8 +23,45 @@ def with_window(*window):
     return SHORT.replace('"dtm.tif"', f'"dtm.tif"\nwindow = {list(window)}')
 
 
-def test_a_scene_without_thickness_is_cured_in_the_scene(site, capsys):
-    assert "or thickness in the table of the scene" in refused(site, capsys, SCENE.replace("thickness = 2.0\n", ""))
+def swap(old, new):
+    return SCENE.replace(old, new)
+
+
+SCENES = {  # scene, what the line says
+    "no thickness": (swap("thickness = 2.0\n", ""), "or thickness in the table of the scene"),
+    "words without quotes": (swap('"Voellmy"', "Voellmy"), 'put words in "quotes"'),
+    "cells too large": (
+        swap("cell_size = 10.0", "cell_size = 1e6"),
+        "scene.toml: [numerics] cell_size = 1e+06 m leaves 0 x 0 cells",
+    ),
+    "cells too small": (
+        swap("cell_size = 10.0", "cell_size = 1e-300"),
+        "cell_size = 1e-300 m makes 8e+302 x 4e+302 cells",
+    ),
+    "window elsewhere": (with_window(1, 2, 3, 4), "scene.toml: [terrain] window = [1, 2, 3, 4] does not"),
+    "CRS beside that of the DTM": (
+        swap('"dtm.tif"', '"dtm.tif"\ncrs = "EPSG:32633"'),
+        'crs = "EPSG:32633" is only for a DTM without a CRS; omit [terrain] crs, or correct',
+    ),
+    "CRS of no code": (swap('"dtm.tif"', '"dtm.tif"\ncrs = "utm"'), "[terrain] crs got 'utm'"),
+    "key misspelt": (
+        f'solvr = "columns"\n{SCENE}',
+        "scene.toml: unknown key 'solvr' (did you mean 'solver'?); before the first table",
+    ),
+    "table misspelt": (SCENE + "[materal]\n", "unknown table [materal] (did you mean 'material'?)"),
+}
+
+
+@pytest.mark.parametrize("case", SCENES)
+def test_a_wrong_scene_is_cured_in_the_scene(site, capsys, case):
+    """The line names the file and its key, and is short."""
+    scene, words = SCENES[case]
+    said = refused(site, capsys, scene)
+    assert words in said and len(said.replace(str(site), "")) < 400
+
+
+def test_a_number_with_two_points_needs_no_quotes(site, capsys):
+    assert "put words" not in refused(site, capsys, swap("mu = 0.2", "mu = 0.2.1"))
 
 
 def test_a_mask_without_thickness_is_cured_in_the_scene(site, capsys):
@@ -32,11 +69,6 @@ def test_a_mask_without_thickness_is_cured_in_the_scene(site, capsys):
     write_raster(site / "mask.tif", inside)
     scene = SCENE.replace("release.geojson", "mask.tif").replace("thickness = 2.0\n", "")
     assert "or thickness in the table of the scene" in refused(site, capsys, scene)
-
-
-def test_words_without_quotes(site, capsys):
-    assert 'put words in "quotes"' in refused(site, capsys, SCENE.replace('"Voellmy"', "Voellmy"))
-    assert "put words" not in refused(site, capsys, SCENE.replace("mu = 0.2", "mu = 0.2.1"))
 
 
 def test_map_coordinates_in_a_geojson_without_a_crs(site, capsys):
@@ -149,13 +181,6 @@ def test_a_missing_scene_is_reported_before_a_folder_that_is_there(site, capsys)
     assert "nosuch.toml: no such file" in capsys.readouterr().err
 
 
-def test_a_layer_that_a_file_does_not_have_is_reported_with_those_it_has(site, capsys):
-    write_shapes(site / "areas.gpkg", [shapely.box(60, 150, 160, 250)], crs="EPSG:32632")
-    words = ["seed", "--dem", str(site / "dtm.tif"), "--release", f"{site / 'areas.gpkg'}|layername=b"]
-    assert main([*words, "--thickness", "1", "-o", str(site / "a.h5")]) == 2
-    assert "areas.gpkg has no layer 'b' with polygons; it has areas" in capsys.readouterr().err
-
-
 def test_metres_that_are_called_degrees_are_not_to_be_warped(site, capsys):
     write_raster(site / "bare.tif", [[100.0] * COLUMNS] * ROWS, crs=None)
     words = ["seed", "--dem", str(site / "bare.tif"), "--crs", "EPSG:4326", "--release", str(site / "release.geojson")]
@@ -185,21 +210,6 @@ def test_an_interrupted_run_prints_the_command_to_continue(site):
         told[-1] == f"{site / 'results'} contains the results until now; "
         "`resume` continues after its last complete frame"
     )
-
-
-def test_errors_of_a_scene_name_its_file_and_its_keys(site, capsys):
-    said = refused(site, capsys, SCENE.replace("cell_size = 10.0", "cell_size = 1e6"))
-    assert "scene.toml: [numerics] cell_size = 1e+06 m leaves 0 x 0 cells" in said
-    said = refused(site, capsys, SCENE.replace("cell_size = 10.0", "cell_size = 1e-300"))
-    assert "cell_size = 1e-300 m makes 8e+302 x 4e+302 cells" in said and len(said) < 400
-    assert "scene.toml: [terrain] window = [1, 2, 3, 4] does not" in refused(site, capsys, with_window(1, 2, 3, 4))
-    said = refused(site, capsys, SCENE.replace('"dtm.tif"', '"dtm.tif"\ncrs = "EPSG:32633"'))
-    assert 'crs = "EPSG:32633" is only for a DTM without a CRS; omit [terrain] crs, or correct' in said
-    said = refused(site, capsys, SCENE.replace('"dtm.tif"', '"dtm.tif"\ncrs = "utm"'))
-    assert "[terrain] crs got 'utm'" in said
-    said = refused(site, capsys, f'solvr = "columns"\n{SCENE}')
-    assert "scene.toml: unknown key 'solvr' (did you mean 'solver'?); before the first table" in said
-    assert "unknown table [materal] (did you mean 'material'?)" in refused(site, capsys, SCENE + "[materal]\n")
 
 
 def test_a_name_of_thousands_of_letters_is_shortened(site, capsys):

@@ -181,22 +181,6 @@ def test_settings_beside_the_files_that_are_damaged_are_named(tmp_path):
     assert "mpm.json is not readable JSON" in refusal(tmp_path / "particles0500.h5", "cbgeo")
 
 
-def test_results_without_displacements_or_points_are_refused(tmp_path):
-    write_kratos_gid(tmp_path)
-    path = tmp_path / "slide.post.res"
-    text = path.read_text()
-    path.write_text(text.replace("MP_DISPLACEMENT", "MP_ACCELERATION"))
-    assert "no MP_DISPLACEMENT at 0 s" in refusal(path, "kratos-gid")
-    path.write_text(text.replace("\n66 ", "\n666 ", 1))
-    assert "lack 1 of 60 points, the first 666" in refusal(path, "kratos-gid")
-    path.write_text(text[: text.rindex("End Values")])
-    assert "truncated" in refusal(path, "kratos-gid")
-    path.write_text(text.replace("2.0", "two", 1))
-    assert "something else than numbers" in refusal(path, "kratos-gid")
-    (tmp_path / "slide.post.msh").unlink()
-    assert "slide.post.msh" in refusal(path, "kratos-gid")
-
-
 def test_files_of_a_pair_that_do_not_belong_together_are_refused(tmp_path):
     write_anura3d(tmp_path)
     small = tmp_path / "small"
@@ -323,35 +307,68 @@ def test_archives_with_wrong_sizes_are_refused(tmp_path):
     assert "position.npy" in refusal(path, "geotaichi")
 
 
-def test_rows_of_another_length_and_words_among_numbers_are_reported(tmp_path):
-    path = tmp_path / "slide.csv"
-    columns = table(0)
-    lines = [",".join(columns)] + [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
-    path.write_text("\n".join([*lines[:20], lines[20] + ",7", *lines[21:]]))
-    assert "Expected 9 columns, got 10" in refusal(path, "csv")
-    path.write_text("\n".join([*lines[:20], lines[20].replace("3.0", "three"), *lines[21:]]))
-    assert "three" in refusal(path, "csv")
-    path.write_text("\n".join([*lines[:20], lines[20].replace("3.0", ""), *lines[21:]]))
-    assert "NaN or infinite" in refusal(path, "csv")
-    path.write_text(lines[0].replace("vx", "x") + "\n" + lines[1] + "\n")
-    assert "occurs twice" in refusal(path, "csv")
-    path.write_text(lines[0] + "\n")
-    assert "no" in refusal(path, "csv")
-    path.write_text(lines[0].replace("vx", "up") + "\n" + lines[1] + "\n")
-    assert "the columns of vx (--columns vx=COLUMN,..; it has id, time" in refusal(path, "csv")
+def swap(old, new, count=1):
+    """A damage of a text: other characters in the place of some that must be there."""
+
+    def damage(text):
+        assert old in text
+        return text.replace(old, new, count)
+
+    return damage
 
 
-def test_dumps_in_other_units_or_cut_short_are_refused(tmp_path):
-    path = tmp_path / "a.dump"
-    text = dump_step(0, 0)
-    path.write_text("ITEM: UNITS\nlj\n" + text)
-    assert "units 'lj'" in refusal(path, "lammps")
-    path.write_text(text[:-200])
-    assert "60" in refusal(path, "lammps")
-    path.write_text(text + "more\n")
-    assert "a.dump" in refusal(path, "lammps")
-    path.write_text(text.replace("id type mass", "id id mass"))
-    assert "names of its columns" in refusal(path, "lammps")
+def in_row_20(change):
+    """A damage of a table: of its 20th row alone."""
+    return lambda text: "\n".join(change(row) if k == 20 else row for k, row in enumerate(text.splitlines()))
+
+
+def head_and(count, change=str):
+    """A damage of a table: its head, changed, and its first rows."""
+
+    def damage(text):
+        head, *rows = text.splitlines()
+        return "\n".join([change(head), *rows[:count], ""])
+
+    return damage
+
+
+TEXTS = [  # reader, damage, what the line says
+    ("csv", in_row_20(lambda row: row + ",7"), "Expected 9 columns, got 10"),
+    ("csv", in_row_20(swap("3.0", "three")), "three"),
+    ("csv", in_row_20(swap("3.0", "")), "NaN or infinite"),
+    ("csv", head_and(1, swap("vx", "x")), "occurs twice"),
+    ("csv", head_and(0), "Empty CSV file"),
+    ("csv", head_and(1, swap("vx", "up")), "the columns of vx (--columns vx=COLUMN,..; it has id, time"),
+    ("lammps", lambda text: "ITEM: UNITS\nlj\n" + text, "units 'lj'"),
+    ("lammps", lambda text: text[:-200], "60"),
+    ("lammps", lambda text: text + "more\n", "a.dump"),
+    ("lammps", swap("id type mass", "id id mass"), "names of its columns"),
+    ("kratos-gid", swap("MP_DISPLACEMENT", "MP_ACCELERATION", -1), "no MP_DISPLACEMENT at 0 s"),
+    ("kratos-gid", swap("\n66 ", "\n666 "), "lack 1 of 60 points, the first 666"),
+    ("kratos-gid", lambda text: text[: text.rindex("End Values")], "truncated"),
+    ("kratos-gid", swap("2.0", "two"), "something else than numbers"),
+]
+
+
+@pytest.mark.parametrize(("reader", "damage", "word"), TEXTS)
+def test_texts_with_wrong_words_numbers_or_rows_are_refused(reader, damage, word, tmp_path):
+    path = tmp_path / {"csv": "slide.csv", "lammps": "a.dump", "kratos-gid": "slide.post.res"}[reader]
+    if reader == "csv":
+        columns = table(0)
+        rows = [",".join(columns), *(",".join(map(str, row)) for row in zip(*columns.values(), strict=True))]
+        path.write_text("\n".join(rows))
+    elif reader == "lammps":
+        path.write_text(dump_step(0, 0))
+    else:
+        write_kratos_gid(tmp_path)
+    path.write_text(damage(path.read_text()))
+    assert word in refusal(path, reader)
+
+
+def test_results_without_their_points_are_refused(tmp_path):
+    write_kratos_gid(tmp_path)
+    (tmp_path / "slide.post.msh").unlink()
+    assert "slide.post.msh" in refusal(tmp_path / "slide.post.res", "kratos-gid")
 
 
 def test_a_parquet_with_rows_missing_or_text_for_numbers_is_refused(tmp_path):

@@ -1,6 +1,5 @@
 """HDF5 of anyone: particles by the names of datasets, in the root or one level of groups, the same from any layout."""
 
-import os
 import tracemalloc
 from pathlib import Path
 
@@ -304,33 +303,6 @@ def test_a_proj_string_without_a_datum_is_the_projection_whose_numbers_it_gives(
 
 
 # ----------------------------------------------------------------------------------------------- files from strangers
-
-
-def test_nothing_is_read_from_other_files(tmp_path):
-    """External links, soft links, virtual datasets and external storage; a pipe behind a link would hang."""
-    os.mkfifo(tmp_path / "pipe")
-    with h5py.File(tmp_path / "source.h5", "w") as file:
-        file["position"] = cloud()["position"]
-    (tmp_path / "raw.bin").write_bytes(bytes(8 * 3 * COUNT))
-    layout = h5py.VirtualLayout((COUNT, 3), "f8")
-    layout[:] = h5py.VirtualSource(str(tmp_path / "source.h5"), "position", (COUNT, 3))
-    makers = {
-        "link": lambda file: file.__setitem__("position", h5py.ExternalLink("source.h5", "position")),
-        "pipe": lambda file: file.__setitem__("position", h5py.ExternalLink(str(tmp_path / "pipe"), "position")),
-        "group": lambda file: file.__setitem__("particles", h5py.ExternalLink("source.h5", "/")),
-        "soft": lambda file: file.__setitem__("position", h5py.SoftLink("/velocity")),
-        "virtual": lambda file: file.create_virtual_dataset("position", layout),
-        "storage": lambda file: file.create_dataset(
-            "position", (COUNT, 3), "f8", external=[(str(tmp_path / "raw.bin"), 0, 8 * 3 * COUNT)]
-        ),
-    }
-    for name, make in makers.items():
-        path = tmp_path / f"{name}_1.h5"
-        with h5py.File(path, "w") as file:
-            file["velocity"], file["mass"] = cloud()["velocity"], cloud()["mass"]
-            make(file)
-        word = refused(path)
-        assert "are in other files or behind links and are not read" in word, (name, word)
 
 
 def test_what_declares_more_than_the_machine_holds_takes_no_memory(tmp_path):

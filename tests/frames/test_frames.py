@@ -204,6 +204,7 @@ BROKEN = {
     "time a word": (lambda f: f.attrs.update(time="noon"), "time is 'noon', expected a number"),
     "origin of two": (lambda f: f.attrs.update(origin=[0.0, 1.0]), "expected three finite numbers"),
     "origin infinite": (lambda f: f.attrs.update(origin=[0.0, np.inf, 0.0]), "expected three finite numbers"),
+    "origin complex": (lambda f: f.attrs.update(origin=[1j, 0, 0]), "origin has type complex128"),
     "crs junk": (lambda f: f.attrs.update(crs="somewhere"), "expected EPSG:n, WKT or a PROJ string"),
     "no particles": (lambda f: f.__delitem__("particles"), "no group 'particles'"),
     "no position": (lambda f: f["particles"].__delitem__("position"), "no particles/position"),
@@ -241,6 +242,7 @@ BROKEN = {
     "volume of nothing": (poke("volume", 5e-324), "volume is 4.94066e-324 in row 3, expected above 0 .1e-30 at"),
     "volume negative": (poke("volume", -1.0), "volume is -1 in row 3, expected above 0"),
     "area zero": (poke("area", 0.0), "area is 0 in row 3"),
+    "area of nothing": (poke("area", 5e-324), "area is 4.94066e-324 in row 3, expected above 0 .1e-30 at least"),
     "thickness negative": (poke("thickness", -0.5), "thickness is -0.5 in row 3, expected 0 or more"),
     "thickness zero and no area": (
         lambda f: [poke("thickness", 0.0)(f), f["particles"].__delitem__("area")],

@@ -67,7 +67,7 @@ def test_any_mask(mask):
 
 
 def test_steps_on_many_parts_at_once():
-    require_sound(np.random.default_rng(3).random((150, 150)) < 0.55)
+    require_sound(np.random.default_rng(3).random((60, 60)) < 0.55)
 
 
 def test_a_disc_has_no_stairs():

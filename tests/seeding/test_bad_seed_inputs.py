@@ -1,4 +1,7 @@
-"""Broken inputs to `mpmgis seed`: exit code 2, exactly one line that names the trouble, nothing left behind."""
+"""Broken inputs to `mpmgis seed`: exit code 2, exactly one line that names the trouble, nothing left behind.
+
+What `read_terrain` and `read_release` refuse by themselves is tested in test_read_terrain.py, test_read_release.py.
+"""
 
 from pathlib import Path
 
@@ -8,7 +11,7 @@ import pytest
 import rasterio
 import shapely
 from affine import Affine
-from seed_sites import CENTRE, EAST, NORTH, PIXELS, ring, write_dtm, write_raster
+from seed_sites import CENTRE, EAST, PIXELS, ring, write_dtm, write_raster
 
 from mpmgis.commands.shell.main import main
 from mpmgis.seeding import seeded_file
@@ -60,21 +63,6 @@ def dem_missing(k):
     k.dem = k.folder / "nowhere.tif"
 
 
-@recipe("empty (0 bytes)")
-def dem_empty(k):
-    k.dem = k.file("empty.tif", b"")
-
-
-@recipe("not a raster that GDAL can read")
-def dem_junk(k):
-    k.dem = k.file("junk.tif", bytes(range(256)) * 20)
-
-
-@recipe("not a raster that GDAL can read")
-def dem_is_text(k):
-    k.dem = k.file("notes.txt", b"this is no raster\n" * 10)
-
-
 @recipe("sub is a folder, expected a raster; give a file in it")
 def dem_is_a_folder(k):
     k.dem = k.folder / "sub"
@@ -101,55 +89,9 @@ def thickness_is_empty(k):
     k.options = ["--thickness", ""]
 
 
-@recipe("truncated")
-def dem_truncated(k):
-    path = write_dtm(k.folder / "big.tif", shape=(400, 400))
-    k.dem = k.file("cut.tif", path.read_bytes()[:300_000])
-
-
 @recipe("not a raster that GDAL can read")
 def dem_is_a_vector(k):
     k.dem = k.vector("v.geojson", ring())
-
-
-@recipe("_warped.tif --dst-crs EPSG:32632")
-def dem_geographic(k):
-    k.dem = k.raster("g.tif", np.full((50, 50), 9.0), Affine(1e-4, 0, 9.0, 0, -1e-4, 46.0), "EPSG:4326")
-
-
-@recipe("foot")
-def dem_in_us_feet(k):
-    k.dem = k.raster("f.tif", np.full((50, 50), 9.0), Affine(9, 0, 6_000_000, 0, -9, 2_100_000), "EPSG:2226")
-
-
-@recipe("elevations are in ft")
-def dem_heights_in_feet(k):
-    k.dem = write_dtm(k.folder / "f.tif", unit="ft")
-
-
-@recipe("elevations are in US survey foot")
-def dem_vertical_crs_in_feet(k):
-    k.dem = write_dtm(k.folder / "f.tif", crs="EPSG:26910+6360")
-
-
-@recipe("look like degrees")
-def dem_degrees_under_a_projected_tag(k):
-    k.dem = k.raster("g.tif", np.full((50, 50), 9.0), Affine(1e-4, 0, 9.0, 0, -1e-4, 46.0))
-
-
-@recipe("tag is false")
-def dem_of_another_country(k):
-    k.dem = k.raster("g.tif", np.full((50, 50), 9.0), Affine(5, 0, 2_600_000, 0, -5, 1_200_000))
-
-
-@recipe("--crs local")
-def dem_without_crs(k):
-    k.dem = write_dtm(k.folder / "n.tif", crs=None)
-
-
-@recipe("is already in EPSG:32632")
-def crs_contradicts_the_dem(k):
-    k.options = ["--crs", "EPSG:25833"]
 
 
 @recipe("no such EPSG code")
@@ -166,17 +108,6 @@ def crs_is_words(k):
 def crs_given_is_geographic(k):
     k.dem = write_dtm(k.folder / "n.tif", crs=None)
     k.options = ["--crs", "EPSG:4326"]
-
-
-@recipe("--dem-band")
-def dem_with_bands(k):
-    k.dem = k.raster("b.tif", np.ones((3, 60, 60)) * 9)
-
-
-@recipe("band 4")
-def dem_band_too_high(k):
-    k.dem = k.raster("b.tif", np.ones((3, 60, 60)) * 9)
-    k.options = ["--dem-band", "4"]
 
 
 @recipe("complex")
@@ -248,12 +179,6 @@ def release_broken_parquet(k):
     k.release = k.file("cut.parquet", b"PAR1" + b"junk" * 30)
 
 
-@recipe("a.shx")
-def release_without_index(k):
-    k.release = k.vector("a.shp", ring(), d0=[1.0])
-    k.release.with_suffix(".shx").unlink()
-
-
 @recipe("contains no feature")
 def release_without_features(k):
     k.release = k.folder / "none.gpkg"
@@ -263,16 +188,6 @@ def release_without_features(k):
 @recipe("empty geometry")
 def release_with_empty_geometry(k):
     k.release = k.vector("e.gpkg", shapely.Polygon(), d0=[1.0])
-
-
-@recipe("contains Point, expected polygons")
-def release_of_points(k):
-    k.release = k.vector("p.gpkg", shapely.Point(X, Y), d0=[1.0])
-
-
-@recipe("LineString, expected polygons")
-def release_of_lines(k):
-    k.release = k.vector("l.gpkg", shapely.LineString([(X, Y), (X + 9, Y), (X, Y + 9)]), d0=[1.0])
 
 
 @recipe("no layer with geometry")
@@ -285,36 +200,14 @@ def release_of_zero_area(k):
     k.release = k.vector("z.gpkg", shapely.Polygon([(X, Y), (X + 9, Y), (X + 5, Y)]), d0=[1.0])
 
 
-@recipe("2 layers")
-def release_with_two_layers(k):
-    for layer in ("one", "two"):
-        k.release = k.folder / "l.gpkg"
-        geopandas.GeoDataFrame({"d0": [1.0]}, geometry=[ring()], crs="EPSG:32632").to_file(k.release, layer=layer)
-
-
 @recipe("has no layer 'nothing' with polygons; it has area")
 def release_layer_unknown(k):
     k.release = f"{k.release}|layername=nothing"
 
 
-@recipe("outside the terrain")
-def release_elsewhere(k):
-    k.release = k.vector("o.gpkg", shapely.affinity.translate(ring(), 5000, 0), d0=[1.0])
-
-
-@recipe("leaves the terrain by 50 m to the south")
-def release_leaves_the_terrain(k):
-    k.release = k.vector("o.gpkg", shapely.box(X, NORTH - 50, X + 20, NORTH + 30), d0=[1.0])
-
-
 @recipe("look like degrees")
 def release_without_crs_in_degrees(k):
     k.release = k.vector("d.gpkg", shapely.box(9.0, 46.0, 9.01, 46.01), crs=None, d0=[1.0])
-
-
-@recipe("overlap by")
-def releases_that_overlap(k):
-    k.release = k.vector("o.gpkg", ring(), shapely.affinity.translate(ring(), 20, 0), d0=[1.0, 2.0])
 
 
 # ------------------------------------------------------------------------------------------------------ the thickness
@@ -330,11 +223,6 @@ def thickness_not_given(k):
     k.release = k.vector("n.gpkg", ring(), depth=[1.0])
 
 
-@recipe("did you mean 'd0'")
-def thickness_column_misspelt(k):
-    k.options = ["--thickness", "d"]
-
-
 @recipe("nor a column of")
 def thickness_raster_or_column_missing(k):
     k.options = ["--thickness", "depth_of_snow"]
@@ -343,11 +231,6 @@ def thickness_raster_or_column_missing(k):
 @recipe("no such file")
 def thickness_raster_missing(k):
     k.options = ["--thickness", "thick.tif"]
-
-
-@recipe("contains text, expected numbers")
-def thickness_column_of_text(k):
-    k.release = k.vector("t.gpkg", ring(), d0=["1.5"])
 
 
 @recipe("thickness is nan")
@@ -381,11 +264,6 @@ def thickness_column_negative(k):
     k.release = k.vector("t.gpkg", ring(), d0=[-1.0], name=["A1"])
 
 
-@recipe("only 0 and 1")
-def mask_without_thickness(k):
-    k.release = k.raster("m.tif", np.eye(60))
-
-
 @recipe("all values are 0 or nodata")
 def mask_of_zeros(k):
     k.release = k.raster("m.tif", np.zeros((60, 60)))
@@ -395,13 +273,6 @@ def mask_of_zeros(k):
 def mask_with_a_column(k):
     k.release = k.raster("m.tif", np.eye(60))
     k.options = ["--thickness", "d0"]
-
-
-@recipe("in row 4, column 5")
-def thickness_raster_negative(k):
-    values = np.ones((60, 60))
-    values[4, 5] = -1
-    k.options = ["--thickness", k.raster("t.tif", values)]
 
 
 @recipe("zero thickness")

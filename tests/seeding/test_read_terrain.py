@@ -198,11 +198,20 @@ def test_cliffs_everywhere_are_reported(tmp_path):
     assert any("85 degrees" in line for line in said)
 
 
-@pytest.mark.parametrize("content", [b"", b"junk" * 50, b"II*\0\x08\0\0\0"])
-def test_unreadable_files(tmp_path, content):
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", r"empty \(0 bytes\)"),
+        (b"junk" * 50, "not a raster that GDAL can read"),
+        (bytes(range(256)) * 20, "not a raster that GDAL can read"),
+        (b"this is no raster\n" * 10, "not a raster that GDAL can read"),
+        (b"II*\0\x08\0\0\0", r"d\.tif"),
+    ],
+)
+def test_unreadable_files(tmp_path, content, words):
     path = tmp_path / "d.tif"
     path.write_bytes(content)
-    with pytest.raises(FormatError):
+    with pytest.raises(FormatError, match=words):
         read_terrain(path)
 
 

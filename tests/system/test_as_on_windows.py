@@ -18,6 +18,7 @@ from pathlib import Path, PureWindowsPath
 import h5py
 import pytest
 import rasterio
+from refusals import refusal
 from slope_site import SCENE, contents, write_site
 
 import mpmgis
@@ -72,15 +73,6 @@ def site(tmp_path):
 def everything(folder):
     """Path -> bytes of all files below `folder`."""
     return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
-def refused(capsys, *words):
-    """The one line with which a command is refused."""
-    capsys.readouterr()
-    assert main([*map(str, words), "-q"]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1, lines
-    return lines[0]
 
 
 @contextmanager
@@ -633,7 +625,7 @@ def test_a_run_goes_through(windows, site, capsys):
     assert contents(results) == whole
     before = everything(results)
     with rasterio.open(results / "terrain.tif"):
-        line = refused(capsys, "run", scene, "--overwrite")
+        line = refusal(capsys, "run", scene, "--overwrite")
         assert re.search(r"terrain\.tif is open in another program, for example QGIS; nothing has changed", line)
         assert everything(results) == before
     assert main(["run", str(scene), "--overwrite", "-q"]) == 0
@@ -653,7 +645,7 @@ def test_a_run_that_is_opened_while_it_is_replaced_remains_complete(windows, sit
         write(folder, frame)
 
     monkeypatch.setattr(RunFolder, "write_frame", opening)
-    line = refused(capsys, "run", scene, "--overwrite")
+    line = refusal(capsys, "run", scene, "--overwrite")
     assert "terrain.tif is open in another program" in line and "the earlier run is complete" in line
     assert everything(results) == before
     opened[0].close()
@@ -725,7 +717,7 @@ def test_seed_convert_info_export_and_report_go_through(windows, site, capsys):
     before = everything(gis)
     raster = next(gis.rglob("*_max.tif"))
     with rasterio.open(raster):
-        line = refused(capsys, "export-raster", results, "-o", gis, "--overwrite")
+        line = refusal(capsys, "export-raster", results, "-o", gis, "--overwrite")
         assert f"{raster.name} is open in another program, for example QGIS" in line and everything(gis) == before
     names_are_good(site)
 
@@ -739,7 +731,7 @@ def test_an_ensemble_goes_through_and_again(windows, site, capsys):
     assert main([*words, "--vary", "friction.mu=0.1:0.3", "--overwrite"]) == 0, capsys.readouterr().err
     before = everything(output)
     with rasterio.open(next((output / "maps").rglob("*.tif"))):
-        line = refused(capsys, *words[:-1], "--vary", "friction.mu=0.1:0.3", "--overwrite")
+        line = refusal(capsys, *words[:-1], "--vary", "friction.mu=0.1:0.3", "--overwrite")
         assert "is open in another program" in line
     assert {name: data for name, data in everything(output).items() if name.parts[0] == "maps"} == {
         name: data for name, data in before.items() if name.parts[0] == "maps"
