@@ -57,7 +57,7 @@ def _key(
 
 @dataclass(frozen=True)
 class TerrainTable:
-    """Where."""
+    """Terrain model."""
 
     dem: str = _key("digital terrain model: any raster that GDAL reads, metres", kind=str, example="dtm.tif", file=True)
     crs: str | None = _key("for a DTM that carries no CRS: EPSG:n, or local", None, kind=str, example="EPSG:32632")
@@ -91,7 +91,7 @@ class TerrainTable:
 
 @dataclass(frozen=True)
 class ReleaseTable:
-    """Initial mass."""
+    """Release: the initial mass and where it lies."""
 
     source: str | None = _key(
         "release areas: any vector file, or a raster", None, kind=str, example="release.shp", file=True
@@ -197,7 +197,7 @@ class ReleaseTable:
 
 @dataclass(frozen=True)
 class HydrographTable:
-    """What flows in over time."""
+    """Inflow over time."""
 
     source: str = _key(
         "the inlet: polygons of any vector file, or a raster mask", kind=str, example="inlet.shp", file=True
@@ -338,7 +338,7 @@ class CohesionTable:
 
 @dataclass(frozen=True)
 class EarthPressureTable:
-    """Granular push: less than hydrostatic where the flow stretches, more where it is compressed."""
+    """Earth pressure: less than hydrostatic where the flow stretches, more where it is compressed."""
 
     friction_angle: float = _key("internal friction angle phi [degrees]", low=0.0, high=89.0, above=True, example=35.0)
     bed_friction_angle: float | None = _key(
