@@ -35,11 +35,25 @@ def without_chance(book):
     for cell in book.cells:
         cell.metadata.pop("execution", None)
         if cell.cell_type == "code":
+            cell.outputs = joined(cell.outputs)
             for output in cell.outputs:
                 output.get("metadata", {}).clear()
                 if "data" in output:
                     output.data = {kind: value for kind, value in output.data.items() if kind in KEPT}
     return book
+
+
+def joined(outputs):
+    """Outputs with what was printed in a row as one text; how it is cut depends on the speed of the machine."""
+    made = []
+    for output in outputs:
+        if output.output_type == "stream":
+            output.text = output.text.replace("\r\n", "\n")
+            if made and made[-1].get("name") == output.name:
+                made[-1].text += output.text
+                continue
+        made.append(output)
+    return made
 
 
 def main():
