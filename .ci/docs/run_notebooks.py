@@ -5,6 +5,7 @@ Readers see the results on the code host and on the website, which `build.py` ma
 """
 
 import os
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -14,6 +15,7 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
 ROOT = Path(__file__).resolve().parents[2]
+ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 KEPT = ("image/png", "text/plain", "text/html")  # kinds of results
 
 
@@ -30,7 +32,7 @@ def executed(path):
 
 
 def without_chance(book):
-    """The notebook without what differs from run to run: times of cells, versions of the kernel, bars of progress."""
+    """The notebook without what differs from run to run: times of cells, versions of the kernel, addresses."""
     book.metadata.language_info = {"name": "python", "pygments_lexer": "ipython3"}
     for cell in book.cells:
         cell.metadata.pop("execution", None)
@@ -40,6 +42,7 @@ def without_chance(book):
                 output.get("metadata", {}).clear()
                 if "data" in output:
                     output.data = {kind: value for kind, value in output.data.items() if kind in KEPT}
+                    output.data["text/plain"] = ADDRESS.sub("", output.data["text/plain"])
     return book
 
 
