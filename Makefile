@@ -5,7 +5,7 @@ ENVIRONMENT := .venv
 BIN := $(ENVIRONMENT)/bin
 DEMO := demo
 
-.PHONY: help demo test test-quick test-thorough test-all validate fuzz bench study plugin wheel publish docs lint clean
+.PHONY: help demo test test-quick test-thorough test-all validate fuzz bench study plugin wheel publish docs notebooks lint clean
 
 help:
 	@echo "make demo      the whole workflow on the shipped site, into $(DEMO)/ (under two minutes after the installation)"
@@ -21,6 +21,7 @@ help:
 	@echo "make wheel     wheel and sdist in dist/, checked as the package index does"
 	@echo "make publish   both, to upload; refused where pyproject.toml has no public addresses"
 	@echo "make docs      the website: guide, reference, theory, notebooks, functions; docs/index.html"
+	@echo "make notebooks run all notebooks and store their results in them"
 	@echo "make lint      style and format"
 	@echo "make clean     remove the environment and what was made"
 
@@ -80,6 +81,9 @@ publish: $(ENVIRONMENT)/installed-test
 docs: $(ENVIRONMENT)/installed-docs
 	@$(BIN)/python .ci/docs/build.py docs
 	@echo docs/index.html
+
+notebooks: $(ENVIRONMENT)/installed-test
+	@$(BIN)/python .ci/docs/run_notebooks.py
 
 lint: $(ENVIRONMENT)/installed-test
 	@$(BIN)/ruff check

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import importlib.util
 import inspect
 import json
 import re
@@ -74,16 +75,23 @@ def test_make_has_a_target_for_the_pages():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The website without executed notebooks; any warning fails."""
-    for library in ("sphinx", "myst_nb", "pydata_sphinx_theme"):
+    """The website; any warning fails."""
+    for library in ("sphinx", "myst_nb", "pydata_sphinx_theme", "latex2mathml"):
         pytest.importorskip(library, reason="the extra `docs` is not installed")
     folder = tmp_path_factory.mktemp("site") / "html"
     script = PACKAGE.parent / ".ci" / "docs" / "build.py"
-    built = subprocess.run(
-        [sys.executable, str(script), str(folder), "--no-notebooks"], capture_output=True, text=True, timeout=500
-    )
+    built = subprocess.run([sys.executable, str(script), str(folder)], capture_output=True, text=True, timeout=900)
     assert built.returncode == 0, built.stderr
     return folder
+
+
+def test_stored_reference_pages_are_those_of_the_program():
+    script = PACKAGE.parent / ".ci" / "docs" / "pages.py"
+    specification = importlib.util.spec_from_file_location("pages_of_the_site", script)
+    specification.loader.exec_module(pages := importlib.util.module_from_spec(specification))
+    for name, part in pages.stored_pages().items():
+        text = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+        assert text == pages.with_part(text, part), f"{name}.md is older than the program: python .ci/docs/pages.py"
 
 
 def modules_by_page():
@@ -125,6 +133,17 @@ def test_the_site_loads_nothing_from_the_network(site):
         text = page.read_text(encoding="utf-8")
         assert not re.search(r"<(?:script|link|img)[^>]*(?:src|href)=\"(?:https?:)?//", text), page
         assert "mathjax" not in text.lower(), page
+
+
+@pytest.mark.thorough
+def test_the_site_draws_formulas_and_shows_text_beside_hits_of_the_search(site):
+    theory = (site / "theory.html").read_text(encoding="utf-8")
+    assert theory.count('<div class="formula"><math') == len(re.findall("^```math$", THEORY, re.MULTILINE))
+    assert "Section Navigation" not in theory
+    texts = (site / "_static" / "page_texts.js").read_text(encoding="utf-8")
+    sections = dict(json.loads(texts.removeprefix("var PAGE_TEXTS = ").rstrip(";\n"))["guide/region"])
+    assert "energy line" in sections["windows"]
+    assert 'src="_static/page_texts.js' in (site / "search.html").read_text(encoding="utf-8")
 
 
 def table_rows(heading):

@@ -1,12 +1,11 @@
 #!/usr/bin/env python3
-"""build.py FOLDER [--no-notebooks] [OPTION...]: the website of mpmgis in FOLDER; other OPTIONs go to Sphinx.
+"""build.py FOLDER [OPTION...]: the website of mpmgis in FOLDER; OPTIONs go to Sphinx.
 
 Collects the pages of mpmgis/docs, the notebooks, the pages of the test scenes and the generated pages in a temporary
-folder and calls Sphinx there. Every warning is an error. Notebooks are executed, and kept in build/notebooks until
-they or the package change; with --no-notebooks they are shown as they are stored.
+folder and calls Sphinx there. Every warning is an error. Notebooks are shown with their stored results, which
+`run_notebooks.py` writes.
 """
 
-import hashlib
 import json
 import os
 import re
@@ -18,9 +17,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 DOCS = ROOT / "mpmgis" / "docs"
-EXECUTED = ROOT / "build" / "notebooks"
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:)([^)#\s]*)(#[^)\s]*)?\)")
-MARK = re.compile(r"^<!-- generated: \w+ -->$", re.MULTILINE)
 FENCE = re.compile(r"^ *```.*?^ *```$", re.MULTILINE | re.DOTALL)
 
 
@@ -71,46 +68,18 @@ def relinked_cells(text, source, places, stage):
     return json.dumps(book)
 
 
-def notebook(path, execute):
-    """A notebook's JSON, executed or as it is stored."""
-    import nbformat
-
-    if not execute:
-        return path.read_text(encoding="utf-8")
-    digest = hashlib.sha256(path.read_bytes())
-    for module in sorted((ROOT / "mpmgis").rglob("*.py")):
-        digest.update(module.read_bytes())
-    kept = EXECUTED / f"{path.stem}_{digest.hexdigest()[:16]}.ipynb"
-    if not kept.exists():
-        from nbclient import NotebookClient
-
-        print(f"executing {path.name}", file=sys.stderr)
-        made = nbformat.read(path, as_version=4)
-        os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # the command mpmgis
-        with tempfile.TemporaryDirectory() as folder:
-            NotebookClient(made, timeout=600, resources={"metadata": {"path": folder}}).execute()
-        EXECUTED.mkdir(parents=True, exist_ok=True)
-        for old in EXECUTED.glob(f"{path.stem}_*.ipynb"):
-            old.unlink()
-        nbformat.write(made, kept)
-    return kept.read_text(encoding="utf-8")
-
-
-def collect(stage, execute):
+def collect(stage):
     """Put all pages into the folder `stage`."""
     places = sources()
-    books = {path: notebook(path, execute) for path in places if path.suffix == ".ipynb"}
     os.environ["NUMBA_DISABLE_JIT"] = "1"  # kernels are documented as the plain functions that they are
     import pages
 
     made = pages.generated()
     for source, place in places.items():
-        if source in books:
-            text = relinked_cells(books[source], source, places, stage)
-        else:
-            text = relinked(source.read_text(encoding="utf-8"), source, places, stage)
+        change = relinked_cells if source.suffix == ".ipynb" else relinked
+        text = change(source.read_text(encoding="utf-8"), source, places, stage)
         name = place.with_suffix("").as_posix()
-        write(stage / place, MARK.sub(made.pop(name).replace("\\", "\\\\"), text) if name in made else text)
+        write(stage / place, pages.with_part(text, made.pop(name)) if name in made else text)
     for name, text in made.items():
         write(stage / f"{name}.md", text + "\n")
     title = "# Notebooks\n\nFrom the folder `notebooks` of the repository.\n"
@@ -132,11 +101,9 @@ def write(path, text):
 
 
 def main():
-    words = sys.argv[1:]
-    execute = "--no-notebooks" not in words
-    folder, *more = [word for word in words if word != "--no-notebooks"] or sys.exit(__doc__)
+    folder, *more = sys.argv[1:] or sys.exit(__doc__)
     with tempfile.TemporaryDirectory() as stage:
-        collect(Path(stage), execute)
+        collect(Path(stage))
         from sphinx.cmd.build import main as build
 
         return build(["-W", "--keep-going", "-q", "-b", "html", "-c", str(HERE), *more, stage, folder])

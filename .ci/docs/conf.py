@@ -1,6 +1,11 @@
 """Settings of Sphinx for the website of mpmgis; `build.py` of this folder collects the pages and calls it."""
 
 import re
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))  # mathml, page_texts
 
 project = "mpmgis"
 copyright = "the authors of mpmgis, BSD-3-Clause"
@@ -10,6 +15,8 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
+    "mathml",
+    "page_texts",
     "IPython.sphinxext.ipython_console_highlighting",  # commands of notebooks, with a leading !
 ]
 root_doc = "index"
@@ -20,9 +27,12 @@ nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!mpmgis\.).*")]  # words such as `float` in types need no link
 nitpick_ignore = [  # type variables
     ("py:class", "mpmgis.commands.verb.Asked"),
+    ("py:class", "mpmgis.commands.verb_calls.Request"),
+    ("py:class", "mpmgis.frames.state_arrays.Arrays"),
+    ("py:class", "mpmgis.results.answer_files.Found"),
     ("py:class", "mpmgis.system.option_values.Table"),
 ]
-suppress_warnings = ["mystnb.unknown_mime_type"]
+suppress_warnings = ["mystnb.unknown_mime_type", "ref.python"]  # ref.python: a class name that several modules have
 
 autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"
@@ -32,7 +42,10 @@ napoleon_google_docstring = False
 napoleon_use_param = False  # types such as "float64[n, 3] [m]" are words, not links
 napoleon_use_rtype = False
 
-myst_enable_extensions = ["deflist"]  # no formulas in LaTeX: they would need a script from the network
+myst_enable_extensions = ["deflist", "dollarmath"]
+myst_fence_as_directive = ["math"]
+myst_update_mathjax = False
+html_math_renderer = "mathml"
 myst_heading_anchors = 4
 nb_execution_mode = "off"  # build.py executes the notebooks
 nb_merge_streams = True
@@ -43,6 +56,15 @@ html_title = "mpmgis"
 html_static_path = ["static"]
 html_css_files = ["mpmgis.css"]
 html_show_sourcelink = False
+html_show_search_summary = False  # it would read other pages, which browsers refuse on a disk; see search.js
+html_search_scorer = str(HERE / "search.js")
+html_sidebars = {  # pages without pages below them
+    name: []
+    for name in (
+        *("index", "search", "genindex", "py-modindex", "tutorial", "theory", "validation", "performance", "limits"),
+        *("glossary", "contributing", "architecture", "decisions", "changelog"),
+    )
+}
 html_copy_source = False
 html_theme_options = {
     "logo": {"text": "mpmgis"},

@@ -1,4 +1,8 @@
-"""The generated pages of the website: commands, scene, bands, Python functions. Each returns page name -> Markdown."""
+"""The generated pages of the website: commands, scene, bands, Python functions. Each returns page name -> Markdown.
+
+`python .ci/docs/pages.py` writes what the repository and the wheel have of them: short lists of commands and functions,
+and the whole tables of scenes and bands.
+"""
 
 import argparse
 import ast
@@ -10,6 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "mpmgis"
+MARK = re.compile(r"^<!-- generated: \w+ -->\n.*", re.MULTILINE | re.DOTALL)  # the generated part ends a page
 NOT_DOCUMENTED = (("commands", "shell"), ("qgis_plugin",), ("__main__",))
 PLAIN_TYPES = {float: "number", int: "whole number", str: "text", bool: "true, false", list: "list", dict: "table"}
 
@@ -244,3 +249,46 @@ def generated():
     sys.path.insert(0, str(ROOT))
     importlib.invalidate_caches()
     return {**command_pages(), **scene_pages(), **band_pages(), **api_pages()}
+
+
+# --------------------------------------------------------------------------------------------- repository and wheel
+
+
+def stored_pages():
+    """Page name -> the generated part of it in the repository, where links lead to no page of a command or function."""
+    return {**scene_pages(), **band_pages(), "reference/commands": command_list(), "api/index": function_list()}
+
+
+def command_list():
+    parts = []
+    for title, verbs in verbs_by_group().items():
+        rows = [[f"`mpmgis {verb.name}`", cell(verb.line)] for verb in verbs]
+        parts += [f"## {title[0].upper()}{title[1:]}", table(["command", "purpose"], rows)]
+    return "\n\n".join(parts)
+
+
+def function_list():
+    import mpmgis
+
+    rows = []
+    for name in sorted(mpmgis.__all__):
+        first = (getattr(mpmgis, name).__doc__ or "").strip().split("\n\n")[0]
+        rows.append([f"`mpmgis.{name}`", cell(first)])
+    return table(["name", "purpose"], rows)
+
+
+def with_part(text, part):
+    """A page with `part` in place of what was generated before."""
+    mark = MARK.search(text)[0].split("\n", 1)[0]
+    return MARK.sub("", text) + f"{mark}\n\n{part}\n"
+
+
+def main():
+    sys.path.insert(0, str(ROOT))
+    for name, part in stored_pages().items():
+        page = PACKAGE / "docs" / f"{name}.md"
+        page.write_text(with_part(page.read_text(encoding="utf-8"), part), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

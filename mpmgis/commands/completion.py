@@ -15,7 +15,7 @@ class Arguments(TypedDict, total=False):
 VERB = Verb(
     name="completion",
     place=34,
-    line="a script with which bash, zsh or fish complete verbs, options and file names",
+    line="a script for the completion of commands, options and file names in bash, zsh or fish",
     arguments=Arguments,
     example="""
 mpmgis completion bash > ~/.local/share/bash-completion/completions/mpmgis

@@ -21,7 +21,7 @@ class MetricTerrainOptions(TypedDict, total=False):
             "metres; auto: the CRS of the frames, else that of the DTM where it is in metres, else the UTM zone of its "
             "centre",
             "EPSG:n|auto",
-            usual="what is not in metres is refused",
+            usual="a DTM that is not in metres is an error",
             check=_target,
             kind="text",
             label="Reproject the terrain to: auto, or EPSG:n",

@@ -79,7 +79,7 @@ _OF_CODE: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class TerrainTable(Table):
-    """Where."""
+    """Terrain model."""
 
     rule: ClassVar = Rule(required=True, is_effect=False, in_use=True)
 
@@ -117,7 +117,7 @@ class TerrainTable(Table):
 
 @dataclass(frozen=True)
 class ReleaseTable(Table):
-    """Initial mass."""
+    """Release: the initial mass and where it lies."""
 
     rule: ClassVar = Rule(is_effect=False, in_use=True)
 
@@ -238,7 +238,7 @@ class ReleaseTable(Table):
 
 @dataclass(frozen=True)
 class HydrographTable(Table):
-    """What flows in over time."""
+    """Inflow over time."""
 
     rule: ClassVar = Rule(solver="columns", fix="start with [release]")
 
@@ -393,7 +393,7 @@ class CohesionTable(Table):
 
 @dataclass(frozen=True)
 class EarthPressureTable(Table):
-    """Granular push: less than hydrostatic where the flow stretches, more where it is compressed."""
+    """Earth pressure: less than hydrostatic where the flow stretches, more where it is compressed."""
 
     rule: ClassVar = Rule(solver="columns", fix="use [material] friction_angle")
 

@@ -1,4 +1,4 @@
-"""Columns of equal mass (mode E).
+"""Columns of equal mass.
 
 The release is cut into strips, each holding a whole number of column masses and about as high as its columns are
 wide; each strip is cut across into pieces of one column mass. A piece's column lies at its centre of mass, so that

@@ -23,13 +23,6 @@ class FlowSolver(Protocol):
         Those of a flow at rest.
     effects, numerics, grid
         Those with which it was made.
-    time : float [s]
-    step : int
-        Number of steps taken.
-    particles : int
-        On the terrain now.
-    speed_max : float [m s-1]
-        Largest speed now.
     """
 
     RUNNING: int

@@ -61,16 +61,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = OneLineParser(
         prog="mpmgis",
         description=DESCRIPTION + ("" if name else "\n\n" + verbs_by_group()),
-        epilog="mpmgis VERB --help shows the options of a verb, with an example.",
+        epilog="mpmgis COMMAND --help shows the options of a command, with an example.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"mpmgis {__version__}")
     parsers = parser.add_subparsers(
-        dest="verb", metavar="VERB", help="one of the above", required=True, parser_class=OneLineParser
+        dest="verb", metavar="COMMAND", help="one of the above", required=True, parser_class=OneLineParser
     )
     if name is None and argv and not argv[0].startswith("-"):
         near = difflib.get_close_matches(argv[0], verbs, 1)
-        parser.error(f"unknown verb {argv[0]!r}" + (f"; did you mean {near[0]}?" if near else ""))
+        parser.error(f"unknown command {argv[0]!r}" + (f"; did you mean {near[0]}?" if near else ""))
     for other in verbs:
         if other == name:
             add_verb(parsers, verb_of(name))
@@ -92,7 +92,7 @@ def whole_parser() -> tuple[OneLineParser, dict[str, OneLineParser]]:
     """
     parser = OneLineParser(prog="mpmgis", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"mpmgis {__version__}")
-    parsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=OneLineParser)
+    parsers = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True, parser_class=OneLineParser)
     return parser, {verb.name: add_verb(parsers, verb) for verb in all_verbs()}
 
 

@@ -119,7 +119,7 @@ def write_region_project(project: RegionProject) -> list[Path]:
     count, view = len(project.areas.get("all", ())), project.view()
     title = f"{project.name}: largest values of {count} release areas"
     shown = [polygons[0], *(group.rows[0] for group in groups[1:] if group.shown)]
-    notes = f"Computed with mpmgis {__version__} (Material Point Method). Each area is a run of its own."
+    notes = f"Computed with mpmgis {__version__} (Material Point Method). Each area is simulated separately."
     page = print_layout(project, view, Group("map", shown), title, notes)
     write_archive(project, project_document(project, groups, view, title, [page]))
     styles = [_style(project, file, looked) for name in project.areas for file, looked in _files(project, name).items()]

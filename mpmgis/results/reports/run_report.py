@@ -153,7 +153,7 @@ def _key_figures(gathered, threshold):
         if band in peaks:
             facts.append((f"largest {words}", peak(peaks[band]) * factor, unit))
             facts.append((f"largest {words}, at", _place_of_peak(peaks[band], gathered.grid), ""))
-            facts.append((f"{words}, of 99 % of the cells at most", high_percentile(peaks[band]) * factor, unit))
+            facts.append((f"99th percentile of {words}", high_percentile(peaks[band]) * factor, unit))
     ended = [("ended", f"{record['state']}: {record['reason']}", "")] if record.get("reason") else []
     return Table(("figure", "value", "unit"), figure_rows([*facts, *ended]))
 

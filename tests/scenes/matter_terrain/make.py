@@ -108,9 +108,7 @@ def compared(folder):
     rows.append(_row("front of the deposit, E [m]", *fronts))
     for band in peak["bands"]:
         if band["a"] in ("h_max", "Ut_max", "h_deposit", "h_last", last):
-            rows.append(
-                _row(f"{band['a']} [{band['unit']}], of 99 % of the cells at most", band["p99_a"], band["p99_b"])
-            )
+            rows.append(_row(f"{band['a']} [{band['unit']}], 99th percentile", band["p99_a"], band["p99_b"]))
     for time in TIMES[1:]:
         ours, matters = (volume(folder, side, time) for side in ("ours", "matter"))
         rows.append(_row(f"volume at {time:g} s [m3]", ours, matters))
