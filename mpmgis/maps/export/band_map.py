@@ -10,6 +10,7 @@ from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
 from ..qgis.colours import LOOKS, Look
 from .run_picture import (
+    CONTOUR_COLOUR,
     INK,
     RELEASE_COLOUR,
     beside,
@@ -117,7 +118,7 @@ def _draw_legend(axes, look, classes, outlined, interval):
         entries.append(Line2D([], [], color=RELEASE_COLOUR, linewidth=1.6, label="release area"))
     if interval:
         label = f"contours every {interval:g} m"
-        entries.append(Line2D([], [], color="#5a4632", alpha=0.6, linewidth=0.8, label=label))
+        entries.append(Line2D([], [], color=CONTOUR_COLOUR, alpha=0.6, linewidth=0.8, label=label))
     place = {"loc": "upper left", "borderaxespad": 0.0, "frameon": False, "alignment": "left", "fontsize": 8.5}
     title = look.words[0].upper() + look.words[1:]
     axes.legend(handles=entries, title=title, bbox_to_anchor=beside(axes), **place).get_title().set_fontsize(9.5)
