@@ -88,7 +88,7 @@ def write_picture(
     FigureCanvasAgg(figure)
     axes = map_axes(figure, view)
     interval = draw_terrain(axes, terrain, view)
-    classes = draw_values(axes, grid, speed_max, LOOKS["Ut"])
+    classes = draw_values(axes, grid, speed_max, classes_of(speed_max, LOOKS["Ut"]))
     last = mask_outline(last_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform, True, LEAST_PART)
     draw_outline(axes, [last] if last is not None else [], DEPOSIT_COLOUR)
     draw_outline(axes, release, RELEASE_COLOUR)
@@ -182,9 +182,23 @@ def map_axes(figure: "Figure", view: tuple) -> "Axes":
     axes = figure.add_axes(
         [left / total[0], (total[1] - above - height) / total[1], width / total[0], height / total[1]]
     )
-    axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
-    _label_axes(axes, (width, height))
+    fit_axes(axes, view)
     return axes
+
+
+def fit_axes(axes: "Axes", view: tuple) -> None:
+    """Give axes the limits of a map, and coordinates.
+
+    Parameters
+    ----------
+    axes : Axes
+    view : (float, float, float, float) [m]
+        West, south, east, north.
+    """
+    west, south, east, north = view
+    axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
+    place, figure = axes.get_position(), axes.figure.get_size_inches()
+    _label_axes(axes, (place.width * figure[0], place.height * figure[1]))
 
 
 def _label_axes(axes, size):
@@ -329,8 +343,8 @@ def classes_of(values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[C
     return colour_classes(look, typical, min_depth)
 
 
-def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[ColourClass]:
-    """Draw the classes of a band over the hillshade.
+def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, classes: list[ColourClass]) -> list[ColourClass]:
+    """Draw values in classes over the hillshade.
 
     Parameters
     ----------
@@ -338,9 +352,7 @@ def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_de
     grid : Grid
     values : float[rows, columns]
         NaN without flow.
-    look : Look
-    min_depth : float [m]
-        Depths up to this are not drawn.
+    classes : list of ColourClass
 
     Returns
     -------
@@ -349,7 +361,7 @@ def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_de
     """
     from matplotlib.colors import to_rgba
 
-    known, classes = np.isfinite(values), classes_of(values, look, min_depth)
+    known = np.isfinite(values)
     number = np.searchsorted([entry.upper for entry in classes], np.where(known, values, 0.0))
     opaque = [to_rgba(entry.colour, OPACITY) if entry.colour else (0.0, 0.0, 0.0, 0.0) for entry in classes]
     image = np.where(known[..., None], np.array(opaque)[number], 0.0)
