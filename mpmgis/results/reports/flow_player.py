@@ -175,7 +175,7 @@ def flow_player(
     )
     rows, columns = int(window[1] - window[0] + 1), int(window[3] - window[2] + 1)
     places = (window[1] - row) * columns + column - window[2]  # rows from the south, as the browser draws them
-    apart = np.diff(played.times).min()
+    apart = min((step for step in np.diff(played.times) if step > 0), default=1.0)
     decimals = 0 if all(time == round(time) for time in played.times) else max(1, math.ceil(-math.log10(apart)))
     content = {
         "times": [f"{time:.{decimals}f}" for time in played.times],
@@ -276,7 +276,7 @@ def _drawing(terrain, view, release, bounds, times):
     where.axis.formatter = CustomJSTickFormatter(code=TICKS)
     where.xgrid.visible = where.ygrid.visible = False
     size = {"frame_width": CURVE[0], "frame_height": CURVE[1]}
-    over_time = figure(x_axis_label="time (s)", tools="", toolbar_location=None, name="curve", **size)
+    over_time = figure(title=" ", x_axis_label="time (s)", tools="", toolbar_location=None, name="curve", **size)
     curve = ColumnDataSource({"time": list(times), "value": [math.nan] * len(times)}, name="values")
     over_time.line("time", "value", source=curve, color=INK, line_width=2)
     over_time.add_layout(Span(location=times[0], dimension="height", line_color=RELEASE_COLOUR, name="now"))
