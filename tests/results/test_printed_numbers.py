@@ -2,7 +2,7 @@
 
 import pytest
 
-from mpmgis.results.reports.printed_numbers import printed, printed_place, printed_unit
+from mpmgis.results.reports.printed_numbers import printed, printed_line, printed_place, printed_unit
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,13 @@ def test_three_digits_without_an_exponent(value, text):
 )
 def test_units_as_in_books(unit, text):
     assert printed_unit(unit) == text
+
+
+def test_lines_have_no_exponents():
+    line = "mass: 2.48891e+08 kg, error 0.0e+00; 1.547e+12 J lost; closes to 2e-05; area 2.441e+05 m2, digest 12e45"
+    assert printed_line(line).replace("\u202f", " ") == (
+        "mass: 249 000 000 kg, error 0; 1.55 × 10¹² J lost; closes to 0.0000200; area 244 000 m², digest 12e45"
+    )
 
 
 def test_places_are_readable():

@@ -5,7 +5,10 @@ import re
 
 DIGITS = 3  # of a number; more would claim an accuracy that no model has
 THIN = "\u202f"  # between groups of three digits; a line is not broken there
-_POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+WRITTEN_OUT = 1e-6, 1e10  # smallest and largest number without a power of ten in a line
+_POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_EXPONENT = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?e[+-]\d+\b")
+_AREA = re.compile(r"(?<=\d m)([23])\b")
 _FACTOR = re.compile(r"([^\d\s-]+)(-?)(\d*)")
 
 
@@ -49,6 +52,24 @@ def printed_unit(unit: str) -> str:
     for name, minus, power in (factor.groups() for factor in factors if factor):
         (below if minus else above).append(name + ("" if power in ("", "1") else power.translate(_POWERS)))
     return " ".join(above) + ("/" + "/".join(below) if below else "")
+
+
+def printed_line(text: str) -> str:
+    """Return a line of text without exponents: "2.489e+08 kg" as "249 000 000 kg", "1.5e+12 J" as "1.50 × 10¹² J".
+
+    Parameters
+    ----------
+    text : str
+    """
+    return _AREA.sub(lambda found: found[1].translate(_POWERS), _EXPONENT.sub(_without_exponent, text))
+
+
+def _without_exponent(found):
+    value = float(found[0])
+    if value == 0 or WRITTEN_OUT[0] <= abs(value) < WRITTEN_OUT[1]:
+        return printed(value)
+    digits, _, power = f"{value:.{DIGITS - 1}e}".partition("e")
+    return f"{digits} × 10{str(int(power)).translate(_POWERS)}"
 
 
 def printed_place(x: float, y: float) -> str:

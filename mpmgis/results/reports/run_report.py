@@ -26,7 +26,7 @@ from ..question_options import Question
 from ..runout_answer import found_runout, write_runout_plot
 from .flow_player import INSTALL, can_play, encoded_flow, flow_player
 from .html_page import Lines, Picture, Source, Table, figure_rows, section, write_report
-from .printed_numbers import printed, printed_place
+from .printed_numbers import printed, printed_line, printed_place
 from .report_pages import Gathered, barrier_sections, places_section
 
 REPORT_FILE = "report.html"
@@ -258,7 +258,8 @@ def _balances(record, flow):
     try:
         mass = record.get("mass")
         of_stages = [] if mass is None else extreme_lines(record["extremes"])
-        return Lines((*account(balances, solver, mass), *of_stages, *peak_lines(record.get("maxima"))))
+        lines = (*account(balances, solver, mass), *of_stages, *peak_lines(record.get("maxima")))
+        return Lines(tuple(map(printed_line, lines)))
     except (KeyError, TypeError, ValueError) as error:  # balances of another version
         known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
         return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; it contains:", *known))
