@@ -4,7 +4,7 @@
 >>> mpmgis.seed("dtm.tif", "release.shp")  # doctest: +SKIP
 >>> mpmgis.run("scene.toml", "results")  # doctest: +SKIP
 >>> mpmgis.export_raster("results", cell_size=1, time_step=0.2)  # doctest: +SKIP
->>> mpmgis.open_results("results_gis").h_max.plot()  # doctest: +SKIP
+>>> mpmgis.plot(mpmgis.open_results("results_gis").h_max, terrain="dtm.tif")  # doctest: +SKIP
 
 `__init__.pyi` lists the names and their modules, for type checkers and for this module, which loads each at its first
 use: `import mpmgis` alone loads nothing.

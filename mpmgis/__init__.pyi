@@ -19,6 +19,7 @@ from .commands.report import hazard_map as hazard_map
 from .commands.report import report as report
 from .commands.results_api import depth_average as depth_average
 from .commands.results_api import open_results as open_results
+from .commands.results_api import plot as plot
 from .commands.results_api import read_frame as read_frame
 from .commands.results_api import to_geodataframe as to_geodataframe
 from .commands.run import run as run

@@ -36,6 +36,7 @@ OPTIONAL = (
     "cluster",
     "gpu",
     "parquet",
+    "player",
     "pointcloud",
     "zarr",
 )  # extras for users; the others are for work on mpmgis
@@ -48,6 +49,7 @@ IN_THE_WHEEL = (
         "docs/reference/index.md",
         "results/hazard/guidelines.toml",
         "results/hazard/hazard_matrices.toml",
+        "results/reports/flow_player.js",
     ),
     *("qgis_plugin/mpmgis_qgis/metadata.txt", "qgis_plugin/mpmgis_qgis/icon.svg", "qgis_plugin/mpmgis_qgis/LICENSE"),
     *("sample_data/lava_falls/scene.toml", "sample_data/lava_falls/lava_falls_release.shp"),

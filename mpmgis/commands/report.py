@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Unpack, cast
 
@@ -23,6 +24,19 @@ class ReportOptions(QuestionOptions, total=False):
 
     title: Annotated[
         str, Option("heading of the report", "TEXT", usual="the name of the results", folded=False, label="Heading")
+    ]
+    author: Annotated[str, Option("author of the report, printed at its head", "TEXT", label="Author")]
+    client: Annotated[str, Option("client of the report, printed at its head", "TEXT", label="Client")]
+    date: Annotated[str, Option("date of the report, printed at its head", "TEXT", usual="today", label="Date")]
+    player: Annotated[
+        bool,
+        Option(
+            "without the player of the flow, which needs scripts in the browser",
+            default=True,
+            flag="--no-player",
+            turned_off=True,
+            no_form="the page also reads without scripts",
+        ),
     ]
     line: Annotated[PathLike, shared_options.LINE]
     threshold: Annotated[float, shared_options.THRESHOLD]
@@ -48,12 +62,17 @@ mpmgis report results --title "Rock avalanche, scenario 300 years" -o scenario_3
 mpmgis report --map swiss-debris-flow --scenario 30=results_30 --scenario 300=results_300 --scale 1:5000 -o map
 """,
     description="""
-One HTML file with maps of the largest depth, speed and pressure and of the last depth, figures of the runout with a
-longitudinal profile, places (largest depth and speed, where mass left), a page for each barrier (loads over time,
-run-up, overtopping, whether its loads are usable, plan, section), balances, warnings, effects and why they are on or
-off, parameters, versions and digests. Pictures are embedded; it needs no network and no scripts. Print it from any
-browser to get a PDF. For frames of other codes, an export or rasters named <name>_pft, <name>_pfv [m/s], <name>_ppr
-[kPa] it is limited to the contents of these files.
+One HTML file with warnings, the flow over time, maps of the largest depth, speed and pressure and of the last depth,
+figures of the runout with a longitudinal profile, places (largest depth and speed, where mass left), a page for each
+barrier (loads over time, run-up, overtopping, whether its loads are usable, plan, section), balances, effects and why
+they are on or off, parameters, versions and digests. Everything is embedded; it needs no network. Print it from any
+browser to get a PDF.
+
+The flow over time (pip install "mpmgis[player]") plays depth and speed over a hillshade; a click on the map gives their
+values at a place and their curve. It needs scripts in the browser, and is not printed.
+
+For frames of other codes, an export or rasters named <name>_pft, <name>_pfv [m/s], <name>_ppr [kPa] the report is
+limited to the contents of these files.
 
 With --map: a hazard map of several scenarios as raster (.tif, .qml), zones (.gpkg), table (.csv) and printed map (.pdf,
 .png). Every cell has the highest level of the matrix of a guideline over all scenarios. What could make a level too low
@@ -92,7 +111,7 @@ where a number was not read: check them in the guideline.
             layers=(".tif", ".gpkg"),
             load="the map",
             one_of=("MAP", "OWN"),
-            without=("frames", "line", "threshold"),
+            without=("frames", "line", "threshold", "author", "client", "date", "player"),
             changes=(
                 ("scenario", {"optional": False, "kind": "scenarios", "label": "Scenarios"}),
                 ("output", {"label": "Folder for raster, zones, table and printed map"}),
@@ -122,7 +141,8 @@ def work(asked: Arguments, progress: Progress = unwatched) -> "tuple[Path, ...] 
         return mapped(asked, progress)
     from ..results.reports.run_report import report as reported
 
-    return reported(asked, asked["title"], asked["line"], asked["threshold"], progress)
+    about = {"date": asked["date"] or date.today().isoformat(), "author": asked["author"], "client": asked["client"]}
+    return reported(asked, asked["title"], asked["line"], asked["threshold"], about, asked["player"], progress)
 
 
 def _require_one_kind(asked: Arguments) -> None:
@@ -135,9 +155,10 @@ def _require_one_kind(asked: Arguments) -> None:
             raise InputError("no results were given; give a folder of frames, an export or rasters")
     elif frames:
         raise InputError(f"{frames[0]}: a hazard map takes its results by `scenario`, for example 100={frames[0]}")
-    for name in ("line", "threshold"):
+    for name in ("line", "threshold", "author", "client", "date", "player"):
         if asked["map"] is not None and asked.get(name) != VERB.named()[name].default:
-            raise InputError(f"`{name}` is for the report of one run; a hazard map takes `min_depth`")
+            instead = "; a hazard map takes `min_depth`" if name == "threshold" else ""
+            raise InputError(f"`{name}` is for the report of one run{instead}")
 
 
 def report(results: Results, output: PathLike | None = None, **options: Unpack[ReportOptions]) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ..frames.particles import Frame
+from ..maps.averaging.averaging_options import USUAL_DEPTH
 from ..maps.export.export_options import FrameAveragingOptions
 from ..system.errors import InputError
 from ..system.option import options_of
@@ -17,6 +18,7 @@ from .verb_calls import complete, python_words
 if TYPE_CHECKING:
     import geopandas
     import xarray
+    from matplotlib.axes import Axes
 
     from ..maps.export.export_options import Export
     from ..terrain.elevation import Terrain
@@ -106,6 +108,55 @@ def _averaging(frames: str | Path, options: FrameAveragingOptions, where: str) -
     if "maxima" in given.get("products", ()):
         raise InputError(f"{where}: products='maxima' requires an exported folder; use .max('time') for frames")
     return complete(_EXPORT, {"extent": "dtm", "north_up": True, **given, "frames": (frames,)})
+
+
+def plot(
+    band: "xarray.DataArray",
+    terrain: "str | Path | Terrain | xarray.DataArray | None" = None,
+    *,
+    title: str = "",
+    release: str | Path | None = None,
+    min_depth: float = USUAL_DEPTH,
+    like: "xarray.DataArray | None" = None,
+    axes: "Axes | None" = None,
+    legend: bool = True,
+) -> "Axes":
+    """Draw a variable of results as a map, with the colours, classes and hillshade of reports and QGIS.
+
+    Parameters
+    ----------
+    band : xarray.DataArray
+        A variable of one time: ``results.h_max``, ``results.h.sel(time=10)``.
+    terrain : path, Terrain or DataArray, optional
+        For hillshade and contours: the DTM, or ``results.elevation``.
+    title : str
+    release : path, optional
+        Polygons of the release, drawn as outlines.
+    min_depth : float [m]
+        Depths up to this are not drawn.
+    like : xarray.DataArray, optional
+        Variable whose values choose the view and the classes of the colours, for maps that are compared; default: the
+        band itself.
+    axes : matplotlib.axes.Axes, optional
+        To draw in; default: a new figure.
+    legend : bool
+        With legend, scale bar and north arrow, right of the map.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    MpmgisError
+
+    Examples
+    --------
+    >>> mpmgis.plot(results.h_max, terrain="dtm.tif")  # doctest: +SKIP
+    """
+    from ..maps.export.band_plot import plot_band
+
+    return plot_band(band, terrain, title, release, min_depth, like, axes, legend)
 
 
 def read_frame(path: str | Path) -> Frame:

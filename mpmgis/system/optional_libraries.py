@@ -15,6 +15,7 @@ LIBRARIES = {  # extra of pyproject.toml: what it installs
     "cluster": "dask[distributed]",
     "animation": "imageio[ffmpeg]",
     "pointcloud": "laspy",
+    "player": "bokeh",
 }
 GEOPACKAGE = {"VERSION": "1.2"}  # of a new GeoPackage: older readers warn of what GDAL writes by default
 DETECTED_BY_PYOGRIO = ("pandas", "geopandas", "pyarrow")

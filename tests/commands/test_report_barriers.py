@@ -17,6 +17,7 @@ from mpmgis.commands.shell.main import main
 from mpmgis.frames.load_table import read_barrier_table
 from mpmgis.results.barrier_loads import BarrierHistory, RunUp, history_rows, load_verdict, missed_crest
 from mpmgis.results.load_plots import write_history_plot, write_section_plot
+from mpmgis.results.reports.printed_numbers import THIN, grouped, printed
 
 DAM = '[[barrier]]\nsource = "dam.gpkg"\nwidth = 2\nheight = 3\n'
 RUN_UP = RunUp(4.0, 0.0, 0.0, 2.0, 1, 104.0, 103.0, 2.0)
@@ -36,14 +37,15 @@ def page(site):
 
 
 def page_of(site, *options):
-    assert main(["report", str(site / "results"), "--overwrite", *options]) == 0
+    assert main(["report", "--no-player", str(site / "results"), "--overwrite", *options]) == 0
     return Reader((site / "results_report" / "report.html").read_text(encoding="utf-8"))
 
 
 def figures(page, title):
     """Figure -> value of the table under a heading."""
     text = page.text[page.text.index(f"\n{title}\n") :]
-    return dict(re.findall(r"\n([^\n]+)\n([-+.\de]+)\n(?=kN|kg|m3|m\n|s\n)", text))
+    found = re.findall(r"\n([^\n]+)\n([-.\d\u202f]+) (?:kN|kg|m³|m|s)\b", text)
+    return {what: value.replace(THIN, "") for what, value in found}
 
 
 def test_a_barrier_has_its_page(site, page):
@@ -54,12 +56,12 @@ def test_a_barrier_has_its_page(site, page):
     taken = json.loads((site / "results" / "run.json").read_text())["balances"]["barriers"]["dam"]
     largest = max(float(row["mean normal force [N]"]) for row in rows)
     assert float(found["largest mean force between two frames, normal to the wall"]) == pytest.approx(
-        largest / 1e3, rel=1e-4
+        largest / 1e3, rel=5e-3
     )
-    assert float(found["largest force of a single step"]) == pytest.approx(taken["peak_normal_force"] / 1e3, rel=1e-4)
+    assert float(found["largest force of a single step"]) == pytest.approx(taken["peak_normal_force"] / 1e3, rel=5e-3)
     over = taken["overtopped_mass"]
-    assert over > 0 and float(found["mass that overtopped it"]) == pytest.approx(over, rel=1e-4)
-    assert float(found["volume of that at the density of the release"]) == pytest.approx(over / 1000.0, rel=1e-4)
+    assert over > 0 and float(found["mass that overtopped it"]) == pytest.approx(over, rel=5e-3)
+    assert float(found["volume of that at the density of the release"]) == pytest.approx(over / 1000.0, rel=5e-3)
     surface = float(found["elevation of the surface there (run-up)"])
     depth = float(found["largest flow depth at the wall, normal to the bed"])
     assert float(found["elevation of the crest there"]) == 103.0  # 3 m over the flat at 100 m
@@ -82,7 +84,8 @@ def test_without_its_polygons_a_barrier_has_its_loads_but_no_drawing(site, page)
 def test_places_have_coordinates_and_times(site, page):
     assert "Places" in page.titles
     one = json.loads((site / "results" / "run.json").read_text())["extremes"]["speed"]
-    wanted = f"{one['value']:.4g} m/s\n{one['at'][0]:.1f}\n{one['at'][1]:.1f}\n{one['time']:.1f}"
+    east, north = (grouped(place, 1) for place in one["at"])
+    wanted = f"{printed(one['value'])} m/s\n{east}\n{north}\n{one['time']:.1f}"
     assert f"largest speed of any step\n{wanted}" in page.text
 
 
@@ -96,10 +99,8 @@ def test_places_name_where_mass_left(tmp_path):
     assert place["where"] == "east" and place["mass"] > 0
     text = page_of(site).text
     row = text[text.index("mass left over the east edge of the DTM") :].split("\n")
-    assert row[1].startswith(f"{place['mass']:.4g} kg") and row[2:4] == [
-        f"{place['east']:.1f}",
-        f"{place['north']:.1f}",
-    ]
+    assert row[1].startswith(f"{printed(place['mass'])} kg")
+    assert row[2:4] == [grouped(place["east"], 1), grouped(place["north"], 1)]
     assert WEST + 790 <= place["east"] <= WEST + 810 and SOUTH + 150 < place["north"] < SOUTH + 250
 
 
@@ -200,7 +201,7 @@ def test_letters_that_the_font_of_plots_lacks_give_no_warning(site, capfd):
     capfd.readouterr()
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
-        assert main(["report", str(site / "letters"), "-q"]) == 0
+        assert main(["report", "--no-player", str(site / "letters"), "-q"]) == 0
     assert capfd.readouterr().err == ""
 
 

@@ -10,6 +10,7 @@ from block_frames import write_block_run, write_line
 from slope_site import SCENE, run, write_site
 
 from mpmgis.commands.shell.main import main
+from mpmgis.results.reports.printed_numbers import printed_line
 
 EMPTY = {"meta", "img", "br", "link", "input"}
 
@@ -49,32 +50,34 @@ class Reader(HTMLParser):
 
 
 def report(*arguments):
-    assert main(["report", *map(str, arguments)]) == 0
+    """Write a report without the player, which test_report_player.py tests."""
+    assert main(["report", "--no-player", *map(str, arguments)]) == 0
 
 
 def test_the_report_of_a_run_is_complete(tmp_path, capsys):
     site = write_site(tmp_path)
     assert run(site, SCENE.replace("end_time = 30", "end_time = 10")) == 0
     at_its_end = capsys.readouterr().err
-    report(site / "results", "--title", "Scenario <300> & more")
+    report(site / "results", "--title", "Scenario <300> & more", "--author", "A & B", "--date", "2026-01-31")
     assert capsys.readouterr().out == f"{site / 'results_report' / 'report.html'}\n"
     page = Reader((site / "results_report" / "report.html").read_text(encoding="utf-8"))
     assert page.titles == [
+        "Warnings",
         "Result",
         "Maps",
         "Places",
         "Runout",
         "Numerical error",
         "Balances",
-        "Warnings",
         "Effects, and why",
         "Parameters",
         "Origin",
     ]
     assert len(page.pictures) == 6 and all(png.startswith(b"\x89PNG") for png in page.pictures)
-    assert "Scenario <300> & more" in page.text
+    assert "Scenario <300> & more" in page.text and "date: 2026-01-31; author: A & B\n" in page.text
+    assert not re.search(r"\d[eE][+-]\d", page.text.split("Effects, and why")[0]) and "1000 kg/m³" in page.text
     mass = next(line for line in at_its_end.splitlines() if line.startswith("mass: "))
-    assert mass in page.text  # in the same words as the run's
+    assert printed_line(mass) in page.text  # in the same words as the run's
     record = json.loads((site / "results" / "run.json").read_text())
     for words in (record["result_digest"], record["reason"], "Voellmy: mu = 0.2", "mu = 0.2\n", "energy line angle"):
         assert words in page.text, words
@@ -97,7 +100,7 @@ def test_an_effect_that_is_off_against_its_number_is_a_warning(tmp_path):
     (folder / "run.json").write_text(json.dumps({"effects": [decision, quiet], "troubles": ["it <broke> once"]}))
     report(folder, "-o", tmp_path / "r.html")
     page = Reader((tmp_path / "r.html").read_text(encoding="utf-8"))
-    warnings = page.text.split("Warnings\n")[1].split("Effects, and why")[0]
+    warnings = page.text.split("Warnings\n")[1].split("Result\n")[0]
     assert "flight_3d is off although its number 2.5 is beyond 1: flies" in warnings
     assert "it <broke> once" in warnings and "curvature" not in warnings
 

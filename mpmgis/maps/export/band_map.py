@@ -2,17 +2,20 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...system.whole_files import whole_file
 from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
-from ..qgis.colours import LOOKS, Look
+from ..qgis.colours import LOOKS, ColourClass, Look
 from .run_picture import (
+    CONTOUR_COLOUR,
     INK,
     RELEASE_COLOUR,
     beside,
+    classes_of,
     draw_outline,
     draw_scale_and_north,
     draw_terrain,
@@ -21,6 +24,9 @@ from .run_picture import (
     map_axes,
     map_view,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 DOTS_PER_INCH = 100  # [inch-1] about 1100 pixels across
 WALL_COLOUR = "#111111"
@@ -67,23 +73,74 @@ def write_band_map(
     from matplotlib.figure import Figure
 
     look, release = LOOKS[band] if isinstance(band, str) else band, list(release or ())
-    floor = min_depth if look.shown == "depth" else 0.0
+    floor = floor_of(look, min_depth)
     figure = Figure(figsize=(1, 1), dpi=DOTS_PER_INCH, facecolor="white")
     FigureCanvasAgg(figure)
     if view is None:
         with np.errstate(invalid="ignore"):
             view = map_view(terrain, grid, values > floor, release)
     axes = map_axes(figure, view)
-    interval = draw_terrain(axes, terrain, view)
-    classes = draw_values(axes, grid, values, look, floor)
-    draw_outline(axes, release, RELEASE_COLOUR)
-    draw_outline(axes, list(walls), WALL_COLOUR)
-    _draw_marks(axes, marks)
-    draw_scale_and_north(axes, view)
-    _draw_legend(axes, look, classes, (bool(release), bool(walls)), interval)
-    draw_title(axes, title)
+    classes = classes_of(values, look, floor)
+    draw_band(axes, view, terrain, grid, values, look, classes, title, release, walls, marks)
     with whole_file(path) as part:
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
+
+
+def floor_of(look: Look, min_depth: float) -> float:
+    """Return the value up to which a band is not drawn.
+
+    Parameters
+    ----------
+    look : Look
+    min_depth : float [m]
+    """
+    return min_depth if look.shown == "depth" else 0.0
+
+
+def draw_band(
+    axes: "Axes",
+    view: tuple,
+    terrain: Terrain | None,
+    grid: Grid,
+    values: np.ndarray,
+    look: Look,
+    classes: list[ColourClass],
+    title: str = "",
+    release: Sequence = (),
+    walls: Sequence = (),
+    marks: Sequence = (),
+    legend: bool = True,
+) -> None:
+    """Draw a band in axes that have a view.
+
+    Parameters
+    ----------
+    axes : Axes
+    view : (west, south, east, north) [m]
+    terrain : Terrain or None
+        For hillshade and contours; None: neither.
+    grid : Grid
+        Of `values`.
+    values : float[rows, columns]
+        NaN without flow.
+    look : Look
+    classes : list of ColourClass
+    title : str
+    release, walls : sequence of shapely polygons
+    marks : sequence of (E, N, text)
+        Places [m], drawn as labelled dots.
+    legend : bool
+        With legend, scale bar and north arrow.
+    """
+    interval = 0.0 if terrain is None else draw_terrain(axes, terrain, view)
+    shown = draw_values(axes, grid, values, classes)
+    draw_outline(axes, list(release), RELEASE_COLOUR)
+    draw_outline(axes, list(walls), WALL_COLOUR)
+    _draw_marks(axes, marks)
+    if legend:
+        draw_scale_and_north(axes, view)
+        _draw_legend(axes, look, shown, (bool(release), bool(walls)), interval)
+    draw_title(axes, title)
 
 
 def _draw_marks(axes, marks):
@@ -117,7 +174,7 @@ def _draw_legend(axes, look, classes, outlined, interval):
         entries.append(Line2D([], [], color=RELEASE_COLOUR, linewidth=1.6, label="release area"))
     if interval:
         label = f"contours every {interval:g} m"
-        entries.append(Line2D([], [], color="#5a4632", alpha=0.6, linewidth=0.8, label=label))
+        entries.append(Line2D([], [], color=CONTOUR_COLOUR, alpha=0.6, linewidth=0.8, label=label))
     place = {"loc": "upper left", "borderaxespad": 0.0, "frameon": False, "alignment": "left", "fontsize": 8.5}
     title = look.words[0].upper() + look.words[1:]
     axes.legend(handles=entries, title=title, bbox_to_anchor=beside(axes), **place).get_title().set_fontsize(9.5)

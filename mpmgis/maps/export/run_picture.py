@@ -4,7 +4,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import shapely
@@ -40,6 +40,7 @@ GREYS = (0.58, 1.0)  # [1] of the darkest and lightest 2 % of the hillshade; lig
 LEAST_CONTRAST = 0.02  # [1] of a hillshade between its darkest and lightest 2 %; less is not stretched further
 OPACITY = 0.82  # [1] of values over the hillshade
 RELEASE_COLOUR = "#0a4fd0"  # blue
+CONTOUR_COLOUR = "#5a4632"  # brown
 DEPOSIT_COLOUR = "#101010"  # nearly black
 INK = "#333333"  # dark grey, of axes and frames
 
@@ -87,7 +88,7 @@ def write_picture(
     FigureCanvasAgg(figure)
     axes = map_axes(figure, view)
     interval = draw_terrain(axes, terrain, view)
-    classes = draw_values(axes, grid, speed_max, LOOKS["Ut"])
+    classes = draw_values(axes, grid, speed_max, classes_of(speed_max, LOOKS["Ut"]))
     last = mask_outline(last_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform, True, LEAST_PART)
     draw_outline(axes, [last] if last is not None else [], DEPOSIT_COLOUR)
     draw_outline(axes, release, RELEASE_COLOUR)
@@ -181,25 +182,39 @@ def map_axes(figure: "Figure", view: tuple) -> "Axes":
     axes = figure.add_axes(
         [left / total[0], (total[1] - above - height) / total[1], width / total[0], height / total[1]]
     )
-    axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
-    _label_axes(axes, (width, height))
+    fit_axes(axes, view)
     return axes
 
 
+def fit_axes(axes: "Axes", view: tuple) -> None:
+    """Give axes the limits of a map, and coordinates.
+
+    Parameters
+    ----------
+    axes : Axes
+    view : (float, float, float, float) [m]
+        West, south, east, north.
+    """
+    west, south, east, north = view
+    axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
+    place, figure = axes.get_position(), axes.figure.get_size_inches()
+    _label_axes(axes, (place.width * figure[0], place.height * figure[1]))
+
+
 def _label_axes(axes, size):
-    """Coordinates in kilometres; number of labels from `size` [inch], decimals from their spacing."""
+    """Coordinates in metres; number of labels from `size` [inch], decimals from their spacing."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
     for axis, word, length in zip((axes.xaxis, axes.yaxis), ("Easting", "Northing"), size, strict=True):
         most = int(np.clip(length / LABEL_WIDTH, 1, 5))
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
         ticks = axis.get_majorticklocs()
-        decimals = max(0, math.ceil(-math.log10((ticks[1] - ticks[0]) / 1000.0) - 1e-9)) if len(ticks) > 1 else 3
+        decimals = max(0, math.ceil(-math.log10(ticks[1] - ticks[0]) - 1e-9)) if len(ticks) > 1 else 0
         if length < LABEL_WIDTH:  # one label in the middle of a slim map, where two would lie on each other
             low, high = axis.get_view_interval()
-            axis.set_major_locator(FixedLocator([round(0.5 * (low + high), 3 - decimals)]))
-        axis.set_major_formatter(FuncFormatter(lambda value, _, n=decimals: f"{value / 1000.0:.{n}f}"))
-        axis.set_label_text(f"{word} (km)", fontsize=8.5, color=INK)
+            axis.set_major_locator(FixedLocator([round(0.5 * (low + high), decimals)]))
+        axis.set_major_formatter(FuncFormatter(lambda value, _, n=decimals: f"{value:,.{n}f}".replace(",", " ")))
+        axis.set_label_text(f"{word} (m)", fontsize=8.5, color=INK)
     axes.tick_params(labelsize=8, colors=INK, length=3)
     for label in axes.get_yticklabels():
         label.set(rotation=90, va="center")
@@ -221,6 +236,53 @@ def draw_title(axes: "Axes", words: str, size: float = 12.0) -> None:
     axes.set_title("\n".join(lines), loc="left", fontsize=size, fontweight="bold", pad=10 if len(lines) < 2 else 4)
 
 
+class Relief(NamedTuple):
+    """The terrain of a view, sampled on a grid.
+
+    Parameters
+    ----------
+    heights, shade : float[rows, columns] [m], [1]
+        Elevation, and the hillshade between GREYS.
+    x, y : float[columns], float[rows] [m]
+        Centres of the samples; y descends.
+    extent : (float, float, float, float) [m]
+        West, east, south, north edges.
+    """
+
+    heights: np.ndarray
+    shade: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    extent: tuple
+
+
+def view_relief(terrain: Terrain, view: tuple, pixels: int = PIXELS) -> Relief:
+    """Sample the terrain of a view, with its hillshade.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    view : (float, float, float, float) [m]
+        West, south, east, north.
+    pixels : int
+        Samples along the longer side, at most.
+
+    Returns
+    -------
+    Relief
+    """
+    west, south, east, north = view
+    spacing = max(max(east - west, north - south) / pixels, terrain.grid.cell_size)
+    x = np.arange(west - 1.5 * spacing, east + 2 * spacing, spacing)
+    y = np.arange(north + 1.5 * spacing, south - 2 * spacing, -spacing)
+    limits = terrain.grid.bounds  # outside, the outermost heights are repeated
+    heights = terrain.sample(*np.meshgrid(np.clip(x, limits[0], limits[2]), np.clip(y, limits[1], limits[3])))
+    shade = _stretched(shaded_relief(heights, spacing))
+    half = spacing / 2
+    extent = (float(x[0] - half), float(x[-1] + half), float(y[-1] - half), float(y[0] + half))
+    return Relief(heights, shade, x, y, extent)
+
+
 def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:
     """Draw hillshade and contour lines.
 
@@ -237,24 +299,18 @@ def draw_terrain(axes: "Axes", terrain: Terrain, view: tuple) -> float:
         Contour interval [m]; 0 for a level terrain.
     """
     west, south, east, north = view
-    spacing = max(max(east - west, north - south) / PIXELS, terrain.grid.cell_size)
-    x = np.arange(west - 1.5 * spacing, east + 2 * spacing, spacing)
-    y = np.arange(north + 1.5 * spacing, south - 2 * spacing, -spacing)
-    limits = terrain.grid.bounds  # outside, the outermost heights are repeated
-    heights = terrain.sample(*np.meshgrid(np.clip(x, limits[0], limits[2]), np.clip(y, limits[1], limits[3])))
-    shade = _stretched(shaded_relief(heights, spacing))
-    half = spacing / 2
-    extent = (x[0] - half, x[-1] + half, y[-1] - half, y[0] + half)
-    axes.imshow(shade, cmap="gray", vmin=0, vmax=1, extent=extent, zorder=1, interpolation="bicubic")
+    relief = view_relief(terrain, view)
+    heights, x, y = relief.heights, relief.x, relief.y
+    axes.imshow(relief.shade, cmap="gray", vmin=0, vmax=1, extent=relief.extent, zorder=1, interpolation="bicubic")
     axes.set(xlim=(west, east), ylim=(south, north))
-    relief = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 0.0
-    if relief <= 0:
+    span = float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else 0.0
+    if span <= 0:
         return 0.0
-    interval = contour_interval(relief)
+    interval = contour_interval(span)
     levels = np.arange(math.floor(np.nanmin(heights) / interval), math.ceil(np.nanmax(heights) / interval) + 1)
     widths = np.where(levels % 5 == 0, 0.7, 0.3)
     lines = axes.contour(
-        x, y, heights, levels=levels * interval, colors="#5a4632", linewidths=widths, alpha=0.55, zorder=3
+        x, y, heights, levels=levels * interval, colors=CONTOUR_COLOUR, linewidths=widths, alpha=0.55, zorder=3
     )
     heavy = [level for level in lines.levels if round(level / interval) % 5 == 0]
     axes.clabel(lines, heavy, fmt="%g", fontsize=5.5, inline=True, inline_spacing=2)
@@ -270,8 +326,25 @@ def _stretched(shade):
     return np.interp(shade, (darkest - lacking, lightest + lacking), GREYS)
 
 
-def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[ColourClass]:
-    """Draw the classes of a band over the hillshade.
+def classes_of(values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[ColourClass]:
+    """Choose the classes of a band by its values.
+
+    Parameters
+    ----------
+    values : float[rows, columns]
+        NaN without flow.
+    look : Look
+    min_depth : float [m]
+        Depths up to this are not drawn.
+    """
+    known = np.isfinite(values)
+    sizes = values[known & (values != 0)] if look.shown == "depth" else values[known]
+    typical = float(np.percentile(sizes, TYPICAL_PERCENTILE)) if sizes.size else 0.0
+    return colour_classes(look, typical, min_depth)
+
+
+def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, classes: list[ColourClass]) -> list[ColourClass]:
+    """Draw values in classes over the hillshade.
 
     Parameters
     ----------
@@ -279,9 +352,7 @@ def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_de
     grid : Grid
     values : float[rows, columns]
         NaN without flow.
-    look : Look
-    min_depth : float [m]
-        Depths up to this are not drawn.
+    classes : list of ColourClass
 
     Returns
     -------
@@ -291,9 +362,6 @@ def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_de
     from matplotlib.colors import to_rgba
 
     known = np.isfinite(values)
-    sizes = values[known & (values != 0)] if look.shown == "depth" else values[known]
-    typical = float(np.percentile(sizes, TYPICAL_PERCENTILE)) if sizes.size else 0.0
-    classes = colour_classes(look, typical, min_depth)
     number = np.searchsorted([entry.upper for entry in classes], np.where(known, values, 0.0))
     opaque = [to_rgba(entry.colour, OPACITY) if entry.colour else (0.0, 0.0, 0.0, 0.0) for entry in classes]
     image = np.where(known[..., None], np.array(opaque)[number], 0.0)

@@ -1,12 +1,14 @@
 """Write a report as one HTML file: sections of tables, pictures and lines."""
 
 import base64
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...system.whole_files import whole_file
+from .flow_player import Player
+from .printed_numbers import printed, printed_unit
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; max-width: 62em; margin: 2em auto; padding: 0 1em; }
@@ -18,8 +20,14 @@ th, td { text-align: left; vertical-align: top; padding: 0.2em 0.9em 0.2em 0; bo
 th { border-bottom: 1px solid #888; } tr { break-inside: avoid; }
 pre { background: #f4f2ee; padding: 0.8em; font-size: 0.85em; white-space: pre-wrap; overflow-wrap: anywhere; }
 td, li { overflow-wrap: anywhere; }
+.player button { font: inherit; width: 5em; } .player input[type=range] { width: 40%; vertical-align: middle; }
+.player output { display: inline-block; width: 7em; } .player label { margin-right: 0.8em; }
+.player .square { display: inline-block; width: 1.1em; height: 0.8em; margin: 0 0.3em 0 0.6em; border: 1px solid #777; }
+.player .entry { white-space: nowrap; }
+#player-map { overflow-x: auto; } .player p { margin: 0.5em 0; } #player-value { font-weight: bold; }
 @page { size: A4; margin: 16mm; }
 @media print {
+  .player, h2.played { display: none; }
   h2.page { break-before: page; }
   body { font-size: 10.5pt; margin: 0; max-width: none; } h2 { break-after: avoid; } img { max-height: 200mm; }
 }
@@ -53,7 +61,7 @@ class Source(NamedTuple):
 
 
 class Section(NamedTuple):
-    """A `title` and its blocks: Table, Picture, Lines or Source; a `page` of its own in print."""
+    """A `title` and its blocks: Table, Picture, Lines, Source or Player; a `page` of its own in print."""
 
     title: str
     blocks: tuple
@@ -66,7 +74,7 @@ def section(title: str, *blocks: Any, page: bool = False) -> Section:
     Parameters
     ----------
     title : str
-    *blocks : Table, Picture, Lines, Source or None
+    *blocks : Table, Picture, Lines, Source, Player or None
     page : bool
         Whether the section begins a page in print.
     """
@@ -74,7 +82,7 @@ def section(title: str, *blocks: Any, page: bool = False) -> Section:
 
 
 def figure_rows(facts: Iterable[tuple]) -> tuple:
-    """Return table rows with numbers in five digits; rows without a value are omitted.
+    """Return table rows of names and printed values with units; rows without a value are omitted.
 
     Parameters
     ----------
@@ -83,23 +91,27 @@ def figure_rows(facts: Iterable[tuple]) -> tuple:
 
     Returns
     -------
-    tuple of (str, str, str)
+    tuple of (str, str)
     """
-    return tuple((what, _text(value), unit) for what, value, unit in facts if value == value and value is not None)
+    return tuple(
+        (what, f"{value if isinstance(value, str) else printed(value)} {printed_unit(unit)}".strip())
+        for what, value, unit in facts
+        if value == value and value is not None
+    )
 
 
-def _text(value):
-    return value if isinstance(value, str) else f"{value:.5g}"
-
-
-def write_report(path: Path, title: str, under: str, sections: Iterable[Section], language: str = "en") -> None:
+def write_report(
+    path: Path, title: str, under: Sequence[str], sections: Iterable[Section], language: str = "en"
+) -> None:
     """Write the report (atomically).
 
     Parameters
     ----------
     path : Path
-    title, under : str
-        Heading, and the line below it.
+    title : str
+        The heading.
+    under : sequence of str
+        Lines below it.
     sections : sequence of Section
     language : str
     """
@@ -107,11 +119,13 @@ def write_report(path: Path, title: str, under: str, sections: Iterable[Section]
         f'<!DOCTYPE html>\n<html lang="{language}">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        f'<h1>{escape(title)}</h1>\n<p class="under">{escape(under)}</p>'
+        f"<h1>{escape(title)}</h1>",
+        *(f'<p class="under">{escape(line)}</p>' for line in under),
     ]
     for section in sections:
         if section.blocks:
-            own = ' class="page"' if section.page else ""
+            kind = "played" if isinstance(section.blocks[0], Player) else "page" if section.page else ""
+            own = f' class="{kind}"' if kind else ""
             parts += [f"<h2{own}>{escape(section.title)}</h2>", *map(_block, section.blocks)]
     with whole_file(path) as part:
         part.write_text("\n".join([*parts, "</body>\n</html>\n"]), encoding="utf-8", newline="\n")
@@ -142,4 +156,8 @@ def _source(block):
     return f"<pre>{escape(block.text)}</pre>"
 
 
-_FORMS = {Table: _table, Picture: _picture, Lines: _lines, Source: _source}
+def _player(block):
+    return block.markup
+
+
+_FORMS = {Table: _table, Picture: _picture, Lines: _lines, Source: _source, Player: _player}

@@ -26,6 +26,7 @@ from ..opened_results import ExportFlow, FrameFlow, RasterFlow
 from ..profile_answer import free_surface
 from ..runout_answer import RunoutFound
 from .html_page import Lines, Picture, Section, Table, figure_rows, section
+from .printed_numbers import grouped, printed
 
 NEAR_CELLS = 3.0  # [cells] of solver or map around a wall in which its run-up is looked for
 SECTION_CELLS = 8.0  # [cells] of the map, at least, before a wall in its section; half as many behind it
@@ -100,7 +101,7 @@ def barrier_sections(gathered: Gathered, folder: Path) -> Iterator[Section]:
         verdict = load_verdict(history, run_up) if wall is not None else "its polygons are not there: no verdict"
         rows = figure_rows(history_rows(history, run_up, flow.density))
         lines = tuple(filter(None, (verdict, missed_crest(history, run_up))))
-        blocks = [Lines(lines), Table(("figure", "value", "unit"), rows)]
+        blocks = [Lines(lines), Table(("figure", "value"), rows)]
         path = folder / f"barrier_{number}.png"
         write_history_plot(path, history)
         blocks.append(Picture(path.read_bytes(), "Means between frames; overtopped mass so far"))
@@ -283,7 +284,8 @@ def places_section(gathered: Gathered, folder: Path) -> Section | None:
     if not rows:
         return None
     cells = [
-        (str(k), what, value, f"{x:.1f}", f"{y:.1f}", time) for k, (what, value, x, y, time) in enumerate(rows, start=1)
+        (str(k), what, value, grouped(x, 1), grouped(y, 1), time)
+        for k, (what, value, x, y, time) in enumerate(rows, start=1)
     ]
     blocks = [Table(HEADINGS, tuple(cells))]
     depth = gathered.peaks.get("h_max")
@@ -313,7 +315,7 @@ def _of_maps(gathered):
         if values is not None and np.isfinite(values).any():
             place = np.unravel_index(np.nanargmax(values), values.shape)
             x, y = gathered.grid.xy(*place)
-            yield words, f"{values[place] * factor:.4g} {unit}", float(x), float(y), ""
+            yield words, f"{printed(float(values[place]) * factor)} {unit}", float(x), float(y), ""
 
 
 def _of_record(record):
@@ -326,7 +328,7 @@ def _of_record(record):
     for name, words, unit in STEPS:
         if name in found:
             one = found[name]
-            yield words, f"{one['value']:.4g} {unit}", *map(float, one["at"]), f"{one['time']:.1f}"
+            yield words, f"{printed(one['value'])} {unit}", *map(float, one["at"]), f"{one['time']:.1f}"
     mass = record.get("mass") or {}
     left = mass.get("left_places") or [place for one in balances for place in one.get("left_places") or ()]
     total = max((one.get("mass_start") or 0.0 for one in balances), default=0.0)
@@ -334,7 +336,7 @@ def _of_record(record):
         if place["mass"] > LEAST_SHARE * total:
             words = LEFT.get(place["where"], f"over the {place['where']} edge of the DTM")
             share = f" ({100 * place['mass'] / total:.3g} %)" if total > 0 else ""
-            yield f"mass left {words}", f"{place['mass']:.4g} kg{share}", place["east"], place["north"], ""
+            yield f"mass left {words}", f"{printed(place['mass'])} kg{share}", place["east"], place["north"], ""
 
 
 def _labelled(marks, distance):

@@ -1,6 +1,7 @@
 """Answer `mpmgis report`: one HTML file about a run."""
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,9 @@ from ..comparison import footprint, high_percentile, peak
 from ..opened_results import ExportFlow, open_flow, peaks_of, read_peaks
 from ..question_options import Question
 from ..runout_answer import found_runout, write_runout_plot
+from .flow_player import INSTALL, can_play, encoded_flow, flow_player
 from .html_page import Lines, Picture, Source, Table, figure_rows, section, write_report
+from .printed_numbers import printed, printed_line, printed_place
 from .report_pages import Gathered, barrier_sections, places_section
 
 REPORT_FILE = "report.html"
@@ -36,6 +39,7 @@ MAPS = (  # band of the result, style of the map, title
     ("h_last", "h", "Depth in the last step"),
 )
 USED_OF_RASTERS = ("density", "min_depth")  # options of frames, for the pressure and the maps
+DEPOSIT = "deposit_"  # before the name of a figure of the runout
 PASCAL_PER_KILOPASCAL = 1000.0
 _EFFECT_COLUMNS = {  # key of a decision: heading
     "effect": "effect",
@@ -49,9 +53,15 @@ _CHECKS = {"resolution": resolution_words, "volume": volume_words}  # key of a s
 
 
 def report(
-    asked: Question, title: str | None, line: PathLike | None, threshold: float, progress: Progress = unwatched
+    asked: Question,
+    title: str | None,
+    line: PathLike | None,
+    threshold: float,
+    about: Mapping[str, str | None],
+    player: bool = True,
+    progress: Progress = unwatched,
 ) -> tuple[Path, ...]:
-    """Write the report: maps, figures, runout, balances, parameters, effects and why, warnings, versions, digests.
+    """Write the report: warnings, player, maps, runout, balances, parameters, effects and why, versions, digests.
 
     Parameters
     ----------
@@ -62,6 +72,10 @@ def report(
         Of the profile; None: the centre line of the flow.
     threshold : float [m]
         Of the depth of the footprint.
+    about : dict of str to str or None
+        What stands below the heading, such as date and author, by its word; what has no text is omitted.
+    player : bool
+        With the flow over time, if the library is installed.
     progress : callable
         Called with (steps done, steps in all).
 
@@ -78,21 +92,41 @@ def report(
     title = title or f"{gathered.flow.name}: report of a simulated flow"
     with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
         sections = (
+            section("Warnings", _warnings(gathered)),
             section("Result", _key_figures(gathered, threshold)),
+            section("The flow over time", _played(gathered) if player else None),
             section("Maps", *_maps(gathered, Path(folder))),
             places_section(gathered, Path(folder)),
             section("Runout", *_runout(gathered, Path(folder))),
             *barrier_sections(gathered, Path(folder)),
             section("Numerical error", _numerical_error(gathered)),
             section("Balances", _balances(gathered.record, gathered.flow), Lines(_checks(gathered.record))),
-            section("Warnings", _warnings(gathered)),
             section("Effects, and why", *_effects(gathered.record)),
             section("Parameters", Source(gathered.scene) if gathered.scene else None),
             section("Origin", _origin(gathered)),
         )
-    under = f"made by mpmgis {__version__} from {_made_from(gathered.flow)}"
+    head = "; ".join(f"{what}: {text}" for what, text in about.items() if text)
+    under = (head, f"made by mpmgis {__version__} from {_made_from(gathered.flow)}")
     writers = {REPORT_FILE: lambda path: write_report(path, title, under, filter(None, sections))}
     return write_answer(output, asked["overwrite"], writers)
+
+
+def _played(gathered):
+    """The Player; None, with a message, where there is none."""
+    flow, depth = gathered.flow, gathered.peaks.get("h_max")
+    if depth is None or len(flow.times) < 2:
+        return None
+    if not can_play():
+        log.info(f"the report does not play the flow, because Bokeh is not installed: {INSTALL}")
+        return None
+    played = encoded_flow(flow, depth, gathered.grid)
+    if isinstance(played, str):
+        log.info(f"the report does not play the flow: {played}")
+        return None
+    if len(played.times) < len(flow.times):
+        log.info(f"the report plays {len(played.times)} of {len(flow.times)} steps, to be small enough for mail")
+    release = (release_outlines(flow.entries, flow.terrain) if flow.entries else None) or ()
+    return flow_player(played, flow.terrain, gathered.peaks, gathered.grid, flow.min_depth, release)
 
 
 def _gather(asked: Question, output: Path, line: PathLike | None, threshold: float, progress: Progress) -> Gathered:
@@ -155,7 +189,7 @@ def _key_figures(gathered, threshold):
             facts.append((f"largest {words}, at", _place_of_peak(peaks[band], gathered.grid), ""))
             facts.append((f"99th percentile of {words}", high_percentile(peaks[band]) * factor, unit))
     ended = [("ended", f"{record['state']}: {record['reason']}", "")] if record.get("reason") else []
-    return Table(("figure", "value", "unit"), figure_rows([*facts, *ended]))
+    return Table(("figure", "value"), figure_rows([*facts, *ended]))
 
 
 def _direction(band, flow):
@@ -169,7 +203,7 @@ def _place_of_peak(values, grid):
     if not np.isfinite(values).any():
         return None
     x, y = grid.xy(*np.unravel_index(np.nanargmax(values), values.shape))
-    return f"E {float(x):.1f} N {float(y):.1f}"
+    return printed_place(float(x), float(y))
 
 
 def _solver(flow, record):
@@ -204,8 +238,14 @@ def _runout(gathered, folder):
     path = folder / "runout.png"
     write_runout_plot(path, found)
     yield Picture(path.read_bytes(), f"Longitudinal profile along {found.line_source}")
-    rows = [(what.replace("_", " "), value, "" if unit == "1" else unit) for what, unit, value in found.rows()]
-    yield Table(("figure", "value", "unit"), figure_rows(rows))
+    rows = [(what, value, "" if unit == "1" else unit) for what, unit, value in found.rows()]
+    of_deposit = dict(figure_rows([row for row in rows if row[0].startswith(DEPOSIT)]))
+    of_flow = figure_rows([row for row in rows if not row[0].startswith(DEPOSIT)])
+    if of_deposit:
+        table = tuple((what.replace("_", " "), value, of_deposit.get(DEPOSIT + what, "")) for what, value in of_flow)
+        yield Table(("figure", "flow", "deposit"), table)
+    else:
+        yield Table(("figure", "value"), tuple((what.replace("_", " "), value) for what, value in of_flow))
 
 
 def _balances(record, flow):
@@ -218,7 +258,8 @@ def _balances(record, flow):
     try:
         mass = record.get("mass")
         of_stages = [] if mass is None else extreme_lines(record["extremes"])
-        return Lines((*account(balances, solver, mass), *of_stages, *peak_lines(record.get("maxima"))))
+        lines = (*account(balances, solver, mass), *of_stages, *peak_lines(record.get("maxima")))
+        return Lines(tuple(map(printed_line, lines)))
     except (KeyError, TypeError, ValueError) as error:  # balances of another version
         known = (f"{name}: {value:.6g}" for name, value in balances.items() if isinstance(value, int | float))
         return Lines((f"run.json is of another version of mpmgis and has no {one_line(error)}; it contains:", *known))
@@ -255,10 +296,11 @@ def _check(name, numbers):
 def _warnings(gathered):
     """Problems and assumptions of the run and of reading its frames."""
     record = gathered.record
-    lines = [*(record.get("troubles") or ()), *gathered.notes]
+    lines = [*(record.get("troubles") or ())]
     lines += [_against_its_number(decision) for stage in _stages(record) for decision in stage.get("effects") or ()]
     lines += [line for line in _balances(record, gathered.flow).texts if line.startswith("beyond the model")]
     lines += [line for line in _checks(record) if "too coarse" in line]
+    lines += gathered.notes
     return Lines(tuple(dict.fromkeys(filter(None, map(str, lines)))) or ("none",))
 
 
@@ -293,7 +335,7 @@ def _effects(record):
 
 
 def _word(value):
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    return "" if value is None else printed(value) if isinstance(value, float) else str(value)
 
 
 def _origin(gathered):
