@@ -32,6 +32,7 @@ GIVEN = {
     "guideline": "g",
     "dem": "d.tif",
     "release": "r.gpkg",
+    "table": "t.csv",
 }
 
 
