@@ -33,6 +33,7 @@ GIVEN = {
     "dem": "d.tif",
     "release": "r.gpkg",
     "table": "t.csv",
+    "objects": "o.gpkg",
 }
 
 
