@@ -1,10 +1,11 @@
 """Answer `mpmgis exposure`: what reaches roads, railways, masts and buildings, by scenario and by release area."""
 
 import math
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import shapely
@@ -153,10 +154,8 @@ class ExposureFound:
 
     def attributes(self) -> list[dict[str, Any]]:
         """Return for each object what reaches it in any scenario: the largest values and the earliest arrival."""
-        return [
-            self._over_scenarios(number, [row for row in self.found if row.number == number])
-            for number in range(1, len(self.objects) + 1)
-        ]
+        rows = _by_object(self.found)
+        return [self._over_scenarios(number, rows[number]) for number in range(1, len(self.objects) + 1)]
 
     def _over_scenarios(self, number, rows):
         worst = _together([row.reach for row in rows])
@@ -197,13 +196,22 @@ class ExposureFound:
         return lines
 
 
+def _by_object(rows: Iterable[Any]) -> dict[int, list[Any]]:
+    """Return rows by the number of their object."""
+    found = defaultdict(list)
+    for row in rows:
+        found[row.number].append(row)
+    return found
+
+
 def _listed(numbers):
     return " ".join(map(str, numbers))
 
 
 def _figures(shape: shapely.Geometry, reach: Reach) -> tuple[float, ...]:
     """Return the values of FIGURES."""
-    dimension, whole = dimension_of(shape), size_of(shape)
+    dimension = dimension_of(shape)
+    whole = size_of(shape, dimension)
     sizes = (reach.size if dimension == kind else math.nan for kind in (LINE, POLYGON))
     return (*sizes, reach.size / whole if whole else math.nan, *(reach.values[name] for name, _ in LARGEST))
 
@@ -229,7 +237,8 @@ def exposure(asked: Question, objects: PathLike, progress: Progress = unwatched)
     MpmgisError
         Unreadable input, results in several CRS, or no object; nothing is written then.
     """
-    output = answer_output({**asked, "objects": objects}, WORD, FILES)  # type: ignore[typeddict-unknown-key]
+    inputs = cast("Question", {**asked, "objects": Path(objects)})
+    output = answer_output(inputs, WORD, FILES)
     features: list[Feature] = []
     first: Grid | None = None
     rows: list[ObjectRow] = []
@@ -295,12 +304,12 @@ def _rows(features, scenario, bands, grid, ground, min_depth, tracked):
     reached = np.nan_to_num(bands["h_max"], nan=-1.0) >= np.float32(min_depth)
     extent = shapely.Polygon(ground.corners())
     shapely.prepare(extent)
-    rows = []
+    rows, causes = [], _by_object(tracked)
     for number, feature in enumerate(features, 1):
         shape = feature.shape
-        inside = 1.0 if extent.covers(shape) else size_of(shape.intersection(extent)) / size_of(shape)
+        inside = _share_inside(shape, extent)
         reach = _reach(shape, bands, grid, reached)
-        own = [row for row in tracked if row.number == number]
+        own = causes[number]
         if own and ARRIVAL not in bands:
             reach = reach._replace(
                 values=reach.values | {ARRIVAL: _together([one.reach for one in own]).values[ARRIVAL]}
@@ -308,6 +317,14 @@ def _rows(features, scenario, bands, grid, ground, min_depth, tracked):
         state = REACHED if reach.size > 0.0 else NOT_REACHED if inside > 0.0 else OUTSIDE
         rows.append(ObjectRow(number, scenario, state, reach, inside, tuple(row.area for row in own)))
     return rows
+
+
+def _share_inside(shape: shapely.Geometry, extent: shapely.Polygon) -> float:
+    dimension = dimension_of(shape)
+    whole = size_of(shape, dimension)
+    if extent.covers(shape) or whole == 0.0:
+        return float(extent.intersects(shape))
+    return size_of(shape.intersection(extent), dimension) / whole
 
 
 def _reach(shape: shapely.Geometry, bands: dict[str, np.ndarray], grid: Grid, reached: np.ndarray) -> Reach:

@@ -20,14 +20,15 @@ def dimension_of(shape: shapely.Geometry) -> int:
     return int(shapely.get_dimensions(shape))
 
 
-def size_of(shape: shapely.Geometry) -> float:
+def size_of(shape: shapely.Geometry, dimension: int) -> float:
     """Return the number of points, the length [m] or the area [m2] of a shape, in plan.
 
     Parameters
     ----------
     shape : shapely.Geometry [m]
+    dimension : int
+        POINT, LINE or POLYGON; parts of a shape have that of the whole.
     """
-    dimension = dimension_of(shape)
     if dimension == POINT:
         return float(shapely.get_num_coordinates(shape))
     return float(shape.length if dimension == LINE else shape.area)

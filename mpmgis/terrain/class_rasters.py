@@ -53,7 +53,8 @@ def write_class_raster(
     }
     colours, meaning = {0: (0, 0, 0, 0)}, {}
     for number, label, colour in classes:
-        colours[number] = (*(int(colour[k : k + 2], 16) for k in (1, 3, 5)), 255)
+        red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+        colours[number] = red, green, blue, 255
         meaning[f"class_{number}"] = label
     with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
         target.write(numbers, 1)

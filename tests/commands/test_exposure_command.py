@@ -21,6 +21,7 @@ OBJECTS = {
     "far mast": shapely.Point(5000, MIDDLE),
     "dry mast": shapely.Point(300, MIDDLE),
     "house": shapely.box(590, MIDDLE - 10, 670, MIDDLE + 10),  # 60 of its 80 m in the third block
+    "touching": shapely.LineString([(300, 400), (310, 420)]),  # touches the edge of the terrain from outside
     "bridge": shapely.LineString([(600, 300), (600, 500)]),  # half of it beyond the terrain, none in the block
 }
 
@@ -43,7 +44,7 @@ def test_lengths_areas_and_values_are_those_of_the_block(tmp_path, run, capsys):
     assert {name: row["state"] for name, row in found.items()} == {
         **dict.fromkeys(("road", "track", "mast", "house"), "reached"),
         **dict.fromkeys(("dry mast", "bridge"), "not reached"),
-        "far mast": "outside the terrain",
+        **dict.fromkeys(("far mast", "touching"), "outside the terrain"),
     }
     assert float(found["road"]["length_m"]) == SIDE and float(found["track"]["length_m"]) == SIDE
     assert float(found["house"]["area_m2"]) == pytest.approx(60 * 20) and found["house"]["length_m"] == ""
@@ -52,16 +53,16 @@ def test_lengths_areas_and_values_are_those_of_the_block(tmp_path, run, capsys):
     assert float(found["mast"]["Ut_max_m_s"]) == pytest.approx(10.0, rel=1e-6)
     assert float(found["mast"]["p_max_Pa"]) == pytest.approx(1e5, rel=1e-6)
     assert float(found["bridge"]["on_terrain"]) == 0.5 and found["far mast"]["on_terrain"] == "0"
-    assert "4 reached, 2 not reached, 1 outside the terrain; 200.0 m of lines, 1200.0 m2 of polygons" in shown.out
-    assert "1 of 7 objects are outside the terrain, and of 1 a part" in shown.err
+    assert "4 reached, 2 not reached, 2 outside the terrain; 200.0 m of lines, 1200.0 m2 of polygons" in shown.out
+    assert "2 of 8 objects are outside the terrain, and of 1 a part" in shown.err
 
 
 def test_the_layer_has_the_objects_with_a_style(tmp_path, run):
     assert main(["exposure", str(run), "--objects", str(tmp_path / "objects.geojson"), "-o", str(tmp_path / "o")]) == 0
     path = tmp_path / "o" / "exposure.gpkg"
     layers = {name: geopandas.read_file(path, layer=name) for name in ("points", "lines", "polygons")}
-    assert layers["lines"]["name"].tolist() == ["road", "track", "bridge"]
-    assert layers["lines"]["class"].tolist() == [1, 1, 2] and layers["points"]["class"].tolist() == [1, 3, 2]
+    assert layers["lines"]["name"].tolist() == ["road", "track", "touching", "bridge"]
+    assert layers["lines"]["class"].tolist() == [1, 1, 3, 2] and layers["points"]["class"].tolist() == [1, 3, 2]
     assert set(layers["polygons"]["owner"]) == {"a"} and layers["polygons"]["scenarios"].tolist() == ["run"]
     styles = geopandas.read_file(path, layer="layer_styles")
     assert sorted(styles["f_table_name"]) == ["lines", "points", "polygons"]
@@ -72,7 +73,7 @@ def test_several_results_are_scenarios_and_an_export_agrees_with_its_frames(tmp_
     assert main(["export-raster", str(run), "--no-qgis"]) == 0
     found = mpmgis.exposure([run, tmp_path / "run_gis"], tmp_path / "objects.geojson", tmp_path / "o.csv")
     assert found.scenarios == ("run", "run_gis")
-    first, second = found.found[:7], found.found[7:]
+    first, second = found.found[: len(OBJECTS)], found.found[len(OBJECTS) :]
     for one, other in zip(first, second, strict=True):
         assert one.state == other.state and one.reach.size == pytest.approx(other.reach.size)
         np.testing.assert_allclose(list(one.reach.values.values()), list(other.reach.values.values()), rtol=1e-6)
