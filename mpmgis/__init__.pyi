@@ -8,6 +8,8 @@ from .commands.effects import effect_catalogue as effect_catalogue
 from .commands.effects import scene_effects as scene_effects
 from .commands.ensemble import ensemble as ensemble
 from .commands.export_raster import export_raster as export_raster
+from .commands.exposure import exposure as exposure
+from .commands.friction_map import friction_map as friction_map
 from .commands.hydrograph import hydrograph as hydrograph
 from .commands.info import info as info
 from .commands.intensity import intensity as intensity

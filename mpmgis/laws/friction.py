@@ -30,6 +30,9 @@ NO_YIELD_STRESS = 1e-6  # [Pa] a smaller yield stress counts as none, because pl
 LEAST_SPEED = 1e-12  # [m s-1] a divisor in place of the speed at rest
 LEAST_STRESS = 1e-9  # [Pa] a divisor in place of the stress on a bed without load
 EXCESS_STEPS = 6  # [1] Newton steps of `excess_stress`: the error is below 1e-9 (tests/laws/test_friction_laws.py)
+SIZED_LAW, SIZE, BY_VOLUME = "SamosAT", "size", "auto"  # the law with sizes, its key in place of mu, size by volume
+SIZES = {"small": 0.22, "medium": 0.17, "large": 0.155}  # [1] mu by size (AvaFrame 2.1, com1DFA)
+SIZE_VOLUMES = {"small": 25_000.0, "medium": 60_000.0}  # [m3] of a release, below which it has this size (the same)
 DRY, DRAG = "dry", "drag"  # roles: friction coefficient at rest [1]; xi of a turbulent drag rho g u^2 / xi [m s-2]
 ROLES = {"mu": DRY, "mu1": DRY, "xi": DRAG}  # by the parameter's name, the same for built-in and user-defined laws
 
@@ -672,6 +675,38 @@ def given_instead(law: str) -> "dict[str, tuple[str, Parameter]]":
     """
     known = LAWS.get(law, (None, {}))[1]
     return {name: pair for name, pair in IN_PLACE_OF.items() if pair[0] in known}
+
+
+def replaced_by(name: str) -> str:
+    """Return the parameter in whose place a scene may give a key.
+
+    Parameters
+    ----------
+    name : str
+        Of IN_PLACE_OF, or SIZE.
+    """
+    return "mu" if name == SIZE else IN_PLACE_OF[name][0]
+
+
+def size_of_release(volume: float) -> str:
+    """Return the size of an avalanche by the volume of its release, as AvaFrame's com1DFA.
+
+    Parameters
+    ----------
+    volume : float [m3]
+    """
+    return next((size for size, limit in SIZE_VOLUMES.items() if volume < limit), "large")
+
+
+def mu_of_size(size: str) -> float:
+    """Return the friction coefficient [1] of a size; of BY_VOLUME the least of all.
+
+    Parameters
+    ----------
+    size : str
+        Of SIZES, or BY_VOLUME while the volume is not known.
+    """
+    return SIZES.get(size, min(SIZES.values()))
 
 
 def turbulent_coefficient(k: "float | np.ndarray") -> "float | np.ndarray":

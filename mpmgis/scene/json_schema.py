@@ -48,6 +48,8 @@ def _friction_laws() -> dict[str, Schema]:
                 own.setdefault(name, _parameter(parameter))
             for name, (_, parameter) in friction.given_instead(law).items():
                 own.setdefault(name, _parameter(parameter))
+    sizes = [*friction.SIZES, friction.BY_VOLUME]
+    found[friction.SIZED_LAW][friction.SIZE] = {"type": "string", "enum": sizes, "description": "in place of mu"}
     return found
 
 
@@ -117,7 +119,7 @@ def _with_laws(schema: Schema, laws: dict[str, Schema], needed: dict[str, list[s
     named: Schema = {"enum": list(laws)}
     described = {"description": keys["law"]["description"]}
     keys["law"] = described | ({"anyOf": [named, {"type": "string", "pattern": OWN_LAW}]} if own else named)
-    every = {name: {"type": "number"} for parameters in laws.values() for name in parameters}
+    every = {name: {"type": of["type"]} for parameters in laws.values() for name, of in parameters.items()}
     branches = []
     for law, parameters in laws.items():
         then: Schema = {"properties": parameters, "propertyNames": {"enum": [*keys, *parameters]}}
@@ -141,8 +143,9 @@ def _zones_of(law: str, parameters: Schema) -> Schema:
     values = {
         name: {"anyOf": [schema, {"type": "string"}], "description": schema["description"]}
         for name, schema in parameters.items()
+        if schema["type"] == "number"
     }
-    items = {"properties": values, "propertyNames": {"enum": [*own, *parameters]}}
+    items = {"properties": values, "propertyNames": {"enum": [*own, *values]}}
     return {
         "if": {"properties": {"friction": _law_is(law)}, "required": ["friction"]},
         "then": {"properties": {"zones": {"items": items}}},

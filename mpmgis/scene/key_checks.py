@@ -89,6 +89,11 @@ def _in_place_of(law: str, values: dict[str, Any], where: str) -> tuple[dict[str
         refuse_both(name, parameter, made, where)
         written[name] = checked_value(range_of(metadata, float), made.pop(name), f"{where}: {name}")
         made[parameter] = friction.turbulent_coefficient(written[name])
+    if law == friction.SIZED_LAW and friction.SIZE in made:
+        refuse_both(friction.SIZE, friction.replaced_by(friction.SIZE), made, where)
+        checks = {**CHECKS, "kind": str, "choices": (*friction.SIZES, friction.BY_VOLUME)}
+        size = checked_value(checks, made.pop(friction.SIZE), f"{where}: {friction.SIZE}")
+        written[friction.SIZE], made["mu"] = size, friction.mu_of_size(size)
     return made, written
 
 
@@ -109,7 +114,7 @@ def refuse_both(name: str, parameter: str, values: Collection[str], where: str) 
     SceneError
     """
     if parameter in values:
-        raise SceneError(f"{where}: {name} = g / {parameter}, and both are given; take one of them out")
+        raise SceneError(f"{where}: {name} is in place of {parameter}, and both are given; take one of them out")
 
 
 def range_of(parameter: friction.Parameter, kind: type | tuple[type, ...]) -> dict[str, Any]:

@@ -73,6 +73,8 @@ def decide_friction(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision
     if table is None:
         return not_called_for("friction", "no [friction] in the scene: the flow has no resistance")
     values = ", ".join(f"{k} = {v:g}" for k, v in table.parameters.items())
+    if friction.SIZE in table.written:
+        values = f"{friction.SIZE} = {table.written[friction.SIZE]}{table.chosen}, {values}"
     law = _law_of(scene)
     ratio = over_slope(scene.dry_friction(), facts)
     decision = as_asked("friction", table.use, f"{table.law}: {values}{number_words(ratio)}", ratio)

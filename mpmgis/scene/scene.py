@@ -226,10 +226,10 @@ def friction_laws(solvers: Collection[str], own_laws: OwnLaws) -> dict[str, tupl
 def _plain(table: Any, solvers: Collection[str]) -> dict[str, Any]:
     """Return one table as a dictionary for TOML, without unset keys and keys of solvers not in use."""
     others = {f.name for f in fields(table) if f.metadata.get("solver") not in (None, *solvers)}
-    own = ("parameters", "written", *others)
+    own = ("parameters", "written", "chosen", *others)
     values = {k: v for k, v in asdict(table).items() if v is not None and k not in own}
     values.update(getattr(table, "parameters", {}))
     for name, value in getattr(table, "written", {}).items():
-        del values[friction.IN_PLACE_OF[name][0]]
+        del values[friction.replaced_by(name)]
         values[name] = value
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}

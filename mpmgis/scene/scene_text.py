@@ -100,4 +100,6 @@ def _template_parameters(laws: dict[str, tuple], example: str, shown: bool) -> I
         for name, (parameter, (unit, doc, *_)) in friction.IN_PLACE_OF.items():
             value = toml_value(round(friction.turbulent_coefficient(_EXAMPLES[parameter]), 5))
             yield f"{'# ' + name + ' = ' + value:<34} # [{unit}] {doc}; in place of {parameter}"
+        size, sizes = toml_value(friction.BY_VOLUME), " | ".join((*friction.SIZES, friction.BY_VOLUME))
+        yield f"{f'# {friction.SIZE} = {size}':<34} # of {friction.SIZED_LAW} ({sizes}); in place of mu"
         yield f"# with solver = 'points': {', '.join(CONTACTS)}"

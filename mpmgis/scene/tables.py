@@ -300,7 +300,8 @@ class FrictionTable(Table):
     parameters: dict = field(
         default_factory=dict, metadata={"parameters_of": friction.LAWS, "contradiction": friction.contradiction}
     )
-    written: dict = field(default_factory=dict)  # alternatives to parameters in the scene: k for xi
+    written: dict = field(default_factory=dict)  # alternatives to parameters in the scene: k for xi, size for mu
+    chosen: str = ""  # why a size by volume is which one, once the release is known
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled.law_functions import require_compiled, use_own_laws
-from ..laws.friction import LAWS
+from ..laws.friction import BY_VOLUME, LAWS, SIZE, mu_of_size, size_of_release
 from ..laws.own_law import NO_OWN_LAWS, load_laws, require_sound
 from ..laws.quantities import GRAVITY
 from ..scene import TerrainFacts, read_scene, resolve, scene_from_tables
@@ -229,6 +229,8 @@ def prepare_scene(scene: "Scene") -> Prepared:
     grids = [ColumnGrid.on(terrain, one.numerics.cell_size) for one in alone]
     start = (_start_of_points if alone[0].solver == "points" else _start_of_columns)(alone[0], terrain, grids[0])
     require_inflow_over(scene.stage, start.events)
+    volume = float(start.seen.particles.volume.sum())
+    scene, *alone = (_sized(one, volume) for one in (scene, *alone))
     stages, reached = [], lru_cache(partial(_reached, terrain, start.seen))
     for number, (one, grid) in enumerate(zip(alone, grids, strict=True)):
         areas = read_areas(scene, number, terrain)
@@ -301,6 +303,17 @@ def _thinned(start, factor):
     stress, affine = ((None if of is None else of[kept]) for of in (start.vertical_stress, start.affine))
     frame = replace(start.frame, particles=replace(few, **grown), state={})
     return replace(start, frame=frame, vertical_stress=stress, affine=affine)
+
+
+def _sized(scene: "Scene", volume: float) -> "Scene":
+    """Return a scene whose size of avalanche is that of the released volume [m3], where it asks for that."""
+    table = scene.friction
+    if table is None or table.written.get(SIZE) != BY_VOLUME:
+        return scene
+    size = size_of_release(volume)
+    parameters = {**table.parameters, "mu": mu_of_size(size)}
+    chosen = f" ({size}, for a release of {volume:.6g} m3)"
+    return replace(scene, friction=replace(table, parameters=parameters, chosen=chosen))
 
 
 def _first_area(scene):

@@ -178,13 +178,10 @@ def rows_of_event(
         raise InputError(f"{path} has return periods of {_listed(periods)} years; choose one (`return_period`)")
     if period is not None and periods and period not in periods:
         raise InputError(f"{path} has no return period of {period:g} years; it has {_listed(periods)}")
+    rows = [row for row in rows if row.period in (None, period)]
     if volume is None and any(row.volume != (-math.inf, math.inf) for row in rows):
         raise InputError(f"{path} depends on the volume of the release; give it (`volume`) [m3]")
-    found = [
-        row
-        for row in rows
-        if row.period in (None, period) and (volume is None or row.volume[0] <= volume < row.volume[1])
-    ]
+    found = [row for row in rows if volume is None or row.volume[0] <= volume < row.volume[1]]
     if not found:
         raise InputError(f"{path} has no row for a volume of {volume:g} m3; add one")
     return found

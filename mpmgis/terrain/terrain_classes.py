@@ -7,11 +7,10 @@ gullies, at a larger one for channels. The programs that the classes come from d
 classes on the ground that you know.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..system.errors import InputError
+from .class_limits import ClassLimits
 from .elevation import Terrain
 from .grid import Grid
 
@@ -20,27 +19,6 @@ CLASSES = {"open": OPEN_SLOPE, "channel": CHANNEL, "gully": GULLY, "flat": FLAT}
 PAIRS = 16  # pairs of opposite directions; the circle is symmetric under quarter turns and mirrors
 LEAST_RADIUS = 1.5  # [cells] of a circle that the cells can resolve
 BLOCK_CELLS = 2_000_000  # cells of the rows that are computed at once
-
-
-@dataclass(frozen=True)
-class ClassLimits:
-    """Limits between the classes of terrain.
-
-    Parameters
-    ----------
-    flat_slope : float [degrees]
-        Ground of a smaller slope is flat, unless it is in a channel or gully.
-    channel_radius, gully_radius : float [m]
-        At which the ground around is compared with the cell.
-    channel_rise, gully_rise : float [1]
-        Least mean rise over the radius.
-    """
-
-    flat_slope: float = 8.0
-    channel_radius: float = 60.0
-    channel_rise: float = 0.06
-    gully_radius: float = 20.0
-    gully_rise: float = 0.15
 
 
 def terrain_classes(terrain: Terrain, limits: ClassLimits | None = None) -> np.ndarray:

@@ -32,6 +32,8 @@ GIVEN = {
     "guideline": "g",
     "dem": "d.tif",
     "release": "r.gpkg",
+    "table": "t.csv",
+    "objects": "o.gpkg",
 }
 
 

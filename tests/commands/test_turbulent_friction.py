@@ -72,8 +72,8 @@ def test_k_in_zones_equals_xi_in_zones(site, zones, friction):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (K.replace("mu = 0.2", "mu = 0.2\nxi = 1000"), "k = g / xi, and both are given"),
-        (SCENE + AREA + "k = 0.01\nxi = 1000\n", "k = g / xi, and both are given"),
+        (K.replace("mu = 0.2", "mu = 0.2\nxi = 1000"), "k is in place of xi, and both are given"),
+        (SCENE + AREA + "k = 0.01\nxi = 1000\n", "k is in place of xi, and both are given"),
         (SCENE.replace("xi = 1000", "k = 0"), "k = 0, expected at least"),
         (SCENE.replace("xi = 1000", "k = 20"), "k = 20, expected at most 9.8"),
         (SCENE.replace("xi = 1000", 'k = "k.tif"'), "k = 'k.tif', expected a number"),

@@ -51,6 +51,7 @@ KINDS = {
                 "seed --dem dtm.tif --release release.gpkg --thickness {file} -o out/a.h5",
                 "seed --dem dtm.tif --release release.gpkg --surface {file} -o out/a.h5",
                 "compare mask.tif {file} -o out/c.csv",
+                "exposure results --objects {file} -o out/e.csv",
             ],
         ),
         (["dtm.tif"], ["effects scene.toml", "effects points.toml"]),
@@ -488,7 +489,16 @@ def import_what_commands_import():
     """So that children have it; nothing compiled is run here."""
     import importlib
 
-    for name in ("runout", "profile", "timeseries", "hydrograph", "vertical", "comparison", "hazard.intensity"):
+    for name in (
+        "runout",
+        "profile",
+        "timeseries",
+        "hydrograph",
+        "vertical",
+        "comparison",
+        "exposure",
+        "hazard.intensity",
+    ):
         importlib.import_module(f"mpmgis.results.{name}_answer")
     for name in ("maps.export.map_export", "seeding.seeded_file", "conversion.frame_conversion"):
         importlib.import_module(f"mpmgis.{name}")

@@ -5,19 +5,11 @@ import pytest
 from scipy.optimize import brentq
 
 from mpmgis.system.errors import FormatError, InputError
+from mpmgis.terrain.class_limits import ClassLimits
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.friction_table import friction_values, read_friction_table, rows_of_event
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.terrain_classes import (
-    CHANNEL,
-    FLAT,
-    GULLY,
-    OPEN_SLOPE,
-    OUTSIDE,
-    ClassLimits,
-    mean_rise,
-    terrain_classes,
-)
+from mpmgis.terrain.terrain_classes import CHANNEL, FLAT, GULLY, OPEN_SLOPE, OUTSIDE, mean_rise, terrain_classes
 
 LIMITS = ClassLimits()
 

@@ -15,6 +15,7 @@ from .xml_markup import filled, node, qgis_document
 OUTLINE = ("10,10,10,255", 0.5, "solid")
 ENVELOPE = ("10,10,10,255", 0.4, "dash")
 RELEASE = ("0,70,200,255", 0.6, "solid")
+SYMBOLS = ("dot_symbol.xml", "line_symbol.xml", "area_symbol.xml")  # by the number of QGIS for a geometry type
 
 
 def outline_renderer(pen: tuple) -> Element:
@@ -48,19 +49,21 @@ def speed_renderer(run: ExportedRun) -> Element:
     return _rule_renderer("speed", rules)
 
 
-def class_renderer(attribute: str, classes: list[tuple]) -> Element:
-    """Return the element `renderer-v2` of polygons by the integers of an attribute.
+def class_renderer(attribute: str, classes: list[tuple], geometry: int = 2) -> Element:
+    """Return the element `renderer-v2` of polygons, lines or points by the integers of an attribute.
 
     Parameters
     ----------
     attribute : str
     classes : list of (int, str, str)
         Number, label, colour #rrggbb.
+    geometry : int
+        QGIS type number: 0 points, 1 lines, 2 polygons.
     """
     return _rule_renderer(
         attribute,
         [
-            (f'"{attribute}" = {number}', label, _symbol("area_symbol.xml", k, colour))
+            (f'"{attribute}" = {number}', label, _symbol(SYMBOLS[geometry], k, colour))
             for k, (number, label, colour) in enumerate(classes)
         ],
     )
@@ -93,7 +96,7 @@ def vector_style_document(renderer: Element, geometry: int) -> str:
     ----------
     renderer : Element
     geometry : int
-        QGIS type number: 0 points, 2 polygons.
+        QGIS type number: 0 points, 1 lines, 2 polygons.
     """
     return qgis_document(
         node(

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import geopandas
 import numpy as np
-import rasterio
-from rasterio.enums import ColorInterp
 
 from ... import __version__
 from ...frames.run_terrain import terrain_of_rasters
@@ -33,9 +31,9 @@ from ...system.messages import Progress, log, unwatched
 from ...system.option import PathLike
 from ...system.optional_libraries import GEOPACKAGE
 from ...system.whole_files import whole_file
+from ...terrain.class_rasters import write_class_raster
 from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
-from ...terrain.raster_output import BLOCK, NAMESPACE
 from ..answer_files import answer_output, write_answer
 from ..building_layer import write_buildings
 from ..building_loads import building_loads
@@ -130,7 +128,7 @@ def intensity(
     areas = class_areas(chosen, numbers, grid.cell_area)
     tags = {"version": __version__, "result": result.name, "min_depth": f"{least:g}"}
     writers = {
-        RASTER_FILE: lambda path: write_class_raster(path, grid, numbers, chosen, tags),
+        RASTER_FILE: lambda path: write_classes(path, grid, numbers, chosen, tags),
         STYLE_FILE: lambda path: write_class_style(path, chosen),
         POLYGON_FILE: lambda path: write_class_polygons(path, grid, numbers, chosen, areas),
         TABLE_FILE: lambda path: write_class_table(path, chosen, areas),
@@ -201,7 +199,7 @@ def bands_of(result: Result, guideline: Guideline, density: float | None) -> tup
     return bands, grid
 
 
-def write_class_raster(path: Path, grid: Grid, numbers: np.ndarray, guideline: Guideline, tags: dict) -> None:
+def write_classes(path: Path, grid: Grid, numbers: np.ndarray, guideline: Guideline, tags: dict) -> None:
     """Write class numbers as GeoTIFF with the guideline's colours; 0 is nodata.
 
     Parameters
@@ -213,33 +211,8 @@ def write_class_raster(path: Path, grid: Grid, numbers: np.ndarray, guideline: G
     tags : dict of str to str
         Of the file.
     """
-    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
-    rows, columns = grid.shape
-    profile = {
-        "driver": "GTiff",
-        "height": rows,
-        "width": columns,
-        "count": 1,
-        "dtype": "uint8",
-        "nodata": 0,
-        "crs": crs,
-        "transform": grid.transform,
-        "compress": "deflate",
-        "tiled": True,
-        "blockxsize": BLOCK,
-        "blockysize": BLOCK,
-    }
-    colours = {0: (0, 0, 0, 0)}
-    for number, entry in enumerate(guideline.classes, start=1):
-        colours[number] = (*(int(entry.colour[k : k + 2], 16) for k in (1, 3, 5)), 255)
-    meaning = {f"class_{k}": f"{entry.name}: {entry.words()}" for k, entry in enumerate(guideline.classes, start=1)}
-    with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
-        target.write(numbers, 1)
-        target.write_colormap(1, colours)
-        target.colorinterp = [ColorInterp.palette]
-        target.set_band_description(1, "intensity [1]")
-        source = {"guideline": guideline.name, "title": guideline.title, "source": guideline.source}
-        target.update_tags(ns=NAMESPACE, **source, **meaning, **tags)
+    source = {"guideline": guideline.name, "title": guideline.title, "source": guideline.source}
+    write_class_raster(path, grid, numbers, _entries(guideline), "intensity [1]", source, tags)
 
 
 def write_class_style(path: Path, guideline: Guideline) -> None:

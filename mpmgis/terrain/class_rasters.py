@@ -1,0 +1,64 @@
+"""Rasters of whole numbers that stand for classes, with a colour for each."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from rasterio.enums import ColorInterp
+
+from ..system.whole_files import whole_file
+from .grid import Grid
+from .raster_output import BLOCK, NAMESPACE
+
+
+def write_class_raster(
+    path: Path,
+    grid: Grid,
+    numbers: np.ndarray,
+    classes: Iterable[tuple[int, str, str]],
+    band: str,
+    source: Mapping[str, str],
+    tags: Mapping[str, str],
+) -> None:
+    """Write numbers of classes as GeoTIFF with their colours; 0 is nodata.
+
+    Parameters
+    ----------
+    path : Path
+    grid : Grid
+    numbers : uint8[rows, columns]
+    classes : iterable of (int, str, str)
+        Number, label, colour #rrggbb.
+    band : str
+        Description of the band.
+    source, tags : mapping of str to str
+        Of the file, before and after those of the classes.
+    """
+    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
+    rows, columns = grid.shape
+    profile = {
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": 1,
+        "dtype": "uint8",
+        "nodata": 0,
+        "crs": crs,
+        "transform": grid.transform,
+        "compress": "deflate",
+        "tiled": True,
+        "blockxsize": BLOCK,
+        "blockysize": BLOCK,
+    }
+    colours, meaning = {0: (0, 0, 0, 0)}, {}
+    for number, label, colour in classes:
+        red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+        colours[number] = red, green, blue, 255
+        meaning[f"class_{number}"] = label
+    with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
+        target.write(numbers, 1)
+        target.write_colormap(1, colours)
+        target.colorinterp = [ColorInterp.palette]
+        target.set_band_description(1, band)
+        target.update_tags(ns=NAMESPACE, **source, **meaning, **tags)
