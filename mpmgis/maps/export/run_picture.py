@@ -14,7 +14,7 @@ from ...system.whole_files import whole_file
 from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
 from ..averaging.exported_folder import TYPICAL_PERCENTILE
-from ..qgis.colours import LOOKS, ColourClass, Look, colour_classes, round_up
+from ..qgis.colours import LOOKS, ColourClass, Look, balanced_limits, colour_classes, round_up
 from ..qgis.outlines import LEAST_PART, mask_outline
 from ..qgis.raster_styles import contour_interval
 
@@ -293,6 +293,8 @@ def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, look: Look, min_de
     known = np.isfinite(values)
     sizes = values[known & (values != 0)] if look.shown == "depth" else values[known]
     typical = float(np.percentile(sizes, TYPICAL_PERCENTILE)) if sizes.size else 0.0
+    limits = balanced_limits(look, sizes[sizes > min_depth])
+    look = look._replace(limits=limits, fixed=True) if limits else look
     classes = colour_classes(look, typical, min_depth)
     number = np.searchsorted([entry.upper for entry in classes], np.where(known, values, 0.0))
     opaque = [to_rgba(entry.colour, OPACITY) if entry.colour else (0.0, 0.0, 0.0, 0.0) for entry in classes]

@@ -9,6 +9,7 @@ import shapely
 from ... import __version__
 from ...frames.run_terrain import dtm_name, terrain_of_rasters
 from ...laws.quantities import SQUARE_METRES_PER_HECTARE
+from ...maps.qgis.print_layout import METRES_PER_MM
 from ...system.errors import InputError
 from ...system.messages import Progress, log, unwatched
 from ...terrain.elevation import Terrain
@@ -31,7 +32,7 @@ from .hazard_files import (
 from .hazard_levels import HazardMatrix, combined_hazard
 from .hazard_options import HazardQuestion
 from .hazard_scenarios import read_scenarios, scenario_of
-from .hazard_sheet import METRES_PER_MM, Print, Sheet, sheet_for
+from .hazard_sheet import Print, Sheet, sheet_for
 from .zone_outlines import default_area, generalized_zones
 
 RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE = "hazard.tif", "hazard.qml", "hazard.gpkg", "hazard.csv"
