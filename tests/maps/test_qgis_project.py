@@ -15,8 +15,9 @@ from pyproj import CRS
 
 from mpmgis.maps.averaging.exported_folder import ExportedRun
 from mpmgis.maps.qgis.flow_mesh import group_names
-from mpmgis.maps.qgis.print_layout import SCALES
+from mpmgis.maps.qgis.print_layout import SCALES, print_layout
 from mpmgis.maps.qgis.project import write_project
+from mpmgis.maps.qgis.project_layers import Group
 from mpmgis.system.errors import InputError
 
 UTM = CRS.from_epsg(32632)
@@ -223,6 +224,18 @@ def test_the_page_names_parameters_date_and_author(tmp_path):
     scales = [side / float(paper) * 1000 for side, paper in zip(sides, (width, height), strict=True)]
     assert np.allclose(scales, scales[0]) and round(scales[0], 6) in SCALES
     assert float(items["map"].find("ComposerMapGrid").get("intervalX")) >= 40 * scales[0] / 1000
+
+
+def test_long_facts_have_smaller_letters_and_are_never_cut_silently(tmp_path):
+    run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
+    found = {}
+    for count in (1, 10, 40):
+        facts = [(f"fact {k}", "words " * 20) for k in range(count)]
+        layout = print_layout(run, run.grid.bounds, Group("map", []), "title", facts)
+        (notes,) = [item for item in layout.iter("LayoutItem") if item.get("id") == "notes"]
+        found[count] = notes.find("LabelFont").get("description").split(",")[1], notes.get("labelText").split("\n")
+    assert [size for size, _ in found.values()] == ["7.5", "6.0", "5.0"]
+    assert len(found[40][1]) == 13 and found[40][1][-1].startswith("... (28 lines more")
 
 
 def test_columns_have_one_depth(tmp_path):

@@ -9,6 +9,7 @@ for comparison of results.
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -236,12 +237,12 @@ def chosen_classes(texts: Sequence[str]) -> dict[str, tuple[float, ...]]:
     Parameters
     ----------
     texts : sequence of str
-        "NAME=A,B,..", of the form that the option `classes` requires.
+        "NAME=A,B,..".
 
     Raises
     ------
     InputError
-        A name is no quantity with classes.
+        A name is no quantity with classes, or its limits do not ascend.
     """
     found = {}
     for text in texts:
@@ -250,7 +251,13 @@ def chosen_classes(texts: Sequence[str]) -> dict[str, tuple[float, ...]]:
         if look is None or look.shown == "signed" or _of(name.strip()) != name.strip():
             known = ", ".join(key for key, entry in LOOKS.items() if entry.shown != "signed" and _of(key) == key)
             raise InputError(f"`classes={text}`: {name!r} has no classes; expected one of {known}")
-        found[name.strip()] = tuple(float(part) for part in numbers.split(","))
+        try:
+            limits = tuple(float(part) for part in numbers.split(","))
+        except ValueError:
+            limits = ()
+        if not limits or not all(low < high for low, high in pairwise((0.0, *limits, math.inf))):
+            raise InputError(f"`classes={text}`: expected ascending numbers above 0, for example h=0.5,1,2,4")
+        found[name.strip()] = limits
     return found
 
 

@@ -1,23 +1,8 @@
 """Options of maps for print: classes of the colours, and the author of the page."""
 
-import math
-from itertools import pairwise
 from typing import Annotated, TypedDict
 
 from ...system.option import Option
-
-
-def _fault(texts: tuple[str, ...]) -> str:
-    """What is expected of limits of classes; '' for valid ones."""
-    for text in texts:
-        name, _, numbers = str(text).partition("=")
-        try:
-            limits = [float(part) for part in numbers.split(",")]
-        except ValueError:
-            limits = []
-        if not name.strip() or not limits or not all(low < high for low, high in pairwise([0.0, *limits, math.inf])):
-            return "NAME=A,B,.. with ascending numbers above 0, for example h=0.5,1,2,4"
-    return ""
 
 
 class PageOptions(TypedDict, total=False):
@@ -31,7 +16,6 @@ class PageOptions(TypedDict, total=False):
             "NAME=A,B,..",
             default=(),
             repeat=True,
-            check=_fault,
             label="Limits of classes: NAME=A,B, one a line, for example h=0.5,1,2,4",
         ),
     ]

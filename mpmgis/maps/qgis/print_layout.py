@@ -24,7 +24,7 @@ METRES_PER_MM = 1e-3  # on the map at scale 1
 # usual denominators of map scales
 SCALES = (500, 1000, 2000, 2500, 5000, 10000, 15000, 20000, 25000, 50000, 100000, 200000, 250000, 500000)
 LEGEND_LINE = 38  # characters of a line of the legend
-FACT_LINE = 150  # characters of a line below the map
+FACT_SIZES = ((7.5, 135, 9), (6.0, 168, 11), (5.0, 200, 13))  # [points], characters of a line, lines below the map
 RELEASE = ("release", "thickness", "vertical thickness", "volume", "density")  # facts of the release
 NO_AUTHOR = "." * 40  # to be filled in by hand
 
@@ -49,14 +49,16 @@ def print_layout(
     author : str
         "": a line to fill in.
     """
-    scale = usual_scale(max((view[2] - view[0]) / MAP[0], (view[3] - view[1]) / MAP[1]) / METRES_PER_MM)
+    scale = _scale(view)
+    points, lines = _fact_lines(facts)
     half, unit, size = _scale_bar(scale * METRES_PER_MM)
-    west, south, east, north = map(repr, _extent(view, scale))
+    west, south, east, north = map(repr, page_extent(view))
     return filled(
         "layout.qpt",
         name=run.name,
         title=title,
-        facts="\n".join(_fact_lines(facts)),
+        facts="\n".join(lines),
+        points=points,
         signed=_signed(run.grid.crs, author),
         map=f"{{{uuid5(NAMESPACE_URL, f'mpmgis/{run.name}/map')}}}",  # to which legend and scale bar refer
         west=west,
@@ -95,8 +97,20 @@ def usual_scale(needed: float) -> float:
     return next((float(value) for value in SCALES if value >= needed), round_up(needed))
 
 
-def _extent(view, scale):
-    """(west, south, east, north) [m] around the middle of `view` that fills the map at `scale`."""
+def _scale(view):
+    """Denominator of the largest usual scale at which the map shows `view`."""
+    return usual_scale(max((view[2] - view[0]) / MAP[0], (view[3] - view[1]) / MAP[1]) / METRES_PER_MM)
+
+
+def page_extent(view: tuple) -> tuple[float, float, float, float]:
+    """Return west, south, east, north [m] that the page shows around a view.
+
+    Parameters
+    ----------
+    view : (float, float, float, float) [m]
+        West, south, east, north that it has to show.
+    """
+    scale = _scale(view)
     west, south, east, north = view
     x, y = 0.5 * (west + east), 0.5 * (south + north)
     right, up = (0.5 * side * scale * METRES_PER_MM for side in MAP)
@@ -104,10 +118,13 @@ def _extent(view, scale):
 
 
 def _fact_lines(facts):
-    """Lines of facts, each with its name in front."""
-    for name, text in facts:
-        if text:
-            yield from textwrap.wrap(f"{name}: {text}", FACT_LINE, subsequent_indent="    ", break_long_words=True)
+    """(size [points], lines) of facts, each with its name in front: the largest letters with which all have room."""
+    for points, width, most in FACT_SIZES:
+        texts = [f"{name}: {text}" for name, text in facts if text]
+        lines = [line for text in texts for line in textwrap.wrap(text, width, subsequent_indent="    ")]
+        if len(lines) <= most:
+            return points, lines
+    return points, [*lines[: most - 1], f"... ({len(lines) - most + 1} lines more than the page has room for)"]
 
 
 def _signed(crs: "CRS | None", author: str) -> str:
