@@ -2,6 +2,7 @@
 
 from typing import Annotated, Any, Literal, TypedDict, Unpack, cast
 
+from ..maps.qgis.page_options import PageOptions
 from ..system.option import Option, PathLike
 from ..system.option_values import defaults_of
 from .many_runs_options import MachineOptions
@@ -63,7 +64,7 @@ class PlanOptions(TypedDict, total=False):
     ]
 
 
-class MapOptions(TypedDict, total=False):
+class MapOptions(PageOptions, total=False):
     """Maps of an ensemble."""
 
     exceed: Annotated[

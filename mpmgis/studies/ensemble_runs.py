@@ -8,7 +8,10 @@ from pathlib import Path
 
 from ..frames.many_runs_folder import ENSEMBLE, PLAN_FILE, TABLE_FILE, ManyRunsFolder
 from ..frames.member_stack import MemberStack
+from ..frames.run_facts import record_facts
 from ..laws.quantities import MEMBER_BANDS
+from ..maps.qgis.colours import chosen_classes
+from ..maps.qgis.print_layout import parameter_facts
 from ..system.csv_rows import write_records
 from ..system.errors import InputError, MpmgisError, UnphysicalError
 from ..system.messages import log
@@ -63,6 +66,7 @@ def ensemble(
         More members became unphysical than `tolerate` allows.
     """
     plan, products = read_plan(asked)
+    chosen_classes(asked["classes"])  # refuses an unknown name before the first run
     study = PlannedRuns.of(asked, plan)
     scene = Path(asked["scene"])
     output = Path(asked["output"] or scene.parent / "ensemble")
@@ -167,10 +171,39 @@ def _write_maps(
     tags = runs.tags(folder.digest, asked["min_depth"]) | tags
     name = folder.path.resolve().name
     with whole_folder(folder.maps, overwrite=True) as part:
-        maps = EnsembleMaps(part, name, study.grid, extent, asked["min_depth"], products.rasters())
+        maps = EnsembleMaps(
+            folder=part,
+            name=name,
+            grid=study.grid,
+            extent=extent,
+            min_depth=asked["min_depth"],
+            bands=products.rasters(),
+            facts=_facts(study, prepared.scene, tags),
+            author=asked["author"] or "",
+            classes=chosen_classes(asked["classes"]),
+        )
         write_maps(maps, stack, prepared.terrain, tags, _release(study), f"{name}: {len(finished)} runs")
         files = sorted(path.relative_to(part) for path in part.rglob("*") if path.is_file() and path.name[0] != ".")
     return [folder.maps / file for file in sorted(files, key=lambda file: (file.suffix != ".qgz", file))]
+
+
+def _facts(study, scene, tags):
+    """(name, text) of the page for print: what varied and what did not."""
+    varied = "; ".join(f"{key} {_values(value)}" for key, value in study.plan.as_tables()["vary"].items())
+    runs = f"{tags['members']}, {tags['sampling']}, seed {tags['seed']}"
+    left, moving = tags["left_out"], tags["not_at_rest"]
+    runs += (f"; {left} left out" if left else "") + (f"; {moving} not at rest" if moving else "")
+    return (
+        ("Varied", varied),
+        *parameter_facts(record_facts({"scene": scene.as_tables()})),
+        ("Runs", runs),
+        ("Cells", f"{tags['cs_e']:g} m; reached from a depth of {study.asked['min_depth']:g} m"),
+        ("DTM", tags["dem"]),
+    )
+
+
+def _values(value):
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _release(study):

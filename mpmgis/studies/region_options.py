@@ -2,6 +2,7 @@
 
 from typing import Annotated, TypedDict, Unpack, cast
 
+from ..maps.qgis.page_options import PageOptions
 from ..system.option import Option, PathLike
 from ..system.option_values import defaults_of
 from .many_runs_options import MachineOptions
@@ -23,7 +24,7 @@ class AreaFile(TypedDict, total=False):
     ]
 
 
-class AreaOptions(TypedDict, total=False):
+class AreaOptions(PageOptions, total=False):
     """Scenarios and windows of the areas."""
 
     scenario: Annotated[

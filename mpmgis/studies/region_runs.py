@@ -7,6 +7,8 @@ from pathlib import Path
 
 from ..frames.many_runs_folder import AREAS_FILE, REGION, ManyRunsFolder
 from ..frames.region_maps import AreaRaster, write_region_maps
+from ..frames.run_facts import record_facts
+from ..maps.qgis.colours import chosen_classes
 from ..maps.qgis.region_footprints import write_footprints
 from ..maps.qgis.region_project import RegionProject, terrain_path, write_region_project
 from ..system.errors import InputError
@@ -78,6 +80,7 @@ def region(
     """
     began = time.perf_counter()
     output = Path(asked["output"] or Path(asked["scene"]).parent / "region")
+    chosen_classes(asked["classes"])  # refuses an unknown name before the first run
     plan = PlannedRegion.of(asked, output)
     folder = ManyRunsFolder(REGION, output, plan.digest, asked["overwrite"])
     folder.refuse_inputs(plan.input_files())
@@ -160,7 +163,17 @@ def _write(folder, plan, runs):
         write_footprints(footprints, rasters.get("all", []), scenarios, plan.grid, asked["min_depth"])
         paths.append(footprints.relative_to(part))
         terrain = _terrain_layer(plan, folder.maps)
-        project = RegionProject(part, plan.grid, rasters, asked["min_depth"], often, terrain)
+        project = RegionProject(
+            folder=part,
+            grid=plan.grid,
+            areas=rasters,
+            min_depth=asked["min_depth"],
+            frequency=often,
+            terrain=terrain,
+            facts=record_facts({"scene": plan.scene.as_tables()}),
+            author=asked["author"] or "",
+            classes=chosen_classes(asked["classes"]),
+        )
         made, *styles = (path.relative_to(part) for path in write_region_project(project))
     return [folder.maps / made, table, *(folder.maps / path for path in (*paths, *styles))]
 

@@ -1,6 +1,8 @@
 """`mpmgis report --map`: hand-made scenarios of known levels, gaps, grids and CRSs, and the printed sheet."""
 
 import json
+import zipfile
+from xml.etree import ElementTree
 
 import geopandas
 import numpy as np
@@ -17,7 +19,7 @@ from mpmgis.laws.quantities import BAND
 from mpmgis.terrain.grid import Grid
 from mpmgis.terrain.raster_output import write_geotiff
 
-FILES = {"hazard.tif", "hazard.qml", "hazard.gpkg", "hazard.csv", "hazard.pdf", "hazard.png"}
+FILES = {f"hazard.{suffix}" for suffix in ("tif", "qml", "gpkg", "csv", "pdf", "png", "qgz")} | {"hazard_dtm.tif"}
 NORTH_UP = Affine(10, 0, 600000, 0, -10, 5200000)
 ROTATED = Affine.translation(600000, 5200000) * Affine.rotation(30) * Affine(10, 3, 0, 0, -8, 0)
 CRS = "EPSG:32632"
@@ -90,6 +92,29 @@ def test_every_pair_of_intensities_has_the_higher_level_of_the_matrix(tmp_path, 
     missing = {30: "high", 100: "medium", 300: "low", 1000: "very low"}
     for time, name in missing.items():
         assert (f"no scenario of {name} probability" in said.err) == (time not in years)
+
+
+def test_the_project_has_zones_terrain_release_and_a_page(tmp_path, site):
+    depth = np.zeros((40, 40))
+    depth[10:30, 10:30] = 2.0
+    folder = write_peaks(tmp_path / "a", depth)
+    release = geopandas.GeoDataFrame(geometry=[shapely.box(600110, 5199750, 600150, 5199790)], crs=CRS)
+    release.to_file(folder / "a.gpkg", layer="release")
+    assert run("swiss-hillslope-debris-flow", "--scenario", f"100={folder}", "--dem", site, "-o", tmp_path / "m") == 0
+    with zipfile.ZipFile(tmp_path / "m" / "hazard.qgz") as archive:
+        root = ElementTree.fromstring(archive.read("hazard.qgs"))
+    names = [layer.findtext("layername") for layer in root.iter("maplayer")]
+    assert names[:3] == ["release areas", "hazard zones", "hazard level of each cell"]
+    assert names[3].startswith("contours every") and names[4:] == ["hillshade"]
+    for layer in root.iter("maplayer"):
+        assert (tmp_path / "m" / layer.findtext("datasource").partition("|")[0]).is_file()
+    notes = next(item for item in root.iter("LayoutItem") if item.get("id") == "notes").get("labelText")
+    assert "guideline: " in notes and "terrain: contours every" in notes
+    shapes = geopandas.read_file(tmp_path / "m" / "hazard.gpkg", layer="release")
+    assert list(shapes["years"]) == [100.0] and shapes.geometry.area.sum() == pytest.approx(1600)
+    with rasterio.open(tmp_path / "m" / "hazard_dtm.tif") as source:
+        west, south, east, north = source.bounds
+    assert (east - west) / (north - south) == pytest.approx(196 / 150, rel=0.1) and west < 600100 and east > 600300
 
 
 def test_files_of_frames_and_an_export(tmp_path, capsys):

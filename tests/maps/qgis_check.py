@@ -166,6 +166,11 @@ def legends(root):
     return {row.name(): [str(entry.data(0)) for entry in model.layerLegendNodes(row)] for row in root.findLayers()}
 
 
+def frame(item):
+    """The frame of an item on the page; its bounds can be larger."""
+    return item.mapRectToScene(item.rect())
+
+
 def layouts(project):
     """Name -> facts about the print layouts: their page as a picture and as a PDF."""
     found = {}
@@ -178,8 +183,8 @@ def layouts(project):
         (bar,) = [item for item in layout.items() if isinstance(item, QgsLayoutItemScaleBar)]
         with open(path, "rb") as file:
             pdf = done and file.read(5) == b"%PDF-"
-        area = shown.sceneBoundingRect()
-        boxes = [item.sceneBoundingRect() for item in layout.items() if item.type() >= LAYOUT_ITEMS]
+        area = frame(shown)
+        boxes = [frame(item) for item in layout.items() if item.type() >= LAYOUT_ITEMS]
         size = layout.pageCollection().page(0).pageSize()
         found[layout.name()] = {
             "pdf": pdf,
@@ -192,6 +197,8 @@ def layouts(project):
             "outside": sum(not QRectF(0, 0, size.width(), size.height()).contains(box) for box in boxes),
             "texts": [item.text() for item in layout.items() if isinstance(item, QgsLayoutItemLabel)],
             "extent": [shown.extent().xMinimum(), shown.extent().yMinimum(), shown.extent().xMaximum()],
+            "scale": round(shown.scale(), 3),
+            "grid": shown.grid().intervalX() if shown.grid().enabled() else 0.0,
             "bar": bar.unitsPerSegment() * bar.numberOfSegments(),
         }
         shutil.rmtree(os.path.dirname(path))

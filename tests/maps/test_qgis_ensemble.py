@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import shapely
 from pyproj import CRS
 from test_qgis_open import look
 
@@ -29,9 +30,11 @@ def maps(tmp_path_factory):
         paths.append(folder / f"{k}.tif")
         write_geotiff(paths[-1], grid, [(BAND[name], values[name]) for name in MEMBER_BANDS], {})
     (folder / "maps").mkdir()
-    made = EnsembleMaps(folder / "maps", "ensemble", grid, (41, 80, 21, 135), 0.05, Products.of().rasters())
+    facts = [("Varied", "friction.mu uniform(0.1, 0.3)"), ("Friction", "Voellmy mu 0.2")]
+    made = EnsembleMaps(folder / "maps", "ensemble", grid, (41, 80, 21, 135), 0.05, Products.of().rasters(), facts)
+    release = [shapely.box(686120, 5211660, 686160, 5211740)]
     terrain = Terrain(grid, 2000.0 - 2.0 * column + 0.5 * row)
-    write_maps(made, MemberStack(paths, grid, made.extent, MEMBER_BANDS), terrain, {"members": 6}, [], "six runs")
+    write_maps(made, MemberStack(paths, grid, made.extent, MEMBER_BANDS), terrain, {"members": 6}, release, "six runs")
     return made
 
 
@@ -42,11 +45,18 @@ def test_the_project_opens_with_a_probability_over_the_terrain(maps):
     project = report["project"]
     assert project["read"] and project["crs"] == "EPSG:32632" and not project["lost"]
     assert all(valid and placed for _, valid, placed in project["layers"])
-    assert len(project["layers"]) == sum(map(len, maps.bands.values())) + 2
+    assert len(project["layers"]) == sum(map(len, maps.bands.values())) + 3
     assert [name for name in project["visible"] if "P(" in name or "largest" in name] == [
         "P(h >= 0.5 m): probability that the largest flow depth (normal) is at least 0.5 m"
     ]
     assert project["map_title"][0] == "ensemble: 6 runs"
+    page = project["layouts"]["ensemble: A4"]
+    assert page["pdf"] and page["over_map"] == page["outside"] == 0
+    assert page["legend"][0] == "release area" and page["layers"][2:] == ["contours every 10 m", "hillshade"]
+    assert any("Varied: friction.mu uniform(0.1, 0.3)" in text for text in page["texts"])
+    assert "h max [m]: largest flow depth (normal), largest of all members" in " ".join(
+        name for name, *_ in project["layers"]
+    )
     for raster, bands in maps.bands.items():
         (file,) = report["files"][f"ensemble_{raster}.tif"]
         assert file["valid"] and file["styled"] and file["colours"] > 1

@@ -8,6 +8,8 @@ import shapely
 from pyproj import CRS
 from qgis_python import report_of
 
+from mpmgis.maps.qgis.print_layout import SCALES
+
 pytestmark = [pytest.mark.qgis, pytest.mark.thorough]
 HERE = Path(__file__).parent
 MOVING = {"h [m]: flow depth (normal)", "outline of the flow", "velocity arrows"}
@@ -73,9 +75,12 @@ def test_the_print_layout_is_ready_to_export(run, report):
     assert page["linked"]
     assert page["over_map"] == page["outside"] == 0
     assert "slide: largest flow depth, t = 0 to 2.2 s" in page["texts"]
-    assert any(text.startswith("Computed with mpmgis") and "UTM zone 32N" in text for text in page["texts"])
+    (signed,) = [text for text in page["texts"] if text.startswith("CRS: ")]
+    assert "UTM zone 32N (EPSG:32632)" in signed and "Date of the map: 2" in signed and "Author: ...." in signed
+    assert page["scale"] in SCALES and page["grid"] > 0
+    assert any("contours every 10 m" in text for text in page["texts"])
     width = page["extent"][2] - page["extent"][0]
-    assert 0.15 * width < page["bar"] < 0.35 * width
+    assert 0.09 * width < page["bar"] < 0.26 * width
 
 
 def test_legends_have_no_time(report):

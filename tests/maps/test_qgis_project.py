@@ -3,7 +3,8 @@
 import re
 import shutil
 import zipfile
-from datetime import datetime, timedelta
+from dataclasses import replace
+from datetime import date, datetime, timedelta
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,9 @@ from pyproj import CRS
 
 from mpmgis.maps.averaging.exported_folder import ExportedRun
 from mpmgis.maps.qgis.flow_mesh import group_names
+from mpmgis.maps.qgis.print_layout import SCALES, print_layout
 from mpmgis.maps.qgis.project import write_project
+from mpmgis.maps.qgis.project_layers import Group
 from mpmgis.system.errors import InputError
 
 UTM = CRS.from_epsg(32632)
@@ -197,13 +200,52 @@ def test_the_flow_surface_is_the_depth_above_the_bed_along_its_normal(run):
 def test_print_layout_keeps_the_layers_of_its_map(root):
     layout = root.find("Layouts/Layout")
     items = {item.get("id"): item for item in layout.iter("LayoutItem")}
-    assert set(items) == {"page", "title", "map", "legend", "north", "scale bar", "notes"}
+    assert set(items) == {"page", "title", "map", "legend", "north", "scale", "scale bar", "notes", "author"}
     ids = {layer.findtext("id") for layer in layers(root)}
     kept = [layer.text for layer in items["map"].findall("LayerSet/Layer")]
     assert len(kept) >= 4 and set(kept) <= ids
     moving = {layer.findtext("id") for layer in layers(root) if layer.find("temporal") is not None}
     assert not moving & set(kept)
     assert {items["legend"].get("map_uuid"), items["scale bar"].get("mapUuid")} == {items["map"].get("uuid")}
+
+
+def test_the_page_names_parameters_date_and_author(tmp_path):
+    run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
+    facts = {"release": "areas.gpkg", "thickness": "2 m", "volume": "1200 m3", "friction": "Voellmy mu 0.2 xi 1000"}
+    write_project(replace(run, facts=facts, author="A. Muster"))
+    items = {item.get("id"): item for item in qgis_run.project_root(run).iter("LayoutItem")}
+    notes, signed = items["notes"].get("labelText"), items["author"].get("labelText")
+    assert "Friction: Voellmy mu 0.2 xi 1000\n" in notes and "contours every" in notes
+    assert "Release: areas.gpkg; thickness 2 m; volume 1200 m3" in notes
+    assert "Author: A. Muster" in signed and "(EPSG:32632)" in signed and f"{date.today()}" in signed
+    assert "map_scale" in items["scale"].get("labelText")
+    extent, (width, height, _) = items["map"].find("Extent"), items["map"].get("size").split(",")
+    sides = [float(extent.get(f"{end}max")) - float(extent.get(f"{end}min")) for end in "xy"]
+    scales = [side / float(paper) * 1000 for side, paper in zip(sides, (width, height), strict=True)]
+    assert np.allclose(scales, scales[0]) and round(scales[0], 6) in SCALES
+    assert float(items["map"].find("ComposerMapGrid").get("intervalX")) >= 40 * scales[0] / 1000
+
+
+def test_long_facts_have_smaller_letters_and_are_never_cut_silently(tmp_path):
+    run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
+    found = {}
+    for count in (1, 10, 40):
+        facts = [(f"fact {k}", "words " * 20) for k in range(count)]
+        layout = print_layout(run, run.grid.bounds, Group("map", []), "title", facts)
+        (notes,) = [item for item in layout.iter("LayoutItem") if item.get("id") == "notes"]
+        found[count] = notes.find("LabelFont").get("description").split(",")[1], notes.get("labelText").split("\n")
+    assert [size for size, _ in found.values()] == ["7.5", "6.0", "5.0"]
+    assert len(found[40][1]) == 13 and found[40][1][-1].startswith("... (28 lines more")
+
+
+def test_columns_have_one_depth(tmp_path):
+    run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
+    with rasterio.open(run.folder / run.maxima_file, "r+") as file:
+        file.write(file.read(1), 2)
+    qgis_run.write_all(run)
+    names = [layer.findtext("layername") for layer in layers(qgis_run.project_root(run))]
+    assert not [name for name in names if name.startswith(("t [m]", "t max"))]
+    assert [name for name in names if name.startswith("h max")] and "t_vol [m]: thickness by volume (normal)" in names
 
 
 def test_title_and_scale_bar_have_room_beside_the_flow(run, root):

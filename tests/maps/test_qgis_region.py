@@ -2,6 +2,7 @@
 
 import zipfile
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import geopandas
 import numpy as np
@@ -20,6 +21,7 @@ from mpmgis.terrain.raster_output import write_geotiff
 
 SHAPE = (120, 160)
 EXTENT = (10, 60, 20, 140)
+SHOWN = ["release areas", "h max [m]: largest flow depth (normal)", "contours every 10 m", "hillshade"]
 
 
 def region_of(folder, lengths):
@@ -57,12 +59,12 @@ def test_the_project_opens_with_the_largest_depth_over_the_terrain(tmp_path):
     found = report["project"]
     assert found["read"] and found["crs"] == "EPSG:32632" and not found["lost"]
     assert all(valid and placed for _, valid, placed in found["layers"])
-    assert len(found["layers"]) == 3 * 6 + 3
-    assert found["visible"] == ["release areas", "h max [m]: largest flow depth (normal)", "hillshade"]
+    assert len(found["layers"]) == 3 * 6 + 4
+    assert found["visible"] == SHOWN
     assert found["map_title"][0] == "region: largest values of 4 release areas"
     page = found["layouts"]["region: A4"]
     assert page["pdf"] and page["over_map"] == page["outside"] == 0
-    assert page["layers"] == ["release areas", "h max [m]: largest flow depth (normal)", "hillshade"]
+    assert page["layers"] == SHOWN and page["legend"] == SHOWN[:2]
     for file, (facts,) in report["files"].items():
         assert facts["valid"] and facts["styled"], file
     assert report["files"]["all_areas.tif"][0]["colours"] > 1
@@ -82,6 +84,21 @@ def test_groups_name_the_areas_whose_flow_still_moved(tmp_path, moving):
     with zipfile.ZipFile(path) as archive:
         text = archive.read("region.qgs").decode()
     assert "all areas (3 with flow" in text and (f"{moving} of them not at rest" in text) == (moving > 0)
+
+
+def test_scenarios_are_in_the_order_of_their_numbers(tmp_path):
+    project = region_of(tmp_path, (60, 80, 100))
+    named = dict.fromkeys(("scenario_100", "scenario_30", "all", "scenario_300"), project.areas["all"])
+    for name in named:
+        write_region_maps(project.folder, name, project.grid, named[name], 0.05, {}, frequency=True)
+    (path, *_) = write_region_project(replace(project, areas=named, classes={"h": (1.0, 2.5)}))
+    root = ElementTree.fromstring(zipfile.ZipFile(path).read("region.qgs"))
+    groups = [group.get("name").partition(" (")[0] for group in root.find("layer-tree-group")]
+    assert groups == ["areas", "all areas", "scenario 30", "scenario 100", "scenario 300", "terrain"]
+    depths = [layer for layer in root.iter("maplayer") if layer.findtext("layername").startswith("h max")]
+    assert len(depths) == 4
+    for layer in depths:
+        assert [item.get("value") for item in layer.iter("item")] == ["0.05", "1", "2.5", "inf"]
 
 
 def test_a_dtm_that_qgis_would_show_otherwise_is_left_out(tmp_path):

@@ -15,6 +15,7 @@ from mpmgis.maps.qgis import colours, raster_styles
 from mpmgis.maps.qgis.colours import LOOKS, class_limits, colour_classes, look_of, ramp_colours, round_up
 from mpmgis.maps.qgis.map_clock import Clock
 from mpmgis.maps.qgis.xml_markup import TEMPLATES, filled, node
+from mpmgis.system.errors import InputError
 
 
 def test_every_band_has_a_look():
@@ -190,3 +191,55 @@ def test_values_of_a_template_are_text_and_elements_are_elements():
 def test_every_template_is_used():
     code = "".join(path.read_text(encoding="utf-8") for path in TEMPLATES.parent.glob("*.py"))
     assert [path.name for path in TEMPLATES.iterdir() if f'"{path.name}"' not in code] == []
+
+
+def test_chosen_classes_hold_for_a_quantity_its_maxima_and_statistics():
+    chosen = colours.chosen_classes(("h=0.5,1,2,4", "p=3,30"))
+    for name in ("h", "h_max", "h_p95", "h_mean"):
+        assert class_limits(look_of(Quantity(name, "m", "words", "float32"), chosen), 40.0) == (0.5, 1, 2, 4)
+    assert [c.upper for c in colour_classes(look_of(BAND["p_max"], chosen), 1.0)] == [3e3, 30e3, math.inf]
+    for name in ("t_arrival", "Ut", "Un_max"):
+        assert look_of(BAND[name], {"t": (1.0,), "Un": (1.0,)}) == LOOKS[name]
+
+
+@pytest.mark.parametrize("text", ["depth=1,2", "h_max=1,2", "Un=1,2"])
+def test_a_quantity_without_classes_is_refused(text):
+    with pytest.raises(InputError, match=f"`classes={text}`.* expected one of h, t, Ut"):
+        colours.chosen_classes((text,))
+
+
+@pytest.mark.parametrize("text", ["h", "h=", "h=2,1", "h=0,1", "h=1,nan", "h=1,inf"])
+def test_limits_must_ascend(text):
+    with pytest.raises(InputError, match="expected ascending numbers above 0"):
+        colours.chosen_classes((text,))
+
+
+def test_depths_that_crowd_in_the_last_class_have_classes_of_equal_area():
+    deep = np.r_[np.linspace(0.2, 6, 400), np.linspace(6, 7.5, 600)]
+    limits = colours.balanced_limits(LOOKS["h"], deep)
+    shares = np.diff([0.0, *(np.mean(deep <= limit) for limit in limits), 1.0])
+    assert len(limits) == 6 and shares.max() < 0.2
+    assert colours.balanced_limits(LOOKS["h"], np.linspace(0.1, 7.5, 1000)) == ()
+    assert colours.balanced_limits(LOOKS["h"], np.full(100, 7.0)) == ()
+    assert colours.balanced_limits(LOOKS["Ut"], deep) == ()
+
+
+def test_a_run_takes_chosen_classes_before_balanced_ones(tmp_path):
+    import rasterio
+
+    run = qgis_run.make_run(tmp_path, CRS.from_epsg(32632), times=[0, 1])
+    with rasterio.open(run.folder / run.maxima_file, "r+") as file:
+        depth = file.read(1)
+        file.write(np.where(depth > 0.5, 6.0 + depth / 4, depth).astype("float32"), 1)
+    assert raster_styles.with_classes(run, {}).classes["h"][-1] > 5
+    run = raster_styles.with_classes(run, {"h": (1.0, 2.0)})
+    assert run.classes["h"] == (1.0, 2.0)
+    items = raster_styles.value_pipe(BAND["h_max"], run, 1).iter("item")
+    assert [item.get("value") for item in items] == ["0.05", "1", "2", "inf"]
+
+
+def test_layer_and_colours_share_the_opacity():
+    pipe = raster_styles.value_renderer(LOOKS["h"], 4.0, 0.05, 1)
+    alphas = {int(item.get("alpha")) for item in pipe.iter("item")} - {0}
+    assert len(alphas) == 1
+    assert math.isclose(float(pipe.get("opacity")) * alphas.pop() / 255, colours.OPACITY, rel_tol=0.01)

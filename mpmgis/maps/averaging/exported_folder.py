@@ -56,6 +56,12 @@ class ExportedRun:
         Rasters of layers of height, one per step, and their bands; empty without layers.
     bed_bands, surface_bands : tuple of Quantity
         Bands of `bed_file` and `ground_file`; empty without erosion, where there are no such files.
+    facts : dict of str to str
+        Parameters of the run for its print layout, by name.
+    author : str
+        Of the maps; "" if unknown.
+    classes : dict of str to tuple of float
+        Limits of classes that the user chose, by quantity.
     """
 
     folder: Path
@@ -76,6 +82,9 @@ class ExportedRun:
     around_file: str = ""
     layer_files: tuple = ()
     layer_bands: tuple = ()
+    facts: dict = field(default_factory=dict)
+    author: str = ""
+    classes: dict = field(default_factory=dict)
 
     @property
     def shown_terrain_file(self) -> str:
@@ -199,6 +208,12 @@ class ExportedRun:
             slice(max(int(along[0]) - 1, 0), min(int(along[-1]) + 2, size))
             for along, size in zip(found, self.grid.shape, strict=True)
         )
+
+    @cached_property
+    def thickness_is_depth(self) -> bool:
+        """Whether the flow has one thickness and depth everywhere, as columns have."""
+        depth, thickness = self.read(self.maxima_file, ("h_max", "t_max"))
+        return depth is not None and thickness is not None and np.array_equal(depth, thickness, equal_nan=True)
 
     @cached_property
     def flow_grid(self) -> Grid:

@@ -107,7 +107,7 @@ class Pictures:
         from matplotlib.figure import Figure
 
         self._run, self._decimals = run, decimals
-        look = look_of(next(quantity for quantity in run.step_bands if quantity.name == BAND))
+        look = look_of(next(quantity for quantity in run.step_bands if quantity.name == BAND), run.classes)
         self._classes = colour_classes(look, run.typical.get(BAND, 0.0), run.min_depth)
         (peak,) = run.read(run.maxima_file, ("h_max",))
         view = map_view(terrain, run.flow_grid, peak >= run.min_depth, release)

@@ -9,6 +9,7 @@ from ...system.option import Auto, Option, PathLike
 from ...system.option_values import defaults_of
 from ...system.work_options import DASK, OverwriteOptions
 from ..averaging.averaging_options import USUAL_DEPTH, AveragingOptions
+from ..qgis.page_options import PageOptions
 
 
 class SamplingOptions(TypedDict, total=False):
@@ -135,7 +136,7 @@ def _heights(values: tuple[float, ...]) -> str:
     return "" if len(values) > 1 and values[0] >= 0 and ascending else "two or more ascending heights from 0 on"
 
 
-class FileOptions(BandOptions, total=False):
+class FileOptions(BandOptions, PageOptions, total=False):
     """Files of an export."""
 
     layout: Annotated[

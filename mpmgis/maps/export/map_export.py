@@ -2,10 +2,13 @@
 
 import math
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from ...exchange.frame_source import frames_at
+from ...frames.run_facts import record_facts
+from ...frames.run_folder import record_of
 from ...frames.run_terrain import run_terrain
 from ...laws.quantities import BAND
 from ...system.errors import InputError, OutputError
@@ -18,8 +21,10 @@ from ...terrain.raster_output import require_square
 from ..averaging.band_products import choose_products
 from ..averaging.result_bands import BandInMemory, Result
 from ..qgis import qgis_files as qgis_folder
+from ..qgis.colours import chosen_classes
 from ..qgis.kml import require_kml, write_kml
 from ..qgis.outlines import StepSpool
+from ..qgis.raster_styles import with_classes
 from ..qgis.stac import require_stac, write_stac_item
 from .export_decisions import make_plan
 from .export_inputs import output_folder, release_outlines
@@ -49,7 +54,7 @@ def export_raster(asked: Export, progress: Progress = unwatched) -> list[Path]:
     MpmgisError
     """
     asked = _as_the_paper(asked)
-    products = choose_products(asked["products"])
+    products, classes = choose_products(asked["products"]), chosen_classes(asked["classes"])
     entries = frames_at(asked["frames"], asked)
     _require_points(asked, entries)
     output = output_folder(asked, entries)
@@ -66,6 +71,7 @@ def export_raster(asked: Export, progress: Progress = unwatched) -> list[Path]:
         with whole_folder(output, asked["overwrite"]) as folder, pool.ended():
             spool = StepSpool(folder / SPOOL_FOLDER) if asked["qgis"] else None
             run, tally = write_rasters(asked, plan, folder, pool, spool, progress)
+            run = _for_print(with_classes(run, classes), plan, asked)
             if asked["qgis"]:
                 qgis_folder.write_qgis_files(run, _release(run, plan), spool, asked["qgis_min"], pool.threads)
                 shutil.rmtree(folder / SPOOL_FOLDER)
@@ -120,6 +126,13 @@ def peaks_of_frames(asked: Export, progress: Progress = unwatched) -> Result:
         for name, values in bands.items()
     }
     return Result(plan.name, "run", sources, terrain, end)
+
+
+def _for_print(run, plan, asked):
+    """The run with its parameters and the author of the maps."""
+    first = plan.entries[0]
+    facts = record_facts(record_of(first.path.parent, first.header.digest))
+    return replace(run, facts=facts, author=asked["author"] or "")
 
 
 def _release(run, plan):

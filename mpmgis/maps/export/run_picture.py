@@ -14,7 +14,7 @@ from ...system.whole_files import whole_file
 from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
 from ..averaging.exported_folder import TYPICAL_PERCENTILE
-from ..qgis.colours import LOOKS, ColourClass, Look, colour_classes, round_up
+from ..qgis.colours import LOOKS, ColourClass, Look, balanced_limits, colour_classes, round_up
 from ..qgis.outlines import LEAST_PART, mask_outline
 from ..qgis.raster_styles import contour_interval
 
@@ -340,7 +340,8 @@ def classes_of(values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[C
     known = np.isfinite(values)
     sizes = values[known & (values != 0)] if look.shown == "depth" else values[known]
     typical = float(np.percentile(sizes, TYPICAL_PERCENTILE)) if sizes.size else 0.0
-    return colour_classes(look, typical, min_depth)
+    limits = balanced_limits(look, sizes[sizes > min_depth])
+    return colour_classes(look._replace(limits=limits, fixed=True) if limits else look, typical, min_depth)
 
 
 def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, classes: list[ColourClass]) -> list[ColourClass]:

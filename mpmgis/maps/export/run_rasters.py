@@ -28,7 +28,7 @@ from ..averaging.export_resolution import default_cell_size, export_grid, requir
 from ..averaging.frame_values import Averaging, average_frame
 from ..averaging.maxima import MAXIMA_BANDS, RUNNING_BANDS, RunningMaxima, SolverPeaks
 from ..averaging.placement import Bed
-from ..qgis.raster_styles import raster_styles
+from ..qgis.raster_styles import raster_styles, with_classes
 from .bed_rasters import write_bed_rasters
 from .export_decisions import needed_products
 from .export_messages import log_export
@@ -206,7 +206,7 @@ class RasterWriter:
         """Write a style for QGIS next to each raster."""
         files = [f"{plan.name}_{step:04d}.tif" for step in range(self.folder.frames)]
         run = exported(plan, self._place, files, self.maxima, self.tally, end)
-        for file, text in raster_styles(run):
+        for file, text in raster_styles(with_classes(run, {})):
             with whole_file((self._place / file).with_suffix(".qml")) as part:
                 part.write_text(text, encoding="utf-8", newline="\n")
 

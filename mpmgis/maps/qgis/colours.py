@@ -8,11 +8,15 @@ for comparison of results.
 
 import math
 import re
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ...laws.quantities import Quantity
+from ...system.errors import InputError
+from ..averaging.exported_folder import TYPICAL_PERCENTILE
 
 LAJOLLA = ("#fffecb", "#f7dc77", "#eeb355", "#e68f52", "#de6b4f", "#bb4b48", "#7d3b35")  # depth
 BATLOW = ("#011959", "#144d62", "#3c6d56", "#818232", "#d29343", "#fdac9e", "#faccfa")  # lines in plots
@@ -28,7 +32,10 @@ SPEED_LIMITS = (1, 5, 10, 15, 20, 25, 30)  # [m/s]
 PRESSURE_LIMITS = (1, 10, 25, 50, 100)  # [kPa]
 PROBABILITY_LIMITS = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9)  # [1]
 CLASS_STEPS = (1, 2, 2.5, 5, 10)  # widths of classes, times a power of ten
-MOST_CLASSES = 7  # [classes] of equal width
+MOST_CLASSES = 7  # [classes] of equal width, or of equal area
+FEWEST_BALANCED = 3  # [limits] of classes of equal area
+CROWDED = 0.4  # [1] share of the cells with flow in the last class from which classes have equal areas
+NO_CLASSES: Mapping[str, tuple] = {}
 BEYOND_HAZARD = 1.25  # [1] largest typical value that keeps the hazard classes, over the last of them
 OPACITY = 0.75  # [1] of a flow over the hillshade
 NORMAL_SIGN = "+ away from it, - into it"
@@ -55,6 +62,8 @@ class Look(NamedTuple):
         Hazard classes in `unit`; empty: classes of the run.
     factor : float
         Displayed value over the band's.
+    fixed : bool
+        The limits hold whatever the values are.
     """
 
     words: str
@@ -63,6 +72,7 @@ class Look(NamedTuple):
     shown: str
     limits: tuple = ()
     factor: float = 1.0
+    fixed: bool = False
 
     def title(self, name: str) -> str:
         """Return the name of a dataset: words, symbol and unit.
@@ -136,7 +146,7 @@ def symbol(name: str) -> str:
     return f"P({of} >= {last} {unit})" if unit else f"P({last})"
 
 
-def look_of(quantity: Quantity) -> Look:
+def look_of(quantity: Quantity, classes: Mapping[str, tuple] = NO_CLASSES) -> Look:
     """Return the display style of a band; a band outside the table is shown by size.
 
     Probabilities have their own classes; an ensemble statistic (`h_mean`, `p_p95`) or a layer of height
@@ -145,7 +155,21 @@ def look_of(quantity: Quantity) -> Look:
     Parameters
     ----------
     quantity : Quantity
+    classes : dict of str to tuple of float
+        Limits of classes that do not depend on the values, by quantity.
     """
+    look = _usual_look(quantity)
+    limits = classes.get(quantity.name) or classes.get(_of(quantity.name))
+    return look._replace(limits=limits, fixed=True) if limits and look.shown != "signed" else look
+
+
+def _of(name):
+    """The quantity of a band: "h" of "h_max" or "h_p95"; a time of arrival is a quantity of its own."""
+    of, _, last = name.rpartition("_")
+    return of if of and last != "arrival" and STATISTIC.fullmatch(last) else name
+
+
+def _usual_look(quantity):
     if quantity.name.startswith(PROBABILITY):
         return Look(quantity.long_name, "", ACTON_REVERSED, "size", PROBABILITY_LIMITS)
     by_height = BY_HEIGHT.fullmatch(quantity.name)
@@ -173,10 +197,68 @@ def class_limits(look: Look, typical: float) -> tuple:
     """
     reached = typical * look.factor
     hazard = look.limits
-    if hazard and (len(hazard) < 3 or hazard[2] <= reached <= BEYOND_HAZARD * hazard[-1]):
+    fitting = len(hazard) < 3 or hazard[2] <= reached <= BEYOND_HAZARD * hazard[-1]
+    if hazard and (look.fixed or fitting):
         return hazard
     step, count = _equal_classes(reached)
     return tuple(float(f"{step * k:.6g}") for k in (0.5, *range(1, count + 1)))
+
+
+def balanced_limits(look: Look, values: np.ndarray) -> tuple:
+    """Choose limits of a depth whose values crowd beyond the last usual limit: classes of about equal area.
+
+    Most cells of a thick 3D flow would have the darkest colour otherwise.
+
+    Parameters
+    ----------
+    look : Look
+    values : float[n]
+        Of the cells with flow, in the band's unit.
+
+    Returns
+    -------
+    tuple of float
+        In the look's unit; empty where the usual classes show the values.
+    """
+    values = np.asarray(values, dtype=float) * look.factor
+    if look.shown != "depth" or look.fixed or values.size < MOST_CLASSES:
+        return ()
+    usual = class_limits(look, float(np.percentile(values, TYPICAL_PERCENTILE)) / look.factor)
+    if np.mean(values > usual[-1]) <= CROWDED:
+        return ()
+    shares = np.percentile(values, np.arange(1, MOST_CLASSES) * 100.0 / MOST_CLASSES)
+    limits = tuple(sorted({float(f"{value:.2g}") for value in shares if value > 0}))
+    return limits if len(limits) >= FEWEST_BALANCED else ()
+
+
+def chosen_classes(texts: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    """Return limits of classes by quantity.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        "NAME=A,B,..".
+
+    Raises
+    ------
+    InputError
+        A name is no quantity with classes, or its limits do not ascend.
+    """
+    found = {}
+    for text in texts:
+        name, _, numbers = str(text).partition("=")
+        look = LOOKS.get(name.strip())
+        if look is None or look.shown == "signed" or _of(name.strip()) != name.strip():
+            known = ", ".join(key for key, entry in LOOKS.items() if entry.shown != "signed" and _of(key) == key)
+            raise InputError(f"`classes={text}`: {name!r} has no classes; expected one of {known}")
+        try:
+            limits = tuple(float(part) for part in numbers.split(","))
+        except ValueError:
+            limits = ()
+        if not limits or not all(low < high for low, high in pairwise((0.0, *limits, math.inf))):
+            raise InputError(f"`classes={text}`: expected ascending numbers above 0, for example h=0.5,1,2,4")
+        found[name.strip()] = limits
+    return found
 
 
 def _equal_classes(reached):

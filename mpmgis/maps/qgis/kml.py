@@ -68,7 +68,7 @@ def _maxima(run):
     """(name, description, polygon, style, begin, end) of each class of the largest depth that occurs."""
     quantity = next(quantity for quantity in run.maxima_bands if quantity.name == "h_max")
     (peak,) = run.read(run.maxima_file, ("h_max",))
-    classes = colour_classes(look_of(quantity), run.typical.get("h_max", 0.0), run.min_depth)
+    classes = colour_classes(look_of(quantity, run.classes), run.typical.get("h_max", 0.0), run.min_depth)
     features = []
     for below, entry in pairwise(classes):
         shape = mask_outline((peak > below.upper) & (peak <= entry.upper), run.flow_grid.transform)

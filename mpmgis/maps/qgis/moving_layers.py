@@ -12,8 +12,8 @@ from .colours import OPACITY, look_of
 from .flow_mesh import MESH_BANDS, VELOCITY, dataset_title, group_names
 from .map_clock import BASE_TEXT, Clock, stamp
 from .outlines import geometry_type, layer_names, vector_renderer
-from .project_layers import Group, Layer, map_layer
-from .raster_styles import bands_over_time, one_step, value_pipe, value_shader
+from .project_layers import Group, Layer, map_layer, without_copies
+from .raster_styles import bands_over_time, layer_opacity, one_step, value_pipe, value_shader
 from .vector_styles import feature_times
 from .xml_markup import filled, node
 
@@ -46,9 +46,11 @@ def animation_group(run: ExportedRun, clock: Clock, version: tuple) -> Group:
     ]
     meshed = [quantity for quantity in run.step_bands if names and quantity.name in MESH_BANDS]
     by_band = version >= TIME_BY_BAND
+    shown = without_copies(run, run.step_bands)
+    meshed = [quantity for quantity in meshed if quantity in shown]
     fields = [mesh_layer(run, clock, names, quantity, shown=k == 0) for k, quantity in enumerate(meshed)]
     fields = fields[:1] if by_band else fields
-    rest = run.step_bands if by_band else [quantity for quantity in run.step_bands if quantity not in meshed]
+    rest = shown if by_band else [quantity for quantity in shown if quantity not in meshed]
     make = _stacked_layer if by_band else _steps_group
     rasters = [make(run, clock, quantity, shown=not meshed and k == 0) for k, quantity in enumerate(rest)]
     if by_band and meshed:
@@ -132,11 +134,11 @@ def mesh_layer(run: ExportedRun, clock: Clock, names: list[str], quantity: Quant
     shown : bool
         Visible at first.
     """
-    look, number = look_of(quantity), names.index(dataset_title(run, quantity.name))
+    look, number = look_of(quantity, run.classes), names.index(dataset_title(run, quantity.name))
     shader = value_shader(look, run.typical.get(quantity.name, 0.0), run.min_depth)
     title = look.layer_name(quantity.name)
     limits = {"lowest": shader.get("minimumValue"), "highest": shader.get("maximumValue")}
-    settings = filled("mesh_values.xml", group=number, opacity=OPACITY, shader=shader, **limits)
+    settings = filled("mesh_values.xml", group=number, opacity=layer_opacity(OPACITY), shader=shader, **limits)
     return Layer(title, _mesh(run, clock, names, f"mesh_{quantity.name}", title, settings), shown, unfolded=shown)
 
 

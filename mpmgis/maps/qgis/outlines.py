@@ -438,7 +438,7 @@ def _release_layer(run, steps, release):
         release = [] if outline is None else [shapely.from_wkb(outline.wkb)]
     if not release:
         return []
-    parts = [shapely.MultiPolygon(_polygons(part)) for part in release]
+    parts = [shapely.MultiPolygon(polygons(part)) for part in release]
     columns = {
         "part": np.arange(1, len(parts) + 1, dtype=np.int32),
         "area_m2": np.array([part.area for part in parts]),
@@ -447,8 +447,13 @@ def _release_layer(run, steps, release):
     return [(shapely.to_wkb(np.array(parts, dtype=object)), columns)]
 
 
-def _polygons(geometry):
-    """List of the polygons of any geometry, made valid."""
+def polygons(geometry: shapely.Geometry) -> list[shapely.Polygon]:
+    """Return the polygons of any geometry, made valid.
+
+    Parameters
+    ----------
+    geometry : shapely.Geometry [m]
+    """
     pieces = shapely.get_parts(shapely.make_valid(geometry))
     return [polygon for piece in pieces for polygon in shapely.get_parts(piece) if polygon.geom_type == "Polygon"]
 

@@ -12,13 +12,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ... import __version__
 from ...system.errors import InputError
 from ..averaging.exported_folder import ExportedRun
 from .map_clock import Clock, stamp
 from .moving_layers import MOVING, animation_group, layers_group, vector_layer
 from .outlines import layer_names
-from .print_layout import print_layout
+from .print_layout import parameter_facts, print_layout
 from .project_layers import (
     TERRAIN_COLOUR,
     Group,
@@ -31,6 +30,7 @@ from .project_layers import (
     raster_layer,
     surface_layer,
     tree_row,
+    without_copies,
 )
 from .raster_styles import contour_interval, contour_pipe, hillshade_pipe
 from .xml_markup import filled, qgis_document, reference_system
@@ -104,8 +104,13 @@ def _outlines(run):
 
 
 def _rows(run, kind, file, bands):
-    """A layer for each band of a raster; the first one is shown."""
-    return [raster_layer(run, kind, file, quantity, n, shown=n == 1) for n, quantity in enumerate(bands, start=1)]
+    """A layer for each band of a raster except copies; the first one is shown."""
+    shown = without_copies(run, bands)
+    return [
+        raster_layer(run, kind, file, quantity, n, shown=n == 1)
+        for n, quantity in enumerate(bands, start=1)
+        if quantity in shown
+    ]
 
 
 def _maxima(run):
@@ -179,26 +184,29 @@ def _page(run, view, groups):
     if layer_id(run, "maxima_h_max") not in layers:
         return None
     title = f"{run.name}: largest flow depth, t = {run.times[0]:g} to {run.times[-1]:g} s"
-    return print_layout(run, view, Group("map", rows), title, _notes(run))
+    contours = next((row.title for row in rows if row.title.startswith("contours")), "")
+    return print_layout(run, view, Group("map", rows), title, _facts(run, contours), run.author)
 
 
-def _notes(run):
-    """Source and parameters of the maxima, from their tags."""
-    tags = run.tags(run.maxima_file)
-    words = {
-        "dem": "terrain {}",
+def _facts(run, contours):
+    """(name, text) of the parameters of a run, from its record and from the tags of the maxima."""
+    tags, known = run.tags(run.maxima_file), dict(run.facts)
+    density = {"density": f"{_short(tags['density'])} kg/m3"} if "density" in tags else {}
+    drawn = {
+        "maxima": "of the {}",
         "cs_e": "cells of {} m",
-        "percentile": "depth from the {}th percentile of the particles",
         "min_depth": "shown from {} m on",
-        "density": "density {} kg/m3",
-        "maxima": "maxima of the {}",
-        "frames": "frames: {}",
-        "digest": "scene {}",
+        "percentile": "from the {}th percentile of the particles",
     }
-    known = [text.format(_short(tags[key])) for key, text in words.items() if tags.get(key)]
-    crs = "local frame in metres" if run.grid.crs is None else run.grid.crs.name
-    made = f"Computed with mpmgis {tags.get('version', __version__)} (Material Point Method). Map in {crs}."
-    return f"{made}\n{'; '.join(known)}" if known else made
+    whole = _short(tags.get("percentile", "")) == "100"
+    shown = [text.format(_short(tags[key])) for key, text in drawn.items() if tags.get(key)]
+    return (
+        *parameter_facts({**density, **known}),
+        ("Largest depth", "; ".join(shown[:-1] if whole else shown)),
+        ("Terrain", "; ".join(filter(None, [tags.get("dem", ""), contours]))),
+        ("Run", "; ".join(filter(None, [known.get("ended", ""), tags.get("digest") and f"scene {tags['digest']}"]))),
+        ("Numerical errors", known.get("numerical errors", "")),
+    )
 
 
 def _short(text):

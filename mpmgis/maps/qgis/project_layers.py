@@ -4,7 +4,7 @@ Undocumented requirements of QGIS (found by tests): a CRS in every layer, and la
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -80,6 +80,17 @@ def raster_layer(run: ExportedRun, kind: str, file: str, quantity: Quantity, ban
     return Layer(
         title, map_layer(run, "raster", f"{kind}_{quantity.name}", file, title, "gdal", None, pipe), shown, shown
     )
+
+
+def without_copies(run: ExportedRun, bands: Sequence[Quantity]) -> list[Quantity]:
+    """Return the bands without the thickness of columns, which is their depth.
+
+    Parameters
+    ----------
+    run : ExportedRun
+    bands : sequence of Quantity
+    """
+    return [quantity for quantity in bands if not (run.thickness_is_depth and quantity.name in ("t", "t_max"))]
 
 
 def map_layer(

@@ -4,18 +4,20 @@ Class limits are the same for all steps of a run, so that frames can be compared
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ...laws.quantities import Quantity
 from ..averaging.exported_folder import ExportedRun
-from .colours import OPACITY, Look, colour_classes, look_of, round_up
+from .colours import LOOKS, OPACITY, Look, balanced_limits, colour_classes, look_of, round_up
 from .map_clock import Clock, stamp
 from .xml_markup import filled, node, qgis_document
 
 CLASS_OPACITY = 0.8  # [1] of whole numbers over the hillshade
+WHOLE = 255  # alpha of an opaque colour
 
 
 def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> Element:
@@ -32,7 +34,7 @@ def value_renderer(look: Look, typical: float, min_depth: float, band: int) -> E
     """
     rgb = [",".join(str(int(c[i : i + 2], 16)) for i in (1, 3, 5)) + ",255" for c in look.ramp]
     stops = ":".join(f"{k / (len(rgb) - 1):.6g};{rgb[k]}" for k in range(1, len(rgb) - 1))
-    given = {"band": band, "opacity": OPACITY, "first": rgb[0], "last": rgb[-1], "stops": stops}
+    given = {"band": band, "opacity": layer_opacity(OPACITY), "first": rgb[0], "last": rgb[-1], "stops": stops}
     if look.shown == "signed":
         bound = round_up(typical * look.factor) / look.factor
         given |= {"lowest": f"{-bound:g}", "highest": f"{bound:g}", "unit": look.unit.partition(";")[0]}
@@ -56,11 +58,29 @@ def value_shader(look: Look, typical: float, min_depth: float) -> Element:
     return next(value_renderer(look, typical, min_depth, 1).iter("colorrampshader"))
 
 
+def layer_opacity(opacity: float) -> float:
+    """Return the part of an opacity that a layer has; its colours have the other part.
+
+    The list of layers shows the opacity of the colours only, a legend in print that of the layer only: with equal parts
+    both are as near to the map as they can be.
+
+    Parameters
+    ----------
+    opacity : float [1]
+        On the map.
+    """
+    return float(f"{math.sqrt(opacity):.3g}")
+
+
+def _alpha(opacity):
+    return round(WHOLE * opacity / layer_opacity(opacity))
+
+
 def _class_items(classes):
     """Yield the items of classes: each is an upper bound, the last one infinite."""
     for entry in classes:
         upper = "inf" if math.isinf(entry.upper) else f"{entry.upper:g}"
-        drawn = {"color": entry.colour or "#ffffff", "alpha": 255 if entry.colour else 0}
+        drawn = {"color": entry.colour or "#ffffff", "alpha": _alpha(OPACITY) if entry.colour else 0}
         yield node("item", {"value": upper} | drawn | {"label": entry.label})
 
 
@@ -68,7 +88,7 @@ def _ramp_items(look, bound):
     """Yield the items of a continuous ramp that is symmetric about zero."""
     for value, colour in zip(np.linspace(-bound, bound, len(look.ramp)), look.ramp, strict=True):
         label = f"{value * look.factor:.3g}"
-        yield node("item", {"value": f"{value:.9g}", "color": colour, "alpha": 255, "label": label})
+        yield node("item", {"value": f"{value:.9g}", "color": colour, "alpha": _alpha(OPACITY), "label": label})
 
 
 def value_pipe(quantity: Quantity, run: ExportedRun, band: int) -> Element:
@@ -82,7 +102,26 @@ def value_pipe(quantity: Quantity, run: ExportedRun, band: int) -> Element:
         Number of the band in its file, from 1.
     """
     typical = run.typical.get(quantity.name, 0.0)
-    return node("pipe", None, value_renderer(look_of(quantity), typical, run.min_depth, band))
+    return node("pipe", None, value_renderer(look_of(quantity, run.classes), typical, run.min_depth, band))
+
+
+def with_classes(run: ExportedRun, chosen: Mapping[str, tuple]) -> ExportedRun:
+    """Return a run with limits of its classes: those chosen, and of depths that crowd in the last usual class.
+
+    Parameters
+    ----------
+    run : ExportedRun
+        With its maxima written.
+    chosen : dict of str to tuple of float
+        By quantity.
+    """
+    balanced = {}
+    for name, peak in (("h", "h_max"), ("t", "t_max")):
+        (values,) = run.read(run.maxima_file, (peak,))
+        if name not in chosen and values is not None:
+            limits = balanced_limits(LOOKS[name], values[values > run.min_depth])
+            balanced |= {name: limits} if limits else {}
+    return replace(run, classes={**balanced, **chosen})
 
 
 def hillshade_pipe() -> Element:
@@ -121,10 +160,10 @@ def class_pipe(classes: Iterable[tuple]) -> Element:
         Number, label, colour #rrggbb.
     """
     entries = (
-        node("paletteEntry", {"value": number, "color": colour, "alpha": 255, "label": label})
+        node("paletteEntry", {"value": number, "color": colour, "alpha": _alpha(CLASS_OPACITY), "label": label})
         for number, label, colour in classes
     )
-    return next(filled("palette.qml", entries=entries, opacity=CLASS_OPACITY).iter("pipe"))
+    return next(filled("palette.qml", entries=entries, opacity=layer_opacity(CLASS_OPACITY)).iter("pipe"))
 
 
 def bands_over_time(clock: Clock) -> Element:

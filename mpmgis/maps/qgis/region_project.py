@@ -1,5 +1,6 @@
 """Write the QGIS project of a region: its maps by scenario, release areas and footprints over the terrain."""
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ... import __version__
 from ...frames.region_layers import AREAS, FOOTPRINTS
 from ...frames.region_maps import LARGEST, AreaRaster, not_at_rest
 from ...laws.quantities import BAND, MEMBER_BANDS
@@ -16,14 +16,15 @@ from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
 from ..averaging.exported_folder import TYPICAL_PERCENTILE
 from .colours import ACTON_REVERSED, DAVOS_REVERSED, PROBABILITY_LIMITS, Look, look_of
-from .print_layout import print_layout
+from .print_layout import parameter_facts, print_layout
 from .project import project_document, write_archive
 from .project_layers import Group, Layer, map_layer
-from .raster_styles import hillshade_pipe, style_document, value_renderer, write_sidecar
+from .raster_styles import contour_interval, contour_pipe, hillshade_pipe, style_document, value_renderer, write_sidecar
 from .vector_styles import OUTLINE, RELEASE, outline_renderer
 from .xml_markup import node
 
 SAMPLED = 64  # [areas] evenly chosen, whose values determine the classes
+PROBED = 32  # [cells] along a side of an area, from which the relief is read
 MARGIN = 0.08  # [1] around the flow, as a share of its longer side
 COUNT_LIMITS = (1, 2, 3, 5, 10, 20)  # [areas] of classes
 FREQUENCY_LIMITS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)  # [a-1] of classes
@@ -48,7 +49,13 @@ class RegionProject:
     frequency : bool
         Whether there are maps of frequency and probability.
     terrain : str or None
-        Path of the DTM relative to the final folder, for the hillshade.
+        Path of the DTM relative to the final folder, for hillshade and contours.
+    facts : dict of str to str
+        Parameters of the runs for the print layout, by name.
+    author : str
+        Of the maps; "" if unknown.
+    classes : dict of str to tuple of float
+        Limits of classes that the user chose, by quantity.
     """
 
     folder: Path
@@ -58,16 +65,37 @@ class RegionProject:
     frequency: bool
     terrain: str | None
     name: str = "region"
+    facts: Mapping[str, str] = field(default_factory=dict)
+    author: str = ""
+    classes: Mapping[str, tuple] = field(default_factory=dict)
     project_file: str = field(default="region.qgz", init=False)
+
+    @cached_property
+    def _sampled(self):
+        """Some areas with flow, evenly chosen."""
+        areas = self.areas.get("all", ())
+        chosen = np.unique(np.linspace(0, len(areas) - 1, min(SAMPLED, len(areas))).round().astype(int))
+        return [areas[number] for number in chosen]
+
+    @cached_property
+    def relief(self) -> float:
+        """Highest minus lowest elevation [m] below the flows of some areas; 0 without a terrain."""
+        path = None if self.terrain is None else self.folder / self.terrain
+        if path is None or not path.is_file():
+            return 0.0
+        ends = []
+        with open_raster(path) as source:
+            for area in self._sampled:
+                top, bottom, left, right = area.place
+                read = source.read(1, window=((top, bottom), (left, right)), out_shape=(PROBED, PROBED), masked=True)
+                ends += [read.min(), read.max()] if read.count() else []
+        return float(max(ends) - min(ends)) if ends else 0.0
 
     @cached_property
     def typical(self) -> dict[str, float]:
         """Typical size of the largest values by band name; all scenarios have the same classes."""
-        areas = self.areas.get("all", ())
-        chosen = np.unique(np.linspace(0, len(areas) - 1, min(SAMPLED, len(areas))).round().astype(int))
         values = {key: [] for key in LARGEST}
-        for number in chosen:
-            area = areas[number]
+        for area in self._sampled:
             top, bottom, left, right = area.extent
             with open_raster(area.path) as source:
                 bands = [MEMBER_BANDS.index(key) + 1 for key in LARGEST]
@@ -113,22 +141,45 @@ def write_region_project(project: RegionProject) -> list[Path]:
         _polygons(project, AREAS, "../areas.gpkg", "release areas", RELEASE, shown=True),
         _polygons(project, FOOTPRINTS, "all_footprints.gpkg", "footprints of the areas", OUTLINE, shown=False),
     ]
-    groups = [_maps(project, name, shown=name == "all") for name in sorted(project.areas)]
+    groups = [_maps(project, name, shown=name == "all") for name in sorted(project.areas, key=_in_order)]
     terrain = _terrain(project)
     groups = [Group("areas", polygons), *groups, *([terrain] if terrain else [])]
     count, view = len(project.areas.get("all", ())), project.view()
     title = f"{project.name}: largest values of {count} release areas"
-    shown = [polygons[0], *(group.rows[0] for group in groups[1:] if group.shown)]
-    notes = f"Computed with mpmgis {__version__} (Material Point Method). Each area is simulated separately."
-    page = print_layout(project, view, Group("map", shown), title, notes)
+    largest = [group.rows[0] for group in groups[1:] if group.shown and group is not terrain]
+    shown = [polygons[0]._replace(unfolded=True), *largest, *(terrain.rows if terrain else [])]
+    page = print_layout(project, view, Group("map", shown), title, _facts(project, shown), project.author)
     write_archive(project, project_document(project, groups, view, title, [page]))
     styles = [_style(project, file, looked) for name in project.areas for file, looked in _files(project, name).items()]
     return [project.folder / project.project_file, *styles]
 
 
+def _in_order(name):
+    """All areas first, then scenarios by number, then by name."""
+    text = name.removeprefix("scenario_")
+    try:
+        return name != "all", float(text), ""
+    except ValueError:
+        return name != "all", math.inf, text
+
+
+def _facts(project, shown):
+    """(name, text) of what the page says below the map."""
+    areas = project.areas.get("all", ())
+    moving = not_at_rest(areas)
+    contours = next((row.title for row in shown if row.title.startswith("contours")), "")
+    dtm = Path(project.terrain).name if project.terrain else ""
+    return (
+        *parameter_facts({name: text for name, text in project.facts.items() if name != "release"}),
+        ("Largest depth", f"of {len(areas)} areas, each simulated separately; shown from {project.min_depth:g} m on"),
+        ("Not at rest", f"{moving} areas" if moving else ""),
+        ("Terrain", "; ".join(filter(None, [dtm, contours]))),
+    )
+
+
 def _files(project, name):
     """File of each map -> (band name, look, typical size) of its bands that are drawn."""
-    drawn = {f"{name}_{key}.tif": [(key, look_of(BAND[key]), project.typical[key])] for key in LARGEST}
+    drawn = {f"{name}_{key}.tif": [(key, look_of(BAND[key], project.classes), project.typical[key])] for key in LARGEST}
     drawn[f"{name}_areas.tif"] = [("areas", COUNTED, COUNT_LIMITS[-1])]
     if project.frequency:
         largest = max(area.frequency for area in project.areas[name])
@@ -164,11 +215,17 @@ def _polygons(project, layer, file, title, pen, shown):
 
 
 def _terrain(project):
-    """The DTM as a hillshade; None without its path."""
+    """Contours over a hillshade of the DTM; None without its path."""
     if project.terrain is None:
         return None
-    layer = map_layer(project, "raster", "terrain", project.terrain, "hillshade", "gdal", None, hillshade_pipe())
-    return Group("terrain", [Layer("hillshade", layer, True)], unfolded=False)
+    interval = contour_interval(project.relief)
+    pipes = {f"contours every {interval:g} m": contour_pipe(interval)} if project.relief else {}
+    pipes["hillshade"] = hillshade_pipe()
+    rows = [
+        Layer(title, map_layer(project, "raster", f"terrain_{k}", project.terrain, title, "gdal", None, pipe), True)
+        for k, (title, pipe) in enumerate(pipes.items())
+    ]
+    return Group("terrain", rows, unfolded=False)
 
 
 def _style(project, file, bands):

@@ -6,9 +6,10 @@ from contextlib import closing
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
+from ...laws.quantities import BAND
 from ...system.errors import OutputError, one_line
 from ..averaging.exported_folder import ExportedRun
-from .colours import LOOKS, colour_classes
+from .colours import colour_classes, look_of
 from .xml_markup import filled, node, qgis_document
 
 # Pens: colour (red, green, blue, opacity), width [mm], line style.
@@ -39,7 +40,7 @@ def speed_renderer(run: ExportedRun) -> Element:
     ----------
     run : ExportedRun
     """
-    classes = colour_classes(LOOKS["Ut"], run.typical.get("Ut", 0.0))
+    classes = colour_classes(look_of(BAND["Ut"], run.classes), run.typical.get("Ut", 0.0))
     lower, rules = None, []
     for k, entry in enumerate(classes):
         above = [] if lower is None else [f"speed > {lower:g}"]

@@ -5,6 +5,7 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import geopandas
 import numpy as np
@@ -16,7 +17,13 @@ from rasterio.enums import ColorInterp
 from ...laws.quantities import Quantity
 from ...maps.qgis.outlines import POLYGONS, mask_outline
 from ...maps.qgis.raster_styles import class_pipe, style_document
-from ...maps.qgis.vector_styles import class_renderer, outline_renderer, vector_style_document, write_layer_styles
+from ...maps.qgis.vector_styles import (
+    RELEASE,
+    class_renderer,
+    outline_renderer,
+    vector_style_document,
+    write_layer_styles,
+)
 from ...system.csv_rows import write_records
 from ...system.errors import InputError
 from ...system.optional_libraries import GEOPACKAGE
@@ -203,7 +210,33 @@ def write_hazard_style(path: Path, matrix: HazardMatrix) -> None:
     matrix : HazardMatrix
     """
     with whole_file(path) as part:
-        part.write_text(style_document(class_pipe(_entries(matrix))), encoding="utf-8", newline="\n")
+        part.write_text(style_document(level_pipe(matrix)), encoding="utf-8", newline="\n")
+
+
+def level_pipe(matrix: HazardMatrix) -> Element:
+    """Return the element `pipe` of QGIS that draws the raster of levels.
+
+    Parameters
+    ----------
+    matrix : HazardMatrix
+    """
+    return class_pipe(_entries(matrix))
+
+
+def zone_renderers(matrix: HazardMatrix) -> dict[str, Element]:
+    """Return the elements `renderer-v2` of QGIS for the layers of the GeoPackage, by name.
+
+    Parameters
+    ----------
+    matrix : HazardMatrix
+    """
+    entries = _entries(matrix)
+    return {
+        "zones": class_renderer("level", entries[:-1]),
+        "uncertainty": outline_renderer(BAND_PEN),
+        "not_assessed": class_renderer("level", entries[-1:]),
+        "release": outline_renderer(RELEASE),
+    }
 
 
 def write_shares(path: Path, made: HazardMap, tags: dict) -> None:
@@ -225,7 +258,7 @@ def write_shares(path: Path, made: HazardMap, tags: dict) -> None:
 
 
 def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
-    """Write a GeoPackage: `zones` with the scenarios that decide, `uncertainty`, `not_assessed`.
+    """Write a GeoPackage: `zones` with the scenarios that decide, `uncertainty`, `not_assessed`, `release`.
 
     Parameters
     ----------
@@ -234,13 +267,13 @@ def write_zones(path: Path, made: HazardMap, tags: dict) -> None:
     tags : dict of str to str
         Of the source.
     """
-    layers = {"zones": _zone_rows(made), "uncertainty": _band_rows(made), "not_assessed": _gap_rows(made)}
-    classes = [(k, label, colour) for k, label, colour in _entries(made.matrix)[:-1]]
-    styles = {
-        "zones": class_renderer("level", classes),
-        "uncertainty": outline_renderer(BAND_PEN),
-        "not_assessed": class_renderer("level", _entries(made.matrix)[-1:]),
+    layers = {
+        "zones": _zone_rows(made),
+        "uncertainty": _band_rows(made),
+        "not_assessed": _gap_rows(made),
+        "release": _release_rows(made),
     }
+    styles = zone_renderers(made.matrix)
     crs = None if made.grid.crs is None else made.grid.crs.to_wkt()
     written = {}
     with whole_file(path) as part, warnings.catch_warnings():
@@ -328,6 +361,12 @@ def _gap_rows(made):
     if shape is None:
         return [], []
     return [{"level": NOT_ASSESSED, "name": NOT_ASSESSED_WORDS, "area_m2": round(shape.area, 3)}], [shape]
+
+
+def _release_rows(made):
+    """Rows and shapes of the releases of the scenarios, as far as their results have them."""
+    found = [(scenario.years, shape) for scenario in made.scenarios for shape in scenario.release]
+    return [{"years": years} for years, _ in found], [shape for _, shape in found]
 
 
 def write_hazard_table(path: Path, made: HazardMap) -> None:

@@ -1,7 +1,7 @@
 """Answer `mpmgis report --map`: scenarios to hazard levels of a guideline, as raster, zones and printed map."""
 
 import datetime
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -9,6 +9,7 @@ import shapely
 from ... import __version__
 from ...frames.run_terrain import dtm_name, terrain_of_rasters
 from ...laws.quantities import SQUARE_METRES_PER_HECTARE
+from ...maps.qgis.print_layout import METRES_PER_MM
 from ...system.errors import InputError
 from ...system.messages import Progress, log, unwatched
 from ...terrain.elevation import Terrain
@@ -30,14 +31,18 @@ from .hazard_files import (
 )
 from .hazard_levels import HazardMatrix, combined_hazard
 from .hazard_options import HazardQuestion
+from .hazard_project import HazardProject, write_ground, write_hazard_project
 from .hazard_scenarios import read_scenarios, scenario_of
-from .hazard_sheet import METRES_PER_MM, Print, Sheet, sheet_for
+from .hazard_sheet import Print, Sheet, sheet_for
+from .scenario_release import release_of
 from .zone_outlines import default_area, generalized_zones
 
 RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE = "hazard.tif", "hazard.qml", "hazard.gpkg", "hazard.csv"
 PRINT_FILE, PICTURE_FILE, SHARES_FILE = "hazard.pdf", "hazard.png", "hazard_probability.tif"
 FILES = (RASTER_FILE, STYLE_FILE, ZONES_FILE, TABLE_FILE, PRINT_FILE, PICTURE_FILE)
+PROJECT_FILE, TERRAIN_FILE = "hazard.qgz", "hazard_dtm.tif"  # which need the other files of the folder
 FOLDER = "hazard_map"  # of the output, if none is given
+MARGIN = 0.08  # [1] around the zones in the project, over the longer side
 LARGEST_ON_PAPER = 2.0  # [mm] of a cell in print; outlines of larger ones show more than was computed
 ROWS = 512  # of the terrain that are read at a time, to limit the memory
 
@@ -90,7 +95,10 @@ def hazard_map(asked: HazardQuestion, progress: Progress = unwatched) -> HazardF
     matrix = choose_matrix(asked["map"], asked["matrices"], asked["guidelines"])
     scale = scale_of(asked["scale"])
     output = _output(asked)
-    scenarios = read_scenarios(asked, matrix, progress)
+    scenarios = [
+        replace(one, release=release_of(one.path, one.terrain, one.grid.crs))
+        for one in read_scenarios(asked, matrix, progress)
+    ]
     terrain = _terrain(asked, scenarios)
     grid = scenarios[0].grid
     hazard = combined_hazard(
@@ -294,6 +302,19 @@ def _writers(made: HazardMap, terrain: Terrain | None, sheet: Sheet) -> dict:
         PRINT_FILE: lambda path: printed.save(path, "pdf"),
         PICTURE_FILE: lambda path: printed.save(path, "png"),
     }
+    west, south, east, north = _bounds(made.hazard.level > 0, made.grid)
+    rim = MARGIN * max(east - west, north - south)
+    view = (west - rim, south - rim, east + rim, north + rim)
+    ground = {TERRAIN_FILE: lambda path: write_ground(path, terrain, view, made.grid)}
+    writers |= ground if terrain is not None else {}
+    writers[PROJECT_FILE] = lambda path: _write_project(path.parent, made, view)
     if made.shares is not None:
         writers[SHARES_FILE] = lambda path: write_shares(path, made, tags)
     return writers
+
+
+def _write_project(folder, made, view):
+    """Write the project of the other files."""
+    terrain = folder / TERRAIN_FILE
+    project = HazardProject(folder, made.grid, RASTER_FILE, ZONES_FILE, TERRAIN_FILE if terrain.exists() else "")
+    write_hazard_project(project, made, view)

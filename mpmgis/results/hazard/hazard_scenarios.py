@@ -50,6 +50,8 @@ class Scenario:
         Whether the rasters hold all of the flow, so that cells beyond them are dry.
     unfinished : str
         Why its levels can be too low: the run was stopped, or its flow still moves; "" for a flow at rest.
+    release : tuple of shapely.MultiPolygon
+        As far as the results have it.
     """
 
     years: float
@@ -64,6 +66,7 @@ class Scenario:
     members: int = 1
     whole: bool = False
     unfinished: str = ""
+    release: tuple = ()
 
     def words(self) -> str:
         """Return return period and name as text."""

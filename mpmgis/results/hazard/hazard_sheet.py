@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from ...maps.export.run_picture import INK, draw_terrain
-from ...maps.qgis.colours import round_up
+from ...maps.qgis.print_layout import METRES_PER_MM, usual_scale
 from ...system.errors import InputError
 from ...system.messages import log
 from ...system.whole_files import whole_file
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPERS = {"A4": (297.0, 210.0), "A3": (420.0, 297.0)}  # [mm] width and height, landscape
-# usual denominators of map scales
-SCALES = (500, 1000, 2000, 2500, 5000, 10000, 15000, 20000, 25000, 50000, 100000, 200000, 250000, 500000)
 EDGE = 8.0  # [mm] margin of the paper
 TITLE = 11.0  # [mm] height of the title line
 TICKS = 7.0  # [mm] width of the labels of coordinates
@@ -42,7 +40,6 @@ TITLES = (13.0, 11.0, 9.0, 7.5)  # [points] of the title: the largest with which
 DOTS_PER_INCH = 200  # of the picture, and of the hillshade in the PDF
 WARNING_COLOUR = "#c00000"  # red, of scenarios that are not finished
 BAND_COLOUR = "#202020"  # of the bands in which an outline is uncertain
-METRES_PER_MM = 1e-3  # on the map at scale 1
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ def sheet_for(bounds: tuple, paper: str, scale: float | None) -> Sheet:
     paper : str
         A key of PAPERS.
     scale : float or None
-        Denominator; None: the largest of SCALES that fits.
+        Denominator; None: the largest usual one that fits.
 
     Returns
     -------
@@ -88,9 +85,9 @@ def sheet_for(bounds: tuple, paper: str, scale: float | None) -> Sheet:
         The area does not fit on the paper at this scale.
     """
     needed, width, height, frame = _largest_scale(bounds, paper)
-    chosen = scale or next((value for value in SCALES if value >= needed), round_up(needed))
+    chosen = scale or usual_scale(needed)
     if chosen < needed:
-        least = next((value for value in SCALES if value >= needed), round_up(needed))
+        least = usual_scale(needed)
         raise InputError(
             f"`scale=1:{scale:g}`: the zones do not fit on {paper} at this scale; give `scale=1:{least:g}`"
             + (", or `sheet=A3`" if _largest_scale(bounds, "A3")[0] <= chosen else "")

@@ -4,8 +4,9 @@ import math
 from pathlib import Path
 
 from ...frames.flow_end import FlowEnd
-from ...frames.headline_numbers import ERROR_TAG, error_words
+from ...frames.headline_numbers import ERROR_TAG
 from ...frames.many_runs_folder import ENSEMBLE, read_folder_record
+from ...frames.run_facts import record_facts
 from ...frames.run_folder import read_record
 from ...frames.run_maps import run_of_maps
 from ...maps.averaging.result_bands import Result
@@ -20,7 +21,7 @@ TAGS = (  # of an export
     ("digest", "digest {:.8}"),
     (ERROR_TAG, "numerical errors: {}"),
 )
-FRICTION_SKIPPED = ("law", "use")  # keys of [friction] that are no parameters
+QUANTITIES = ("release", "thickness", "vertical thickness", "volume", "density", "digest")
 
 
 def facts_of(path: Path, result: Result | None = None) -> str:
@@ -38,10 +39,8 @@ def facts_of(path: Path, result: Result | None = None) -> str:
     -------
     str
     """
-    record = _record_at(path)
-    if isinstance(record.get("scene"), dict):
-        return "; ".join(filter(None, _of_record(record)))
-    return _of_tags(result)
+    facts = record_facts(_record_at(path))
+    return "; ".join(_words(*fact) for fact in facts.items()) if facts else _of_tags(result)
 
 
 def _record_at(path):
@@ -71,36 +70,11 @@ def unfinished_words(path: Path, end: FlowEnd | None) -> str:
     return f"the flow did not come to rest: {end.words()}"
 
 
-def _of_record(record):
-    scene = record["scene"]
-    release, friction = scene.get("release") or {}, scene.get("friction") or {}
-    thickness, density = release.get("thickness"), release.get("density")
-    yield f"release {Path(str(release['source'])).name}" if release.get("source") else ""
-    yield f"thickness {thickness:g} m" if isinstance(thickness, int | float) else _measured(record, thickness)
-    yield f"density {density:g} kg/m3" if isinstance(density, int | float) else ""
-    numbers = (f"{name} {_text(value)}" for name, value in friction.items() if name not in FRICTION_SKIPPED)
-    yield " ".join([str(friction.get("law", "")), *numbers]).strip()
-    varied = (record.get("plan") or {}).get("vary") or {}
-    yield f"varied: {', '.join(map(str, varied))}" if varied else ""
-    yield f"ended: {record['reason']}" if record.get("reason") else ""
-    yield f"digest {str(record['digest'])[:8]}" if record.get("digest") else ""
-    errors = error_words(record.get("companion"))
-    yield f"numerical errors: {errors}" if errors else ""
-
-
-def _measured(record, source):
-    """Return thickness and volume that a run took from a column or a raster; "" of a version without their record."""
-    found = record.get("release")
-    names = ("mean_thickness", "largest_thickness", "volume")
-    if not isinstance(found, dict) or not all(isinstance(found.get(name), int | float) for name in names):
-        return ""
-    mean, largest, volume = (found[name] for name in names)
-    named = f" from {Path(str(source)).name!r}" if source else ""
-    return f"vertical thickness{named} {mean:.3g} m on average, {largest:.3g} m at most, volume {volume:.0f} m3"
-
-
-def _text(value):
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def _words(name, text):
+    """A fact as part of a sentence: quantities as "name value", the friction law without its name."""
+    if name == "friction":
+        return text
+    return f"{name}{'' if name in QUANTITIES else ':'} {text}"
 
 
 def _of_tags(result):
