@@ -207,7 +207,7 @@ def _set_tags(path, tags):
     """Set tags of a raster of a run, atomically; other files stay as they are, and those that have the tags."""
     if path.suffix != ".tif" or path.name.startswith("."):
         return
-    with rasterio.open(path) as source:
+    with open_raster(path) as source:
         found = source.tags(ns=NAMESPACE)
     if tags.items() <= found.items():  # of a run that was killed after this: GDAL would append them again
         return

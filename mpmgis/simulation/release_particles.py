@@ -94,7 +94,7 @@ def _terms(scene: "Scene") -> Declarations:
         origin=None if table.origin is None else tuple(map(float, table.origin)),
         axes=table.axes,
         times=None if table.times is None else tuple(map(float, table.times)),
-        time_step=table.dt,
+        frame_step=table.dt,
         frames_per_second=table.fps,
         columns=tuple((table.columns or {}).items()),
         density=table.density,

@@ -47,7 +47,7 @@ def test_runs_of_the_prior_are_those_that_finished():
 @pytest.mark.parametrize("finished", [[], [False] * 30])
 def test_too_few_finished_runs_are_one_error(finished):
     study = object.__new__(_Study)
-    study.events, study.request = [SimpleNamespace(name="a"), SimpleNamespace(name="b")], SimpleNamespace(seed=1)
+    study.events, study.asked = [SimpleNamespace(name="a"), SimpleNamespace(name="b")], {"seed": 1}
     study.rounds = rounds_of(finished)
     with pytest.raises(InputError, match="only 0 runs finished in all events"):
         study._result(tests=0)

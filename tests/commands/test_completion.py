@@ -27,7 +27,7 @@ def test_every_verb_and_option_is_in_the_script(shell, capsys):
 @pytest.mark.parametrize(
     ("words", "completed"),
     [
-        (["exp"], {"export-raster"}),
+        (["exp"], {"export-raster", "exposure"}),
         (["export-raster", "--cs"], {"--cs-e"}),
         (["completion", "z"], {"zsh"}),
         (["export-raster", "--bed", "pl"], {"plane"}),

@@ -240,10 +240,9 @@ def test_going_back_takes_events_back_too():
             return lambda *given, **_: done.append((self.name, asked, given))
 
     solver, events = Told("solver"), Told("events")
-    solver.step, solver.time = 7, 1.5
-    side = SimpleNamespace(energy_look=lambda: None)
+    solver.step, solver.time, solver.energy_look = 7, 1.5, lambda: None
     stage_end = SimpleNamespace(calm_since=3.0)
-    guard = Guard(solver, side, events, stage_end)
+    guard = Guard(solver, events, stage_end)
     frame = SimpleNamespace(time=1.0, state={"events": 4}, particles=SimpleNamespace(id=(1, 2)))
     guard.keep(frame)
     stage_end.calm_since = 9.0

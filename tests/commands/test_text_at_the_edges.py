@@ -23,14 +23,14 @@ def test_a_misspelt_verb_is_answered_with_the_one_that_was_meant(word, meant, ca
     with pytest.raises(SystemExit):
         main([word])
     (line,) = lines(capsys)
-    assert f"unknown verb {word!r}; did you mean {meant}?" in line
+    assert f"unknown command {word!r}; did you mean {meant}?" in line
 
 
 def test_a_verb_that_resembles_none_is_only_unknown(capsys):
     with pytest.raises(SystemExit):
         main(["zzzz"])
     (line,) = lines(capsys)
-    assert "unknown verb 'zzzz'; see mpmgis --help" in line
+    assert "unknown command 'zzzz'; see mpmgis --help" in line
 
 
 @pytest.mark.parametrize("code", [*range(1, 9), *range(11, 32), 0x7F, 0x9B])

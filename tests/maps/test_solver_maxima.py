@@ -474,7 +474,7 @@ def test_the_arrival_thickness_of_the_scene_is_the_bands(site, capsys):
         ("true", "-0.1", "expected above 0"),
         ("true", '"thin"', "expected a number"),
         ("true", "2000", "expected at most 1000"),
-        ("false", "0.2", "kept only with maxima = true"),
+        ("false", "0.2", "used only with maxima = true"),
     ],
 )
 def test_an_invalid_arrival_thickness_is_rejected(tmp_path, maxima, value, words):

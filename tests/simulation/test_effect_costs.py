@@ -54,12 +54,12 @@ class Timed:
     def restore(self, start):
         self.step = start
 
-    def advance(self, until, steps, may_stop):
+    def advance(self, until, max_steps, may_stop):
         friction, cohesion, rest = self.cost
         rest += friction * (self.effects.friction != FRICTIONLESS) + cohesion * (self.effects.cohesion > 0.0)
         self.looks += 1
-        self.now += steps * rest * (3.0 if self.looks % 7 == 0 else 1.0)
-        self.step = min(self.step + steps, self.last)
+        self.now += max_steps * rest * (3.0 if self.looks % 7 == 0 else 1.0)
+        self.step = min(self.step + max_steps, self.last)
 
 
 def test_shares_are_what_a_step_saves_whatever_disturbs_some_of_them():

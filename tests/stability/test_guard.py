@@ -90,7 +90,7 @@ def test_what_no_step_helps_ends_the_run_with_place_and_cause():
 def test_without_a_frame_to_go_back_to_the_run_ends_with_place_and_cause():
     """The terrain was empty at the start; the inflow became invalid before its first frame."""
     solver = Recorder()
-    guard = Guard(solver, None, Recorder(), solver)
+    guard = Guard(solver, Recorder(), solver)
     with pytest.raises(UnphysicalError, match=r"step 7, t = 0\.500 s, E 1\.0 N 2\.0: too fast, before the first frame"):
         guard.go_back("E 1.0 N 2.0: too fast")
     assert solver.asked == []
@@ -128,7 +128,7 @@ class Recorder:
 
 def test_steps_are_whole_again_from_the_next_frame_on():
     solver, frame = Recorder(), block().frame()
-    guard = Guard(solver, Recorder(), Recorder(), solver)
+    guard = Guard(solver, Recorder(), solver)
     guard.keep(frame)
     solver.calm_since = 0.4
     guard.go_back("E 1.0 N 2.0: too fast")

@@ -14,7 +14,7 @@ DOORS = {
         "frames/run_folder": OWN,
         "frames/run_maps": OWN,
         "results/hazard/hazard_files": OWN,
-        "results/hazard/intensity_answer": OWN,
+        "terrain/class_rasters": OWN,
         "terrain/raster_output": OWN,
     },
     "list_layers": {
@@ -94,6 +94,8 @@ PLAIN = {
     "maps/qgis/kml": OWN,
     "maps/qgis/outlines": OWN,
     "maps/qgis/plugin_zip": "files of the package",
+    "maps/qgis/xml_markup": "files of the package",
+    "results/reports/flow_player": "files of the package",
     "results/hazard/guideline_files": "the door for tables of guidelines",
     "results/reports/fact_table": FACTS,
     "results/reports/file_facts": FACTS,

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import geopandas
 import shapely
 
 from ...maps.export.export_inputs import release_outlines
 from ...maps.qgis.outlines import layer_names, polygons
 from ...terrain.elevation import Terrain
 from ...terrain.georeference import same_place
+from ...terrain.vector_table import read_table
 
 LAYER = "release"  # of a GeoPackage
 PLACES = (".", "maps")  # folders of the GeoPackage, from that of the results
@@ -37,7 +37,7 @@ def release_of(path: Path, terrain: Terrain | Path | None, crs: Any) -> tuple[sh
         return ()
     for file in (found for place in PLACES for found in sorted((path / place).glob("*.gpkg"))):
         if LAYER in layer_names(file):
-            table = geopandas.read_file(file, layer=LAYER, engine="pyogrio")
+            table = read_table(f"{file}|layername={LAYER}")
             if None not in (table.crs, crs) and not same_place(table.crs, crs):
                 return ()
             return _shapes(table.geometry)

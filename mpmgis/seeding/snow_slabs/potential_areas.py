@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pyproj
 
-from ...compiled.jit import jit
 from ...frames.region_layers import write_layer
 from ...system.errors import InputError
 from ...system.memory import memory_lack
@@ -27,6 +26,7 @@ from .slab_criteria import SCENARIOS, SlabCriteria
 from .slab_ground import CRITERIA, SlabGround, halo, slab_ground
 from .slab_thickness import NewSnow
 from .slab_units import Units, divided
+from .unit_means import unit_means
 from .unit_outlines import outlines
 
 LAYER = "release_areas"  # name of the layer
@@ -251,7 +251,7 @@ def _classified(
 
 def _columns(units: Units, ground: SlabGround, cell_area: float, snow: NewSnow) -> dict[str, np.ndarray]:
     """Return the columns of the areas."""
-    slope, surface, elevation = _means(units.labels, ground.slope, ground.elevation, len(units.cells))
+    slope, surface, elevation = unit_means(units.labels, ground.slope, ground.elevation, len(units.cells))
     area = units.cells * cell_area
     columns = {
         "name": np.array([f"release {k + 1}" for k in range(len(area))], object),
@@ -271,24 +271,6 @@ def _columns(units: Units, ground: SlabGround, cell_area: float, snow: NewSnow) 
         if years:
             columns |= {f"thickness_{years}": one, f"volume_{years}": one * area * surface}
     return columns
-
-
-@jit
-def _means(labels, slope, elevation, count):
-    """Return the mean slope [degrees], surface over plan area and elevation [m] of each unit, float64[count]."""
-    cells = np.zeros(count)
-    slopes, surfaces, heights = np.zeros(count), np.zeros(count), np.zeros(count)
-    rows, columns = labels.shape
-    for i in range(rows):
-        for j in range(columns):
-            k = labels[i, j] - 1
-            if k >= 0:
-                angle = float(slope[i, j])
-                cells[k] += 1.0
-                slopes[k] += angle
-                surfaces[k] += 1.0 / math.cos(math.radians(angle))
-                heights[k] += float(elevation[i, j])
-    return slopes / cells, surfaces / cells, heights / cells
 
 
 def _summary(found: SlabAreas) -> str:
