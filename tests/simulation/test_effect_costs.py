@@ -49,7 +49,7 @@ class Timed:
 
     def __init__(self, effects, friction, cohesion, rest, last=10**9):
         self.effects, self.cost, self.last = effects, (friction, cohesion, rest), last
-        self.now, self.step, self.time, self.columns, self.looks = 0.0, 0, 7.0, 50, 0
+        self.now, self.step, self.time, self.particles, self.looks = 0.0, 0, 7.0, 50, 0
 
     def restore(self, start):
         self.step = start
