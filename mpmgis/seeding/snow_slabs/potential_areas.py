@@ -13,7 +13,7 @@ import numpy as np
 import pyproj
 
 from ...compiled.jit import jit
-from ...frames.region_folder import write_layer
+from ...frames.region_layers import write_layer
 from ...system.errors import InputError
 from ...system.memory import memory_lack
 from ...system.messages import Progress, log, muted, unwatched
