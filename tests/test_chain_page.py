@@ -6,15 +6,19 @@ import shlex
 import shutil
 import subprocess
 import tomllib
+from pathlib import Path
 
 import geopandas
+import numpy as np
 import pytest
 import rasterio
+import shapely
 from test_pages import DOCS, ROOT
 from test_tutorial import FENCE, alike, machine
 
 from mpmgis.commands.demo_site import sample_folder
 from mpmgis.commands.plugin_forms import plugin_forms
+from mpmgis.commands.shell.main import main
 
 PAGE = (DOCS / "guide" / "terrain-to-hazard.md").read_text(encoding="utf-8")
 PICTURE = ROOT / "sample_data" / "lava_falls_hazard.png"
@@ -79,3 +83,39 @@ def test_the_script_goes_from_the_terrain_to_the_map(tmp_path):
         rows = list(csv.DictReader(file))
     assert {row["scenario"] for row in rows} == {f"region_{years}" for years in PERIODS}
     assert {row["name"] for row in rows} == {"road", "mast"}
+
+
+@pytest.mark.thorough
+def test_bad_input_is_one_line_that_the_page_names(tmp_path, monkeypatch, capsys):
+    shutil.copytree(sample_folder(), tmp_path / "site")
+    monkeypatch.chdir(tmp_path / "site")
+    with (
+        rasterio.open("lava_falls_dem_utm12n_10m.tif") as source,
+        rasterio.open("flat.tif", "w", **source.profile) as to,
+    ):
+        place = source.bounds
+        to.write(np.full((1, *source.shape), 700.0, np.float32))
+    trees = geopandas.GeoDataFrame(geometry=[shapely.box(*place)], crs="EPSG:32612").to_crs("EPSG:4326")
+    trees.to_file("forest.gpkg")
+    geopandas.GeoDataFrame({"thickness_100": [1.0]}, geometry=[shapely.box(*place)], crs="EPSG:32612").to_file(
+        "areas.gpkg"
+    )
+    Path("gap.csv").write_text("terrain,mu,xi\nopen,0.2,2000\n")
+    before, _, after = Path("hazard_30.toml").read_text().partition("[[zones]]")
+    Path("column.toml").write_text(f"{before}mu = 0.2\nxi = 2000\n[numerics]{after.partition('[numerics]')[2]}")
+    dem = "--dem lava_falls_dem_utm12n_10m.tif"
+    bad = (
+        "release --dem flat.tif -o a.gpkg",
+        f"release {dem} --forest forest.gpkg -o a.gpkg",
+        f"release {dem} --snow-depth 120 -o a.gpkg",
+        f"friction-map {dem} --table gap.csv -o friction",
+        "region column.toml --releases areas.gpkg -o region",
+        "region hazard_30.toml --releases areas.gpkg -o region",
+    )
+    parts = [line.split("`")[1] for line in PAGE.split("## Messages")[1].splitlines() if "`" in line]
+    there = sorted(Path().iterdir())
+    for words, part in zip(bad, parts, strict=True):
+        assert main(words.split()) == 2
+        last = capsys.readouterr().err.splitlines()[-1]
+        assert last.startswith(f"mpmgis {words.split()[0]}: ") and part in last, last
+    assert sorted(Path().iterdir()) == there
