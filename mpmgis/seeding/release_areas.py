@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import shapely
 
 from ..system.errors import InputError
@@ -59,7 +60,7 @@ def read_release(
     if is_raster(path):
         features, own = area_of_raster(path, terrain, wanted)
     else:
-        features, own = _vector_features(path, terrain, wanted), None
+        features, own = _vector_features(path, terrain, wanted)[0], None
     record = {}
     for part in features:
         require_on_terrain(part, terrain.grid)
@@ -104,7 +105,7 @@ def read_outlines(path: str | Path, terrain: Terrain | TerrainFile) -> list[shap
     if is_raster(path):
         features, _ = area_of_raster(path, terrain, wanted)
     else:
-        features = _vector_features(path, terrain, wanted)
+        features, _ = _vector_features(path, terrain, wanted)
     for part in features:
         require_on_terrain(part, terrain.grid)
     return [part.polygon for part in without_overlaps(features)]
@@ -115,8 +116,8 @@ def read_parts(
     terrain: Terrain | TerrainFile,
     thickness: float | str | Path | None = None,
     surface: str | Path | None = None,
-) -> list[ReleasePart]:
-    """Read a release part for each polygon of a vector file, overlaps included.
+) -> tuple[list[ReleasePart], dict[str, np.ndarray]]:
+    """Read a release part for each polygon of a vector file, overlaps included, and the columns of the file.
 
     Parameters
     ----------
@@ -129,8 +130,10 @@ def read_parts(
 
     Returns
     -------
-    list of ReleasePart
-        Thickness NaN where a raster gives it.
+    parts : list of ReleasePart
+        Thickness NaN where a raster gives it. Polygons with thickness 0 in their column are left out.
+    columns : dict of str to array
+        Of the parts.
 
     Raises
     ------
@@ -185,15 +188,30 @@ def require_thickness(value: float, where: str) -> float:
     return value
 
 
-def _vector_features(path: str | Path, terrain: Terrain | TerrainFile, wanted: "_Thickness") -> list[ReleasePart]:
-    """Read a ReleasePart per feature, in the terrain's CRS; thickness NaN where a raster gives it later."""
+def _vector_features(
+    path: str | Path, terrain: Terrain | TerrainFile, wanted: "_Thickness"
+) -> tuple[list[ReleasePart], dict[str, np.ndarray]]:
+    """Read a ReleasePart per feature, in the terrain's CRS, and the columns; NaN where a raster gives thickness later.
+
+    Features with thickness 0 in their column, such as areas too low for snow, are left out.
+    """
     table = read_table(path)
     table = require_polygons(table, path)
     names = names_of(table, path)
-    heights = _feature_thickness(table, names, path, wanted)
+    heights = np.array(_feature_thickness(table, names, path, wanted))
+    thick = heights != 0.0
+    if not thick.any():
+        raise InputError(
+            f"{path}: the thickness of all {len(names)} areas is 0, expected metres above 0 in one of them"
+        )
+    if not thick.all():
+        log.info(f"{path}: {np.count_nonzero(~thick)} of {len(names)} areas have a thickness of 0 and are left out")
+        table, heights = table.where(thick), heights[thick]
+        names = [name for name, kept in zip(names, thick, strict=True) if kept]
     shapes = to_terrain(table.geometry, table.crs, terrain, path)
     shapes = [repaired(shape, name, path) for shape, name in zip(shapes, names, strict=True)]
-    return [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights, strict=True)]
+    parts = [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights.tolist(), strict=True)]
+    return parts, table.columns
 
 
 def _feature_thickness(table: VectorTable, names: list[str], path: str | Path, wanted: "_Thickness") -> list[float]:
@@ -209,7 +227,8 @@ def _feature_thickness(table: VectorTable, names: list[str], path: str | Path, w
     if values.dtype.kind not in "fiu":
         raise InputError(f"{path}: column {column!r} contains {_kind(values)}, expected numbers (thickness in metres)")
     values = values.astype(float).tolist()
-    return [require_thickness(v, f"{path}: '{name}', column {column!r}") for name, v in zip(names, values, strict=True)]
+    places = (f"{path}: '{name}', column {column!r}" for name in names)
+    return [v and require_thickness(v, place) for v, place in zip(values, places, strict=True)]
 
 
 def _usual_column(table: VectorTable) -> str | None:
@@ -239,7 +258,7 @@ def _thickness_column(table: VectorTable, path: str | Path, asked: str | None) -
     near = difflib.get_close_matches(asked, columns, 1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     raise InputError(
-        f"--thickness {asked!r} is neither a number, a raster nor a column of {path}; {hint}{_listing(columns)}"
+        f"`thickness={asked}` is neither a number, a raster nor a column of {path}; {hint}{_listing(columns)}"
     )
 
 

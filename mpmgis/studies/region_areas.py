@@ -107,8 +107,8 @@ def read_areas(
     FormatError, GeoreferenceError, InputError
     """
     with muted():  # `read_parts` reads it again and reports what it ignores or repairs
-        table = require_polygons(read_table(path, flag="--releases "), path)
-    return RegionAreas(read_parts(path, terrain, thickness, surface), table.columns, terrain.grid.crs)
+        require_polygons(read_table(path, flag="--releases "), path)
+    return RegionAreas(*read_parts(path, terrain, thickness, surface), terrain.grid.crs)
 
 
 def write_area(path: Path, shape: bytes, name: str, crs: str | None) -> None:

@@ -24,9 +24,9 @@ from ..simulation.scene_files import input_files
 from ..solvers.features.features_by_place import with_friction
 from ..system.errors import InputError, MpmgisError, SceneError
 from ..system.messages import log, muted
-from ..system.source_names import file_of
+from ..system.source_names import file_of, source_of
 from ..terrain.dtm import TerrainFile
-from ..terrain.raster_input import file_sha256
+from ..terrain.raster_input import RASTER_SUFFIXES, file_sha256
 from .area_run import AreaTask
 from .ensemble_member import MemberTask
 from .ensemble_plan import with_peaks
@@ -91,6 +91,10 @@ class PlannedRegion:
         if asked["releases"] is None:
             raise InputError("no release areas are given; give `releases`")
         scene = _scene(asked)
+        for name in scene.files():  # once, and not once for each area
+            found = source_of(scene.path(name))
+            if found.is_plain and found.file.suffix.lower() in RASTER_SUFFIXES and not found.file.exists():
+                raise InputError(f"{found.file}: no such file")
         table, release = scene.terrain, scene.release
         terrain = TerrainFile(scene.path(table.dem), table.crs, table.band, table.fill_nodata, table.to_crs)
         if terrain.grid.is_rotated:

@@ -6,6 +6,7 @@ import json
 import geopandas
 import numpy as np
 import pytest
+import rasterio
 from affine import Affine
 from block_frames import write_block_run
 from test_hazard_map import levels, run, write_dtm, write_peaks
@@ -54,6 +55,32 @@ def test_beyond_an_export_that_the_flow_leaves_nothing_is_known(tmp_path, capsys
     row, column = np.indices(found.shape)
     x, _ = place * (column + 0.5, row + 0.5)
     assert (found[x > 400810] == 255).all()
+
+
+def write_region(folder, depth):
+    """A region whose areas flow as deep as `depth`, on a DTM of the same cells."""
+    (folder / "maps").mkdir(parents=True)
+    (folder / "region.json").write_text("{}")
+    for name, values in (("h_max [m]", depth), ("Ut_max [m s-1]", 5 * depth), ("p_max [Pa]", 1e4 * depth)):
+        path = folder / "maps" / f"all_{name.split()[0]}.tif"
+        place = {"crs": "EPSG:32632", "transform": Affine(10, 0, 400000, 0, -10, 5100400), "nodata": -9999}
+        height, width = depth.shape
+        with rasterio.open(path, "w", "GTiff", width, height, 1, dtype="float32", **place) as target:
+            target.write(np.where(depth > 0, values, -9999).astype(np.float32), 1)
+            target.set_band_description(1, name)
+
+
+def test_the_dtm_of_a_region_is_dry_beyond_its_flow_although_this_leaves_the_dtm(tmp_path, capsys):
+    """The flows of two regions on one DTM reach its edge; the second one goes farther."""
+    near, far = np.zeros((40, 40)), np.zeros((40, 40))
+    near[:10, 15:20], far[:30, 10:30] = 2.0, 2.0
+    write_region(tmp_path / "near", near)
+    write_region(tmp_path / "far", far)
+    options = ["--scenario", f"30={tmp_path / 'near'}", "--scenario", f"300={tmp_path / 'far'}"]
+    dtm = write_dtm(tmp_path / "dtm.tif", (400000, 5100000, 400400, 5100400))
+    assert run("swiss-debris-flow", *options, "--dem", dtm, "-o", tmp_path / "map.tif") == 0
+    assert "not assessed" not in capsys.readouterr().err
+    assert not (levels(tmp_path / "map.tif")[0] == 255).any()
 
 
 def finished(came_to_rest):

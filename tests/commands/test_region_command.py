@@ -21,6 +21,7 @@ import mpmgis
 from mpmgis.commands.shell.main import main
 from mpmgis.frames.headline_numbers import error_words
 from mpmgis.studies import area_run
+from mpmgis.studies.region_areas import read_areas
 from mpmgis.system.errors import InputError
 from mpmgis.system.messages import collected
 from mpmgis.terrain.dtm import TerrainFile
@@ -316,6 +317,25 @@ def test_scenes_and_columns_that_a_region_cannot_use_are_refused(site, tmp_path)
         (tmp_path / "scene.toml").write_text(SCENE.replace("[release]", "window = [0, 0, 1, 1]\n[release]"))
         mpmgis.region(tmp_path / "scene.toml", site / "areas.gpkg", tmp_path / "b")
     assert not (tmp_path / "a").exists() and not (tmp_path / "b").exists()
+
+
+def test_a_missing_raster_of_the_scene_is_one_line_before_the_runs(site, tmp_path):
+    zones = f'[[zones]]\nmu = "friction/mu.tif"\n[terrain]\ndem = "{site / "dtm.tif"}"'
+    (tmp_path / "scene.toml").write_text(SCENE.replace('[terrain]\ndem = "dtm.tif"', zones))
+    with pytest.raises(InputError, match=r"mu\.tif: no such file"):
+        mpmgis.region(tmp_path / "scene.toml", site / "areas.gpkg", tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+
+
+def test_areas_without_thickness_are_left_out_with_their_columns(site, tmp_path, caplog):
+    areas = geopandas.read_file(site / "areas.gpkg")
+    areas["d0"] = [0.0, 1.5, 0.0, 1.0]
+    areas.to_file(tmp_path / "areas.gpkg")
+    caplog.set_level("INFO", "mpmgis")
+    found = read_areas(tmp_path / "areas.gpkg", TerrainFile(site / "dtm.tif"))
+    assert "2 of 4 areas have a thickness of 0 and are left out" in caplog.text
+    assert [part.thickness for part in found.parts] == [1.5, 1.0] == found.columns["d0"].tolist()
+    assert found.columns["T"].tolist() == [100, 100]
 
 
 @pytest.mark.parametrize("east", [1e5, -1040.0], ids=["far away", "over the edge"])

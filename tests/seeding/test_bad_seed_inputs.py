@@ -233,6 +233,11 @@ def thickness_raster_missing(k):
     k.options = ["--thickness", "thick.tif"]
 
 
+@recipe("the thickness of all 1 areas is 0")
+def thickness_column_of_zeros(k):
+    k.release = k.vector("t.gpkg", ring(), d0=[0.0])
+
+
 @recipe("thickness is nan")
 def thickness_column_with_a_gap(k):
     two = shapely.affinity.translate(ring(), 0, 100)

@@ -146,6 +146,8 @@ class Result:
         The terrain of the export or of the frames.
     end : FlowEnd or None
         State of the flow in its last step, where it is known.
+    ground : Grid or None
+        Of a region: that of its DTM, on which the cells beyond the bands are dry.
     """
 
     name: str
@@ -153,6 +155,7 @@ class Result:
     bands: dict
     terrain: Path | Terrain | None = None
     end: FlowEnd | None = None
+    ground: Grid | None = None
 
     def read(self, band: str, crs_of: Grid | None = None) -> tuple[np.ndarray, Grid]:
         """Read one band.
@@ -296,10 +299,13 @@ def _region(maps):
     found = {}
     for key in LARGEST:
         found |= _named_bands(maps.with_name(f"{maps.name}_{key}.tif"))
-    extent = _extent_of_flow(maps.with_name("all_h_max.tif"))  # the same for all scenarios
+    largest = maps.with_name("all_h_max.tif")
+    extent = _extent_of_flow(largest)  # the same for all scenarios
+    with open_raster(largest) as source:
+        ground = grid_of(source, largest)
     bands = {name: CroppedBand(band.path, band.number, band.quantity, extent) for name, band in found.items()}
     name = maps.parent.parent.resolve().name
-    return Result(name if maps.name == "all" else f"{name} {maps.name}", "export", bands)
+    return Result(name if maps.name == "all" else f"{name} {maps.name}", "export", bands, ground=ground)
 
 
 def _extent_of_flow(path):

@@ -48,6 +48,8 @@ class Scenario:
     members : int
     whole : bool
         Whether the rasters hold all of the flow, so that cells beyond them are dry.
+    ground : Grid or None
+        Where cells beyond the rasters are dry in any case: the DTM of a region.
     unfinished : str
         Why its levels can be too low: the run was stopped, or its flow still moves; "" for a flow at rest.
     release : tuple of shapely.MultiPolygon
@@ -65,6 +67,7 @@ class Scenario:
     facts: str = ""
     members: int = 1
     whole: bool = False
+    ground: Grid | None = None
     unfinished: str = ""
     release: tuple = ()
 
@@ -87,7 +90,9 @@ class Scenario:
         """
         if same_cells(grid, self.grid):
             return self
-        known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, self.whole)))
+        known = np.logical_and.reduce(list(_around(self.known, self.grid, grid, True)))
+        if not self.whole:
+            known &= np.logical_and.reduce(list(_around(np.ones((1, 1), bool), _one_cell(self), grid, False)))
         level = np.maximum.reduce(list(_around(self.level, self.grid, grid, 0)))
         shares = None
         if self.shares is not None:
@@ -110,6 +115,13 @@ def _in_cells_of(part: Grid, whole: Grid) -> bool:
     place = np.array(whole.rowcol(*part.xy([0, part.shape[0]], [0, part.shape[1]])))
     same_sides = np.allclose(part.matrix, whole.matrix, rtol=1e-9)
     return bool(same_sides and np.allclose(place, np.rint(place), atol=1e-3, rtol=0))
+
+
+def _one_cell(scenario: Scenario) -> Grid:
+    """The ground of a scenario, without one its grid, as one cell."""
+    grid = scenario.ground or scenario.grid
+    rows, columns = grid.shape
+    return Grid(grid.crs, grid.transform * Affine.scale(columns, rows), (1, 1))
 
 
 def _around(values: np.ndarray, grid: Grid, onto: Grid, outside: float) -> Iterator[np.ndarray]:
@@ -215,7 +227,8 @@ def _scenario(
         log.info(f"{path}: {end}; levels that its flow would give later are not in the map")
     level, known, grid, whole = _levels(result, period, asked)
     facts = facts_of(path, result)
-    return Scenario(years, path, period, grid, level, known, None, result.terrain, facts, whole=whole, unfinished=end)
+    rest = {"whole": whole, "ground": result.ground, "unfinished": end}
+    return Scenario(years, path, period, grid, level, known, None, result.terrain, facts, **rest)
 
 
 def _levels(result, period, results):
