@@ -1,15 +1,17 @@
 """`mpmgis path`: blocks of known depth and speed along a straight path, alone, together and with an outline."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
 from block_frames import MIDDLE, SIDE, table, write_block_run, write_line
-from slope_site import write_shapes
+from slope_site import write_raster, write_shapes
 
 import mpmgis
 from mpmgis.commands.shell.main import main
+from mpmgis.frames.frame_files import read_frame, write_frame
 
 PLACES = (150.0, 450.0, 600.0)  # middles of the block in each frame
 SPEEDS = (0.0, 10.0, 0.0)
@@ -81,6 +83,37 @@ def test_many_results_and_an_outline_in_one_table(tmp_path, run, capsys):
     found = mpmgis.path([run, tmp_path / "short"], tmp_path / "o", line=tmp_path / "line.geojson")
     assert found.reference.name == "run" and found.time is None
     assert sorted(file.name for file in found.files) == ["along_path.csv", "path.csv", "path.png"]
+
+
+def test_the_growth_index_is_the_ratio_of_the_masses(tmp_path, run):
+    last = sorted(run.glob("*.h5"))[-1]
+    frame = read_frame(last)
+    particles = replace(frame.particles, mass=1.5 * frame.particles.mass, volume=1.5 * frame.particles.volume)
+    write_frame(last, replace(frame, particles=particles))
+    found = mpmgis.path(run, tmp_path / "o.csv", line=tmp_path / "line.geojson")
+    assert found.sides[0].growth == pytest.approx(1.5)
+
+
+def test_an_export_agrees_with_its_frames_and_rasters_need_no_terrain_with_a_line(tmp_path, run):
+    assert main(["export-raster", str(run), "--no-qgis"]) == 0
+    line = tmp_path / "line.geojson"
+    own, export = (
+        mpmgis.path(result, tmp_path / f"{result.name}.csv", line=line) for result in (run, tmp_path / "run_gis")
+    )
+    assert own.sides[0].runout == export.sides[0].runout and own.sides[0].area == export.sides[0].area
+    np.testing.assert_allclose(own.time.values["h"], export.time.values["h"], rtol=1e-6)
+    np.testing.assert_allclose(own.time.values["Ut"], export.time.values["Ut"], rtol=1e-6)
+    side = own.sides[0]
+    depth = np.full(side.grid.shape, np.nan)
+    row, column = np.rint(side.grid.rowcol(side.x, side.y)).astype(int)
+    depth[row, column] = side.values
+    (tmp_path / "theirs").mkdir()
+    write_raster(tmp_path / "theirs" / "run_pft.tif", depth)
+    rasters = mpmgis.path(tmp_path / "theirs", tmp_path / "r.csv", line=line)
+    assert rasters.sides[0].runout == side.runout and rasters.time is None
+    for words, part in (({"line": None}, "no DTM beside"), ({"line": line, "pressure": 1.0}, "has no p_max")):
+        with pytest.raises(mpmgis.MpmgisError, match=part):
+            mpmgis.path(tmp_path / "theirs", tmp_path / "s.csv", **words)
 
 
 def test_the_centre_line_gives_nearly_the_straight_path(tmp_path, run):
