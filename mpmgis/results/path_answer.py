@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from ..maps.averaging.exported_steps import is_export
+from ..maps.averaging.frame_values import NOWHERE, cells_of
 from ..maps.averaging.result_bands import names_rasters
 from ..maps.qgis.colours import BATLOW, ramp_colours
 from ..system.csv_rows import write_columns
@@ -420,12 +421,12 @@ def _bins(sides: list[OnPath], spacing: float) -> PathBins:
 
 def _time(flow, side, bins, limit, progress):
     """Return the ThalwegTime of a flow with steps, in the cells of its largest values; None without steps."""
-    if flow is None or isinstance(flow, RasterFlow) or flow.grid.shape != side.grid.shape:
+    if flow is None or isinstance(flow, RasterFlow):
         return None
-    row, column = flow.grid.rowcol(side.x, side.y)
-    cells = np.rint(row).astype(np.int64) * flow.grid.shape[1] + np.rint(column).astype(np.int64)
+    cells = cells_of(flow.grid, side.x, side.y)
+    there = cells != NOWHERE
     depth = limit.value if limit.band == "h_max" else USUAL_DEPTH_LIMIT
-    return thalweg_time(flow, cells, side.along, bins, depth, progress)
+    return thalweg_time(flow, cells[there], side.along[there], bins, depth, progress)
 
 
 def _log_line_end(source: str, line: np.ndarray, sides: list[OnPath]) -> None:
@@ -473,7 +474,8 @@ def write_path_plot(path: Path, found: PathFound) -> None:
         style_axes(values, f"largest {found.limit.band} [{found.limit.unit}]", "distance s along the path [m]")
         values.set_ylim(bottom=0.0)
         if len(found.sides) <= MOST_CURVES:
-            _legend_above(across, values)
+            legend(across, loc="best", title="runout, area", title_fontsize=8, alignment="left")
+            legend(values, loc="best")
 
 
 def _draw_side(across, values, found, side, colour):
@@ -491,8 +493,3 @@ def _draw_side(across, values, found, side, colour):
     if math.isfinite(side.runout):
         for axes in (across, values):
             axes.axvline(side.runout, color=colour, linewidth=0.9, linestyle=":")
-
-
-def _legend_above(across, values):
-    legend(across, loc="best", title="runout, area", title_fontsize=8)
-    legend(values, loc="best")

@@ -62,6 +62,12 @@ def test_the_thalweg_time_diagram_has_the_block_at_its_times(tmp_path, run):
     assert {float(row["time_s"]) for row in rows} == set(time.times) and (tmp_path / "o" / "thalweg_time.png").is_file()
 
 
+def test_coarser_cells_have_the_diagram_too(tmp_path, run):
+    time = mpmgis.path(run, tmp_path / "o.csv", line=tmp_path / "line.geojson", cell_size=20.0).time
+    there = np.abs(time.bins.middles + START - PLACES[0]) < 0.25 * SIDE
+    np.testing.assert_allclose(time.values["h"][0][there], 2.0, rtol=0.2)
+
+
 def test_many_results_and_an_outline_in_one_table(tmp_path, run, capsys):
     (tmp_path / "b").mkdir()
     other = write_block_run(tmp_path / "b", (150.0, 450.0, 500.0), speeds=SPEEDS)
