@@ -399,18 +399,13 @@ def _outline(path, grid, line):
     return OnPath(Path(path).stem, OUTLINE, own, mask, x, y, along, across, there, np.full(len(x), np.nan), {})
 
 
-def _growth(flow):
-    """Return the mass of the last frame over that of the first; NaN without frames or mass."""
-    if not isinstance(flow, FrameFlow):
+def _growth(flow: FrameFlow | ExportFlow | RasterFlow | None) -> float:
+    """Return the mass of the last frame over that of the first; NaN without two frames or without mass."""
+    if not isinstance(flow, FrameFlow) or len(flow.entries) < 2:
         return math.nan
-    first, last = (
-        float(np.sum(entry.read(flow.density).particles.mass, dtype=float)) for entry in flow.entries[:: _ends(flow)]
-    )
+    frames = (flow.entries[place].read(flow.density) for place in (0, -1))
+    first, last = (float(np.sum(frame.particles.mass, dtype=float)) for frame in frames)
     return last / first if first > 0 else math.nan
-
-
-def _ends(flow):
-    return max(len(flow.entries) - 1, 1)
 
 
 def _bins(sides: list[OnPath], spacing: float) -> PathBins:

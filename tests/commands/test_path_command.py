@@ -98,6 +98,10 @@ def test_the_growth_index_is_the_ratio_of_the_masses(tmp_path, run):
     write_frame(last, replace(frame, particles=particles))
     found = mpmgis.path(run, tmp_path / "o.csv", line=tmp_path / "line.geojson")
     assert found.sides[0].growth == pytest.approx(1.5)
+    for frame in sorted(run.glob("*.h5"))[1:]:
+        frame.unlink()
+    alone = mpmgis.path(run, tmp_path / "a", line=tmp_path / "line.geojson")
+    assert np.isnan(alone.sides[0].growth) and len(alone.time.times) == 1
 
 
 def test_an_export_agrees_with_its_frames_and_rasters_need_no_terrain_with_a_line(tmp_path, run):
