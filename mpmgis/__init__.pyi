@@ -13,6 +13,7 @@ from .commands.friction_map import friction_map as friction_map
 from .commands.hydrograph import hydrograph as hydrograph
 from .commands.info import info as info
 from .commands.intensity import intensity as intensity
+from .commands.path import path as path
 from .commands.profile import profile as profile
 from .commands.qgis_plugin import qgis_plugin as qgis_plugin
 from .commands.region import region as region

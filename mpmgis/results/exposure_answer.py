@@ -23,7 +23,7 @@ from ..terrain.spatial_inputs import Feature
 from .answer_files import answer_output, four_digits, write_answer, write_rows
 from .exposed_objects import ATTRIBUTE, CLASSES, LAYERS, read_objects, write_objects
 from .object_cells import LINE, POLYGON, dimension_of, object_cells, size_of
-from .opened_results import peaks_of, read_peaks
+from .opened_results import distinct_names, peaks_of, read_peaks
 from .question_options import Question
 from .region_back_tracking import areas_near, region_of
 
@@ -243,7 +243,7 @@ def exposure(asked: Question, objects: PathLike, progress: Progress = unwatched)
     first: Grid | None = None
     rows: list[ObjectRow] = []
     by_area: list[AreaRow] = []
-    scenarios = _names(asked["frames"])
+    scenarios = distinct_names(asked["frames"])
     for path, scenario in zip(asked["frames"], scenarios, strict=True):
         result = peaks_of({**asked, "frames": (path,)}, progress, ("min_depth",), ("density",))
         bands, grid = _bands(result, asked["density"], first)
@@ -265,14 +265,6 @@ def exposure(asked: Question, objects: PathLike, progress: Progress = unwatched)
         writers[AREA_FILE] = lambda path: write_columns(path, found.area_columns(), found.area_rows())
     files = write_answer(output, asked["overwrite"], writers)
     return ExposureFound(features, rows, by_area, scenarios, asked["min_depth"], files)
-
-
-def _names(paths: Sequence[PathLike]) -> tuple[str, ...]:
-    """Return a name for each result: that of its file or folder, or the path where two have the same."""
-    names = [Path(path).resolve().name for path in paths]
-    return tuple(
-        name if names.count(name) == 1 else str(path) for name, path in zip(names, map(Path, paths), strict=True)
-    )
 
 
 def _bands(result: Result, density: float | None, first: Grid | None) -> tuple[dict[str, np.ndarray], Grid]:

@@ -21,6 +21,7 @@ _LINE_CELLS = 40_000  # largest number of footprint cells for the centre line se
 _LINE_PIECES = 40  # most pieces of the centre line: bands of equal distance
 _PIECE_CELLS = 8  # [cells] shortest piece of the centre line
 _SMALLEST_PART = 0.1  # [1] of the largest part; smaller separate parts are ignored as splashes
+CENTRE_LINE = "centre line of the flow"
 _HIGHEST_SHARE = 0.01  # [1] of the drop height: cells within it are the highest
 
 
@@ -469,3 +470,48 @@ def given_line(path: PathLike, flowed: np.ndarray, grid: Grid, terrain: Terrain 
             log.info(f"{path} runs uphill, from {begin:.0f} to {end:.0f} m; it is reversed")
             return line[::-1]
     return line
+
+
+def line_or_centre(
+    path: PathLike | None,
+    name: str,
+    flowed: np.ndarray,
+    depth: np.ndarray,
+    elevation: np.ndarray,
+    grid: Grid,
+    terrain: Terrain | None,
+) -> tuple[np.ndarray, str]:
+    """Return the path of a flow from its upper end, the given one or its centre line, and words for its source.
+
+    Parameters
+    ----------
+    path : path or None
+        None: the centre line.
+    name : str
+        Of the flow.
+    flowed : bool[rows, columns]
+        Cells that it reached.
+    depth : float[rows, columns] [m]
+    elevation : float64[rows, columns] [m]
+        In these cells; NaN if unknown.
+    grid : Grid
+    terrain : Terrain or None
+        Without it the direction of a given path is not changed.
+
+    Returns
+    -------
+    (float64[n, 2] [m], str)
+
+    Raises
+    ------
+    MpmgisError
+        An unreadable or distant line, or no centre line.
+    """
+    if path is not None:
+        return given_line(path, flowed, grid, terrain), str(path)
+    line = centre_line([flowed], [depth], elevation, grid)
+    if line is None:
+        raise InputError(
+            f"{name}: the flow is one cell, or has no elevations under it; give `line`, or smaller `cell_size`"
+        )
+    return line, CENTRE_LINE

@@ -293,6 +293,19 @@ def result_name(frames: Sequence[PathLike]) -> str:
     return folder.resolve().name or "frames"
 
 
+def distinct_names(paths: Sequence[PathLike]) -> tuple[str, ...]:
+    """Return a name for each result: that of its file or folder, or the path where two have the same.
+
+    Parameters
+    ----------
+    paths : sequence of path
+    """
+    names = [Path(path).resolve().name for path in paths]
+    return tuple(
+        name if names.count(name) == 1 else str(path) for name, path in zip(names, map(Path, paths), strict=True)
+    )
+
+
 def _open_export(asked):
     _require_alone(asked)
     _refuse_options_of_frames(asked)

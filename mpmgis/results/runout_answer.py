@@ -26,16 +26,7 @@ from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .answer_files import answer_output, finite_or_none, with_files
 from .comparison import footprint
-from .flow_line import (
-    Place,
-    centre_line,
-    ends_along,
-    farthest_place,
-    given_line,
-    heights_under,
-    line_profile,
-    positions_along,
-)
+from .flow_line import Place, ends_along, farthest_place, heights_under, line_or_centre, line_profile, positions_along
 from .opened_results import ExportFlow, FrameFlow, RasterFlow, open_flow, peaks_of, read_peaks
 from .plot_style import COLOURS, draw_ground, legend, plot_file, style_axes
 from .question_options import Question
@@ -67,7 +58,6 @@ PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE = "runout.png", "runout.csv", "
 FILES = (PLOT_FILE, FIGURES_FILE, TIME_FILE, PROFILE_FILE)
 RUNOUT_BANDS = ("h_max", "h_deposit", "h_last")
 WORD = "runout"  # end of the name of the default output folder
-CENTRE_LINE = "centre line of the flow"
 STRAIGHT_OVER_ALONG = 1.5  # [1] straight distance over runout; a toe as far from the line as along it gives 1.41
 _MARGIN = 0.08  # [runouts] by which the profile goes beyond both ends
 
@@ -312,7 +302,7 @@ def found_runout(
         raise InputError(
             f"{flow.terrain.path} has no elevations under the flow; give the DTM of the results with `dem`"
         )
-    vertices, source = _line(line, flow, mask, depth, elevation, grid)
+    vertices, source = line_or_centre(line, flow.name, mask, depth, elevation, grid, flow.terrain)
     top, toe = ends_along(mask, elevation, grid, vertices)
     lying = footprint(deposit, threshold)
     spacing = 0.5 * min(grid.cell_size, flow.terrain.grid.cell_size)
@@ -355,25 +345,6 @@ def _require_moved(threshold, flow, mask):
             f"{flow.name}: the flow did not move: all cells that were ever deeper than `threshold="
             f"{threshold:g}` m were so in its first step; there is no runout and no angle"
         )
-
-
-def _line(
-    path: PathLike | None,
-    flow: FrameFlow | ExportFlow | RasterFlow,
-    mask: np.ndarray,
-    depth: np.ndarray,
-    elevation: np.ndarray,
-    grid: Grid,
-) -> tuple[np.ndarray, str]:
-    """(vertices, description) of the line along which runout is measured."""
-    if path is not None:
-        return given_line(path, mask, grid, flow.terrain), str(path)
-    line = centre_line([mask], [depth], elevation, grid)
-    if line is None:
-        raise InputError(
-            f"{flow.name}: the flow is one cell, or has no elevations under it; give `line`, or smaller `cell_size`"
-        )
-    return line, CENTRE_LINE
 
 
 def _states(flow, line):

@@ -52,6 +52,8 @@ KINDS = {
                 "seed --dem dtm.tif --release release.gpkg --surface {file} -o out/a.h5",
                 "compare mask.tif {file} -o out/c.csv",
                 "exposure results --objects {file} -o out/e.csv",
+                "path results --line {file} -o out/p.csv",
+                "path results --outline {file} -o out/p.csv",
             ],
         ),
         (["dtm.tif"], ["effects scene.toml", "effects points.toml"]),
@@ -497,6 +499,7 @@ def import_what_commands_import():
         "vertical",
         "comparison",
         "exposure",
+        "path",
         "hazard.intensity",
     ):
         importlib.import_module(f"mpmgis.results.{name}_answer")

@@ -65,7 +65,8 @@ NAMED_BY_THE_PIPELINE = {  # the parser takes any text there, and the pipeline k
     ("intensity", "GUIDELINE"): tuple(read_guidelines()),
     ("report", "MAP"): tuple(read_matrices()),
 }
-ALTERNATIVES = {"PER_CELL", "COUNT"}  # to SPACING, of which the command takes one
+# to SPACING of `seed` and to DEPTH of `path`, of which the commands take one
+ALTERNATIVES = {"PER_CELL", "COUNT", "PRESSURE", "SPEED"}
 
 
 def parser_of(row):
