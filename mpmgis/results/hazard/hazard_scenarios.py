@@ -48,12 +48,12 @@ class Scenario:
     members : int
     whole : bool
         Whether the rasters hold all of the flow, so that cells beyond them are dry.
-    ground : Grid or None
-        Where cells beyond the rasters are dry in any case: the DTM of a region.
     unfinished : str
         Why its levels can be too low: the run was stopped, or its flow still moves; "" for a flow at rest.
     release : tuple of shapely.MultiPolygon
         As far as the results have it.
+    ground : Grid or None
+        Where cells beyond the rasters are dry in any case: the DTM of a region.
     """
 
     years: float
@@ -67,9 +67,9 @@ class Scenario:
     facts: str = ""
     members: int = 1
     whole: bool = False
-    ground: Grid | None = None
     unfinished: str = ""
     release: tuple = ()
+    ground: Grid | None = None
 
     def words(self) -> str:
         """Return return period and name as text."""
