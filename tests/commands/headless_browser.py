@@ -108,6 +108,17 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
+    def click_until(self, place, expression):
+        """Click on what the expression `place` gives until another one is true.
+
+        A busy browser takes two clicks for one, or draws after the click what lies under it.
+        """
+        until = time.monotonic() + WAIT
+        while not self.value(expression):
+            assert time.monotonic() < until, (expression, self.errors)
+            self.click(*self.value(place))
+            time.sleep(1.0)
+
     def picture(self):
         """The window as PNG."""
         return base64.b64decode(self.do("Page.captureScreenshot")["data"])

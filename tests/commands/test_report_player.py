@@ -127,11 +127,11 @@ def test_a_browser_plays_it_and_a_click_gives_the_value_of_the_cell(reported):
             west, south, east, north = content["bounds"]
             x = west + (column + 0.5) / columns * (east - west)
             y = north - (row + 0.5) / rows * (north - south)
-            page.click(*page.value(f"({PLACE})({x}, {y})"))
             expected = (
                 f"t = {content['times'][step]} s: depth {depth[row, column]:.3f} m, speed {speed[row, column]:.2f} m/s"
             )
-            page.until(f"document.getElementById('player-value').textContent.endsWith({json.dumps(expected)})")
+            shown = f"document.getElementById('player-value').textContent.endsWith({json.dumps(expected)})"
+            page.click_until(f"({PLACE})({x}, {y})", shown)
         assert len(set(pictures)) == 3
         page.value("document.getElementById('player-play').click()")
         page.until("document.getElementById('player-step').value === '1'")

@@ -74,7 +74,7 @@ def test_pressure_of_another_codes_rasters_comes_from_density_and_speed(tmp_path
 
 @pytest.mark.thorough
 def test_a_report_of_an_export_and_of_rasters(tmp_path, export, other_code):
-    assert ask("report", export, "-o", tmp_path / "export.html") == 0
+    assert ask("report", export, "--no-player", "-o", tmp_path / "export.html") == 0
     page = Reader((tmp_path / "export.html").read_text(encoding="utf-8"))
     assert len(page.pictures) == 6 and "from an export of 3 steps" in page.text  # five maps, the profile
     assert "last frame at" in page.text and "rasters have no balances: balances are not known" in page.text
