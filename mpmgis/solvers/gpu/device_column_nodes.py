@@ -183,7 +183,7 @@ def collect_held(run: np.ndarray, stage: np.ndarray, report: np.ndarray, sums: n
         lost[b] = collect_barrier(report, sums, b, stage[KICK], 0.0)
 
 
-@capped(double=112)
+@capped(double=128)
 def update_nodes(
     run: np.ndarray,
     stage: np.ndarray,

@@ -24,7 +24,7 @@ MORE = {
     "weigh_face": (LIMIT, 136),
     "settle_faces": (LIMIT, 136),
     "columns_to_grid": (LIMIT, 128),
-    "update_nodes": (LIMIT, 112),
+    "update_nodes": (LIMIT, 128),
     "grid_to_columns": (LIMIT, 128),
 }
 # kernels for float32 points that compute in double precision on purpose: the clock, sums of a run, outflow
