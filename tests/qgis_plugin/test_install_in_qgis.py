@@ -20,7 +20,7 @@ from mpmgis.commands.shell.main import main
 pytestmark = [pytest.mark.qgis, pytest.mark.thorough]
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-BUILT_FROM = ("mpmgis", "sample_data", "pyproject.toml", "README.md", "LICENSE")
+BUILT_FROM = (".ci", "mpmgis", "sample_data", "pyproject.toml", "README.md", "LICENSE")
 
 
 def wheel_of_checkout(folder):
