@@ -62,7 +62,7 @@ def cost_of_maxima(precision, **size):
             solver.advance(1e9, max_steps=STEPS)
             if turn:
                 least[k] = min(least[k], time.perf_counter() - began)
-    return least[1] / (STEPS * solvers[1].points) * 1e9, least[1] / least[0]
+    return least[1] / (STEPS * solvers[1].particles) * 1e9, least[1] / least[0]
 
 
 def plain_nanoseconds():

@@ -246,7 +246,7 @@ def measured_on_device(make, particles):
     free = free_memory()
     solver = make()
     solver.advance(1e9, max_steps=WARM_UP)
-    taken, count, before = free - free_memory(), getattr(solver, particles), solver.step
+    taken, count, before = free - free_memory(), solver.particles, solver.step
     seconds = [event_seconds(lambda: solver.advance(1e9, max_steps=STEPS)) for _ in range(REPEATS)]
     if solver.step - before != REPEATS * STEPS:
         return {"not_run": f"stopped after {solver.step - before} steps"}
@@ -293,7 +293,7 @@ def kernel_times(make, particles):
         solver.advance(1e9, max_steps=STEPS)
     finally:
         device_functions.Kernel.of, launch_graph.Repeated.__call__ = kernel_of, repeat
-    found, scale = {}, 1e6 / (STEPS * getattr(solver, particles))
+    found, scale = {}, 1e6 / (STEPS * solver.particles)
     for name, start, end in events:
         end.synchronize()
         found[name] = found.get(name, 0.0) + float(start.elapsed_time(end)) * scale
@@ -318,7 +318,7 @@ def measured_on_processor(make, particles):
     """As `measured_on_device` on all cores of the processor, without the memory."""
     solver = make()
     solver.advance(1e9, max_steps=STEPS_ON_PROCESSOR)
-    count, each = getattr(solver, particles), []
+    count, each = solver.particles, []
     for _ in range(REPEATS_ON_PROCESSOR):
         began = time.perf_counter()
         solver.advance(1e9, max_steps=STEPS_ON_PROCESSOR)
