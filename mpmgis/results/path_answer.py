@@ -317,7 +317,8 @@ def path(
     if outline is not None:
         sides.append(_outline(outline, sides[0].grid, vertices))
     bins = _bins(sides, spacing or CELLS_IN_A_BIN * sides[0].grid.cell_size)
-    _log_line_end(source, vertices, sides)
+    if line is not None:
+        _log_line_end(line, vertices, sides)
     time = _time(first_flow, sides[0], bins, limit, progress) if len(names) == 1 else None
     found = PathFound(vertices, source, limit, bins, sides, time)
     return replace(found, files=write_answer(output, asked["overwrite"], _writers(found)))
@@ -424,10 +425,10 @@ def _time(flow, side, bins, limit, progress):
     return thalweg_time(flow, cells[there], side.along[there], bins, depth, progress)
 
 
-def _log_line_end(source: str, line: np.ndarray, sides: list[OnPath]) -> None:
+def _log_line_end(path: PathLike, line: np.ndarray, sides: list[OnPath]) -> None:
     beyond = max(side.runout for side in sides if side.reached.any()) - float(vertex_distances(line)[-1])
-    if beyond > sides[0].grid.cell_size and source[:6] != "centre":
-        log.info(f"{source} ends {beyond:.0f} m before the flow does; it is extended straight")
+    if beyond > sides[0].grid.cell_size:
+        log.info(f"{path} ends {beyond:.0f} m before the flow does; it is extended straight")
 
 
 def _writers(found: PathFound) -> dict[str, Callable[[Path], Any]]:

@@ -26,7 +26,16 @@ from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from .answer_files import answer_output, finite_or_none, with_files
 from .comparison import footprint
-from .flow_line import Place, ends_along, farthest_place, heights_under, line_or_centre, line_profile, positions_along
+from .flow_line import (
+    CENTRE_LINE,
+    Place,
+    ends_along,
+    farthest_place,
+    heights_under,
+    line_or_centre,
+    line_profile,
+    positions_along,
+)
 from .opened_results import ExportFlow, FrameFlow, RasterFlow, open_flow, peaks_of, read_peaks
 from .plot_style import COLOURS, draw_ground, legend, plot_file, style_axes
 from .question_options import Question
@@ -537,7 +546,7 @@ def _draw_depth(axes, along, depth, colour, label):
 
 
 def _source(found):
-    return found.line_source if found.line_source.startswith("centre") else "line"
+    return found.line_source if found.line_source == CENTRE_LINE else "line"
 
 
 def _draw_energy_line(axes, found):

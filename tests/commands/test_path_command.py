@@ -135,6 +135,14 @@ def test_the_centre_line_gives_nearly_the_straight_path(tmp_path, run):
     assert found.sides[0].area == first.sides[0].area
 
 
+def test_a_short_line_is_reported_by_any_name(tmp_path, run, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("centre.geojson", "short.geojson"):
+        write_line(tmp_path / name, (20, MIDDLE), (400, MIDDLE))
+        assert main(["path", "run", "--line", name, "-o", f"{name}.csv"]) == 0
+        assert f"{name} ends" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "part"),
     [
