@@ -164,7 +164,7 @@ def work(asked: Arguments, progress: Progress = unwatched) -> "Comparison":
     ----------
     asked : Arguments
     progress : callable
-        Called with (steps done, steps in all).
+        Not called.
 
     Returns
     -------

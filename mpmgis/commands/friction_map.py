@@ -3,10 +3,10 @@
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
 
 from ..system.messages import Progress, unwatched
-from ..system.option import Option, PathLike, options_of
+from ..system.option import Option, PathLike
 from ..system.work_options import OverwriteOptions
 from ..terrain.class_limits import ClassLimits
-from . import seed
+from . import seed, shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
@@ -124,7 +124,7 @@ class FrictionMapOptions(OverwriteOptions, EventOptions, ClassOptions, seed.Seed
 class Arguments(FrictionMapOptions, total=False):
     """Options of the command."""
 
-    dem: Annotated[PathLike, options_of(seed.Arguments)["dem"]]
+    dem: Annotated[PathLike, shared_options.DEM]
     table: Annotated[
         PathLike,
         Option(

@@ -2,10 +2,11 @@
 
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
 
-from ..frames.frame_options import MetricTerrainOptions
+from ..frames.frame_options import FrameTerrainOptions, MetricTerrainOptions
 from ..system.messages import Progress, unwatched
-from ..system.option import Option, PathLike
+from ..system.option import Option, PathLike, options_of
 from ..system.work_options import DASK, OverwriteOptions
+from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
@@ -25,15 +26,7 @@ class ReleaseTerrainOptions(MetricTerrainOptions, total=False):
             label="CRS, where the terrain model carries none",
         ),
     ]
-    dem_band: Annotated[
-        int,
-        Option(
-            "band of the DTM with the elevation, where it has several",
-            "N",
-            above=0,
-            label="Band of the terrain model with the elevation",
-        ),
-    ]
+    dem_band: Annotated[int, options_of(FrameTerrainOptions)["dem_band"]]
     forest: Annotated[
         PathLike,
         Option(
@@ -179,17 +172,7 @@ class ReleaseOptions(
 class Arguments(ReleaseOptions, total=False):
     """Options of the command."""
 
-    dem: Annotated[
-        PathLike,
-        Option(
-            "DTM: any raster that GDAL reads, in a projected CRS in metres",
-            "FILE",
-            required=True,
-            folded=False,
-            kind="raster layer",
-            label="Terrain model (DTM)",
-        ),
-    ]
+    dem: Annotated[PathLike, shared_options.DEM]
     output: Annotated[
         PathLike,
         Option(
@@ -207,7 +190,7 @@ class Arguments(ReleaseOptions, total=False):
 
 VERB = Verb(
     name="release",
-    place=5,
+    place=6,
     line="potential release areas of snow slabs from a DTM, with their thickness",
     options=ReleaseOptions,
     arguments=Arguments,

@@ -18,6 +18,8 @@ from .verb_calls import Results, complete, python_words, several
 if TYPE_CHECKING:
     from ..results.hazard.hazard_map import HazardFound
 
+OF_ONE_RUN = ("line", "threshold", "author", "client", "date", "player")  # options that a hazard map does not take
+
 
 class ReportOptions(QuestionOptions, total=False):
     """Options of `mpmgis.report`."""
@@ -111,7 +113,7 @@ where a number was not read: check them in the guideline.
             layers=(".tif", ".gpkg"),
             load="the map",
             one_of=("MAP", "OWN"),
-            without=("frames", "line", "threshold", "author", "client", "date", "player"),
+            without=("frames", *OF_ONE_RUN),
             changes=(
                 ("scenario", {"optional": False, "kind": "scenarios", "label": "Scenarios"}),
                 ("output", {"label": "Folder for raster, zones, table and printed map"}),
@@ -153,10 +155,11 @@ def _require_one_kind(asked: Arguments) -> None:
             raise InputError(f"`{given[0]}` is for hazard maps; give `map` too, for example swiss-avalanche")
         if not frames:
             raise InputError("no results were given; give a folder of frames, an export or rasters")
-    elif frames:
+        return
+    if frames:
         raise InputError(f"{frames[0]}: a hazard map takes its results by `scenario`, for example 100={frames[0]}")
-    for name in ("line", "threshold", "author", "client", "date", "player"):
-        if asked["map"] is not None and asked.get(name) != VERB.named()[name].default:
+    for name in OF_ONE_RUN:
+        if asked.get(name) != VERB.named()[name].default:
             instead = "; a hazard map takes `min_depth`" if name == "threshold" else ""
             raise InputError(f"`{name}` is for the report of one run{instead}")
 

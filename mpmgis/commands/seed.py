@@ -7,6 +7,7 @@ from ..frames.frame_options import FrameTerrainOptions, MetricTerrainOptions
 from ..system.errors import InputError
 from ..system.option import Option, PathLike, options_of
 from ..system.work_options import OverwriteOptions
+from . import shared_options
 from .verb import Form, Verb
 from .verb_calls import complete, python_words
 
@@ -209,17 +210,7 @@ class SeedingOptions(OverwriteOptions, SeedTerrainOptions, MaterialOptions, Seed
 class Arguments(SeedingOptions, SeedSolverOptions, total=False):
     """Options of the command."""
 
-    dem: Annotated[
-        PathLike,
-        Option(
-            "DTM: any raster that GDAL reads, in a projected CRS in metres",
-            "FILE",
-            required=True,
-            folded=False,
-            kind="raster layer",
-            label="Terrain model (DTM)",
-        ),
-    ]
+    dem: Annotated[PathLike, shared_options.DEM]
     release: Annotated[
         PathLike,
         Option(

@@ -1,4 +1,4 @@
-"""Declare options of several verbs: terrain, averaging of frames, files of other codes, results, machine."""
+"""Declare options of several verbs: terrain, results, places, files to write, what is printed and asked."""
 
 from ..system.option import Option
 
@@ -10,6 +10,14 @@ FRAMES = Option(_FRAMES, "RESULTS", positional="many", kind="folder", folded=Fal
 RESULTS = Option(f"{_FRAMES}, or an export", "RESULTS", positional="many", **_RESULTS_FIELD)
 RESULTS_OR_RASTERS = Option(f"{_FRAMES}, or an export{_RASTERS}", "RESULTS", positional="many", **_RESULTS_FIELD)
 SCENE = Option("the scene file (scene.toml)", "scene.toml", positional="one", folded=False, label="Scene", files=TOML)
+DEM = Option(
+    "DTM: any raster that GDAL reads, in a projected CRS in metres",
+    "FILE",
+    required=True,
+    folded=False,
+    kind="raster layer",
+    label="Terrain model (DTM)",
+)
 AT_TIMES = Option(
     "times; the nearest frames are used",
     "T,..",

@@ -7,9 +7,8 @@ from typing import Any, Generic, TypeVar
 
 from ..system.option import Option, options_of
 
-_INFRASTRUCTURE = (  # modules that are not verbs
-    *("demo_site", "plugin_forms", "results_api", "shared_options", "shell", "verb", "verb_calls"),
-)
+# modules that are not verbs
+_INFRASTRUCTURE = ("demo_site", "plugin_forms", "results_api", "shared_options", "shell", "verb", "verb_calls")
 # of verbs; the tens digit of Verb.place
 GROUPS = ("from a terrain to a map", "answers from results", "many runs", "information")
 Asked = TypeVar("Asked")  # TypedDict of the options of a verb
