@@ -62,6 +62,8 @@ class Gathered:
     runout : RunoutFound or None
     notes : tuple of str
         Messages while the results were read.
+    release : list of shapely polygons or None
+        Of a run, if its file is known and there.
     end : FlowEnd or None
         State of the flow in its last step, where it is known.
     """
@@ -73,6 +75,7 @@ class Gathered:
     scene: str
     runout: RunoutFound | None
     notes: tuple
+    release: list | None
     end: FlowEnd | None = None
 
 

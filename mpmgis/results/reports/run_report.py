@@ -87,7 +87,7 @@ def report(
     ------
     MpmgisError
     """
-    output = answer_output({**asked, "line": line}, WORD, (REPORT_FILE,))
+    output = answer_output(asked, WORD, (REPORT_FILE,))
     gathered = _gather(asked, output, line, threshold, progress)
     title = title or f"{gathered.flow.name}: report of a simulated flow"
     with tempfile.TemporaryDirectory(prefix="mpmgis-report-") as folder:
@@ -125,8 +125,7 @@ def _played(gathered):
         return None
     if len(played.times) < len(flow.times):
         log.info(f"the report plays {len(played.times)} of {len(flow.times)} steps, to be small enough for mail")
-    release = (release_outlines(flow.entries, flow.terrain) if flow.entries else None) or ()
-    return flow_player(played, flow.terrain, gathered.peaks, gathered.grid, flow.min_depth, release)
+    return flow_player(played, flow.terrain, gathered.peaks, gathered.grid, flow.min_depth, gathered.release or ())
 
 
 def _gather(asked: Question, output: Path, line: PathLike | None, threshold: float, progress: Progress) -> Gathered:
@@ -141,7 +140,9 @@ def _gather(asked: Question, output: Path, line: PathLike | None, threshold: flo
                 raise
             log.info(f"no runout: {error}")
             runout = None
-    return Gathered(flow, values, grid, *_of_the_run(flow), runout, tuple(dict.fromkeys(notes)), result.end)
+    release = release_outlines(flow.entries, flow.terrain) if flow.entries else None
+    record, scene = _of_the_run(flow)
+    return Gathered(flow, values, grid, record, scene, runout, tuple(dict.fromkeys(notes)), release, result.end)
 
 
 def _of_the_run(flow):
@@ -219,13 +220,11 @@ def _solver(flow, record):
 def _maps(gathered, folder):
     """Pictures of the bands of the flow."""
     flow = gathered.flow
-    release = release_outlines(flow.entries, flow.terrain) if flow.entries else None
-    release = None if release is None else list(release)
     for band, look, title in MAPS:
         values = gathered.peaks.get(band)
         if values is not None and np.isfinite(values).any():
             path = folder / f"{band}.png"
-            write_band_map(path, flow.terrain, gathered.grid, values, look, title, release, flow.min_depth)
+            write_band_map(path, flow.terrain, gathered.grid, values, look, title, gathered.release, flow.min_depth)
             title += f", {gathered.end.moving_words()}" if band == "h_last" and gathered.end else ""
             title += _direction(band, flow)
             yield Picture(path.read_bytes(), f"{title}, on cells of {gathered.grid.cell_size:g} m")
