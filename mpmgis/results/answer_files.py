@@ -142,6 +142,16 @@ def four_digits(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else "-"
 
 
+def short_number(value: float) -> str:
+    """Return a number as text, from 1000 on without decimals, else with four digits; a dash where it is not finite.
+
+    Parameters
+    ----------
+    value : float
+    """
+    return f"{value:.0f}" if math.isfinite(value) and abs(value) >= 1000 else four_digits(value)
+
+
 def with_files(found: Found, output: Path, overwrite: bool, writers: dict[str, Callable[[Path, Found], Any]]) -> Found:
     """Write the output files of an answer, all or none, and return the answer with their paths.
 

@@ -16,16 +16,17 @@ from ..system.option_values import defaults_of
 from ..terrain.elevation import Terrain
 from ..terrain.grid import Grid
 from . import comparison, flow_line
-from .answer_files import checked_output, finite_or_none, write_answer
+from .answer_files import checked_output, finite_or_none, short_number, write_answer
 from .comparison import Difference, Overlap
 from .comparison_files import MapSide, write_classes, write_classes_style, write_comparison_map
 from .comparison_sides import footprints_of, log_if_empty, open_side, reading_of, require_useful_options, sides_of
-from .flow_line import given_line
+from .flow_line import given_line, heights_under, vertex_distances
 from .outline_distance import OutlineDistances, outline_distances
 from .question_options import ReadingOptions
 
 HEAD_WIDTH = 46  # [characters] of the name of a quantity
 HEADINGS = ("quantity", "unit", "A", "B", "A - B", "A with B")
+CENTRE_LINE = "centre line of both flows"
 FILES = ("map.png", "table.csv", "classes.tif", "classes.qml")
 
 
@@ -220,16 +221,17 @@ class Comparison:
         overlap = self.overlap
         for text, area in self.area_words():
             share = f"{100 * area / overlap.either:.1f} %"
-            lines.append(_row(text, "ha", _text(area / SQUARE_METRES_PER_HECTARE), share))
+            lines.append(_row(text, "ha", short_number(area / SQUARE_METRES_PER_HECTARE), share))
         lines.append(_row("overlap (IoU)", "", f"{overlap.iou:.3f}"))
         if self.observed is not None:
             lines.append(_row("share of the outline reached", "", f"{100 * self.observed_reached:.1f} %"))
-        lines += [_row(quantity, unit, _text(value)) for quantity, unit, value in self.distance_rows()]
+        lines += [_row(quantity, unit, short_number(value)) for quantity, unit, value in self.distance_rows()]
         compared = [band for band in self.bands if math.isfinite(band.difference.mean)]
         if compared:
             lines += ["", _row("A - B where both flowed", "", "mean", "rms")]
             lines += [
-                _row(band.name, band.unit, _text(band.difference.mean), _text(band.difference.rms)) for band in compared
+                _row(band.name, band.unit, short_number(band.difference.mean), short_number(band.difference.rms))
+                for band in compared
             ]
         return lines
 
@@ -351,20 +353,19 @@ def _line(path, footprints, terrain, joint):
     if terrain is None:
         log.info("no DTM beside the results: runout needs `line`, or `dem` to find the path of the flow")
         return None, "none: no --line, no DTM"
-    elevation = np.full(joint.shape, np.nan)
-    elevation[flowed] = terrain.sample(*joint.xy(*np.nonzero(flowed)))
+    elevation = heights_under(flowed, joint, terrain)
     masks, weights = ([getattr(f, key) for f in footprints] for key in ("on_joint", "weight"))
     line = flow_line.centre_line(masks, weights, elevation, joint)
     if line is None:
         log.info(f"{terrain.path} has no elevations under the flow, or the flow is one cell: no runout; give `line`")
         return None, "none: no heights under the flow"
-    return line, "centre line of both flows"
+    return line, CENTRE_LINE
 
 
 def _log_line_end(found):
-    length = float(np.hypot(*np.diff(found.line, axis=0).T).sum())
+    length = float(vertex_distances(found.line)[-1])
     beyond = max((side.farthest_along - length for side in found.sides if side.farthest is not None), default=0.0)
-    if beyond > found.cell_size and found.line_source != "centre line of both flows":
+    if beyond > found.cell_size and found.line_source != CENTRE_LINE:
         log.info(f"{found.line_source} ends {beyond:.0f} m before the flow does; it is extended straight")
 
 
@@ -416,17 +417,10 @@ def _headline(letter, side):
 def _number_row(quantity, unit, first, second, gap):
     scale = SQUARE_METRES_PER_HECTARE if unit == "m2" else 1.0
     share = 100 * gap / abs(second) if second else math.nan
-    cells = [_text(value / scale) for value in (first, second, gap)]
+    cells = [short_number(value / scale) for value in (first, second, gap)]
     return _row(quantity, "ha" if unit == "m2" else unit, *cells, f"{share:+.1f}" if math.isfinite(share) else "-")
 
 
 def _row(quantity, unit, *cells):
     head = f"{quantity} [{unit}]" if unit else quantity
     return (f"{head:<{HEAD_WIDTH}}" + "".join(f"{cell:>12}" for cell in cells)).rstrip()
-
-
-def _text(value):
-    """Four digits of a number; a dash where it is not finite."""
-    if not math.isfinite(value):
-        return "-"
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"

@@ -20,7 +20,7 @@ from ..terrain.georeference import same_place
 from ..terrain.grid import Grid
 from ..terrain.raster_input import grid_of, open_raster
 from ..terrain.spatial_inputs import Feature
-from .answer_files import answer_output, four_digits, write_answer, write_rows
+from .answer_files import answer_output, four_digits, with_files, write_rows
 from .exposed_objects import ATTRIBUTE, CLASSES, LAYERS, read_objects, write_objects
 from .object_cells import LINE, POLYGON, dimension_of, object_cells, size_of
 from .opened_results import distinct_names, peaks_of, read_peaks
@@ -258,20 +258,17 @@ def exposure(asked: Question, objects: PathLike, progress: Progress = unwatched)
     _log_outside(features, rows, scenarios[0])
     found = ExposureFound(features, rows, by_area, scenarios, asked["min_depth"])
     writers = {
-        TABLE_FILE: lambda path: write_rows(path, found),
-        LAYER_FILE: lambda path: write_objects(path, features, found.attributes(), grid),
+        TABLE_FILE: write_rows,
+        LAYER_FILE: lambda path, found: write_objects(path, features, found.attributes(), grid),
     }
     if any(region_of(Path(path)) for path in asked["frames"]):
-        writers[AREA_FILE] = lambda path: write_columns(path, found.area_columns(), found.area_rows())
-    files = write_answer(output, asked["overwrite"], writers)
-    return ExposureFound(features, rows, by_area, scenarios, asked["min_depth"], files)
+        writers[AREA_FILE] = lambda path, found: write_columns(path, found.area_columns(), found.area_rows())
+    return with_files(found, output, asked["overwrite"], writers)
 
 
 def _bands(result: Result, density: float | None, first: Grid | None) -> tuple[dict[str, np.ndarray], Grid]:
     """Return the bands of LARGEST that a result has, and their grid."""
-    if first is not None and "h_max" in result.bands:
-        result.read("h_max", first)  # refuses another CRS
-    bands, grid = read_peaks(result, [name for name, _ in LARGEST], density)
+    bands, grid = read_peaks(result, [name for name, _ in LARGEST], density, first)
     if "h_max" not in bands or grid is None:
         raise InputError(f"{result.name} has no largest depth (h_max, or <name>_pft), which `exposure` requires")
     return bands, grid

@@ -397,7 +397,7 @@ def _shared(asked: Question) -> dict[str, Any]:
 
 
 def read_peaks(
-    result: Result, names: Collection[str], density: float | None = None
+    result: Result, names: Collection[str], density: float | None = None, crs_of: Grid | None = None
 ) -> tuple[dict[str, np.ndarray], Grid | None]:
     """Read bands of a Result that exist.
 
@@ -408,6 +408,8 @@ def read_peaks(
         Bands.
     density : float, optional [kg m-3]
         With it a missing pressure is computed from the largest speed.
+    crs_of : Grid, optional
+        The bands must be in the same CRS, or have none.
 
     Returns
     -------
@@ -416,12 +418,12 @@ def read_peaks(
     Raises
     ------
     MpmgisError
-        An unreadable raster, or rasters on several grids.
+        An unreadable raster, rasters on several grids, or in another CRS.
     """
     bands, grid = {}, None
     for name in names:
         if name in result.bands:
-            bands[name], own = result.read(name, grid)
+            bands[name], own = result.read(name, grid or crs_of)
             grid = grid or own
             _require_same_cells(result, name, own, grid, next(iter(bands)))
     if density is None or result.kind in ("export", "run") or "p_max" not in names:
@@ -429,7 +431,7 @@ def read_peaks(
     if "p_max" in bands:
         log.info(f"{result.name} contains the pressure; `density={density:g}` is not used")
     elif "Ut_max" in result.bands:
-        speed, own = result.read("Ut_max", grid)
+        speed, own = result.read("Ut_max", grid or crs_of)
         grid = grid or own
         _require_same_cells(result, "Ut_max", own, grid, next(iter(bands), "Ut_max"))
         bands["p_max"] = density * speed**2

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -19,7 +19,7 @@ from ..system.messages import Progress, log, unwatched
 from ..system.option import PathLike
 from ..terrain.grid import Grid
 from ..terrain.observations import cells_within, read_outline
-from .answer_files import answer_output, four_digits, write_answer, write_rows
+from .answer_files import answer_output, short_number, with_files, write_rows
 from .comparison import joint_grid, nearest
 from .flow_line import heights_under, line_or_centre, vertex_distances
 from .opened_results import ExportFlow, FrameFlow, RasterFlow, distinct_names, open_flow, peaks_of, read_peaks
@@ -55,7 +55,16 @@ COLUMNS = (
     ("overestimated_area", "m2"),
     ("underestimated_area", "m2"),
 )
-ALONG_COLUMNS = (("name", ""), ("s", "m"), ("area", "m2"), ("l_right", "m"), ("l_left", "m"), ("largest", ""))
+SHOWN = (  # column, heading and letters in the text
+    ("runout", "runout [m]", 12),
+    ("area", "area [m2]", 12),
+    ("growth_index", "growth", 9),
+    ("runout_difference", "difference [m]", 16),
+    ("common_area", "common [m2]", 13),
+    ("overestimated_area", "over [m2]", 12),
+    ("underestimated_area", "under [m2]", 12),
+)
+ALONG_COLUMNS = (("name", ""), ("s", "m"), ("area", "m2"), ("l_right", "m"), ("l_left", "m"))
 
 
 class Limit(NamedTuple):
@@ -176,7 +185,10 @@ class PathFound:
         return (side.name, side.kind, runout, across, x, y, begin, side.area, *largest, side.growth, difference, *areas)
 
     def along_rows(self) -> list[tuple[str | float, ...]]:
-        """Return a row with ALONG_COLUMNS for each part of the path with flow, of each result and the outline."""
+        """Return a row for each part of the path with flow, of each result and the outline.
+
+        The values are those of ALONG_COLUMNS and the largest of the limit's band.
+        """
         rows = []
         for side in self.sides:
             area, right, left, largest = self.over_parts(side)
@@ -207,21 +219,13 @@ class PathFound:
         width = min(max(len(side.name) for side in self.sides), MOST_LETTERS) + 2
         lines = [
             f"along {self.line_source}, cells with {self.limit.words()}; differences from {self.reference.name}",
-            f"{'':<{width}}{'runout [m]':>12}{'area [m2]':>12}{'growth':>9}{'difference [m]':>16}{'common [m2]':>13}"
-            f"{'over [m2]':>12}{'under [m2]':>12}",
+            " " * width + "".join(f"{heading:>{letters}}" for _, heading, letters in SHOWN),
         ]
         for row in self.rows():
             own = dict(zip((name for name, _ in COLUMNS), row, strict=True))
-            names = ("runout", "area", "growth_index", "runout_difference", "common_area", "overestimated_area")
-            columns = (12, 12, 9, 16, 13, 12, 12)
-            figures = [own[name] for name in (*names, "underestimated_area")]
-            words = (f"{_figure(value):>{letters}}" for value, letters in zip(figures, columns, strict=True))
+            words = (f"{short_number(own[name]):>{letters}}" for name, _, letters in SHOWN)
             lines.append(f"{str(own['name'])[-MOST_LETTERS:]:<{width}}" + "".join(words))
         return lines
-
-
-def _figure(value):
-    return four_digits(value) if not math.isfinite(value) or abs(value) < 1000 else f"{value:.0f}"
 
 
 def _common_area(side: OnPath, other: OnPath) -> float:
@@ -292,13 +296,12 @@ def path(
     MpmgisError
         Unreadable input, results in several CRS, or no cell that reaches the limit; nothing is written then.
     """
-    more = {"line": None if line is None else Path(line), "outline": None if outline is None else Path(outline)}
-    output = answer_output(cast("Question", {**asked, **more}), WORD, FILES)
+    output = answer_output(asked, WORD, FILES)
     names = distinct_names(asked["frames"])
     sides: list[OnPath] = []
     vertices, source, first_flow = np.empty((0, 2)), "", None
     for frames, name in zip(asked["frames"], names, strict=True):
-        own = cast("Question", {**asked, "frames": (frames,)})
+        own: Question = {**asked, "frames": (frames,)}
         flow = _flow(own, output, first=not sides, needed=line is None)
         bands, grid = _bands(own, name, limit, sides[0].grid if sides else None, progress)
         if not sides:
@@ -321,7 +324,7 @@ def path(
         _log_line_end(line, vertices, sides)
     time = _time(first_flow, sides[0], bins, limit, progress) if len(names) == 1 else None
     found = PathFound(vertices, source, limit, bins, sides, time)
-    return replace(found, files=write_answer(output, asked["overwrite"], _writers(found)))
+    return with_files(found, output, asked["overwrite"], _writers(found))
 
 
 def _flow(asked: Question, output: Path, first: bool, needed: bool) -> FrameFlow | ExportFlow | RasterFlow | None:
@@ -339,9 +342,7 @@ def _bands(
 ) -> tuple[dict[str, np.ndarray], Grid]:
     """Return the bands of BANDS that a result has, and their grid."""
     result = peaks_of(asked, progress, used_of_rasters=("density",))
-    if first is not None and result.bands:
-        result.read(next(iter(result.bands)), first)  # refuses another CRS
-    bands, grid = read_peaks(result, [band for band, _ in BANDS.values()], asked["density"])
+    bands, grid = read_peaks(result, [band for band, _ in BANDS.values()], asked["density"], first)
     if limit.band not in bands or grid is None:
         raise InputError(
             f"{name} has no {limit.band}, which the limit requires; it has {', '.join(bands) or 'no largest values'}"
@@ -431,22 +432,23 @@ def _log_line_end(path: PathLike, line: np.ndarray, sides: list[OnPath]) -> None
         log.info(f"{path} ends {beyond:.0f} m before the flow does; it is extended straight")
 
 
-def _writers(found: PathFound) -> dict[str, Callable[[Path], Any]]:
+def _writers(found: PathFound) -> dict[str, Callable[[Path, PathFound], Any]]:
     """Return the functions that write each file."""
-    writers: dict[str, Callable[[Path], Any]] = {
-        PLOT_FILE: lambda path: write_path_plot(path, found),
-        TABLE_FILE: lambda path: write_rows(path, found),
-        ALONG_FILE: lambda path: write_columns(path, _along_columns(found), found.along_rows()),
+    writers: dict[str, Callable[[Path, PathFound], Any]] = {
+        PLOT_FILE: write_path_plot,
+        TABLE_FILE: write_rows,
+        ALONG_FILE: _write_along,
     }
     time = found.time
     if time is not None:
-        writers[TIME_PLOT_FILE] = lambda path: write_thalweg_time_plot(path, time)
-        writers[TIME_FILE] = lambda path: write_thalweg_time(path, time)
+        writers[TIME_PLOT_FILE] = lambda path, _: write_thalweg_time_plot(path, time)
+        writers[TIME_FILE] = lambda path, _: write_thalweg_time(path, time)
     return writers
 
 
-def _along_columns(found):
-    return [*ALONG_COLUMNS[:-1], (found.limit.band, found.limit.unit)]
+def _write_along(path, found):
+    columns = [*ALONG_COLUMNS, (found.limit.band, found.limit.unit)]
+    write_columns(path, columns, found.along_rows())
 
 
 def write_path_plot(path: Path, found: PathFound) -> None:
