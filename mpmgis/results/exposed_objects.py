@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import geopandas
 import shapely
@@ -18,19 +18,9 @@ from ..terrain.spatial_inputs import Feature, repaired, to_terrain
 from ..terrain.vector_table import names_of, read_table
 from .object_cells import POLYGON, dimension_of
 
-if TYPE_CHECKING:
-    from ..terrain.elevation import Terrain
-
 LAYERS = ("points", "lines", "polygons")  # of the GeoPackage, by dimension
 CLASSES = [(1, "reached", "#c1272d"), (2, "not reached", "#2e8b57"), (3, "outside the terrain", "#8c8c8c")]
 ATTRIBUTE = "class"  # with these numbers
-
-
-class _Ground:
-    """The grid that objects are placed on, in place of a whole Terrain."""
-
-    def __init__(self, grid: Grid):
-        self.grid = grid
 
 
 def read_objects(path: str | Path, grid: Grid) -> list[Feature]:
@@ -56,7 +46,7 @@ def read_objects(path: str | Path, grid: Grid) -> list[Feature]:
         table = table.where(~missing)
     assert table.geometry is not None
     names = names_of(table, path)
-    shapes = to_terrain(table.geometry, table.crs, cast("Terrain", _Ground(grid)), path)
+    shapes = to_terrain(table.geometry, table.crs, grid, path)
     return [
         Feature(name, _usable(shape, name, path), row, str(path))
         for name, shape, row in zip(names, shapes, table.rows(), strict=True)
@@ -81,8 +71,10 @@ def write_objects(path: Path, objects: Sequence[Feature], found: Sequence[Mappin
     grid : Grid
         Its CRS is that of the objects.
     """
-    own = [name for name in objects[0].columns if name.lower() not in ("fid", *map(str.lower, found[0]))]
-    if len(own) < len([name for name in objects[0].columns if name.lower() != "fid"]):
+    theirs = [name for name in objects[0].columns if name.lower() != "fid"]
+    results = {name.lower() for name in found[0]}
+    own = [name for name in theirs if name.lower() not in results]
+    if len(own) < len(theirs):
         log.info(f"{objects[0].path}: attributes with the name of a result are replaced by it")
     crs, styles = None if grid.crs is None else grid.crs.to_wkt(), {}
     with whole_file(path) as part, warnings.catch_warnings():

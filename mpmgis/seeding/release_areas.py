@@ -208,7 +208,7 @@ def _vector_features(
         log.info(f"{path}: {np.count_nonzero(~thick)} of {len(names)} areas have a thickness of 0 and are left out")
         table, heights = table.where(thick), heights[thick]
         names = [name for name, kept in zip(names, thick, strict=True) if kept]
-    shapes = to_terrain(table.geometry, table.crs, terrain, path)
+    shapes = to_terrain(table.geometry, table.crs, terrain.grid, path)
     shapes = [repaired(shape, name, path) for shape, name in zip(shapes, names, strict=True)]
     parts = [ReleasePart(name, shape, h) for name, shape, h in zip(names, shapes, heights.tolist(), strict=True)]
     return parts, table.columns

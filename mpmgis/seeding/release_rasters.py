@@ -281,7 +281,7 @@ def _on_terrain(
     values, grid = read_raster(path, role)
     target = terrain.grid.crs
     if grid.crs is None or target is None:
-        require_lies_on(grid.bounds, grid.crs, terrain, path)
+        require_lies_on(grid.bounds, grid.crs, terrain.grid, path)
         return values, Grid(target, grid.transform, grid.shape)
     if same_place(grid.crs, target):
         return values, Grid(target, grid.transform, grid.shape)

@@ -105,7 +105,7 @@ def read_area_mask(path: str | Path, terrain: "Terrain | TerrainFile", what: str
         grid = grid_of(source, path)
     target = terrain.grid.crs
     if grid.crs is None or target is None:
-        require_lies_on(grid.bounds, grid.crs, terrain, path)
+        require_lies_on(grid.bounds, grid.crs, terrain.grid, path)
     elif not same_place(grid.crs, target):
         raise GeoreferenceError(
             f"{path}: the {what} is in {name_of(grid.crs)}, the DTM in {name_of(target)}; reproject it: "

@@ -97,9 +97,7 @@ def _make_valid(shape: shapely.Geometry) -> shapely.Geometry:
         return shapely.union_all(parts)
 
 
-def to_terrain(
-    shapes: np.ndarray, crs: pyproj.CRS | None, terrain: Terrain, path: str | Path
-) -> list[shapely.Geometry]:
+def to_terrain(shapes: np.ndarray, crs: pyproj.CRS | None, grid: Grid, path: str | Path) -> list[shapely.Geometry]:
     """Return 2D shapes in the terrain's CRS; report reprojection and assumptions.
 
     Parameters
@@ -108,7 +106,8 @@ def to_terrain(
         Of shapely.Geometry.
     crs : pyproj.CRS or None
         Of the shapes.
-    terrain : Terrain
+    grid : Grid
+        Of the terrain.
     path : str or Path
         For messages.
 
@@ -118,9 +117,9 @@ def to_terrain(
         They cannot be reprojected, or are outside the terrain and one side has no CRS.
     """
     shapes = shapely.force_2d(shapes)
-    target = terrain.grid.crs
+    target = grid.crs
     if crs is None or target is None:
-        require_lies_on(shapely.total_bounds(shapes), crs, terrain, path)
+        require_lies_on(shapely.total_bounds(shapes), crs, grid, path)
         return list(shapes)
     if same_place(crs, target):
         return list(shapes)
@@ -137,7 +136,7 @@ def to_terrain(
     return list(shapely.set_coordinates(shapes, after))
 
 
-def require_lies_on(bounds: Sequence[float], crs: pyproj.CRS | None, terrain: Terrain, path: str | Path) -> None:
+def require_lies_on(bounds: Sequence[float], crs: pyproj.CRS | None, grid: Grid, path: str | Path) -> None:
     """Refuse coordinates outside the terrain where one side has no CRS; report the assumed CRS otherwise.
 
     Parameters
@@ -146,7 +145,8 @@ def require_lies_on(bounds: Sequence[float], crs: pyproj.CRS | None, terrain: Te
         West, south, east, north of the input.
     crs : pyproj.CRS or None
         Of the input.
-    terrain : Terrain
+    grid : Grid
+        Of the terrain.
     path : str or Path
         For messages.
 
@@ -154,7 +154,6 @@ def require_lies_on(bounds: Sequence[float], crs: pyproj.CRS | None, terrain: Te
     ------
     GeoreferenceError
     """
-    grid = terrain.grid
     west, south, east, north = bounds
     apart = west > grid.bounds[2] or east < grid.bounds[0] or south > grid.bounds[3] or north < grid.bounds[1]
     if apart:
@@ -308,7 +307,7 @@ def read_walls(path: str | Path, terrain: Terrain, width: float | None) -> list[
     if width is None:
         raise InputError(f"{path} contains lines; give [[barrier]] width, the thickness of the wall [m]")
     names, rows = names_of(table, path), table.rows()
-    lines = to_terrain(table.geometry, table.crs, terrain, path)
+    lines = to_terrain(table.geometry, table.crs, terrain.grid, path)
     if shapely.is_empty(lines).any() or shapely.is_missing(lines).any():
         raise InputError(f"{path}: a line has no geometry; draw it again, or remove it")
     return [
@@ -319,7 +318,7 @@ def read_walls(path: str | Path, terrain: Terrain, width: float | None) -> list[
 
 def _features(path, table, terrain):
     names, rows = names_of(table, path), table.rows()
-    shapes = to_terrain(table.geometry, table.crs, terrain, path)
+    shapes = to_terrain(table.geometry, table.crs, terrain.grid, path)
     return [
         Feature(name, repaired(shape, name, path), row, str(path))
         for name, shape, row in zip(names, shapes, rows, strict=True)
@@ -376,5 +375,5 @@ def read_placed_raster(path: str | Path, terrain: Terrain, role: Role) -> tuple[
         )
     if grid.crs is None or target is None:
         with muted():
-            require_lies_on(grid.bounds, grid.crs, terrain, path)
+            require_lies_on(grid.bounds, grid.crs, terrain.grid, path)
     return values, Grid(target, grid.transform, grid.shape)
