@@ -212,6 +212,7 @@ gullies and by aspect. The areas are polygons along the cells, with slope, aspec
 are those of a return period, thickness that of the longest one. The areas are the same for any number of threads and
 on a Dask cluster.
 """,
+    counted="block",
     forms=(
         Form(
             "Release areas of snow slabs",

@@ -64,6 +64,8 @@ class Verb(Generic[Asked]):
         For QGIS; for a verb without one `no_form` gives the reason.
     trust : bool
         It has --trust.
+    counted : str
+        What its progress counts.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Verb(Generic[Asked]):
     forms: tuple[Form, ...] = ()
     no_form: str = ""
     trust: bool = False
+    counted: str = "frame"
 
     def named(self) -> dict[str, Option]:
         """Return the options of the command by name, each with its name and type."""

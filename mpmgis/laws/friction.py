@@ -709,6 +709,16 @@ def mu_of_size(size: str) -> float:
     return SIZES.get(size, min(SIZES.values()))
 
 
+def parameters_to_give(law: str) -> "dict[str, Parameter]":
+    """Return what a table or scene may give for a built-in law: its parameters and those in their place, by name.
+
+    Parameters
+    ----------
+    law : str
+    """
+    return LAWS[law][1] | {name: parameter for name, (_, parameter) in given_instead(law).items()}
+
+
 def turbulent_coefficient(k: "float | np.ndarray") -> "float | np.ndarray":
     """Compute the xi with which Voellmy's drag rho g u^2 / xi is rho k u^2.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..laws.friction import LAWS, Parameter, given_instead
+from ..laws.friction import parameters_to_give
 from ..laws.quantities import SQUARE_METRES_PER_HECTARE, Quantity
 from ..maps.qgis.raster_styles import class_pipe, style_document
 from ..scene.scene_text import toml_value
@@ -54,7 +54,7 @@ class FrictionFound:
         """Return lines of text for a terminal."""
         lines = [f"{self.name}: friction {self.law} by class of terrain"]
         lines += [f"{name:<12}{area / SQUARE_METRES_PER_HECTARE:>12.2f} ha" for name, area in self.areas.items()]
-        units = {name: parameter.unit for name, parameter in _known(self.law).items()}
+        units = {name: parameter.unit for name, parameter in parameters_to_give(self.law).items()}
         for name, (low, high) in self.parameters.items():
             lines.append(f"{name:<12}{f'{low:g}' if low == high else f'{low:g} to {high:g}':>12} [{units[name]}]")
         return lines
@@ -126,7 +126,7 @@ def terrain_friction(
         (part / CLASS_STYLE).write_text(style, encoding="utf-8", newline="\n")
         for key, value in values.items():
             if isinstance(value, np.ndarray):
-                parameter = _known(law)[key]
+                parameter = parameters_to_give(law)[key]
                 band = Quantity(key, parameter.unit, f"{parameter.meaning}, of the friction law {law}", "float32")
                 write_geotiff(part / _file(key), terrain.grid, [(band, value)], tags)
                 files.append(_file(key))
@@ -139,11 +139,6 @@ def terrain_friction(
         {key: (float(np.nanmin(value)), float(np.nanmax(value))) for key, value in values.items()},
         tuple(folder / file for file in files),
     )
-
-
-def _known(law: str) -> dict[str, Parameter]:
-    """Return the parameters of a law and those in their place, by name."""
-    return LAWS[law][1] | {name: parameter for name, (_, parameter) in given_instead(law).items()}
 
 
 def _file(parameter: str) -> str:

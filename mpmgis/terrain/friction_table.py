@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..laws.friction import LAWS, Parameter, given_instead
+from ..laws.friction import LAWS, Parameter, given_instead, parameters_to_give
 from ..system.errors import FormatError, InputError
 from ..system.text_tables import is_number, read_cells, with_point
 from .terrain_classes import CLASSES
@@ -73,7 +73,7 @@ def read_friction_table(path: str | Path, law: str) -> list[FrictionRow]:
         An unknown column, a parameter that is missing or out of its range, a value that is no number, an empty range.
     """
     table = read_cells(path, EXPECTED)
-    known = _parameters(law)
+    known = parameters_to_give(law)
     for name in table.names:
         if name not in CONDITIONS and name not in known:
             raise FormatError(
@@ -94,11 +94,6 @@ def read_friction_table(path: str | Path, law: str) -> list[FrictionRow]:
         )
         for line, cells in table.rows
     ]
-
-
-def _parameters(law: str) -> dict[str, Parameter]:
-    """Return the parameters that a table can give for a law, by name."""
-    return LAWS[law][1] | {name: parameter for name, (_, parameter) in given_instead(law).items()}
 
 
 def _require_parameters(path: str | Path, law: str, names: Sequence[str]) -> None:

@@ -23,11 +23,11 @@ def short_run(scene, output, **options):
     scene.write_text("\\n".join(lines))
     return run(scene, output, **options)
 
-def progress(done, total):
+def progress(what, done, total):
     if done == 1:
         os.kill(os.getpid(), int(sys.argv[2]))
 
-run, workflow.run, verb.frame_progress = workflow.run, short_run, progress
+run, workflow.run, verb.show_count = workflow.run, short_run, progress
 raise SystemExit(main(["demo", "-o", sys.argv[1]]))
 """
 

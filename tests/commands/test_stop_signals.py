@@ -31,7 +31,7 @@ def replace(source, target):
     name(source, target)
 
 name, os.replace = os.replace, replace
-answers.frame_progress = lambda done, total: stop()
+answers.show_count = lambda what, done, total: stop()
 raise SystemExit(main(sys.argv[2:]))
 """
 DEM, RELEASE = (sample_folder() / f"lava_falls_{name}" for name in ("dem_utm12n_10m.tif", "release_small.shp"))

@@ -9,6 +9,7 @@ import json
 import math
 import tempfile
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 from ...system.errors import InputError, OutputError
@@ -18,7 +19,7 @@ from ..verb import Verb, module_of, verb_of
 from ..verb_calls import complete
 from . import terminal
 from .parser import values_of
-from .progress import block_progress, frame_progress
+from .progress import show_count
 
 STDOUT = Path("-")  # value of -o
 OWN_FACTS = ("compare", "runout")  # verbs whose answers have more than a table
@@ -66,8 +67,7 @@ def _run_to_stdout(verb, values):
 
 def _worked(verb, values):
     """What the work of a verb returns for options by name."""
-    shown = block_progress if verb.name == "release" else frame_progress
-    return module_of(verb.name).work(complete(verb, values), shown)
+    return module_of(verb.name).work(complete(verb, values), partial(show_count, verb.counted))
 
 
 def _as_json(found, files):

@@ -232,27 +232,15 @@ def _lines():
         yield watch
 
 
-def frame_progress(done: int, total: int) -> None:
-    """Show the number of frames done: on a terminal in one line that is rewritten, in a log every LINE_SECONDS.
+def show_count(what: str, done: int, total: int) -> None:
+    """Show how many things are done: on a terminal in one line that is rewritten, in a log every LINE_SECONDS.
 
     Parameters
     ----------
+    what : str
+        A frame, a block of a DTM, ...
     done, total : int
     """
-    _show_count("frame", done, total)
-
-
-def block_progress(done: int, total: int) -> None:
-    """Show the number of blocks of a DTM done, as `frame_progress`.
-
-    Parameters
-    ----------
-    done, total : int
-    """
-    _show_count("block", done, total)
-
-
-def _show_count(what, done, total):
     if done <= 1:
         _export_lines.start_again()
     if terminal.volume >= 0 and sys.stderr.isatty():
@@ -263,7 +251,7 @@ def _show_count(what, done, total):
 
 @contextmanager
 def member_progress() -> Iterator[Callable[[int, int, int], None]]:
-    """Yield a function that shows the progress of many runs, as `frame_progress`.
+    """Yield a function that shows the progress of many runs, as `show_count`.
 
     Yields
     ------

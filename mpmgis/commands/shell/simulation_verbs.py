@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ...frames.headline_numbers import error_words
@@ -13,7 +14,7 @@ from ..verb import module_of, verb_of
 from ..verb_calls import complete
 from . import terminal
 from .parser import values_of
-from .progress import frame_progress, interruptible, member_progress, run_progress, without_bar
+from .progress import interruptible, member_progress, run_progress, show_count, without_bar
 
 if TYPE_CHECKING:
     from ...studies.calibration_result import Calibration
@@ -60,7 +61,7 @@ def demo(arguments: argparse.Namespace) -> int:
     refuse_existing(asked["output"], asked["overwrite"])
     terminal.note("Lava Falls, Grand Canyon: seed, run, export (the first time also compiles, about 50 seconds)")
     # project and picture have no callback: a signal during these takes effect at the end
-    with run_progress() as shown, interruptible(shown, frame_progress, done=False) as (watch, progress):
+    with run_progress() as shown, interruptible(shown, partial(show_count, "frame"), done=False) as (watch, progress):
         summary, project, picture = demo_verb.work(asked, watch, progress)
     _print_summary(summary)
     terminal.note("open the project in QGIS (double-click), then press play in the Temporal Controller")
