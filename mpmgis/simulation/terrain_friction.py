@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..laws.friction import LAWS, Parameter, given_instead
 from ..laws.quantities import SQUARE_METRES_PER_HECTARE, Quantity
 from ..maps.qgis.raster_styles import class_pipe, style_document
 from ..scene.scene_text import toml_value
@@ -19,7 +18,7 @@ from ..system.whole_files import refuse_existing, whole_folder
 from ..terrain.class_limits import ClassLimits
 from ..terrain.class_rasters import write_class_raster
 from ..terrain.elevation import Terrain
-from ..terrain.friction_table import friction_values, read_friction_table, rows_of_event
+from ..terrain.friction_table import friction_values, read_friction_table, rows_of_event, table_parameters
 from ..terrain.raster_output import write_geotiff
 from ..terrain.terrain_classes import CLASSES, terrain_classes
 
@@ -54,7 +53,7 @@ class FrictionFound:
         """Return lines of text for a terminal."""
         lines = [f"{self.name}: friction {self.law} by class of terrain"]
         lines += [f"{name:<12}{area / SQUARE_METRES_PER_HECTARE:>12.2f} ha" for name, area in self.areas.items()]
-        units = {name: parameter.unit for name, parameter in _known(self.law).items()}
+        units = {name: parameter.unit for name, parameter in table_parameters(self.law).items()}
         for name, (low, high) in self.parameters.items():
             lines.append(f"{name:<12}{f'{low:g}' if low == high else f'{low:g} to {high:g}':>12} [{units[name]}]")
         return lines
@@ -126,7 +125,7 @@ def terrain_friction(
         (part / CLASS_STYLE).write_text(style, encoding="utf-8", newline="\n")
         for key, value in values.items():
             if isinstance(value, np.ndarray):
-                parameter = _known(law)[key]
+                parameter = table_parameters(law)[key]
                 band = Quantity(key, parameter.unit, f"{parameter.meaning}, of the friction law {law}", "float32")
                 write_geotiff(part / _file(key), terrain.grid, [(band, value)], tags)
                 files.append(_file(key))
@@ -139,11 +138,6 @@ def terrain_friction(
         {key: (float(np.nanmin(value)), float(np.nanmax(value))) for key, value in values.items()},
         tuple(folder / file for file in files),
     )
-
-
-def _known(law: str) -> dict[str, Parameter]:
-    """Return the parameters of a law and those in their place, by name."""
-    return LAWS[law][1] | {name: parameter for name, (_, parameter) in given_instead(law).items()}
 
 
 def _file(parameter: str) -> str:

@@ -73,7 +73,7 @@ def read_friction_table(path: str | Path, law: str) -> list[FrictionRow]:
         An unknown column, a parameter that is missing or out of its range, a value that is no number, an empty range.
     """
     table = read_cells(path, EXPECTED)
-    known = _parameters(law)
+    known = table_parameters(law)
     for name in table.names:
         if name not in CONDITIONS and name not in known:
             raise FormatError(
@@ -96,8 +96,14 @@ def read_friction_table(path: str | Path, law: str) -> list[FrictionRow]:
     ]
 
 
-def _parameters(law: str) -> dict[str, Parameter]:
-    """Return the parameters that a table can give for a law, by name."""
+def table_parameters(law: str) -> dict[str, Parameter]:
+    """Return the parameters that a table can give for a law, and those in their place, by name.
+
+    Parameters
+    ----------
+    law : str
+        Name of a built-in law.
+    """
     return LAWS[law][1] | {name: parameter for name, (_, parameter) in given_instead(law).items()}
 
 
