@@ -209,10 +209,10 @@ def _set_tags(path, tags):
         return
     with open_raster(path) as source:
         found = source.tags(ns=NAMESPACE)
-    if tags.items() <= found.items():  # of a run that was killed after this: GDAL would append them again
+    # those that have the tags are of a run that was killed after this: GDAL would append them again
+    if "digest" not in found or tags.items() <= found.items():
         return
     with whole_file(path) as part:
         shutil.copyfile(path, part)
         with rasterio.open(part, "r+") as target:
-            if "digest" in target.tags(ns=NAMESPACE):
-                target.update_tags(ns=NAMESPACE, **tags)
+            target.update_tags(ns=NAMESPACE, **tags)

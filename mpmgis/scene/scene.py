@@ -77,8 +77,8 @@ class Scene:
         return tuple(self._alone(stage) for stage in self.stage) or (self,)
 
     def _alone(self, stage):
-        only = {name: kind.rule.solver for name, kind in TABLES.items()}
-        others = {name: () if name in LISTED else None for name in TABLES if only[name] not in (None, stage.solver)}
+        rules = {name: kind.rule for name, kind in TABLES.items() if kind.rule.solver not in (None, stage.solver)}
+        others = {name: () if rule.listed else None for name, rule in rules.items()}
         numerics = replace(self.numerics, cell_size=stage.cell_size or self.numerics.cell_size)
         return replace(self, **others, numerics=numerics, solver=stage.solver, stage=())
 

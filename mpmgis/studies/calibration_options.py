@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, TypedDict, Unpack, cast
 
 from ..system.option import Option, PathLike
 from ..system.option_values import defaults_of
-from .many_runs_options import MachineOptions
+from .many_runs_options import TOLERATE, MachineOptions
 
 
 class ParameterOptions(TypedDict, total=False):
@@ -179,17 +179,7 @@ class RoundOptions(TypedDict, total=False):
             label="Cell size of the maps",
         ),
     ]
-    tolerate: Annotated[
-        float,
-        Option(
-            "share of the runs that may become unphysical or fail; a number from 0 to below 1",
-            "SHARE",
-            default=0.1,
-            least=0,
-            below=1,
-            label="Share of the runs that may fail",
-        ),
-    ]
+    tolerate: Annotated[float, TOLERATE]
 
 
 class CalibrateOptions(ParameterOptions, ObservationOptions, RoundOptions, MachineOptions, total=False):

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, TypedDict, Unpack, cast
 from ..maps.qgis.page_options import PageOptions
 from ..system.option import Option, PathLike
 from ..system.option_values import defaults_of
-from .many_runs_options import MachineOptions
+from .many_runs_options import TOLERATE, MachineOptions
 
 
 class PlanOptions(TypedDict, total=False):
@@ -120,17 +120,7 @@ class MapOptions(PageOptions, total=False):
             "keep of each run: its maxima, also its deposit, or all frames", default="maxima", label="Keep of each run"
         ),
     ]
-    tolerate: Annotated[
-        float,
-        Option(
-            "share of the runs that may become unphysical or fail; a number from 0 to below 1",
-            "SHARE",
-            default=0.1,
-            least=0,
-            below=1,
-            label="Share of the runs that may fail",
-        ),
-    ]
+    tolerate: Annotated[float, TOLERATE]
 
 
 class EnsembleOptions(PlanOptions, MapOptions, MachineOptions, total=False):

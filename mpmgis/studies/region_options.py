@@ -1,10 +1,9 @@
 """Options of a region: its release areas, scenarios and windows."""
 
-from typing import Annotated, TypedDict, Unpack, cast
+from typing import Annotated, TypedDict
 
 from ..maps.qgis.page_options import PageOptions
 from ..system.option import Option, PathLike
-from ..system.option_values import defaults_of
 from .many_runs_options import MachineOptions
 
 
@@ -95,13 +94,3 @@ class AskedRegion(RegionChoices, total=False):
 
     scene: PathLike
     output: PathLike
-
-
-def region_with(**given: Unpack[AskedRegion]) -> AskedRegion:
-    """Return a region with some options, and the defaults of the others.
-
-    Parameters
-    ----------
-    **given : options by name
-    """
-    return cast("AskedRegion", {"output": None, **defaults_of(RegionChoices), **given})

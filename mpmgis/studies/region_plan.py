@@ -259,7 +259,7 @@ def _head(release):
 
 
 def _tasks(asked, scene, terrain, areas, own_thickness, runs):
-    """Return an AreaTask for each area; equal areas share a digest and one run."""
+    """Return an AreaTask for each area; equal areas share a digest and one run, that of the first has a companion."""
     name, folder = Path(asked["scene"]).name, Path(scene.folder).resolve()
     law = None if asked["law"] is None else str(Path(asked["law"]).resolve())
     tables, mu, head = with_peaks(scene, asked["min_depth"]), _slope(asked, scene), _head(scene.release)
@@ -283,7 +283,7 @@ def _tasks(asked, scene, terrain, areas, own_thickness, runs):
             str(runs),
             None,
             asked["min_depth"],
-            companion=number == 1 and has_companion(scene),
+            companion=has_companion(scene) and (not tasks or digest == tasks[0].digest),
         )
         tasks.append(AreaTask(number, run, shape, crs, mu, head))
     return tasks

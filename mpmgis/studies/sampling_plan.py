@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..scene import scene_from_tables
-from ..scene.key_checks import meant
+from ..scene.key_checks import is_number, meant
 from ..scene.tables import LISTED, TABLES
 from ..system.errors import InputError, SceneError
 from .varied_keys import Choice
@@ -234,16 +234,12 @@ def nearest_member(own: tuple, members: Sequence[tuple]) -> int:
     """
     apart = np.zeros(len(members))
     for value, given in zip(own, zip(*members, strict=True), strict=True):
-        if _is_number(value) and all(_is_number(one) for one in given):
+        if is_number(value) and all(is_number(one) for one in given):
             numbers = np.array([*given, value], float)
             apart += ((numbers[:-1] - value) / (np.ptp(numbers) or 1.0)) ** 2
         elif value is not None:
             apart += [float(one != value) for one in given]
     return int(np.argmin(apart))
-
-
-def _is_number(value):
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def require_place(tables: dict, key: str) -> None:

@@ -1,10 +1,9 @@
 """Options of a study of accuracy against computing time."""
 
-from typing import Annotated, Literal, Unpack, cast
+from typing import Annotated, Literal
 
 from ..simulation.simulation_options import LAW, THREADS
 from ..system.option import Option, PathLike
-from ..system.option_values import defaults_of
 from ..system.work_options import OverwriteOptions
 
 
@@ -119,13 +118,3 @@ class AskedStudy(StudyOptions, total=False):
 
     scene: PathLike
     output: PathLike
-
-
-def study_with(**given: Unpack[AskedStudy]) -> AskedStudy:
-    """Return a study with some options, and the defaults of the others.
-
-    Parameters
-    ----------
-    **given : options by name
-    """
-    return cast("AskedStudy", {"output": None, **defaults_of(StudyOptions), **given})

@@ -211,6 +211,14 @@ def test_affected_area_is_that_of_the_map(site, done):
         assert row["area_m2"] == reached.sum() * PIXEL**2 > 80**2
 
 
+def test_of_equal_areas_the_first_states_the_numerical_error_of_their_run(site, tmp_path):
+    twice = geopandas.GeoDataFrame({"d0": [1.0, 1.0]}, geometry=[box(1000, 5000)] * 2, crs="EPSG:32632")
+    twice.to_file(tmp_path / "twice.gpkg")
+    for before in (0, 2):
+        found = mpmgis.region(site / "scene.toml", tmp_path / "twice.gpkg", tmp_path / "region", workers=1)
+        assert found.before == before and found.companion["of"] == "area 1"
+
+
 def test_workers_and_a_killed_start_give_the_same_bytes(site, done, tmp_path):
     two = region(site, tmp_path / "two", scenario="T", frequency="f", workers=2)
     assert digests(two.folder) == digests(done.folder)
