@@ -12,7 +12,6 @@ import numpy as np
 import rasterio
 import rasterio.features
 import shapely
-from rasterio.enums import ColorInterp
 
 from ...laws.quantities import Quantity
 from ...maps.qgis.outlines import POLYGONS, mask_outline
@@ -28,8 +27,9 @@ from ...system.csv_rows import write_records
 from ...system.errors import InputError
 from ...system.optional_libraries import GEOPACKAGE
 from ...system.whole_files import whole_file
+from ...terrain.class_rasters import write_class_raster
 from ...terrain.grid import Grid
-from ...terrain.raster_output import BLOCK, NAMESPACE, write_geotiff
+from ...terrain.raster_output import write_geotiff
 from .guideline_files import read_guidelines, read_tables
 from .hazard_levels import NOT_ASSESSED, Hazard, HazardMatrix, parse_matrices
 from .zone_outlines import Generalized, polygons
@@ -172,33 +172,9 @@ def write_hazard_raster(path: Path, made: HazardMap, tags: dict) -> None:
     tags : dict of str to str
         Of the file.
     """
-    grid, matrix = made.grid, made.matrix
-    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
-    rows, columns = grid.shape
-    profile = {
-        "driver": "GTiff",
-        "height": rows,
-        "width": columns,
-        "count": 1,
-        "dtype": "uint8",
-        "nodata": 0,
-        "crs": crs,
-        "transform": grid.transform,
-        "compress": "deflate",
-        "tiled": True,
-        "blockxsize": BLOCK,
-        "blockysize": BLOCK,
-    }
-    entries = _entries(matrix)
-    colours = {number: (*(int(colour[k : k + 2], 16) for k in (1, 3, 5)), 255) for number, _, colour in entries}
-    meaning = {f"class_{number}": label for number, label, _ in entries}
-    with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
-        target.write(made.hazard.coded(), 1)
-        target.write_colormap(1, {0: (0, 0, 0, 0)} | colours)
-        target.colorinterp = [ColorInterp.palette]
-        target.set_band_description(1, "hazard level [1]")
-        source = {"matrix": matrix.name, "title": matrix.title, "source": matrix.source}
-        target.update_tags(ns=NAMESPACE, **source, **meaning, **tags)
+    matrix, numbers = made.matrix, made.hazard.coded()
+    source = {"matrix": matrix.name, "title": matrix.title, "source": matrix.source}
+    write_class_raster(path, made.grid, numbers, _entries(matrix), "hazard level [1]", source, tags)
 
 
 def write_hazard_style(path: Path, matrix: HazardMatrix) -> None:
