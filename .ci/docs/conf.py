@@ -47,7 +47,7 @@ myst_fence_as_directive = ["math"]
 myst_update_mathjax = False
 html_math_renderer = "mathml"
 myst_heading_anchors = 4
-nb_execution_mode = "off"  # build.py executes the notebooks
+nb_execution_mode = "off"  # run_notebooks.py stores their results
 nb_merge_streams = True
 copybutton_prompt_text = "$ "
 

@@ -9,7 +9,7 @@ from rasterio.enums import ColorInterp
 
 from ..system.whole_files import whole_file
 from .grid import Grid
-from .raster_output import BLOCK, NAMESPACE
+from .raster_output import BLOCK, NAMESPACE, placement
 
 
 def write_class_raster(
@@ -35,17 +35,11 @@ def write_class_raster(
     source, tags : mapping of str to str
         Of the file, before and after those of the classes.
     """
-    crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
-    rows, columns = grid.shape
     profile = {
         "driver": "GTiff",
-        "height": rows,
-        "width": columns,
         "count": 1,
         "dtype": "uint8",
         "nodata": 0,
-        "crs": crs,
-        "transform": grid.transform,
         "compress": "deflate",
         "tiled": True,
         "blockxsize": BLOCK,
@@ -56,7 +50,7 @@ def write_class_raster(
         red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
         colours[number] = red, green, blue, 255
         meaning[f"class_{number}"] = label
-    with whole_file(path) as part, rasterio.open(part, "w", **profile) as target:
+    with whole_file(path) as part, rasterio.open(part, "w", **profile, **placement(grid)) as target:
         target.write(numbers, 1)
         target.write_colormap(1, colours)
         target.colorinterp = [ColorInterp.palette]

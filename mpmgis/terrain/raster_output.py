@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -168,7 +169,7 @@ def new_geotiff(
     path = Path(path)
     plain = path.with_name(f".{path.name}.plain.tif") if cog else path
     try:
-        with rasterio.open(plain, "w", **LAYOUT, **_place(grid), count=len(quantities)) as target:
+        with rasterio.open(plain, "w", **LAYOUT, **placement(grid), count=len(quantities)) as target:
             target.update_tags(**dataset_metadata(quantities, tags))
             for band, quantity in enumerate(quantities, start=1):
                 target.set_band_description(band, quantity.band)
@@ -185,7 +186,13 @@ def new_geotiff(
             plain.unlink(missing_ok=True)
 
 
-def _place(grid):
+def placement(grid: Grid) -> dict[str, Any]:
+    """Return what a profile of rasterio says about a grid: CRS, transform, width, height.
+
+    Parameters
+    ----------
+    grid : Grid
+    """
     rows, columns = grid.shape
     crs = None if grid.crs is None else rasterio.crs.CRS.from_wkt(grid.crs.to_wkt())
     return {"crs": crs, "transform": grid.transform, "width": columns, "height": rows}

@@ -260,7 +260,7 @@ def measured_on_device(make, particles):
     }
 
 
-def kernel_times(make, particles):
+def kernel_times(make):
     """Time of each kernel [ns per particle and step] in steps of the solver `make()`, launched one by one.
 
     With few particles these times are those of the launches.
@@ -339,7 +339,7 @@ def kernels_of(sizes, precision):
     points = max((size for size in sizes if size <= KERNELS_OF), default=min(sizes))
     if lack := no_room(points, precision):
         return {"not_run": lack}
-    return kernel_times(lambda: solver_of(DevicePointSolver, points, precision=precision), "points")
+    return kernel_times(lambda: solver_of(DevicePointSolver, points, precision=precision))
 
 
 def timed_on_processor(points, precision):

@@ -193,7 +193,7 @@ def kernels_of(sizes, name):
     columns = max((size for size in sizes if size <= KERNELS_OF), default=min(sizes))
     if lack := no_room(columns, name):
         return {"not_run": lack}
-    return kernel_times(lambda: solver_of(DeviceColumnSolver, columns, name), "columns")
+    return kernel_times(lambda: solver_of(DeviceColumnSolver, columns, name))
 
 
 def text_of(found):

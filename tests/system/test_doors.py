@@ -13,7 +13,6 @@ DOORS = {
         "frames/region_maps": OWN,
         "frames/run_folder": OWN,
         "frames/run_maps": OWN,
-        "results/hazard/hazard_files": OWN,
         "terrain/class_rasters": OWN,
         "terrain/raster_output": OWN,
     },

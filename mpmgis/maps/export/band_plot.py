@@ -4,19 +4,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pyproj
 import xarray
 
 from ...laws.quantities import Quantity
 from ...system.errors import InputError
 from ...terrain.dtm import read_terrain
 from ...terrain.elevation import Terrain
-from ...terrain.grid import Grid
 from ..averaging.averaging_options import USUAL_DEPTH
 from ..qgis.colours import LOOKS, Look, look_of
 from .band_map import draw_band, floor_of
 from .run_picture import classes_of, fit_axes, map_axes, map_view
-from .xarray_datasets import terrain_of
+from .xarray_datasets import grid_of, terrain_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -99,19 +97,6 @@ def _values_of(band):
             "results.h.sel(time=10)"
         )
     return np.asarray(band, float)
-
-
-def grid_of(band: xarray.DataArray) -> Grid:
-    """Return the Grid of a variable with the georeference of rioxarray.
-
-    Parameters
-    ----------
-    band : xarray.DataArray
-        [y, x], after length-one dimensions are dropped.
-    """
-    band = band.squeeze(drop=True)
-    crs = None if band.rio.crs is None else pyproj.CRS.from_wkt(band.rio.crs.to_wkt())
-    return Grid(crs, band.rio.transform(), band.shape)
 
 
 def _look(band: xarray.DataArray) -> Look:

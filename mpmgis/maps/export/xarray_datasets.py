@@ -338,6 +338,19 @@ def _read_block(paths, band, block_info=None):
         return read_part(source, band, tuple(slice(*part) for part in window))[np.newaxis]
 
 
+def grid_of(band: xarray.DataArray) -> Grid:
+    """Return the Grid of a variable with the georeference of rioxarray.
+
+    Parameters
+    ----------
+    band : xarray.DataArray
+        [y, x], after length-one dimensions are dropped.
+    """
+    band = band.squeeze(drop=True)
+    crs = None if band.rio.crs is None else pyproj.CRS.from_wkt(band.rio.crs.to_wkt())
+    return Grid(crs, band.rio.transform(), band.shape)
+
+
 def terrain_of(array: xarray.DataArray) -> Terrain:
     """Return the terrain in an array of elevations with the georeference of rioxarray.
 
@@ -360,10 +373,9 @@ def terrain_of(array: xarray.DataArray) -> Terrain:
     elevation = np.asarray(array, float)
     if array.rio.nodata is not None:
         elevation = np.where(elevation == array.rio.nodata, np.nan, elevation)
-    crs = None if array.rio.crs is None else pyproj.CRS.from_wkt(array.rio.crs.to_wkt())
-    grid = Grid(crs, array.rio.transform(), elevation.shape)
-    if crs is not None:
-        require_metric(crs, grid.bounds, name)
+    grid = grid_of(array)
+    if grid.crs is not None:
+        require_metric(grid.crs, grid.bounds, name)
     elevation = np.where(np.isfinite(elevation), elevation, np.nan)
     mask_undeclared(elevation, name, HEIGHTS)
     require_heights(elevation, name)

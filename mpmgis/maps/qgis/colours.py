@@ -244,13 +244,12 @@ def chosen_classes(texts: Sequence[str]) -> dict[str, tuple[float, ...]]:
     InputError
         A name is no quantity with classes, or its limits do not ascend.
     """
+    known = [name for name, look in LOOKS.items() if look.shown != "signed" and _of(name) == name]
     found = {}
     for text in texts:
         name, _, numbers = str(text).partition("=")
-        look = LOOKS.get(name.strip())
-        if look is None or look.shown == "signed" or _of(name.strip()) != name.strip():
-            known = ", ".join(key for key, entry in LOOKS.items() if entry.shown != "signed" and _of(key) == key)
-            raise InputError(f"`classes={text}`: {name!r} has no classes; expected one of {known}")
+        if name.strip() not in known:
+            raise InputError(f"`classes={text}`: {name!r} has no classes; expected one of {', '.join(known)}")
         try:
             limits = tuple(float(part) for part in numbers.split(","))
         except ValueError:

@@ -23,6 +23,7 @@ from .project_layers import (
     Group,
     Layer,
     elevation,
+    ground_rows,
     layer_id,
     layers_of,
     map_layer,
@@ -32,7 +33,7 @@ from .project_layers import (
     tree_row,
     without_copies,
 )
-from .raster_styles import contour_interval, contour_pipe, hillshade_pipe
+from .raster_styles import contour_interval, hillshade_pipe
 from .xml_markup import filled, qgis_document, reference_system
 
 FIRST_SHOWN = ("release", "envelope")  # so that the first view shows where the flow starts and goes
@@ -151,11 +152,7 @@ def terrain_group(run: ExportedRun) -> Group:
     heights = run.read_terrain()
     heights = heights[np.isfinite(heights)]
     interval = contour_interval(float(np.ptp(heights)) if heights.size else 0.0)
-    pipes = {f"contours every {interval:g} m": contour_pipe(interval), "hillshade": hillshade_pipe()}
-    rows = [
-        Layer(title, map_layer(run, "raster", f"terrain_{k}", run.shown_terrain_file, title, "gdal", None, pipe), True)
-        for k, (title, pipe) in enumerate(pipes.items())
-    ]
+    rows = ground_rows(run, run.shown_terrain_file, interval)
     rows[-1].maplayer.append(elevation(TERRAIN_COLOUR))
     return Group("terrain", rows, unfolded=False)
 

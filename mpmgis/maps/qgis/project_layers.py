@@ -5,7 +5,7 @@ Undocumented requirements of QGIS (found by tests): a CRS in every layer, and la
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -197,6 +197,25 @@ def legend_entries(maplayer: Element) -> Element | None:
     order = ",".join(str(k) for k, seen in enumerate(drawn, start=1) if seen)
     entry = {"type": "QString", "name": "legend/node-order", "value": order}
     return node("customproperties", None, node("Option", {"type": "Map"}, node("Option", entry)))
+
+
+def ground_rows(run: Any, file: str, interval: float) -> list[Layer]:
+    """Return the layers of a raster of elevations: contours over a hillshade.
+
+    Parameters
+    ----------
+    run : object
+        With a name and a grid.
+    file : str
+    interval : float [m]
+        Of the contours; 0 for none.
+    """
+    pipes = {f"contours every {interval:g} m": contour_pipe(interval)} if interval else {}
+    pipes["hillshade"] = hillshade_pipe()
+    return [
+        Layer(title, map_layer(run, "raster", f"terrain_{k}", file, title, "gdal", None, pipe), True)
+        for k, (title, pipe) in enumerate(pipes.items())
+    ]
 
 
 def write_surface(run: ExportedRun) -> None:

@@ -18,8 +18,8 @@ from ..averaging.exported_folder import TYPICAL_PERCENTILE
 from .colours import ACTON_REVERSED, DAVOS_REVERSED, PROBABILITY_LIMITS, Look, look_of
 from .print_layout import parameter_facts, print_layout
 from .project import project_document, write_archive
-from .project_layers import Group, Layer, map_layer
-from .raster_styles import contour_interval, contour_pipe, hillshade_pipe, style_document, value_renderer, write_sidecar
+from .project_layers import Group, Layer, ground_rows, map_layer
+from .raster_styles import contour_interval, style_document, value_renderer, write_sidecar
 from .vector_styles import OUTLINE, RELEASE, outline_renderer
 from .xml_markup import node
 
@@ -218,14 +218,8 @@ def _terrain(project):
     """Contours over a hillshade of the DTM; None without its path."""
     if project.terrain is None:
         return None
-    interval = contour_interval(project.relief)
-    pipes = {f"contours every {interval:g} m": contour_pipe(interval)} if project.relief else {}
-    pipes["hillshade"] = hillshade_pipe()
-    rows = [
-        Layer(title, map_layer(project, "raster", f"terrain_{k}", project.terrain, title, "gdal", None, pipe), True)
-        for k, (title, pipe) in enumerate(pipes.items())
-    ]
-    return Group("terrain", rows, unfolded=False)
+    interval = contour_interval(project.relief) if project.relief else 0.0
+    return Group("terrain", ground_rows(project, project.terrain, interval), unfolded=False)
 
 
 def _style(project, file, bands):

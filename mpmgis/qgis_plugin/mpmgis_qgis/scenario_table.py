@@ -18,6 +18,8 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
+from .parameters import split
+
 HEADINGS = ("Return period [years]", "Results: folder of frames or maps")
 HEIGHT = 170  # [pixels]: four scenarios
 
@@ -77,8 +79,8 @@ class ScenarioTable(QWidget):
         text : str
         """
         self.table.setRowCount(0)
-        for line in filter(str.strip, text.replace(";", "\n").splitlines()):
-            years, _, results = line.strip().partition("=")
+        for line in split(text):
+            years, _, results = line.partition("=")
             self.add(years or "?", results)
 
     def _cell(self, row, column):

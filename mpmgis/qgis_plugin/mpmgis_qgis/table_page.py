@@ -30,9 +30,8 @@ def page_of(title: str, records: list[dict]) -> str:
     """
     keys = list(dict.fromkeys(key for record in records for key in record))
     head = "".join(f"<th>{escape(key.replace('_', ' '))}</th>" for key in keys)
-    first = [record for record in records if _recommends(record)]
-    ordered = first + [record for record in records if not _recommends(record)]
-    body = "\n".join(_row(record, keys, record in first) for record in ordered)
+    ordered = sorted(records, key=_recommends, reverse=True)
+    body = "\n".join(_row(record, keys) for record in ordered)
     return (
         '<!DOCTYPE html>\n<html><head><meta charset="utf-8">'
         f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n<body><h3>{escape(title)}</h3>\n<table>\n<tr>{head}</tr>\n{body}\n</table></body></html>\n"
@@ -43,9 +42,9 @@ def _recommends(record):
     return any(RECOMMENDS in value for value in record.values() if isinstance(value, str))
 
 
-def _row(record, keys, bold):
+def _row(record, keys):
     cells = "".join(f"<td>{escape(shown(record.get(key)))}</td>" for key in keys)
-    return f'<tr class="first">{cells}</tr>' if bold else f"<tr>{cells}</tr>"
+    return f'<tr class="first">{cells}</tr>' if _recommends(record) else f"<tr>{cells}</tr>"
 
 
 def shown(value: object) -> str:

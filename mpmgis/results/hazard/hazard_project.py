@@ -9,8 +9,8 @@ from ...laws.quantities import Quantity
 from ...maps.qgis.outlines import layer_names
 from ...maps.qgis.print_layout import page_extent, print_layout
 from ...maps.qgis.project import project_document, write_archive
-from ...maps.qgis.project_layers import Group, Layer, map_layer
-from ...maps.qgis.raster_styles import contour_interval, contour_pipe, hillshade_pipe
+from ...maps.qgis.project_layers import Group, Layer, ground_rows, map_layer
+from ...maps.qgis.raster_styles import contour_interval
 from ...terrain.elevation import Terrain
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
@@ -121,11 +121,4 @@ def _terrain(project):
     if not project.terrain_file:
         return []
     relief = project.relief()
-    interval = contour_interval(relief)
-    pipes = {f"contours every {interval:g} m": contour_pipe(interval)} if relief else {}
-    pipes["hillshade"] = hillshade_pipe()
-    file = project.terrain_file
-    return [
-        Layer(title, map_layer(project, "raster", f"terrain_{k}", file, title, "gdal", None, pipe), True)
-        for k, (title, pipe) in enumerate(pipes.items())
-    ]
+    return ground_rows(project, project.terrain_file, contour_interval(relief) if relief else 0.0)

@@ -5,7 +5,6 @@ so that blocks leave no trace.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -229,7 +228,8 @@ def _whole_ground(
         math.nan,
     )
     blocks = _blocks(terrain, search.block)
-    for number, (block, part) in enumerate(_classified(pool, blocks, terrain, forest, search.criteria), 1):
+    parts = pool.map(_block_ground, blocks, terrain, forest, search.criteria)
+    for number, (block, part) in enumerate(zip(blocks, parts, strict=True), 1):
         if part.counts[-1]:  # elsewhere the zeros take no memory
             for here, values in zip(whole[:4], part[:4], strict=True):
                 here[block.cells] = values
@@ -237,16 +237,6 @@ def _whole_ground(
         whole = whole._replace(steepest=float(np.fmax(whole.steepest, part.steepest)))
         progress(number, len(blocks))
     return whole
-
-
-def _classified(
-    pool: FramePool,
-    blocks: list[_Block],
-    terrain: Terrain | TerrainFile,
-    forest: AreaMask | None,
-    criteria: SlabCriteria,
-) -> Iterator[tuple[_Block, SlabGround]]:
-    yield from zip(blocks, pool.map(_block_ground, blocks, terrain, forest, criteria), strict=True)
 
 
 def _columns(units: Units, ground: SlabGround, cell_area: float, snow: NewSnow) -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are first used
 
 from ...compiled.jit import jit
+from ...compiled.mask_rings import root_of
 from .slab_ground import RIDGE, TURN
 
 JOIN_ANGLE = 60.0  # [degrees] between the mean aspects of a small seed and of the neighbour that it joins, at most
@@ -172,12 +173,7 @@ def _label(classes, labels, parents):
             if left == 0 or above == 0:
                 labels[i, j] = left + above
                 continue
-            while parents[left] != left:
-                parents[left] = parents[parents[left]]
-                left = parents[left]
-            while parents[above] != above:
-                parents[above] = parents[parents[above]]
-                above = parents[above]
+            left, above = root_of(parents, left), root_of(parents, above)
             low = min(left, above)
             parents[left] = low
             parents[above] = low
