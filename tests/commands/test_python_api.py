@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pyproj
@@ -40,6 +41,8 @@ def test_import_alone_loads_nothing():
 
 
 def test_the_index_of_names_is_complete():
+    folders = {path.parent.name for path in Path(mpmgis.__file__).parent.glob("*/__init__.py")}
+    assert not folders & set(mpmgis.__all__)  # an imported package would take the place of the function
     functions = [getattr(mpmgis, name) for name in mpmgis.__all__]
     assert all(function.__doc__ for function in functions)
     assert set(mpmgis.__all__) <= set(dir(mpmgis))

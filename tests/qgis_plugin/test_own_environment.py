@@ -8,10 +8,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from mpmgis_qgis import own_environment, python_search
+from mpmgis_qgis.own_environment import Source
 from packaging.specifiers import SpecifierSet
-
-from mpmgis.qgis_plugin.mpmgis_qgis import own_environment, python_search
-from mpmgis.qgis_plugin.mpmgis_qgis.own_environment import Source
 
 ROOT = Path(__file__).resolve().parents[2]
 WHEEL = "mpmgis-1.2.0-py3-none-any.whl"

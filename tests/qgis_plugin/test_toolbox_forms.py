@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 import rasterio
 from affine import Affine
+from mpmgis_qgis import command, forms, restored_files, scene_form, table_page
+from mpmgis_qgis import command as plugin_command
 
 from mpmgis.commands.plugin_forms import plugin_forms
 from mpmgis.commands.shell.main import main
 from mpmgis.commands.shell.parser import add_arguments
 from mpmgis.commands.verb import verb_names, verb_of
-from mpmgis.qgis_plugin.mpmgis_qgis import command, forms, restored_files, scene_form, table_page
-from mpmgis.qgis_plugin.mpmgis_qgis import command as plugin_command
 from mpmgis.results.hazard.guideline_files import read_guidelines
 from mpmgis.results.hazard.hazard_files import read_matrices
 from mpmgis.scene import read_scene

@@ -5,8 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-
-from mpmgis.qgis_plugin.mpmgis_qgis import forms
+from mpmgis_qgis import forms
 
 FILES = sorted(Path(forms.__file__).parent.glob("*.py"))
 NAMES_BY_VERSION = "versions.py"  # the only file that may name constants of QGIS, each with its enumeration

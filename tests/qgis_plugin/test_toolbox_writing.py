@@ -3,8 +3,7 @@
 import os
 
 import pytest
-
-from mpmgis.qgis_plugin.mpmgis_qgis import restored_files
+from mpmgis_qgis import restored_files
 
 
 def test_a_file_is_written_whole(tmp_path):

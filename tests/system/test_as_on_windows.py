@@ -190,7 +190,7 @@ done = 0
 for found in pkgutil.walk_packages(mpmgis.__path__, "mpmgis."):
     if found.name.startswith(left_out) and found.name != "mpmgis.solvers.gpu.available":
         continue
-    if ".qgis_plugin.mpmgis_qgis" not in found.name and not found.name.endswith("__main__"):
+    if not found.name.endswith("__main__"):
         importlib.import_module(found.name)
         done += 1
 print(done)

@@ -35,7 +35,8 @@ SHAPE = {
 HEIGHTS = (np.arange(SIDE * SIDE).reshape(SIDE, SIDE) + 100).astype("float32")
 NAMES = ("NETCDF:two.nc:dem", "netcdf:two.nc:dem", 'NETCDF:"two.nc":dem', "GPKG:r.gpkg:dem", "GTIFF_DIR:1:dtm.tif")
 ARCHIVES = ("d.zip", "/vsizip/d.zip/in/dtm.tif", "/vsizip/{d.zip}/in/dtm.tif")
-letters = st.text(st.characters(blacklist_characters='/\\|:{}"\0', blacklist_categories=("Cs", "Cc")), min_size=1)
+CHARACTERS = st.characters(blacklist_characters='/\\|:{}"\0', blacklist_categories=("Cs", "Cc"))
+letters = st.text(CHARACTERS, min_size=1, max_size=60)  # a name has at most 255 bytes
 
 
 @pytest.fixture
