@@ -18,7 +18,7 @@ from .verb_calls import Results, complete, python_words, several
 if TYPE_CHECKING:
     from ..results.hazard.hazard_map import HazardFound
 
-OF_ONE_RUN = ("line", "threshold", "author", "client", "date", "player")  # options that a hazard map does not take
+OF_ONE_RUN = ("line", "threshold", "client", "date", "player")  # options that a hazard map does not take
 
 
 class ReportOptions(QuestionOptions, total=False):
@@ -27,7 +27,7 @@ class ReportOptions(QuestionOptions, total=False):
     title: Annotated[
         str, Option("heading of the report", "TEXT", usual="the name of the results", folded=False, label="Heading")
     ]
-    author: Annotated[str, Option("author of the report, printed at its head", "TEXT", label="Author")]
+    author: Annotated[str, Option("author, printed on the report or the hazard map", "TEXT", label="Author")]
     client: Annotated[str, Option("client of the report, printed at its head", "TEXT", label="Client")]
     date: Annotated[str, Option("date of the report, printed at its head", "TEXT", usual="today", label="Date")]
     player: Annotated[
@@ -198,6 +198,7 @@ class HazardMapOptions(HazardOptions, QuestionOptions, total=False):
     """Options of `mpmgis.hazard_map`."""
 
     title: str
+    author: str
 
 
 def hazard_map(
@@ -218,7 +219,7 @@ def hazard_map(
     output : path, optional
         Folder for all files, or one file by its suffix; default ``hazard_map`` beside the first results.
     **options
-        `HazardMapOptions`: scale ("1:5000"), min_area [m2], sheet ("A3"), title, dem, min_depth [m], ...
+        `HazardMapOptions`: scale ("1:5000"), min_area [m2], sheet ("A3"), title, author, dem, min_depth [m], ...
 
     Returns
     -------

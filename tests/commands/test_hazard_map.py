@@ -1,5 +1,6 @@
 """`mpmgis report --map`: hand-made scenarios of known levels, gaps, grids and CRSs, and the printed sheet."""
 
+import datetime
 import json
 import zipfile
 from xml.etree import ElementTree
@@ -100,7 +101,8 @@ def test_the_project_has_zones_terrain_release_and_a_page(tmp_path, site):
     folder = write_peaks(tmp_path / "a", depth)
     release = geopandas.GeoDataFrame(geometry=[shapely.box(600110, 5199750, 600150, 5199790)], crs=CRS)
     release.to_file(folder / "a.gpkg", layer="release")
-    assert run("swiss-hillslope-debris-flow", "--scenario", f"100={folder}", "--dem", site, "-o", tmp_path / "m") == 0
+    options = ["--scenario", f"100={folder}", "--dem", site, "-o", tmp_path / "m"]
+    assert run("swiss-hillslope-debris-flow", *options, "--author", "A. Muster") == 0
     with zipfile.ZipFile(tmp_path / "m" / "hazard.qgz") as archive:
         root = ElementTree.fromstring(archive.read("hazard.qgs"))
     names = [layer.findtext("layername") for layer in root.iter("maplayer")]
@@ -108,7 +110,12 @@ def test_the_project_has_zones_terrain_release_and_a_page(tmp_path, site):
     assert names[3].startswith("contours every") and names[4:] == ["hillshade"]
     for layer in root.iter("maplayer"):
         assert (tmp_path / "m" / layer.findtext("datasource").partition("|")[0]).is_file()
-    notes = next(item for item in root.iter("LayoutItem") if item.get("id") == "notes").get("labelText")
+    notes, signed = (
+        next(item for item in root.iter("LayoutItem") if item.get("id") == name).get("labelText")
+        for name in ("notes", "author")
+    )
+    assert "CRS: WGS 84 / UTM zone 32N" in signed and f"Date of the map: {datetime.date.today()}" in signed
+    assert "Author: A. Muster" in signed
     assert "guideline: " in notes and "terrain: contours every" in notes
     shapes = geopandas.read_file(tmp_path / "m" / "hazard.gpkg", layer="release")
     assert list(shapes["years"]) == [100.0] and shapes.geometry.area.sum() == pytest.approx(1600)

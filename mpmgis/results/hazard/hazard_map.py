@@ -117,7 +117,7 @@ def hazard_map(asked: HazardQuestion, progress: Progress = unwatched) -> HazardF
     facts = _facts(asked, matrix, scenarios, terrain, sheet, least)
     made = HazardMap(matrix, grid, hazard, scenarios, zones, shares, sheet.scale, least, title, facts)
     _log(made, sheet)
-    files = write_answer(output, asked["overwrite"], _writers(made, terrain, sheet))
+    files = write_answer(output, asked["overwrite"], _writers(made, terrain, sheet, asked["author"] or ""))
     return HazardFound(matrix, made.areas(), float(np.count_nonzero(hazard.unknown) * grid.cell_area), files)
 
 
@@ -250,6 +250,7 @@ def _facts(asked, matrix, scenarios, terrain, sheet: Sheet, least) -> tuple:
             if ensemble
             else "not shown: no ensemble among the scenarios",
         ),
+        ("author", asked["author"] or ""),
         ("made by", f"mpmgis {__version__}, {datetime.date.today().isoformat()}; simulated, not checked in the field"),
     ]
     return tuple((name, words) for name, words in facts if words)
@@ -283,7 +284,7 @@ def _log(made: HazardMap, sheet: Sheet) -> None:
         log.info("the sheet cuts off enlarged parts of zones; give a smaller `min_area`, or a smaller scale")
 
 
-def _writers(made: HazardMap, terrain: Terrain | None, sheet: Sheet) -> dict:
+def _writers(made: HazardMap, terrain: Terrain | None, sheet: Sheet, author: str) -> dict:
     printed = Print(made, terrain, sheet)
     unfinished = "; ".join(made.unfinished())
     tags = {
@@ -307,14 +308,15 @@ def _writers(made: HazardMap, terrain: Terrain | None, sheet: Sheet) -> dict:
     view = (west - rim, south - rim, east + rim, north + rim)
     ground = {TERRAIN_FILE: lambda path: write_ground(path, terrain, view, made.grid)}
     writers |= ground if terrain is not None else {}
-    writers[PROJECT_FILE] = lambda path: _write_project(path.parent, made, view)
+    writers[PROJECT_FILE] = lambda path: _write_project(path.parent, made, view, author)
     if made.shares is not None:
         writers[SHARES_FILE] = lambda path: write_shares(path, made, tags)
     return writers
 
 
-def _write_project(folder, made, view):
+def _write_project(folder, made, view, author):
     """Write the project of the other files."""
     terrain = folder / TERRAIN_FILE
-    project = HazardProject(folder, made.grid, RASTER_FILE, ZONES_FILE, TERRAIN_FILE if terrain.exists() else "")
+    terrain_file = TERRAIN_FILE if terrain.exists() else ""
+    project = HazardProject(folder, made.grid, RASTER_FILE, ZONES_FILE, terrain_file, author)
     write_hazard_project(project, made, view)

@@ -89,6 +89,7 @@ class HazardQuestion(HazardOptions, Question, total=False):
     """A question about scenarios."""
 
     title: str
+    author: str
 
 
 def given_hazard_options(asked: HazardOptions) -> list[str]:

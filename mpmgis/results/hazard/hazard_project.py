@@ -38,6 +38,8 @@ class HazardProject:
     grid : Grid
     raster_file, zones_file, terrain_file : str
         The last one is "" without a terrain.
+    author : str
+        Of the map; "" if unknown.
     """
 
     folder: Path
@@ -45,6 +47,7 @@ class HazardProject:
     raster_file: str
     zones_file: str
     terrain_file: str
+    author: str = ""
     name: str = "hazard"
 
     @property
@@ -98,7 +101,8 @@ def write_hazard_project(project: HazardProject, made: HazardMap, view: tuple) -
     groups = [Group("hazard map", zones), Group("cells", [Layer(CELLS, levels)], shown=False)]
     groups += [Group("terrain", terrain, unfolded=False)] if terrain else []
     contours = terrain[0].title if len(terrain) > 1 else ""
-    page = print_layout(project, view, Group("map", [*zones, *terrain]), made.title, _facts(made, contours))
+    shown = Group("map", [*zones, *terrain])
+    page = print_layout(project, view, shown, made.title, _facts(made, contours), project.author)
     write_archive(project, project_document(project, groups, view, made.title, [page]))
 
 
