@@ -58,8 +58,12 @@ def test_without_pip_the_environment_gets_its_own():
         (Source("1.2.0", "a/" + WHEEL), ("--no-compile", "a/" + WHEEL)),
         (Source("1.2.0", "a/" + WHEEL, "libs"), ("--find-links=libs", "--no-index", "a/" + WHEEL)),
         (Source("1.2.0", "", "libs"), ("--find-links=libs", "--no-index", "mpmgis==1.2.0")),
-        (Source("1.2.0", part="animation"), ("--no-compile", "mpmgis[animation]==1.2.0")),
-        (Source("1.2.0", "a/" + WHEEL, part="animation"), ("--no-compile", f"a/{WHEEL}[animation]")),
+        (Source("1.2.0", parts=("animation",)), ("--no-compile", "mpmgis[animation]==1.2.0")),
+        (Source("1.2.0", "a/" + WHEEL, parts=("player",)), ("--no-compile", f"a/{WHEEL}[player]")),
+        (
+            Source("1.2.0", "a/" + WHEEL, "libs", ("animation", "player")),
+            ("--no-index", f"a/{WHEEL}[animation,player]"),
+        ),
     ],
 )
 def test_what_pip_is_told(source, ends):
@@ -160,7 +164,7 @@ def test_versions_of_python_are_those_of_the_package():
     allowed = SpecifierSet(project["requires-python"])
     suited = [minor for minor in range(5, 30) if f"3.{minor}" in allowed]
     assert sorted(python_search.MINORS) == suited
-    assert own_environment.FILMS in project["optional-dependencies"]
+    assert {own_environment.FILMS, own_environment.PLAYER} <= set(project["optional-dependencies"])
 
 
 def test_python_of_qgis_on_windows_is_the_one_with_its_library():

@@ -62,6 +62,7 @@ class InstallForm(QDialog):
         self.wheel, self.wheel_row = self._chooser(f"mpmgis-{self.version}-py3-none-any.whl", self._choose_wheel)
         self.folder, self.folder_row = self._chooser("empty: from the package index", self._choose_folder)
         self.films = QCheckBox("Also films of the flow (ffmpeg: 70 MB more to download, 170 MB on the disk)")
+        self.player = QCheckBox("Player of flows in reports (Bokeh: 45 MB on the disk)")
         self.pythons, self.python_row = QComboBox(), QPushButton("...")
         self.python_row.clicked.connect(self._choose_python)
         self.python_row.setMaximumWidth(40)
@@ -109,6 +110,7 @@ class InstallForm(QDialog):
         whole.addWidget(self.state)
         whole.addLayout(choices)
         whole.addWidget(self.films)
+        whole.addWidget(self.player)
         whole.addLayout(python)
         whole.addWidget(self.needs)
         whole.addWidget(self.bar)
@@ -162,11 +164,12 @@ class InstallForm(QDialog):
 
     def source(self) -> own_environment.Source:
         """Return what is to be installed."""
-        part = own_environment.FILMS if self.films.isChecked() else ""
+        boxes = ((self.films, own_environment.FILMS), (self.player, own_environment.PLAYER))
+        parts = tuple(part for box, part in boxes if box.isChecked())
         if self.from_index.isChecked():
-            return own_environment.Source(self.version, part=part)
+            return own_environment.Source(self.version, parts=parts)
         wheel, folder = (field.text().strip().strip('"') for field in (self.wheel, self.folder))
-        return own_environment.Source(self.version, wheel, folder, part)
+        return own_environment.Source(self.version, wheel, folder, parts)
 
     def install(self) -> None:
         """Begin the installation; called by the button."""
@@ -233,6 +236,7 @@ class InstallForm(QDialog):
             self.from_index,
             self.from_wheel,
             self.films,
+            self.player,
             self.pythons,
             self.python_row,
             self.wheel,

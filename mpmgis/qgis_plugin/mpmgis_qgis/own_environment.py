@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from .restored_files import write_whole
 
-FILMS = "animation"  # optional part for films
+FILMS, PLAYER = "animation", "player"  # optional parts: films, player of the flow in reports
 HOME = "mpmgis"  # folder in the profile
 RECORD = "installed.json"
 LOG = "install.log"
@@ -33,13 +33,13 @@ _PIP = ("-m", "pip")
 class Source:
     """What is installed: a version from the package index, or a wheel; libraries from the index, or from a folder.
 
-    `part` is an optional part of the package, or "".
+    `parts` are optional parts of the package.
     """
 
     version: str
     wheel: str = ""
     folder: str = ""
-    part: str = ""
+    parts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -217,8 +217,8 @@ def pip_words(source: Source) -> tuple[str, ...]:
     """
     usual = ("--no-input", "--disable-pip-version-check", "--progress-bar=off", "--retries=2")
     places = (f"--find-links={source.folder}", "--no-index") if source.folder else ()
-    part = f"[{source.part}]" if source.part else ""
-    what = f"{source.wheel}{part}" if source.wheel else f"mpmgis{part}=={source.version}"
+    parts = f"[{','.join(source.parts)}]" if source.parts else ""
+    what = f"{source.wheel}{parts}" if source.wheel else f"mpmgis{parts}=={source.version}"
     return ("install", *usual, "--only-binary=:all:", "--no-compile", *places, what)
 
 
