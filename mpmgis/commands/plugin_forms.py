@@ -3,14 +3,25 @@
 The plugin, which cannot import mpmgis, reads them from its zip.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
+from ..laws import friction
+from ..scene.tables import DENSITY, TABLES, keys_of
+from ..studies.calibration_priors import RANGES
 from ..system.option import Option, PathLike
-from .verb import Form, Verb, all_verbs
+from .verb import Form, Verb, all_verbs, verb_of
 
 LAST = ("overwrite", "output")  # of every form
+SCENE_LAW = "Voellmy"  # of the form for a usual simulation
+SCENE_KEYS = {  # field of that form: table and key of the scene
+    "DENSITY": ("release", "density"),
+    "CELL_SIZE": ("numerics", "cell_size"),
+    "END_TIME": ("output", "end_time"),
+    "FRAME_INTERVAL": ("output", "frame_interval"),
+}
 _KINDS = {float: "number", int: "integer", str: "text", bool: "switch"}
 
 
@@ -38,7 +49,37 @@ def plugin_forms(guidelines: tuple[str, ...] = (), matrices: tuple[str, ...] = (
             for option in verb.named().values()
             if option.no_form
         ],
+        "scene": {"fields": _scene_fields(), "friction_ranges": _friction_ranges()},
     }
+
+
+def _scene_fields() -> dict[str, dict[str, Any]]:
+    """Properties of the fields of the form for a usual simulation that the scene and its laws state."""
+    keys = {name: keys_of(TABLES[table])[key].metadata for name, (table, key) in SCENE_KEYS.items()}
+    fields = {name: {"least": checks["low"], "most": checks["high"]} for name, checks in keys.items()}
+    laws = friction.LAWS[SCENE_LAW][1].items()
+    fields |= {name.upper(): {"least": known.smallest, "most": known.largest} for name, known in laws}
+    density = verb_of("seed").named()["density"]
+    fields["DENSITY"] |= {
+        "label": _with_unit(density),
+        "help": _sentence(replace(density, usual="")),
+        "default": DENSITY,
+    }
+    return fields
+
+
+def _friction_ranges() -> str:
+    """Ranges of calibrated parameters of the law, by material, in words."""
+    units = {f"friction.{name}": known.unit for name, known in friction.LAWS[SCENE_LAW][1].items()}
+    return "; ".join(
+        f"{material.replace('-', ' ')} "
+        + ", ".join(
+            f"{key.removeprefix('friction.')} {' to '.join(span.split(':'))}"
+            + ("" if units[key] == "1" else f" {units[key]}")
+            for key, span in ranges.items()
+        )
+        for material, ranges in RANGES.items()
+    )
 
 
 def _form(verb: Verb, form: Form, choices: dict[str, list[str]]) -> dict[str, Any]:
@@ -93,6 +134,7 @@ def _fields(option: Option, changes: dict[str, Any], choices: dict[str, list[str
         "optional": (optional and kind != "switch") or advanced,
         "advanced": advanced,
         "least": (1 if option.above == 0 else least) if kind == "integer" else least if kind == "number" else None,
+        "most": option.most if kind in ("number", "integer") else None,
         "files": option.files or ("Scenes (*.toml)" if option.name == "scene" else ""),
     }
     field |= changes

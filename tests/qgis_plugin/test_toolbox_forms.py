@@ -19,6 +19,7 @@ from mpmgis.commands.plugin_forms import plugin_forms
 from mpmgis.commands.shell.main import main
 from mpmgis.commands.shell.parser import add_arguments
 from mpmgis.commands.verb import verb_names, verb_of
+from mpmgis.laws import friction
 from mpmgis.results.hazard.guideline_files import read_guidelines
 from mpmgis.results.hazard.hazard_files import read_matrices
 from mpmgis.scene import read_scene
@@ -26,6 +27,7 @@ from mpmgis.scene import read_scene
 NAMES = tuple(read_guidelines()), tuple(read_matrices())
 DATA = json.loads(json.dumps(plugin_forms(*NAMES)))  # as the plugin has it from its zip
 ROWS = tuple(map(forms.verb_of, DATA["forms"]))
+SCENE_FIELDS = scene_form.fields(DATA["scene"])
 PLUGIN = Path(forms.__file__).parent
 VALUES = {
     forms.RASTER: "dtm.tif",
@@ -178,7 +180,7 @@ def test_what_is_not_given_or_as_it_is_anyway_is_not_passed():
 
 
 @pytest.mark.parametrize(
-    "form", [row.fields for row in ROWS] + [scene_form.FIELDS], ids=[r.identifier for r in ROWS] + ["form"]
+    "form", [row.fields for row in ROWS] + [SCENE_FIELDS], ids=[r.identifier for r in ROWS] + ["form"]
 )
 def test_forms_are_sound(form):
     names = [field.name for field in form]
@@ -192,7 +194,7 @@ def test_forms_are_sound(form):
 
 
 @pytest.mark.parametrize(
-    "form", [row.fields for row in ROWS] + [scene_form.FIELDS], ids=[r.identifier for r in ROWS] + ["form"]
+    "form", [row.fields for row in ROWS] + [SCENE_FIELDS], ids=[r.identifier for r in ROWS] + ["form"]
 )
 def test_every_field_has_help_and_every_number_has_a_unit(form):
     for field in form:
@@ -208,7 +210,7 @@ def test_algorithms_have_names_of_their_own():
 
 
 def filled(**more):
-    return {field.name: field.default for field in scene_form.FIELDS} | {"DEM": "dtm.tif", "RELEASE": "r.gpkg"} | more
+    return {field.name: field.default for field in SCENE_FIELDS} | {"DEM": "dtm.tif", "RELEASE": "r.gpkg"} | more
 
 
 def test_the_form_writes_the_scene_that_was_meant(tmp_path):
@@ -220,6 +222,20 @@ def test_the_form_writes_the_scene_that_was_meant(tmp_path):
     assert scene.release.thickness == 1.5 and scene.release.density == 1000
     assert scene.numerics.cell_size == 4
     assert (scene.output.end_time, scene.output.frame_interval, scene.output.maxima) == (300, 2, True)
+
+
+def test_the_form_has_the_limits_of_the_scene():
+    limits = {field.name: (field.least, field.most) for field in SCENE_FIELDS if field.kind == forms.NUMBER}
+    laws = friction.LAWS["Voellmy"][1]
+    assert limits.pop("MU") == (laws["mu"].smallest, laws["mu"].largest)
+    assert limits.pop("XI") == (laws["xi"].smallest, laws["xi"].largest)
+    assert limits == {"DENSITY": (1, 30000), "CELL_SIZE": (0, None), "END_TIME": (0, None), "FRAME_INTERVAL": (0, None)}
+    density = next(field for field in SCENE_FIELDS if field.name == "DENSITY")
+    assert (density.label, density.default) == ("Density [kg m-3]", 1000)
+    seeded = next(field for field in form_of("seed").fields if field.name == "DENSITY")
+    assert seeded.help == density.help + " Empty: 1000."
+    words = scene_form.help_text(DATA["scene"])
+    assert "snow avalanche mu 0.15 to 0.4, xi 1000 to 3000 m s-2; debris flow mu 0.05 to 0.2, xi 100 to 500" in words
 
 
 def test_what_is_left_empty_is_left_to_the_command(tmp_path):

@@ -22,7 +22,7 @@ from qgis.PyQt.QtGui import QIcon
 from . import scene_form
 from .calling import call, is_refusal
 from .command import SETTING, CommandMissing, find_command, shown_answer
-from .forms import LOAD, NEW_FILE, NEW_FOLDER, OUTPUT, Verb, arguments, read_forms
+from .forms import LOAD, NEW_FILE, NEW_FOLDER, OUTPUT, Verb, arguments, read_forms, read_scene_data
 from .own_environment import home_in, own_command
 from .parameters import oldest_qgis, parameter, plain_values
 from .restored_files import copy_whole, kept_unless, write_whole
@@ -326,9 +326,12 @@ class SimulateAlgorithm(CommandAlgorithm):
     identifier = scene_form.IDENTIFIER
     title = scene_form.TITLE
     group_title = scene_form.GROUP
-    text = scene_form.HELP
     verbs = ("run", "export-raster")
-    form = scene_form.FIELDS
+
+    def __init__(self):
+        super().__init__()
+        stated = read_scene_data()
+        self.form, self.text = scene_form.fields(stated), scene_form.help_text(stated)
 
     def initAlgorithm(self, configuration: dict | None = None) -> None:
         """Declare the fields of the form as parameters, and the outputs.

@@ -47,6 +47,7 @@ class Field:
     optional: bool = False
     advanced: bool = False
     least: float | None = None
+    most: float | None = None
     files: str = ""
 
 
@@ -142,6 +143,22 @@ def read_forms(path: str = FORMS_FILE) -> tuple[Verb, ...]:
     """
     with open(path, encoding="utf-8") as file:
         return tuple(map(verb_of, json.load(file)["forms"]))
+
+
+def read_scene_data(path: str = FORMS_FILE) -> dict[str, object]:
+    """Read what the scene and its laws state for the form for a usual simulation.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    dict
+        `fields`: properties by name of a field; `friction_ranges`: text.
+    """
+    with open(path, encoding="utf-8") as file:
+        return json.load(file)["scene"]
 
 
 def verb_of(form: dict[str, object]) -> Verb:

@@ -95,6 +95,8 @@ def _number(field):
     made = QgsProcessingParameterNumber(field.name, field.label, kind, field.default, field.optional)
     if field.least is not None:
         made.setMinimum(field.least)
+    if field.most is not None:
+        made.setMaximum(field.most)
     return made
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 from .forms import (
     CHOICE,
@@ -25,8 +26,7 @@ TITLE = "Simulate from a form"
 HELP = (
     "From a terrain model and release areas to an animated map: writes scene.toml into the folder, simulates it "
     "depth-averaged with Voellmy friction, and makes the maps. mu and xi must be calibrated by the user; usual values: "
-    "snow avalanches mu 0.15 to 0.4, xi 1000 to 3000 m/s2; debris flows 0.05 to 0.2, 100 to 500; rock and rock-ice "
-    "avalanches 0.1 to 0.3, 300 to 1500. You can edit the scene in the folder, for example add entrainment, forest, "
+    "{ranges}. You can edit the scene in the folder, for example add entrainment, forest, "
     "barriers, inflow, friction zones or 3D, and run it again with 'Simulate a scene file'."
 )
 NAMES = ("scene.toml", "results", "results_gis")  # in the folder: scene, frames, maps
@@ -38,7 +38,7 @@ PRESETS = {  # (mu, xi [m s-2]); the middle of the range of docs/limits.md where
     "debris flow: mu 0.12 and xi 300 (middle of the usual range; no source read)": (0.12, 300.0),
     "rock avalanche: mu 0.2 and xi 900 (middle of the usual range; no source read)": (0.2, 900.0),
 }
-FIELDS = (
+_FIELDS = (
     Field("DEM", RASTER, "Terrain model (DTM)", help="Elevation in metres, in a projected CRS in metres."),
     Field(
         "RELEASE",
@@ -70,14 +70,7 @@ FIELDS = (
         optional=True,
         advanced=True,
     ),
-    Field(
-        "DENSITY",
-        NUMBER,
-        "Density [kg/m3]",
-        help="Of the release [kg/m3]: dense snow 200 to 400, debris 1600 to 2200.",
-        default=1000.0,
-        least=0,
-    ),
+    Field("DENSITY", NUMBER, "Density"),
     Field(
         "PRESET",
         CHOICE,
@@ -87,7 +80,7 @@ FIELDS = (
         choices=(OWN_FRICTION, *PRESETS),
         optional=True,
     ),
-    Field("MU", NUMBER, "Dry friction mu [1]", help="Tangent of the bed friction angle [1].", default=0.2, least=0),
+    Field("MU", NUMBER, "Dry friction mu [1]", help="Tangent of the bed friction angle [1].", default=0.2),
     Field(
         "XI",
         NUMBER,
@@ -95,18 +88,16 @@ FIELDS = (
         help="[m/s2]; larger is more mobile. Empty: none, Coulomb friction.",
         default=1000.0,
         optional=True,
-        least=0,
     ),
-    Field("CELL_SIZE", NUMBER, "Cell size [m]", help="Metres. Empty: the terrain's own cells.", optional=True, least=0),
+    Field("CELL_SIZE", NUMBER, "Cell size [m]", help="Metres. Empty: the terrain's own cells.", optional=True),
     Field(
         "END_TIME",
         NUMBER,
         "Simulate until [s]",
         help="Seconds; it ends earlier if the flow comes to rest.",
         default=300.0,
-        least=0,
     ),
-    Field("FRAME_INTERVAL", NUMBER, "A map every [s]", help="Seconds of simulated time.", default=2.0, least=0),
+    Field("FRAME_INTERVAL", NUMBER, "A map every [s]", help="Seconds of simulated time.", default=2.0),
     Field(
         "YES",
         SWITCH,
@@ -138,6 +129,28 @@ FIELDS = (
     ),
     Field(LOAD, SWITCH, "Open the maps in this project", help="With their styles and times.", default=True),
 )
+
+
+def fields(data: dict[str, object]) -> tuple[Field, ...]:
+    """Return the fields of the form.
+
+    Parameters
+    ----------
+    data : dict
+        What the scene states (`forms.read_scene_data`): limits of numbers, and all words about the density.
+    """
+    return tuple(replace(field, **data["fields"].get(field.name, {})) for field in _FIELDS)
+
+
+def help_text(data: dict[str, object]) -> str:
+    """Return the help of the form.
+
+    Parameters
+    ----------
+    data : dict
+        What the scene states (`forms.read_scene_data`): ranges of friction.
+    """
+    return HELP.format(ranges=data["friction_ranges"])
 
 
 def scene_text(values: dict[str, object]) -> str:
