@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from ..laws.friction import parameter_words
 from .headline_numbers import error_words
 
 FRICTION_SKIPPED = ("law", "use")  # keys of [friction] that are no parameters
@@ -25,7 +26,9 @@ def record_facts(record: dict) -> dict[str, str]:
         return {}
     release, friction = (_table(record["scene"].get(name)) for name in ("release", "friction"))
     thickness, density = release.get("thickness"), release.get("density")
-    numbers = (f"{name} {_text(value)}" for name, value in friction.items() if name not in FRICTION_SKIPPED)
+    law = str(friction.get("law", ""))
+    given = {name: value for name, value in friction.items() if name not in FRICTION_SKIPPED}
+    numbers = ", ".join(f"{name} {parameter_words(law, name, value)}" for name, value in given.items())
     varied = _table(_table(record.get("plan")).get("vary"))
     found = {
         "release": Path(str(release["source"])).name if release.get("source") else "",
@@ -33,7 +36,7 @@ def record_facts(record: dict) -> dict[str, str]:
         "vertical thickness": "" if isinstance(thickness, int | float) else _measured(record, thickness),
         "volume": _volume(record, density),
         "density": f"{density:g} kg/m3" if isinstance(density, int | float) else "",
-        "friction": " ".join([str(friction.get("law", "")), *numbers]).strip(),
+        "friction": f"{law} {numbers}".strip(),
         "varied": ", ".join(map(str, varied)),
         "ended": record.get("reason") or "",
         "digest": str(record.get("digest") or "")[:8],
@@ -63,7 +66,3 @@ def _volume(record, density):
     if not isinstance(volume, int | float) and isinstance(mass, int | float) and isinstance(density, int | float):
         volume = mass / density if density > 0 else None
     return f"{volume:.0f} m3" if isinstance(volume, int | float) else ""
-
-
-def _text(value):
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -677,6 +677,24 @@ def given_instead(law: str) -> "dict[str, tuple[str, Parameter]]":
     return {name: pair for name, pair in IN_PLACE_OF.items() if pair[0] in known}
 
 
+def parameter_words(law: str, name: str, value: object) -> str:
+    """Return a parameter's value with its unit, as text; without a unit where the law is not built in.
+
+    Parameters
+    ----------
+    law : str
+        Name of the law in a scene.
+    name : str
+        Of a parameter, or of what is given in its place.
+    value : float or str
+        In SI units.
+    """
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    known = LAWS.get(law, (None, {}))[1] | {key: parameter for key, (_, parameter) in given_instead(law).items()}
+    unit = known[name].unit if name in known else "1"
+    return text if unit == "1" else f"{text} {unit}"
+
+
 def replaced_by(name: str) -> str:
     """Return the parameter in whose place a scene may give a key.
 

@@ -267,7 +267,7 @@ def decide_contact(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     table = scene.friction
     if table is None:
         return not_called_for("friction", "no [friction] in the scene: the flow slides freely on its bed")
-    values = ", ".join(f"{name} = {value:g}" for name, value in table.parameters.items())
+    values = table.parameter_words()
     ratio = over_slope(scene.dry_friction(), facts) if table.parameters else None
     words = f"{table.law}: {values}" if values else table.law
     decision = as_asked("friction", table.use, f"{words}{number_words(ratio)}", ratio)

@@ -72,7 +72,7 @@ def decide_friction(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision
     table = scene.friction
     if table is None:
         return not_called_for("friction", "no [friction] in the scene: the flow has no resistance")
-    values = ", ".join(f"{k} = {v:g}" for k, v in table.parameters.items())
+    values = table.parameter_words()
     if friction.SIZE in table.written:
         values = f"{friction.SIZE} = {table.written[friction.SIZE]}{table.chosen}, {values}"
     law = _law_of(scene)

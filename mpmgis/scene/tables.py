@@ -303,6 +303,11 @@ class FrictionTable(Table):
     written: dict = field(default_factory=dict)  # alternatives to parameters in the scene: k for xi, size for mu
     chosen: str = ""  # why a size by volume is which one, once the release is known
 
+    def parameter_words(self) -> str:
+        """Return the parameters with their units, as text."""
+        words = ((name, friction.parameter_words(self.law, name, float(v))) for name, v in self.parameters.items())
+        return ", ".join(f"{name} = {text}" for name, text in words)
+
 
 @dataclass(frozen=True)
 class MaterialTable(Table):

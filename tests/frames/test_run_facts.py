@@ -17,10 +17,23 @@ def test_facts_of_a_run_have_values():
         "thickness": "2 m",
         "volume": "1000 m3",
         "density": "300 kg/m3",
-        "friction": "Voellmy mu 0.25 xi 1000",
+        "friction": "Voellmy mu 0.25, xi 1000 m s-2",
         "ended": "at rest",
         "digest": "01234567",
     }
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"law": "Bingham", "yield_stress": 500, "viscosity": 20.0}, "Bingham yield_stress 500 Pa, viscosity 20 Pa s"),
+        ({"law": "Voellmy", "mu": 0.2, "k": 0.01}, "Voellmy mu 0.2, k 0.01"),
+        ({"law": "own.py:Mine", "b": 2.0}, "own.py:Mine b 2"),
+        ({"law": "Coulomb"}, "Coulomb"),
+    ],
+)
+def test_parameters_of_friction_have_the_units_of_their_law(table, words):
+    assert record_facts({"scene": {"friction": table}})["friction"] == words
 
 
 def test_a_measured_thickness_has_its_source():

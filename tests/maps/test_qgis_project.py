@@ -211,11 +211,11 @@ def test_print_layout_keeps_the_layers_of_its_map(root):
 
 def test_the_page_names_parameters_date_and_author(tmp_path):
     run = qgis_run.make_run(tmp_path, UTM, times=[0, 1])
-    facts = {"release": "areas.gpkg", "thickness": "2 m", "volume": "1200 m3", "friction": "Voellmy mu 0.2 xi 1000"}
+    facts = {"release": "areas.gpkg", "thickness": "2 m", "volume": "1200 m3", "friction": "Voellmy mu 0.2"}
     write_project(replace(run, facts=facts, author="A. Muster"))
     items = {item.get("id"): item for item in qgis_run.project_root(run).iter("LayoutItem")}
     notes, signed = items["notes"].get("labelText"), items["author"].get("labelText")
-    assert "Friction: Voellmy mu 0.2 xi 1000\n" in notes and "contours every" in notes
+    assert "Friction: Voellmy mu 0.2\n" in notes and "contours every" in notes
     assert "Release: areas.gpkg; thickness 2 m; volume 1200 m3" in notes
     assert "Author: A. Muster" in signed and "(EPSG:32632)" in signed and f"{date.today()}" in signed
     assert "map_scale" in items["scale"].get("labelText")
