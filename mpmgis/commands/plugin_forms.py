@@ -9,6 +9,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from ..laws import friction
+from ..maps.averaging.band_products import more_products
 from ..scene.tables import DENSITY, TABLES, keys_of
 from ..studies.calibration_priors import RANGES
 from ..system.option import Option, PathLike
@@ -38,7 +39,8 @@ def plugin_forms(guidelines: tuple[str, ...] = (), matrices: tuple[str, ...] = (
     dict
         For JSON.
     """
-    verbs, choices = all_verbs(), {"guideline": list(guidelines), "map": list(matrices)}
+    verbs = all_verbs()
+    choices = {"guideline": list(guidelines), "map": list(matrices), "products": list(more_products())}
     return {
         "forms": [_form(verb, form, choices) for verb in verbs for form in verb.forms],
         "left_out_verbs": {verb.name: verb.no_form for verb in verbs if not verb.forms},
@@ -130,7 +132,7 @@ def _fields(option: Option, changes: dict[str, Any], choices: dict[str, list[str
         "option": None if option.positional else option.flags[-1],
         "help": _sentence(option),
         "default": _default(option, kind),
-        "choices": options or (choices.get(option.name, []) if kind == "choice" else []),
+        "choices": options or (choices.get(option.name, []) if kind in ("choice", "choices") else []),
         "optional": (optional and kind != "switch") or advanced,
         "advanced": advanced,
         "least": (1 if option.above == 0 else least) if kind == "integer" else least if kind == "number" else None,

@@ -95,7 +95,9 @@ class ObservationOptions(TypedDict, total=False):
             "FILE",
             default=(),
             repeat=True,
-            label="Files of other events, one a line",
+            label="Files of other events",
+            kind="files",
+            files="Events (*.toml)",
         ),
     ]
     outline_error: Annotated[

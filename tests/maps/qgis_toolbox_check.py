@@ -159,7 +159,8 @@ def check_simulation():
     found["has_times"] = project.timeSettings().temporalRange().begin().isValid()
     found["again"] = simulate(folder)
     frames = found["simulate"]["outputs"]["FRAMES"]
-    found["export"] = use("exportraster", FRAMES=frames, CELL="5", STEP="4", OUTPUT=os.path.join(SITE, "maps"))
+    maps, bands = os.path.join(SITE, "maps"), ["p", "n"]
+    found["export"] = use("exportraster", FRAMES=frames, CELL="5", STEP="4", PRODUCTS=bands, OUTPUT=maps)
     found["count_twice"] = len(project.mapLayers()) / len(found["valid"])
     film, more = os.path.join(SITE, "film.gif"), os.path.join(SITE, "more")
     found["unloaded"] = use("exportraster", FRAMES=frames, OUTPUT=more, ANIMATION=film, LOAD=False)

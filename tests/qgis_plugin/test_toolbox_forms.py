@@ -20,6 +20,7 @@ from mpmgis.commands.shell.main import main
 from mpmgis.commands.shell.parser import add_arguments
 from mpmgis.commands.verb import verb_names, verb_of
 from mpmgis.laws import friction
+from mpmgis.maps.averaging.band_products import PRODUCTS, choose_products
 from mpmgis.results.hazard.guideline_files import read_guidelines
 from mpmgis.results.hazard.hazard_files import read_matrices
 from mpmgis.scene import read_scene
@@ -86,6 +87,8 @@ def example(field):
     """A value of the field that is not its default."""
     if field.kind == forms.CHOICE:
         return next(choice for choice in field.choices if choice != field.default)
+    if field.kind == forms.CHOICES:
+        return list(field.choices[:2])
     return TYPED.get(field.name, VALUES[field.kind])
 
 
@@ -188,7 +191,7 @@ def test_forms_are_sound(form):
     for field in form:
         assert field.kind in forms.KINDS
         assert field.name == field.name.upper() and field.label[0] == field.label[0].strip()
-        assert bool(field.choices) == (field.kind == forms.CHOICE)
+        assert bool(field.choices) == (field.kind in (forms.CHOICE, forms.CHOICES))
         assert field.default is None or field.kind != forms.CHOICE or field.default in field.choices
         assert field.optional or not field.advanced
 
@@ -313,6 +316,14 @@ def test_what_may_be_given_several_times_is():
         "--vary=friction.mu=0.1:0.2",
         "--vary=release.density=300,400",
     ]
+
+
+def test_names_are_chosen_from_a_list():
+    bands = next(field for field in form_of("exportraster").fields if field.name == "PRODUCTS")
+    assert bands.kind == forms.CHOICES and choose_products(bands.choices) == tuple(PRODUCTS)
+    assert forms.arguments((bands,), {"PRODUCTS": ["p", "maxima"]}) == ["--products=p,maxima"]
+    events = next(field for field in form_of("calibrate").fields if field.name == "EVENT")
+    assert events.kind == forms.FILES
 
 
 def test_a_scene_is_written_whole_or_not_at_all(tmp_path, monkeypatch):

@@ -174,6 +174,11 @@ PRODUCTS = {
 }
 
 
+def more_products() -> tuple[str, ...]:
+    """Return the names of what can be asked for in addition to the bands of every step."""
+    return (*(name for name in PRODUCTS if name not in ALWAYS), RUNNING)
+
+
 def choose_products(asked: Iterable[str]) -> tuple[str, ...]:
     """Return the bands of a step: the default bands and those asked for, in the order of the table.
 

@@ -109,7 +109,8 @@ class BandOptions(TypedDict, total=False):
             "more bands in the steps: t_vol, n, mass, p, detached, Ut_E, Ut_N; maxima: maxima up to the step",
             "NAME,..",
             default=(),
-            label="More bands, with commas",
+            kind="choices",
+            label="More bands",
         ),
     ]
 

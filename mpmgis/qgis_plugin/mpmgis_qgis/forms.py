@@ -17,6 +17,7 @@ FILE, FOLDER, FILES = "file", "folder", "files"  # existing path, or several
 NEW_FILE, NEW_FOLDER = "new file", "new folder"  # path of an output
 NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS = "number", "integer", "text", "choice", "switch", "CRS"
 TEXTS = "texts"  # on separate lines, or with semicolons
+CHOICES = "choices"  # several of a list: names with commas
 PLACE = "place"  # clicked on the map: path of a file with that point
 COLUMN, ANY_COLUMN = "column", "any column"  # name of a column, numeric or any, of the layer in the field RELEASE
 SCENARIOS = "scenarios"  # table of return periods and results
@@ -24,7 +25,7 @@ EXTENT = "extent"  # west, south, east, north in the CRS of the field DEM
 KINDS = (
     *(RASTER, POLYGONS, LINES, POINTS, FILE, FOLDER, FILES, NEW_FILE, NEW_FOLDER),
     *(NUMBER, INTEGER, TEXT, CHOICE, SWITCH, CRS, TEXTS, PLACE, EXTENT, COLUMN, ANY_COLUMN),
-    SCENARIOS,
+    *(SCENARIOS, CHOICES),
 )
 SEVERAL = (FILES, TEXTS, SCENARIOS)  # the value is a list, and its option is repeated
 
@@ -75,6 +76,8 @@ def arguments(fields: tuple[Field, ...], values: dict[str, object]) -> list[str]
             given = [text(one) for one in value]
             bare += given if field.option is None else []
             named += [] if field.option is None else [f"{field.option}={one}" for one in given]
+        elif field.kind == CHOICES:
+            named.append(f"{field.option}={','.join(value)}")
         elif field.option is None:
             bare.append(text(value))
         elif field.kind == SWITCH:

@@ -137,6 +137,13 @@ def _choice(field):
     )
 
 
+def _choices(field):
+    names = list(field.choices)
+    return QgsProcessingParameterEnum(
+        field.name, field.label, names, True, field.default, field.optional, usesStaticStrings=True
+    )
+
+
 def oldest_qgis() -> str:
     """Return the oldest QGIS that must open an export: one that supports time by band, unless this QGIS is older."""
     return "3.38" if Qgis.QGIS_VERSION_INT >= BANDS_HAVE_TIME else "3.22"
@@ -174,6 +181,7 @@ _MAKERS = {
     forms.INTEGER: _number,
     forms.TEXT: _text,
     forms.CHOICE: _choice,
+    forms.CHOICES: _choices,
     forms.SWITCH: _switch,
     forms.CRS: _crs,
     forms.TEXTS: _text,
@@ -237,6 +245,8 @@ def _value(algorithm, field, parameters, context, feedback):
         return algorithm.parameterAsInt(parameters, name, context)
     if kind == forms.CHOICE:
         return algorithm.parameterAsEnumString(parameters, name, context)
+    if kind == forms.CHOICES:
+        return algorithm.parameterAsEnumStrings(parameters, name, context) or None
     if kind == forms.CRS:
         return algorithm.parameterAsCrs(parameters, name, context).authid() or None
     if kind == forms.FILES:
