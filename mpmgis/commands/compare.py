@@ -142,10 +142,11 @@ highest part.
 """,
     forms=(
         Form(
-            "Compare with another result or an observed outline",
+            "Compare with a result or an outline",
             "Maps and answers",
-            "Area, runout, peaks, and the overlap of two footprints. The figures are in the log; with a folder also a "
-            "map (.png), a table (.csv) and classes.tif (1 only the first, 2 only the second, 3 both).",
+            "Compares a result with another one or with an observed outline: area, runout, peaks, and the overlap of "
+            "the two footprints. The figures are in the log; with a folder also a map (.png), a table (.csv) and "
+            "classes.tif (1 only the first, 2 only the second, 3 both).",
             prints=True,
             plots=True,
             layers=(".tif",),

@@ -188,7 +188,7 @@ mpmgis convert particles_f30.ply --to columns --dem dtm.tif --axes e,u,-n --orig
 """,
     forms=(
         Form(
-            "Columns to 3D points, and back",
+            "Convert columns to 3D points, and back",
             "Simulate",
             "Fills a frame of depth-averaged columns with 3D points (Algorithm 2 of MOX report 15/2025), or gathers "
             "points, also of another code, into columns. Mass and momentum are conserved.",
@@ -198,7 +198,7 @@ mpmgis convert particles_f30.ply --to columns --dem dtm.tif --axes e,u,-n --orig
             changes=(("output", {"optional": False}),),
         ),
         Form(
-            "Frames for another 3D code",
+            "Write frames for another 3D code",
             ANOTHER,
             "Writes frames of a run for another code or viewer. " + WRITES,
             name="convertfor",

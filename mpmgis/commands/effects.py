@@ -71,7 +71,7 @@ mpmgis effects scene.toml --json -o effects.json
 """,
     forms=(
         Form(
-            "Effects of a scene",
+            "Show effects of a scene",
             "Simulate",
             "Lists the effects (curvature, entrainment, barriers, ...) that are on in a scene, and the deciding "
             "numbers. The answer is in the log, and as a table in the Results Viewer. Without a scene: the "

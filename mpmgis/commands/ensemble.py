@@ -61,7 +61,7 @@ if __name__ == "__main__".
 """,
     forms=(
         Form(
-            "Probability maps from many runs",
+            "Map probabilities from many runs",
             "Many runs",
             "Runs a scene many times with different values of uncertain parameters, and maps all runs together: the "
             "probability that depths, speeds or pressures are reached, means, percentiles and envelopes, opened as a "

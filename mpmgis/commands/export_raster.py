@@ -63,7 +63,7 @@ mpmgis export-raster matter/particles_f*.ply --dem dtm.tif --axes e,u,-n --origi
 """,
     forms=(
         Form(
-            "Results to maps",
+            "Make maps of results",
             "Maps and answers",
             "Frames of particles to GeoTIFF bands (depth, thickness, velocities), their maxima and the deposit, opened "
             "as an animated, styled group: click the clock in QGIS' toolbar (Temporal Controller) and press play. One "

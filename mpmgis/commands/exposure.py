@@ -78,7 +78,7 @@ the largest values of all scenarios. Depth is normal to the slope; the objects d
 """,
     forms=(
         Form(
-            "Objects at risk",
+            "Find objects at risk",
             "Maps and answers",
             "What reaches roads, railways, masts and buildings: length or area, largest depth, speed and pressure, "
             "time of first arrival; of a region also the release areas that reach each object. The figures are in the "

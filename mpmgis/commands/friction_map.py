@@ -172,7 +172,7 @@ return_period, and the parameters of the law. An empty cell is any value.
 """,
     forms=(
         Form(
-            "Friction by class of terrain",
+            "Map friction by class of terrain",
             "Simulate",
             "Classifies the terrain (open slope, channel, gully, flat ground) and writes the friction that a table has "
             "for each class, altitude, volume and return period, as rasters and as lines for a scene. Check the map of "

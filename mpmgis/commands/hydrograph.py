@@ -74,7 +74,7 @@ volume of the particles, for an export mass over density. Positive is the direct
 """,
     forms=(
         Form(
-            "Hydrograph through a section",
+            "Show the hydrograph of a section",
             "Maps and answers",
             "Volume and mass that go through a line across the flow, over time: a plot (.png) and a table (.csv). The "
             "sums are in the log.",

@@ -62,7 +62,7 @@ mpmgis info particles_f0.ply --axes e,u,-n --origin 600000,5170000,0 --density 1
 """,
     forms=(
         Form(
-            "Information about a file",
+            "Show information about a file",
             "Maps and answers",
             "One screen in the log about any file or folder of the workflow: terrain, release, seed, frame, run, "
             "export.",

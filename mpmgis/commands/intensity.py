@@ -110,7 +110,7 @@ A hazard zone also depends on the scenario's return period and on the authority:
 """,
     forms=(
         Form(
-            "Intensity classes of a guideline",
+            "Classify intensity by a guideline",
             "Maps and answers",
             "Assigns every cell that the flow reached to a class of a named guideline, by the largest depth, speed, "
             "pressure or final depth. Areas are in the log. A hazard zone also depends on the scenario's return period "

@@ -128,7 +128,7 @@ first arrival at the depth limit (0.1 m where the limit is another quantity).
 """,
     forms=(
         Form(
-            "Results along a path",
+            "Show results along a path",
             "Maps and answers",
             "Runout at a limit of pressure, speed or depth, area and growth of a result along a path (thalweg), also "
             "against an observed outline: plots (.png) and tables (.csv). The figures are in the log.",

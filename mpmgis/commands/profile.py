@@ -76,7 +76,7 @@ interpolation. The table has a row for each time and sample point.
 """,
     forms=(
         Form(
-            "Profile along a line",
+            "Show the profile along a line",
             "Maps and answers",
             "Flow depth, thickness and velocities along a line at chosen times, with terrain and free surface: a plot "
             "(.png) and a table (.csv).",

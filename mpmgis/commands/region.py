@@ -58,7 +58,7 @@ if __name__ == "__main__".
 """,
     forms=(
         Form(
-            "Maps of many release areas",
+            "Map flows of many release areas",
             "Many runs",
             "Runs every release area of a region alone, each in its own automatic window of one large terrain model, "
             "and maps all together: largest depth, speed and pressure, number of areas that reach a cell, and with "

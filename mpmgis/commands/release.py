@@ -215,7 +215,7 @@ on a Dask cluster.
     counted="block",
     forms=(
         Form(
-            "Release areas of snow slabs",
+            "Find release areas of snow slabs",
             "Simulate",
             "Potential release areas of snow slabs from a terrain model: a band of slopes without strong curvature, "
             "rugged ground and forest (Buehler et al. 2018), divided at ridges, gullies and by aspect. With a depth of "

@@ -83,7 +83,7 @@ where a number was not read: check them in the guideline.
 """,
     forms=(
         Form(
-            "Report",
+            "Write a report",
             "Maps and answers",
             "One HTML file with maps, figures of the runout with a profile, balances, warnings, effects and why they "
             "are on or off, parameters, versions and digests.",
@@ -103,7 +103,7 @@ where a number was not read: check them in the guideline.
             ),
         ),
         Form(
-            "Hazard map of scenarios",
+            "Map the hazard of scenarios",
             "Maps and answers",
             "Assigns every cell the highest hazard level of a guideline's matrix of return period and intensity over "
             "all scenarios, and writes raster, zones, table and a printed map (PDF). What could make a level too low "

@@ -106,7 +106,7 @@ mpmgis run scene.toml -o results
             "Simulate",
             "Simulates a scene.toml, depth-averaged or in 3D, and writes frames of particles, with balances of mass "
             "and energy in the log. A scene contains all settings; 'mpmgis run --template' prints one with every key "
-            "explained. 'Simulate from a form' needs no scene. Then 'Results to maps' makes GeoTIFFs.",
+            "explained. 'Simulate from a form' needs no scene. Then 'Make maps of results' makes GeoTIFFs.",
             changes=(("scene", {"optional": False}),),
         ),
     ),

@@ -50,7 +50,7 @@ mass is not known for an export.
 """,
     forms=(
         Form(
-            "Runout and energy line",
+            "Measure runout and energy line",
             "Maps and answers",
             "Runout, drop, angles of the energy line and of the centre of mass, and a longitudinal profile (.png) with "
             "tables (.csv). The figures are in the log.",

@@ -19,8 +19,8 @@ DEFAULT_DENSITY = 1000.0  # [kg m-3]
 ANOTHER = "Other 3D codes"
 WRITES = (
     "Writes a start folder for that code: its input files in local coordinates, the ground, a sidecar with the "
-    "georeference for its results, and README.txt. 'Results to maps' and the other algorithms for results read its "
-    "results."
+    "georeference for its results, and README.txt. 'Make maps of results' and the other algorithms for results read "
+    "its results."
 )
 FOR_SOLVER = ("solver", "cell", "material", "window")
 FOLDER_OF_SOLVER = {
@@ -270,7 +270,7 @@ mpmgis seed --dem dtm.tif --release area.shp --for kratos --cell 1 --material sl
             changes=(("output", {"optional": False}), ("density", {"default": 1000.0})),
         ),
         Form(
-            "Release for another 3D code",
+            "Write a release for another 3D code",
             ANOTHER,
             "Fills a release with 3D points for another code. " + WRITES,
             name="seedfor",

@@ -56,7 +56,7 @@ program.
 """,
     forms=(
         Form(
-            "Accuracy against computing time",
+            "Study accuracy and computing time",
             "Many runs",
             "Runs a scene with its numerical settings changed one at a time (cell size, particles per cell, Courant "
             "number, ...), each several times, and compares the results with a finer run or an exact solution: a table "

@@ -47,7 +47,7 @@ in the cells of points, for every frame. Points have the names of a column `name
 """,
     forms=(
         Form(
-            "Time series at points",
+            "Show time series at points",
             "Maps and answers",
             "Flow depth, thickness, velocities and impact pressure at points over time: a plot (.png, in the Results "
             "Viewer) and a table (.csv). The largest values are in the log.",

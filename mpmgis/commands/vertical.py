@@ -76,7 +76,7 @@ wall would change them (a [[barrier]] in a run of points has forces in barriers.
 """,
     forms=(
         Form(
-            "Density and velocity over the height",
+            "Show density and speed over the height",
             "Maps and answers",
             "Density, velocities along and across the bed and impact pressure over the height above the bed, of a 3D "
             "simulation, in square cells around points: a plot (.png, in the Results Viewer) and tables (.csv). The "

@@ -206,6 +206,13 @@ def test_every_field_has_help_and_every_number_has_a_unit(form):
             assert re.search(r"\[[^\]]+\]|[Mm]etres|[Ss]econds|%|[Nn]umber", f"{field.label} {field.help}"), field.name
 
 
+def test_titles_are_short_and_their_own():
+    titles = [row.title for row in ROWS] + [scene_form.TITLE]
+    assert len(set(titles)) == len(titles)
+    assert all(len(title) <= 45 and " " in title for title in titles)
+    assert all(len(row.help) > len(row.title) for row in ROWS)
+
+
 def test_algorithms_have_names_of_their_own():
     names = [row.identifier for row in ROWS] + [scene_form.IDENTIFIER]
     assert len(set(names)) == len(names)
