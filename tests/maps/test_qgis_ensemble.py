@@ -1,5 +1,7 @@
 """Ensemble maps in QGIS: they open with styles, and a probability is shown first."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -8,6 +10,7 @@ from test_qgis_open import look
 
 from mpmgis.frames.member_stack import MemberStack
 from mpmgis.laws.quantities import BAND, MEMBER_BANDS
+from mpmgis.maps.qgis.raster_styles import value_pipe
 from mpmgis.studies.ensemble_maps import EnsembleMaps, write_maps
 from mpmgis.studies.ensemble_statistics import Products
 from mpmgis.terrain.elevation import Terrain
@@ -61,6 +64,13 @@ def test_the_project_opens_with_a_probability_over_the_terrain(maps):
         (file,) = report["files"][f"ensemble_{raster}.tif"]
         assert file["valid"] and file["styled"] and file["colours"] > 1
         assert [words.split(": ")[1] for words in file["bands"]] == [band.quantity.band for band in bands]
+
+
+def test_all_statistics_have_the_chosen_classes(maps):
+    chosen = replace(maps, classes={"h": (1.0, 2.5)})
+    for band in maps.bands["h"]:
+        items = value_pipe(band.quantity, chosen, 1).iter("item")
+        assert [item.get("value") for item in items] == ["0.05", "1", "2.5", "inf"]
 
 
 def test_picture_and_rasters(maps):

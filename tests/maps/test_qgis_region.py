@@ -24,15 +24,20 @@ EXTENT = (10, 60, 20, 140)
 SHOWN = ["release areas", "h max [m]: largest flow depth (normal)", "contours every 10 m", "hillshade"]
 
 
-def region_of(folder, lengths):
-    """A region of an area for each of `lengths` [cells], which overlap; the second half is scenario 100."""
+def region_of(folder, lengths, least=None):
+    """A region of an area for each of `lengths` [cells], which overlap; the second half is scenario 100.
+
+    Depths begin at `least` [m]; None: at the number of the area.
+    """
     grid = Grid.north_up(CRS.from_epsg(32632), 686000.0, 5212000.0, 5.0, SHAPE)
     row, column = np.indices(SHAPE)
     write_geotiff(folder / "dtm.tif", grid, [(BAND["surface_new"], 2000.0 - 2.0 * column + 0.5 * row)], {})
     areas = []
     for number, length in enumerate(lengths, 1):
         flow = (np.abs(row - 35) < 20) & (column > 20) & (column < 20 + length)
-        values = {name: np.where(flow, number + 0.01 * column, np.nan) for name in MEMBER_BANDS}
+        values = {
+            name: np.where(flow, (number if least is None else least) + 0.01 * column, np.nan) for name in MEMBER_BANDS
+        }
         write_geotiff(folder / f"{number}.tif", grid, [(BAND[name], values[name]) for name in MEMBER_BANDS], {})
         areas.append(AreaRaster(number, folder / f"{number}.tif", 0, 0, EXTENT, 0.01 * number))
     maps = folder / "region" / "maps"
@@ -99,6 +104,17 @@ def test_scenarios_are_in_the_order_of_their_numbers(tmp_path):
     assert len(depths) == 4
     for layer in depths:
         assert [item.get("value") for item in layer.iter("item")] == ["0.05", "1", "2.5", "inf"]
+
+
+def test_depths_that_crowd_have_balanced_classes_unless_some_are_chosen(tmp_path):
+    project = region_of(tmp_path, (60, 80, 100), least=6.05)
+    assert len(project.limits["h"]) >= 3 and project.limits["h"][0] > 6
+    (path, *_) = write_region_project(project)
+    root = ElementTree.fromstring(zipfile.ZipFile(path).read("region.qgs"))
+    drawn = next(layer for layer in root.iter("maplayer") if layer.findtext("layername").startswith("h max"))
+    limits = [float(item.get("value")) for item in drawn.iter("item")]
+    assert tuple(limits[1:-1]) == project.limits["h"]
+    assert replace(project, classes={"h": (1.0, 2.5)}).limits == {"h": (1.0, 2.5)}
 
 
 def test_a_dtm_that_qgis_would_show_otherwise_is_left_out(tmp_path):

@@ -231,6 +231,19 @@ def balanced_limits(look: Look, values: np.ndarray) -> tuple:
     return limits if len(limits) >= FEWEST_BALANCED else ()
 
 
+def fitting_classes(chosen: Mapping[str, tuple], depths: Mapping[str, np.ndarray]) -> dict[str, tuple]:
+    """Return limits of classes by quantity: those chosen, and of depths that crowd in the last usual class.
+
+    Parameters
+    ----------
+    chosen : dict of str to tuple of float
+    depths : dict of str to float[n] [m]
+        Of the cells with flow, by quantity of LOOKS.
+    """
+    found = {name: balanced_limits(LOOKS[name], values) for name, values in depths.items() if name not in chosen}
+    return {**{name: limits for name, limits in found.items() if limits}, **chosen}
+
+
 def chosen_classes(texts: Sequence[str]) -> dict[str, tuple[float, ...]]:
     """Return limits of classes by quantity.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...laws.quantities import Quantity
 from ..averaging.exported_folder import ExportedRun
-from .colours import LOOKS, OPACITY, Look, balanced_limits, colour_classes, look_of, round_up
+from .colours import OPACITY, Look, colour_classes, fitting_classes, look_of, round_up
 from .map_clock import Clock, stamp
 from .xml_markup import filled, node, qgis_document
 
@@ -115,13 +115,9 @@ def with_classes(run: ExportedRun, chosen: Mapping[str, tuple]) -> ExportedRun:
     chosen : dict of str to tuple of float
         By quantity.
     """
-    balanced = {}
-    for name, peak in (("h", "h_max"), ("t", "t_max")):
-        (values,) = run.read(run.maxima_file, (peak,))
-        if name not in chosen and values is not None:
-            limits = balanced_limits(LOOKS[name], values[values > run.min_depth])
-            balanced |= {name: limits} if limits else {}
-    return replace(run, classes={**balanced, **chosen})
+    peaks = {name: run.read(run.maxima_file, (f"{name}_max",))[0] for name in ("h", "t") if name not in chosen}
+    depths = {name: values[values > run.min_depth] for name, values in peaks.items() if values is not None}
+    return replace(run, classes=fitting_classes(chosen, depths))
 
 
 def hillshade_pipe() -> Element:

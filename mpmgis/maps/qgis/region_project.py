@@ -15,7 +15,7 @@ from ...laws.quantities import BAND, MEMBER_BANDS
 from ...terrain.grid import Grid
 from ...terrain.raster_input import open_raster
 from ..averaging.exported_folder import TYPICAL_PERCENTILE
-from .colours import ACTON_REVERSED, DAVOS_REVERSED, PROBABILITY_LIMITS, Look, look_of
+from .colours import ACTON_REVERSED, DAVOS_REVERSED, PROBABILITY_LIMITS, Look, fitting_classes, look_of
 from .print_layout import parameter_facts, print_layout
 from .project import project_document, write_archive
 from .project_layers import Group, Layer, ground_rows, map_layer
@@ -92,8 +92,8 @@ class RegionProject:
         return float(max(ends) - min(ends)) if ends else 0.0
 
     @cached_property
-    def typical(self) -> dict[str, float]:
-        """Typical size of the largest values by band name; all scenarios have the same classes."""
+    def _largest(self):
+        """Largest values above 0 in some areas, by band name."""
         values = {key: [] for key in LARGEST}
         for area in self._sampled:
             top, bottom, left, right = area.extent
@@ -101,8 +101,19 @@ class RegionProject:
                 bands = [MEMBER_BANDS.index(key) + 1 for key in LARGEST]
                 for key, read in zip(LARGEST, source.read(bands, window=((top, bottom), (left, right))), strict=True):
                     values[key].append(read[(read != np.float32(source.nodata)) & (read > 0.0)])
-        flat = {key: np.concatenate(parts) if parts else np.empty(0) for key, parts in values.items()}
-        return {key: float(np.percentile(own, TYPICAL_PERCENTILE)) if own.size else 0.0 for key, own in flat.items()}
+        return {key: np.concatenate(parts) if parts else np.empty(0) for key, parts in values.items()}
+
+    @cached_property
+    def typical(self) -> dict[str, float]:
+        """Typical size of the largest values by band name; all scenarios have the same classes."""
+        flat = self._largest.items()
+        return {key: float(np.percentile(own, TYPICAL_PERCENTILE)) if own.size else 0.0 for key, own in flat}
+
+    @cached_property
+    def limits(self) -> dict[str, tuple]:
+        """Limits of classes by quantity: those chosen, and of depths that crowd in the last usual class."""
+        depths = self._largest["h_max"]
+        return fitting_classes(self.classes, {"h": depths[depths > self.min_depth]})
 
     def view(self) -> tuple[float, float, float, float]:
         """Choose the initial view: all cells with flow, or the whole grid without flow.
@@ -179,7 +190,7 @@ def _facts(project, shown):
 
 def _files(project, name):
     """File of each map -> (band name, look, typical size) of its bands that are drawn."""
-    drawn = {f"{name}_{key}.tif": [(key, look_of(BAND[key], project.classes), project.typical[key])] for key in LARGEST}
+    drawn = {f"{name}_{key}.tif": [(key, look_of(BAND[key], project.limits), project.typical[key])] for key in LARGEST}
     drawn[f"{name}_areas.tif"] = [("areas", COUNTED, COUNT_LIMITS[-1])]
     if project.frequency:
         largest = max(area.frequency for area in project.areas[name])
