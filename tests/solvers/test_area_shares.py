@@ -13,13 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpmgis.laws.forest import DETRAINMENT, DRAG, FRICTION, SHARE, STRENGTH
+from mpmgis.laws.friction import LAWS, parameters_to_give
 from mpmgis.scene import Scene
 from mpmgis.scene.tables import EntrainmentTable, ForestTable, FrictionTable, ZoneTable
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 from mpmgis.solvers.features.area_shares import Area, domain_shares, raster_means, touched_cells, visible_shares
 from mpmgis.solvers.features.feature_placement import PlacedFiles, erodible_ground, painted_zones
 from mpmgis.solvers.features.forest_values import forest_values
-from mpmgis.system.errors import InputError
+from mpmgis.system.errors import InputError, SceneError
 from mpmgis.terrain.grid import Grid
 
 LENGTH, WIDTH, PIXEL = 120.0, 80.0, 4.0
@@ -203,6 +204,33 @@ def test_zones_that_share_a_square_share_it_by_area():
     np.testing.assert_array_equal(found[:, 0], found[:, 1])  # ghosts
     with pytest.raises(InputError, match="number 3 covers no part"):
         painted_zones(scene(), [(3, zone(mu=0.2), PlacedFiles([Drawn(shapely.box(900, 0, 950, 9))]))], grid, [])
+
+
+LIMITS = [
+    (law, name, limit, side)
+    for law in LAWS
+    for name, known in parameters_to_give(law).items()
+    for limit, side in ((known.smallest, -1), (known.largest, 1))
+    if math.isfinite(limit) and limit != 0.0
+]
+
+
+@pytest.mark.parametrize(("law", "name", "limit", "side"), LIMITS)
+@pytest.mark.parametrize("pixel", [PIXEL, 3.7])
+def test_a_raster_may_have_the_limits_of_a_parameter(law, name, limit, side, pixel):
+    """As float32 rounds them, also in means over pixels; what is beyond is refused."""
+    grid = grid_of(5.0)
+    placed = Grid(None, Affine(pixel, 0.0, -20.0, 0.0, -pixel, 110.0), (60, 60))
+
+    def painted(value):
+        values = np.full(placed.shape, np.float32(value), float)
+        own = Scene(terrain=None, output=None, friction=FrictionTable(law=law, parameters={}))
+        files = PlacedFiles([Drawn(shapely.box(0, 0, 40, 40))], values={name: (values, placed)})
+        return painted_zones(own, [(1, zone(**{name: "values.tif"}), files)], grid, [])
+
+    assert painted(limit)
+    with pytest.raises(SceneError, match=f"{name} reaches"):
+        painted(limit * (1 + side * 1e-6))
 
 
 @pytest.mark.parametrize("shift", [0.0, 1.3, 2.5])

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from ...scene.tables import EntrainmentTable, ZoneTable
     from ..columns.node_grid import ColumnGrid
 
+ROUNDED = float(np.finfo(np.float32).eps)  # [1] relative: a limit that a raster of float32 has is not beyond it
+
 
 @dataclass(frozen=True)
 class PlacedFiles:
@@ -180,8 +182,9 @@ def _mean(areas, values, base, grid, reciprocal):
 
 def _require_in_range(values, name, parameter, where):
     _, _, low, high, _ = parameter
-    if values.size and (values.min() < low or values.max() > high):
-        worst = values.min() if values.min() < low else values.max()
+    below, above = (values.min() < low - ROUNDED * low, values.max() > high + ROUNDED * high) if values.size else (0, 0)
+    if below or above:
+        worst = values.min() if below else values.max()
         raise SceneError(f"{where}: {name} reaches {worst:g}, expected {low:g} to {high:g}")
 
 
