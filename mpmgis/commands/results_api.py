@@ -140,7 +140,7 @@ def plot(
     axes : matplotlib.axes.Axes, optional
         To draw in; default: a new figure.
     legend : bool
-        With legend, scale bar and north arrow, right of the map.
+        With legend, right of the map; a new figure also has scale bar and north arrow there.
 
     Returns
     -------

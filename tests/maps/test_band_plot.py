@@ -53,6 +53,21 @@ def test_maps_side_by_side_have_one_scale(site, results):
     assert pictures[0][:, 3].max() == pictures[1][:, 3].max() > 0 and not np.array_equal(*map(np.max, pictures))
 
 
+def test_one_legend_beside_maps_in_a_figure_with_a_layout(site, results):
+    """It lies in the figure, beside its map, and no scale bar of another place of the map lies on one."""
+    figure, pair = pyplot.subplots(1, 2, layout="constrained")
+    depth = results.h.isel(time=0)
+    for axes, factor in zip(pair, (1.0, 0.1), strict=True):
+        band = (factor * depth).rename("h")
+        mpmgis.plot(band, results.elevation, like=depth, axes=axes, legend=axes is pair[-1])
+    figure.draw_without_rendering()
+    box, own = (of.get_window_extent() for of in (pair[-1].get_legend(), pair[-1]))
+    assert own.x1 <= box.x0 and box.x1 <= figure.bbox.x1 and figure.bbox.y0 <= box.y0
+    assert not figure.texts and pair[0].get_legend() is None
+    words = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in (pair[-1], mpmgis.plot(depth))]
+    assert words[0][:-1] == words[1]  # classes of both maps, then the contours
+
+
 def test_a_variable_that_is_not_in_the_table_is_drawn_too(results):
     band = results.h.isel(time=0).rename("mine").assign_attrs(units="m", long_name="half of it")
     axes = mpmgis.plot(band)

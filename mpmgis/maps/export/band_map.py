@@ -16,6 +16,7 @@ from .run_picture import (
     RELEASE_COLOUR,
     beside,
     classes_of,
+    classes_up_to,
     draw_outline,
     draw_scale_and_north,
     draw_terrain,
@@ -81,7 +82,9 @@ def write_band_map(
             view = map_view(terrain, grid, values > floor, release)
     axes = map_axes(figure, view)
     classes = classes_of(values, look, floor)
-    draw_band(axes, view, terrain, grid, values, look, classes, title, release, walls, marks)
+    draw_scale_and_north(axes, view)
+    legend = classes_up_to(values, classes)
+    draw_band(axes, view, terrain, grid, values, look, classes, title, release, walls, marks, legend)
     with whole_file(path) as part:
         figure.savefig(part, dpi=DOTS_PER_INCH, format="png")
 
@@ -109,7 +112,7 @@ def draw_band(
     release: Sequence = (),
     walls: Sequence = (),
     marks: Sequence = (),
-    legend: bool = True,
+    legend: Sequence[ColourClass] = (),
 ) -> None:
     """Draw a band in axes that have a view.
 
@@ -129,17 +132,16 @@ def draw_band(
     release, walls : sequence of shapely polygons
     marks : sequence of (E, N, text)
         Places [m], drawn as labelled dots.
-    legend : bool
-        With legend, scale bar and north arrow.
+    legend : sequence of ColourClass
+        Classes of the legend, right of the map; empty: no legend.
     """
     interval = 0.0 if terrain is None else draw_terrain(axes, terrain, view)
-    shown = draw_values(axes, grid, values, classes)
+    draw_values(axes, grid, values, classes)
     draw_outline(axes, list(release), RELEASE_COLOUR)
     draw_outline(axes, list(walls), WALL_COLOUR)
     _draw_marks(axes, marks)
     if legend:
-        draw_scale_and_north(axes, view)
-        _draw_legend(axes, look, shown, (bool(release), bool(walls)), interval)
+        _draw_legend(axes, look, legend, (bool(release), bool(walls)), interval)
     draw_title(axes, title)
 
 

@@ -13,7 +13,7 @@ from ...terrain.elevation import Terrain
 from ..averaging.averaging_options import USUAL_DEPTH
 from ..qgis.colours import LOOKS, Look, look_of
 from .band_map import draw_band, floor_of
-from .run_picture import classes_of, fit_axes, map_axes, map_view
+from .run_picture import classes_of, classes_up_to, draw_scale_and_north, fit_axes, map_axes, map_view
 from .xarray_datasets import grid_of, terrain_of
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def plot_band(
     axes : matplotlib.axes.Axes, optional
         To draw in; None: a new figure.
     legend : bool
-        With legend, scale bar and north arrow, right of the map.
+        With legend, right of the map; a new figure also has scale bar and north arrow there.
 
     Returns
     -------
@@ -78,10 +78,13 @@ def plot_band(
         from matplotlib import pyplot
 
         axes = map_axes(pyplot.figure(), view)
+        if legend:
+            draw_scale_and_north(axes, view)
     else:
         fit_axes(axes, view)
     classes = classes_of(shown, look, floor)
-    draw_band(axes, view, ground, grid, values, look, classes, title, release=outlines, legend=legend)
+    entries = classes_up_to(shown, classes) if legend else []
+    draw_band(axes, view, ground, grid, values, look, classes, title, release=outlines, legend=entries)
     return axes
 
 

@@ -88,14 +88,15 @@ def write_picture(
     FigureCanvasAgg(figure)
     axes = map_axes(figure, view)
     interval = draw_terrain(axes, terrain, view)
-    classes = draw_values(axes, grid, speed_max, classes_of(speed_max, LOOKS["Ut"]))
+    classes = classes_of(speed_max, LOOKS["Ut"])
+    draw_values(axes, grid, speed_max, classes)
     last = mask_outline(last_depth >= max(min_depth, np.nextafter(0, 1)), grid.transform, True, LEAST_PART)
     draw_outline(axes, [last] if last is not None else [], DEPOSIT_COLOUR)
     draw_outline(axes, release, RELEASE_COLOUR)
     draw_scale_bar(axes, view)
     draw_north_arrow(axes)
     words = "" if last is None else "last step" if end is None else end.words()
-    _draw_legend(axes, classes, bool(release), words, min_depth, interval)
+    _draw_legend(axes, classes_up_to(speed_max, classes), bool(release), words, min_depth, interval)
     if title:
         draw_title(axes, title, 13.0)
     if credit:
@@ -344,7 +345,7 @@ def classes_of(values: np.ndarray, look: Look, min_depth: float = 0.0) -> list[C
     return colour_classes(look._replace(limits=limits, fixed=True) if limits else look, typical, min_depth)
 
 
-def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, classes: list[ColourClass]) -> list[ColourClass]:
+def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, classes: list[ColourClass]) -> None:
     """Draw values in classes over the hillshade.
 
     Parameters
@@ -354,11 +355,6 @@ def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, classes: list[Colo
     values : float[rows, columns]
         NaN without flow.
     classes : list of ColourClass
-
-    Returns
-    -------
-    list of ColourClass
-        The classes that occur.
     """
     from matplotlib.colors import to_rgba
 
@@ -367,7 +363,19 @@ def draw_values(axes: "Axes", grid: Grid, values: np.ndarray, classes: list[Colo
     opaque = [to_rgba(entry.colour, OPACITY) if entry.colour else (0.0, 0.0, 0.0, 0.0) for entry in classes]
     image = np.where(known[..., None], np.array(opaque)[number], 0.0)
     draw_image(axes, grid, image)
-    return [entry for k, entry in enumerate(classes) if entry.colour and k <= number[known].max(initial=0)]
+
+
+def classes_up_to(values: np.ndarray, classes: list[ColourClass]) -> list[ColourClass]:
+    """Choose the classes of a legend: those with a colour up to the largest value.
+
+    Parameters
+    ----------
+    values : float[rows, columns]
+        NaN without flow.
+    classes : list of ColourClass
+    """
+    last = np.searchsorted([entry.upper for entry in classes], values[np.isfinite(values)]).max(initial=0)
+    return [entry for entry in classes[: last + 1] if entry.colour]
 
 
 def draw_image(axes: "Axes", grid: Grid, image: np.ndarray) -> None:
