@@ -71,7 +71,7 @@ def public_addresses() -> dict[str, str]:
         return {}
     urls = dict(line.split(", ", 1) for line in of_package.get_all("Project-URL") or ())
     found = {key: urls.get(name, "") for key, name in ADDRESSES.items()}
-    found["email"] = (of_package["Author-email"] or "").rpartition("<")[2].rstrip(">")
+    found["email"] = (of_package.get("Author-email") or "").rpartition("<")[2].rstrip(">")
     return {key: address for key, address in found.items() if address and not _is_placeholder(address)}
 
 
