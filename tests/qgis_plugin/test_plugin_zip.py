@@ -84,7 +84,7 @@ class Installed:
     def get_all(self, name):
         return [f"{key}, {address}" for key, address in self.urls.items()]
 
-    def __getitem__(self, name):
+    def get(self, name):
         return f"{self.author['name']} <{self.author['email']}>"
 
 
