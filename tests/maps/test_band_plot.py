@@ -68,6 +68,11 @@ def test_one_legend_beside_maps_in_a_figure_with_a_layout(site, results):
     assert words[0][:-1] == words[1]  # classes of both maps, then the contours
 
 
+def test_a_map_without_flow_has_a_legend(results):
+    axes = mpmgis.plot(results.h.isel(time=0).where(False), results.elevation)
+    assert [text.get_text().split()[0] for text in axes.get_legend().get_texts()] == ["contours"]
+
+
 def test_a_variable_that_is_not_in_the_table_is_drawn_too(results):
     band = results.h.isel(time=0).rename("mine").assign_attrs(units="m", long_name="half of it")
     axes = mpmgis.plot(band)

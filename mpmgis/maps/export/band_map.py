@@ -112,7 +112,7 @@ def draw_band(
     release: Sequence = (),
     walls: Sequence = (),
     marks: Sequence = (),
-    legend: Sequence[ColourClass] = (),
+    legend: Sequence[ColourClass] | None = None,
 ) -> None:
     """Draw a band in axes that have a view.
 
@@ -132,15 +132,15 @@ def draw_band(
     release, walls : sequence of shapely polygons
     marks : sequence of (E, N, text)
         Places [m], drawn as labelled dots.
-    legend : sequence of ColourClass
-        Classes of the legend, right of the map; empty: no legend.
+    legend : sequence of ColourClass, optional
+        Classes of the legend, right of the map; None: no legend.
     """
     interval = 0.0 if terrain is None else draw_terrain(axes, terrain, view)
     draw_values(axes, grid, values, classes)
     draw_outline(axes, list(release), RELEASE_COLOUR)
     draw_outline(axes, list(walls), WALL_COLOUR)
     _draw_marks(axes, marks)
-    if legend:
+    if legend is not None:
         _draw_legend(axes, look, legend, (bool(release), bool(walls)), interval)
     draw_title(axes, title)
 

@@ -83,7 +83,7 @@ def plot_band(
     else:
         fit_axes(axes, view)
     classes = classes_of(shown, look, floor)
-    entries = classes_up_to(shown, classes) if legend else []
+    entries = classes_up_to(shown, classes) if legend else None
     draw_band(axes, view, ground, grid, values, look, classes, title, release=outlines, legend=entries)
     return axes
 
