@@ -72,16 +72,12 @@ def _scene_fields() -> dict[str, dict[str, Any]]:
 
 def _friction_ranges() -> str:
     """Ranges of calibrated parameters of the law, by material, in words."""
-    units = {f"friction.{name}": known.unit for name, known in friction.LAWS[SCENE_LAW][1].items()}
-    return "; ".join(
-        f"{material.replace('-', ' ')} "
-        + ", ".join(
-            f"{key.removeprefix('friction.')} {' to '.join(span.split(':'))}"
-            + ("" if units[key] == "1" else f" {units[key]}")
-            for key, span in ranges.items()
-        )
-        for material, ranges in RANGES.items()
-    )
+    words = []
+    for material, ranges in RANGES.items():
+        spans = ((key.removeprefix("friction."), span.replace(":", " to ")) for key, span in ranges.items())
+        shown = ", ".join(f"{name} {friction.parameter_words(SCENE_LAW, name, span)}" for name, span in spans)
+        words.append(f"{material.replace('-', ' ')} {shown}")
+    return "; ".join(words)
 
 
 def _form(verb: Verb, form: Form, choices: dict[str, list[str]]) -> dict[str, Any]:

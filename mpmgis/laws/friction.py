@@ -690,7 +690,7 @@ def parameter_words(law: str, name: str, value: object) -> str:
         In SI units.
     """
     text = f"{value:g}" if isinstance(value, float) else str(value)
-    known = LAWS.get(law, (None, {}))[1] | {key: parameter for key, (_, parameter) in given_instead(law).items()}
+    known = parameters_to_give(law) if law in LAWS else {}
     unit = known[name].unit if name in known else "1"
     return text if unit == "1" else f"{text} {unit}"
 

@@ -182,9 +182,9 @@ def _mean(areas, values, base, grid, reciprocal):
 
 def _require_in_range(values, name, parameter, where):
     _, _, low, high, _ = parameter
-    below, above = (values.min() < low - ROUNDED * low, values.max() > high + ROUNDED * high) if values.size else (0, 0)
-    if below or above:
-        worst = values.min() if below else values.max()
+    beyond = values[(values < low - ROUNDED * low) | (values > high + ROUNDED * high)]
+    if beyond.size:
+        worst = beyond.min() if beyond.min() < low else beyond.max()
         raise SceneError(f"{where}: {name} reaches {worst:g}, expected {low:g} to {high:g}")
 
 
